@@ -1,0 +1,62 @@
+"""One ball seen in a picture, and whether what was seen is a ball at all."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmservo.compiled import compiled
+from rcmservo.plant import Floats
+from rcmservo.tracking.outline import disc_centre, fit_outline
+
+LEAST_RADIUS = 4.0  # px; below it, half a pixel of noise looks like roundness
+LEAST_SUPPORT = 0.45  # of the outline; a shorter arc fixes the centre too badly
+LEAST_CONTRAST = 15.0  # grey levels, and four times the picture's noise
+
+
+@dataclass(frozen=True)
+class Ball:
+    """Centre and radius [px] of the whole ball's silhouette, and how well it was seen, above 0 to 1."""
+
+    u: float
+    v: float
+    radius: float
+    quality: float
+
+    def distance(self, other: "Ball") -> float:
+        """From centre to centre."""
+        return float(np.hypot(self.u - other.u, self.v - other.v))
+
+    def within(self, width: int, height: int) -> bool:
+        """Whether the picture shows the whole silhouette, a pixel of surroundings included."""
+        margin = self.radius + 1.0
+        return margin <= self.u <= width - 1 - margin and margin <= self.v <= height - 1 - margin
+
+
+@compiled
+def noise(weights: Floats) -> float:
+    """The standard deviation of a weight from pixel to pixel, from the differences of neighbours."""
+    stride = max(weights.size // 4000, 1)
+    line = weights.ravel()
+    return 1.05 * float(np.median(np.abs(line[1::stride] - line[:-1:stride])))
+
+
+def ball_near(weights: Floats, u: float, v: float, radius: float) -> Ball | None:
+    """The ball whose place and radius are known to about a third of the radius."""
+    u, v = disc_centre(weights, u, v, 1.2 * radius)
+    return _judged(fit_outline(weights, u, v, radius, 1.45 * radius), noise(weights))
+
+
+def ball_about(weights: Floats, u: float, v: float, radius: float, grain: float) -> Ball | None:
+    """The ball about a point inside it, its radius known to a factor of about 1.5; `grain` is the noise."""
+    return _judged(fit_outline(weights, u, v, radius, 1.8 * radius), grain)
+
+
+def _judged(outline: Floats, grain: float) -> Ball | None:
+    """The outline as a ball with its quality, or None where it is no ball's."""
+    u, v, radius, support, spread, contrast = (float(x) for x in outline)
+    widest = 0.5 + 0.04 * radius
+    good = radius >= LEAST_RADIUS and support >= LEAST_SUPPORT and spread <= widest
+    if not (good and contrast >= max(LEAST_CONTRAST, 4.0 * grain)):
+        return None
+    clear = contrast / (contrast + LEAST_CONTRAST + 4.0 * grain)
+    return Ball(u, v, radius, support * clear / (1.0 + (spread / widest) ** 2))

@@ -1,0 +1,259 @@
+"""The outline of a ball in a picture: where it would be if nothing hid a part of it.
+
+Rays leave a point inside the ball; on each, the outermost strong fall of the colour is an outline point.
+The shaft, a highlight or a worn patch puts some of them too far inside, never outside. A circle through three
+points that most of the others agree with tells them apart; then a robust least squares fit of
+
+    radius(phi) = r + dx cos(phi) + dy sin(phi) + e1 cos(2 phi) + e2 sin(2 phi)
+
+gives the centre. A ball off the optical axis is imaged as an ellipse: e1 and e2 carry its elongation. A prior
+keeps them small, without which a short arc could not tell an elongation from a shift. All lengths in px.
+"""
+
+import numpy as np
+
+from rcmservo.compiled import compiled
+from rcmservo.plant import Floats
+
+RAYS = 64
+ELONGATION = 0.03  # the prior's standard deviation of e1/r, e2/r; a ball 25 degrees off the axis has 0.025
+SHARPEST = 0.08  # px; no outline is trusted to be better than this
+TURN = 2.0 * np.pi * np.arange(RAYS) / RAYS
+COS, SIN = np.cos(TURN), np.sin(TURN)
+# the derivative of radius(phi) by (r, dx, dy, e1, e2) in the direction of each ray
+ROWS = np.column_stack([np.ones(RAYS), COS, SIN, np.cos(2.0 * TURN), np.sin(2.0 * TURN)])
+
+
+@compiled
+def fit_outline(weights: Floats, u: float, v: float, radius: float, reach: float) -> Floats:
+    """The ball about (u, v) of roughly `radius`: (u, v, radius, support, spread, contrast), NaN where none is.
+
+    The first rays are `reach` long: more than the radius by as much as start and radius are in doubt.
+    `support` is the fraction of the outline that was seen where the ellipse says, `spread` the standard deviation
+    of those points, `contrast` the median fall of the weight across them.
+    """
+    distance, fall = cast_rays(weights, (u, v), radius, reach)
+    du, dv, radius = start_circle(distance, reach)
+    fit, spread = np.zeros(5), 0.0
+    for _ in range(2):
+        u, v = u + du, v + dv
+        if not (radius >= 2.0 and 0.0 <= u < weights.shape[1] and 0.0 <= v < weights.shape[0]):
+            return np.full(6, np.nan)
+        distance, fall = cast_rays(weights, (u, v), radius, 1.35 * radius + 2.0)
+        fit, spread = robust_ellipse(distance, radius)
+        radius, du, dv = fit[0], fit[1], fit[2]
+    support, contrast = supported(distance, fall, fit)
+    return np.array([u + du, v + dv, radius, support, spread, contrast])
+
+
+@compiled
+def disc_centre(weights: Floats, u: float, v: float, radius: float) -> tuple[float, float]:
+    """The colour's centre of mass within a disc that moves along with it: where the first rays may start."""
+    height, width = weights.shape
+    for _ in range(3):
+        mass, mass_u, mass_v = 0.0, 0.0, 0.0
+        for i in range(max(int(v - radius), 0), min(int(v + radius) + 2, height)):
+            for j in range(max(int(u - radius), 0), min(int(u + radius) + 2, width)):
+                if (i - v) ** 2 + (j - u) ** 2 <= radius**2 and weights[i, j] > 0.0:
+                    mass += weights[i, j] ** 2
+                    mass_u += weights[i, j] ** 2 * j
+                    mass_v += weights[i, j] ** 2 * i
+        if mass == 0.0:
+            break
+        u, v = mass_u / mass, mass_v / mass
+    return u, v
+
+
+# ---------------------------------------------------------------- the outline's points
+
+
+@compiled
+def cast_rays(weights: Floats, start: tuple[float, float], radius: float, reach: float) -> tuple[Floats, Floats]:
+    """Distance from `start` to the outline along each ray (NaN: none found), and the colour's fall there."""
+    step = min(max(radius / 16.0, 0.5), 1.0)
+    half = round(min(max(0.3 * radius, 2.0), 4.0) / step)
+    profile = np.empty(int(reach / step) + half + 1)
+    falls = np.zeros(profile.size)
+    distance, fall = np.full(RAYS, np.nan), np.zeros(RAYS)
+    for i in range(RAYS):
+        n = ray_profile(weights, start, (step * COS[i], step * SIN[i]), profile)
+        edge = outermost_fall(profile[:n], half, falls)
+        if edge >= 0:
+            distance[i] = step * half_level(profile, edge, half)
+            fall[i] = falls[edge]
+    return distance, fall
+
+
+@compiled
+def ray_profile(weights: Floats, start: tuple[float, float], step: tuple[float, float], profile: Floats) -> int:
+    """Fill `profile` with the weights along a ray; returns how many samples lie within the picture."""
+    height, width = weights.shape
+    for k in range(profile.size):
+        u, v = start[0] + k * step[0], start[1] + k * step[1]
+        if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
+            return k
+        i, j = int(v), int(u)
+        a, b = v - i, u - j
+        upper = (1.0 - b) * weights[i, j] + b * weights[i, j + 1]
+        lower = (1.0 - b) * weights[i + 1, j] + b * weights[i + 1, j + 1]
+        profile[k] = (1.0 - a) * upper + a * lower
+    return profile.size
+
+
+@compiled
+def outermost_fall(profile: Floats, half: int, falls: Floats) -> int:
+    """The outermost sample where the mean of `half` samples falls half as much as anywhere; -1: none."""
+    last = profile.size - half - 1
+    steepest = 0.0
+    for k in range(half, last + 1):
+        falls[k] = mean(profile, k - half, k) - mean(profile, k + 1, k + 1 + half)
+        steepest = max(steepest, falls[k])
+    if steepest <= 0.0:
+        return -1
+    k = last
+    while falls[k] < 0.5 * steepest:
+        k -= 1
+    while k > half and falls[k - 1] > falls[k]:
+        k -= 1
+    return k
+
+
+@compiled
+def half_level(profile: Floats, edge: int, half: int) -> float:
+    """The sub-sample place near `edge` where the profile is midway between its levels inside and outside."""
+    inside = mean(profile, edge - half, edge - half // 2)
+    outside = mean(profile, edge + half // 2 + 1, edge + half + 1)
+    level = 0.5 * (inside + outside)
+    best, least = np.nan, np.inf
+    for k in range(edge - half, edge + half):
+        if profile[k] >= level > profile[k + 1]:
+            place = k + (profile[k] - level) / (profile[k] - profile[k + 1])
+            if abs(place - edge) < least:
+                best, least = place, abs(place - edge)
+    return best
+
+
+@compiled
+def mean(values: Floats, start: int, stop: int) -> float:
+    total = 0.0
+    for k in range(start, stop):
+        total += values[k]
+    return total / (stop - start)
+
+
+# ---------------------------------------------------------------- what they agree on
+
+
+@compiled
+def start_circle(distance: Floats, largest: float) -> tuple[float, float, float]:
+    """The circle (centre from the rays' start, radius) through three points that most of the others agree with."""
+    x, y = distance * COS, distance * SIN
+    best, chosen = 0.0, (np.nan, np.nan, np.nan)
+    for gap in (7, 11, 16, 21):
+        for i in range(RAYS):
+            circle = through(x, y, (i, (i + gap) % RAYS, (i + 2 * gap) % RAYS))
+            if circle[2] <= largest:
+                score = agreement(x, y, circle)
+                if score > best:
+                    best, chosen = score, circle
+    return chosen
+
+
+@compiled
+def through(x: Floats, y: Floats, three: tuple[int, int, int]) -> tuple[float, float, float]:
+    """The circle (u, v, radius) through three of the points; NaN or infinite if they lie on a line."""
+    i, j, k = three
+    xj, yj, xk, yk = x[j] - x[i], y[j] - y[i], x[k] - x[i], y[k] - y[i]
+    det = 2.0 * (xj * yk - yj * xk)
+    sj, sk = xj * xj + yj * yj, xk * xk + yk * yk
+    a, b = (yk * sj - yj * sk) / det, (xj * sk - xk * sj) / det
+    return x[i] + a, y[i] + b, np.sqrt(a * a + b * b)
+
+
+@compiled
+def agreement(x: Floats, y: Floats, circle: tuple[float, float, float]) -> float:
+    """How many points lie on a circle: near ones count up to 1, far ones nothing however far."""
+    a, b, radius = circle
+    tolerance = max(0.04 * radius, 0.7)
+    score = 0.0
+    for i in range(x.size):
+        miss = (np.sqrt((x[i] - a) ** 2 + (y[i] - b) ** 2) - radius) / tolerance
+        if abs(miss) < 1.0:
+            score += 1.0 - miss * miss
+    return score
+
+
+@compiled
+def robust_ellipse(distance: Floats, radius: float) -> tuple[Floats, float]:
+    """The ellipse (r, dx, dy, e1, e2) through most of the points, and the spread of those about it.
+
+    Iteratively reweighted least squares with Tukey's weights, their width taken from the spread.
+    """
+    fit = np.array([radius, 0.0, 0.0, 0.0, 0.0])
+    gate, spread = max(0.08 * radius, 1.5), SHARPEST
+    for _ in range(8):
+        miss = missed(distance, fit)
+        near = np.sort(np.abs(miss))
+        count = np.searchsorted(near, gate)
+        if count < 8:
+            break
+        spread = max(1.4826 * near[count // 2], SHARPEST)
+        gate = min(gate, 4.0 * spread)
+        fit = fit + correction(miss, fit, gate, (spread / (ELONGATION * radius)) ** 2)
+    return fit, spread
+
+
+@compiled
+def missed(distance: Floats, fit: Floats) -> Floats:
+    """How far each point lies outside of the ellipse; NaN where there is none."""
+    miss = np.empty(RAYS)
+    for i in range(RAYS):
+        miss[i] = distance[i]
+        for k in range(5):
+            miss[i] -= ROWS[i, k] * fit[k]
+    return miss
+
+
+@compiled
+def correction(miss: Floats, fit: Floats, gate: float, prior: float) -> Floats:
+    """The least squares step of the fit: points count the less the more they miss, beyond `gate` nothing."""
+    normal = np.zeros((5, 6))
+    for k in (3, 4):
+        normal[k, k], normal[k, 5] = prior, -prior * fit[k]
+    for i in range(RAYS):
+        if abs(miss[i]) < gate:
+            weight = (1.0 - (miss[i] / gate) ** 2) ** 2
+            for k in range(5):
+                for l in range(5):
+                    normal[k, l] += weight * ROWS[i, k] * ROWS[i, l]
+                normal[k, 5] += weight * ROWS[i, k] * miss[i]
+    return solved(normal)
+
+
+@compiled
+def solved(system: Floats) -> Floats:
+    """The solution x of A x = b, A positive definite, from [A b], which is overwritten: Gauss's elimination.
+
+    By hand, because compiling the library's takes seconds and calling it longer than all the rest of the fit.
+    """
+    n = system.shape[0]
+    for k in range(n):
+        for i in range(n):
+            if i != k:
+                factor = system[i, k] / system[k, k]
+                for j in range(k, n + 1):
+                    system[i, j] -= factor * system[k, j]
+    x = np.empty(n)
+    for k in range(n):
+        x[k] = system[k, n] / system[k, k]
+    return x
+
+
+@compiled
+def supported(distance: Floats, fall: Floats, fit: Floats) -> tuple[float, float]:
+    """The fraction of rays whose point lies on the ellipse with a fall as large as the others', and that fall."""
+    on = np.abs(missed(distance, fit)) < 0.4 + 0.02 * fit[0]
+    if not on.any():
+        return 0.0, 0.0
+    contrast = float(np.median(fall[on]))
+    return (fall[on] > 0.3 * contrast).sum() / RAYS, contrast
