@@ -1,0 +1,58 @@
+"""rcmservo: position the tool of a remote-centre-of-motion mechanism from one uncalibrated camera."""
+
+import importlib
+from types import ModuleType
+
+from rcmservo.clock import ticks
+from rcmservo.controller import SaturatedController
+from rcmservo.errors import BadInput, RcmServoError, UnusableFile
+from rcmservo.estimators.flow import FlowEstimator
+from rcmservo.estimators.projection import ProjectionEstimator
+from rcmservo.exploration import Exploration
+from rcmservo.imaged_rcm import ImagedRcm
+from rcmservo.loop import Plant, Tick, run, teach
+from rcmservo.mechanism import JointLimits, PitchYawRcm, SphericalRcm
+from rcmservo.plant import Command, Frame, Markers, Observation, Target
+from rcmservo.safety import Gate
+from rcmservo.servo import Cause, Phase, Servo, State
+from rcmservo.tool import RigidTool, ScaledTool
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "BadInput",
+    "Cause",
+    "Command",
+    "Exploration",
+    "FlowEstimator",
+    "Frame",
+    "Gate",
+    "ImagedRcm",
+    "JointLimits",
+    "Markers",
+    "Observation",
+    "Phase",
+    "PitchYawRcm",
+    "Plant",
+    "ProjectionEstimator",
+    "RcmServoError",
+    "RigidTool",
+    "SaturatedController",
+    "ScaledTool",
+    "Servo",
+    "SphericalRcm",
+    "State",
+    "Target",
+    "Tick",
+    "UnusableFile",
+    "run",
+    "teach",
+    "ticks",
+]
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Load `rcmservo.sim` and `rcmservo.tracking` on first use: the core needs neither MuJoCo nor OpenCV."""
+    if name in ("sim", "tracking"):
+        return importlib.import_module(f"rcmservo.{name}")
+    raise AttributeError(f"module 'rcmservo' has no attribute {name!r}")

@@ -1,0 +1,231 @@
+"""Projection-based estimation, eq. (17)-(25): fit the nine parameters â to P chosen observations, build Ĵ from â.
+
+(21) is the linear ODE dâ/dt = −Γ (MᵀM â − Mᵀm), stable for any constant symmetric positive definite Γ (Proposition 1),
+and here it is integrated exactly over any time: with Γ = C Cᵀ and Cᵀ MᵀM C = Q Λ Qᵀ,
+
+    â(t) = â(0) − C Q diag((1 − e^{−λt})/λ) Qᵀ Cᵀ (MᵀM â(0) − Mᵀm).
+
+Two choices of Γ. ``printed`` is the paper's Γ₀ = diag(1e-5 I₆, 1e-8 I₃), a slow solver: the slowest mode needs hours.
+``fast`` is Γ = η (MᵀM + ε Γ₀⁻¹)⁻¹, for which every well-observed mode decays at the rate η.
+
+Observations are chosen for excitation: of P + 1 the one with the least leverage on â goes, so that the path's extremes
+stay. Raw pixels are kept, so that all observations follow the imaged RCM when it moves.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from rcmservo.compiled import compiled
+from rcmservo.errors import require
+from rcmservo.estimators.base import Estimator, Sample
+from rcmservo.features import about, features_jacobian
+from rcmservo.plant import Floats
+from rcmservo.projection import PARAMETERS, depth, project, project_jacobian, regressor
+from rcmservo.tool import Tool, second_marker, second_marker_jacobian
+
+GAMMA_0 = np.array([1e-5] * 6 + [1e-8] * 3)
+"""Diagonal of the printed Γ, for p in mm and m in px."""
+
+MIN_DEPTH = 0.1
+"""Smallest relative depth ẑ that an estimate may give to an observation: behind it the projection turns over."""
+
+
+@compiled
+def rows(observation: Floats, o_c: Floats, both: bool, kind: int, value: float) -> tuple[Floats, Floats]:
+    """W and m of eq. (18) for one observation [p₁ (3), raw m₁ m₂ (4)]: two rows for m₁ alone, four for both markers."""
+    p1 = observation[:3].copy()
+    m = about(observation[3:7], o_c)
+    n = 4 if both else 2
+    W = np.empty((n, PARAMETERS))
+    W[:2] = regressor(m[:2], p1)
+    if both:
+        W[2:] = regressor(m[2:], second_marker(kind, value, p1))
+    return W, m[:n].copy()
+
+
+@compiled
+def normal_equations(
+    observations: Floats, count: int, o_c: Floats, both: bool, kind: int, value: float
+) -> tuple[Floats, Floats]:
+    """MᵀM (9, 9) and Mᵀm (9,) of eq. (23)-(24)."""
+    A = np.zeros((PARAMETERS, PARAMETERS))
+    b = np.zeros(PARAMETERS)
+    for i in range(count):
+        W, m = rows(observations[i], o_c, both, kind, value)
+        A += W.T @ W
+        b += W.T @ m
+    return A, b
+
+
+@compiled
+def least_telling(observations: Floats, count: int, A: Floats, o_c: Floats, both: bool, kind: int, value: float) -> int:
+    """The observation with the least leverage tr(W (MᵀM + εΓ₀⁻¹)⁻¹ Wᵀ) on â."""
+    inverse = np.linalg.inv(A)
+    least, row = np.inf, 0
+    for i in range(count):
+        W, _ = rows(observations[i], o_c, both, kind, value)
+        leverage = np.sum((W @ inverse) * W)
+        if leverage < least:
+            least, row = leverage, i
+    return row
+
+
+@compiled
+def decay(A: Floats, b: Floats, a: Floats, C: Floats, t: float) -> Floats:
+    """â after the time t of dâ/dt = −C Cᵀ (A â − b), exactly."""
+    eigenvalues, Q = np.linalg.eigh(C.T @ A @ C)
+    gain = np.empty(PARAMETERS)
+    for i in range(PARAMETERS):
+        rate = max(eigenvalues[i], 0.0)
+        gain[i] = -np.expm1(-rate * t) / rate if rate * t > 1e-12 else t
+    CQ = C @ Q
+    return a - CQ @ (gain * (CQ.T @ (A @ a - b)))
+
+
+@compiled
+def keep_in_front(a: Floats, a_next: Floats, observations: Floats, count: int, kind: int, value: float) -> Floats:
+    """a_next, or the last point on the way to it from a at which every ẑ is at least MIN_DEPTH.
+
+    ẑ is linear in â and U is convex, so that U (22) falls on the shortened step too.
+    """
+    step = 1.0
+    for i in range(count):
+        p1 = observations[i, :3].copy()
+        p2 = second_marker(kind, value, p1)
+        for p in (p1, p2):
+            z, z_next = depth(a, p), depth(a_next, p)
+            if z_next < MIN_DEPTH:
+                step = min(step, max((z - MIN_DEPTH) / (z - z_next), 0.0))
+    return a + step * (a_next - a)
+
+
+@compiled
+def update(
+    observations: Floats,
+    count: int,
+    a: Floats,
+    p1: Floats,
+    points: Floats,
+    o_c: Floats,
+    t: float,
+    rate: float,
+    epsilon: float,
+    both: bool,
+    kind: int,
+    value: float,
+) -> tuple[Floats, int, Floats]:
+    """Take in one observation and integrate (21) over t seconds; rate 0 means the printed Γ."""
+    observations = observations.copy()
+    observations[count, :3] = p1
+    observations[count, 3:] = points.reshape(4)
+    count += 1
+    A, b = normal_equations(observations, count, o_c, both, kind, value)
+    regularised = A + epsilon * np.diag(1.0 / GAMMA_0)
+    if count == len(observations):
+        row = least_telling(observations, count, regularised, o_c, both, kind, value)
+        W, m = rows(observations[row], o_c, both, kind, value)
+        A -= W.T @ W
+        b -= W.T @ m
+        regularised -= W.T @ W
+        count -= 1
+        observations[row] = observations[count]
+    if rate > 0.0:
+        C = np.sqrt(rate) * np.linalg.inv(np.linalg.cholesky(regularised)).T
+    else:
+        C = np.diag(np.sqrt(GAMMA_0))
+    a_next = decay(A, b, a, np.ascontiguousarray(C), t)
+    return observations, count, keep_in_front(a, a_next, observations, count, kind, value)
+
+
+@compiled
+def markers_jacobian(a: Floats, p1: Floats, kind: int, value: float) -> Floats:
+    """∂m/∂p₁ (4, 3), the second factor of eq. (15), of both markers."""
+    p2 = second_marker(kind, value, p1)
+    jacobian = np.empty((4, 3))
+    jacobian[:2] = project_jacobian(a, p1)
+    jacobian[2:] = project_jacobian(a, p2) @ second_marker_jacobian(kind, value, p1)
+    return jacobian
+
+
+@compiled
+def feature_jacobian(a: Floats, p1: Floats, m: Floats, kind: int, value: float) -> Floats:
+    """Ĵ (3, 3) of eq. (15): ∂y/∂m at the measured m, ∂m/∂p₁ from the parameters a."""
+    return features_jacobian(m) @ markers_jacobian(a, p1, kind, value)
+
+
+@compiled
+def predict(a: Floats, p1: Floats, kind: int, value: float) -> Floats:
+    """π of eq. (34) for both markers: m (4,) px from the imaged RCM."""
+    m = np.empty(4)
+    m[:2] = project(a, p1)
+    m[2:] = project(a, second_marker(kind, value, p1))
+    return m
+
+
+class ProjectionMemory(NamedTuple):
+    """``observations`` (P + 1, 7) rows [p₁ mm, raw m₁ m₂ px] of which ``count`` are filled, and ``a_hat`` (9,)."""
+
+    observations: Floats
+    count: int
+    a_hat: Floats
+
+
+@dataclass(frozen=True)
+class ProjectionEstimator(Estimator):
+    """Ĵ through the projection parameters, rule (21).
+
+    ``gamma``: ``fast`` (the default) or ``printed``. ``rate`` 1/s is η of the fast choice.
+    ``epsilon`` weighs Γ₀⁻¹ against MᵀM in the fast choice: weaker modes than that learn more slowly.
+    ``observations`` is P. ``both_markers`` fits m₂ as well as the paper's m₁.
+    ``estimator_time`` s of the rule's own time for every new frame; 0 stands for the real time between frames.
+    """
+
+    gamma: Literal["fast", "printed"] = "fast"
+    rate: float = 20.0
+    epsilon: float = 1e-7
+    observations: int = 30
+    both_markers: bool = True
+    estimator_time: float = 0.0
+
+    name = "projection"
+
+    def __post_init__(self) -> None:
+        require(self.gamma in ("fast", "printed"), "estimator.gamma", self.gamma, "'fast' or 'printed'")
+        require(0.0 < self.rate < np.inf, "estimator.rate", self.rate, "a positive rate in 1/s")
+        require(0.0 < self.epsilon < np.inf, "estimator.epsilon", self.epsilon, "a positive number")
+        require(self.observations >= 6, "estimator.observations", self.observations, "at least 6 (Proposition 1)")
+        require(
+            0.0 <= self.estimator_time < np.inf,
+            "estimator.estimator_time",
+            self.estimator_time,
+            "a time in s",
+        )
+
+    def init(self) -> ProjectionMemory:
+        return ProjectionMemory(np.zeros((self.observations + 1, 7)), 0, np.zeros(PARAMETERS))
+
+    def update(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> ProjectionMemory:
+        observations, count, a_hat = update(
+            memory.observations,
+            memory.count,
+            memory.a_hat,
+            sample.p1,
+            sample.points,
+            sample.o_c,
+            self.estimator_time or sample.dt,
+            self.rate if self.gamma == "fast" else 0.0,
+            self.epsilon,
+            self.both_markers,
+            tool.kind,
+            tool.value,
+        )
+        return ProjectionMemory(observations, count, a_hat)
+
+    def jacobian(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
+        m = about(sample.points, sample.o_c)
+        return feature_jacobian(memory.a_hat, sample.p1, m, tool.kind, tool.value)
+
+    def predict(self, memory: ProjectionMemory, tool: Tool, p1: Floats) -> Floats:
+        return predict(memory.a_hat, p1, tool.kind, tool.value)

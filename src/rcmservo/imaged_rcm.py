@@ -1,0 +1,100 @@
+"""Where the camera sees the RCM: the point o_c nearest to the imaged tool's axis in many poses, eq. (16).
+
+The last H lines of a slow motion are almost one line, and (16) then collapses onto the tool. So a line stays by what
+it says about o_c: of H + 1 lines the one with the least leverage on the solution goes, which keeps the extremes of
+angle. A line through two points d apart is known to an angle of noise/d, so lines are weighted by d².
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmservo.compiled import compiled
+from rcmservo.errors import require
+from rcmservo.plant import Floats
+
+
+@compiled
+def normal_equations(lines: Floats, count: int) -> tuple[Floats, Floats]:
+    """Σ w n nᵀ (2, 2) and Σ w n nᵀ m̃₁ (2,) of eq. (16) over `count` rows [u₁ v₁ u₂ v₂] of raw pixels."""
+    N = np.zeros((2, 2))
+    b = np.zeros(2)
+    for i in range(count):
+        # d n, with n the unit normal: its products carry the weight d².
+        nu, nv = lines[i, 1] - lines[i, 3], lines[i, 2] - lines[i, 0]
+        along = nu * lines[i, 0] + nv * lines[i, 1]
+        N[0, 0] += nu * nu
+        N[0, 1] += nu * nv
+        N[1, 1] += nv * nv
+        b[0] += nu * along
+        b[1] += nv * along
+    N[1, 0] = N[0, 1]
+    return N, b
+
+
+@compiled
+def condition_of(N: Floats) -> float:
+    """Condition number of a symmetric positive semidefinite (2, 2) matrix; inf where it is singular."""
+    half_trace = 0.5 * (N[0, 0] + N[1, 1])
+    spread = np.sqrt((0.5 * (N[0, 0] - N[1, 1])) ** 2 + N[0, 1] ** 2)
+    least = half_trace - spread
+    if not least > 0.0:
+        return np.inf
+    return (half_trace + spread) / least
+
+
+@compiled
+def solve(lines: Floats, count: int) -> tuple[Floats, float]:
+    """o_c (2,) px of eq. (16) and the condition number of its matrix, about 1 / var(line angle); NaN where singular."""
+    N, b = normal_equations(lines, count)
+    condition = condition_of(N)
+    if not condition < 1e12:
+        return np.full(2, np.nan), np.inf
+    determinant = N[0, 0] * N[1, 1] - N[0, 1] ** 2
+    o_c = np.array([(N[1, 1] * b[0] - N[0, 1] * b[1]) / determinant, (N[0, 0] * b[1] - N[0, 1] * b[0]) / determinant])
+    return o_c, condition
+
+
+@compiled
+def least_telling(lines: Floats, count: int) -> int:
+    """The row whose line has the least leverage nᵀ (Σ n nᵀ)⁻¹ n on o_c: what is lost least when it goes."""
+    N, _ = normal_equations(lines, count)
+    least, row = np.inf, 0
+    for i in range(count):
+        nu, nv = lines[i, 1] - lines[i, 3], lines[i, 2] - lines[i, 0]
+        leverage = nu * nu * N[1, 1] - 2.0 * nu * nv * N[0, 1] + nv * nv * N[0, 0]
+        if leverage < least:
+            least, row = leverage, i
+    return row
+
+
+@compiled
+def remember(lines: Floats, count: int, points: Floats) -> tuple[Floats, int]:
+    """The lines (H + 1, 4) and their number after the line through raw `points` (2, 2) came; the last row is spare."""
+    lines = lines.copy()
+    lines[count] = points.reshape(4)
+    if count < len(lines) - 1:
+        return lines, count + 1
+    row = least_telling(lines, count + 1)
+    lines[row] = lines[count]
+    return lines, count
+
+
+@dataclass(frozen=True)
+class ImagedRcm:
+    """How the imaged RCM is computed: eq. (16) over the `lines` most telling lines.
+
+    ``lines`` is the paper's H. ``max_condition`` (about 1 / variance of the line angle in rad²): above it o_c counts as
+    not yet observable.
+    """
+
+    lines: int = 50
+    max_condition: float = 2e4
+
+    def __post_init__(self) -> None:
+        require(self.lines >= 2, "imaged_rcm.lines", self.lines, "a whole number of at least 2 lines")
+        require(self.max_condition > 1.0, "imaged_rcm.max_condition", self.max_condition, "a number above 1")
+
+    def init(self) -> tuple[Floats, int]:
+        """No line seen yet."""
+        return np.zeros((self.lines + 1, 4)), 0

@@ -1,0 +1,94 @@
+"""The last gate before anything moves: finite, within speed, inside the joint limits, and never a jump.
+
+Joint rates come in from the law or from exploration; only what leaves here is a Command, and a plant takes nothing
+else. Every check is written so that NaN fails it. Braking starts early enough that half of the slew limit stops the
+joint at its limit, the present speed being kept up for the latency allowed.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmservo.compiled import compiled
+from rcmservo.errors import require
+from rcmservo.mechanism import JointLimits
+from rcmservo.plant import Command, Floats
+
+BRAKING_SHARE = 0.5
+
+
+@compiled
+def within(
+    rates: Floats,
+    last: Floats,
+    q: Floats,
+    lower: Floats,
+    upper: Floats,
+    speed: Floats,
+    slew: Floats,
+    latency: float,
+    dt: float,
+) -> tuple[Floats, bool]:
+    """The joint rates (3,) that may be sent, and whether all that came in was finite."""
+    if not (np.all(np.isfinite(rates)) and np.all(np.isfinite(q)) and np.all(np.isfinite(last)) and dt > 0.0):
+        return np.zeros(3), False
+    allowed = rates / max(1.0, np.max(np.abs(rates) / speed))
+    for i in range(3):
+        ahead = q[i] + last[i] * latency
+        braking = 2.0 * BRAKING_SHARE * slew[i]
+        up = np.sqrt(braking * max(upper[i] - ahead, 0.0))
+        down = -np.sqrt(braking * max(ahead - lower[i], 0.0))
+        allowed[i] = min(max(allowed[i], down), up)
+        allowed[i] = min(max(allowed[i], last[i] - slew[i] * dt), last[i] + slew[i] * dt)
+    return allowed, True
+
+
+@dataclass(frozen=True, eq=False)
+class Passed:
+    """What the gate let through, and whether what was asked was ``finite``: if not, the command is zero at once."""
+
+    command: Command
+    finite: bool
+
+
+@dataclass(frozen=True)
+class Gate:
+    """Bounds on every command.
+
+    ``speed`` (rad/s, rad/s, mm/s) and ``slew`` (rad/s², rad/s², mm/s²) bound each joint's rate and its change.
+    ``latency`` s is how long the arm may go on at its last speed before a command takes hold.
+    ``max_period`` s caps the time over which one command may change: a late tick must not allow a jump.
+    """
+
+    speed: tuple[float, float, float] = (1.0, 1.0, 80.0)
+    slew: tuple[float, float, float] = (8.0, 8.0, 500.0)
+    latency: float = 0.05
+    max_period: float = 0.02
+
+    def __post_init__(self) -> None:
+        for name in ("speed", "slew"):
+            values = getattr(self, name)
+            good = len(values) == 3 and all(0.0 < value < np.inf for value in values)
+            require(good, f"gate.{name}", values, "three positive numbers (rad, rad, mm)")
+        require(0.0 <= self.latency < np.inf, "gate.latency", self.latency, "a time in s")
+        require(0.0 < self.max_period < np.inf, "gate.max_period", self.max_period, "a positive time in s")
+
+    def rest(self) -> Command:
+        """The command before the first: stand still."""
+        return Command(number=0, time=0, rates=np.zeros(3))
+
+    def admit(self, rates: Floats, last: Command, q: Floats, limits: JointLimits, now: int) -> Passed:
+        """Turn the wanted joint rates (3,) into a Command, from the `last` one and the measured q (3,)."""
+        dt = min((now - last.time) * 1e-9, self.max_period)
+        allowed, finite = within(
+            rates,
+            last.rates,
+            q,
+            np.array(limits.lower),
+            np.array(limits.upper),
+            np.array(self.speed),
+            np.array(self.slew),
+            self.latency,
+            dt,
+        )
+        return Passed(Command(last.number + 1, now, allowed), finite)

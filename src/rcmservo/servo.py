@@ -1,0 +1,292 @@
+"""The servo: features, imaged RCM, estimate, law and gate composed into one pure step.
+
+No clock, no input, no output: the same state and observation always give the same answer. Expected events are causes,
+values with a sentence for a person; with a cause the tool is held still, and after a second only a person starts it
+again. (The full table of faults has its place here: `_cause`, and the transitions in `_phase`.)
+"""
+
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from rcmservo.controller import SaturatedController, law, potential_gradient
+from rcmservo.estimators.base import Estimator, Sample
+from rcmservo.estimators.projection import ProjectionEstimator
+from rcmservo.exploration import Exploration, Exploring
+from rcmservo.features import SCALE, about, difference, features
+from rcmservo.imaged_rcm import ImagedRcm, remember, solve
+from rcmservo.mechanism import Kinematics, joint_rates, position, position_jacobian
+from rcmservo.plant import Command, Floats, Observation, Target
+from rcmservo.safety import Gate
+from rcmservo.tool import Tool
+
+HOLD_TIME = 1_000_000_000
+"""ns of HOLD after which only a person resumes."""
+
+GOOD_FRAMES = 5
+"""New frames without a cause that end a HOLD."""
+
+STALL_TIME = 6_000_000_000
+STALL_DROP = 0.98
+STALL_ERROR = 0.5
+"""A scaled error above STALL_ERROR that has not fallen to STALL_DROP of its best for STALL_TIME ns has stalled."""
+
+LIMIT_HORIZON = 0.1
+LIMIT_SHARE = 0.3
+"""A joint that would pass its limit within LIMIT_HORIZON s blocks the way if less than LIMIT_SHARE of the speed is left
+without it."""
+
+
+class Phase(Enum):
+    """What the servo is doing."""
+
+    IDLE = "idle"
+    ACQUIRE = "exploring"
+    SERVO = "servoing"
+    HOLD = "holding still"
+    PAUSED = "paused"
+
+
+class Cause(Enum):
+    """Why the tool is held: a sentence for a person."""
+
+    NONE = ""
+    MARKER_1_LOST = "marker 1 is not seen: it left the picture or is hidden"
+    MARKER_2_LOST = "marker 2 is not seen: it left the picture or is hidden"
+    MARKERS_LOST = "neither marker is seen: they left the picture or are hidden"
+    SINGULAR = "the target lies at or beyond a singular surface: the scaled Jacobian's condition passed its limit"
+    JOINT_1_LIMIT = "the way to the target goes past the limit of joint 1"
+    JOINT_2_LIMIT = "the way to the target goes past the limit of joint 2"
+    JOINT_3_LIMIT = "the way to the target goes past the limit of joint 3"
+    NO_ROOM = "the joint limits leave no room to explore around the start"
+    NOT_EXPLORED = "exploration ended without an estimate that predicts what the camera sees"
+    STALLED = "the feature error has stopped falling: the target cannot be reached from here"
+    NOT_FINITE = "a number that is not finite reached the last gate"
+
+
+MARKER_CAUSES = {
+    (True, False): Cause.MARKER_1_LOST,
+    (False, True): Cause.MARKER_2_LOST,
+    (True, True): Cause.MARKERS_LOST,
+}
+LIMIT_CAUSES = (Cause.JOINT_1_LIMIT, Cause.JOINT_2_LIMIT, Cause.JOINT_3_LIMIT)
+FINAL_CAUSES = {Cause.NO_ROOM, Cause.NOT_EXPLORED, Cause.STALLED, Cause.NOT_FINITE}
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """All that the servo remembers, and what it decided at the last tick.
+
+    ``o_c`` (2,) px and ``rcm_condition`` of eq. (16); ``J_hat`` (3, 3) and its scaled ``condition``; ``y`` and
+    ``delta`` = Δy (3,) of the newest frame; ``p1`` (3,) mm at that exposure; ``v`` (3,) mm/s wanted of marker 1;
+    ``command`` as the gate passed it. NaN where not known yet.
+    """
+
+    phase: Phase
+    cause: Cause
+    command: Command
+    frame: int
+    exposure: int
+    lines: Floats
+    line_count: int
+    o_c: Floats
+    rcm_condition: float
+    memory: Any
+    tour: Exploring | None
+    explored: bool
+    p1: Floats
+    J_hat: Floats
+    condition: float
+    y: Floats
+    delta: Floats
+    v: Floats
+    held_since: int
+    good_frames: int
+    blocked: int
+    best: float
+    best_time: int
+
+
+@dataclass(frozen=True)
+class Servo:
+    """The paper's block diagram. What the robot knows of itself, and a choice for every box."""
+
+    mechanism: Kinematics
+    tool: Tool
+    estimator: Estimator = field(default_factory=ProjectionEstimator)
+    controller: SaturatedController = field(default_factory=SaturatedController)
+    exploration: Exploration = field(default_factory=Exploration)
+    imaged_rcm: ImagedRcm = field(default_factory=ImagedRcm)
+    gate: Gate = field(default_factory=Gate)
+
+    @property
+    def zero(self) -> float:
+        """ρ of marker 1 (mm) where the insertion joint reads zero."""
+        return self.mechanism.insertion_zero + self.tool.offset
+
+    def marker_1(self, q: Floats) -> Floats:
+        """p₁ (3,) mm at the joints q (3,)."""
+        return position(self.mechanism.kind, self.zero, q)
+
+    def init(self) -> State:
+        """Nothing seen, nothing known: Ĵ = 0."""
+        lines, count = self.imaged_rcm.init()
+        unknown = np.full(3, np.nan)
+        return State(
+            phase=Phase.IDLE,
+            cause=Cause.NONE,
+            command=self.gate.rest(),
+            frame=-1,
+            exposure=0,
+            lines=lines,
+            line_count=count,
+            o_c=np.full(2, np.nan),
+            rcm_condition=np.inf,
+            memory=self.estimator.init(),
+            tour=None,
+            explored=False,
+            p1=unknown,
+            J_hat=np.zeros((3, 3)),
+            condition=np.inf,
+            y=unknown,
+            delta=unknown,
+            v=np.zeros(3),
+            held_since=0,
+            good_frames=0,
+            blocked=-1,
+            best=np.inf,
+            best_time=0,
+        )
+
+    def step(self, state: State, seen: Observation, target: Target) -> State:
+        """One tick: learn from the frame if it is new, decide, and pass the decision through the gate."""
+        new = seen.frame > state.frame
+        if new:
+            state = self._look(state, seen, target)
+        state = self._decide(state, seen, new)
+        return self._send(state, seen)
+
+    def _look(self, state: State, seen: Observation, target: Target) -> State:
+        """What a new frame teaches: the imaged RCM, Ĵ, and the error."""
+        if not np.isfinite(seen.points).all():
+            return replace(state, frame=seen.frame, exposure=seen.exposure)
+        lines, count = remember(state.lines, state.line_count, seen.points)
+        o_c, rcm_condition = solve(lines, count)
+        p1 = self.marker_1(seen.q_exposure)
+        memory, J_hat, y, delta = state.memory, state.J_hat, state.y, state.delta
+        if rcm_condition <= self.imaged_rcm.max_condition:
+            dt = (seen.exposure - state.exposure) * 1e-9 if state.frame >= 0 else 0.0
+            sample = Sample(p1, seen.points, o_c, dt)
+            memory = self.estimator.update(memory, self.tool, sample)
+            J_hat = self.estimator.jacobian(memory, self.tool, sample)
+            y = features(about(seen.points, o_c))
+            delta = difference(y, features(about(target.points, o_c)))
+        return replace(
+            state,
+            frame=seen.frame,
+            exposure=seen.exposure,
+            lines=lines,
+            line_count=count,
+            o_c=o_c,
+            rcm_condition=rcm_condition,
+            memory=memory,
+            p1=p1,
+            J_hat=J_hat,
+            y=y,
+            delta=delta,
+        )
+
+    def _decide(self, state: State, seen: Observation, new: bool) -> State:
+        """The velocity wanted of marker 1 in the present phase, and the phase itself."""
+        if state.phase is Phase.PAUSED or state.frame < 0:
+            return replace(state, v=np.zeros(3))
+        if state.phase is Phase.IDLE:
+            state = self._begin(state, seen)
+        if not state.explored and state.tour is not None:
+            state = self._explore(state, state.tour, seen, new)
+        if new and state.explored:
+            state = self._servo(state, seen)
+        return self._phase(state, self._cause(state, seen), seen.now, new)
+
+    def _begin(self, state: State, seen: Observation) -> State:
+        tour = self.exploration.begin(self.mechanism, self.zero, seen.q, seen.now)
+        return replace(state, phase=Phase.ACQUIRE, tour=tour)
+
+    def _explore(self, state: State, tour: Exploring, seen: Observation, new: bool) -> State:
+        p1 = self.marker_1(seen.q)
+        if new and np.isfinite(seen.points).all() and self.exploration.arrived(tour, p1):
+            tour = self.exploration.visit(tour, state.p1, seen.points)
+            if self.exploration.complete(tour, state.J_hat, state.o_c):
+                return replace(state, tour=tour, explored=True, phase=Phase.SERVO, v=np.zeros(3))
+        return replace(state, tour=tour, v=self.exploration.velocity(tour, p1))
+
+    def _servo(self, state: State, seen: Observation) -> State:
+        law_ = self.controller
+        gradient = potential_gradient(state.delta, np.array(law_.bounds), law_.potential == "printed")
+        v, condition = law(state.J_hat, gradient, law_.gain, law_.max_condition, law_.max_speed)
+        error = float(np.max(np.abs(state.delta) / SCALE))
+        best, best_time = state.best, state.best_time
+        if error < STALL_DROP * best:
+            best, best_time = error, seen.now
+        return replace(
+            state,
+            v=v,
+            condition=condition,
+            blocked=self._blocked(seen.q, v),
+            best=best,
+            best_time=best_time,
+        )
+
+    def _cause(self, state: State, seen: Observation) -> Cause:
+        """The reason to hold still, if there is one; the gravest first."""
+        if state.tour is None:
+            return Cause.NO_ROOM
+        lost = ~np.isfinite(seen.points).all(axis=1)
+        if lost.any():
+            return MARKER_CAUSES[bool(lost[0]), bool(lost[1])]
+        if not state.explored:
+            late = self.exploration.overdue(state.tour, seen.now)
+            return Cause.NOT_EXPLORED if late else Cause.NONE
+        if not state.condition < self.controller.max_condition:
+            return Cause.SINGULAR
+        if state.blocked >= 0:
+            return LIMIT_CAUSES[state.blocked]
+        stalled = state.best > STALL_ERROR and seen.now - state.best_time > STALL_TIME
+        return Cause.STALLED if stalled else Cause.NONE
+
+    def _phase(self, state: State, cause: Cause, now: int, new: bool) -> State:
+        """The next phase: a cause holds at once, a second of it pauses, and good frames end a hold."""
+        if cause in FINAL_CAUSES:
+            return replace(state, phase=Phase.PAUSED, cause=cause, v=np.zeros(3))
+        if cause is not Cause.NONE:
+            since = state.held_since if state.phase is Phase.HOLD else now
+            phase = Phase.PAUSED if now - since > HOLD_TIME else Phase.HOLD
+            return replace(state, phase=phase, cause=cause, held_since=since, good_frames=0, v=np.zeros(3))
+        if state.phase is Phase.HOLD:
+            good = state.good_frames + new
+            if good < GOOD_FRAMES:
+                return replace(state, good_frames=good, v=np.zeros(3))
+            phase = Phase.SERVO if state.explored else Phase.ACQUIRE
+            return replace(state, phase=phase, cause=Cause.NONE, good_frames=0)
+        return replace(state, cause=Cause.NONE)
+
+    def _blocked(self, q: Floats, v: Floats) -> int:
+        """The joint (or -1) whose limit stands in the way of v (3,) mm/s: little of the motion is left without it."""
+        limits = self.mechanism.limits
+        rates = joint_rates(self.mechanism.kind, self.zero, q, v)
+        ahead = q + rates * LIMIT_HORIZON
+        outside = (ahead > np.array(limits.upper)) | (ahead < np.array(limits.lower))
+        if not outside.any():
+            return -1
+        jacobian = position_jacobian(self.mechanism.kind, self.zero, q)
+        left = np.linalg.norm(jacobian @ np.where(outside, 0.0, rates))
+        return int(np.argmax(outside)) if left < LIMIT_SHARE * np.linalg.norm(v) else -1
+
+    def _send(self, state: State, seen: Observation) -> State:
+        """Through the gate; what is not finite there ends the run."""
+        rates = joint_rates(self.mechanism.kind, self.zero, seen.q, state.v)
+        passed = self.gate.admit(rates, state.command, seen.q, self.mechanism.limits, seen.now)
+        state = replace(state, command=passed.command)
+        return state if passed.finite else replace(state, phase=Phase.PAUSED, cause=Cause.NOT_FINITE)
