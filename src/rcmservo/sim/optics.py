@@ -1,0 +1,183 @@
+"""The true camera: a pinhole with radial distortion, standing still in the world.
+
+Camera axes: x right, y down, z forward. With X = R_c_w (X_world - position) in those axes and slopes
+(x, y) = (X1, X2) / X3, the picture of a point is
+
+    (u, v) = focal (1 + k1 r^2 + k2 r^4) (x, y) + centre,    r^2 = x^2 + y^2        (Brown's radial terms)
+
+Pixel (0, 0) is the centre of the top left pixel, u right, v down. Lengths in mm, image in px.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from rcmservo.errors import require
+from rcmservo.plant import Floats
+
+WIDEST = 100.0  # slope: no lens looks further aside
+OUTLINE = 256  # points on a silhouette: the polygon's centroid is then good to 1e-6 of its radius
+
+
+@dataclass(frozen=True, eq=False)
+class Optics:
+    """What the camera does to light.
+
+    `width`, `height` px of the picture; `focal` px; `centre` (2,) px, the principal point; `distortion` (2,)
+    k1, k2; `rotation` (3, 3) R_c_w, from world axes to camera axes; `position` (3,) mm, the camera's centre in
+    the world.
+    """
+
+    width: int
+    height: int
+    focal: float
+    centre: Floats
+    distortion: Floats
+    rotation: Floats
+    position: Floats
+
+    def __post_init__(self) -> None:
+        require(self.width > 0, "width", self.width, "positive")
+        require(self.height > 0, "height", self.height, "positive")
+        require(0 < self.focal < np.inf, "focal", self.focal, "positive and finite")
+        for name, shape in (("centre", (2,)), ("distortion", (2,)), ("rotation", (3, 3)), ("position", (3,))):
+            value = np.array(getattr(self, name), dtype=np.float64)
+            require(
+                value.shape == shape and bool(np.isfinite(value).all()),
+                name,
+                value,
+                f"{shape} finite numbers",
+            )
+            object.__setattr__(self, name, value)
+        proper = np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-9)
+        require(proper and np.linalg.det(self.rotation) > 0, "rotation", self.rotation, "a proper rotation matrix")
+        one_to_one = np.isinf(self._fold) or self._corner < self._fold * self._stretch(self._fold)
+        require(bool(one_to_one), "distortion", self.distortion, "so weak that every pixel sees one direction")
+
+    def depth(self, points: Floats) -> Floats:
+        """How far world `points` (N, 3) mm lie before the camera along its z axis, (N,) mm; negative behind it."""
+        return self._in_camera(points)[:, 2]
+
+    def project(self, points: Floats) -> Floats:
+        """Where world `points` (N, 3) mm appear, (N, 2) px.
+
+        NaN behind the camera, and so far to the side that the distortion polynomial would fold the point back.
+        """
+        return self._project_camera(self._in_camera(points))
+
+    def project_jacobian(self, point: Floats) -> Floats:
+        """How the image of a world `point` (3,) mm moves with it: the derivative of `project`, (2, 3) px/mm."""
+        X = self._in_camera(point[None])[0]
+        slope = X[:2] / X[2]
+        k1, k2 = self.distortion
+        r = np.linalg.norm(slope)
+        of_slope = self._stretch(r) * np.eye(2) + (2 * k1 + 4 * k2 * r**2) * np.outer(slope, slope)
+        of_point = np.column_stack([np.eye(2), -slope]) / X[2]
+        return self.focal * of_slope @ of_point @ self.rotation
+
+    def slopes(self, pixels: Floats) -> Floats:
+        """The undistorted x, y of the ray (x, y, 1), in camera axes, that each of `pixels` (..., 2) px sees."""
+        stretched = (pixels - self.centre) / self.focal
+        wanted = np.linalg.norm(stretched, axis=-1, keepdims=True)
+        k1, k2 = self.distortion
+        r = wanted.copy()
+        for _ in range(20):  # Newton; the corners of a strong wide-angle lens need about ten
+            r -= (r * self._stretch(r) - wanted) / (1 + 3 * k1 * r**2 + 5 * k2 * r**4)
+        return stretched / self._stretch(r)
+
+    def pixels(self) -> Floats:
+        """The centre (u, v) of every pixel, (H, W, 2) px."""
+        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        return np.stack([u, v], axis=-1).astype(np.float64)
+
+    def rays(self) -> Floats:
+        """The unit direction, in the world, in which every pixel's centre looks: (H, W, 3)."""
+        slope = self.slopes(self.pixels())
+        ray = np.concatenate([slope, np.ones_like(slope[..., :1])], axis=-1)
+        return ray / np.linalg.norm(ray, axis=-1, keepdims=True) @ self.rotation
+
+    def silhouette_centre(self, centre: Floats, radius: float) -> Floats:
+        """The area centroid (2,) px of an unoccluded sphere's image: what a perfect blob finder would report.
+
+        It is not the image of the sphere's centre: perspective pulls it outwards by x R^2 / (Z^2 - R^2).
+        """
+        return _polygon(self._outline(centre, radius))[1]
+
+    def silhouette_radius(self, centre: Floats, radius: float) -> float:
+        """The mean radius of a sphere's image, px: that of the disc of the same area."""
+        return float(np.sqrt(_polygon(self._outline(centre, radius))[0] / np.pi))
+
+    def _outline(self, centre: Floats, radius: float) -> Floats:
+        """The image (OUTLINE, 2) px of the circle where the cone from the camera touches the sphere.
+
+        NaN where the camera is inside the sphere or the cone reaches behind the camera.
+        """
+        c = self._in_camera(centre[None])[0]
+        distance = np.linalg.norm(c)
+        if distance <= radius:
+            return np.full((OUTLINE, 2), np.nan)
+        axis = c / distance
+        across = np.linalg.svd(axis[None])[2][1:]
+        turn = np.linspace(0, 2 * np.pi, OUTLINE, endpoint=False)
+        circle = np.column_stack([np.cos(turn), np.sin(turn)]) @ across
+        sine = radius / distance
+        return self._project_camera(np.sqrt(1 - sine**2) * axis + sine * circle)
+
+    def _in_camera(self, points: Floats) -> Floats:
+        return (points - self.position) @ self.rotation.T
+
+    def _project_camera(self, X: Floats) -> Floats:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = X[:, :2] / X[:, 2:]
+            r = np.linalg.norm(slope, axis=1, keepdims=True)
+            image = self.focal * self._stretch(r) * slope + self.centre
+            return np.where((X[:, 2:] > 0) & (r < self._fold), image, np.nan)
+
+    def _stretch(self, r: Any) -> Any:
+        """By how much the lens stretches a slope of length `r`."""
+        k1, k2 = self.distortion
+        return 1 + k1 * r**2 + k2 * r**4
+
+    @cached_property
+    def _fold(self) -> float:
+        """The radius (as a slope) beyond which the polynomial falls again and means nothing, or inf."""
+        k1, k2 = self.distortion
+        roots = np.roots([5 * k2, 3 * k1, 1.0])
+        turning = [root.real for root in roots if abs(root.imag) < 1e-12 and 0 < root.real < WIDEST**2]
+        return float(np.sqrt(min(turning))) if turning else np.inf
+
+    @property
+    def _corner(self) -> float:
+        """The distorted radius (as a slope) of the picture's outermost corner."""
+        size = np.array([self.width, self.height])
+        return float(np.linalg.norm(np.maximum(self.centre + 0.5, size - 0.5 - self.centre)) / self.focal)
+
+
+def look_at(position: Floats, target: Floats, roll: float = 0.0) -> Floats:
+    """The rotation R_c_w (3, 3) of a camera at `position` that sees `target` at its principal point; both (3,) mm.
+
+    At `roll` 0 the world's z axis points up in the picture (its y axis if the camera looks along z). `roll` in
+    rad turns the camera clockwise about its line of sight, so that the picture turns anticlockwise.
+    """
+    sight = target - position
+    distance = np.linalg.norm(sight)
+    require(bool(distance > 0), "target", target, "away from the camera's position")
+    forward = sight / distance
+    up = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 1 - 1e-9 else np.array([0.0, 1.0, 0.0])
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    down = np.cross(forward, right)
+    c, s = np.cos(roll), np.sin(roll)
+    return np.stack([c * right + s * down, c * down - s * right, forward])
+
+
+def _polygon(corners: Floats) -> tuple[float, Floats]:
+    """The area and the centroid (2,) of a closed polygon of `corners` (N, 2)."""
+    middle = corners.mean(axis=0)
+    here = corners - middle
+    after = np.roll(here, -1, axis=0)
+    cross = here[:, 0] * after[:, 1] - here[:, 1] * after[:, 0]
+    twice = float(cross.sum())
+    return abs(twice) / 2, middle + (cross @ (here + after)) / (3 * twice)
