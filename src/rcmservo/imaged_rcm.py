@@ -3,6 +3,10 @@
 The last H lines of a slow motion are almost one line, and (16) then collapses onto the tool. So a line stays by what
 it says about o_c: of H + 1 lines the one with the least leverage on the solution goes, which keeps the extremes of
 angle. A line through two points d apart is known to an angle of noise/d, so lines are weighted by d².
+
+Noise turns the normals n of (16), which pulls o_c towards the tool. So a few Gauss-Newton steps follow, to the point
+whose bundle of lines passes nearest to the markers: that has no such bias, as each line's direction then comes from
+o_c and both markers instead of from the markers alone.
 """
 
 from dataclasses import dataclass
@@ -44,7 +48,7 @@ def condition_of(N: Floats) -> float:
 
 
 @compiled
-def solve(lines: Floats, count: int) -> tuple[Floats, float]:
+def nearest_to_lines(lines: Floats, count: int) -> tuple[Floats, float]:
     """o_c (2,) px of eq. (16) and the condition number of its matrix, about 1 / var(line angle); NaN where singular."""
     N, b = normal_equations(lines, count)
     condition = condition_of(N)
@@ -52,6 +56,42 @@ def solve(lines: Floats, count: int) -> tuple[Floats, float]:
         return np.full(2, np.nan), np.inf
     determinant = N[0, 0] * N[1, 1] - N[0, 1] ** 2
     o_c = np.array([(N[1, 1] * b[0] - N[0, 1] * b[1]) / determinant, (N[0, 0] * b[1] - N[0, 1] * b[0]) / determinant])
+    return o_c, condition
+
+
+@compiled
+def nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
+    """One Gauss-Newton step from o_c (2,) towards the point whose bundle of lines passes nearest to all markers.
+
+    Each line's direction is fitted through o_c to both its markers, at distances l₁, l₂ along it and e₁, e₂ beside
+    it. Turning it leaves (e₁ l₂ − e₂ l₁)/√(l₁² + l₂²), which o_c changes by (l₂ − l₁)/√(l₁² + l₂²) along the normal.
+    """
+    N = np.zeros((2, 2))
+    b = np.zeros(2)
+    for i in range(count):
+        u1, v1, u2, v2 = lines[i, 0] - o_c[0], lines[i, 1] - o_c[1], lines[i, 2] - o_c[0], lines[i, 3] - o_c[1]
+        angle = 0.5 * np.arctan2(2.0 * (u1 * v1 + u2 * v2), u1**2 + u2**2 - v1**2 - v2**2)
+        tu, tv = np.cos(angle), np.sin(angle)
+        l1, l2 = tu * u1 + tv * v1, tu * u2 + tv * v2
+        e1, e2 = tu * v1 - tv * u1, tu * v2 - tv * u2
+        size = l1**2 + l2**2
+        weight, left = (l2 - l1) ** 2 / size, (e1 * l2 - e2 * l1) * (l2 - l1) / size
+        N[0, 0] += weight * tv * tv
+        N[0, 1] -= weight * tu * tv
+        N[1, 1] += weight * tu * tu
+        b[0] -= left * tv
+        b[1] += left * tu
+    N[1, 0] = N[0, 1]
+    return o_c + np.linalg.solve(N, b)
+
+
+@compiled
+def solve(lines: Floats, count: int, refinements: int) -> tuple[Floats, float]:
+    """o_c (2,) px, eq. (16) and then `refinements` steps to the nearest bundle, and the condition number of (16)."""
+    o_c, condition = nearest_to_lines(lines, count)
+    if condition < 1e6:
+        for _ in range(refinements):
+            o_c = nearest_bundle(lines, count, o_c)
     return o_c, condition
 
 
@@ -84,15 +124,17 @@ def remember(lines: Floats, count: int, points: Floats) -> tuple[Floats, int]:
 class ImagedRcm:
     """How the imaged RCM is computed: eq. (16) over the `lines` most telling lines.
 
-    ``lines`` is the paper's H. ``max_condition`` (about 1 / variance of the line angle in rad²): above it o_c counts as
+    ``lines`` is the paper's H. ``refinements`` Gauss-Newton steps follow (16); 0 is (16) alone. ``max_condition`` (about 1 / variance of the line angle in rad²): above it o_c counts as
     not yet observable.
     """
 
     lines: int = 50
+    refinements: int = 5
     max_condition: float = 2e4
 
     def __post_init__(self) -> None:
         require(self.lines >= 2, "imaged_rcm.lines", self.lines, "a whole number of at least 2 lines")
+        require(self.refinements >= 0, "imaged_rcm.refinements", self.refinements, "a whole number, not negative")
         require(self.max_condition > 1.0, "imaged_rcm.max_condition", self.max_condition, "a number above 1")
 
     def init(self) -> tuple[Floats, int]:

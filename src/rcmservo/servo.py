@@ -173,7 +173,7 @@ class Servo:
         if not np.isfinite(seen.points).all():
             return replace(state, frame=seen.frame, exposure=seen.exposure)
         lines, count = remember(state.lines, state.line_count, seen.points)
-        o_c, rcm_condition = solve(lines, count)
+        o_c, rcm_condition = solve(lines, count, self.imaged_rcm.refinements)
         p1 = self.marker_1(seen.q_exposure)
         memory, J_hat, y, delta = state.memory, state.J_hat, state.y, state.delta
         if rcm_condition <= self.imaged_rcm.max_condition:
