@@ -144,9 +144,9 @@ class Optics:
     def _fold(self) -> float:
         """The radius (as a slope) beyond which the polynomial falls again and means nothing, or inf."""
         k1, k2 = self.distortion
-        roots = np.roots([5 * k2, 3 * k1, 1.0])
-        turning = [root.real for root in roots if abs(root.imag) < 1e-12 and 0 < root.real < WIDEST**2]
-        return float(np.sqrt(min(turning))) if turning else np.inf
+        inverse = np.roots([1.0, 3 * k1, 5 * k2])  # 1 / r^2 where the derivative of the distorted radius is 0
+        turning = [root.real for root in inverse if abs(root.imag) < 1e-12 and root.real > WIDEST**-2]
+        return float(1 / np.sqrt(max(turning))) if turning else np.inf
 
     @property
     def _corner(self) -> float:

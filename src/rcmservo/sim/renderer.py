@@ -33,6 +33,10 @@ MOMENTS = (1, 2, 4, 8, 16)  # per exposure, that share those samples evenly
 NEAR = 1.0  # mm before the camera at which bodies are cut off
 NORMALS = 1 << 21
 TEXELS = 512
+BUMP = 0.05  # of the texture's period
+WETNESS = 0.3  # how strongly tissue shines, as a share of the tool
+HORIZON = 3.0  # times the lamp's reach: from here to twice as far the tissue fades into the dark
+TINY = 1e-12
 
 
 @dataclass(frozen=True)
@@ -40,10 +44,11 @@ class Look:
     """How the scene looks: the tool's thickness, the colours, the light, the sensor.
 
     Radii in mm, 0 for a body that is not there. `light` is the lamp's place in camera axes, mm; what faces it from
-    `reach` mm has its nominal colour. `ambient` is the share of light that comes from everywhere; `specular` and
-    `exponent` are the strength and sharpness of highlights. The tissue's texture repeats every `texture` mm; its
-    `contrast` is the spread of its brightness, its `relief` the spread of its height in mm. `full_well` is the
-    number of electrons at grey level 255, which sets the shot noise; `read_noise` is in grey levels.
+    `reach` mm has its nominal colour, however near never more than twice as bright. `ambient` is the share of light
+    that comes from everywhere; `specular` and `exponent` are the strength and sharpness of highlights. The tissue's
+    texture repeats every `texture` mm; its `contrast` is the spread of its brightness, its `relief` the spread of
+    its height in mm. `full_well` is the number of electrons at grey level 255, which sets the shot noise;
+    `read_noise` is in grey levels.
     """
 
     marker_radii: tuple[float, float] = (3.5, 3.5)
@@ -52,13 +57,13 @@ class Look:
     marker_colours: tuple[Colour, Colour] = ((60.0, 185.0, 30.0), (205.0, 80.0, 25.0))
     shaft_colour: Colour = (46.0, 44.0, 42.0)
     jaw_colour: Colour = (150.0, 150.0, 150.0)
-    tissue_colour: Colour = (118.0, 125.0, 205.0)
-    texture: float = 120.0
+    tissue_colour: Colour = (128.0, 132.0, 215.0)
+    texture: float = 150.0
     contrast: float = 0.1
-    relief: float = 0.5
+    relief: float = 0.45
     light: Vector = (35.0, -45.0, 0.0)
     lamp_radius: float = 4.0
-    reach: float = 180.0
+    reach: float = 200.0
     ambient: float = 0.2
     specular: float = 0.8
     exponent: float = 50.0
@@ -312,6 +317,7 @@ def touch(cones: Floats, bodies: Floats) -> Image:
 def identify(seen: Image, touched: Image, rays: Floats, bodies: Floats) -> None:
     """Which body (1 to 4, 0 for the tissue) every pixel sees first, and another that it sees later, if any."""
     last = bodies.shape[0] // 4 - 1
+    between = 1 if swift(bodies) else max(last - 1, 1)
     seen[:] = 0
     for i in range(touched.shape[0]):
         for j in range(touched.shape[1]):
@@ -323,10 +329,22 @@ def identify(seen: Image, touched: Image, rays: Floats, bodies: Floats) -> None:
                     ray = (rays[y, x, 0], rays[y, x, 1], 1.0)
                     first = later = nearest(ray, bodies, 1, which)[0]
                     pose = last
-                    while later == first and pose > 1:
+                    while later == first and pose > between:
                         later = nearest(ray, bodies, pose, which)[0]
                         pose -= 1
                     seen[0, y, x], seen[1, y, x] = 1 + first, 1 + later
+
+
+@compiled
+def swift(bodies: Floats) -> bool:
+    """Whether a body moves so far in the exposure that it may pass a pixel that it covers at neither end."""
+    for k in range(4):
+        first, last = 4 + k, bodies.shape[0] - 4 + k
+        at_a = minus(start(bodies, first), start(bodies, last))
+        at_n = minus(axis(bodies, first), axis(bodies, last))
+        if np.sqrt(dot(at_a, at_a)) + np.sqrt(dot(at_n, at_n)) > bodies[k, 6] > 0.0:
+            return True
+    return False
 
 
 @compiled
@@ -392,7 +410,7 @@ def shade(place: Vector, bodies: Floats, b: int, lamp: Lamp) -> Vector:
     outward = minus(minus(place, start(bodies, b)), times(along, n))  # of length r
     to_lamp = minus(light, place)
     distance = np.sqrt(dot(to_lamp, to_lamp))
-    strength = (reach / distance) ** 2
+    strength = 2.0 / (1.0 + (distance / reach) ** 2)
     facing = max(dot(outward, to_lamp), 0.0) / (r * distance)
     half = minus(times(1.0 / distance, to_lamp), times(1.0 / np.sqrt(dot(place, place)), place))
     mirror = dot(outward, half) / (r * np.sqrt(dot(half, half)))
@@ -423,26 +441,44 @@ def _lit_tissue(
     place = _on_plane(slopes, optics, tissue)
     normal = optics.rotation @ tissue.normal / np.linalg.norm(tissue.normal)
     normal *= np.sign(normal @ (optics.rotation @ (optics.position - tissue.point)))
+    mottle, veins, bumpy = _texture(place, normal, look, noise)
+    to_lamp, distance = _unit(np.array(look.light) - place)
+    to_eye, away = _unit(-place)
+    half, _ = _unit(to_lamp + to_eye)
+    strength = 2 / (1 + (distance / look.reach) ** 2)
+    lamp = (1 - look.ambient) * np.maximum((bumpy * to_lamp).sum(axis=-1), 0) * strength
+    wet = WETNESS * look.specular * np.maximum((bumpy * half).sum(axis=-1), 0) ** look.exponent * strength
+    pale = 1 + look.contrast * mottle
+    red = np.stack([pale - look.contrast * veins] * 2 + [pale], axis=-1)
+    lit = np.array(look.tissue_colour) * np.maximum(red, 0) * (look.ambient + lamp)[..., None] + 255 * wet[..., None]
+    visible = np.clip(2 - away / (HORIZON * look.reach), 0, 1)[..., None]
+    share = (lamp + wet) / (look.ambient + lamp + wet + TINY)
+    return np.nan_to_num(visible * lit).astype(np.float32), np.nan_to_num(share).astype(np.float32)
+
+
+def _texture(place: Floats, normal: Floats, look: Look, noise: np.random.Generator) -> tuple[Floats, Floats, Floats]:
+    """Mottle (H, W) and veins (H, W) of the tissue, and its bumpy unit normal (H, W, 3), at each `place`.
+
+    All fade where a pixel spans as much as a bump: finer detail than pixels would only make false patterns.
+    """
     across = np.linalg.svd(normal[None])[2][1:]
     texels = np.moveaxis(TEXELS / look.texture * (place @ across.T), -1, 0)
+    span = np.max([np.linalg.norm(change, axis=-1) for change in np.gradient(place, axis=(0, 1))], axis=0)
+    fade = 1 / (1 + (span / (BUMP * look.texture / 4)) ** 2)
 
     def sample(field: Floats) -> Floats:
-        return np.asarray(ndimage.map_coordinates(field, texels, order=1, mode="grid-wrap"), dtype=np.float64)
+        return fade * np.asarray(ndimage.map_coordinates(field, texels, order=1, mode="grid-wrap"), dtype=np.float64)
 
-    mottle, bumps, vessels = (_field(noise, size) for size in (0.03, 0.05, 0.15))
+    mottle, bumps, vessels = (_field(noise, size) for size in (2 * BUMP, BUMP, 4 * BUMP))
     pitch = look.texture / TEXELS
     tilts = [sample(look.relief * np.gradient(bumps, pitch, axis=i))[..., None] * across[i] for i in range(2)]
-    bumpy = normal - tilts[0] - tilts[1]
-    bumpy /= np.linalg.norm(bumpy, axis=-1, keepdims=True)
-    to_lamp = np.array(look.light) - place
-    distance = np.linalg.norm(to_lamp, axis=-1)
-    facing = np.maximum((bumpy * to_lamp).sum(axis=-1), 0) / distance
-    lamp = (1 - look.ambient) * facing * (look.reach / distance) ** 2
-    vein = np.exp(-((sample(vessels) / 0.06) ** 2))
-    tone = 1 + look.contrast * sample(mottle)
-    paint = np.array(look.tissue_colour) * np.stack([tone - 3 * look.contrast * vein] * 2 + [tone], axis=-1)
-    lit = np.nan_to_num(np.maximum(paint, 0) * (look.ambient + lamp)[..., None])
-    return lit.astype(np.float32), np.nan_to_num(lamp / (look.ambient + lamp)).astype(np.float32)
+    return sample(mottle), sample(2 * np.exp(-np.abs(vessels) / 0.08)), _unit(normal - tilts[0] - tilts[1])[0]
+
+
+def _unit(vectors: Floats) -> tuple[Floats, Floats]:
+    """Vectors (..., 3) as directions, and their lengths (...)."""
+    length = np.linalg.norm(vectors, axis=-1)
+    return vectors / length[..., None], length
 
 
 def _field(noise: np.random.Generator, size: float) -> Floats:
