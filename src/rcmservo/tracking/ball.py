@@ -10,6 +10,7 @@ from rcmservo.tracking.outline import disc_centre, fit_outline
 
 LEAST_RADIUS = 4.0  # px; below it, half a pixel of noise looks like roundness
 LEAST_SUPPORT = 0.45  # of the outline; a shorter arc fixes the centre too badly
+LEAST_FILLED = 0.35  # of the disc; the shaft and a highlight hide less, what is emptier is a ring or a crescent
 LEAST_CONTRAST = 15.0  # grey levels, and four times the picture's noise
 
 
@@ -40,23 +41,39 @@ def noise(weights: Floats) -> float:
     return 1.05 * float(np.median(np.abs(line[1::stride] - line[:-1:stride])))
 
 
+@compiled
+def filled(weights: Floats, centre: tuple[float, float], radius: float, level: float) -> float:
+    """The share of a disc's pixels that weigh more than `level`."""
+    u, v = centre
+    height, width = weights.shape
+    full, count = 0, 0
+    for i in range(max(int(v - radius), 0), min(int(v + radius) + 2, height)):
+        for j in range(max(int(u - radius), 0), min(int(u + radius) + 2, width)):
+            if (i - v) ** 2 + (j - u) ** 2 <= radius**2:
+                count += 1
+                full += weights[i, j] > level
+    return full / max(count, 1)
+
+
 def ball_near(weights: Floats, u: float, v: float, radius: float) -> Ball | None:
     """The ball whose place and radius are known to about a third of the radius."""
     u, v = disc_centre(weights, u, v, 1.2 * radius)
-    return _judged(fit_outline(weights, u, v, radius, 1.45 * radius), noise(weights))
+    return _judged(weights, fit_outline(weights, u, v, radius, 1.45 * radius), noise(weights))
 
 
 def ball_about(weights: Floats, u: float, v: float, radius: float, grain: float) -> Ball | None:
     """The ball about a point inside it, its radius known to a factor of about 1.5; `grain` is the noise."""
-    return _judged(fit_outline(weights, u, v, radius, 1.8 * radius), grain)
+    return _judged(weights, fit_outline(weights, u, v, radius, 1.8 * radius), grain)
 
 
-def _judged(outline: Floats, grain: float) -> Ball | None:
+def _judged(weights: Floats, outline: Floats, grain: float) -> Ball | None:
     """The outline as a ball with its quality, or None where it is no ball's."""
     u, v, radius, support, spread, contrast = (float(x) for x in outline)
     widest = 0.5 + 0.04 * radius
     good = radius >= LEAST_RADIUS and support >= LEAST_SUPPORT and spread <= widest
     if not (good and contrast >= max(LEAST_CONTRAST, 4.0 * grain)):
+        return None
+    if filled(weights, (u, v), radius, 0.3 * contrast) < LEAST_FILLED:
         return None
     clear = contrast / (contrast + LEAST_CONTRAST + 4.0 * grain)
     return Ball(u, v, radius, support * clear / (1.0 + (spread / widest) ** 2))

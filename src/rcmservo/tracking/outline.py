@@ -70,8 +70,8 @@ def disc_centre(weights: Floats, u: float, v: float, radius: float) -> tuple[flo
 @compiled
 def cast_rays(weights: Floats, start: tuple[float, float], radius: float, reach: float) -> tuple[Floats, Floats]:
     """Distance from `start` to the outline along each ray (NaN: none found), and the colour's fall there."""
-    step = min(max(radius / 16.0, 0.5), 1.0)
-    half = round(min(max(0.3 * radius, 2.0), 4.0) / step)
+    step = 0.5
+    half = round(min(max(0.3 * radius, 2.0), 3.0) / step)
     profile = np.empty(int(reach / step) + half + 1)
     falls = np.zeros(profile.size)
     distance, fall = np.full(RAYS, np.nan), np.zeros(RAYS)
@@ -102,16 +102,22 @@ def ray_profile(weights: Floats, start: tuple[float, float], step: tuple[float, 
 
 @compiled
 def outermost_fall(profile: Floats, half: int, falls: Floats) -> int:
-    """The outermost sample where the mean of `half` samples falls half as much as anywhere; -1: none."""
+    """The outermost sample where the mean of `half` samples falls a third as much as anywhere; -1: none.
+
+    Only a fall from the colour counts: a grey shaft before a background of the opposite colour falls as well.
+    """
     last = profile.size - half - 1
-    steepest = 0.0
+    if last < half:
+        return -1
+    steepest, strongest = 0.0, profile.max()
     for k in range(half, last + 1):
-        falls[k] = mean(profile, k - half, k) - mean(profile, k + 1, k + 1 + half)
+        inside, outside = mean(profile, k - half, k), mean(profile, k + 1, k + 1 + half)
+        falls[k] = inside - outside if inside > 0.2 * strongest else 0.0
         steepest = max(steepest, falls[k])
     if steepest <= 0.0:
         return -1
     k = last
-    while falls[k] < 0.5 * steepest:
+    while falls[k] < 0.3 * steepest:
         k -= 1
     while k > half and falls[k - 1] > falls[k]:
         k -= 1
@@ -121,7 +127,7 @@ def outermost_fall(profile: Floats, half: int, falls: Floats) -> int:
 @compiled
 def half_level(profile: Floats, edge: int, half: int) -> float:
     """The sub-sample place near `edge` where the profile is midway between its levels inside and outside."""
-    inside = mean(profile, edge - half, edge - half // 2)
+    inside = mean(profile, edge - half // 2, edge - half // 4)
     outside = mean(profile, edge + half // 2 + 1, edge + half + 1)
     level = 0.5 * (inside + outside)
     best, least = np.nan, np.inf
@@ -172,7 +178,7 @@ def through(x: Floats, y: Floats, three: tuple[int, int, int]) -> tuple[float, f
 
 @compiled
 def agreement(x: Floats, y: Floats, circle: tuple[float, float, float]) -> float:
-    """How many points lie on a circle: near ones count up to 1, far ones nothing however far."""
+    """How many points lie on a circle, near ones counting up to 1; those outside of it count against it."""
     a, b, radius = circle
     tolerance = max(0.04 * radius, 0.7)
     score = 0.0
@@ -180,6 +186,8 @@ def agreement(x: Floats, y: Floats, circle: tuple[float, float, float]) -> float
         miss = (np.sqrt((x[i] - a) ** 2 + (y[i] - b) ** 2) - radius) / tolerance
         if abs(miss) < 1.0:
             score += 1.0 - miss * miss
+        elif miss > 1.0:
+            score -= 1.0  # nothing puts a point outside of a ball
     return score
 
 
