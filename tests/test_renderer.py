@@ -1,6 +1,10 @@
 """Pictures: coverage integrated over pixel and exposure, the sensor's noise as specified, nothing that breaks."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +28,7 @@ BALLS = replace(
     tissue_colour=(0.0, 0.0, 0.0),
     marker_colours=((0.0, 250.0, 0.0), (250.0, 0.0, 0.0)),
 )
-ROOMS = {look: Renderer(OPTICS, look, TISSUE, 0) for look in (Look(), QUIET, FLAT, BALLS)}
+ROOMS: dict[Look, Renderer] = {}
 
 
 def tool(m1, along=(0.1, 0.1, -1.0), spacing=25.0):
@@ -34,6 +38,8 @@ def tool(m1, along=(0.1, 0.1, -1.0), spacing=25.0):
 
 
 def picture(look, *poses, number=0):
+    if look not in ROOMS:
+        ROOMS[look] = Renderer(OPTICS, look, TISSUE, 0)
     return ROOMS[look].render(np.stack(poses), number)
 
 
@@ -199,16 +205,39 @@ def test_a_picture_need_not_be_made_of_whole_tiles():
     assert len(np.unique(image[..., 0])) > 10
 
 
+def small_picture():
+    optics = replace(OPTICS, width=44, height=30, focal=60.0, centre=np.array([21.0, 15.0]))
+    poses = np.stack([tool(TARGET + 0.2 * step) for step in range(4)])
+    return Renderer(optics, replace(Look(), marker_radii=(12.0, 12.0), shaft_radius=8.0), TISSUE, 0).render(poses, 0)
+
+
+def test_compiled_and_plain_python_draw_the_same_picture(tmp_path):
+    program = f"import numpy, test_renderer as t; numpy.save({str(tmp_path / 'plain.npy')!r}, t.small_picture())"
+    plainly = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(__file__).parent)}
+    subprocess.run([sys.executable, "-c", program], env=plainly, check=True, timeout=120)
+    difference = small_picture().astype(int) - np.load(tmp_path / "plain.npy")
+    assert np.abs(difference).max() <= 1
+    assert (difference != 0).mean() < 0.01
+
+
 @pytest.mark.parametrize(
     "poses", [np.zeros((4, 3)), np.zeros((3, 4, 3)), np.zeros((0, 4, 3)), np.full((1, 4, 3), np.nan)]
 )
 def test_poses_that_cannot_be_drawn_are_refused(poses):
     with pytest.raises(BadInput):
-        ROOMS[QUIET].render(poses, 0)
+        Renderer(OPTICS, QUIET, TISSUE, 0).render(poses, 0)
 
 
 @pytest.mark.parametrize(
-    "change", [{"ambient": 1.2}, {"shaft_radius": -1.0}, {"marker_radii": (3.0, np.nan)}, {"full_well": 0.0}]
+    "change",
+    [
+        {"ambient": 1.2},
+        {"shaft_radius": -1.0},
+        {"marker_radii": (3.0, np.nan)},
+        {"full_well": 0.0},
+        {"light": (0.0, np.nan, 0.0)},
+        {"light": (0, np.nan, 0)},
+    ],
 )
 def test_an_impossible_look_is_refused(change):
     with pytest.raises(BadInput, match=next(iter(change))):

@@ -76,6 +76,8 @@ class Look:
             require(bool(((value >= 0) & (value < np.inf)).all()), name, value, "finite and not negative")
         for name in ("texture", "lamp_radius", "reach", "exponent", "full_well"):
             require(getattr(self, name) > 0, name, getattr(self, name), "positive")
+        for name in ("light", "marker_colours", "shaft_colour", "jaw_colour", "tissue_colour"):
+            require(bool(np.isfinite(getattr(self, name)).all()), name, getattr(self, name), "finite")
         require(0 <= self.ambient <= 1, "ambient", self.ambient, "between 0 and 1")
 
 
@@ -101,7 +103,10 @@ class Renderer:
         self._cones = _cones(optics)
         self._nodes = _nodes(optics, tissue)
         self._tissue, self._lamp_share = _lit_tissue(self._rays[..., :2], optics, look, tissue, noise)
-        self._lamp: Lamp = (look.light, look.lamp_radius, look.reach, look.ambient, look.exponent)
+        x, y, z, radius, reach, ambient, exponent = (
+            float(value) for value in (*look.light, look.lamp_radius, look.reach, look.ambient, look.exponent)
+        )
+        self._lamp: Lamp = ((x, y, z), radius, reach, ambient, exponent)
         self._normals = noise.standard_normal(NORMALS, dtype=np.float32)
         self._canvas = np.empty_like(self._tissue)
         self._seen = np.empty((2, optics.height, optics.width), dtype=np.uint8)
@@ -145,7 +150,8 @@ def _rays(optics: Optics) -> Floats:
 def _pattern(moments: int) -> Floats:
     """Where in the pixel and when each sample is taken: (SAMPLES, 3) of u, v in px from the centre, pose number.
 
-    The places are Hammersley's. Each moment's samples have their mean at the centre, so that blur shifts nothing.
+    The places are Hammersley's. Up to four moments, each one's samples have their mean at the pixel's centre, so that
+    blur shifts nothing.
     """
     i = np.arange(SAMPLES)
     mirrored = sum(((i >> bit) & 1) << (3 - bit) for bit in range(4))
