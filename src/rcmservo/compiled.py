@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core import config
+from numba.core import config as numba_config
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 PACKAGE = Path(__file__).parent
@@ -23,6 +23,7 @@ def _source_hash() -> str:
     return digest.hexdigest()[:16]
 
 
+config: Any = numba_config
 _CACHE = str(PACKAGE / "__pycache__" / f"numba-{_source_hash()}")
 
 

@@ -243,9 +243,9 @@ class Servo:
         """The reason to hold still, if there is one; the gravest first."""
         if state.tour is None:
             return Cause.NO_ROOM
-        lost = ~np.isfinite(seen.points).all(axis=1)
-        if lost.any():
-            return MARKER_CAUSES[bool(lost[0]), bool(lost[1])]
+        lost = not np.isfinite(seen.points[0]).all(), not np.isfinite(seen.points[1]).all()
+        if any(lost):
+            return MARKER_CAUSES[lost]
         if not state.explored:
             late = self.exploration.overdue(state.tour, seen.now)
             return Cause.NOT_EXPLORED if late else Cause.NONE

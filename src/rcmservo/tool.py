@@ -4,7 +4,7 @@ Both markers ride on the tool's axis, m₁ nearer the RCM and m₂ nearer the ti
 shaft the spacing l is what stays, so p₂ = p₁ (1 + l/ρ) and λ changes with insertion (by the wrong sign of ∂d/∂ρ).
 """
 
-from abc import ABC
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -36,17 +36,20 @@ def second_marker_jacobian(kind: int, value: float, p1: Floats) -> Floats:
     return np.eye(3) + (value / rho) * (np.eye(3) - np.outer(n, n))
 
 
-@dataclass(frozen=True)
 class Tool(ABC):
-    """The markers' places on the tool's axis. ``offset`` (mm): m₁ beyond the reference point whose ρ the arm reports."""
+    """The markers' places on the tool's axis.
+
+    ``offset`` (mm) is how far m₁ is beyond the reference point whose ρ the arm reports. ``value`` is the number that
+    the compiled functions take: l or λ.
+    """
 
     kind: ClassVar[int]
     name: ClassVar[str]
+    offset: float
 
     @property
-    def value(self) -> float:
-        """The number that the compiled functions take: l or λ."""
-        raise TypeError("Tool is abstract: use RigidTool or ScaledTool")
+    @abstractmethod
+    def value(self) -> float: ...
 
     def second_marker(self, p1: Floats) -> Floats:
         """p₂ (3,) mm of the marker nearer the tip."""

@@ -165,10 +165,10 @@ def predict(a: Floats, p1: Floats, kind: int, value: float) -> Floats:
 
 
 class ProjectionMemory(NamedTuple):
-    """``observations`` (P + 1, 7) rows [p₁ mm, raw m₁ m₂ px] of which ``count`` are filled, and ``a_hat`` (9,)."""
+    """``observations`` (P + 1, 7) rows [p₁ mm, raw m₁ m₂ px] of which ``filled`` are used, and ``a_hat`` (9,)."""
 
     observations: Floats
-    count: int
+    filled: int
     a_hat: Floats
 
 
@@ -209,7 +209,7 @@ class ProjectionEstimator(Estimator):
     def update(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> ProjectionMemory:
         observations, count, a_hat = update(
             memory.observations,
-            memory.count,
+            memory.filled,
             memory.a_hat,
             sample.p1,
             sample.points,

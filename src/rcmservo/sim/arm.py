@@ -7,6 +7,7 @@ here in mm.
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,6 +15,9 @@ import numpy as np
 from rcmservo.errors import require
 from rcmservo.mechanism import PITCH_YAW, Kinematics
 from rcmservo.plant import Command, Floats
+
+PHYSICS: Any = mujoco
+"""MuJoCo without types: its names are made at run time."""
 
 STEP = 1_000_000
 """ns of one step of the physics."""
@@ -89,8 +93,8 @@ class Arm:
         self.kinematics, self.drive = kinematics, drive
         self.time = 0
         self._order = np.array(AXES[kinematics.name][3])
-        self._model = mujoco.MjModel.from_xml_string(model_of(kinematics))
-        self._data = mujoco.MjData(self._model)
+        self._model = PHYSICS.MjModel.from_xml_string(model_of(kinematics))
+        self._data = PHYSICS.MjData(self._model)
         self._queue: deque[tuple[int, Floats]] = deque()
         self._wanted = np.zeros(3)
         self._rates = np.zeros(3)
@@ -104,7 +108,7 @@ class Arm:
         self._data.qvel[:] = 0.0
         self._queue.clear()
         self._wanted, self._rates = np.zeros(3), np.zeros(3)
-        mujoco.mj_forward(self._model, self._data)
+        PHYSICS.mj_forward(self._model, self._data)
 
     def advance(self) -> None:
         """Let one step of time pass."""
@@ -114,7 +118,7 @@ class Arm:
         self._rates += self._follow * (self._wanted - self._rates)
         moving = np.where(np.abs(self._rates) > self._deadband, self._rates, 0.0)
         self._data.ctrl[:] = (moving * UNIT)[self._order]
-        mujoco.mj_step(self._model, self._data)
+        PHYSICS.mj_step(self._model, self._data)
 
     @property
     def q_true(self) -> Floats:
@@ -126,7 +130,7 @@ class Arm:
     @property
     def p_true(self) -> Floats:
         """Where the physics has the tool's reference point, (3,) mm."""
-        mujoco.mj_forward(self._model, self._data)
+        PHYSICS.mj_forward(self._model, self._data)
         return self._data.site("reference").xpos * 1e3
 
     def measure(self) -> tuple[int, Floats]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from rcmservo.errors import require
 from rcmservo.mechanism import Kinematics, SphericalRcm
-from rcmservo.plant import Camera, Tracker
+from rcmservo.plant import Camera, Floats
 from rcmservo.sim.arm import Arm, Drive
 from rcmservo.sim.cameras import Body, PictureCamera, PointCamera, Timing
 from rcmservo.sim.renderer import Look, Renderer
@@ -76,6 +76,6 @@ class Rig:
         """A person brings the tool back to the start."""
         self._place(self.scene.start)
 
-    def _place(self, q: np.ndarray) -> None:
+    def _place(self, q: Floats) -> None:
         self.clock.place(q)
         self.clock.wait_until(self.clock.now() + SETTLE)

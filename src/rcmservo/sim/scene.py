@@ -9,7 +9,7 @@ from rcmservo.errors import RcmServoError, require
 from rcmservo.exploration import CORNERS
 from rcmservo.mechanism import Kinematics
 from rcmservo.plant import Floats
-from rcmservo.sim.cameras import TIP, Body
+from rcmservo.sim.cameras import Body
 from rcmservo.sim.optics import Optics, look_at
 from rcmservo.sim.renderer import Tissue
 from rcmservo.sim.truth import feature_jacobian
