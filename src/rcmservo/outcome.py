@@ -67,11 +67,11 @@ class Judge:
 
     def _settle_time(self) -> float | None:
         """When the errors last came within the tolerance, to stay; None if they are outside now."""
-        good = (np.abs(np.array(self._errors)) < TOLERANCE).all(axis=1)
+        good = [bool(np.all(np.abs(error) < TOLERANCE)) for error in self._errors]
         if not good[-1]:
             return None
-        bad = np.flatnonzero(~good)
-        return self._times[int(bad[-1]) + 1] if len(bad) else self._times[0]
+        since = len(good) - good[::-1].index(False) if False in good else 0
+        return self._times[since]
 
     def _cause(self, settle_time: float | None) -> str:
         assert self._last is not None

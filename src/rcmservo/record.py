@@ -16,6 +16,7 @@ from typing import IO, Any
 
 import numpy as np
 from mcap.exceptions import McapError
+from mcap.records import Channel, Footer, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from mcap_ros2.writer import Writer
@@ -201,24 +202,23 @@ def _columns(rows: list[Any], numbers: dict[str, int]) -> dict[str, Floats]:
 def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
     """(topic, time, message) of every record in order; ("about", …) for the settings and ("end", …) where it is whole."""
     decoders: dict[int, Any] = {}
-    schemas: dict[int, Any] = {}
-    channels: dict[int, Any] = {}
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
     try:
         with path.open("rb") as file:
             for record in StreamReader(file, validate_crcs=True).records:
-                kind = type(record).__name__
-                if kind == "Schema":
+                if isinstance(record, Schema):
                     schemas[record.id] = record
-                elif kind == "Channel":
+                elif isinstance(record, Channel):
                     channels[record.id] = record
-                elif kind == "Metadata" and record.name == "rcmservo":
+                elif isinstance(record, Metadata) and record.name == "rcmservo":
                     yield "about", 0, record.metadata["about"]
-                elif kind == "Message":
+                elif isinstance(record, Message):
                     channel = channels[record.channel_id]
                     if channel.schema_id not in decoders:
                         decoders[channel.schema_id] = DecoderFactory().decoder_for("cdr", schemas[channel.schema_id])
                     yield channel.topic, record.log_time, decoders[channel.schema_id](record.data)
-                elif kind == "Footer":
+                elif isinstance(record, Footer):
                     yield "end", 0, None
     except OSError as error:
         raise UnusableFile(path, f"cannot be read: {error.strerror}") from error

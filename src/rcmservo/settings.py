@@ -82,7 +82,7 @@ def _mechanism(table: Table) -> Kinematics:
     ends = {key: rest.pop(key) for key in ("lower", "upper") if key in rest}
     cls = cast(type[Kinematics], MECHANISMS.get(str(rest.get("kind"))) or SphericalRcm)
     if ends:
-        usual = cls().limits
+        usual = cast(Any, cls)().limits
         rest["limits"] = build(JointLimits, {"lower": usual.lower, "upper": usual.upper, **ends}, "mechanism")
     return _chosen(MECHANISMS, rest, "mechanism")
 

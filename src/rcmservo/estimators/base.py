@@ -26,6 +26,8 @@ class Estimator(ABC):
     """Learns Ĵ of eq. (14), ẏ = J v, from samples. ``init`` and ``update`` are pure; the memory is opaque to others."""
 
     name: ClassVar[str]
+    models: ClassVar[bool]
+    """Whether it has a model that predicts where the markers are: `predict`."""
 
     @abstractmethod
     def init(self) -> Any:

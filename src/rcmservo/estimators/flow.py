@@ -59,6 +59,7 @@ class FlowEstimator(Estimator):
     gamma: float = 0.001
 
     name = "flow"
+    models = False
 
     def __post_init__(self) -> None:
         require(0.0 < self.gamma < np.inf, "estimator.gamma", self.gamma, "a positive gain in s/mm²")

@@ -190,6 +190,7 @@ class ProjectionEstimator(Estimator):
     estimator_time: float = 0.0
 
     name = "projection"
+    models = True
 
     def __post_init__(self) -> None:
         require(self.gamma in ("fast", "printed"), "estimator.gamma", self.gamma, "'fast' or 'printed'")

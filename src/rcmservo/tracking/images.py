@@ -14,6 +14,12 @@ from rcmservo.errors import UnusableFile
 from rcmservo.plant import Image
 
 JPEG_START, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
+JPEG = [
+    cv2.IMWRITE_JPEG_QUALITY,
+    95,
+    cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+    cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+]
 PNG_START, PNG_LAST = b"\x89PNG\r\n\x1a\n", b"IEND"
 
 
@@ -30,9 +36,9 @@ def read_image(path: str | Path) -> Image:
 
 
 def write_image(path: str | Path, image: Image) -> None:
-    """Write a picture as a PNG file, without loss."""
+    """Write a picture by its name's ending: .png without loss, .jpg small but with its colour edges kept."""
     try:
-        Path(path).write_bytes(cv2.imencode(".png", image)[1].tobytes())
+        Path(path).write_bytes(cv2.imencode(Path(path).suffix, image, JPEG)[1].tobytes())
     except OSError as error:
         raise UnusableFile(path, f"cannot be written ({error.strerror})") from error
 

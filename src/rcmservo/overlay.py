@@ -1,0 +1,65 @@
+"""The camera's picture with what the servo sees in it: present features blue, target black, as in the paper's Fig. 7."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from rcmservo.errors import UnusableFile
+from rcmservo.plant import Floats, Image
+
+BLUE, BLACK, WHITE, YELLOW = (255, 90, 0), (0, 0, 0), (255, 255, 255), (0, 220, 255)
+SHIFT = 4
+"""Bits of sub-pixel position in OpenCV's drawing."""
+
+FAR = 20_000.0
+"""px: an imaged RCM further away than this is drawn as its direction only."""
+
+
+def draw(image: Image, points: Floats, o_c: Floats, target: Floats, words: str) -> Image:
+    """A copy of the picture with markers m₁ m₂ (2, 2), imaged RCM o_c (2,), target (2, 2) px and a line of words.
+
+    The lines run from o_c to m₁ (r) and on to m₂ (d); their direction is s. What is NaN is left out.
+    """
+    picture = image.copy()
+    _tool(picture, target, o_c, BLACK, 2)
+    _tool(picture, points, o_c, BLUE, 2)
+    if np.isfinite(o_c).all() and bool(np.max(np.abs(o_c)) < FAR):
+        cv2.drawMarker(picture, (round(o_c[0]), round(o_c[1])), YELLOW, cv2.MARKER_TILTED_CROSS, 16, 2)
+    height = image.shape[0]
+    for colour, width in ((BLACK, 3), (WHITE, 1)):
+        cv2.putText(picture, words, (10, height - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, width, cv2.LINE_AA)
+    return picture
+
+
+def _tool(picture: Image, points: Floats, o_c: Floats, colour: tuple[int, int, int], width: int) -> None:
+    if not np.isfinite(points).all():
+        return
+    path = [points[0], points[1]]
+    if np.isfinite(o_c).all():
+        away = o_c - points[0]
+        path.insert(0, points[0] + away * min(1.0, FAR / 10.0 / max(float(np.linalg.norm(away)), 1.0)))
+    for a, b in zip(path, path[1:], strict=False):
+        cv2.line(picture, _fixed(a), _fixed(b), colour, width, cv2.LINE_AA, SHIFT)
+    for point in points:
+        cv2.circle(picture, _fixed(point), 5 << SHIFT, colour, width, cv2.LINE_AA, SHIFT)
+
+
+def _fixed(point: Floats) -> tuple[int, int]:
+    return round(float(point[0]) * (1 << SHIFT)), round(float(point[1]) * (1 << SHIFT))
+
+
+class Video:
+    """An MPEG-4 video that grows frame by frame; `close` ends it."""
+
+    def __init__(self, path: Path, size: tuple[int, int], frame_rate: float) -> None:
+        fourcc = cv2.VideoWriter.fourcc(*"mp4v")
+        self._writer = cv2.VideoWriter(str(path), fourcc, frame_rate, size)
+        if not self._writer.isOpened():
+            raise UnusableFile(path, "cannot be written as a video")
+
+    def write(self, image: Image) -> None:
+        self._writer.write(image)
+
+    def close(self) -> None:
+        self._writer.release()

@@ -1,0 +1,176 @@
+"""What the tests share: random cameras that hide from the tool, random poses, runs with a point camera, comparisons."""
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from rcmservo.clock import ticks
+from rcmservo.controller import SaturatedController
+from rcmservo.estimators.flow import FlowEstimator
+from rcmservo.estimators.projection import ProjectionEstimator, normal_equations
+from rcmservo.loop import Plant, teach
+from rcmservo.mechanism import PITCH_YAW, SPHERICAL
+from rcmservo.plant import Floats, Observation, Target
+from rcmservo.servo import Servo, State
+from rcmservo.sim import Rig, RigSettings
+from rcmservo.tool import RIGID, RigidTool, ScaledTool, second_marker
+from rcmservo.tracking import PointMarkers
+
+settings.register_profile("local", deadline=None, max_examples=50)
+settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True)
+settings.load_profile("ci" if os.environ.get("CI") else "local")
+
+SPACING = 30.0
+"""mm between the markers of the tests' rigid tool."""
+
+seeds = st.integers(0, 2**32 - 1)
+kinds = st.sampled_from([SPHERICAL, PITCH_YAW])
+
+
+def random_from(seed: int) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def derivative(f: Callable[[Floats], Any], x: Floats, step: Any) -> Floats:
+    """∂f/∂x by central differences of fourth order; `step` a number or one per coordinate."""
+    steps = np.broadcast_to(np.asarray(step, dtype=float), x.shape)
+    columns = []
+    for i in range(len(x)):
+        way = np.zeros(len(x))
+        way[i] = steps[i]
+        near = np.asarray(f(x + way)) - np.asarray(f(x - way))
+        far = np.asarray(f(x + 2 * way)) - np.asarray(f(x - 2 * way))
+        columns.append((8 * near - far) / (12 * steps[i]))
+    return np.stack(columns, axis=-1)
+
+
+def tool_positions(random: np.random.Generator, count: int, spread: float = 25.0) -> Floats:
+    """p₁ (count, 3) mm in a ball-shaped cloud that keeps well away from the RCM."""
+    way = random.standard_normal(3)
+    middle = random.uniform(80.0, 150.0) * way / np.linalg.norm(way)
+    return middle + random.uniform(-spread, spread, (count, 3))
+
+
+def true_camera(random: np.random.Generator, places: Floats) -> Floats:
+    """A calibration matrix C (3, 4), at a random scale, of a camera with all `places` and the RCM before it."""
+    middle = places.mean(axis=0)
+    tips = np.stack([second_marker(RIGID, SPACING, p) for p in places])
+    while True:
+        forward = random.standard_normal(3)
+        forward /= np.linalg.norm(forward)
+        rotation = np.linalg.qr(np.column_stack([forward, random.standard_normal((3, 2))]))[0].T[[1, 2, 0]]
+        rotation *= np.sign(rotation[2] @ forward)
+        position = middle - random.uniform(150.0, 350.0) * forward
+        focal = random.uniform(500.0, 900.0)
+        K = np.array([[focal, 0.0, random.uniform(300, 340)], [0.0, focal, random.uniform(220, 260)], [0.0, 0.0, 1.0]])
+        depths = (np.concatenate([places, tips, np.zeros((1, 3))]) - position) @ rotation[2]
+        m1, m2 = ((p - position) @ rotation.T for p in (places, tips))
+        apart = np.linalg.norm(m1[:, :2] / m1[:, 2:] - m2[:, :2] / m2[:, 2:], axis=1) * focal
+        if depths.min() > 60.0 and apart.min() > 15.0:
+            scale = random.choice([-1.0, 1.0]) * np.exp(random.uniform(-5.0, 5.0))
+            return scale * K @ np.column_stack([rotation, -rotation @ position])
+
+
+def seen_by(C: Floats, p: Floats) -> Floats:
+    """The picture (n, 2) px of points p (n, 3) mm: eq. (4), written down once more."""
+    image = np.column_stack([p, np.ones(len(p))]) @ C.T
+    return image[:, :2] / image[:, 2:]
+
+
+def markers_seen(C: Floats, p1: Floats) -> Floats:
+    """Raw pixels (2, 2) of both markers of the rigid tool with marker 1 at p₁ (3,) mm."""
+    return seen_by(C, np.stack([p1, second_marker(RIGID, SPACING, p1)]))
+
+
+def observed(C: Floats, places: Floats) -> Floats:
+    """The projection estimator's rows [p₁, raw m₁ m₂] (n, 7) without noise."""
+    return np.stack([np.concatenate([p, markers_seen(C, p).ravel()]) for p in places])
+
+
+def equations(rows: Floats, o_c: Floats, both: bool = True) -> tuple[Floats, Floats]:
+    return normal_equations(rows, len(rows), o_c, both, RIGID, SPACING)
+
+
+ESTIMATORS = {
+    "fast": ProjectionEstimator(),
+    "printed": ProjectionEstimator(gamma="printed", estimator_time=1000.0),
+    "flow": FlowEstimator(gamma=0.05),
+}
+TOOLS = {"rigid": RigidTool(spacing=SPACING), "scaled": ScaledTool(scale=1.3)}
+CONTROLLERS = {"continuous": SaturatedController(), "printed": SaturatedController(potential="printed")}
+
+
+@dataclass
+class Laboratory:
+    """A simulated run with a camera that delivers points, and a taught target."""
+
+    rig: Rig
+    plant: Plant
+    target: Target
+
+    def servo(self, **choices: Any) -> Servo:
+        return Servo(self.rig.settings.mechanism, **({"tool": self.rig.settings.tool} | choices))
+
+    def run(
+        self,
+        servo: Servo,
+        seconds: float,
+        state: State | None = None,
+        change: Callable[[Observation], Observation] = lambda seen: seen,
+    ) -> Iterator[tuple[Observation, State]]:
+        """Observation and state of every tick; `change` stands between the plant and the servo."""
+        state = state or servo.init()
+        for _ in ticks(self.plant.clock, 100.0, seconds):
+            seen = change(self.plant.read())
+            state = servo.step(state, seen, self.target)
+            self.plant.send(state.command)
+            yield seen, state
+
+
+def laboratory(seed: int = 1, settings: RigSettings | None = None) -> Laboratory:
+    rig = Rig(seed, settings, pictures=False)
+    plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    rig.show_target()
+    target = teach(plant, frames=5)
+    rig.go_home()
+    return Laboratory(rig, plant, target)
+
+
+def without(seen: Observation, *markers: int) -> Observation:
+    """The observation with markers (0 or 1) lost."""
+    points = seen.points.copy()
+    points[list(markers)] = np.nan
+    return replace(seen, points=points)
+
+
+def leaves(value: Any) -> list[Any]:
+    """All numbers, arrays and names inside a record, in order."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return [leaf for f in fields(value) for leaf in leaves(getattr(value, f.name))]
+    if isinstance(value, tuple | list):
+        return [leaf for part in value for leaf in leaves(part)]
+    return [value]
+
+
+def frozen(value: Any) -> list[Any]:
+    """What a record holds now, down to the bits, so that two of these are equal only if nothing differs."""
+    exact = []
+    for leaf in leaves(value):
+        if isinstance(leaf, np.ndarray):
+            exact.append((leaf.dtype.str, leaf.shape, leaf.tobytes()))
+        elif isinstance(leaf, float):
+            exact.append(np.float64(leaf).tobytes())
+        else:
+            exact.append(leaf)
+    return exact
+
+
+@pytest.fixture
+def lab() -> Laboratory:
+    return laboratory()
