@@ -73,17 +73,18 @@ def law(J_hat: Floats, gradient: Floats, gain: float, max_condition: float, max_
 
 @dataclass(frozen=True)
 class SaturatedController:
-    """The law (31) with the saturated potential (32).
-
-    ``gain`` 1/s is k. ``bounds`` (rad, px, px) are b. ``potential``: ``continuous`` or, as (32) reads, ``printed``.
-    ``max_speed`` mm/s caps |v|. ``max_condition`` of the scaled Ĵ, beyond which the tool stands still.
-    """
+    """The law (31) with the saturated potential (32)."""
 
     gain: float = 2.0
+    """k, 1/s."""
     bounds: tuple[float, float, float] = (float(np.radians(50.0)), 50.0, 50.0)
+    """b, the feature errors (rad, px, px) from which on the action is saturated."""
     potential: Literal["continuous", "printed"] = "continuous"
+    """V: continuous as Fig. 5 asks, or printed as (32) reads, where the action drops to half at b."""
     max_speed: float = 40.0
+    """Cap on |v|, mm/s."""
     max_condition: float = 150.0
+    """Condition number of the scaled Jacobian above which the tool stands still."""
 
     def __post_init__(self) -> None:
         require(0.0 < self.gain < np.inf, "controller.gain", self.gain, "a positive gain in 1/s")

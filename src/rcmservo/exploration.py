@@ -80,18 +80,20 @@ class Exploring(NamedTuple):
 
 @dataclass(frozen=True)
 class Exploration:
-    """How to explore. The tool leaves its start by ``radius`` mm, at ``speed`` mm/s.
-
-    It is good enough when Ĵ leaves at most ``tolerance`` of the observed feature changes unexplained, and given up
-    after ``max_time`` s. ``reach`` mm is how near counts as at a corner. ``rounds`` is the least number of tours.
-    """
+    """How the tool moves while nothing is known yet."""
 
     radius: float = 7.0
+    """How far the tool leaves its start, mm."""
     speed: float = 35.0
+    """Speed on the way, mm/s."""
     tolerance: float = 0.3
+    """Share of the observed feature changes that a good enough estimate may leave unexplained, 0 to 1."""
     max_time: float = 10.0
+    """Time after which exploration is given up, s."""
     reach: float = 1.0
+    """How near to a corner of the tour counts as being there, mm."""
     rounds: int = 1
+    """Least number of tours round the four corners."""
 
     def __post_init__(self) -> None:
         for name in ("radius", "speed", "tolerance", "max_time", "reach"):

@@ -122,15 +122,14 @@ def remember(lines: Floats, count: int, points: Floats) -> tuple[Floats, int]:
 
 @dataclass(frozen=True)
 class ImagedRcm:
-    """How the imaged RCM is computed: eq. (16) over the `lines` most telling lines.
-
-    ``lines`` is the paper's H. ``refinements`` Gauss-Newton steps follow (16); 0 is (16) alone. ``max_condition`` (about 1 / variance of the line angle in rad²): above it o_c counts as
-    not yet observable.
-    """
+    """How the imaged RCM is computed: eq. (16) over the most telling lines, then refined."""
 
     lines: int = 50
+    """H, the number of lines kept."""
     refinements: int = 5
+    """Gauss-Newton steps after (16), to the nearest bundle of lines; 0 is (16) alone."""
     max_condition: float = 2e4
+    """Condition of (16), about 1 / variance of the line angle (1/rad²), above which o_c is not yet observable."""
 
     def __post_init__(self) -> None:
         require(self.lines >= 2, "imaged_rcm.lines", self.lines, "a whole number of at least 2 lines")

@@ -99,6 +99,7 @@ def run(
 
     However it ends, by itself, by an error or by Ctrl-C, the last thing it does is to bring the arm to rest.
     """
+    plant.tracker.reset()
     state = servo.init()
     try:
         for time in ticks(plant.clock, rate, duration):

@@ -50,10 +50,10 @@ class Judge:
             self._explored_at = self._times[-1]
         self._last = tick
 
-    def settled_for(self) -> float:
-        """How long (s) the errors have now been within the tolerance."""
-        since = self._settle_time()
-        return self._times[-1] - since if since is not None else 0.0
+    @property
+    def duration(self) -> float:
+        """Time s of the last tick."""
+        return self._times[-1] if self._times else 0.0
 
     def outcome(self) -> Outcome:
         """The verdict on the ticks so far."""

@@ -7,7 +7,7 @@ again. (The full table of faults has its place here: `_cause`, and the transitio
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -121,6 +121,8 @@ class Servo:
     imaged_rcm: ImagedRcm = field(default_factory=ImagedRcm)
     gate: Gate = field(default_factory=Gate)
 
+    WARM_UP: ClassVar[int] = 8
+
     @property
     def zero(self) -> float:
         """ρ of marker 1 (mm) where the insertion joint reads zero."""
@@ -159,6 +161,22 @@ class Servo:
             best=np.inf,
             best_time=0,
         )
+
+    def warm_up(self) -> None:
+        """Compile all that `step` calls, on made-up observations, so that nothing compiles while an arm moves."""
+        state = self.init()
+        q = (np.array(self.mechanism.limits.lower) + np.array(self.mechanism.limits.upper)) / 2.0
+        points = np.array([[100.0, 50.0], [200.0, 100.0]])
+        target = Target(points, q)
+        for k in range(self.WARM_UP):
+            turned = points + k * np.array([[0.0, 0.0], [3.0, -9.0]])
+            seen = Observation(now=k + 1, q=q, frame=k, exposure=k, q_exposure=q + 1e-3 * k, points=turned)
+            state = self.step(state, seen, target)
+            if state.tour is not None:
+                tour = self.exploration.visit(state.tour, state.p1, turned)
+                self.exploration.complete(tour._replace(visits=4 * self.exploration.rounds), state.J_hat, state.o_c)
+            if k > self.WARM_UP // 2:
+                state = replace(state, phase=Phase.SERVO, explored=True, J_hat=np.diag(SCALE))
 
     def step(self, state: State, seen: Observation, target: Target) -> State:
         """One tick: learn from the frame if it is new, decide, and pass the decision through the gate."""

@@ -54,9 +54,10 @@ class FlowMemory(NamedTuple):
 
 @dataclass(frozen=True)
 class FlowEstimator(Estimator):
-    """Ĵ from flow, rule (28). ``gamma`` is the paper's γ for p in mm, in s/mm² whatever the unit of y."""
+    """Ĵ from flow, rule (28)."""
 
     gamma: float = 0.001
+    """γ, s/mm² whatever the unit of y."""
 
     name = "flow"
     models = False

@@ -174,20 +174,20 @@ class ProjectionMemory(NamedTuple):
 
 @dataclass(frozen=True)
 class ProjectionEstimator(Estimator):
-    """Ĵ through the projection parameters, rule (21).
-
-    ``gamma``: ``fast`` (the default) or ``printed``. ``rate`` 1/s is η of the fast choice.
-    ``epsilon`` weighs Γ₀⁻¹ against MᵀM in the fast choice: weaker modes than that learn more slowly.
-    ``observations`` is P. ``both_markers`` fits m₂ as well as the paper's m₁.
-    ``estimator_time`` s of the rule's own time for every new frame; 0 stands for the real time between frames.
-    """
+    """Ĵ through the projection parameters, rule (21)."""
 
     gamma: Literal["fast", "printed"] = "fast"
+    """Γ of rule (21): fast, or the paper's as printed."""
     rate: float = 20.0
+    """η of the fast Γ, 1/s."""
     epsilon: float = 1e-7
+    """ε of the fast Γ: modes of MᵀM weaker than ε Γ₀⁻¹ learn more slowly."""
     observations: int = 30
+    """P, the number of observations kept."""
     both_markers: bool = True
+    """Fit m₂ as well as the paper's m₁."""
     estimator_time: float = 0.0
+    """Time that the rule is given for every new frame, s; 0 stands for the real time between frames."""
 
     name = "projection"
     models = True

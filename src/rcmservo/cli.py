@@ -1,0 +1,284 @@
+"""The command line: `rcmservo run` and `rcmservo replay`, over the settings dataclasses."""
+
+import json
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.live import Live
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+from rich.text import Text
+
+from rcmservo.controller import SaturatedController
+from rcmservo.errors import RcmServoError, UnusableFile, require
+from rcmservo.estimators.base import Estimator
+from rcmservo.estimators.flow import FlowEstimator
+from rcmservo.estimators.projection import ProjectionEstimator
+from rcmservo.exploration import Exploration
+from rcmservo.imaged_rcm import ImagedRcm
+from rcmservo.loop import Tick
+from rcmservo.servo import Servo
+from rcmservo.settings import Lab, load_lab
+from rcmservo.tracking import ColourMarkers
+
+BAD_INPUT, INTERRUPTED, UNSETTLED = 2, 130, 1
+PRINTED_TIME = 1e4
+"""s of its own time that the printed Γ is given for a fit: in real time it would need hours."""
+
+EstimatorName = Literal["projection", "projection-printed", "flow"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Servo a simulated arm to a target that it was shown once, with a camera that nobody has calibrated."""
+
+    seed: int = 0
+    """Draws the camera, the start, the target and the noise."""
+    duration: float = 30.0
+    """Length of the run, s of simulated time."""
+    estimator: EstimatorName = "projection"
+    """How the Jacobian is learnt: projection is rule (21) with the fast Γ, projection-printed with the paper's Γ, flow
+    is rule (28)."""
+    rig: Path | None = None
+    """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene."""
+    out: Path | None = None
+    """Folder to write to, new or empty; by default a new one under runs/."""
+    video: bool = True
+    """Write the overlay video."""
+    frames: bool = False
+    """Also write all frames and joints, as a recording that `replay` reads."""
+    json: bool = False
+    """Print one JSON object on stdout and nothing else."""
+    controller: SaturatedController = field(default_factory=SaturatedController)
+    exploration: Exploration = field(default_factory=Exploration)
+    imaged_rcm: ImagedRcm = field(default_factory=ImagedRcm)
+    projection: ProjectionEstimator = field(default_factory=ProjectionEstimator)
+    flow: FlowEstimator = field(default_factory=FlowEstimator)
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Put recorded frames and joints through tracking, features, imaged RCM and the estimators, and score them."""
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """Folder with frames/ and poses.csv."""
+    rig: Path | None = None
+    """TOML file that describes the recorded arm: mechanism, tool and markers. By default the built-in one."""
+    out: Path | None = None
+    """Folder to write replay.json and centres.csv to, new or empty; by default nothing is written."""
+    json: bool = False
+    """Print one JSON object on stdout and nothing else."""
+    imaged_rcm: ImagedRcm = field(default_factory=ImagedRcm)
+    projection: ProjectionEstimator = field(default_factory=ProjectionEstimator)
+    flow: FlowEstimator = field(default_factory=FlowEstimator)
+
+
+Command = Annotated[Run, tyro.conf.subcommand("run")] | Annotated[Replay, tyro.conf.subcommand("replay")]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point; the exit code is 0, 1 where a run did not settle, 2 for bad input, 130 for Ctrl-C."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        command: Any = tyro.cli(Command, prog="rcmservo", args=arguments)
+        return _run(command) if isinstance(command, Run) else _replay(command)
+    except RcmServoError as error:
+        return _fail(str(error))
+    except OSError as error:
+        return _fail(f"{error.filename or 'output'}: cannot be used: {error.strerror}")
+    except KeyboardInterrupt:
+        print("rcmservo: stopped by Ctrl-C", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _fail(sentence: str) -> int:
+    print(f"rcmservo: {sentence}", file=sys.stderr)
+    return BAD_INPUT
+
+
+def estimators(projection: ProjectionEstimator, flow: FlowEstimator) -> dict[str, Estimator]:
+    """The estimators by the names that the command line and the results use."""
+    printed = replace(projection, gamma="printed", observations=10, both_markers=False, estimator_time=PRINTED_TIME)
+    return {"projection": projection, "projection-printed": printed, "flow": flow}
+
+
+def _run(command: Run) -> int:
+    require(command.seed >= 0, "--seed", command.seed, "a whole number that is not negative")
+    require(1.0 < command.duration <= 3600.0, "--duration", command.duration, "more than 1 and at most 3600 s")
+    lab = load_lab(command.rig) if command.rig else Lab()
+    try:
+        from rcmservo.simulate import Job, simulate
+    except ModuleNotFoundError as error:
+        raise RcmServoError(
+            f"run needs the simulator, and {error.name} is not installed: pip install 'rcmservo[sim]'"
+        ) from error
+    servo = Servo(
+        mechanism=lab.mechanism,
+        tool=lab.tool,
+        estimator=estimators(command.projection, command.flow)[command.estimator],
+        controller=command.controller,
+        exploration=command.exploration,
+        imaged_rcm=command.imaged_rcm,
+        gate=lab.gate,
+    )
+    console = Console(stderr=command.json)
+    with _new_folder(command.out, f"run-seed{command.seed}") as folder:
+        job = Job(command.seed, command.duration, command.estimator, servo, lab, folder, command.video, command.frames)
+        console.print(f"[dim]simulated arm and camera, seed {command.seed}; preparing …[/dim]")
+        with Live(Text(""), console=console, refresh_per_second=8, transient=True) as live:
+            metrics = simulate(job, lambda tick: live.update(_line(tick, command.duration), refresh=False))
+    if command.json:
+        print(json.dumps(metrics))
+    else:
+        _show_run(console, metrics)
+    return 0 if metrics["settled"] else UNSETTLED
+
+
+def _line(tick: Tick, duration: float) -> Text:
+    """The live line of progress."""
+    state = tick.state
+    line = f"{tick.time * 1e-9:6.2f} / {duration:g} s  {state.phase.value:<14}"
+    if np.isfinite(state.delta).all():
+        s, r, d = np.degrees(state.delta[0]), state.delta[1], state.delta[2]
+        line += f"  Δs {s:+7.2f}°  Δr {r:+7.2f} px  Δd {d:+7.2f} px  cond {state.condition:5.1f}"
+    return Text(line)
+
+
+def _show_run(console: Console, metrics: dict[str, Any]) -> None:
+    error, explore, jacobian = metrics["feature_error"], metrics["explore"], metrics["jacobian_error"]
+    table = Table(title="settled" if metrics["settled"] else "not settled", show_header=False)
+    if metrics["cause"]:
+        table.add_row("cause", metrics["cause"])
+    table.add_row("settle time", _unit(metrics["settle_time_s"], "s", 2))
+    angle = None if error["s_rad"] is None else np.degrees(error["s_rad"])
+    table.add_row(
+        "feature error (rms, last second)",
+        f"s {_unit(angle, '°', 3)}, r {_unit(error['r_px'], 'px', 2)}, d {_unit(error['d_px'], 'px', 2)}",
+    )
+    table.add_row("pose error ‖p₂ − p_d‖ (simulation's truth)", _unit(metrics["pose_error_mm"], "mm", 3))
+    table.add_row(
+        "exploration",
+        f"{_unit(explore['time_s'], 's', 2)}, path {_unit(explore['path_mm'], 'mm', 1)}, "
+        f"at most {_unit(explore['max_excursion_mm'], 'mm', 1)} from the start",
+    )
+    table.add_row(
+        "‖Ĵ − J‖/‖J‖ (scaled)",
+        f"{_unit(jacobian['explored'], 'after exploration', 3)}, {_unit(jacobian['final'], 'at the end', 3)}",
+    )
+    table.add_row("speed", f"{metrics['real_time_factor']:.1f} x real time")
+    table.add_row("files", str(metrics["folder"]))
+    console.print(table)
+
+
+def _unit(value: float | None, unit: str, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f} {unit}"
+
+
+def _replay(command: Replay) -> int:
+    from rcmservo.replay import replay
+
+    lab = load_lab(command.rig) if command.rig else Lab()
+    chosen = estimators(command.projection, command.flow)
+    console = Console(stderr=command.json)
+    bar = Progress(TextColumn("tracking"), BarColumn(), TextColumn("{task.completed}/{task.total} frames"),
+                   console=console, transient=True)  # fmt: skip
+    with bar:
+        task = bar.add_task("tracking", total=None)
+        result = replay(
+            command.folder, lab, ColourMarkers(lab.markers), chosen, command.imaged_rcm,
+            lambda done, total: bar.update(task, completed=done, total=total),
+        )  # fmt: skip
+    report = _report(result)
+    if command.out is not None:
+        with _new_folder(command.out, "replay") as folder:
+            (folder / "replay.json").write_text(json.dumps(report, indent=2) + "\n")
+            (folder / "centres.csv").write_text(_centres(report))
+    if command.json:
+        print(json.dumps(report))
+    else:
+        _show_replay(console, report)
+    return 0
+
+
+def _report(result: Any) -> dict[str, Any]:
+    """A replay as plain numbers; None where there is none."""
+    return {
+        "frames": [
+            {"frame": pose.name, "m1": _pair(found.points[0]), "m2": _pair(found.points[1])}
+            for pose, found in zip(result.poses, result.markers, strict=True)
+        ],
+        "imaged_rcm_px": _pair(result.o_c),
+        "imaged_rcm_condition": _finite(result.condition),
+        "reprojection_rms_px": {"m1": _finite(result.reprojection[0]), "m2": _finite(result.reprojection[1])},
+        "one_step_rms": {
+            name: {"s_deg": _finite(np.degrees(s)), "r_px": _finite(r), "d_px": _finite(d)}
+            for name, (s, r, d) in result.one_step.items()
+        },
+    }
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _pair(point: Any) -> list[float] | None:
+    return [float(point[0]), float(point[1])] if np.isfinite(point).all() else None
+
+
+def _centres(report: dict[str, Any]) -> str:
+    lines = ["frame,m1_u_px,m1_v_px,m2_u_px,m2_v_px"]
+    for row in report["frames"]:
+        numbers = (*(row["m1"] or ("", "")), *(row["m2"] or ("", "")))
+        lines.append(",".join([row["frame"], *(f"{n:.3f}" if n != "" else "" for n in numbers)]))
+    return "\n".join(lines) + "\n"
+
+
+def _show_replay(console: Console, report: dict[str, Any]) -> None:
+    rows = report["frames"]
+    found = [sum(row[name] is not None for row in rows) for name in ("m1", "m2")]
+    centre, rms = report["imaged_rcm_px"], report["reprojection_rms_px"]
+    console.print(f"{len(rows)} frames, marker 1 found in {found[0]}, marker 2 in {found[1]}")
+    if centre is None:
+        console.print("imaged RCM: not observable, the imaged tool turned too little")
+    else:
+        condition = report["imaged_rcm_condition"]
+        console.print(f"imaged RCM ({centre[0]:.1f}, {centre[1]:.1f}) px, condition number {condition:.0f}")
+    console.print(f"reprojection: marker 1 {_unit(rms['m1'], 'px', 2)}, marker 2 {_unit(rms['m2'], 'px', 2)} rms")
+    table = Table("one-step prediction, rms", "s [°]", "r [px]", "d [px]")
+    for name, row in report["one_step_rms"].items():
+        table.add_row(name, *(_unit(row[key], "", 2) for key in ("s_deg", "r_px", "d_px")))
+    console.print(table)
+
+
+@contextmanager
+def _new_folder(out: Path | None, name: str) -> Iterator[Path]:
+    """The folder to write to: the user's, which must be new or empty, or a fresh one under runs/.
+
+    Where nothing came to be written, a folder that was made for it goes again.
+    """
+    folder = out or Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S-%f}"
+    made = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        full = any(folder.iterdir())
+    except OSError as error:
+        raise UnusableFile(folder, f"cannot be written to: {error.strerror}") from error
+    if full:
+        raise UnusableFile(folder, "is not empty, and nothing is overwritten: name a new folder")
+    if not os.access(folder, os.W_OK):
+        raise UnusableFile(folder, "cannot be written to")
+    try:
+        yield folder
+    finally:
+        if made and not any(folder.iterdir()):
+            folder.rmdir()

@@ -1,0 +1,265 @@
+"""One simulated run, from its settings to a folder: record, metrics, figures and video.
+
+The servo is given what a real arm and camera would give it. The truth is read beside it, for the record and the
+verdict only.
+"""
+
+import json
+import platform
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rcmservo import plots, record
+from rcmservo.errors import UnusableFile
+from rcmservo.estimators.base import Estimator
+from rcmservo.loop import Plant, Tick, run, teach
+from rcmservo.outcome import LAST, Judge, Outcome
+from rcmservo.overlay import Video, draw
+from rcmservo.plant import Floats, Image, Target
+from rcmservo.recording import RecordingWriter
+from rcmservo.servo import Servo
+from rcmservo.settings import Lab, build
+from rcmservo.sim import Drive, Look, Rig, RigSettings, SceneSettings, Timing
+from rcmservo.tracking import ColourMarkers
+
+RECORD = "record.mcap"
+METRICS = "metrics.json"
+
+PAINTS: dict[str, tuple[float, float, float]] = {
+    "red": (40.0, 35.0, 215.0),
+    "green": (60.0, 185.0, 30.0),
+    "blue": (205.0, 80.0, 25.0),
+    "yellow": (30.0, 200.0, 210.0),
+    "cyan": (200.0, 185.0, 30.0),
+    "magenta": (190.0, 40.0, 200.0),
+    "bright": (235.0, 235.0, 235.0),
+}
+"""Paint (blue, green, red) of a simulated ball by the colour that the tracker looks for."""
+
+
+@dataclass(frozen=True)
+class CameraSection:
+    """[camera] of a rig file: the picture's size in px, its timing in s, and the point camera's noise in px."""
+
+    width: int = 640
+    height: int = 480
+    frame_rate: float = 60.0
+    exposure: float = 0.004
+    delay: float = 0.02
+    point_noise: float = 0.3
+
+
+def rig_settings(lab: Lab) -> RigSettings:
+    """The simulated laboratory of a rig file's [camera], [drive], [look] and [scene]."""
+    camera = build(CameraSection, lab.simulation.get("camera", {}), "camera")
+    look = build(Look, {**lab.simulation.get("look", {}), **_paint(lab)}, "look")
+    return RigSettings(
+        mechanism=lab.mechanism,
+        tool=lab.tool,
+        drive=build(Drive, lab.simulation.get("drive", {}), "drive"),
+        timing=Timing(camera.frame_rate, camera.exposure, camera.delay),
+        look=look,
+        scene=build(SceneSettings, lab.simulation.get("scene", {}), "scene"),
+        width=camera.width,
+        height=camera.height,
+        point_noise=camera.point_noise,
+    )
+
+
+def _paint(lab: Lab) -> dict[str, Any]:
+    markers = lab.markers
+    return {
+        "marker_radii": (markers.radius_1, markers.radius_2),
+        "marker_colours": (PAINTS[markers.colour_1], PAINTS[markers.colour_2]),
+    }
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to simulate and what to write."""
+
+    seed: int
+    duration: float
+    name: str
+    servo: Servo
+    lab: Lab
+    folder: Path
+    video: bool = True
+    frames: bool = False
+
+
+@dataclass
+class _Explored:
+    """What exploration cost, by the truth: when it ended, the path of marker 1 and how far it went."""
+
+    time: float | None = None
+    error: float | None = None
+    path: float = 0.0
+    farthest: float = 0.0
+    places: list[Floats] = field(default_factory=list[Floats])
+
+    def add(self, tick: Tick, p1: Floats, error: float) -> None:
+        if self.time is not None:
+            return
+        if self.places:
+            self.path += float(np.linalg.norm(p1 - self.places[-1]))
+            self.farthest = max(self.farthest, float(np.linalg.norm(p1 - self.places[0])))
+        self.places.append(p1)
+        if tick.state.explored:
+            self.time, self.error = tick.time * 1e-9, error
+
+
+def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> dict[str, Any]:
+    """Run the job, write its folder, and return the metrics.
+
+    Stopped by Ctrl-C it raises KeyboardInterrupt as usual, after the record so far was ended and the arm was at rest.
+    """
+    settings = rig_settings(job.lab)
+    rig = Rig(job.seed, settings)
+    plant = Plant(rig.mechanism, rig.camera, ColourMarkers(job.lab.markers), rig.clock)
+    rig.show_target()
+    target = teach(plant)
+    p_d = rig.truth.markers(rig.clock.now())[1]
+    rig.go_home()
+    job.servo.warm_up()
+    judge, explored = Judge(job.servo, target), _Explored()
+    pose_errors: list[float] = []
+    error = np.nan
+    started = time.perf_counter()
+    with ExitStack() as stack:
+        recorder = stack.enter_context(record.Recorder(job.folder / RECORD, job.servo, about(job, settings, target)))
+        picture = _pictures(job, plant, target, settings, stack)
+        for tick in run(plant, job.servo, target, job.duration):
+            markers = rig.truth.markers(rig.clock.now())
+            error = rig.truth.jacobian_error(tick.state.J_hat, tick.seen.q_exposure, tick.state.o_c)
+            recorder.write(tick)
+            recorder.write_truth(tick.time, markers[0], markers[1], error)
+            judge.add(tick)
+            explored.add(tick, markers[0], error)
+            pose_errors.append(float(np.linalg.norm(markers[1] - p_d)))
+            picture(tick)
+            progress(tick)
+    factor = judge.duration / (time.perf_counter() - started)
+    metrics = _metrics(job, judge.outcome(), explored, pose_errors, error, factor, rig)
+    write_whole(job.folder / METRICS, json.dumps(metrics, indent=2) + "\n")
+    draw_figures(job.folder)
+    return metrics
+
+
+def _metrics(
+    job: Job,
+    outcome: Outcome,
+    explored: _Explored,
+    pose_errors: list[float],
+    jacobian_error: float,
+    factor: float,
+    rig: Rig,
+) -> dict[str, Any]:
+    last = np.array(pose_errors[-round(LAST * 100) :])
+    return {
+        "seed": job.seed,
+        "estimator": job.name,
+        "settled": outcome.settled,
+        "cause": outcome.cause,
+        "settle_time_s": outcome.settle_time if outcome.settled else None,
+        "pose_error_mm": float(np.sqrt(np.mean(last**2))),
+        "feature_error": dict(zip(("s_rad", "r_px", "d_px"), map(_number, outcome.error), strict=True)),
+        "jacobian_error": {"explored": explored.error, "final": _number(jacobian_error)},
+        "explore": {"time_s": explored.time, "path_mm": explored.path, "max_excursion_mm": explored.farthest},
+        "real_time_factor": factor,
+        "rejected_scenes": rig.scene.rejected,
+        "folder": str(job.folder),
+    }
+
+
+def _number(value: Any) -> float | None:
+    """A finite number, or None: JSON has no NaN."""
+    return float(value) if np.isfinite(value) else None
+
+
+def about(job: Job, settings: RigSettings, target: Target) -> dict[str, Any]:
+    """What a record says of its run: settings, seed, target, versions."""
+    estimator: Estimator = job.servo.estimator
+    return {
+        "simulation": True,
+        "seed": job.seed,
+        "duration_s": job.duration,
+        "estimator": job.name,
+        "mechanism": job.servo.mechanism.name,
+        "servo": {
+            "mechanism": asdict(job.servo.mechanism),
+            "tool": asdict(job.servo.tool),  # pyright: ignore[reportArgumentType]
+            "estimator": asdict(estimator),  # pyright: ignore[reportArgumentType]
+            "controller": asdict(job.servo.controller),
+            "exploration": asdict(job.servo.exploration),
+            "imaged_rcm": asdict(job.servo.imaged_rcm),
+            "gate": asdict(job.servo.gate),
+        },
+        "rig": asdict(settings),
+        "markers": asdict(job.lab.markers),
+        "target_px": target.points.tolist(),
+        "versions": {
+            "rcmservo": version("rcmservo"),
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("numpy", "numba", "opencv-python-headless", "mujoco-core")},
+        },
+    }
+
+
+def _pictures(
+    job: Job, plant: Plant, target: Target, settings: RigSettings, stack: ExitStack
+) -> Callable[[Tick], None]:
+    """What to do with every new frame: the overlay video and, if wanted, a recording."""
+    video = None
+    if job.video:
+        size = settings.width, settings.height
+        video = Video(job.folder / "overlay.mp4", size, settings.timing.frame_rate)
+        stack.callback(video.close)
+    recording = RecordingWriter(job.folder / "recording", job.servo.mechanism) if job.frames else None
+    shown = -1
+
+    def picture(tick: Tick) -> None:
+        nonlocal shown
+        frame = plant.camera.latest()
+        if frame is None or frame.image is None or frame.number <= shown:
+            return
+        shown = frame.number
+        if video is not None:
+            video.write(_overlay(frame.image, tick, target))
+        if recording is not None:
+            recording.write(frame.image, tick.seen.q_exposure, frame.exposure)
+
+    return picture
+
+
+def _overlay(image: Image, tick: Tick, target: Target) -> Image:
+    state = tick.state
+    words = f"{tick.time * 1e-9:5.2f} s  {state.phase.value}"
+    if np.isfinite(state.delta).all():
+        s, r, d = np.degrees(state.delta[0]), state.delta[1], state.delta[2]
+        words += f"  ds {s:+.2f} deg  dr {r:+.2f} px  dd {d:+.2f} px"
+    return draw(image, tick.seen.points, state.o_c, target.points, words)
+
+
+def draw_figures(folder: Path) -> None:
+    """The figures of a run's record."""
+    rows = record.read(folder / RECORD)
+    plots.errors(rows, folder / "errors.png")
+    plots.estimate(rows, folder / "estimate.png")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file so that it is there whole or not at all."""
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_text(text)
+        part.replace(path)
+    except OSError as error:
+        raise UnusableFile(path, f"cannot be written: {error.strerror}") from error
