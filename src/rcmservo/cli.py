@@ -4,7 +4,7 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -261,7 +261,7 @@ def _show_replay(console: Console, report: dict[str, Any]) -> None:
 
 
 @contextmanager
-def _new_folder(out: Path | None, name: str) -> Iterator[Path]:
+def _new_folder(out: Path | None, name: str) -> Generator[Path]:
     """The folder to write to: the user's, which must be new or empty, or a fresh one under runs/.
 
     Where nothing came to be written, a folder that was made for it goes again.

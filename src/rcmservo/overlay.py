@@ -42,7 +42,7 @@ def _tool(picture: Image, points: Floats, o_c: Floats, colour: tuple[int, int, i
     for a, b in zip(path, path[1:], strict=False):
         cv2.line(picture, _fixed(a), _fixed(b), colour, width, cv2.LINE_AA, SHIFT)
     for point in points:
-        cv2.circle(picture, _fixed(point), 5 << SHIFT, colour, width, cv2.LINE_AA, SHIFT)
+        cv2.circle(picture, _fixed(point), 8 << SHIFT, colour, width, cv2.LINE_AA, SHIFT)
 
 
 def _fixed(point: Floats) -> tuple[int, int]:

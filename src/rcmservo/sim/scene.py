@@ -31,7 +31,7 @@ RCM_DEPTH = 0.3
 """Least depth of the RCM in units of the tool's: the method scales depth by it, so it must be before the camera."""
 
 CLEARANCE = 15.0
-"""mm between the tool's lowest tip and the tissue, and at least between camera and tissue."""
+"""mm between the tool and the tissue behind it."""
 
 
 class NoScene(RcmServoError):
@@ -149,16 +149,17 @@ def _way(body: Body, start: Floats, target: Floats) -> Floats:
 def _camera(
     settings: SceneSettings, body: Body, ends: tuple[Floats, Floats], size: tuple[int, int], random: np.random.Generator
 ) -> tuple[Optics | None, Tissue]:
-    """A camera that looks at the tool from anywhere around it, above the tissue under the tool."""
+    """A camera that looks at the tool from anywhere around it, and tissue behind the tool, half facing the camera."""
     points = np.concatenate([body.points(q) for q in ends])
     down = np.array([0.0, 0.0, 1.0 if points[:, 2].sum() > 0.0 else -1.0])
     middle = (points[[0, 1, 4, 5]]).mean(axis=0)
     azimuth, elevation = random.uniform(-np.pi, np.pi), random.uniform(*settings.elevation)
     across = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     distance = random.uniform(*settings.distance)
-    position = middle + distance * (np.cos(elevation) * across - np.sin(elevation) * down)
-    floor = float(np.max(points @ down)) + CLEARANCE
-    tissue = Tissue(floor * down, -down)
+    towards = np.cos(elevation) * across - np.sin(elevation) * down
+    position = middle + distance * towards
+    normal = (towards - down) / np.linalg.norm(towards - down)
+    tissue = Tissue((np.min(points @ normal) - CLEARANCE) * normal, normal)
     aim = middle + random.uniform(-0.05, 0.05, 3) * distance
     rotation = look_at(position, aim, random.uniform(-np.pi, np.pi))
     width, height = size
@@ -166,8 +167,7 @@ def _camera(
     focal = random.uniform(*settings.focal)
     optics = Optics(width, height, focal, centre, np.array(settings.distortion), rotation, position)
     before = optics.depth(np.zeros((1, 3)))[0] > RCM_DEPTH * optics.depth(middle[None])[0]
-    above = floor - position @ down > CLEARANCE
-    return (optics if before and above else None), tissue
+    return (optics if before else None), tissue
 
 
 def _inside(kinematics: Kinematics, way: Floats) -> bool:
