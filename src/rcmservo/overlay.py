@@ -27,8 +27,9 @@ def draw(image: Image, points: Floats, o_c: Floats, target: Floats, words: str) 
     if np.isfinite(o_c).all() and bool(np.max(np.abs(o_c)) < FAR):
         cv2.drawMarker(picture, (round(o_c[0]), round(o_c[1])), YELLOW, cv2.MARKER_TILTED_CROSS, 16, 2)
     height = image.shape[0]
-    for colour, width in ((BLACK, 3), (WHITE, 1)):
-        cv2.putText(picture, words, (10, height - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, width, cv2.LINE_AA)
+    for colour, shift in ((BLACK, 1), (WHITE, 0)):
+        place = 10 + shift, height - 12 + shift
+        cv2.putText(picture, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
     return picture
 
 

@@ -1,0 +1,24 @@
+"""Hello world: a simulated arm goes back to a pose that it was shown once, by a camera that nobody has calibrated."""
+
+import rcmservo as rs
+
+rig = rs.sim.Rig(seed=0)  # simulation; a real arm and camera offer the same Protocols
+plant = rs.Plant(rig.mechanism, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
+servo = rs.Servo(
+    mechanism=rs.SphericalRcm(),  # what the robot knows about itself
+    tool=rs.RigidTool(spacing=30.0),
+    estimator=rs.ProjectionEstimator(rate=20.0),  # eq. (21) with Γ = η(MᵀM + εΓ₀⁻¹)⁻¹
+    controller=rs.SaturatedController(gain=2.0),  # eq. (31)-(32)
+)
+rig.show_target()
+target = rs.teach(plant)  # learning by showing
+rig.go_home()
+
+state = servo.init()  # Ĵ = 0: it explores first
+for _ in rs.ticks(plant.clock, rate=100.0, duration=8.0):
+    state = servo.step(state, plant.read(), target)
+    plant.send(state.command)
+
+print(
+    f"{state.phase.value}: Δs = {state.delta[0]:+.4f} rad, Δr = {state.delta[1]:+.2f} px, Δd = {state.delta[2]:+.2f} px"
+)
