@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from conftest import SPACING, derivative, kinds, markers_seen, random_from, seeds, tool_positions, true_camera
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from conftest import SPACING, derivative, kinds, markers_seen, random_from, seeds, tool_positions, true_camera
 from rcmservo.controller import potential, potential_gradient
 from rcmservo.estimators.projection import feature_jacobian, markers_jacobian, predict
 from rcmservo.features import SCALE, about, difference, features, features_jacobian
