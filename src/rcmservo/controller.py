@@ -5,6 +5,7 @@ is damped when the condition nears its limit, and where the estimate is worse th
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -71,6 +72,16 @@ def law(J_hat: Floats, gradient: Floats, gain: float, max_condition: float, max_
     return v, sigma[0] / sigma[2]
 
 
+@compiled
+def control(
+    J_hat: Floats, delta: Floats, bounds: Floats, printed: bool, gain: float, max_condition: float, max_speed: float
+) -> tuple[Floats, float, float]:
+    """For the feature error Δy (3,): v (3,) mm/s by (32) and (31), the scaled condition of Ĵ, the largest scaled |Δy|."""
+    gradient = potential_gradient(delta, bounds, printed)
+    v, condition = law(J_hat, gradient, gain, max_condition, max_speed)
+    return v, condition, np.max(np.abs(delta) / SCALE)
+
+
 @dataclass(frozen=True)
 class SaturatedController:
     """The law (31) with the saturated potential (32)."""
@@ -85,6 +96,11 @@ class SaturatedController:
     """Cap on |v|, mm/s."""
     max_condition: float = 150.0
     """Condition number of the scaled Jacobian above which the tool stands still."""
+
+    @cached_property
+    def b(self) -> Floats:
+        """The bounds (3,)."""
+        return np.array(self.bounds)
 
     def __post_init__(self) -> None:
         require(0.0 < self.gain < np.inf, "controller.gain", self.gain, "a positive gain in 1/s")

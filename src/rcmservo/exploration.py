@@ -5,6 +5,7 @@ policy asks for yaw, pitch and insertion together. It ends when the estimate pre
 corners that were seen, and says so when it does not after the time allowed.
 """
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -103,7 +104,7 @@ class Exploration:
 
     def begin(self, mechanism: Kinematics, zero: float, q: Floats, now: int) -> Exploring | None:
         """The tour from the configuration q (3,), or None where the joint limits leave too little room around it."""
-        lower, upper = np.array(mechanism.limits.lower), np.array(mechanism.limits.upper)
+        lower, upper = mechanism.limits.arrays
         full = volume(self.radius * CORNERS)
         for shape in (CORNERS, -CORNERS):
             places = corners(mechanism.kind, zero, q, self.radius, lower, upper, shape)
@@ -117,7 +118,7 @@ class Exploration:
 
     def arrived(self, tour: Exploring, p1: Floats) -> bool:
         """Whether the present corner is reached."""
-        return bool(np.linalg.norm(p1 - tour.corners[tour.visits % 4]) < self.reach)
+        return math.dist(p1, tour.corners[tour.visits % 4]) < self.reach
 
     def visit(self, tour: Exploring, p1: Floats, points: Floats) -> Exploring:
         """The tour after what was seen at a corner: p1 (3,) mm and raw points (2, 2) px of one frame."""

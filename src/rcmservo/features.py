@@ -51,3 +51,10 @@ def about(points: Floats, o_c: Floats) -> Floats:
     flat[2] -= o_c[0]
     flat[3] -= o_c[1]
     return flat
+
+
+@compiled
+def measured(points: Floats, target: Floats, o_c: Floats) -> tuple[Floats, Floats]:
+    """y and Δy = y − y_d (3,) of raw pixels (2, 2) and a target's (2, 2), both about the same imaged RCM."""
+    y = features(about(points, o_c))
+    return y, difference(y, features(about(target, o_c)))

@@ -60,6 +60,17 @@ def nearest_to_lines(lines: Floats, count: int) -> tuple[Floats, float]:
 
 
 @compiled
+def principal(along: float, across: float) -> tuple[float, float]:
+    """(cos θ, sin θ) of the half angle θ = ½ atan2(across, along): the main direction of a scatter matrix."""
+    size = np.sqrt(along * along + across * across)
+    if along > 0.0:
+        c = np.sqrt(0.5 * (size + along) / size)
+        return c, 0.5 * across / (size * c)
+    s = np.sqrt(0.5 * (size - along) / size)
+    return 0.5 * across / (size * s), s
+
+
+@compiled
 def nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
     """One Gauss-Newton step from o_c (2,) towards the point whose bundle of lines passes nearest to all markers.
 
@@ -70,8 +81,8 @@ def nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
     b = np.zeros(2)
     for i in range(count):
         u1, v1, u2, v2 = lines[i, 0] - o_c[0], lines[i, 1] - o_c[1], lines[i, 2] - o_c[0], lines[i, 3] - o_c[1]
-        angle = 0.5 * np.arctan2(2.0 * (u1 * v1 + u2 * v2), u1**2 + u2**2 - v1**2 - v2**2)
-        tu, tv = np.cos(angle), np.sin(angle)
+        across, along = u1 * v1 + u2 * v2, 0.5 * (u1 * u1 + u2 * u2 - v1 * v1 - v2 * v2)
+        tu, tv = principal(along, across)
         l1, l2 = tu * u1 + tv * v1, tu * u2 + tv * v2
         e1, e2 = tu * v1 - tv * u1, tu * v2 - tv * u2
         size = l1**2 + l2**2
@@ -120,13 +131,21 @@ def remember(lines: Floats, count: int, points: Floats) -> tuple[Floats, int]:
     return lines, count
 
 
+@compiled
+def follow(lines: Floats, count: int, points: Floats, refinements: int) -> tuple[Floats, int, Floats, float]:
+    """The lines and their number after raw `points` (2, 2) came, and `solve` of them."""
+    lines, count = remember(lines, count, points)
+    o_c, condition = solve(lines, count, refinements)
+    return lines, count, o_c, condition
+
+
 @dataclass(frozen=True)
 class ImagedRcm:
     """How the imaged RCM is computed: eq. (16) over the most telling lines, then refined."""
 
     lines: int = 50
     """H, the number of lines kept."""
-    refinements: int = 5
+    refinements: int = 3
     """Gauss-Newton steps after (16), to the nearest bundle of lines; 0 is (16) alone."""
     max_condition: float = 2e4
     """Condition of (16), about 1 / variance of the line angle (1/rad²), above which o_c is not yet observable."""

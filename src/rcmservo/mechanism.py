@@ -7,6 +7,7 @@ coordinate systems here the three columns of ∂p/∂q are orthogonal, which mak
 
 from abc import ABC
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -80,6 +81,26 @@ def joint_rates(kind: int, zero: float, q: Floats, v: Floats) -> Floats:
     return rates
 
 
+@compiled
+def blocked(
+    kind: int, zero: float, q: Floats, v: Floats, lower: Floats, upper: Floats, horizon: float, share: float
+) -> int:
+    """The joint (or -1) whose limit stands in the way of v (3,) mm/s.
+
+    One that would be passed within `horizon` s, if without it less than `share` of the speed is left.
+    """
+    rates = joint_rates(kind, zero, q, v)
+    joint = -1
+    for i in range(3):
+        ahead = q[i] + rates[i] * horizon
+        if ahead > upper[i] or ahead < lower[i]:
+            joint, rates[i] = i, 0.0
+    if joint < 0:
+        return -1
+    left = position_jacobian(kind, zero, q) @ rates
+    return joint if np.sum(left**2) < share**2 * np.sum(v**2) else -1
+
+
 @dataclass(frozen=True)
 class JointLimits:
     """The configurations that the tool may take: lower <= q <= upper, in rad, rad, mm."""
@@ -92,6 +113,11 @@ class JointLimits:
             require(bool(np.all(np.isfinite(values))), f"limits.{name}", values, "three finite numbers")
         above = all(low < high for low, high in zip(self.lower, self.upper, strict=True))
         require(above, "limits.upper", self.upper, f"above limits.lower {self.lower} in every joint")
+
+    @cached_property
+    def arrays(self) -> tuple[Floats, Floats]:
+        """lower (3,) and upper (3,)."""
+        return np.array(self.lower), np.array(self.upper)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ joint at its limit, the present speed being kept up for the latency allowed.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -73,6 +74,10 @@ class Gate:
         require(0.0 <= self.latency < np.inf, "gate.latency", self.latency, "a time in s")
         require(0.0 < self.max_period < np.inf, "gate.max_period", self.max_period, "a positive time in s")
 
+    @cached_property
+    def _bounds(self) -> tuple[Floats, Floats]:
+        return np.array(self.speed), np.array(self.slew)
+
     def rest(self) -> Command:
         """The command before the first: stand still."""
         return Command(number=0, time=0, rates=np.zeros(3))
@@ -80,15 +85,5 @@ class Gate:
     def admit(self, rates: Floats, last: Command, q: Floats, limits: JointLimits, now: int) -> Passed:
         """Turn the wanted joint rates (3,) into a Command, from the `last` one and the measured q (3,)."""
         dt = min((now - last.time) * 1e-9, self.max_period)
-        allowed, finite = within(
-            rates,
-            last.rates,
-            q,
-            np.array(limits.lower),
-            np.array(limits.upper),
-            np.array(self.speed),
-            np.array(self.slew),
-            self.latency,
-            dt,
-        )
+        allowed, finite = within(rates, last.rates, q, *limits.arrays, *self._bounds, self.latency, dt)
         return Passed(Command(last.number + 1, now, allowed), finite)

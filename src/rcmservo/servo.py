@@ -5,19 +5,20 @@ values with a sentence for a person; with a cause the tool is held still, and af
 again. (The full table of faults has its place here: `_cause`, and the transitions in `_phase`.)
 """
 
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, ClassVar
 
 import numpy as np
 
-from rcmservo.controller import SaturatedController, law, potential_gradient
+from rcmservo.controller import SaturatedController, control
 from rcmservo.estimators.base import Estimator, Sample
 from rcmservo.estimators.projection import ProjectionEstimator
 from rcmservo.exploration import Exploration, Exploring
-from rcmservo.features import SCALE, about, difference, features
-from rcmservo.imaged_rcm import ImagedRcm, remember, solve
-from rcmservo.mechanism import Kinematics, joint_rates, position, position_jacobian
+from rcmservo.features import SCALE, measured
+from rcmservo.imaged_rcm import ImagedRcm, follow
+from rcmservo.mechanism import Kinematics, blocked, joint_rates, position
 from rcmservo.plant import Command, Floats, Observation, Target
 from rcmservo.safety import Gate
 from rcmservo.tool import Tool
@@ -75,6 +76,11 @@ LIMIT_CAUSES = (Cause.JOINT_1_LIMIT, Cause.JOINT_2_LIMIT, Cause.JOINT_3_LIMIT)
 FINAL_CAUSES = {Cause.NO_ROOM, Cause.NOT_EXPLORED, Cause.STALLED, Cause.NOT_FINITE}
 
 
+def _finite(points: Floats) -> bool:
+    """Whether all is finite; the sum of two markers' pixels cannot overflow."""
+    return math.isfinite(points.sum())
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """All that the servo remembers, and what it decided at the last tick.
@@ -107,6 +113,12 @@ class State:
     blocked: int
     best: float
     best_time: int
+
+    def but(self, **changes: Any) -> "State":
+        """The same state with some fields changed: dataclasses.replace, without its cost in every tick."""
+        state = object.__new__(State)
+        state.__dict__.update(self.__dict__, **changes)
+        return state
 
 
 @dataclass(frozen=True)
@@ -176,7 +188,7 @@ class Servo:
                 tour = self.exploration.visit(state.tour, state.p1, turned)
                 self.exploration.complete(tour._replace(visits=4 * self.exploration.rounds), state.J_hat, state.o_c)
             if k > self.WARM_UP // 2:
-                state = replace(state, phase=Phase.SERVO, explored=True, J_hat=np.diag(SCALE))
+                state = state.but(phase=Phase.SERVO, explored=True, J_hat=np.diag(SCALE))
 
     def step(self, state: State, seen: Observation, target: Target) -> State:
         """One tick: learn from the frame if it is new, decide, and pass the decision through the gate."""
@@ -188,10 +200,11 @@ class Servo:
 
     def _look(self, state: State, seen: Observation, target: Target) -> State:
         """What a new frame teaches: the imaged RCM, Ĵ, and the error."""
-        if not np.isfinite(seen.points).all():
-            return replace(state, frame=seen.frame, exposure=seen.exposure)
-        lines, count = remember(state.lines, state.line_count, seen.points)
-        o_c, rcm_condition = solve(lines, count, self.imaged_rcm.refinements)
+        if not _finite(seen.points):
+            return state.but(frame=seen.frame, exposure=seen.exposure)
+        lines, count, o_c, rcm_condition = follow(
+            state.lines, state.line_count, seen.points, self.imaged_rcm.refinements
+        )
         p1 = self.marker_1(seen.q_exposure)
         memory, J_hat, y, delta = state.memory, state.J_hat, state.y, state.delta
         if rcm_condition <= self.imaged_rcm.max_condition:
@@ -199,10 +212,8 @@ class Servo:
             sample = Sample(p1, seen.points, o_c, dt)
             memory = self.estimator.update(memory, self.tool, sample)
             J_hat = self.estimator.jacobian(memory, self.tool, sample)
-            y = features(about(seen.points, o_c))
-            delta = difference(y, features(about(target.points, o_c)))
-        return replace(
-            state,
+            y, delta = measured(seen.points, target.points, o_c)
+        return state.but(
             frame=seen.frame,
             exposure=seen.exposure,
             lines=lines,
@@ -219,7 +230,7 @@ class Servo:
     def _decide(self, state: State, seen: Observation, new: bool) -> State:
         """The velocity wanted of marker 1 in the present phase, and the phase itself."""
         if state.phase is Phase.PAUSED or state.frame < 0:
-            return replace(state, v=np.zeros(3))
+            return state.but(v=np.zeros(3))
         if state.phase is Phase.IDLE:
             state = self._begin(state, seen)
         if not state.explored and state.tour is not None:
@@ -230,29 +241,30 @@ class Servo:
 
     def _begin(self, state: State, seen: Observation) -> State:
         tour = self.exploration.begin(self.mechanism, self.zero, seen.q, seen.now)
-        return replace(state, phase=Phase.ACQUIRE, tour=tour)
+        return state.but(phase=Phase.ACQUIRE, tour=tour)
 
     def _explore(self, state: State, tour: Exploring, seen: Observation, new: bool) -> State:
         p1 = self.marker_1(seen.q)
-        if new and np.isfinite(seen.points).all() and self.exploration.arrived(tour, p1):
+        if new and _finite(seen.points) and self.exploration.arrived(tour, p1):
             tour = self.exploration.visit(tour, state.p1, seen.points)
             if self.exploration.complete(tour, state.J_hat, state.o_c):
-                return replace(state, tour=tour, explored=True, phase=Phase.SERVO, v=np.zeros(3))
-        return replace(state, tour=tour, v=self.exploration.velocity(tour, p1))
+                return state.but(tour=tour, explored=True, phase=Phase.SERVO, v=np.zeros(3))
+        return state.but(tour=tour, v=self.exploration.velocity(tour, p1))
 
     def _servo(self, state: State, seen: Observation) -> State:
         law_ = self.controller
-        gradient = potential_gradient(state.delta, np.array(law_.bounds), law_.potential == "printed")
-        v, condition = law(state.J_hat, gradient, law_.gain, law_.max_condition, law_.max_speed)
-        error = float(np.max(np.abs(state.delta) / SCALE))
+        v, condition, error = control(
+            state.J_hat, state.delta, law_.b, law_.potential == "printed", law_.gain, law_.max_condition, law_.max_speed
+        )
         best, best_time = state.best, state.best_time
         if error < STALL_DROP * best:
             best, best_time = error, seen.now
-        return replace(
-            state,
+        return state.but(
             v=v,
             condition=condition,
-            blocked=self._blocked(seen.q, v),
+            blocked=blocked(
+                self.mechanism.kind, self.zero, seen.q, v, *self.mechanism.limits.arrays, LIMIT_HORIZON, LIMIT_SHARE
+            ),
             best=best,
             best_time=best_time,
         )
@@ -261,7 +273,7 @@ class Servo:
         """The reason to hold still, if there is one; the gravest first."""
         if state.tour is None:
             return Cause.NO_ROOM
-        lost = not np.isfinite(seen.points[0]).all(), not np.isfinite(seen.points[1]).all()
+        lost = not _finite(seen.points[0]), not _finite(seen.points[1])
         if any(lost):
             return MARKER_CAUSES[lost]
         if not state.explored:
@@ -277,34 +289,22 @@ class Servo:
     def _phase(self, state: State, cause: Cause, now: int, new: bool) -> State:
         """The next phase: a cause holds at once, a second of it pauses, and good frames end a hold."""
         if cause in FINAL_CAUSES:
-            return replace(state, phase=Phase.PAUSED, cause=cause, v=np.zeros(3))
+            return state.but(phase=Phase.PAUSED, cause=cause, v=np.zeros(3))
         if cause is not Cause.NONE:
             since = state.held_since if state.phase is Phase.HOLD else now
             phase = Phase.PAUSED if now - since > HOLD_TIME else Phase.HOLD
-            return replace(state, phase=phase, cause=cause, held_since=since, good_frames=0, v=np.zeros(3))
+            return state.but(phase=phase, cause=cause, held_since=since, good_frames=0, v=np.zeros(3))
         if state.phase is Phase.HOLD:
             good = state.good_frames + new
             if good < GOOD_FRAMES:
-                return replace(state, good_frames=good, v=np.zeros(3))
+                return state.but(good_frames=good, v=np.zeros(3))
             phase = Phase.SERVO if state.explored else Phase.ACQUIRE
-            return replace(state, phase=phase, cause=Cause.NONE, good_frames=0)
-        return replace(state, cause=Cause.NONE)
-
-    def _blocked(self, q: Floats, v: Floats) -> int:
-        """The joint (or -1) whose limit stands in the way of v (3,) mm/s: little of the motion is left without it."""
-        limits = self.mechanism.limits
-        rates = joint_rates(self.mechanism.kind, self.zero, q, v)
-        ahead = q + rates * LIMIT_HORIZON
-        outside = (ahead > np.array(limits.upper)) | (ahead < np.array(limits.lower))
-        if not outside.any():
-            return -1
-        jacobian = position_jacobian(self.mechanism.kind, self.zero, q)
-        left = np.linalg.norm(jacobian @ np.where(outside, 0.0, rates))
-        return int(np.argmax(outside)) if left < LIMIT_SHARE * np.linalg.norm(v) else -1
+            return state.but(phase=phase, cause=Cause.NONE, good_frames=0)
+        return state
 
     def _send(self, state: State, seen: Observation) -> State:
         """Through the gate; what is not finite there ends the run."""
         rates = joint_rates(self.mechanism.kind, self.zero, seen.q, state.v)
         passed = self.gate.admit(rates, state.command, seen.q, self.mechanism.limits, seen.now)
-        state = replace(state, command=passed.command)
-        return state if passed.finite else replace(state, phase=Phase.PAUSED, cause=Cause.NOT_FINITE)
+        state = state.but(command=passed.command)
+        return state if passed.finite else state.but(phase=Phase.PAUSED, cause=Cause.NOT_FINITE)

@@ -18,12 +18,17 @@ RIGID, SCALED = 0, 1
 
 
 @compiled
-def second_marker(kind: int, value: float, p1: Floats) -> Floats:
-    """p₂ (3,) mm from p₁ (3,) mm; `value` is the spacing l in mm (rigid) or λ (scaled)."""
+def stretch(kind: int, value: float, p1: Floats) -> float:
+    """|p₂|/|p₁|: λ itself, or 1 + l/ρ; `value` is the spacing l in mm (rigid) or λ (scaled)."""
     if kind == SCALED:
-        return value * p1
-    rho = np.sqrt(p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2)
-    return (1.0 + value / rho) * p1
+        return value
+    return 1.0 + value / np.sqrt(p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2)
+
+
+@compiled
+def second_marker(kind: int, value: float, p1: Floats) -> Floats:
+    """p₂ (3,) mm from p₁ (3,) mm."""
+    return stretch(kind, value, p1) * p1
 
 
 @compiled

@@ -9,7 +9,8 @@ Two choices of Γ. ``printed`` is the paper's Γ₀ = diag(1e-5 I₆, 1e-8 I₃)
 ``fast`` is Γ = η (MᵀM + ε Γ₀⁻¹)⁻¹, for which every well-observed mode decays at the rate η.
 
 Observations are chosen for excitation: of P + 1 the one with the least leverage on â goes, so that the path's extremes
-stay. Raw pixels are kept, so that all observations follow the imaged RCM when it moves.
+stay. (M in the fast Γ still has that one: any symmetric positive definite Γ serves, and one factor does for both.)
+Raw pixels are kept, so that all observations follow the imaged RCM when it moves.
 """
 
 from dataclasses import dataclass
@@ -22,8 +23,8 @@ from rcmservo.errors import require
 from rcmservo.estimators.base import Estimator, Sample
 from rcmservo.features import about, features_jacobian
 from rcmservo.plant import Floats
-from rcmservo.projection import PARAMETERS, depth, project, project_jacobian, regressor
-from rcmservo.tool import Tool, second_marker, second_marker_jacobian
+from rcmservo.projection import PARAMETERS, depth, project, project_jacobian
+from rcmservo.tool import Tool, second_marker, second_marker_jacobian, stretch
 
 GAMMA_0 = np.array([1e-5] * 6 + [1e-8] * 3)
 """Diagonal of the printed Γ, for p in mm and m in px."""
@@ -33,16 +34,33 @@ MIN_DEPTH = 0.1
 
 
 @compiled
-def rows(observation: Floats, o_c: Floats, both: bool, kind: int, value: float) -> tuple[Floats, Floats]:
-    """W and m of eq. (18) for one observation [p₁ (3), raw m₁ m₂ (4)]: two rows for m₁ alone, four for both markers."""
-    p1 = observation[:3].copy()
-    m = about(observation[3:7], o_c)
-    n = 4 if both else 2
-    W = np.empty((n, PARAMETERS))
-    W[:2] = regressor(m[:2], p1)
+def add(A: Floats, b: Floats, p: Floats, u: float, v: float, sign: float) -> None:
+    """Add (sign 1) or take away (sign -1) one point's WᵀW and Wᵀm, by the blocks that eq. (19) gives them."""
+    far = u * u + v * v
+    for i in range(3):
+        b[i] += sign * u * p[i]
+        b[3 + i] += sign * v * p[i]
+        b[6 + i] -= sign * far * p[i]
+        for j in range(3):
+            pp = sign * p[i] * p[j]
+            A[i, j] += pp
+            A[3 + i, 3 + j] += pp
+            A[i, 6 + j] -= u * pp
+            A[6 + i, j] -= u * pp
+            A[3 + i, 6 + j] -= v * pp
+            A[6 + i, 3 + j] -= v * pp
+            A[6 + i, 6 + j] += far * pp
+
+
+@compiled
+def add_observation(
+    A: Floats, b: Floats, seen: Floats, o_c: Floats, both: bool, kind: int, value: float, sign: float
+) -> None:
+    """Add or take away one observation [p₁ (3), raw m₁ m₂ (4)]: marker 1, and marker 2 if both are fitted."""
+    p1 = seen[:3]
+    add(A, b, p1, seen[3] - o_c[0], seen[4] - o_c[1], sign)
     if both:
-        W[2:] = regressor(m[2:], second_marker(kind, value, p1))
-    return W, m[:n].copy()
+        add(A, b, second_marker(kind, value, p1), seen[5] - o_c[0], seen[6] - o_c[1], sign)
 
 
 @compiled
@@ -53,23 +71,56 @@ def normal_equations(
     A = np.zeros((PARAMETERS, PARAMETERS))
     b = np.zeros(PARAMETERS)
     for i in range(count):
-        W, m = rows(observations[i], o_c, both, kind, value)
-        A += W.T @ W
-        b += W.T @ m
+        add_observation(A, b, observations[i], o_c, both, kind, value, 1.0)
     return A, b
 
 
 @compiled
-def least_telling(observations: Floats, count: int, A: Floats, o_c: Floats, both: bool, kind: int, value: float) -> int:
-    """The observation with the least leverage tr(W (MᵀM + εΓ₀⁻¹)⁻¹ Wᵀ) on â."""
-    inverse = np.linalg.inv(A)
+def leverage(inverse: Floats, p: Floats, u: float, v: float) -> float:
+    """tr(W A⁻¹ Wᵀ) of one point, by the blocks of A⁻¹ (9, 9)."""
+    far = u * u + v * v
+    total = 0.0
+    for i in range(3):
+        for j in range(3):
+            block = inverse[i, j] + inverse[3 + i, 3 + j] + far * inverse[6 + i, 6 + j]
+            total += p[i] * p[j] * (block - 2.0 * u * inverse[i, 6 + j] - 2.0 * v * inverse[3 + i, 6 + j])
+    return total
+
+
+@compiled
+def least_telling(
+    observations: Floats, count: int, root: Floats, o_c: Floats, both: bool, kind: int, value: float
+) -> int:
+    """The observation with the least leverage tr(W root rootᵀ Wᵀ) on â, where root rootᵀ = (MᵀM + εΓ₀⁻¹)⁻¹."""
+    inverse = root @ root.T
     least, row = np.inf, 0
     for i in range(count):
-        W, _ = rows(observations[i], o_c, both, kind, value)
-        leverage = np.sum((W @ inverse) * W)
-        if leverage < least:
-            least, row = leverage, i
+        seen = observations[i]
+        p1 = seen[:3]
+        share = leverage(inverse, p1, seen[3] - o_c[0], seen[4] - o_c[1])
+        if both:
+            share += leverage(inverse, second_marker(kind, value, p1), seen[5] - o_c[0], seen[6] - o_c[1])
+        if share < least:
+            least, row = share, i
     return row
+
+
+@compiled
+def inverse_root(A: Floats, epsilon: float) -> Floats:
+    """L⁻ᵀ (9, 9) with L Lᵀ = MᵀM + ε Γ₀⁻¹, by forward substitution: its product with its transpose is the inverse."""
+    regularised = A.copy()
+    for i in range(PARAMETERS):
+        regularised[i, i] += epsilon / GAMMA_0[i]
+    L = np.linalg.cholesky(regularised)
+    root = np.zeros((PARAMETERS, PARAMETERS))
+    for column in range(PARAMETERS):
+        root[column, column] = 1.0 / L[column, column]
+        for i in range(column + 1, PARAMETERS):
+            total = 0.0
+            for j in range(column, i):
+                total -= L[i, j] * root[column, j]
+            root[column, i] = total / L[i, i]
+    return root
 
 
 @compiled
@@ -92,12 +143,12 @@ def keep_in_front(a: Floats, a_next: Floats, observations: Floats, count: int, k
     """
     step = 1.0
     for i in range(count):
-        p1 = observations[i, :3].copy()
-        p2 = second_marker(kind, value, p1)
-        for p in (p1, p2):
-            z, z_next = depth(a, p), depth(a_next, p)
-            if z_next < MIN_DEPTH:
-                step = min(step, max((z - MIN_DEPTH) / (z - z_next), 0.0))
+        p1 = observations[i, :3]
+        z, z_next = depth(a, p1), depth(a_next, p1)
+        for reach in (1.0, stretch(kind, value, p1)):
+            here, there = 1.0 + reach * (z - 1.0), 1.0 + reach * (z_next - 1.0)
+            if there < MIN_DEPTH:
+                step = min(step, max((here - MIN_DEPTH) / (here - there), 0.0))
     return a + step * (a_next - a)
 
 
@@ -122,20 +173,14 @@ def update(
     observations[count, 3:] = points.reshape(4)
     count += 1
     A, b = normal_equations(observations, count, o_c, both, kind, value)
-    regularised = A + epsilon * np.diag(1.0 / GAMMA_0)
+    root = inverse_root(A, epsilon)
     if count == len(observations):
-        row = least_telling(observations, count, regularised, o_c, both, kind, value)
-        W, m = rows(observations[row], o_c, both, kind, value)
-        A -= W.T @ W
-        b -= W.T @ m
-        regularised -= W.T @ W
+        row = least_telling(observations, count, root, o_c, both, kind, value)
+        add_observation(A, b, observations[row], o_c, both, kind, value, -1.0)
         count -= 1
         observations[row] = observations[count]
-    if rate > 0.0:
-        C = np.sqrt(rate) * np.linalg.inv(np.linalg.cholesky(regularised)).T
-    else:
-        C = np.diag(np.sqrt(GAMMA_0))
-    a_next = decay(A, b, a, np.ascontiguousarray(C), t)
+    C = np.sqrt(rate) * root if rate > 0.0 else np.diag(np.sqrt(GAMMA_0))
+    a_next = decay(A, b, a, C, t)
     return observations, count, keep_in_front(a, a_next, observations, count, kind, value)
 
 
