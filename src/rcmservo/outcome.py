@@ -44,7 +44,7 @@ class Judge:
         self._last: Tick | None = None
 
     def add(self, tick: Tick) -> None:
-        self._times.append(tick.time * 1e-9)
+        self._times.append(tick.time / 1e9)
         self._errors.append(tick.state.delta)
         if self._explored_at is None and tick.state.explored:
             self._explored_at = self._times[-1]

@@ -30,9 +30,11 @@ GOOD_FRAMES = 5
 """New frames without a cause that end a HOLD."""
 
 STALL_TIME = 6_000_000_000
-STALL_DROP = 0.98
+STALL_FALL = 0.2
+STALL_SHARE = 0.02
 STALL_ERROR = 0.5
-"""A scaled error above STALL_ERROR that has not fallen to STALL_DROP of its best for STALL_TIME ns has stalled."""
+"""A scaled error above STALL_ERROR that has not fallen by STALL_FALL, or by STALL_SHARE of itself, in STALL_TIME ns
+has stalled."""
 
 LIMIT_HORIZON = 0.1
 LIMIT_SHARE = 0.3
@@ -87,7 +89,8 @@ class State:
 
     ``o_c`` (2,) px and ``rcm_condition`` of eq. (16); ``J_hat`` (3, 3) and its scaled ``condition``; ``y`` and
     ``delta`` = Δy (3,) of the newest frame; ``p1`` (3,) mm at that exposure; ``v`` (3,) mm/s wanted of marker 1;
-    ``command`` as the gate passed it. NaN where not known yet.
+    ``command`` as the gate passed it; ``peak`` the scaled error that has last been fallen short of, at ``peak_time``
+    ns. NaN where not known yet.
     """
 
     phase: Phase
@@ -111,8 +114,8 @@ class State:
     held_since: int
     good_frames: int
     blocked: int
-    best: float
-    best_time: int
+    peak: float
+    peak_time: int
 
     def but(self, **changes: Any) -> "State":
         """The same state with some fields changed: dataclasses.replace, without its cost in every tick."""
@@ -170,8 +173,8 @@ class Servo:
             held_since=0,
             good_frames=0,
             blocked=-1,
-            best=np.inf,
-            best_time=0,
+            peak=np.inf,
+            peak_time=0,
         )
 
     def warm_up(self) -> None:
@@ -256,17 +259,17 @@ class Servo:
         v, condition, error = control(
             state.J_hat, state.delta, law_.b, law_.potential == "printed", law_.gain, law_.max_condition, law_.max_speed
         )
-        best, best_time = state.best, state.best_time
-        if error < STALL_DROP * best:
-            best, best_time = error, seen.now
+        peak, peak_time = max(state.peak, error), state.peak_time
+        if error < peak - min(STALL_FALL, STALL_SHARE * peak):
+            peak, peak_time = error, seen.now
         return state.but(
             v=v,
             condition=condition,
             blocked=blocked(
                 self.mechanism.kind, self.zero, seen.q, v, *self.mechanism.limits.arrays, LIMIT_HORIZON, LIMIT_SHARE
             ),
-            best=best,
-            best_time=best_time,
+            peak=peak,
+            peak_time=peak_time,
         )
 
     def _cause(self, state: State, seen: Observation) -> Cause:
@@ -283,7 +286,7 @@ class Servo:
             return Cause.SINGULAR
         if state.blocked >= 0:
             return LIMIT_CAUSES[state.blocked]
-        stalled = state.best > STALL_ERROR and seen.now - state.best_time > STALL_TIME
+        stalled = state.peak > STALL_ERROR and seen.now - state.peak_time > STALL_TIME
         return Cause.STALLED if stalled else Cause.NONE
 
     def _phase(self, state: State, cause: Cause, now: int, new: bool) -> State:

@@ -113,7 +113,7 @@ class _Explored:
             self.farthest = max(self.farthest, float(np.linalg.norm(p1 - self.places[0])))
         self.places.append(p1)
         if tick.state.explored:
-            self.time, self.error = tick.time * 1e-9, error
+            self.time, self.error = tick.time / 1e9, error
 
 
 def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> dict[str, Any]:

@@ -45,7 +45,7 @@ class Drive:
 
     delay: float = 0.004
     lag: float = 0.02
-    deadband: tuple[float, float, float] = (5e-4, 5e-4, 0.05)
+    deadband: tuple[float, float, float] = (1e-4, 1e-4, 0.01)
     encoder: tuple[float, float, float] = (2e-5, 2e-5, 2e-3)
 
     def __post_init__(self) -> None:

@@ -21,9 +21,6 @@ WAY = 9
 BORDER = 12.0
 """px that both imaged balls keep from the picture's border."""
 
-ROOM = 10.0
-"""mm about the start in which both markers stay in view: room to explore."""
-
 SEPARATION = 3.0
 """Least distance of the imaged markers in units of the larger one's radius, so that neither hides the other."""
 
@@ -44,7 +41,8 @@ class SceneSettings:
 
     ``focal`` px; ``distance`` mm from camera to tool; ``elevation`` rad of the camera above the tool as seen along the
     straight-down axis; ``distortion`` k₁, k₂; ``travel`` mm from start to target; ``insertion`` mm of marker 1 from
-    the RCM; ``max_condition`` of the scaled Jacobian along the straight way. ``start`` and ``target`` are joints
+    the RCM; ``max_condition`` of the scaled Jacobian along the straight way; ``room`` mm about
+    the start in which both markers stay in view, to explore. ``start`` and ``target`` are joints
     (rad, rad, mm) of your own instead of drawn ones: then only their visibility is asked for.
     """
 
@@ -55,10 +53,12 @@ class SceneSettings:
     travel: tuple[float, float] = (20.0, 60.0)
     insertion: tuple[float, float] = (70.0, 150.0)
     max_condition: float = 40.0
+    room: float = 10.0
     start: tuple[float, float, float] | None = None
     target: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
+        require(0.0 <= self.room < np.inf, "scene.room", self.room, "a length in mm that is not negative")
         for name in ("focal", "distance", "travel", "insertion"):
             low, high = getattr(self, name)
             require(0.0 < low <= high < np.inf, f"scene.{name}", (low, high), "two positive numbers, least first")
@@ -120,7 +120,7 @@ def _attempt(
         return None
     if not all(_visible(body, optics, q, radius) for q in way):
         return None
-    if free and not (_room(body, optics, start) and _regular(settings, body, optics, way)):
+    if free and not (_room(body, optics, start, settings.room) and _regular(settings, body, optics, way)):
         return None
     return Scene(optics, start, target, tissue, rejected)
 
@@ -189,10 +189,10 @@ def _visible(body: Body, optics: Optics, q: Floats, radius: float) -> bool:
     return bool(inside and np.linalg.norm(m[1] - m[0]) > SEPARATION * r)
 
 
-def _room(body: Body, optics: Optics, start: Floats) -> bool:
+def _room(body: Body, optics: Optics, start: Floats, room: float) -> bool:
     """Whether both markers stay in the picture about the start."""
     p1 = body.points(start)[0]
-    around = p1 + ROOM * np.concatenate([CORNERS, -CORNERS])
+    around = p1 + room * np.concatenate([CORNERS, -CORNERS])
     m = optics.project(np.concatenate([around, [body.tool.second_marker(p) for p in around]]))
     return bool(((m > BORDER) & (m < np.array([optics.width, optics.height]) - BORDER)).all())
 
