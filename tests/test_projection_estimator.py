@@ -26,11 +26,13 @@ from rcmservo.estimators.projection import (
     ProjectionEstimator,
     decay,
     feature_jacobian,
+    inverse_root,
     keep_in_front,
+    least_telling,
     update,
 )
 from rcmservo.features import SCALE, about, difference, features
-from rcmservo.projection import depth, parameters
+from rcmservo.projection import depth, parameters, regressor
 from rcmservo.tool import RIGID, second_marker
 
 times = st.one_of(st.floats(1e-4, 1e-1), st.floats(1e-1, 1e3), st.sampled_from([1e-9, 1e4]))
@@ -62,14 +64,13 @@ def root_of(A, fast, rate=20.0):
     """C with C Cᵀ = Γ, as `update` makes it."""
     if not fast:
         return np.diag(np.sqrt(GAMMA_0))
-    gamma = rate * np.linalg.inv(A + EPSILON * np.diag(1 / GAMMA_0))
-    return np.ascontiguousarray(np.linalg.cholesky((gamma + gamma.T) / 2))
+    return np.sqrt(rate) * inverse_root(A, EPSILON)
 
 
-def steepest_rise(seed, t, fast, both):
-    """The largest rise of U from one frame to the next, as a share of U at â = 0; exact pictures, twelve exchanges."""
+def steepest_rise(seed, t, fast, both, room=8):
+    """The largest rise of U from one frame to the next, as a share of U at â = 0; 20 exact pictures, P = `room`."""
     rows, a, o_c, a_hat = scene(seed, count=20)
-    memory, count, worst = np.zeros((9, 7)), 0, 0.0  # P = 8
+    memory, count, worst = np.zeros((room + 1, 7)), 0, 0.0
     for row in rows:
         before = energy(a_hat, a)
         memory, count, a_hat = step(memory, count, a_hat, row, o_c, t, 20.0 if fast else 0.0, both)
@@ -77,11 +78,35 @@ def steepest_rise(seed, t, fast, both):
     return worst
 
 
-@given(seeds, times, modes, st.booleans())
-def test_proposition_1_u_never_rises_for_both_gammas_at_any_time_step_even_as_observations_are_exchanged(
-    seed, t, fast, both
-):
-    assert steepest_rise(seed, t, fast, both) < 1e-9
+@given(seeds, times, st.booleans())
+def test_proposition_1_u_never_rises_under_the_printed_gamma_even_as_observations_are_exchanged(seed, t, both):
+    assert steepest_rise(seed, t, False, both) < 1e-9
+
+
+@given(seeds, times, st.booleans())
+def test_u_never_rises_under_the_fast_gamma_while_observations_are_added(seed, t, both):
+    """½ΔaᵀΓ₀⁻¹Δa, although Γ changes with every observation."""
+    assert steepest_rise(seed, t, True, both, room=20) < 1e-9
+
+
+@pytest.mark.xfail(strict=True, reason="Γ is made from P + 1 observations and MᵀM from P: they no longer commute")
+@pytest.mark.parametrize("t", [1e-4, 1 / 60])
+def test_u_never_rises_under_the_fast_gamma_as_observations_are_exchanged(t):
+    assert max(steepest_rise(seed, t, True, both) for seed in range(30) for both in (False, True)) < 1e-9
+
+
+@given(seeds, times, st.booleans())
+def test_u_with_gamma_itself_never_rises_in_a_step_even_if_gamma_knows_more_than_mtm(seed, t, both):
+    """(22)-(23) ask only for a constant positive definite Γ."""
+    rows, a, o_c, a_hat = scene(seed)
+    root = inverse_root(equations(rows, o_c, both)[0], EPSILON)
+    A, b = equations(rows[1:], o_c, both)
+    inverse = np.linalg.inv(root)
+
+    def U(a_hat):
+        return np.sum((inverse @ (a_hat - a)) ** 2)
+
+    assert U(decay(A, b, a_hat, np.sqrt(20.0) * root, t)) <= U(a_hat) * (1 + 1e-6) + 1e-9 * U(0 * a)
 
 
 @pytest.mark.parametrize("t", [1e6, 1e9])
@@ -92,6 +117,40 @@ def test_u_never_rises_under_the_printed_gamma_in_weeks_or_years_of_estimator_ti
 @pytest.mark.xfail(strict=True, reason="decay takes rounding in unobserved modes for a rate: beyond η t = 1e6 it grows")
 def test_u_never_rises_under_the_fast_gamma_either_however_long_the_estimators_time():
     assert max(steepest_rise(seed, 1e8, True, both) for seed in range(10) for both in (False, True)) < 1e-9
+
+
+@given(seeds, st.booleans())
+def test_the_equations_are_the_sums_over_the_papers_regressors_of_19(seed, both):
+    rows, _, o_c, _ = scene(seed)
+    A, b = np.zeros((9, 9)), np.zeros(9)
+    for row in rows:
+        p1, m = row[:3].copy(), about(row[3:].copy(), o_c)
+        p2 = second_marker(RIGID, SPACING, p1)
+        for W, seen in ((regressor(m[:2], p1), m[:2]), (regressor(m[2:], p2), m[2:]))[: 1 + both]:
+            A, b = A + W.T @ W, b + W.T @ seen
+    got_A, got_b = equations(rows, o_c, both)
+    unit = 1 / np.sqrt(np.diag(A))
+    assert np.allclose(unit[:, None] * got_A * unit, unit[:, None] * A * unit, atol=1e-12)
+    assert np.allclose(unit * got_b, unit * b, atol=1e-12 * np.abs(unit * b).max())
+
+
+@given(seeds, st.booleans())
+def test_the_root_is_that_of_the_regularised_inverse(seed, both):
+    rows, _, o_c, _ = scene(seed)
+    A, _ = equations(rows, o_c, both)
+    root, unit = inverse_root(A, EPSILON), np.sqrt(GAMMA_0)
+    product = root @ root.T @ (A + EPSILON * np.diag(1 / GAMMA_0))
+    assert np.allclose(product / unit[:, None] * unit, np.eye(9), atol=1e-5)
+
+
+@given(seeds, st.booleans())
+def test_the_observation_that_goes_has_the_least_leverage(seed, both):
+    """tr(W (MᵀM + εΓ₀⁻¹)⁻¹ Wᵀ), over all."""
+    rows, _, o_c, _ = scene(seed)
+    A, _ = equations(rows, o_c, both)
+    root = inverse_root(A, EPSILON)
+    shares = [np.trace(root.T @ equations(row[None], o_c, both)[0] @ root) for row in rows]
+    assert shares[least_telling(rows, len(rows), root, o_c, both, RIGID, SPACING)] <= min(shares) * (1 + 1e-6)
 
 
 @given(seeds, times)
