@@ -76,7 +76,7 @@ def law(J_hat: Floats, gradient: Floats, gain: float, max_condition: float, max_
 def control(
     J_hat: Floats, delta: Floats, bounds: Floats, printed: bool, gain: float, max_condition: float, max_speed: float
 ) -> tuple[Floats, float, float]:
-    """For the feature error Δy (3,): v (3,) mm/s by (32) and (31), the scaled condition of Ĵ, the largest scaled |Δy|."""
+    """For the error Δy (3,): v (3,) mm/s by (32) and (31), the scaled condition of Ĵ, the largest scaled |Δy|."""
     gradient = potential_gradient(delta, bounds, printed)
     v, condition = law(J_hat, gradient, gain, max_condition, max_speed)
     return v, condition, np.max(np.abs(delta) / SCALE)

@@ -71,7 +71,7 @@ def unexplained(seen: Floats, J_hat: Floats, o_c: Floats) -> float:
 
 
 class Exploring(NamedTuple):
-    """Where an exploration stands: its ``corners``, ``visits`` to them so far, ``seen`` rows at each, the ``start`` ns."""
+    """Where an exploration stands: its ``corners``, the ``visits`` so far, ``seen`` rows at each, the ``start`` ns."""
 
     corners: Floats
     seen: Floats

@@ -69,7 +69,7 @@ def joints(kind: int, zero: float, p: Floats) -> Floats:
 
 @compiled
 def joint_rates(kind: int, zero: float, q: Floats, v: Floats) -> Floats:
-    """q̇ in rad/s, rad/s, mm/s that moves the point at ρ = q₃ + zero with v (mm/s); finite even where (2) is singular."""
+    """q̇ (rad/s, rad/s, mm/s) that moves the point at ρ = q₃ + zero with v mm/s; finite even where (2) is singular."""
     jacobian = position_jacobian(kind, zero, q)
     shortest = (MIN_LEVER * (q[2] + zero)) ** 2
     rates = np.empty(3)

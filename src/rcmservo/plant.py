@@ -60,7 +60,7 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """Joint rates (3,) in rad/s, rad/s, mm/s, with a rising number and the time ns of the tick. Only the gate makes one."""
+    """Joint rates (3,) in rad/s, rad/s, mm/s, a rising number, and the time ns of the tick. Only the gate makes one."""
 
     number: int
     time: int
@@ -88,7 +88,7 @@ class Clock(Protocol):
 
 
 class Mechanism(Protocol):
-    """An arm with velocity drives: `measure` gives the time ns and joints (3,), `apply` what was applied of a command."""
+    """An arm with velocity drives: `measure` gives time ns and joints (3,), `apply` what was applied of a command."""
 
     def measure(self) -> tuple[int, Floats]: ...
 
@@ -96,7 +96,7 @@ class Mechanism(Protocol):
 
 
 class Camera(Protocol):
-    """A camera at its own pace: `latest` gives the newest frame that has arrived, the same one until the next, or None."""
+    """A camera at its own pace: `latest` gives the newest frame that has arrived, the same until the next, or None."""
 
     def latest(self) -> Frame | None: ...
 

@@ -34,7 +34,7 @@ class Timing:
         require(0.0 <= self.delay <= 0.5, "camera.delay", self.delay, "a time from 0 to 0.5 s")
 
     def newest(self, now: int) -> tuple[int, int, int]:
-        """Number, exposure ns and arrival ns of the newest frame that has arrived by now; number -1 before the first."""
+        """Number, exposure ns and arrival ns of the newest frame that has arrived; number -1 before the first."""
         period = 1e9 / self.frame_rate
         late = (0.5 * self.exposure + self.delay) * 1e9
         number = int(np.floor((now - late) / period + 1e-6))
