@@ -124,8 +124,11 @@ class Laboratory:
         state: State | None = None,
         change: Callable[[Observation], Observation] = lambda seen: seen,
     ) -> Iterator[tuple[Observation, State]]:
-        """Observation and state of every tick; `change` stands between the plant and the servo."""
-        state = state or servo.init()
+        """Observation and state of every tick, of a new run or on from `state`; `change` stands before the servo."""
+        if state is None:
+            state = servo.init()
+        else:
+            self.plant.clock.wait_until(state.command.time + 10_000_000)
         for _ in ticks(self.plant.clock, 100.0, seconds):
             seen = change(self.plant.read())
             state = servo.step(state, seen, self.target)
