@@ -8,6 +8,7 @@ again. (The full table of faults has its place here: `_cause`, and the transitio
 import math
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -78,9 +79,10 @@ LIMIT_CAUSES = (Cause.JOINT_1_LIMIT, Cause.JOINT_2_LIMIT, Cause.JOINT_3_LIMIT)
 FINAL_CAUSES = {Cause.NO_ROOM, Cause.NOT_EXPLORED, Cause.STALLED, Cause.NOT_FINITE}
 
 
-def _finite(points: Floats) -> bool:
-    """Whether all is finite; the sum of two markers' pixels cannot overflow."""
-    return math.isfinite(points.sum())
+def _lost(points: Floats) -> tuple[bool, bool]:
+    """Whether marker 1 and marker 2 are lost: not finite in raw pixels (2, 2)."""
+    (u1, v1), (u2, v2) = points.tolist()
+    return not (math.isfinite(u1) and math.isfinite(v1)), not (math.isfinite(u2) and math.isfinite(v2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +140,7 @@ class Servo:
 
     WARM_UP: ClassVar[int] = 8
 
-    @property
+    @cached_property
     def zero(self) -> float:
         """ρ of marker 1 (mm) where the insertion joint reads zero."""
         return self.mechanism.insertion_zero + self.tool.offset
@@ -203,7 +205,7 @@ class Servo:
 
     def _look(self, state: State, seen: Observation, target: Target) -> State:
         """What a new frame teaches: the imaged RCM, Ĵ, and the error."""
-        if not _finite(seen.points):
+        if any(_lost(seen.points)):
             return state.but(frame=seen.frame, exposure=seen.exposure)
         lines, count, o_c, rcm_condition = follow(
             state.lines, state.line_count, seen.points, self.imaged_rcm.refinements
@@ -248,7 +250,7 @@ class Servo:
 
     def _explore(self, state: State, tour: Exploring, seen: Observation, new: bool) -> State:
         p1 = self.marker_1(seen.q)
-        if new and _finite(seen.points) and self.exploration.arrived(tour, p1):
+        if new and not any(_lost(seen.points)) and self.exploration.arrived(tour, p1):
             tour = self.exploration.visit(tour, state.p1, seen.points)
             if self.exploration.complete(tour, state.J_hat, state.o_c):
                 return state.but(tour=tour, explored=True, phase=Phase.SERVO, v=np.zeros(3))
@@ -276,7 +278,7 @@ class Servo:
         """The reason to hold still, if there is one; the gravest first."""
         if state.tour is None:
             return Cause.NO_ROOM
-        lost = not _finite(seen.points[0]), not _finite(seen.points[1])
+        lost = _lost(seen.points)
         if any(lost):
             return MARKER_CAUSES[lost]
         if not state.explored:
