@@ -1,0 +1,115 @@
+"""Uncalibrated is a theorem: what decides a motion cannot reach the true camera, and decides the same without it."""
+
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from conftest import CONTROLLERS, ESTIMATORS, TOOLS, laboratory
+from rcmservo.servo import Phase
+
+ROOT = Path(__file__).parents[1]
+LINT = "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports(no_cache=True, no_logo=True))"
+
+
+def lint(folder):
+    """Check the contracts of pyproject.toml on the package in folder/src: exit code and report."""
+    path = os.pathsep.join([str(folder / "src"), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {"PYTHONPATH": path, "COLUMNS": "300"}
+    done = subprocess.run(
+        [sys.executable, "-c", LINT], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_the_import_contracts_hold():
+    code, report = lint(ROOT)
+    assert code == 0, report
+    assert "0 broken" in report
+
+
+@pytest.mark.parametrize(
+    "module,line,contract",
+    [
+        ("features.py", "import rcmservo.sim.truth", "Uncalibrated"),
+        ("estimators/flow.py", "from rcmservo.sim import Rig", "Uncalibrated"),
+        ("safety.py", "import rcmservo.simulate", "Uncalibrated"),
+        ("controller.py", "from rcmservo.exploration import CORNERS", "siblings"),
+        ("mechanism.py", "from rcmservo.servo import Servo", "siblings"),
+        ("tracking/search.py", "from rcmservo.sim.optics import Optics", "siblings"),
+        ("servo.py", "import cv2", "OpenCV"),
+        ("sim/renderer.py", "import cv2", "OpenCV"),
+        ("tracking/ball.py", "import mujoco", "MuJoCo"),
+        ("sim/scene.py", "from matplotlib import pyplot", "Matplotlib"),
+        ("new_room.py", "", "siblings"),
+    ],
+)
+def test_the_contracts_see_a_forbidden_import_and_a_room_without_a_place(tmp_path, module, line, contract):
+    shutil.copytree(ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    with (tmp_path / "src" / "rcmservo" / module).open("a", encoding="utf-8") as file:
+        file.write(f"\n{line}\n")
+    code, report = lint(tmp_path)
+    assert code != 0
+    broken = [text for text in report.splitlines() if "BROKEN" in text]
+    assert any(contract in text for text in broken), report
+
+
+HIDDEN = """
+import pickle, sys
+
+class Hide:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[:2] == ["rcmservo", "sim"] or name.split(".")[0] == "mujoco":
+            raise ImportError(name + " is hidden in this process")
+
+sys.meta_path.insert(0, Hide())
+try:
+    import rcmservo.sim
+    sys.exit("the simulation is not hidden")
+except ImportError:
+    pass
+
+with open(sys.argv[1], "rb") as file:
+    servo, stream, target = pickle.load(file)
+state, commands = servo.init(), []
+for seen in stream:
+    state = servo.step(state, seen, target)
+    commands.append(state.command)
+with open(sys.argv[2], "wb") as file:
+    pickle.dump([(c.number, c.time, c.rates.tobytes()) for c in commands], file)
+"""
+
+
+@pytest.mark.parametrize(
+    "estimator,tool,controller",
+    [("fast", "rigid", "continuous"), ("printed", "scaled", "printed"), ("flow", "rigid", "continuous")],
+)
+def test_without_the_simulation_the_same_observations_give_the_same_commands_to_the_last_bit(
+    tmp_path, estimator, tool, controller
+):
+    """The stream and the servo go to a process without `rcmservo.sim`: an object that carried truth could not."""
+    lab = laboratory(seed=2)
+    servo = lab.servo(estimator=ESTIMATORS[estimator], tool=TOOLS[tool], controller=CONTROLLERS[controller])
+    ticks = list(lab.run(servo, 4.0))
+    wanted = [(state.command.number, state.command.time, state.command.rates.tobytes()) for _, state in ticks]
+    with (tmp_path / "stream").open("wb") as file:
+        pickle.dump((servo, [seen for seen, _ in ticks], lab.target), file)
+    subprocess.run([sys.executable, "-c", HIDDEN, tmp_path / "stream", tmp_path / "commands"], check=True)
+    with (tmp_path / "commands").open("rb") as file:
+        assert pickle.load(file) == wanted
+    assert any(state.command.rates.any() for _, state in ticks)
+    if estimator == "fast":
+        assert any(state.phase is Phase.SERVO for _, state in ticks)
+
+
+def test_the_core_loads_neither_camera_model_nor_physics_nor_pictures_nor_plots():
+    code = (
+        "import sys, rcmservo; print([m for m in ('rcmservo.sim', 'mujoco', 'cv2', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
