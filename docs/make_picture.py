@@ -1,6 +1,6 @@
 """The README's picture: three moments of one simulated run, from its overlay video.
 
-    python docs/make_picture.py FOLDER        a folder that `rcmservo run` wrote
+python docs/make_picture.py FOLDER        a folder that `rcmservo run` wrote
 """
 
 import sys

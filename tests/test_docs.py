@@ -1,0 +1,79 @@
+"""What the documents say is true: names exist, links lead somewhere, examples and commands run."""
+
+import importlib
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text()
+NAMES = re.findall(r"`(rcmservo[\w.]*):([\w.]+)`", (ROOT / "docs/notation.md").read_text())
+COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", README, re.S) for line in block.splitlines()]
+SET_UP = {"make run", "make test"}
+
+
+@pytest.mark.parametrize("name", NAMES, ids=":".join)
+def test_every_name_in_the_notation_exists(name: tuple[str, str]) -> None:
+    place = importlib.import_module(name[0])
+    for part in name[1].split("."):
+        fields = getattr(place, "__dataclass_fields__", {})
+        assert part in fields or hasattr(place, part)
+        place = getattr(place, part, None)
+
+
+def test_the_notation_names_something() -> None:
+    assert len(NAMES) > 25
+
+
+def test_hello_world_in_the_readme_is_the_example() -> None:
+    block = re.search(r"```python\n(.*?)```", README, re.S)
+    assert block is not None
+    assert block[1] == (ROOT / "examples/01_hello.py").read_text()
+
+
+@pytest.mark.parametrize("link", sorted(set(re.findall(r"\]\((?!https?:)([^)#]+)\)", README))))
+def test_every_link_of_the_readme_leads_somewhere(link: str) -> None:
+    assert (ROOT / link).exists()
+
+
+def test_the_set_up_commands_are_targets_of_the_makefile_and_ci_calls_the_test_command() -> None:
+    assert SET_UP <= set(COMMANDS)
+    targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M)
+    assert {command.split()[1] for command in SET_UP} <= set(targets)
+    assert "make test" in (ROOT / ".ci/run").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [command for command in COMMANDS if command not in SET_UP])
+def test_every_other_command_of_the_readme_runs(command: str, tmp_path: Path) -> None:
+    words = shlex.split(command)
+    assert words[0] == ".venv/bin/rcmservo"
+    if "../shared" in command and not (ROOT.parent / "shared/data").exists():
+        pytest.skip("../shared/data is not here")
+    words[0] = str(Path(sys.executable).with_name("rcmservo"))
+    done = subprocess.run(
+        [*words, "--out", str(tmp_path / "out")], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_hello_world_arrives() -> None:
+    done = subprocess.run(
+        [sys.executable, ROOT / "examples/01_hello.py"], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    phase, s, r, d = re.match(r"(\w+): Δs = (\S+) rad, Δr = (\S+) px, Δd = (\S+) px", done.stdout).groups()  # type: ignore[union-attr]
+    assert phase == "servoing"
+    assert abs(float(s)) < 0.009
+    assert max(abs(float(r)), abs(float(d))) < 1.0
+
+
+def test_citation_and_package_agree_on_the_version() -> None:
+    import rcmservo
+
+    assert f"version: {rcmservo.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+    assert f'version = "{rcmservo.__version__}"' in (ROOT / "pyproject.toml").read_text()
