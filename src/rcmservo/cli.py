@@ -1,11 +1,12 @@
 """The command line: `rcmservo run` and `rcmservo replay`, over the settings dataclasses."""
 
+import contextlib
+import io
 import json
 import os
-import signal
+import re
 import sys
 from collections.abc import Generator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
@@ -88,9 +89,8 @@ Command = Annotated[Run, tyro.conf.subcommand("run")] | Annotated[Replay, tyro.c
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the exit code is 0, 1 where a run did not settle, 2 for bad input, 130 for Ctrl-C."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        command: Any = tyro.cli(Command, prog="rcmservo", args=arguments)
+        command = _parse(arguments)
         return _run(command) if isinstance(command, Run) else _replay(command)
     except RcmServoError as error:
         return _fail(str(error))
@@ -99,6 +99,33 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("rcmservo: stopped by Ctrl-C", file=sys.stderr)
         return INTERRUPTED
+
+
+class Unparsed(RcmServoError):
+    """A command line that does not say what to do."""
+
+
+def _parse(arguments: list[str] | None) -> Run | Replay:
+    """The command line as settings. What is wrong with it comes as one sentence instead of tyro's boxes."""
+    errors = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(errors):
+            return tyro.cli(Command, prog="rcmservo", args=arguments)  # pyright: ignore[reportArgumentType, reportCallIssue]
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        raise Unparsed(_sentence(errors.getvalue())) from None
+
+
+def _sentence(box: str) -> str:
+    """The first part of a boxed error, and the option that was probably meant."""
+    lines = [line.strip("│ ") for line in box.splitlines() if line.startswith("│")]
+    rules = [i for i, line in enumerate(lines) if line and not line.strip("─")] or [len(lines)]
+    words = re.sub(r"Error parsing \S*__tyro\S+: ", "", " ".join(lines[: rules[0]]))
+    after = lines[rules[0] + 1 : rules[0] + 3]
+    if after and after[0].startswith("Perhaps you meant"):
+        words += f" (did you mean {after[1].split()[0]}?)"
+    return f"{words[:1].lower()}{words[1:].rstrip('.')}; see rcmservo --help"
 
 
 def _fail(sentence: str) -> int:
@@ -260,7 +287,7 @@ def _show_replay(console: Console, report: dict[str, Any]) -> None:
     console.print(table)
 
 
-@contextmanager
+@contextlib.contextmanager
 def _new_folder(out: Path | None, name: str) -> Generator[Path]:
     """The folder to write to: the user's, which must be new or empty, or a fresh one under runs/.
 
@@ -280,5 +307,6 @@ def _new_folder(out: Path | None, name: str) -> Generator[Path]:
     try:
         yield folder
     finally:
-        if made and not any(folder.iterdir()):
-            folder.rmdir()
+        for empty in (folder, folder.parent) if made else ():
+            if not any(empty.iterdir()):
+                empty.rmdir()

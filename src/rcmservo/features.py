@@ -9,7 +9,7 @@ from rcmservo.compiled import compiled
 from rcmservo.plant import Floats
 
 SCALE = np.array([np.radians(10.0), 10.0, 10.0])
-"""One unit of each feature, the paper's b = 10 (10°, 10 px, 10 px): norms and conditions are those of diag(1/SCALE) Ĵ."""
+"""One unit of each feature, the paper's b = 10 (10°, 10 px, 10 px): norms, conditions are those of diag(1/SCALE) Ĵ."""
 
 
 @compiled

@@ -110,9 +110,9 @@ class JointLimits:
 
     def __post_init__(self) -> None:
         for name, values in (("lower", self.lower), ("upper", self.upper)):
-            require(bool(np.all(np.isfinite(values))), f"limits.{name}", values, "three finite numbers")
+            require(bool(np.all(np.isfinite(values))), name, values, "three finite numbers")
         above = all(low < high for low, high in zip(self.lower, self.upper, strict=True))
-        require(above, "limits.upper", self.upper, f"above limits.lower {self.lower} in every joint")
+        require(above, "upper", self.upper, f"above lower {self.lower} in every joint")
 
     @cached_property
     def arrays(self) -> tuple[Floats, Floats]:
@@ -144,7 +144,7 @@ class Kinematics(ABC):
         shortest = self.limits.lower[2] + self.insertion_zero
         require(
             shortest > 0.0,
-            "limits.lower[2]",
+            "lower[2]",
             self.limits.lower[2],
             f"above {-self.insertion_zero:g} mm, so that ρ > 0",
         )

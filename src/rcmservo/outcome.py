@@ -85,7 +85,7 @@ class Judge:
         away = float(np.linalg.norm(self._servo.marker_1(self._last.seen.q) - self._servo.marker_1(self._target.q)))
         if away > SAME_POSE:
             return (
-                f"the features agree, but marker 1 is {away:.0f} mm from where it was shown: a pose beyond the singular "
-                "surface looks the same"
+                f"the features agree, but marker 1 is {away:.0f} mm from where it was shown: a pose beyond the "
+                "singular surface looks the same"
             )
         return ""

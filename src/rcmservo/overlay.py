@@ -1,5 +1,6 @@
-"""The camera's picture with what the servo sees in it: present features blue, target black, as in the paper's Fig. 7."""
+"""The camera's picture with what the servo sees in it: present features blue, target black, as in Fig. 7."""
 
+import itertools
 from pathlib import Path
 
 import cv2
@@ -40,7 +41,7 @@ def _tool(picture: Image, points: Floats, o_c: Floats, colour: tuple[int, int, i
     if np.isfinite(o_c).all():
         away = o_c - points[0]
         path.insert(0, points[0] + away * min(1.0, FAR / 10.0 / max(float(np.linalg.norm(away)), 1.0)))
-    for a, b in zip(path, path[1:], strict=False):
+    for a, b in itertools.pairwise(path):
         cv2.line(picture, _fixed(a), _fixed(b), colour, width, cv2.LINE_AA, SHIFT)
     for point in points:
         cv2.circle(picture, _fixed(point), 8 << SHIFT, colour, width, cv2.LINE_AA, SHIFT)

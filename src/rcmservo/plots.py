@@ -24,7 +24,7 @@ STYLE: Any = {
 
 
 def errors(record: Record, path: Path) -> None:
-    """|Δs|, |Δr|, |Δd| over time on a logarithmic axis, with the tolerances and the end of exploration: Fig. 9 and 10."""
+    """|Δs|, |Δr|, |Δd| over time on a logarithmic axis, with tolerances and exploration: Fig. 9 and 10."""
     names = ("$|\\Delta s|$ [deg]", "$|\\Delta r|$ [px]", "$|\\Delta d|$ [px]")
     deltas = np.abs(record.ticks["delta"]) * DEGREES
     with mpl.rc_context(STYLE):

@@ -151,7 +151,7 @@ def tick_numbers(tick: Tick, servo: Servo) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A run as columns: ``time`` (N,) s; ``ticks`` and ``truth`` by name, each (N, size); ``phase`` and ``cause`` names.
+    """A run as columns: ``time`` (N,) s; ``ticks`` and ``truth`` by name, (N, size) each; ``phase``, ``cause`` names.
 
     ``about`` is what the run was told: settings, seed, versions. ``complete`` is False where the file ends early.
     """
@@ -200,7 +200,7 @@ def _columns(rows: list[Any], numbers: dict[str, int]) -> dict[str, Floats]:
 
 
 def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
-    """(topic, time, message) of every record in order; ("about", …) for the settings and ("end", …) where it is whole."""
+    """(topic, time, message) of every record in order; ("about", …) is the settings, ("end", …) says it is whole."""
     decoders: dict[int, Any] = {}
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
