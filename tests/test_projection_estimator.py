@@ -210,6 +210,11 @@ def test_under_the_fast_gamma_every_well_observed_mode_decays_at_the_rate_and_we
     assert np.allclose(left, np.exp(-rate * t * strength / (strength + EPSILON)), rtol=0, atol=1e-4)
 
 
+def test_the_floor_of_depth_is_before_the_camera_and_below_what_nothing_known_gives():
+    """ẑ = 1 at â = 0, so that an estimate that starts from nothing starts in front of all."""
+    assert 0 < MIN_DEPTH < depth(np.zeros(9), np.array([30.0, -40.0, 90.0])) == 1.0
+
+
 def test_the_printed_gamma_is_slow_and_the_fast_one_is_not():
     slow, quick = [], []
     for seed in range(10):
