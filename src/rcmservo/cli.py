@@ -118,14 +118,17 @@ def _parse(arguments: list[str] | None) -> Run | Replay:
 
 
 def _sentence(box: str) -> str:
-    """The first part of a boxed error, and the option that was probably meant."""
-    lines = [line.strip("│ ") for line in box.splitlines() if line.startswith("│")]
-    rules = [i for i, line in enumerate(lines) if line and not line.strip("─")] or [len(lines)]
-    words = re.sub(r"Error parsing \S*__tyro\S+: ", "", " ".join(lines[: rules[0]]))
-    after = lines[rules[0] + 1 : rules[0] + 3]
-    if after and after[0].startswith("Perhaps you meant"):
-        words += f" (did you mean {after[1].split()[0]}?)"
-    return f"{words[:1].lower()}{words[1:].rstrip('.')}; see rcmservo --help"
+    """The first part of a boxed error, without its title, and the option that was probably meant."""
+    parts: list[list[str]] = [[]]
+    for line in (line.strip("│╰╯ ") for line in box.splitlines()[1:]):
+        if line.strip("─-"):
+            parts[-1].append(line)
+        elif line and parts[-1]:
+            parts.append([])
+    words = re.sub(r"Error parsing \S*__tyro\S+: ", "", " ".join(parts[0])).rstrip(".")
+    near = next((part[1].split()[0] for part in parts if part and part[0].startswith("Perhaps you meant")), None)
+    hint = f" (did you mean {near}?)" if near else ""
+    return f"{words[:1].lower()}{words[1:]}{hint}; see rcmservo --help"
 
 
 def _fail(sentence: str) -> int:

@@ -8,6 +8,7 @@ Chunks are small and carry CRCs, so that a run that was cut short is readable up
 """
 
 import json
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ from mcap.records import Channel, Footer, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from mcap_ros2.writer import Writer
+from zstandard import ZstdError
 
 from rcmservo.errors import UnusableFile
 from rcmservo.loop import Tick
@@ -49,6 +51,9 @@ TICK_FIELDS = {
 """Name and length of the numbers of a tick; `model` is π (34) of both markers from o_c, NaN where there is none."""
 
 TRUTH_FIELDS = {"p1": 3, "p2": 3, "jacobian_error": 1}
+
+DAMAGE = (McapError, ZstdError, struct.error, EOFError, ValueError, KeyError)
+"""What reading a file that was cut or damaged raises, beyond its format's own error."""
 
 HEADER = """\
 ================================================================================
@@ -173,7 +178,7 @@ def read(path: Path) -> Record:
     complete = False
     for topic, time, message in _messages(path):
         if topic == "about":
-            about = json.loads(message)
+            about = message
         elif topic == "end":
             complete = True
         elif topic in rows:
@@ -212,7 +217,7 @@ def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
                 elif isinstance(record, Channel):
                     channels[record.id] = record
                 elif isinstance(record, Metadata) and record.name == "rcmservo":
-                    yield "about", 0, record.metadata["about"]
+                    yield "about", 0, json.loads(record.metadata["about"])
                 elif isinstance(record, Message):
                     channel = channels[record.channel_id]
                     if channel.schema_id not in decoders:
@@ -222,5 +227,5 @@ def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
                     yield "end", 0, None
     except OSError as error:
         raise UnusableFile(path, f"cannot be read: {error.strerror}") from error
-    except (McapError, EOFError, ValueError, KeyError):
+    except DAMAGE:
         return

@@ -14,7 +14,7 @@ from rcmservo.sim.optics import Optics, look_at
 from rcmservo.sim.renderer import Tissue
 from rcmservo.sim.truth import feature_jacobian
 
-MAX_DRAWS = 200_000
+MAX_DRAWS = 20_000
 WAY = 9
 """Places on the straight way from start to target at which a scene is judged."""
 

@@ -1,0 +1,159 @@
+"""Bad input gets one sentence that names what is wrong, exit code 2, and leaves nothing behind."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from rcmservo.cli import main
+
+ROOT = Path(__file__).resolve().parents[1]
+RIGS = {
+    "negative spacing": ('[tool]\nkind = "rigid"\nspacing = -3.0', "spacing", "-3"),
+    "no spacing": ('[tool]\nkind = "rigid"', "spacing", "None"),
+    "unknown tool": ('[tool]\nkind = "bent"', "tool.kind", "bent"),
+    "scale below one": ('[tool]\nkind = "scaled"\nscale = 0.5', "scale", "0.5"),
+    "zero focal length": ("[scene]\nfocal = [0.0, 900.0]", "focal", "0.0"),
+    "limits upside down": ('[mechanism]\nkind = "spherical"\nlower = [1.0, 0.0, 50.0]\nupper = [0.5, 1.0, 90.0]', "upper", "0.5"),  # noqa: E501
+    "tool beyond the RCM": ('[mechanism]\nkind = "pitch-yaw"\ninsertion_zero = -100.0', "lower", "40"),
+    "unknown section": ("[tols]\nx = 1", "tols", "1"),
+    "unknown key": ('[tool]\nkind = "rigid"\nspacin = 3', "tool.spacin", "did you mean spacing"),
+    "NaN": ("[drive]\nlag = nan", "drive.lag", "nan"),
+    "infinity": ("[camera]\ndelay = inf", "camera.delay", "inf"),
+    "a word for a number": ('[camera]\nwidth = "wide"', "camera.width", "wide"),
+    "true for a number": ("[camera]\ndelay = true", "camera.delay", "True"),
+    "too few numbers": ("[gate]\nspeed = [1.0, 1.0]", "gate.speed", "1.0"),
+    "zero speed": ("[gate]\nspeed = [1.0, 0.0, 1.0]", "gate.speed", "0.0"),
+    "unknown colour": ('[markers]\ncolour_1 = "mauve"', "colour_1", "mauve"),
+    "markers that look the same": ('[markers]\ncolour_1 = "red"\ncolour_2 = "red"\nradius_1 = 3.0\nradius_2 = 3.0', "radius_2", "3.0"),  # noqa: E501
+    "exposure longer than a frame": ("[camera]\nexposure = 0.1", "exposure", "0.1"),
+    "repeated key": ("[camera]\nwidth = 640\nwidth = 641", "TOML", ""),
+    "not TOML": ("\x00\x01 = [", "TOML", ""),
+    "markers never in view": ("[scene]\nstart = [0.2, 0.0, 60.0]\ntarget = [1.4, 3.1, 219.0]\ndistance = [120.0, 121.0]", "scene", ""),  # noqa: E501
+}  # fmt: skip
+COMMAND_LINES = {
+    "misspelt option": (["run", "--sede", "1"], "--seed"),
+    "no number": (["run", "--seed", "abc"], "abc"),
+    "negative seed": (["run", "--seed", "-1"], "-1"),
+    "no duration": (["run", "--duration", "0"], "--duration"),
+    "NaN duration": (["run", "--duration", "nan"], "nan"),
+    "negative gain": (["run", "--controller.gain", "-1"], "controller.gain"),
+    "NaN gain": (["run", "--controller.gain", "nan"], "controller.gain"),
+    "infinite radius": (["run", "--exploration.radius", "inf"], "exploration.radius"),
+    "unknown estimator": (["run", "--estimator", "magic"], "magic"),
+    "unknown command": (["fly"], "fly"),
+    "no command": ([], "run, replay"),
+    "no folder to replay": (["replay"], "Folder"),
+    "a rig that is not there": (["run", "--rig", "nowhere.toml"], "nowhere.toml"),
+}
+
+
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *names: str) -> None:
+    """The command ends with 2 and one sentence on stderr that holds the names."""
+    assert main(arguments) == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert error[-1].startswith("rcmservo: ")
+    assert "Traceback" not in "".join(error)
+    for name in names:
+        assert name in error[-1]
+
+
+@pytest.mark.parametrize("case", COMMAND_LINES)
+def test_a_bad_command_line_is_refused(case: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments, name = COMMAND_LINES[case]
+    refused(arguments, capsys, name)
+
+
+@pytest.mark.parametrize("case", RIGS)
+def test_a_bad_rig_file_is_refused_and_nothing_is_written(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, *names = RIGS[case]
+    rig, out = tmp_path / "rig.toml", tmp_path / "out"
+    rig.write_text(text)
+    refused(["run", "--rig", str(rig), "--out", str(out)], capsys, *names)
+    assert sorted(tmp_path.iterdir()) == [rig]
+
+
+def test_output_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("mine")
+    refused(["run", "--out", str(tmp_path / "file")], capsys, "file")
+    refused(["run", "--out", str(tmp_path / "file" / "below")], capsys, "below")
+    refused(["run", "--out", str(tmp_path)], capsys, "not empty")
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """Three frames without any marker, with good poses."""
+    folder = tmp_path / "recording"
+    (folder / "frames").mkdir(parents=True)
+    picture = np.full((120, 160, 3), 90, dtype=np.uint8)
+    for i in range(3):
+        cv2.imwrite(str(folder / "frames" / f"{i:02d}.jpg"), picture)
+    rows = [f"{i:02d},0.5,0.{i},0.1" for i in range(3)]
+    (folder / "poses.csv").write_text("\n".join(["frame,theta_rad,phi_rad,rho_m", *rows]) + "\n")
+    return folder
+
+
+def edit(folder: Path, old: str, new: str) -> None:
+    table = folder / "poses.csv"
+    assert old in table.read_text()
+    table.write_text(table.read_text().replace(old, new))
+
+
+def test_frames_without_markers_are_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = recording.parent / "out"
+    refused(["replay", str(recording), "--out", str(out)], capsys, "no frame shows both markers")
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "", "north"])
+def test_a_pose_that_is_no_number_is_refused(text: str, recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    edit(recording, "01,0.5,", f"01,{text},")
+    refused(["replay", str(recording)], capsys, "frame 01", "theta_rad", text)
+
+
+def test_a_missing_row_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    edit(recording, "01,0.5,0.1,0.1\n", "")
+    refused(["replay", str(recording)], capsys, "no row for frame 01")
+
+
+def test_a_row_without_its_frame_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (recording / "frames" / "02.jpg").unlink()
+    refused(["replay", str(recording)], capsys, "02")
+
+
+def test_a_short_row_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    edit(recording, "02,0.5,0.2,0.1", "02,0.5")
+    refused(["replay", str(recording)], capsys, "phi_rad")
+
+
+def test_poses_of_another_mechanism_are_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    refused(["replay", str(recording), "--rig", str(ROOT / "examples/davinci.toml")], capsys, "yaw_rad", "pitch-yaw")
+
+
+def test_two_rows_for_one_frame_are_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    edit(recording, "02,", "01,")
+    refused(["replay", str(recording)], capsys, "poses.csv")
+
+
+def test_a_folder_without_frames_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.rmtree(recording / "frames")
+    refused(["replay", str(recording)], capsys, "no frames")
+    refused(["replay", str(recording / "nowhere")], capsys, "nowhere")
+
+
+def test_a_recording_without_poses_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (recording / "poses.csv").unlink()
+    refused(["replay", str(recording)], capsys, "poses.csv")
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
+def test_a_truncated_jpeg_is_refused(share: float, recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frame = recording / "frames" / "01.jpg"
+    data = frame.read_bytes()
+    frame.write_bytes(data[: int(share * len(data))])
+    refused(["replay", str(recording)], capsys, "01.jpg")

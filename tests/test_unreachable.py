@@ -1,0 +1,79 @@
+"""A target that cannot be reached ends unsettled with its cause in words and exit code 1, and the tool stands still."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rcmservo import record
+from rcmservo.cli import main
+
+CASES = {
+    "past a joint limit": (
+        """
+        [mechanism]
+        kind = "spherical"
+        upper = [1.4, 3.14, 120.0]
+        [scene]
+        start = [0.5, 0.3, 100.0]
+        target = [0.5, 0.4, 135.0]
+        """,
+        0,
+        "limit of joint 3",
+    ),
+    "a marker leaves the picture on the way": (
+        """
+        [scene]
+        start = [0.33, -0.68, 93.74]
+        target = [1.01, -0.92, 60.0]
+        focal = [850.0, 900.0]
+        distance = [120.0, 140.0]
+        """,
+        3,
+        "is not seen",
+    ),
+    "at a singular surface": (
+        """
+        [scene]
+        start = [0.71, 2.7, 80.09]
+        target = [1.4, 2.14, 72.42]
+        """,
+        0,
+        "singular surface",
+    ),
+    "beyond one, where the same picture is another pose": (
+        """
+        [scene]
+        start = [0.3, 0.0, 100.0]
+        target = [1.2, 3.0, 100.0]
+        """,
+        0,
+        "singular surface looks the same",
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+def test_an_unreachable_target(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text, seed, words = CASES[case]
+    rig, out = tmp_path / "rig.toml", tmp_path / "out"
+    rig.write_text(text)
+    arguments = ["run", "--rig", str(rig), "--seed", str(seed), "--duration", "10", "--no-video", "--json"]
+    assert main([*arguments, "--out", str(out)]) == 1
+    metrics = json.loads(capsys.readouterr().out)
+    assert metrics["settled"] is False
+    assert metrics["settle_time_s"] is None
+    assert words in metrics["cause"]
+    rows = record.read(out / "record.mcap")
+    moved = np.linalg.norm(np.diff(rows.truth["p1"][-10:], axis=0), axis=1) * 100.0
+    assert moved.max() < 2.0
+
+
+@pytest.mark.slow
+def test_time_that_runs_out_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "--duration", "2.5", "--no-video", "--json", "--out", str(tmp_path)]) == 1
+    assert "time ran out" in json.loads(capsys.readouterr().out)["cause"]
+    assert main(["run", "--duration", "1.1", "--no-video", "--json", "--out", str(tmp_path / "short")]) == 1
+    assert "exploration" in json.loads(capsys.readouterr().out)["cause"]
