@@ -65,7 +65,6 @@ def test_every_tour_can_be_driven_within_the_limits(rcm, seed):
     assert drive(rcm, Exploration(), somewhere(rcm, seed)) in (None, 4)
 
 
-@pytest.mark.xfail(strict=True, reason="corners() clips phi after it wrapped: a corner beyond +pi lands inside -pi")
 def test_every_tour_can_be_driven_from_a_spherical_start_near_half_a_turn_too():
     rcm = SphericalRcm()
     starts = [np.array([theta, side * 3.1, 100.0]) for theta in (0.5, 1.0) for side in (-1, 1)]

@@ -107,17 +107,12 @@ def test_no_wish_drives_a_joint_visibly_past_its_limit(delay, share):
         assert np.all(beyond_limits(pressed(seed, delay)[0]) <= share * SLEW * 0.01**2 + 1e-9)
 
 
-SQUARE_ROOT = "braking speed is computed from the last rate, which is 0 every other tick near the limit"
-
-
-@pytest.mark.xfail(strict=True, reason=SQUARE_ROOT)
 @pytest.mark.parametrize("delay", [0, 3, 5])
 def test_no_wish_drives_a_joint_past_its_limit_at_all(delay):
     """The latency allowed for is 50 ms, so that an arm that follows up to 5 ticks late must stop in time."""
     assert all(np.all(beyond_limits(pressed(seed, delay)[0]) <= 1e-6) for seed in range(40))
 
 
-@pytest.mark.xfail(strict=True, reason=SQUARE_ROOT)
 def test_pressed_against_a_limit_a_joint_comes_to_rest_without_chattering():
     q, command, sent = np.array([0.0, 0.0, 200.0]), Command(0, 0, np.zeros(3)), []
     for k in range(1, 301):

@@ -261,10 +261,6 @@ def test_any_measured_joints_leave_the_command_finite(q):
         assert state.phase is Phase.PAUSED and state.cause is Cause.NOT_FINITE
 
 
-RAISES = "a compiled linear solver raises LinAlgError in step instead of a cause in the state"
-
-
-@pytest.mark.xfail(strict=True, reason=RAISES, raises=np.linalg.LinAlgError)
 def test_joints_that_were_not_finite_at_the_exposure_pause_the_servo_instead_of_raising():
     lab = laboratory()
     servo = lab.servo()
@@ -291,7 +287,6 @@ def test_markers_that_jump_about_wildly_stop_the_tool(size):
     assert state.phase in (Phase.HOLD, Phase.PAUSED) and not state.command.rates.any()
 
 
-@pytest.mark.xfail(strict=True, reason=RAISES, raises=np.linalg.LinAlgError)
 def test_absurd_pixels_stop_the_tool_instead_of_raising():
     lab = laboratory()
     servo = lab.servo()
@@ -299,18 +294,20 @@ def test_absurd_pixels_stop_the_tool_instead_of_raising():
     assert state.phase in (Phase.HOLD, Phase.PAUSED)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="an imaged RCM that is no longer observable is no cause: the old error is used on"
-)
 def test_when_the_imaged_rcm_is_lost_the_tool_does_not_go_on_with_the_last_error():
     lab = laboratory()
     servo = lab.servo()
-    for _, state in lab.run(servo, 0.3, servoing(lab, servo), anywhere(1e100)):
-        assert state.rcm_condition > servo.imaged_rcm.max_condition
-    assert state.phase in (Phase.HOLD, Phase.PAUSED) and not state.command.rates.any()
+    forgetful = servoing(lab, servo).but(line_count=0)
+    *_, (_, state) = lab.run(servo, 0.04, forgetful)
+    assert state.rcm_condition > servo.imaged_rcm.max_condition
+    assert (state.phase, state.cause) == (Phase.HOLD, Cause.RCM_UNKNOWN)
+    assert not state.v.any()
 
 
-@pytest.mark.xfail(strict=True, reason="the most telling lines stay, and a false one tells most: it is never forgotten")
+@pytest.mark.xfail(
+    strict=True,
+    reason="a false line or observation tells most and stays: this needs the innovation gate of the fault table",
+)
 @pytest.mark.parametrize("seed", [3, 4, 7, 8])
 @pytest.mark.parametrize("marker", [0, 1])
 def test_one_false_marker_in_one_frame_does_not_ruin_the_run(seed, marker):
@@ -332,7 +329,6 @@ def test_one_false_marker_in_one_frame_does_not_ruin_the_run(seed, marker):
     assert np.linalg.norm(reached - lab.rig.body.points(lab.rig.scene.target)[1]) < 2.0
 
 
-@pytest.mark.xfail(strict=True, reason="dt counts from the frame before, lost or not, instead of from the last sample")
 def test_after_frames_without_markers_flow_is_learnt_over_the_time_since_the_last_good_frame():
     """Seen at 0 and 0.3 s with blind frames in between, or just at 0 and 0.3 s: the same motion, the same lesson."""
     mechanism, ends = PitchYawRcm(), []
@@ -398,9 +394,6 @@ def test_a_target_that_is_not_seen_cannot_be_taught():
         teach(Plant(lab.rig.mechanism, lab.rig.camera, Blind(), lab.rig.clock))
 
 
-@pytest.mark.xfail(
-    strict=True, reason="_rest's first tick is at the time of the last command: the gate then sends zeros"
-)
 def test_a_run_that_is_stopped_ramps_its_command_to_zero():
     lab = laboratory()
     sent, mechanism = [], lab.rig.mechanism

@@ -36,10 +36,10 @@ CASES = {
     "at a singular surface": (
         """
         [scene]
-        start = [0.71, 2.7, 80.09]
-        target = [1.4, 2.14, 72.42]
+        start = [0.35, 1.92, 117.83]
+        target = [0.86, 0.99, 148.07]
         """,
-        0,
+        1,
         "singular surface",
     ),
     "beyond one, where the same picture is another pose": (

@@ -52,8 +52,8 @@ def scaled(J: Floats) -> Floats:
 def law(J_hat: Floats, gradient: Floats, gain: float, max_condition: float, max_speed: float) -> tuple[Floats, float]:
     """v (3,) mm/s of eq. (31) and the condition of the scaled Ĵ; v is zero where the condition is above its limit.
 
-    From half the limit on, singular values below 2σ₁/limit are damped so that |v| falls instead of growing. The
-    whole velocity is scaled down where it exceeds max_speed, so that its direction stays.
+    From half the limit on, singular values below 2σ₁/limit are damped, so that |v| stops growing with the condition.
+    The whole velocity is scaled down where it exceeds max_speed, so that its direction stays.
     """
     if not np.all(np.isfinite(J_hat)):
         return np.zeros(3), np.inf

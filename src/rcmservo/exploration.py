@@ -36,7 +36,9 @@ def corners(kind: int, zero: float, q: Floats, radius: float, lower: Floats, upp
     places = np.empty((4, 3))
     for i in range(4):
         p = start + radius * (shape[i, 0] * t1 + shape[i, 1] * t2 + shape[i, 2] * n)
-        inside = np.minimum(np.maximum(joints(kind, zero, p), lower + margin), upper - margin)
+        near = joints(kind, zero, p)
+        near[:2] += 2.0 * np.pi * np.round((q[:2] - near[:2]) / (2.0 * np.pi))
+        inside = np.minimum(np.maximum(near, lower + margin), upper - margin)
         places[i] = position(kind, zero, inside)
     return places
 

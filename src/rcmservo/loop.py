@@ -114,7 +114,8 @@ def run(
 
 
 def _rest(plant: Plant, servo: Servo, last: Command, rate: float) -> None:
-    """Ramp the joint rates to zero through the gate."""
+    """Ramp the joint rates to zero through the gate, from the next tick on."""
+    plant.clock.wait_until(plant.clock.now() + round(1e9 / rate))
     for _ in ticks(plant.clock, rate):
         seen = plant.read()
         last = servo.gate.admit(np.zeros(3), last, seen.q, servo.mechanism.limits, seen.now).command

@@ -117,8 +117,8 @@ def _origins(seen: list[_Seen], imaged_rcm: ImagedRcm) -> list[tuple[Floats, flo
 
 
 def _no_motion(seen: list[_Seen], origins: list[tuple[Floats, float]]) -> Floats:
-    errors = [_change(seen[t], seen[t + 1], origins[t][0]) for t in range(FIRST, len(seen) - 1)]
-    return _rms(errors)
+    steps = [t for t in range(FIRST, len(seen) - 1) if np.isfinite(origins[t][0]).all()]
+    return _rms([_change(seen[t], seen[t + 1], origins[t][0]) for t in steps])
 
 
 def _score(

@@ -1,8 +1,10 @@
 """The last gate before anything moves: finite, within speed, inside the joint limits, and never a jump.
 
 Joint rates come in from the law or from exploration; only what leaves here is a Command, and a plant takes nothing
-else. Every check is written so that NaN fails it. Braking starts early enough that half of the slew limit stops the
-joint at its limit, the present speed being kept up for the latency allowed.
+else. Every check is written so that NaN fails it.
+
+Towards a limit at the distance x a joint's speed v keeps v²/a + v T <= x: half of its slew limit a stops it in time,
+and T = e · latency + dt is what a loop with that latency needs to close in on the limit without passing it.
 """
 
 from dataclasses import dataclass
@@ -14,8 +16,6 @@ from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.mechanism import JointLimits
 from rcmservo.plant import Command, Floats
-
-BRAKING_SHARE = 0.5
 
 
 @compiled
@@ -35,10 +35,9 @@ def within(
         return np.zeros(3), False
     allowed = rates / max(1.0, np.max(np.abs(rates) / speed))
     for i in range(3):
-        ahead = q[i] + last[i] * latency
-        braking = 2.0 * BRAKING_SHARE * slew[i]
-        up = np.sqrt(braking * max(upper[i] - ahead, 0.0))
-        down = -np.sqrt(braking * max(ahead - lower[i], 0.0))
+        half = 0.5 * slew[i] * (np.e * latency + dt)
+        up = np.sqrt(half**2 + slew[i] * max(upper[i] - q[i], 0.0)) - half
+        down = half - np.sqrt(half**2 + slew[i] * max(q[i] - lower[i], 0.0))
         allowed[i] = min(max(allowed[i], down), up)
         allowed[i] = min(max(allowed[i], last[i] - slew[i] * dt), last[i] + slew[i] * dt)
     return allowed, True
@@ -80,7 +79,7 @@ class Gate:
 
     def rest(self) -> Command:
         """The command before the first: stand still."""
-        return Command(number=0, time=0, rates=np.zeros(3))
+        return Command(number=0, time=-1_000_000_000, rates=np.zeros(3))
 
     def admit(self, rates: Floats, last: Command, q: Floats, limits: JointLimits, now: int) -> Passed:
         """Turn the wanted joint rates (3,) into a Command, from the `last` one and the measured q (3,)."""

@@ -27,6 +27,9 @@ from rcmservo.tool import Tool
 HOLD_TIME = 1_000_000_000
 """ns of HOLD after which only a person resumes."""
 
+NO_PIXEL = 1e6
+"""px from where on a coordinate is no marker's."""
+
 GOOD_FRAMES = 5
 """New frames without a cause that end a HOLD."""
 
@@ -60,6 +63,7 @@ class Cause(Enum):
     MARKER_1_LOST = "marker 1 is not seen: it left the picture or is hidden"
     MARKER_2_LOST = "marker 2 is not seen: it left the picture or is hidden"
     MARKERS_LOST = "neither marker is seen: they left the picture or are hidden"
+    RCM_UNKNOWN = "the imaged RCM cannot be computed: the lines seen of the tool are too much alike"
     SINGULAR = "the target lies at or beyond a singular surface: the scaled Jacobian's condition passed its limit"
     JOINT_1_LIMIT = "the way to the target goes past the limit of joint 1"
     JOINT_2_LIMIT = "the way to the target goes past the limit of joint 2"
@@ -80,19 +84,19 @@ FINAL_CAUSES = {Cause.NO_ROOM, Cause.NOT_EXPLORED, Cause.STALLED, Cause.NOT_FINI
 
 
 def _lost(points: Floats) -> tuple[bool, bool]:
-    """Whether marker 1 and marker 2 are lost: not finite in raw pixels (2, 2)."""
+    """Whether marker 1 and marker 2 are lost: raw pixels (2, 2) not finite, or such as no camera has."""
     (u1, v1), (u2, v2) = points.tolist()
-    return not (math.isfinite(u1) and math.isfinite(v1)), not (math.isfinite(u2) and math.isfinite(v2))
+    return not (abs(u1) < NO_PIXEL and abs(v1) < NO_PIXEL), not (abs(u2) < NO_PIXEL and abs(v2) < NO_PIXEL)
 
 
 @dataclass(frozen=True, eq=False)
 class State:
     """All that the servo remembers, and what it decided at the last tick.
 
-    ``o_c`` (2,) px and ``rcm_condition`` of eq. (16); ``J_hat`` (3, 3) and its scaled ``condition``; ``y`` and
-    ``delta`` = Δy (3,) of the newest frame; ``p1`` (3,) mm at that exposure; ``v`` (3,) mm/s wanted of marker 1;
-    ``command`` as the gate passed it; ``peak`` the scaled error that has last been fallen short of, at ``peak_time``
-    ns. NaN where not known yet.
+    ``frame`` is the newest seen, ``exposure`` ns that of the newest learnt from (-1: none). ``o_c`` (2,) px and
+    ``rcm_condition`` of eq. (16); ``J_hat`` (3, 3) and its scaled ``condition``; ``y`` and ``delta`` = Δy (3,) of the
+    newest frame; ``p1`` (3,) mm at that exposure; ``v`` (3,) mm/s wanted of marker 1; ``command`` as the gate passed
+    it; ``peak`` the scaled error that has last been fallen short of, at ``peak_time`` ns. NaN where not known yet.
     """
 
     phase: Phase
@@ -158,7 +162,7 @@ class Servo:
             cause=Cause.NONE,
             command=self.gate.rest(),
             frame=-1,
-            exposure=0,
+            exposure=-1,
             lines=lines,
             line_count=count,
             o_c=np.full(2, np.nan),
@@ -205,22 +209,23 @@ class Servo:
 
     def _look(self, state: State, seen: Observation, target: Target) -> State:
         """What a new frame teaches: the imaged RCM, Ĵ, and the error."""
-        if any(_lost(seen.points)):
-            return state.but(frame=seen.frame, exposure=seen.exposure)
+        if any(_lost(seen.points)) or not math.isfinite(seen.q_exposure.sum()):
+            return state.but(frame=seen.frame)
         lines, count, o_c, rcm_condition = follow(
             state.lines, state.line_count, seen.points, self.imaged_rcm.refinements
         )
         p1 = self.marker_1(seen.q_exposure)
-        memory, J_hat, y, delta = state.memory, state.J_hat, state.y, state.delta
+        memory, J_hat, y, delta, exposure = state.memory, state.J_hat, state.y, state.delta, state.exposure
         if rcm_condition <= self.imaged_rcm.max_condition:
-            dt = (seen.exposure - state.exposure) * 1e-9 if state.frame >= 0 else 0.0
+            exposure = seen.exposure
+            dt = (exposure - state.exposure) * 1e-9 if state.exposure >= 0 else 0.0
             sample = Sample(p1, seen.points, o_c, dt)
             memory = self.estimator.update(memory, self.tool, sample)
             J_hat = self.estimator.jacobian(memory, self.tool, sample)
             y, delta = measured(seen.points, target.points, o_c)
         return state.but(
             frame=seen.frame,
-            exposure=seen.exposure,
+            exposure=exposure,
             lines=lines,
             line_count=count,
             o_c=o_c,
@@ -281,9 +286,14 @@ class Servo:
         lost = _lost(seen.points)
         if any(lost):
             return MARKER_CAUSES[lost]
-        if not state.explored:
-            late = self.exploration.overdue(state.tour, seen.now)
-            return Cause.NOT_EXPLORED if late else Cause.NONE
+        return self._servo_cause(state, seen) if state.explored else self._tour_cause(state.tour, seen)
+
+    def _tour_cause(self, tour: Exploring, seen: Observation) -> Cause:
+        return Cause.NOT_EXPLORED if self.exploration.overdue(tour, seen.now) else Cause.NONE
+
+    def _servo_cause(self, state: State, seen: Observation) -> Cause:
+        if not state.rcm_condition <= self.imaged_rcm.max_condition:
+            return Cause.RCM_UNKNOWN
         if not state.condition < self.controller.max_condition:
             return Cause.SINGULAR
         if state.blocked >= 0:

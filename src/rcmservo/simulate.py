@@ -6,9 +6,11 @@ verdict only.
 
 import json
 import platform
+import signal
+import threading
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -136,6 +138,7 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
     with ExitStack() as stack:
         recorder = stack.enter_context(record.Recorder(job.folder / RECORD, job.servo, about(job, settings, target)))
         picture = _pictures(job, plant, target, settings, stack)
+        stopped = stack.enter_context(_between_ticks())
         for tick in run(plant, job.servo, target, job.duration):
             markers = rig.truth.markers(rig.clock.now())
             error = rig.truth.jacobian_error(tick.state.J_hat, tick.seen.q_exposure, tick.state.o_c)
@@ -146,11 +149,35 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
             pose_errors.append(float(np.linalg.norm(markers[1] - p_d)))
             picture(tick)
             progress(tick)
+            stopped()
     factor = judge.duration / (time.perf_counter() - started)
     metrics = _metrics(job, judge.outcome(), explored, pose_errors, error, factor, rig)
     write_whole(job.folder / METRICS, json.dumps(metrics, indent=2) + "\n")
     draw_figures(job.folder)
     return metrics
+
+
+@contextmanager
+def _between_ticks() -> Generator[Callable[[], None]]:
+    """Ctrl-C takes effect where the function that this gives is called, so that it never cuts a message in two."""
+    pressed = False
+
+    def press(number: int, frame: object) -> None:
+        nonlocal pressed
+        pressed = True
+
+    def stopped() -> None:
+        if pressed:
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield stopped
+        return
+    usual = signal.signal(signal.SIGINT, press)
+    try:
+        yield stopped
+    finally:
+        signal.signal(signal.SIGINT, usual)
 
 
 def _metrics(

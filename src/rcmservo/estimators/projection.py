@@ -9,8 +9,8 @@ Two choices of Γ. ``printed`` is the paper's Γ₀ = diag(1e-5 I₆, 1e-8 I₃)
 ``fast`` is Γ = η (MᵀM + ε Γ₀⁻¹)⁻¹, for which every well-observed mode decays at the rate η.
 
 Observations are chosen for excitation: of P + 1 the one with the least leverage on â goes, so that the path's extremes
-stay. (M in the fast Γ still has that one: any symmetric positive definite Γ serves, and one factor does for both.)
-Raw pixels are kept, so that all observations follow the imaged RCM when it moves.
+stay. It goes after the step, so that Γ, M and the choice share one factor. Raw pixels are kept, so that all
+observations follow the imaged RCM when it moves.
 """
 
 from dataclasses import dataclass
@@ -29,20 +29,23 @@ from rcmservo.tool import Tool, second_marker, second_marker_jacobian, stretch
 GAMMA_0 = np.array([1e-5] * 6 + [1e-8] * 3)
 """Diagonal of the printed Γ, for p in mm and m in px."""
 
+MAX_DECAY = 1e5
+"""Largest η t of the fast Γ: far beyond, rounding lets modes that were never observed grow."""
+
 MIN_DEPTH = 0.1
 """Smallest relative depth ẑ that an estimate may give to an observation: behind it the projection turns over."""
 
 
 @compiled
-def add(A: Floats, b: Floats, p: Floats, u: float, v: float, sign: float) -> None:
-    """Add (sign 1) or take away (sign -1) one point's WᵀW and Wᵀm, by the blocks that eq. (19) gives them."""
+def add(A: Floats, b: Floats, p: Floats, u: float, v: float) -> None:
+    """Add one point's WᵀW and Wᵀm, by the blocks that eq. (19) gives them."""
     far = u * u + v * v
     for i in range(3):
-        b[i] += sign * u * p[i]
-        b[3 + i] += sign * v * p[i]
-        b[6 + i] -= sign * far * p[i]
+        b[i] += u * p[i]
+        b[3 + i] += v * p[i]
+        b[6 + i] -= far * p[i]
         for j in range(3):
-            pp = sign * p[i] * p[j]
+            pp = p[i] * p[j]
             A[i, j] += pp
             A[3 + i, 3 + j] += pp
             A[i, 6 + j] -= u * pp
@@ -53,14 +56,12 @@ def add(A: Floats, b: Floats, p: Floats, u: float, v: float, sign: float) -> Non
 
 
 @compiled
-def add_observation(
-    A: Floats, b: Floats, seen: Floats, o_c: Floats, both: bool, kind: int, value: float, sign: float
-) -> None:
-    """Add or take away one observation [p₁ (3), raw m₁ m₂ (4)]: marker 1, and marker 2 if both are fitted."""
+def add_observation(A: Floats, b: Floats, seen: Floats, o_c: Floats, both: bool, kind: int, value: float) -> None:
+    """Add one observation [p₁ (3), raw m₁ m₂ (4)]: marker 1, and marker 2 if both are fitted."""
     p1 = seen[:3]
-    add(A, b, p1, seen[3] - o_c[0], seen[4] - o_c[1], sign)
+    add(A, b, p1, seen[3] - o_c[0], seen[4] - o_c[1])
     if both:
-        add(A, b, second_marker(kind, value, p1), seen[5] - o_c[0], seen[6] - o_c[1], sign)
+        add(A, b, second_marker(kind, value, p1), seen[5] - o_c[0], seen[6] - o_c[1])
 
 
 @compiled
@@ -71,7 +72,7 @@ def normal_equations(
     A = np.zeros((PARAMETERS, PARAMETERS))
     b = np.zeros(PARAMETERS)
     for i in range(count):
-        add_observation(A, b, observations[i], o_c, both, kind, value, 1.0)
+        add_observation(A, b, observations[i], o_c, both, kind, value)
     return A, b
 
 
@@ -174,14 +175,13 @@ def update(
     count += 1
     A, b = normal_equations(observations, count, o_c, both, kind, value)
     root = inverse_root(A, epsilon)
+    C = np.sqrt(rate) * root if rate > 0.0 else np.diag(np.sqrt(GAMMA_0))
+    a_next = keep_in_front(a, decay(A, b, a, C, t), observations, count, kind, value)
     if count == len(observations):
         row = least_telling(observations, count, root, o_c, both, kind, value)
-        add_observation(A, b, observations[row], o_c, both, kind, value, -1.0)
         count -= 1
         observations[row] = observations[count]
-    C = np.sqrt(rate) * root if rate > 0.0 else np.diag(np.sqrt(GAMMA_0))
-    a_next = decay(A, b, a, C, t)
-    return observations, count, keep_in_front(a, a_next, observations, count, kind, value)
+    return observations, count, a_next
 
 
 @compiled
