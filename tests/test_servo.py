@@ -306,7 +306,7 @@ def test_when_the_imaged_rcm_is_lost_the_tool_does_not_go_on_with_the_last_error
 
 @pytest.mark.xfail(
     strict=True,
-    reason="a false line or observation tells most and stays: this needs the innovation gate of the fault table",
+    reason="a false line tells most and stays: this needs the innovation gate",
 )
 @pytest.mark.parametrize("seed", [3, 4, 7, 8])
 @pytest.mark.parametrize("marker", [0, 1])

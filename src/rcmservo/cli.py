@@ -205,6 +205,10 @@ def _show_run(console: Console, metrics: dict[str, Any]) -> None:
         "‖Ĵ − J‖/‖J‖ (scaled)",
         f"{_unit(jacobian['explored'], 'after exploration', 3)}, {_unit(jacobian['final'], 'at the end', 3)}",
     )
+    if metrics["estimator_time_per_frame_s"]:
+        table.add_row(
+            "estimator's own time", f"{metrics['estimator_time_per_frame_s']:g} s for every frame, not real time"
+        )
     table.add_row("speed", f"{metrics['real_time_factor']:.1f} x real time")
     table.add_row("files", str(metrics["folder"]))
     console.print(table)

@@ -63,6 +63,7 @@ class Cause(Enum):
     MARKER_1_LOST = "marker 1 is not seen: it left the picture or is hidden"
     MARKER_2_LOST = "marker 2 is not seen: it left the picture or is hidden"
     MARKERS_LOST = "neither marker is seen: they left the picture or are hidden"
+    JOINTS_UNKNOWN = "the joints' positions at the exposure of the frame are not known"
     RCM_UNKNOWN = "the imaged RCM cannot be computed: the lines seen of the tool are too much alike"
     SINGULAR = "the target lies at or beyond a singular surface: the scaled Jacobian's condition passed its limit"
     JOINT_1_LIMIT = "the way to the target goes past the limit of joint 1"
@@ -286,6 +287,8 @@ class Servo:
         lost = _lost(seen.points)
         if any(lost):
             return MARKER_CAUSES[lost]
+        if not math.isfinite(seen.q_exposure.sum()):
+            return Cause.JOINTS_UNKNOWN
         return self._servo_cause(state, seen) if state.explored else self._tour_cause(state.tour, seen)
 
     def _tour_cause(self, tour: Exploring, seen: Observation) -> Cause:

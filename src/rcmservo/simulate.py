@@ -200,6 +200,7 @@ def _metrics(
         "feature_error": dict(zip(("s_rad", "r_px", "d_px"), map(_number, outcome.error), strict=True)),
         "jacobian_error": {"explored": explored.error, "final": _number(jacobian_error)},
         "explore": {"time_s": explored.time, "path_mm": explored.path, "max_excursion_mm": explored.farthest},
+        "estimator_time_per_frame_s": getattr(job.servo.estimator, "estimator_time", 0.0) or None,
         "real_time_factor": factor,
         "rejected_scenes": rig.scene.rejected,
         "folder": str(job.folder),

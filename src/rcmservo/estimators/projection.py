@@ -248,6 +248,9 @@ class ProjectionEstimator(Estimator):
             self.estimator_time,
             "a time in s",
         )
+        decays = self.gamma == "printed" or self.rate * self.estimator_time <= MAX_DECAY
+        right = f"at most {MAX_DECAY:g} / rate with the fast Γ, whose modes have decayed long before"
+        require(decays, "estimator.estimator_time", self.estimator_time, right)
 
     def init(self) -> ProjectionMemory:
         return ProjectionMemory(np.zeros((self.observations + 1, 7)), 0, np.zeros(PARAMETERS))
