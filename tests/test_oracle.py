@@ -71,6 +71,7 @@ def functions():  # noqa: PLR0915
     J = fit.feature_jacobian(a, places[0], m, 0, 30.0)
     out |= {"about": m, "y": y, "delta": delta, "features": features.features(m), "J": J}
     out["features_jacobian"] = features.features_jacobian(m)
+    out["surprise"] = features.surprise(target, o_c, y, J, places[1] - places[0])
     out["unexplained"] = exploration.unexplained(rows[:4].copy(), J, o_c)
 
     lines, count = np.zeros((6, 4)), 0

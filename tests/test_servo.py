@@ -304,10 +304,6 @@ def test_when_the_imaged_rcm_is_lost_the_tool_does_not_go_on_with_the_last_error
     assert not state.v.any()
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="a false line tells most and stays: this needs the innovation gate",
-)
 @pytest.mark.parametrize("seed", [3, 4, 7, 8])
 @pytest.mark.parametrize("marker", [0, 1])
 def test_one_false_marker_in_one_frame_does_not_ruin_the_run(seed, marker):

@@ -17,7 +17,7 @@ from rcmservo.controller import SaturatedController, control
 from rcmservo.estimators.base import Estimator, Sample
 from rcmservo.estimators.projection import ProjectionEstimator
 from rcmservo.exploration import Exploration, Exploring
-from rcmservo.features import SCALE, measured
+from rcmservo.features import SCALE, measured, surprise
 from rcmservo.imaged_rcm import ImagedRcm, follow
 from rcmservo.mechanism import Kinematics, blocked, joint_rates, position
 from rcmservo.plant import Command, Floats, Observation, Target
@@ -26,6 +26,9 @@ from rcmservo.tool import Tool
 
 HOLD_TIME = 1_000_000_000
 """ns of HOLD after which only a person resumes."""
+
+SURPRISE = 2.0
+"""Scaled feature change beyond the predicted one, and as much again as was predicted, that no tool's motion makes."""
 
 NO_PIXEL = 1e6
 """px from where on a coordinate is no marker's."""
@@ -63,6 +66,7 @@ class Cause(Enum):
     MARKER_1_LOST = "marker 1 is not seen: it left the picture or is hidden"
     MARKER_2_LOST = "marker 2 is not seen: it left the picture or is hidden"
     MARKERS_LOST = "neither marker is seen: they left the picture or are hidden"
+    SURPRISED = "the markers are not where the tool's motion puts them: mistaken or swapped, or the camera moved"
     JOINTS_UNKNOWN = "the joints' positions at the exposure of the frame are not known"
     RCM_UNKNOWN = "the imaged RCM cannot be computed: the lines seen of the tool are too much alike"
     SINGULAR = "the target lies at or beyond a singular surface: the scaled Jacobian's condition passed its limit"
@@ -94,16 +98,18 @@ def _lost(points: Floats) -> tuple[bool, bool]:
 class State:
     """All that the servo remembers, and what it decided at the last tick.
 
-    ``frame`` is the newest seen, ``exposure`` ns that of the newest learnt from (-1: none). ``o_c`` (2,) px and
-    ``rcm_condition`` of eq. (16); ``J_hat`` (3, 3) and its scaled ``condition``; ``y`` and ``delta`` = Δy (3,) of the
-    newest frame; ``p1`` (3,) mm at that exposure; ``v`` (3,) mm/s wanted of marker 1; ``command`` as the gate passed
-    it; ``peak`` the scaled error that has last been fallen short of, at ``peak_time`` ns. NaN where not known yet.
+    ``frame`` is the newest seen, not believed if ``surprised``; ``exposure`` ns that of the newest learnt from (-1:
+    none). ``o_c`` (2,) px and ``rcm_condition`` of eq. (16); ``J_hat`` (3, 3) and its scaled ``condition``; ``y`` and
+    ``delta`` = Δy (3,) of the newest frame learnt from; ``p1`` (3,) mm at that exposure; ``v`` (3,) mm/s wanted of
+    marker 1; ``command`` as the gate passed it; ``peak`` the scaled error that has last been fallen short of, at
+    ``peak_time`` ns. NaN where not known yet.
     """
 
     phase: Phase
     cause: Cause
     command: Command
     frame: int
+    surprised: bool
     exposure: int
     lines: Floats
     line_count: int
@@ -163,6 +169,7 @@ class Servo:
             cause=Cause.NONE,
             command=self.gate.rest(),
             frame=-1,
+            surprised=False,
             exposure=-1,
             lines=lines,
             line_count=count,
@@ -210,12 +217,14 @@ class Servo:
 
     def _look(self, state: State, seen: Observation, target: Target) -> State:
         """What a new frame teaches: the imaged RCM, Ĵ, and the error."""
-        if any(_lost(seen.points)) or not math.isfinite(seen.q_exposure.sum()):
+        p1 = self.marker_1(seen.q_exposure)
+        if any(_lost(seen.points)) or not math.isfinite(p1.sum()):
             return state.but(frame=seen.frame)
+        if self._surprised(state, p1, seen.points):
+            return state.but(frame=seen.frame, surprised=True)
         lines, count, o_c, rcm_condition = follow(
             state.lines, state.line_count, seen.points, self.imaged_rcm.refinements
         )
-        p1 = self.marker_1(seen.q_exposure)
         memory, J_hat, y, delta, exposure = state.memory, state.J_hat, state.y, state.delta, state.exposure
         if rcm_condition <= self.imaged_rcm.max_condition:
             exposure = seen.exposure
@@ -226,6 +235,7 @@ class Servo:
             y, delta = measured(seen.points, target.points, o_c)
         return state.but(
             frame=seen.frame,
+            surprised=False,
             exposure=exposure,
             lines=lines,
             line_count=count,
@@ -237,6 +247,11 @@ class Servo:
             y=y,
             delta=delta,
         )
+
+    def _surprised(self, state: State, p1: Floats, points: Floats) -> bool:
+        """Whether the markers have moved as no tool does; told only once Ĵ and o_c are known."""
+        known = state.explored and state.rcm_condition <= self.imaged_rcm.max_condition
+        return known and surprise(points, state.o_c, state.y, state.J_hat, p1 - state.p1) > SURPRISE
 
     def _decide(self, state: State, seen: Observation, new: bool) -> State:
         """The velocity wanted of marker 1 in the present phase, and the phase itself."""
@@ -289,6 +304,8 @@ class Servo:
             return MARKER_CAUSES[lost]
         if not math.isfinite(seen.q_exposure.sum()):
             return Cause.JOINTS_UNKNOWN
+        if state.surprised:
+            return Cause.SURPRISED
         return self._servo_cause(state, seen) if state.explored else self._tour_cause(state.tour, seen)
 
     def _tour_cause(self, tour: Exploring, seen: Observation) -> Cause:
