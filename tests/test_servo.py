@@ -294,6 +294,24 @@ def test_absurd_pixels_stop_the_tool_instead_of_raising():
     assert state.phase in (Phase.HOLD, Phase.PAUSED)
 
 
+def test_a_camera_that_sends_nothing_more_stops_the_tool():
+    lab = laboratory()
+    servo = lab.servo()
+    state = servoing(lab, servo)
+    assert state.command.rates.any()
+    last = {}
+
+    def frozen(seen):
+        first = last.setdefault("seen", seen)
+        return replace(
+            seen, frame=first.frame, exposure=first.exposure, q_exposure=first.q_exposure, points=first.points
+        )
+
+    *_, (_, after) = lab.run(servo, 0.6, state, frozen)
+    assert (after.phase, after.cause) == (Phase.HOLD, Cause.STALE)
+    assert not after.command.rates.any()
+
+
 def test_when_the_imaged_rcm_is_lost_the_tool_does_not_go_on_with_the_last_error():
     lab = laboratory()
     servo = lab.servo()

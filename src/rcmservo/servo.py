@@ -27,6 +27,9 @@ from rcmservo.tool import Tool
 HOLD_TIME = 1_000_000_000
 """ns of HOLD after which only a person resumes."""
 
+STALE_TIME = 300_000_000
+"""ns since the exposure of the newest frame after which the servo no longer moves on what it shows."""
+
 SURPRISE = 2.0
 """Scaled feature change beyond the predicted one, and as much again as was predicted, that no tool's motion makes."""
 
@@ -66,6 +69,7 @@ class Cause(Enum):
     MARKER_1_LOST = "marker 1 is not seen: it left the picture or is hidden"
     MARKER_2_LOST = "marker 2 is not seen: it left the picture or is hidden"
     MARKERS_LOST = "neither marker is seen: they left the picture or are hidden"
+    STALE = "no new frame has come from the camera for too long"
     SURPRISED = "the markers are not where the tool's motion puts them: mistaken or swapped, or the camera moved"
     JOINTS_UNKNOWN = "the joints' positions at the exposure of the frame are not known"
     RCM_UNKNOWN = "the imaged RCM cannot be computed: the lines seen of the tool are too much alike"
@@ -299,14 +303,21 @@ class Servo:
         """The reason to hold still, if there is one; the gravest first."""
         if state.tour is None:
             return Cause.NO_ROOM
+        blind = self._blind(state, seen)
+        if blind is not Cause.NONE:
+            return blind
+        return self._servo_cause(state, seen) if state.explored else self._tour_cause(state.tour, seen)
+
+    def _blind(self, state: State, seen: Observation) -> Cause:
+        """Why what was seen last cannot be used."""
         lost = _lost(seen.points)
         if any(lost):
             return MARKER_CAUSES[lost]
+        if seen.now - seen.exposure > STALE_TIME:
+            return Cause.STALE
         if not math.isfinite(seen.q_exposure.sum()):
             return Cause.JOINTS_UNKNOWN
-        if state.surprised:
-            return Cause.SURPRISED
-        return self._servo_cause(state, seen) if state.explored else self._tour_cause(state.tour, seen)
+        return Cause.SURPRISED if state.surprised else Cause.NONE
 
     def _tour_cause(self, tour: Exploring, seen: Observation) -> Cause:
         return Cause.NOT_EXPLORED if self.exploration.overdue(tour, seen.now) else Cause.NONE
