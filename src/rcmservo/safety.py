@@ -9,6 +9,7 @@ and T = e · latency + dt is what a loop with that latency needs to close in on 
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,8 +44,7 @@ def within(
     return allowed, True
 
 
-@dataclass(frozen=True, eq=False)
-class Passed:
+class Passed(NamedTuple):
     """What the gate let through, and whether what was asked was ``finite``: if not, the command is zero at once."""
 
     command: Command

@@ -92,6 +92,11 @@ LIMIT_CAUSES = (Cause.JOINT_1_LIMIT, Cause.JOINT_2_LIMIT, Cause.JOINT_3_LIMIT)
 FINAL_CAUSES = {Cause.NO_ROOM, Cause.NOT_EXPLORED, Cause.STALLED, Cause.NOT_FINITE}
 
 
+def _finite(numbers: Floats) -> bool:
+    """Whether all are finite; NumPy's own way takes ten times as long on three numbers."""
+    return all(map(math.isfinite, numbers.tolist()))
+
+
 def _lost(points: Floats) -> tuple[bool, bool]:
     """Whether marker 1 and marker 2 are lost: raw pixels (2, 2) not finite, or such as no camera has."""
     (u1, v1), (u2, v2) = points.tolist()
@@ -222,7 +227,7 @@ class Servo:
     def _look(self, state: State, seen: Observation, target: Target) -> State:
         """What a new frame teaches: the imaged RCM, Ĵ, and the error."""
         p1 = self.marker_1(seen.q_exposure)
-        if any(_lost(seen.points)) or not math.isfinite(p1.sum()):
+        if any(_lost(seen.points)) or not _finite(p1):
             return state.but(frame=seen.frame)
         if self._surprised(state, p1, seen.points):
             return state.but(frame=seen.frame, surprised=True)
@@ -315,7 +320,7 @@ class Servo:
             return MARKER_CAUSES[lost]
         if seen.now - seen.exposure > STALE_TIME:
             return Cause.STALE
-        if not math.isfinite(seen.q_exposure.sum()):
+        if not _finite(seen.q_exposure):
             return Cause.JOINTS_UNKNOWN
         return Cause.SURPRISED if state.surprised else Cause.NONE
 

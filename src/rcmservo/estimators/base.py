@@ -1,15 +1,13 @@
 """What every estimator of the Jacobian offers: settings in one frozen object, memory in another, and pure steps."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from rcmservo.plant import Floats
 from rcmservo.tool import Tool
 
 
-@dataclass(frozen=True, eq=False)
-class Sample:
+class Sample(NamedTuple):
     """One new frame as an estimator sees it: measured, never commanded.
 
     ``p1`` (3,) mm where the robot's joints put marker 1 at the exposure, ``points`` (2, 2) raw px, ``o_c`` (2,) px the

@@ -227,7 +227,7 @@ class ProjectionEstimator(Estimator):
     """η of the fast Γ, 1/s."""
     epsilon: float = 1e-7
     """ε of the fast Γ: modes of MᵀM weaker than ε Γ₀⁻¹ learn more slowly."""
-    observations: int = 30
+    observations: int = 20
     """P, the number of observations kept."""
     both_markers: bool = True
     """Fit m₂ as well as the paper's m₁."""
