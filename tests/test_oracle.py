@@ -90,6 +90,7 @@ def functions():  # noqa: PLR0915
     out["decay"] = fit.decay(A, b, 0.5 * a, np.diag(np.sqrt(fit.GAMMA_0)), 1.0)
     out["keep_in_front"] = fit.keep_in_front(0 * a, np.array([1.0] * 6 + [0.1] * 3), rows, n, 0, 30.0)
     out["markers_jacobian"] = fit.markers_jacobian(a, p, 0, 30.0)
+    out["jacobian_at"] = fit.jacobian_at(a, p, points, o_c, 0, 30.0)
     out["predict"] = fit.predict(a, p, 0, 30.0)
     for rate in (0.0, 20.0):
         memory, filled, a_hat = np.zeros((7, 7)), 0, np.zeros(9)

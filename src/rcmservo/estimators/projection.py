@@ -201,6 +201,12 @@ def feature_jacobian(a: Floats, p1: Floats, m: Floats, kind: int, value: float) 
 
 
 @compiled
+def jacobian_at(a: Floats, p1: Floats, points: Floats, o_c: Floats, kind: int, value: float) -> Floats:
+    """`feature_jacobian` at raw `points` (2, 2) px."""
+    return feature_jacobian(a, p1, about(points, o_c), kind, value)
+
+
+@compiled
 def predict(a: Floats, p1: Floats, kind: int, value: float) -> Floats:
     """π of eq. (34) for both markers: m (4,) px from the imaged RCM."""
     m = np.empty(4)
@@ -273,8 +279,7 @@ class ProjectionEstimator(Estimator):
         return ProjectionMemory(observations, count, a_hat)
 
     def jacobian(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
-        m = about(sample.points, sample.o_c)
-        return feature_jacobian(memory.a_hat, sample.p1, m, tool.kind, tool.value)
+        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.kind, tool.value)
 
     def predict(self, memory: ProjectionMemory, tool: Tool, p1: Floats) -> Floats:
         return predict(memory.a_hat, p1, tool.kind, tool.value)
