@@ -76,10 +76,13 @@ def law(J_hat: Floats, gradient: Floats, gain: float, max_condition: float, max_
 def control(
     J_hat: Floats, delta: Floats, bounds: Floats, printed: bool, gain: float, max_condition: float, max_speed: float
 ) -> tuple[Floats, float, float]:
-    """For the error Δy (3,): v (3,) mm/s by (32) and (31), the scaled condition of Ĵ, the largest scaled |Δy|."""
+    """For the error Δy (3,): v (3,) mm/s by (32) and (31), the scaled condition of Ĵ, and √(2V) of the scaled error.
+
+    √(2V) is |Δy| where nothing is saturated. (33) makes V fall, while one component alone may rise on the way.
+    """
     gradient = potential_gradient(delta, bounds, printed)
     v, condition = law(J_hat, gradient, gain, max_condition, max_speed)
-    return v, condition, np.max(np.abs(delta) / SCALE)
+    return v, condition, np.sqrt(2.0 * potential(delta / SCALE, bounds / SCALE, printed))
 
 
 @dataclass(frozen=True)

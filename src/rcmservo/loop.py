@@ -94,13 +94,15 @@ def run(
     duration: float = 30.0,
     rate: float = 100.0,
     done: Callable[[Tick], bool] = lambda tick: False,
+    state: State | None = None,
 ) -> Iterator[Tick]:
     """Servo to the target and yield every tick; stop when the servo pauses and its command is zero, or `done` says so.
 
+    It begins from nothing, or goes on from the `state` of an earlier run, with what was learnt there.
     However it ends, by itself, by an error or by Ctrl-C, the last thing it does is to bring the arm to rest.
     """
     plant.tracker.reset()
-    state = servo.init()
+    state = servo.init() if state is None else state.but(command=servo.gate.rest())
     try:
         for time in ticks(plant.clock, rate, duration):
             seen = plant.read()

@@ -43,8 +43,8 @@ STALL_TIME = 6_000_000_000
 STALL_FALL = 0.2
 STALL_SHARE = 0.02
 STALL_ERROR = 0.5
-"""A scaled error above STALL_ERROR that has not fallen by STALL_FALL, or by STALL_SHARE of itself, in STALL_TIME ns
-has stalled."""
+"""A scaled error √(2V) above STALL_ERROR that has not fallen by STALL_FALL, or by STALL_SHARE of itself, in STALL_TIME
+ns has stalled."""
 
 LIMIT_HORIZON = 0.1
 LIMIT_SHARE = 0.3
@@ -110,8 +110,8 @@ class State:
     ``frame`` is the newest seen, not believed if ``surprised``; ``exposure`` ns that of the newest learnt from (-1:
     none). ``o_c`` (2,) px and ``rcm_condition`` of eq. (16); ``J_hat`` (3, 3) and its scaled ``condition``; ``y`` and
     ``delta`` = Δy (3,) of the newest frame learnt from; ``p1`` (3,) mm at that exposure; ``v`` (3,) mm/s wanted of
-    marker 1; ``command`` as the gate passed it; ``peak`` the scaled error that has last been fallen short of, at
-    ``peak_time`` ns. NaN where not known yet.
+    marker 1; ``command`` as the gate passed it; ``peak`` the error √(2V) to the ``target`` that has last been fallen
+    short of, at ``peak_time`` ns. NaN where not known yet.
     """
 
     phase: Phase
@@ -136,6 +136,7 @@ class State:
     held_since: int
     good_frames: int
     blocked: int
+    target: Target | None
     peak: float
     peak_time: int
 
@@ -196,6 +197,7 @@ class Servo:
             held_since=0,
             good_frames=0,
             blocked=-1,
+            target=None,
             peak=np.inf,
             peak_time=0,
         )
@@ -218,6 +220,8 @@ class Servo:
 
     def step(self, state: State, seen: Observation, target: Target) -> State:
         """One tick: learn from the frame if it is new, decide, and pass the decision through the gate."""
+        if target is not state.target:
+            state = state.but(target=target, peak=np.inf)
         new = seen.frame > state.frame
         if new:
             state = self._look(state, seen, target)

@@ -10,7 +10,7 @@ from rcmservo.plant import Camera, Floats
 from rcmservo.sim.arm import Arm, Drive
 from rcmservo.sim.cameras import Body, PictureCamera, PointCamera, Timing
 from rcmservo.sim.renderer import Look, Renderer
-from rcmservo.sim.scene import SceneSettings, draw
+from rcmservo.sim.scene import SceneSettings, draw, relocated
 from rcmservo.sim.truth import Truth
 from rcmservo.sim.world import World
 from rcmservo.tool import RigidTool, Tool
@@ -51,10 +51,11 @@ class Rig:
         require(seed >= 0, "seed", seed, "a whole number that is not negative")
         self.seed, self.settings = seed, settings or RigSettings()
         s = self.settings
-        drawing, noise = np.random.SeedSequence(seed).spawn(2)
+        drawing, noise, elsewhere = np.random.SeedSequence(seed).spawn(3)
         self.body = Body(s.mechanism, s.tool)
         radius = max(s.look.marker_radii)
         self.scene = draw(s.scene, self.body, (s.width, s.height), radius, np.random.default_rng(drawing))
+        self._elsewhere = np.random.default_rng(elsewhere)
         self.mechanism = Arm(s.mechanism, s.drive)
         self.clock = World(self.mechanism)
         self.camera: Camera = self._camera(pictures, np.random.default_rng(noise))
@@ -70,12 +71,23 @@ class Rig:
 
     def show_target(self) -> None:
         """A person brings the tool to the target and holds it there."""
-        self._place(self.scene.target)
+        self.place(self.scene.target)
 
     def go_home(self) -> None:
         """A person brings the tool back to the start."""
-        self._place(self.scene.start)
+        self.place(self.scene.start)
 
-    def _place(self, q: Floats) -> None:
+    def place(self, q: Floats) -> None:
+        """A person brings the tool to the joints q (3,) and holds it there."""
         self.clock.place(q)
         self.clock.wait_until(self.clock.now() + SETTLE)
+
+    def relocate_camera(self) -> None:
+        """Somebody moves and rolls the camera; from the next frame on it sees the tool from another side."""
+        s = self.settings
+        self.scene = relocated(self.scene, self.body, s.scene, max(s.look.marker_radii), self._elsewhere)
+        self.truth.optics = self.scene.optics
+        if isinstance(self.camera, PictureCamera):
+            self.camera.renderer = Renderer(self.scene.optics, s.look, self.scene.tissue, self.seed)
+        elif isinstance(self.camera, PointCamera):
+            self.camera.optics = self.scene.optics

@@ -1,12 +1,13 @@
 """Where camera, start and target are: drawn from a seed until the scene is one that the method is made for."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rcmservo.controller import scaled
 from rcmservo.errors import RcmServoError, require
 from rcmservo.exploration import CORNERS
+from rcmservo.features import SCALE, about, difference, features
 from rcmservo.mechanism import Kinematics
 from rcmservo.plant import Floats
 from rcmservo.sim.cameras import Body
@@ -16,7 +17,7 @@ from rcmservo.sim.truth import feature_jacobian
 
 MAX_DRAWS = 20_000
 WAY = 9
-"""Places on the straight way from start to target at which a scene is judged."""
+"""Places on the way from start to target at which a scene is judged."""
 
 BORDER = 12.0
 """px that both imaged balls keep from the picture's border."""
@@ -31,6 +32,10 @@ CLEARANCE = 15.0
 """mm between the tool and the tissue behind it."""
 
 
+TURNED = 0.5
+"""Least angle rad by which a relocated camera sees the tool turned."""
+
+
 class NoScene(RcmServoError):
     """No scene within the settings could be drawn."""
 
@@ -41,8 +46,9 @@ class SceneSettings:
 
     ``focal`` px; ``distance`` mm from camera to tool; ``elevation`` rad of the camera above the tool as seen along the
     straight-down axis; ``distortion`` k₁, k₂; ``travel`` mm from start to target; ``insertion`` mm of marker 1 from
-    the RCM; ``max_condition`` of the scaled Jacobian along the straight way; ``room`` mm about
-    the start in which both markers stay in view, to explore. ``start`` and ``target`` are joints
+    the RCM; ``max_condition`` of the scaled Jacobian along the straight way; ``room`` mm about the start in which both
+    markers stay in view, to explore. With ``errors``, the start is where Δy = y − y_d is exactly this (rad, px, px),
+    the way is that of the saturated law (33), and there is ``room`` half-way too. ``start`` and ``target`` are joints
     (rad, rad, mm) of your own instead of drawn ones: then only their visibility is asked for.
     """
 
@@ -54,6 +60,7 @@ class SceneSettings:
     insertion: tuple[float, float] = (70.0, 150.0)
     max_condition: float = 40.0
     room: float = 10.0
+    errors: tuple[float, float, float] | None = None
     start: tuple[float, float, float] | None = None
     target: tuple[float, float, float] | None = None
 
@@ -66,6 +73,10 @@ class SceneSettings:
         require(-1.5 <= low <= high <= 1.5, "scene.elevation", self.elevation, "two angles from -1.5 to 1.5 rad")
         finite = bool(np.all(np.isfinite(self.distortion)))
         require(finite, "scene.distortion", self.distortion, "two finite numbers k1, k2")
+        good = self.errors is None or (bool(np.all(np.isfinite(self.errors))) and any(self.errors))
+        require(good, "scene.errors", self.errors, "three finite numbers (rad, px, px), not all zero")
+        placed = self.errors is None or (self.start is None and self.target is None)
+        require(placed, "scene.errors", self.errors, "left out where start or target are given")
         require(self.max_condition > 1.0, "scene.max_condition", self.max_condition, "a number above 1")
         for name in ("start", "target"):
             q = getattr(self, name)
@@ -75,13 +86,22 @@ class SceneSettings:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A drawn scene: the true ``optics``, ``start`` and ``target`` joints (3,), the ``tissue``, and rejected draws."""
+    """A drawn scene: the true ``optics``, the ``way`` of joints (n, 3) from the start to the target, the joints (3,)
+    ``half_way``, the ``tissue``, and how many draws were rejected."""
 
     optics: Optics
-    start: Floats
-    target: Floats
+    way: Floats
+    half_way: Floats
     tissue: Tissue
     rejected: int
+
+    @property
+    def start(self) -> Floats:
+        return self.way[0]
+
+    @property
+    def target(self) -> Floats:
+        return self.way[-1]
 
 
 def draw(
@@ -98,6 +118,27 @@ def draw(
     )
 
 
+def relocated(scene: Scene, body: Body, settings: SceneSettings, radius: float, random: np.random.Generator) -> Scene:
+    """The same start and target before the same camera elsewhere, drawn as scenes are, rolled by at least TURNED."""
+    old = scene.optics
+    for rejected in range(MAX_DRAWS):
+        new, tissue = _camera(settings, body, (scene.start, scene.target), (old.width, old.height), random)
+        if new is None:
+            continue
+        optics = replace(old, rotation=new.rotation, position=new.position)
+        rolled = abs(difference(_features(body, optics, scene.start), _features(body, old, scene.start))[0])
+        visible = all(_visible(body, optics, q, radius) for q in scene.way)
+        if rolled > TURNED and visible and _regular(settings, body, optics, scene.way):
+            return replace(scene, optics=optics, tissue=tissue, rejected=rejected)
+    raise NoScene(f"no other place for the camera in {MAX_DRAWS} draws has both markers in view")
+
+
+def _features(body: Body, optics: Optics, q: Floats) -> Floats:
+    """y (3,) about the true imaged RCM at the joints q (3,)."""
+    o_c = optics.project(np.zeros((1, 3)))[0]
+    return features(about(optics.project(body.points(q)[:2]), o_c))
+
+
 def _attempt(
     settings: SceneSettings,
     body: Body,
@@ -106,7 +147,6 @@ def _attempt(
     random: np.random.Generator,
     rejected: int,
 ) -> Scene | None:
-    kinematics = body.kinematics
     start = np.array(settings.start) if settings.start else _configuration(settings, body, random)
     target = np.array(settings.target) if settings.target else _near(settings, body, start, random)
     if target is None:
@@ -114,15 +154,38 @@ def _attempt(
     optics, tissue = _camera(settings, body, (start, target), size, random)
     if optics is None:
         return None
-    free = not (settings.start and settings.target)
-    way = _way(body, start, target) if free else np.stack([start, target])
-    if free and not _inside(kinematics, way):
+    ways = _ways(settings, body, optics, start, target)
+    if ways is None:
         return None
-    if not all(_visible(body, optics, q, radius) for q in way):
-        return None
-    if free and not (_room(body, optics, start, settings.room) and _regular(settings, body, optics, way)):
-        return None
-    return Scene(optics, start, target, tissue, rejected)
+    scene = Scene(optics, *ways, tissue, rejected)
+    return scene if _suits(scene, settings, body, radius) else None
+
+
+def _ways(
+    settings: SceneSettings, body: Body, optics: Optics, start: Floats, target: Floats
+) -> tuple[Floats, Floats] | None:
+    """Joints of the way from start to target, and half-way; None where no start has the `errors` asked for."""
+    if settings.errors is not None:
+        return _way_of_errors(body, optics, target, np.array(settings.errors))
+    way = _way(body, start, target) if _free(settings) else np.stack([start, target])
+    return way, way[len(way) // 2]
+
+
+def _free(settings: SceneSettings) -> bool:
+    return not (settings.start and settings.target)
+
+
+def _suits(scene: Scene, settings: SceneSettings, body: Body, radius: float) -> bool:
+    """Whether the scene is one that the method is made for; of a scene of the user's own only visibility is asked."""
+    if _free(settings) and not _inside(body.kinematics, scene.way):
+        return False
+    if not all(_visible(body, scene.optics, q, radius) for q in (*scene.way, scene.half_way)):
+        return False
+    if not _free(settings):
+        return True
+    explored = [scene.start] if settings.errors is None else [scene.start, scene.half_way]
+    room = all(_room(body, scene.optics, q, settings.room) for q in explored)
+    return room and _regular(settings, body, scene.optics, scene.way)
 
 
 def _configuration(settings: SceneSettings, body: Body, random: np.random.Generator) -> Floats:
@@ -144,6 +207,38 @@ def _near(settings: SceneSettings, body: Body, start: Floats, random: np.random.
 def _way(body: Body, start: Floats, target: Floats) -> Floats:
     a, b = (body.kinematics.position(q) for q in (start, target))
     return np.stack([body.kinematics.joints(a + share * (b - a)) for share in np.linspace(0.0, 1.0, WAY)])
+
+
+def _way_of_errors(body: Body, optics: Optics, target: Floats, errors: Floats) -> tuple[Floats, Floats] | None:
+    """Joints (WAY, 3) on the way of the saturated law (33) from Δy = `errors` (rad, px, px), and where half of them is
+    left; None where there are none."""
+    y_d = _features(body, optics, target)
+    way = [target]
+    longest = np.max(np.abs(errors) / SCALE)
+    for share in np.linspace(1.0, 0.0, WAY)[1:]:
+        left = np.sign(errors) * np.maximum(np.abs(errors) - share * longest * SCALE, 0.0)
+        q = _with_error(body, optics, way[-1], y_d, left)
+        if q is None:
+            return None
+        way.append(q)
+    half_way = _with_error(body, optics, way[WAY // 2], y_d, 0.5 * errors)
+    return None if half_way is None else (np.stack(way[::-1]), half_way)
+
+
+def _with_error(body: Body, optics: Optics, q: Floats, y_d: Floats, error: Floats) -> Floats | None:
+    """Joints (3,) at which y − y_d is `error`, by Newton's method from q; None where it finds none."""
+    for _ in range(10):
+        left = difference(error, difference(_features(body, optics, q), y_d))
+        if np.max(np.abs(left) / SCALE) < 1e-9:
+            return q
+        J = scaled(feature_jacobian(body, optics, q, optics.project(np.zeros((1, 3)))[0]))
+        if not (np.isfinite(J).all() and np.linalg.cond(J) < 1e6):
+            return None
+        p1 = body.points(q)[0] + np.linalg.solve(J, left / SCALE)
+        near = body.kinematics.joints(p1 * (1.0 - body.tool.offset / np.linalg.norm(p1)))
+        near[:2] += 2.0 * np.pi * np.round((q[:2] - near[:2]) / (2.0 * np.pi))
+        q = near
+    return None
 
 
 def _camera(
@@ -189,9 +284,9 @@ def _visible(body: Body, optics: Optics, q: Floats, radius: float) -> bool:
     return bool(inside and np.linalg.norm(m[1] - m[0]) > SEPARATION * r)
 
 
-def _room(body: Body, optics: Optics, start: Floats, room: float) -> bool:
-    """Whether both markers stay in the picture about the start."""
-    p1 = body.points(start)[0]
+def _room(body: Body, optics: Optics, q: Floats, room: float) -> bool:
+    """Whether both markers stay in the picture about the joints q (3,)."""
+    p1 = body.points(q)[0]
     around = p1 + room * np.concatenate([CORNERS, -CORNERS])
     m = optics.project(np.concatenate([around, [body.tool.second_marker(p) for p in around]]))
     return bool(((m > BORDER) & (m < np.array([optics.width, optics.height]) - BORDER)).all())
