@@ -1,4 +1,4 @@
-"""The command line: `rcmservo run` and `rcmservo replay`, over the settings dataclasses."""
+"""The command line: `rcmservo run`, `rcmservo replay` and `rcmservo paper`, over the settings dataclasses."""
 
 import contextlib
 import io
@@ -16,7 +16,7 @@ import numpy as np
 import tyro
 from rich.console import Console
 from rich.live import Live
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -84,13 +84,32 @@ class Replay:
     flow: FlowEstimator = field(default_factory=FlowEstimator)
 
 
-Command = Annotated[Run, tyro.conf.subcommand("run")] | Annotated[Replay, tyro.conf.subcommand("replay")]
+@dataclass(frozen=True)
+class Paper:
+    """Run every experiment of the paper in simulation, and write one report that judges its claims."""
+
+    out: Path | None = None
+    """Folder to write to: new or empty, or that of an earlier run, which then goes on where it stopped. By default a
+    new one under runs/."""
+    quick: bool = False
+    """A reduced set: few seeds, a camera that delivers points, one run on rendered frames."""
+    only: str | None = None
+    """One experiment by its name."""
+
+
+Command = (
+    Annotated[Run, tyro.conf.subcommand("run")]
+    | Annotated[Replay, tyro.conf.subcommand("replay")]
+    | Annotated[Paper, tyro.conf.subcommand("paper")]
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the exit code is 0, 1 where a run did not settle, 2 for bad input, 130 for Ctrl-C."""
     try:
         command = _parse(arguments)
+        if isinstance(command, Paper):
+            return _paper(command)
         return _run(command) if isinstance(command, Run) else _replay(command)
     except RcmServoError as error:
         return _fail(str(error))
@@ -105,7 +124,7 @@ class Unparsed(RcmServoError):
     """A command line that does not say what to do."""
 
 
-def _parse(arguments: list[str] | None) -> Run | Replay:
+def _parse(arguments: list[str] | None) -> Run | Replay | Paper:
     """The command line as settings. What is wrong with it comes as one sentence instead of tyro's boxes."""
     errors = io.StringIO()
     try:
@@ -146,12 +165,8 @@ def _run(command: Run) -> int:
     require(command.seed >= 0, "--seed", command.seed, "a whole number that is not negative")
     require(1.0 < command.duration <= 3600.0, "--duration", command.duration, "more than 1 and at most 3600 s")
     lab = load_lab(command.rig) if command.rig else Lab()
-    try:
+    with _simulator("run"):
         from rcmservo.simulate import Job, simulate
-    except ModuleNotFoundError as error:
-        raise RcmServoError(
-            f"run needs the simulator, and {error.name} is not installed: pip install 'rcmservo[sim]'"
-        ) from error
     servo = Servo(
         mechanism=lab.mechanism,
         tool=lab.tool,
@@ -172,6 +187,17 @@ def _run(command: Run) -> int:
     else:
         _show_run(console, metrics)
     return 0 if metrics["settled"] else UNSETTLED
+
+
+@contextlib.contextmanager
+def _simulator(command: str) -> Generator[None]:
+    """Import what simulates in here: where it is not installed, that is one sentence."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise RcmServoError(
+            f"{command} needs the simulator, and {error.name} is not installed: pip install 'rcmservo[sim]'"
+        ) from error
 
 
 def _line(tick: Tick, duration: float) -> Text:
@@ -216,6 +242,35 @@ def _show_run(console: Console, metrics: dict[str, Any]) -> None:
 
 def _unit(value: float | None, unit: str, digits: int) -> str:
     return "–" if value is None else f"{value:.{digits}f} {unit}"
+
+
+def _paper(command: Paper) -> int:
+    with _simulator("paper"):
+        from rcmservo.experiments import paper, report
+    console = Console()
+    folder = command.out or _dated("paper")
+    tasks = paper.tasks_of(paper.chosen(command.only), command.quick)
+    total = sum(task.cost for some in tasks.values() for task in some)
+    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=console, transient=True) as bar:
+        shown = bar.add_task("simulating", total=total)
+        try:
+            page = paper.run(folder, command.quick, command.only, lambda task: bar.update(shown, advance=task.cost))
+        except KeyboardInterrupt:
+            console.print(f"what is done is kept; the same command with --out {folder} goes on from there")
+            raise
+    rows = json.loads((folder / report.CLAIMS).read_text())
+    _show_claims(console, rows)
+    console.print(f"report in {page}")
+    return 0
+
+
+def _show_claims(console: Console, rows: list[dict[str, Any]]) -> None:
+    table = Table("claim", "where", "measured", "verdict")
+    for row in rows:
+        number = "–" if row["measured"] is None else f"{row['measured']:.3g} {row['unit']}"
+        table.add_row(row["claim"], row["where"], number, row["verdict"])
+    console.print(table)
 
 
 def _replay(command: Replay) -> int:
@@ -294,13 +349,18 @@ def _show_replay(console: Console, report: dict[str, Any]) -> None:
     console.print(table)
 
 
+def _dated(name: str) -> Path:
+    """A folder under runs/ that nobody has used yet."""
+    return Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S-%f}"
+
+
 @contextlib.contextmanager
 def _new_folder(out: Path | None, name: str) -> Generator[Path]:
     """The folder to write to: the user's, which must be new or empty, or a fresh one under runs/.
 
     Where nothing came to be written, a folder that was made for it goes again.
     """
-    folder = out or Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S-%f}"
+    folder = out or _dated(name)
     made = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)

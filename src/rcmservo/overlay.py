@@ -1,6 +1,7 @@
 """The camera's picture with what the servo sees in it: present features blue, target black, as in Fig. 7."""
 
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -17,12 +18,15 @@ FAR = 20_000.0
 """px: an imaged RCM further away than this is drawn as its direction only."""
 
 
-def draw(image: Image, points: Floats, o_c: Floats, target: Floats, words: str) -> Image:
+def draw(image: Image, points: Floats, o_c: Floats, target: Floats, words: str, others: Sequence[Floats] = ()) -> Image:
     """A copy of the picture with markers m₁ m₂ (2, 2), imaged RCM o_c (2,), target (2, 2) px and a line of words.
 
-    The lines run from o_c to m₁ (r) and on to m₂ (d); their direction is s. What is NaN is left out.
+    The lines run from o_c to m₁ (r) and on to m₂ (d); their direction is s. What is NaN is left out. Further targets,
+    `others`, are drawn in thin black.
     """
     picture = image.copy()
+    for other in others:
+        _tool(picture, other, o_c, BLACK, 1)
     _tool(picture, target, o_c, BLACK, 2)
     _tool(picture, points, o_c, BLUE, 2)
     if np.isfinite(o_c).all() and bool(np.max(np.abs(o_c)) < FAR):
@@ -49,6 +53,12 @@ def _tool(picture: Image, points: Floats, o_c: Floats, colour: tuple[int, int, i
 
 def _fixed(point: Floats) -> tuple[int, int]:
     return round(float(point[0]) * (1 << SHIFT)), round(float(point[1]) * (1 << SHIFT))
+
+
+def write_picture(path: Path, image: Image) -> None:
+    """Write a picture to a file; its format is that of the file's name."""
+    if not cv2.imwrite(str(path), image):
+        raise UnusableFile(path, "cannot be written as a picture")
 
 
 class Video:

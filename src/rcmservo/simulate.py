@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo import plots, record
-from rcmservo.errors import UnusableFile
+from rcmservo import charts, plots, record
 from rcmservo.estimators.base import Estimator
+from rcmservo.files import write_whole
 from rcmservo.loop import Plant, Tick, run, teach
 from rcmservo.outcome import LAST, Judge, Outcome
 from rcmservo.overlay import Video, draw
@@ -279,15 +279,5 @@ def _overlay(image: Image, tick: Tick, target: Target) -> Image:
 def draw_figures(folder: Path) -> None:
     """The figures of a run's record."""
     rows = record.read(folder / RECORD)
-    plots.errors(rows, folder / "errors.png")
-    plots.estimate(rows, folder / "estimate.png")
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a file so that it is there whole or not at all."""
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_text(text)
-        part.replace(path)
-    except OSError as error:
-        raise UnusableFile(path, f"cannot be written: {error.strerror}") from error
+    charts.save(plots.errors(rows), folder / "errors.png")
+    charts.save(plots.estimate(rows), folder / "estimate.png")

@@ -1,0 +1,147 @@
+"""One simulated closed loop in stages, all in one record, with the truth beside it for the judge.
+
+The script plays the person: it places the tool, shows targets, moves the camera, and starts the servo.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from rcmservo import record
+from rcmservo.charts import Curve, curve
+from rcmservo.controller import SaturatedController
+from rcmservo.estimators.base import Estimator
+from rcmservo.estimators.projection import ProjectionEstimator
+from rcmservo.exploration import Exploration
+from rcmservo.imaged_rcm import ImagedRcm
+from rcmservo.loop import Plant, Tick, run, teach
+from rcmservo.overlay import draw, write_picture
+from rcmservo.plant import Floats, Target
+from rcmservo.servo import Servo, State
+from rcmservo.sim import Rig, RigSettings
+from rcmservo.tracking import ColourMarkers, PointMarkers
+
+RECORD = "record.mcap"
+PRINTED_LAW = SaturatedController(gain=0.1, bounds=(float(np.radians(10.0)), 10.0, 10.0))
+"""The paper's k = 0.1 and b = (10°, 10 px, 10 px)."""
+
+PRINTED_FIT = ProjectionEstimator(gamma="printed", observations=10, both_markers=False, estimator_time=1e4)
+"""The paper's projection-based estimator: the printed Γ, given 10⁴ s of its own time for a fit, P = 10, m₁ alone."""
+
+WIDE = Exploration(radius=15.0, speed=30.0, max_time=60.0)
+"""An exploration for the printed fit: ten noisy observations of one marker need 15 mm."""
+
+LONG = Exploration(radius=10.0, speed=30.0, rounds=9, max_time=60.0, tolerance=0.2)
+"""An exploration for the flow rule, which learns by 1 − exp(−γ v L): about 20 s of touring."""
+
+NOISE = 0.1
+"""px of noise of the camera without pictures, about what tracking rendered frames leaves."""
+
+
+def servo_for(
+    rig: Rig,
+    estimator: Estimator,
+    exploration: Exploration | None = None,
+    controller: SaturatedController = PRINTED_LAW,
+    lines: int = 50,
+) -> Servo:
+    """A servo that knows the rig's mechanism and tool, and nothing of its camera."""
+    return Servo(
+        rig.settings.mechanism,
+        rig.settings.tool,
+        estimator=estimator,
+        controller=controller,
+        exploration=exploration or Exploration(),
+        imaged_rcm=ImagedRcm(lines=lines),
+    )
+
+
+class ClosedLoop(AbstractContextManager["ClosedLoop"]):
+    """A rig and its plant, and a record of every tick of every stage."""
+
+    def __init__(
+        self, folder: Path, seed: int, settings: RigSettings, pictures: bool, servo: Callable[[Rig], Servo]
+    ) -> None:
+        self.rig = Rig(seed, settings, pictures=pictures)
+        tracker = ColourMarkers() if pictures else PointMarkers()
+        self.plant = Plant(self.rig.mechanism, self.rig.camera, tracker, self.rig.clock)
+        self.servo = servo(self.rig)
+        self.servo.warm_up()
+        self.folder = folder
+        self._began: int | None = None
+        about = {
+            "simulation": True,
+            "seed": seed,
+            "pictures": pictures,
+            "rig": asdict(settings),
+            "servo": repr(self.servo),
+        }
+        self._recorder = record.Recorder(folder / RECORD, self.servo, about)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._recorder.__exit__(kind, error, trace)
+
+    def shown(self, q: Floats) -> tuple[Target, Floats]:
+        """The target that a person shows at the joints q (3,), and where marker 2 then truly is, p_d (3,) mm."""
+        self.rig.place(q)
+        return teach(self.plant), self.true_p2()
+
+    def true_p2(self) -> Floats:
+        """Where marker 2 is now, (3,) mm."""
+        return self.rig.truth.markers(self.rig.clock.now())[1]
+
+    def stage(
+        self,
+        target: Target,
+        duration: float,
+        state: State | None = None,
+        servo: Servo | None = None,
+        done: Callable[[Tick], bool] = lambda tick: False,
+    ) -> Iterator[Tick]:
+        """Servo to the target as `run` does, and record; times go on from stage to stage."""
+        now = self.rig.clock.now()
+        self._began = now if self._began is None else self._began
+        for tick in run(self.plant, servo or self.servo, target, duration, done=done, state=state):
+            there = replace(tick, time=tick.time + now - self._began)
+            self._recorder.write(there)
+            error = self.rig.truth.jacobian_error(tick.state.J_hat, tick.seen.q_exposure, tick.state.o_c)
+            p1, p2 = self.rig.truth.markers(self.rig.clock.now())
+            self._recorder.write_truth(there.time, p1, p2, error)
+            yield there
+
+    def last(self, *arguments: Any, **options: Any) -> Tick:
+        """Run a stage to its end and give its last tick."""
+        *_, tick = self.stage(*arguments, **options)
+        return tick
+
+    def snapshot(self, name: str, target: Target, state: State, words: str, others: Sequence[Target] = ()) -> None:
+        """Write the camera's newest picture with features in blue and the target in black."""
+        frame = self.plant.camera.latest()
+        if frame is None or frame.image is None or self.plant.markers is None:
+            return
+        points = self.plant.markers.points
+        picture = draw(frame.image, points, state.o_c, target.points, words, [other.points for other in others])
+        write_picture(self.folder / name, picture)
+
+
+@dataclass
+class Series:
+    """Numbers gathered over time for a figure."""
+
+    time: list[float] = field(default_factory=list[float])
+    values: list[Any] = field(default_factory=list[Any])
+
+    def add(self, tick: Tick, *values: float) -> None:
+        self.time.append(tick.time / 1e9)
+        self.values.append(values)
+
+    def curves(self, *labels: str, style: int = 0) -> list[Curve]:
+        columns = np.array(self.values, dtype=float).reshape(len(self.time), -1)
+        return [curve(label, self.time, columns[:, i], style + i) for i, label in enumerate(labels)]
