@@ -18,7 +18,7 @@ class Claim:
 
     ``where`` in the paper it stands (or that it is ours); ``seeds`` the number came from; ``remark`` under which
     condition it holds, or why it does not; ``detail`` what else was seen; ``figure`` the name of the one that shows
-    it; ``trap`` the number (T1, …) of the pitfall of the paper that it confirms or refutes, with ``confirmed``.
+    it; ``trap`` the number (T1, …) of the paper's pitfall that the number bears on, and whether it ``confirmed`` it.
     """
 
     claim: str
@@ -32,6 +32,7 @@ class Claim:
     detail: str = ""
     figure: str = ""
     trap: str = ""
+    confirmed: bool = True
 
     @property
     def holds(self) -> bool:
@@ -58,6 +59,7 @@ class Claim:
             "detail": self.detail,
             "figure": self.figure,
             "trap": self.trap,
+            "trap_confirmed": bool(self.confirmed) if self.trap else None,
         }
 
 

@@ -17,6 +17,29 @@ from rcmservo.files import write_whole
 CLAIMS, FIGURES, REPORT = "claims.json", "figures.json", "report.html"
 
 
+TRAPS = {
+    "T0": "errata: as printed, the gradient of (32) drops from b to b/2",
+    "T1": "nothing can be inverted at Ĵ(0) = 0, â(0) = 0; and success does not show that Ĵ is right",
+    "T2": "λ is not constant on a real tool",
+    "T3": "singular poses: judge the scaled condition, not the determinant",
+    "T4": "spherical coordinates are singular at θ = 0",
+    "T5": "the gains fit mm and px: k = 0.1 with b = 10 is 1 px/s",
+    "T6": "the printed Γ is a slow solver",
+    "T7": "γ = 0.001 learns by 1 − exp(−γ v L): hardly at 1 mm/s",
+    "T8": "the last H lines of a slow motion are almost one line",
+    "T9": "six observations are neither needed nor enough: coplanar ones have rank 8",
+    "T10": "a wrong zero of ρ breaks c₁₄ = c₂₄ = 0",
+    "T11": "the angle wraps",
+    "T12": "60 frames/s in a 100 Hz loop: repeated frames bias ẏ",
+    "T13": "pixel noise is large against 1 px/s",
+    "T14": "a ball's centroid is not its centre's image",
+    "T15": "(33) assumes J Ĵ⁻¹ = I; stability needs its symmetric part positive definite",
+    "T16": "ambiguities: which marker, which m, how 4 mm was measured",
+    "T17": "what 4 mm means: a few mm of pose per pixel",
+}
+"""The traps of the project's critical reading of the paper, in a few words."""
+
+
 def write(out: Path, chapters: Mapping[str, Chapter], experiments: Mapping[str, Experiment], quick: bool) -> Path:
     """Write the report, the claims and the figures' data; give the report's path."""
     rows = claim_rows(chapters)
@@ -53,11 +76,14 @@ def figure_data(chapters: Mapping[str, Chapter]) -> dict[str, Any]:
     }
 
 
-def _by_trap(rows: list[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:
-    """The claims that meet a trap of the paper, in the traps' order."""
-    names = {row["trap"] for row in rows if row["trap"]}
-    ordered = sorted(names, key=lambda name: (not name[1:].isdigit(), int(name[1:]) if name[1:].isdigit() else 0))
-    return [(name, [row for row in rows if row["trap"] == name]) for name in ordered]
+def _by_trap(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The claims that meet a trap of the paper, by trap, and whether every one of them confirms it."""
+    met = {name: [row for row in rows if row["trap"] == name] for name in TRAPS}
+    return [
+        {"name": name, "words": TRAPS[name], "rows": some, "confirmed": all(row["trap_confirmed"] for row in some)}
+        for name, some in met.items()
+        if some
+    ]
 
 
 def _chapter(experiment: Experiment, chapter: Chapter, quick: bool) -> dict[str, Any]:
