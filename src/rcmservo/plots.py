@@ -1,8 +1,7 @@
 """Figures from a record, with the paper's symbols: the errors over time, and the estimate beside the measurement."""
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import NDArray
 
 from rcmservo.charts import Figure, Panel, curve
 from rcmservo.outcome import TOLERANCE
@@ -38,9 +37,9 @@ def estimate(record: Record) -> Figure:
     return projection(record) if np.isfinite(record.ticks["model"]).any() else flow(record)
 
 
-def projection(record: Record) -> Figure:
-    """The measured m₁ and π (34), both from o_c: Fig. 11."""
-    new = new_frames(record)
+def projection(record: Record, since: float = 0.0) -> Figure:
+    """The measured m₁ and π (34), both from o_c, from `since` s on: Fig. 11."""
+    new = new_frames(record, since)
     m1 = record.ticks["points"][new, :2] - record.ticks["o_c"][new]
     names = ("$u_1, \\pi_u$ [px]", "$v_1, \\pi_v$ [px]")
     legend = "measured $\\mathbf{m}_1$", "estimate $\\mathbf{\\pi}$ (34)"
@@ -56,12 +55,13 @@ def flow(record: Record) -> Figure:
     return _compared("Output flow", record, new[1:], y_dot * DEGREES, omega * DEGREES, names, legend)
 
 
-def new_frames(record: Record) -> Any:
-    """The ticks at which a new frame had come."""
-    return np.flatnonzero(np.diff(record.ticks["frame"][:, 0], prepend=-1.0) > 0)
+def new_frames(record: Record, since: float = 0.0) -> NDArray[np.intp]:
+    """The ticks from `since` s on at which a new frame had come."""
+    new = np.diff(record.ticks["frame"][:, 0], prepend=-1.0) > 0
+    return np.flatnonzero(new & (record.time >= since))
 
 
-def flows(record: Record, new: Any) -> tuple[Floats, Floats]:
+def flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
     """ẏ by differences between new frames, and ω = Ĵ ṗ₁ with the Ĵ before each: both (N - 1, 3) rad/s, px/s, px/s."""
     dt = np.diff(record.ticks["exposure"][new], axis=0) * 1e-9
     steps = np.diff(record.ticks["y"][new], axis=0)
@@ -78,7 +78,7 @@ def exploration(record: Record) -> list[tuple[float, float]]:
 
 
 def _compared(
-    title: str, record: Record, rows: Any, measured: Floats, estimated: Floats, names: tuple[str, ...],
+    title: str, record: Record, rows: NDArray[np.intp], measured: Floats, estimated: Floats, names: tuple[str, ...],
     legend: tuple[str, str],
 ) -> Figure:  # fmt: skip
     panels: list[Panel] = []

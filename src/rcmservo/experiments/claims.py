@@ -1,5 +1,6 @@
 """What an experiment says: claims with a number, a bound and a verdict, and the figures that show it."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rcmservo.charts import Figure
+from rcmservo.plant import Floats
 
 HOLDS, REMARK, FAILS = "holds", "holds with a remark", "does not hold"
 
@@ -102,6 +104,16 @@ class Task:
     function: Callable[..., dict[str, Any]]
     arguments: Mapping[str, Any] = field(default_factory=dict[str, Any])
     cost: float = 1.0
+
+
+def rms(values: Floats) -> float:
+    """Root mean square of all numbers."""
+    return math.sqrt(float(np.mean(np.square(values))))
+
+
+def median(values: Sequence[float] | Floats) -> float:
+    """The median; NaN of nothing."""
+    return float(np.median(values)) if len(values) else math.nan
 
 
 Results = Mapping[str, Result]

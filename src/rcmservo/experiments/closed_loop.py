@@ -5,7 +5,7 @@ The script plays the person: it places the tool, shows targets, moves the camera
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from rcmservo import record
-from rcmservo.charts import Curve, curve
 from rcmservo.controller import SaturatedController
 from rcmservo.estimators.base import Estimator
+from rcmservo.estimators.flow import FlowEstimator
 from rcmservo.estimators.projection import ProjectionEstimator
 from rcmservo.exploration import Exploration
 from rcmservo.imaged_rcm import ImagedRcm
@@ -35,6 +35,9 @@ PRINTED_FIT = ProjectionEstimator(gamma="printed", observations=10, both_markers
 
 WIDE = Exploration(radius=15.0, speed=30.0, max_time=60.0)
 """An exploration for the printed fit: ten noisy observations of one marker need 15 mm."""
+
+FLOW = FlowEstimator(gamma=0.001)
+"""The paper's flow-based estimator."""
 
 LONG = Exploration(radius=10.0, speed=30.0, rounds=9, max_time=60.0, tolerance=0.2)
 """An exploration for the flow rule, which learns by 1 − exp(−γ v L): about 20 s of touring."""
@@ -93,6 +96,10 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         self.rig.place(q)
         return teach(self.plant), self.true_p2()
 
+    def elapsed(self) -> float:
+        """s since the first stage began."""
+        return 0.0 if self._began is None else (self.rig.clock.now() - self._began) / 1e9
+
     def true_p2(self) -> Floats:
         """Where marker 2 is now, (3,) mm."""
         return self.rig.truth.markers(self.rig.clock.now())[1]
@@ -121,6 +128,14 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         *_, tick = self.stage(*arguments, **options)
         return tick
 
+    def explore(self, target: Target) -> Tick:
+        """Explore from nothing, until Ĵ predicts or the servo gives up; the last tick."""
+
+        def explored(tick: Tick) -> bool:
+            return tick.state.explored
+
+        return self.last(target, self.servo.exploration.max_time + 1.0, done=explored)
+
     def snapshot(self, name: str, target: Target, state: State, words: str, others: Sequence[Target] = ()) -> None:
         """Write the camera's newest picture with features in blue and the target in black."""
         frame = self.plant.camera.latest()
@@ -129,19 +144,3 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         points = self.plant.markers.points
         picture = draw(frame.image, points, state.o_c, target.points, words, [other.points for other in others])
         write_picture(self.folder / name, picture)
-
-
-@dataclass
-class Series:
-    """Numbers gathered over time for a figure."""
-
-    time: list[float] = field(default_factory=list[float])
-    values: list[Any] = field(default_factory=list[Any])
-
-    def add(self, tick: Tick, *values: float) -> None:
-        self.time.append(tick.time / 1e9)
-        self.values.append(values)
-
-    def curves(self, *labels: str, style: int = 0) -> list[Curve]:
-        columns = np.array(self.values, dtype=float).reshape(len(self.time), -1)
-        return [curve(label, self.time, columns[:, i], style + i) for i, label in enumerate(labels)]

@@ -102,7 +102,8 @@ def chapter(settings: Settings, results: Results) -> Chapter:
             f"with k = {settings.gain:g} and b = {settings.bound:g} px an error of {settings.error:g} px is below 2 % "
             "after about 90 s",
             "(33)", smooth["time_to_2_percent"], "s", "<=", 90.0, [],
-            detail=f"as printed {printed['time_to_2_percent']:.0f} s: {slow}", figure="potential-loop", trap="T5", confirmed=smooth["time_to_2_percent"] > 80.0,
+            detail=f"as printed {printed['time_to_2_percent']:.0f} s: {slow}", figure="potential-loop", trap="T5",
+            confirmed=smooth["time_to_2_percent"] > 80.0,
         ),
     ]  # fmt: skip
     return Chapter(claims, [_figure_5(settings, values), _loop(settings, values)])
