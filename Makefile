@@ -21,7 +21,6 @@ bench: $(READY)
 	$(BIN)/python benchmarks/step_time.py
 	$(BIN)/python benchmarks/tracking.py 150
 	$(BIN)/python benchmarks/settle.py
-	$(BIN)/python benchmarks/faithful.py
 
 $(READY): pyproject.toml
 	python3 -m venv .venv

@@ -12,12 +12,13 @@ import numpy as np
 
 import rcmservo as rs
 from rcmservo.cli import estimators
+from rcmservo.estimators.base import Estimator
 from rcmservo.tracking import PointMarkers
 
 SEEDS = range(3)
 
 
-def step_times(estimator: rs.ProjectionEstimator | rs.FlowEstimator, seed: int) -> list[float]:
+def step_times(estimator: Estimator, seed: int) -> list[float]:
     """Microseconds of every step with a new frame in a 10 s run, after warm-up."""
     rig = rs.sim.Rig(seed, pictures=False)
     plant = rs.Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
@@ -53,7 +54,7 @@ def main() -> None:
     print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}")
     yardstick = solve_and_clip()
     print(f"NumPy 3x3 solve and clip: {yardstick:.1f} us (median)")
-    for name, estimator in estimators(rs.ProjectionEstimator(), rs.FlowEstimator()).items():
+    for name, estimator in estimators(rs.ProjectionEstimator(), rs.FlowEstimator(), rs.BroydenEstimator()).items():
         took = np.concatenate([step_times(estimator, seed) for seed in SEEDS])
         p50, p99 = np.percentile(took, [50, 99])
         print(f"{name:<20} median {p50:6.1f} us   99 % {p99:6.1f} us   {p50 / yardstick:5.1f} x the yardstick")

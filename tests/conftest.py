@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from rcmservo.clock import ticks
 from rcmservo.controller import SaturatedController
+from rcmservo.estimators.broyden import BroydenEstimator
 from rcmservo.estimators.flow import FlowEstimator
 from rcmservo.estimators.projection import ProjectionEstimator, normal_equations
 from rcmservo.loop import Plant, teach
@@ -101,6 +102,7 @@ ESTIMATORS = {
     "fast": ProjectionEstimator(),
     "printed": ProjectionEstimator(gamma="printed", estimator_time=1000.0),
     "flow": FlowEstimator(gamma=0.05),
+    "broyden": BroydenEstimator(min_step=0.1),
 }
 TOOLS = {"rigid": RigidTool(spacing=SPACING), "scaled": ScaledTool(scale=1.3)}
 CONTROLLERS = {"continuous": SaturatedController(), "printed": SaturatedController(potential="printed")}

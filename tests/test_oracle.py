@@ -31,7 +31,7 @@ def pixels(C, p1, spacing=30.0):
 def functions():  # noqa: PLR0915
     """Every compiled function of the core on a few inputs: name -> numbers."""
     from rcmservo import controller, exploration, features, imaged_rcm, mechanism, projection, safety, tool
-    from rcmservo.estimators import flow
+    from rcmservo.estimators import broyden, flow
     from rcmservo.estimators import projection as fit
 
     random, out = np.random.default_rng(0), {}
@@ -102,6 +102,9 @@ def functions():  # noqa: PLR0915
 
     out["learn"] = flow.learn(0.5 * J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0]), 0.02, 0.01)
     out["flow"] = flow.update(0.5 * J, places[0], points, places[1], target, o_c, 0.02, 0.01)
+    out["learn broyden"] = broyden.learn(0.5 * J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0]))
+    for min_step in (1.0, 1e3):
+        out[f"broyden {min_step}"] = broyden.update(0.5 * J, places[0], points, places[1], target, o_c, min_step)[0]
     for printed in (False, True):
         out[f"gradient {printed}"] = controller.potential_gradient(delta, np.full(3, 0.1), printed)
         out[f"potential {printed}"] = controller.potential(delta, np.full(3, 0.1), printed)
@@ -117,6 +120,7 @@ def functions():  # noqa: PLR0915
 
 def steps():
     """A few servo steps on exact pictures of a tool that follows its commands: exploring, then servoing."""
+    from rcmservo.estimators.broyden import BroydenEstimator
     from rcmservo.estimators.flow import FlowEstimator
     from rcmservo.estimators.projection import ProjectionEstimator
     from rcmservo.exploration import Exploration
@@ -130,6 +134,7 @@ def steps():
         "fast": (ProjectionEstimator(observations=6), RigidTool(30.0)),
         "printed": (ProjectionEstimator("printed", observations=6, estimator_time=1e3), ScaledTool(1.3)),
         "flow": (FlowEstimator(0.05), RigidTool(30.0)),
+        "broyden": (BroydenEstimator(), RigidTool(30.0)),
     }
     for name, (estimator, tool) in choices.items():
         exploration = Exploration(radius=6.0, speed=60.0, tolerance=0.9, reach=2.0)
@@ -190,7 +195,7 @@ def test_the_oracle_knows_every_compiled_function_of_the_core():
     """A function that nothing above calls directly is called by one that is."""
     called = _called_when_plain()
     core = "mechanism tool projection features imaged_rcm controller exploration safety estimators.flow"
-    for module in (*core.split(), "estimators.projection"):
+    for module in (*core.split(), "estimators.projection", "estimators.broyden"):
         source = __import__(f"rcmservo.{module}", fromlist=["x"])
         for name, value in vars(source).items():
             if hasattr(value, "py_func") and value.__module__ == source.__name__:

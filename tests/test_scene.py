@@ -94,3 +94,13 @@ def test_a_component_that_rises_while_the_potential_falls_is_no_stall():
     servo = lab.servo(controller=printed, estimator=printed_fit)
     *_, last = run(lab.plant, servo, lab.target, 30.0)
     assert last.state.cause is Cause.NONE
+
+
+def test_after_a_person_moved_the_tool_no_frame_is_given_joints_from_before():
+    lab = laboratory(seed=2)
+    lab.rig.show_target()
+    teach(lab.plant, frames=5)
+    lab.rig.go_home()
+    home = lab.rig.scene.start
+    for tick in run(lab.plant, lab.servo(), lab.target, 0.05):
+        assert np.abs(tick.seen.q_exposure - home).max() < 0.1

@@ -6,6 +6,7 @@ from types import ModuleType
 from rcmservo.clock import ticks
 from rcmservo.controller import SaturatedController
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
+from rcmservo.estimators.broyden import BroydenEstimator
 from rcmservo.estimators.flow import FlowEstimator
 from rcmservo.estimators.projection import ProjectionEstimator
 from rcmservo.exploration import Exploration
@@ -21,6 +22,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "BadInput",
+    "BroydenEstimator",
     "Cause",
     "Command",
     "Exploration",

@@ -7,7 +7,7 @@ import os
 import re
 import sys
 from collections.abc import Generator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,8 +23,9 @@ from rich.text import Text
 from rcmservo.controller import SaturatedController
 from rcmservo.errors import RcmServoError, UnusableFile, require
 from rcmservo.estimators.base import Estimator
+from rcmservo.estimators.broyden import BroydenEstimator
 from rcmservo.estimators.flow import FlowEstimator
-from rcmservo.estimators.projection import ProjectionEstimator
+from rcmservo.estimators.projection import PRINTED, ProjectionEstimator
 from rcmservo.exploration import Exploration
 from rcmservo.imaged_rcm import ImagedRcm
 from rcmservo.loop import Tick
@@ -33,10 +34,7 @@ from rcmservo.settings import Lab, load_lab
 from rcmservo.tracking import ColourMarkers
 
 BAD_INPUT, INTERRUPTED, UNSETTLED = 2, 130, 1
-PRINTED_TIME = 1e4
-"""s of its own time that the printed Γ is given for a fit: in real time it would need hours."""
-
-EstimatorName = Literal["projection", "projection-printed", "flow"]
+EstimatorName = Literal["projection", "projection-printed", "flow", "broyden"]
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class Run:
     """Length of the run, s of simulated time."""
     estimator: EstimatorName = "projection"
     """How the Jacobian is learnt: projection is rule (21) with the fast Γ, projection-printed with the paper's Γ, flow
-    is rule (28)."""
+    is rule (28), broyden is the rank-1 update that III-C compares it to."""
     rig: Path | None = None
     """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene."""
     out: Path | None = None
@@ -65,6 +63,7 @@ class Run:
     imaged_rcm: ImagedRcm = field(default_factory=ImagedRcm)
     projection: ProjectionEstimator = field(default_factory=ProjectionEstimator)
     flow: FlowEstimator = field(default_factory=FlowEstimator)
+    broyden: BroydenEstimator = field(default_factory=BroydenEstimator)
 
 
 @dataclass(frozen=True)
@@ -82,6 +81,7 @@ class Replay:
     imaged_rcm: ImagedRcm = field(default_factory=ImagedRcm)
     projection: ProjectionEstimator = field(default_factory=ProjectionEstimator)
     flow: FlowEstimator = field(default_factory=FlowEstimator)
+    broyden: BroydenEstimator = field(default_factory=BroydenEstimator)
 
 
 @dataclass(frozen=True)
@@ -155,10 +155,9 @@ def _fail(sentence: str) -> int:
     return BAD_INPUT
 
 
-def estimators(projection: ProjectionEstimator, flow: FlowEstimator) -> dict[str, Estimator]:
+def estimators(projection: ProjectionEstimator, flow: FlowEstimator, broyden: BroydenEstimator) -> dict[str, Estimator]:
     """The estimators by the names that the command line and the results use."""
-    printed = replace(projection, gamma="printed", observations=10, both_markers=False, estimator_time=PRINTED_TIME)
-    return {"projection": projection, "projection-printed": printed, "flow": flow}
+    return {"projection": projection, "projection-printed": PRINTED, "flow": flow, "broyden": broyden}
 
 
 def _run(command: Run) -> int:
@@ -170,7 +169,7 @@ def _run(command: Run) -> int:
     servo = Servo(
         mechanism=lab.mechanism,
         tool=lab.tool,
-        estimator=estimators(command.projection, command.flow)[command.estimator],
+        estimator=estimators(command.projection, command.flow, command.broyden)[command.estimator],
         controller=command.controller,
         exploration=command.exploration,
         imaged_rcm=command.imaged_rcm,
@@ -277,7 +276,7 @@ def _replay(command: Replay) -> int:
     from rcmservo.replay import replay
 
     lab = load_lab(command.rig) if command.rig else Lab()
-    chosen = estimators(command.projection, command.flow)
+    chosen = estimators(command.projection, command.flow, command.broyden)
     console = Console(stderr=command.json)
     bar = Progress(TextColumn("tracking"), BarColumn(), TextColumn("{task.completed}/{task.total} frames"),
                    console=console, transient=True)  # fmt: skip

@@ -50,6 +50,11 @@ class Plant:
         points = self.markers.points if self.markers is not None else np.full((2, 2), np.nan)
         return Observation(self.clock.now(), q, self._frame, self._exposure, self._q_exposure, points)
 
+    def reset(self) -> None:
+        """Forget where markers and joints were: a person may have moved the tool since they were last read."""
+        self.tracker.reset()
+        self._past.clear()
+
     def send(self, command: Command) -> Floats:
         """Pass a command on to the arm; the joint rates (3,) that the arm took."""
         return self.mechanism.apply(command)
@@ -62,7 +67,7 @@ class Plant:
 def teach(plant: Plant, frames: int = 30) -> Target:
     """Take what the camera sees now as the target: the mean over `frames` new frames. It never moves anything."""
     require(frames >= 1, "frames", frames, "a whole number of at least 1 frames")
-    plant.tracker.reset()
+    plant.reset()
     points: list[Floats] = []
     joints: list[Floats] = []
     last = plant.read().frame
@@ -101,7 +106,7 @@ def run(
     It begins from nothing, or goes on from the `state` of an earlier run, with what was learnt there.
     However it ends, by itself, by an error or by Ctrl-C, the last thing it does is to bring the arm to rest.
     """
-    plant.tracker.reset()
+    plant.reset()
     state = servo.init() if state is None else state.but(command=servo.gate.rest())
     try:
         for time in ticks(plant.clock, rate, duration):

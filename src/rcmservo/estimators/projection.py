@@ -283,3 +283,8 @@ class ProjectionEstimator(Estimator):
 
     def predict(self, memory: ProjectionMemory, tool: Tool, p1: Floats) -> Floats:
         return predict(memory.a_hat, p1, tool.kind, tool.value)
+
+
+PRINTED = ProjectionEstimator(gamma="printed", observations=10, both_markers=False, estimator_time=1e4)
+"""The paper's own: the printed Γ, P = 10 observations of m₁; each new frame gives it 10⁴ s, as in real time it would
+need hours."""

@@ -16,25 +16,33 @@ from rcmservo import record
 from rcmservo.controller import SaturatedController
 from rcmservo.estimators.base import Estimator
 from rcmservo.estimators.flow import FlowEstimator
-from rcmservo.estimators.projection import ProjectionEstimator
+from rcmservo.estimators.projection import PRINTED
 from rcmservo.exploration import Exploration
 from rcmservo.imaged_rcm import ImagedRcm
 from rcmservo.loop import Plant, Tick, run, teach
 from rcmservo.overlay import draw, write_picture
 from rcmservo.plant import Floats, Target
 from rcmservo.servo import Servo, State
-from rcmservo.sim import Rig, RigSettings
+from rcmservo.sim import Rig, RigSettings, SceneSettings
 from rcmservo.tracking import ColourMarkers, PointMarkers
 
 RECORD = "record.mcap"
 PRINTED_LAW = SaturatedController(gain=0.1, bounds=(float(np.radians(10.0)), 10.0, 10.0))
 """The paper's k = 0.1 and b = (10°, 10 px, 10 px)."""
 
-PRINTED_FIT = ProjectionEstimator(gamma="printed", observations=10, both_markers=False, estimator_time=1e4)
-"""The paper's projection-based estimator: the printed Γ, given 10⁴ s of its own time for a fit, P = 10, m₁ alone."""
+PRINTED_FIT = PRINTED
+"""The paper's projection-based estimator."""
 
 WIDE = Exploration(radius=15.0, speed=30.0, max_time=60.0)
 """An exploration for the printed fit: ten noisy observations of one marker need 15 mm."""
+
+PAPER_SCENES = SceneSettings(
+    errors=(float(np.radians(40.0)), -80.0, -60.0), insertion=(40.0, 70.0), distance=(150.0, 400.0), room=17.0
+)
+"""Scenes of the regulation experiments: initial errors of exactly [40°, 80 px, 60 px], r and d growing to the target.
+
+The insertion is short and the camera far, so that the imaged tool can turn by 40° inside the picture.
+"""
 
 FLOW = FlowEstimator(gamma=0.001)
 """The paper's flow-based estimator."""

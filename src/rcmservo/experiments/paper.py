@@ -5,12 +5,38 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from rcmservo.errors import BadInput, UnusableFile
-from rcmservo.experiments import potential, report
+from rcmservo.experiments import (
+    accuracy,
+    baselines,
+    imaged_rcm_accuracy,
+    potential,
+    propositions,
+    regulation_flow,
+    regulation_projection,
+    relocation,
+    report,
+    sensitivity,
+    showing,
+)
 from rcmservo.experiments.claims import Chapter, Experiment, Results, Task
 from rcmservo.experiments.work import run_all
 from rcmservo.files import write_whole
 
-EXPERIMENTS: Mapping[str, Experiment] = {module.EXPERIMENT.name: module.EXPERIMENT for module in (potential,)}
+MODULES = (
+    regulation_projection,
+    regulation_flow,
+    showing,
+    potential,
+    propositions,
+    imaged_rcm_accuracy,
+    relocation,
+    accuracy,
+    baselines,
+    sensitivity,
+)
+EXPERIMENTS: dict[str, Experiment] = {module.EXPERIMENT.name: module.EXPERIMENT for module in MODULES}
+"""All experiments by name, in the order of the report."""
+
 MODE = "paper.json"
 
 

@@ -17,7 +17,16 @@ from rcmservo.charts import Figure, Panel, curve
 from rcmservo.controller import SaturatedController
 from rcmservo.estimators.base import Estimator
 from rcmservo.experiments.claims import Claim, Results, Shown, Task, median, rms
-from rcmservo.experiments.closed_loop import NOISE, PRINTED_FIT, PRINTED_LAW, RECORD, WIDE, ClosedLoop, servo_for
+from rcmservo.experiments.closed_loop import (
+    NOISE,
+    PAPER_SCENES,
+    PRINTED_FIT,
+    PRINTED_LAW,
+    RECORD,
+    WIDE,
+    ClosedLoop,
+    servo_for,
+)
 from rcmservo.exploration import Exploration
 from rcmservo.features import SCALE
 from rcmservo.loop import Tick
@@ -44,16 +53,16 @@ SEEN = 0.1
 
 @dataclass(frozen=True)
 class Regulation:
-    """What both regulation experiments share. ``errors`` Δy at the start (rad, px, px); ``insertion``, ``distance``,
-    ``room`` mm as in scenes; ``half_way`` explores where half the errors are left; ``duration`` s from the start on; ``shown`` is
-    the seed of the figures; ``noise`` px where there are no ``pictures``."""
+    """What both regulation experiments share.
+
+    ``scene`` holds the errors at the start; ``half_way`` explores where half of them are left; ``back`` s are allowed
+    for the way back to the start, ``duration`` s from there on; ``shown`` is the seed of the figures; ``noise`` px
+    where there are no ``pictures``.
+    """
 
     seeds: Sequence[int] = tuple(range(12))
     shown: int = 0
-    errors: tuple[float, float, float] = (float(np.radians(40.0)), -80.0, -60.0)
-    insertion: tuple[float, float] = (40.0, 70.0)
-    distance: tuple[float, float] = (150.0, 400.0)
-    room: float = 17.0
+    scene: SceneSettings = PAPER_SCENES
     estimator: Estimator = PRINTED_FIT
     exploration: Exploration = WIDE
     half_way: bool = False
@@ -66,8 +75,12 @@ class Regulation:
 
     def rig(self) -> RigSettings:
         """The laboratories that the seeds draw from."""
-        scene = SceneSettings(errors=self.errors, insertion=self.insertion, distance=self.distance, room=self.room)
-        return RigSettings(scene=scene, point_noise=self.noise)
+        return RigSettings(scene=self.scene, point_noise=self.noise)
+
+    @property
+    def errors(self) -> Floats:
+        """|Δy| (3,) rad, px, px at the start."""
+        return np.abs(np.array(self.scene.errors, dtype=float))
 
 
 def regulation_tasks(settings: Regulation) -> list[Task]:
@@ -123,9 +136,9 @@ def measured(rows: Record, began: float | None, p_d: Floats, cause: str, setting
     sizes = np.abs(rows.ticks["delta"][new])
     time = rows.time[new] - began
     last = time > time[-1] - AT_REST
-    left = np.sqrt(np.mean(sizes[last] ** 2, axis=0)) / np.abs(settings.errors)
+    left = np.sqrt(np.mean(sizes[last] ** 2, axis=0)) / settings.errors
     pose = np.linalg.norm(rows.truth["p2"] - p_d, axis=1)
-    below = (sizes < PERCENT * np.abs(settings.errors)).all(axis=1)
+    below = (sizes < PERCENT * settings.errors).all(axis=1)
     bounds = np.array(settings.controller.bounds)
     return {
         **values,
@@ -237,7 +250,7 @@ def regulation_errors(rows: Record, values: dict[str, Any], settings: Regulation
     began = values["began"] or 0.0
     on = rows.time >= began + SEEN
     sizes = np.abs(rows.ticks["delta"][on]) * plots.DEGREES
-    ends = np.abs(settings.errors) * PERCENT * plots.DEGREES
+    ends = settings.errors * PERCENT * plots.DEGREES
     panels = [
         Panel("time [s]", name, [curve("", rows.time[on] - began, sizes[:, i])], levels=[("2 %", float(ends[i]))])
         for i, name in enumerate(plots.ERRORS)

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import shutil
 import signal
+import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -17,6 +18,11 @@ from rcmservo.experiments.claims import Result, Task
 RESULT = "result.json"
 PART = ".part"
 OWN = "experiments"
+SHARED = ("calibrated", "closed_loop", "regulation")
+"""Files of the experiments that more than one of them uses."""
+
+UNRELATED = ("cli", "charts")
+"""Files of the package that no result depends on."""
 
 
 def run_all(
@@ -47,7 +53,7 @@ def run_all(
 def _run(todo: list[tuple[Task, Path, str]], progress: Callable[[Task], None]) -> None:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(cores, max(len(todo), 1)), context, initializer=_ignore_interrupts) as pool:
+    with ProcessPoolExecutor(min(cores, max(len(todo), 1)), context, initializer=_become_worker) as pool:
         try:
             futures = {pool.submit(perform, *one): one[0] for one in todo}
             for future in as_completed(futures):
@@ -60,9 +66,17 @@ def _run(todo: list[tuple[Task, Path, str]], progress: Callable[[Task], None]) -
             raise
 
 
-def _ignore_interrupts() -> None:
-    """Ctrl-C reaches every process of the terminal; the first one decides what happens."""
+def _become_worker() -> None:
+    """Leave Ctrl-C, which reaches every process of the terminal, to the first one, and end when that one has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_the_first, daemon=True).start()
+
+
+def _end_with_the_first() -> None:
+    first = multiprocessing.parent_process()
+    if first is not None:
+        first.join()
+        os._exit(1)
 
 
 def perform(task: Task, folder: Path, mark: str) -> None:
@@ -94,9 +108,6 @@ def fingerprint(task: Task) -> str:
     text = hashlib.sha256(repr((task.function.__qualname__, sorted(task.arguments.items()))).encode())
     for path in sorted(root.rglob("*.py")):
         experiment = path.parent.name == OWN
-        if not experiment or path.stem in (own, *SHARED):
+        if path.stem in (own, *SHARED) if experiment else path.stem not in UNRELATED:
             text.update(path.read_bytes())
     return text.hexdigest()
-
-
-SHARED = ("closed_loop", "regulation")
