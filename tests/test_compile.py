@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 CORE = (
-    "mechanism tool projection features imaged_rcm estimators.flow estimators.projection controller exploration safety"
+    "mechanism tool projection features imaged_rcm estimators.flow estimators.broyden estimators.projection controller "
+    "exploration safety"
 )
 
 
@@ -75,7 +76,9 @@ def eventful(lab, servo):
 
 
 @pytest.mark.parametrize("warm_up", ["method", "short run"])
-@pytest.mark.parametrize("estimator,tool", [("fast", "rigid"), ("printed", "scaled"), ("flow", "rigid")])
+@pytest.mark.parametrize(
+    "estimator,tool", [("fast", "rigid"), ("printed", "scaled"), ("flow", "rigid"), ("broyden", "rigid")]
+)
 def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_pauses(tmp_path, warm_up, estimator, tool):
     from conftest import ESTIMATORS, TOOLS, laboratory
     from rcmservo.mechanism import PitchYawRcm

@@ -90,6 +90,13 @@ def test_a_sphere_around_or_behind_the_camera_has_no_outline():
     assert np.isnan(optics.silhouette_radius(POSITION, 5.0))
 
 
+def test_without_distortion_the_calibration_matrix_projects_as_the_camera_does():
+    optics = camera(0.0, 0.0)
+    places = np.random.default_rng(0).uniform(-20.0, 20.0, (10, 3)) + TARGET
+    image = np.column_stack([places, np.ones(10)]) @ optics.pinhole().T
+    np.testing.assert_allclose(image[:, :2] / image[:, 2:], optics.project(places), atol=1e-9)
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
+from rcmservo.experiments import work
 from rcmservo.experiments.claims import FAILS, HOLDS, REMARK, Claim, Task
-from rcmservo.experiments.work import PART, RESULT, fingerprint, perform, run_all
+from rcmservo.experiments.work import PART, RESULT, fingerprint, perform, run_all, used
 
 
 def count(folder: Path, log: Path, name: str) -> dict[str, Any]:
@@ -104,6 +105,13 @@ def test_a_fingerprint_depends_on_every_setting() -> None:
     assert fingerprint(one) == fingerprint(same)
     assert fingerprint(one) != fingerprint(other)
     assert fingerprint(one) != fingerprint(replace(one, function=fail))
+
+
+def test_a_fingerprint_depends_on_the_experiments_own_and_imported_files_and_on_no_other() -> None:
+    folder = Path(work.__file__).parent
+    names = {path.stem for path in used(folder, "regulation_flow")}
+    assert names >= {"regulation_flow", "regulation", "closed_loop"}
+    assert not names & {"showing", "potential", "report", "paper"}
 
 
 def claim(measured: float, relation: Any = "<=", remark: str = "") -> Claim:

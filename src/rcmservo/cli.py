@@ -249,26 +249,34 @@ def _paper(command: Paper) -> int:
     console = Console()
     folder = command.out or _dated("paper")
     tasks = paper.tasks_of(paper.chosen(command.only), command.quick)
+    count = sum(map(len, tasks.values()))
     total = sum(task.cost for some in tasks.values() for task in some)
+    console.print(f"[dim]{count} simulated pieces of work on all cores, into {folder}[/dim]", soft_wrap=True)
     columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
     with Progress(*columns, console=console, transient=True) as bar:
         shown = bar.add_task("simulating", total=total)
         try:
             page = paper.run(folder, command.quick, command.only, lambda task: bar.update(shown, advance=task.cost))
         except KeyboardInterrupt:
-            console.print(f"what is done is kept; the same command with --out {folder} goes on from there")
+            console.print(f"what is done is kept; the same command with --out {folder} goes on there", soft_wrap=True)
             raise
-    rows = json.loads((folder / report.CLAIMS).read_text())
-    _show_claims(console, rows)
-    console.print(f"report in {page}")
+    _show_claims(console, json.loads((folder / report.CLAIMS).read_text()), every=command.only is not None)
+    console.print(f"report in {page}", soft_wrap=True)
     return 0
 
 
-def _show_claims(console: Console, rows: list[dict[str, Any]]) -> None:
-    table = Table("claim", "where", "measured", "verdict")
-    for row in rows:
-        number = "–" if row["measured"] is None else f"{row['measured']:.3g} {row['unit']}"
-        table.add_row(row["claim"], row["where"], number, row["verdict"])
+def _show_claims(console: Console, rows: list[dict[str, Any]], every: bool) -> None:
+    """Every claim of one experiment, or how many of each experiment hold."""
+    verdicts = ("holds", "holds with a remark", "does not hold")
+    table = Table("claim", "where", "measured", "verdict") if every else Table("experiment", *verdicts)
+    if every:
+        for row in rows:
+            number = "–" if row["measured"] is None else f"{row['measured']:.3g} {row['unit']}"
+            table.add_row(row["claim"], row["where"], number, row["verdict"])
+    else:
+        for name in dict.fromkeys(row["experiment"] for row in rows):
+            found = [row["verdict"] for row in rows if row["experiment"] == name]
+            table.add_row(name, *(str(found.count(verdict)) for verdict in verdicts))
     console.print(table)
 
 

@@ -12,7 +12,7 @@ markers there. The flow rule has no parameters a, so it can only go on linearly 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,13 +30,14 @@ from rcmservo.estimators.projection import (
     normal_equations,
     predict,
 )
+from rcmservo.experiments.cameras import true_parameters
 from rcmservo.experiments.claims import Chapter, Claim, Experiment, Results, Shown, Task
-from rcmservo.experiments.closed_loop import FLOW, LONG, NOISE, PRINTED_FIT, PRINTED_LAW, servo_for
+from rcmservo.experiments.closed_loop import FLOW, LONG, NOISE, PAPER_SCENES, PRINTED_FIT, PRINTED_LAW, servo_for
 from rcmservo.exploration import Exploration
 from rcmservo.features import about, features
 from rcmservo.loop import Plant, Tick, run, teach
 from rcmservo.plant import Floats
-from rcmservo.projection import PARAMETERS, parameters
+from rcmservo.projection import PARAMETERS
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 from rcmservo.tool import Tool
 from rcmservo.tracking import PointMarkers
@@ -149,11 +150,7 @@ class Settings:
     held_out: int = 100
     around: float = 15.0
     known: float = 2.0
-    scene: SceneSettings = field(
-        default_factory=lambda: SceneSettings(
-            errors=(float(np.radians(40.0)), -80.0, -60.0), insertion=(40.0, 70.0), distance=(150.0, 400.0), room=17.0
-        )
-    )
+    scene: SceneSettings = PAPER_SCENES
     exploration: Exploration = LONG
 
 
@@ -328,9 +325,7 @@ def extrapolated(J_hat: Floats, last: Sample, p1: Floats) -> Floats:
 
 def parameter_error(rig: Rig, a_hat: Floats) -> float:
     """Relative error of â in the measure of (22) with the printed Γ₀, against the camera without its distortion."""
-    optics = rig.scene.optics
-    K = np.array([[optics.focal, 0.0, optics.centre[0]], [0.0, optics.focal, optics.centre[1]], [0.0, 0.0, 1.0]])
-    a, _ = parameters(K @ optics.rotation @ np.column_stack([np.eye(PARAMETERS // 3), -optics.position]))
+    a, _ = true_parameters(rig)
     weight = 1.0 / np.sqrt(GAMMA_0)
     return float(np.linalg.norm(weight * (a_hat - a)) / np.linalg.norm(weight * a))
 

@@ -5,7 +5,7 @@ distortion the simulated lens has stays unknown to it, as it would to anybody wh
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -59,7 +59,7 @@ class Calibration:
 
 def exact(optics: Optics) -> Calibration:
     """The true camera as a pinhole."""
-    return _pinhole(optics.focal, optics.centre, optics.rotation, optics.position)
+    return Calibration(*parameters(optics.pinhole()))
 
 
 def wrong(optics: Optics, by: Miscalibration, random: np.random.Generator) -> Calibration:
@@ -67,18 +67,14 @@ def wrong(optics: Optics, by: Miscalibration, random: np.random.Generator) -> Ca
     longer = random.choice([-1.0, 1.0]) * by.focal
     turn, shift = (size * _direction(random) for size in (by.turn, by.shift))
     rotation = Rotation.from_rotvec(turn).as_matrix() @ optics.rotation
-    return _pinhole((1.0 + longer) * optics.focal, optics.centre, rotation, optics.position + shift)
+    focal, position = (1.0 + longer) * optics.focal, optics.position + shift
+    return exact(replace(optics, focal=focal, rotation=rotation, position=position))
 
 
 def rolled(optics: Optics, roll: float) -> Calibration:
     """An exact calibration from before somebody rolled the camera by `roll` rad about its line of sight."""
     back = Rotation.from_rotvec([0.0, 0.0, roll]).as_matrix()
-    return _pinhole(optics.focal, optics.centre, back @ optics.rotation, optics.position)
-
-
-def _pinhole(focal: float, centre: Floats, rotation: Floats, position: Floats) -> Calibration:
-    K = np.array([[focal, 0.0, centre[0]], [0.0, focal, centre[1]], [0.0, 0.0, 1.0]])
-    return Calibration(*parameters(K @ np.column_stack([rotation, -rotation @ position])))
+    return exact(replace(optics, rotation=back @ optics.rotation))
 
 
 def _direction(random: np.random.Generator) -> Floats:

@@ -8,15 +8,22 @@ from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.experiments import (
     accuracy,
     baselines,
+    coordinates,
+    differentiation,
+    estimator_time,
     imaged_rcm_accuracy,
+    lemma_1,
+    path_following,
     potential,
-    propositions,
+    proposition_1,
+    proposition_2,
     regulation_flow,
     regulation_projection,
     relocation,
     report,
-    sensitivity,
     showing,
+    stability,
+    tool_model,
 )
 from rcmservo.experiments.claims import Chapter, Experiment, Results, Task
 from rcmservo.experiments.work import run_all
@@ -27,12 +34,19 @@ MODULES = (
     regulation_flow,
     showing,
     potential,
-    propositions,
+    lemma_1,
+    proposition_1,
+    proposition_2,
+    stability,
     imaged_rcm_accuracy,
     relocation,
     accuracy,
     baselines,
-    sensitivity,
+    path_following,
+    tool_model,
+    coordinates,
+    differentiation,
+    estimator_time,
 )
 EXPERIMENTS: dict[str, Experiment] = {module.EXPERIMENT.name: module.EXPERIMENT for module in MODULES}
 """All experiments by name, in the order of the report."""

@@ -69,7 +69,7 @@ class Regulation:
     controller: SaturatedController = PRINTED_LAW
     lines: int = 50
     back: float = 150.0
-    duration: float = 125.0
+    duration: float = 110.0
     pictures: bool = True
     noise: float = NOISE
 

@@ -4,6 +4,7 @@ import hashlib
 import json
 import multiprocessing
 import os
+import re
 import shutil
 import signal
 import threading
@@ -18,9 +19,6 @@ from rcmservo.experiments.claims import Result, Task
 RESULT = "result.json"
 PART = ".part"
 OWN = "experiments"
-SHARED = ("calibrated", "closed_loop", "regulation")
-"""Files of the experiments that more than one of them uses."""
-
 UNRELATED = ("cli", "charts")
 """Files of the package that no result depends on."""
 
@@ -102,12 +100,23 @@ def _read(folder: Path) -> dict[str, Any]:
 
 
 def fingerprint(task: Task) -> str:
-    """What a result depends on: the task's arguments, the package, and of the experiments its own and shared files."""
+    """What a result depends on: the task's arguments, the package, and of the experiments those that its own uses."""
     root = Path(rcmservo.__file__).parent
-    own = task.function.__module__.rpartition(".")[2]
     text = hashlib.sha256(repr((task.function.__qualname__, sorted(task.arguments.items()))).encode())
-    for path in sorted(root.rglob("*.py")):
-        experiment = path.parent.name == OWN
-        if path.stem in (own, *SHARED) if experiment else path.stem not in UNRELATED:
-            text.update(path.read_bytes())
+    package = [path for path in root.rglob("*.py") if path.parent.name != OWN and path.stem not in UNRELATED]
+    for path in sorted([*package, *used(root / OWN, task.function.__module__.rpartition(".")[2])]):
+        text.update(path.read_bytes())
     return text.hexdigest()
+
+
+def used(folder: Path, module: str) -> set[Path]:
+    """The files of the experiments that a module of theirs consists of: its own, and those that it imports."""
+    found: set[Path] = set()
+    todo = {folder / f"{module}.py"}
+    while todo:
+        path = todo.pop()
+        if path.exists():
+            found.add(path)
+            names = re.findall(rf"^from rcmservo\.{OWN}\.(\w+) import", path.read_text(), re.M)
+            todo |= {folder / f"{name}.py" for name in names} - found
+    return found

@@ -56,6 +56,11 @@ class Optics:
         one_to_one = np.isinf(self._fold) or self._corner < self._fold * self._stretch(self._fold)
         require(bool(one_to_one), "distortion", self.distortion, "so weak that every pixel sees one direction")
 
+    def pinhole(self) -> Floats:
+        """The calibration matrix C (3, 4) of eq. (4): all of this but the distortion."""
+        K = np.array([[self.focal, 0.0, self.centre[0]], [0.0, self.focal, self.centre[1]], [0.0, 0.0, 1.0]])
+        return K @ self.rotation @ np.column_stack([np.eye(3), -self.position])
+
     def depth(self, points: Floats) -> Floats:
         """How far world `points` (N, 3) mm lie before the camera along its z axis, (N,) mm; negative behind it."""
         return self._in_camera(points)[:, 2]
