@@ -64,8 +64,8 @@ def test_every_experiment_has_claims_with_number_bound_verdict_and_seed(claims: 
 
 @pytest.mark.parametrize(
     "words",
-    ["Lemma 1", "Prop. 1", "Prop. 2", "(33)", "(16)", "(32)", "Fig. 5", "Fig. 9", "Fig. 10", "Fig. 11", "Fig. 12",
-     "Fig. 14", "V", "Remark 3"],
+    ["Lemma 1", "Proposition 1", "Proposition 2", "(33)", "(16)", "(32)", "Fig. 5", "Fig. 9", "Fig. 10", "Fig. 11",
+     "Fig. 12", "Fig. 14", "V", "Remark 3"],
 )  # fmt: skip
 def test_every_theorem_and_figure_is_judged(words: str, claims: list[dict[str, Any]]) -> None:
     assert any(re.search(rf"(^|[ ,]){re.escape(words)}($|[ ,])", row["where"]) for row in claims)

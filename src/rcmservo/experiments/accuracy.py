@@ -382,7 +382,7 @@ def more_accurate(table: Table, kind: str, measure: str, against: str) -> Claim:
     return Claim(
         f"the flow-based method gives the more accurate (instantaneous) Jacobian: error of {WORDS[measure]} in "
         f"{STREAMS[kind]}, flow's over that of the projection-based method ({AGAINST[against]})",
-        "IV-B", ratio, "1", "<=", 1.0, table.settings.seeds,
+        "IV-B", ratio, "", "<=", 1.0, table.settings.seeds,
         remark=_why(table, kind, measure, against),
         detail=f"median errors, {PHASES[kind][phase]}: {'; '.join(medians)}; ratio {', '.join(others)}",
         figure="accuracy-seeds",
@@ -435,7 +435,7 @@ def flow_does_not(table: Table) -> Claim:
     return Claim(
         "the flow-based method cannot estimate the parameters a: going on linearly it misses the markers at held-out "
         "poses by more than the projection-based method (10⁴ s a fit, random), by the factor",
-        "IV-B", middle(flow / other), "1", ">=", 1.0, settings.seeds,
+        "IV-B", middle(flow / other), "", ">=", 1.0, settings.seeds,
         detail=f"{short(middle(flow))} px near the way and {short(far)} px anywhere in the picture",
         figure="accuracy-poses",
     )  # fmt: skip

@@ -6,6 +6,7 @@ The script plays the person: it places the tool, shows targets, moves the camera
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, replace
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -52,6 +53,19 @@ LONG = Exploration(radius=10.0, speed=30.0, rounds=9, max_time=60.0, tolerance=0
 
 NOISE = 0.1
 """px of noise of the camera without pictures, about what tracking rendered frames leaves."""
+
+
+def recorded(folder: Path) -> record.Record:
+    """The record of a task's closed loop."""
+    path = folder / RECORD
+    return _read(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, changed: int) -> record.Record:
+    """A record, kept for the next figure made of it, for as long as the file has not `changed`."""
+    del changed
+    return record.read(path)
 
 
 def servo_for(

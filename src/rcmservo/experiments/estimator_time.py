@@ -142,7 +142,7 @@ def _leads(settings: Settings, found: Mapping[str, Floats], name: str, time: flo
     return Claim(
         f"with the {GAMMAS[name]} Ĵ leads the right way after {time:g} s of estimator time: share of the scenes in "
         "which all eigenvalues of J Ĵ⁻¹ have positive real parts",
-        "(21), Proposition 1" if printed else "ours", share, "1", ">=", 0.95, settings.scenes,
+        "(21), Proposition 1" if printed else "ours", share, "", ">=", 0.95, settings.scenes,
         detail=f"symmetric part positive definite in {definite:.0%}; error of Ĵ {median(clean[:, 0]):.2g}; with "
         f"{noise:g} px of noise {np.mean(noisy[:, 2]):.0%}, {np.mean(noisy[:, 1]):.0%} and {median(noisy[:, 0]):.2g}; "
         f"eigenvalues positive after {settings.times[1]:g} s in {longest:.0%}",

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo import plots, record
+from rcmservo import plots
 from rcmservo.charts import Figure, Panel, curve
 from rcmservo.controller import SaturatedController
 from rcmservo.estimators.base import Estimator
@@ -22,9 +22,9 @@ from rcmservo.experiments.closed_loop import (
     PAPER_SCENES,
     PRINTED_FIT,
     PRINTED_LAW,
-    RECORD,
     WIDE,
     ClosedLoop,
+    recorded,
     servo_for,
 )
 from rcmservo.exploration import Exploration
@@ -111,7 +111,7 @@ def regulate(folder: Path, seed: int, settings: Regulation) -> dict[str, Any]:
                     loop.snapshot("initial.png", target, tick.state, _words("initial", tick))
             loop.snapshot("final.png", target, tick.state, _words("final", tick))
         cause = tick.state.cause.value
-    rows = record.read(folder / RECORD)
+    rows = recorded(folder)
     return measured(rows, began, p_d, cause, settings)
 
 
@@ -230,7 +230,7 @@ def _counts(run: dict[str, Any]) -> bool:
 def regulation_figures(settings: Regulation, results: Results, paper: tuple[str, str]) -> list[Shown]:
     """Fig. 7 or 8 (pictures) and 9 or 10 (errors) of the seed shown, and all seeds."""
     result = results[f"seed-{settings.shown}"]
-    rows = record.read(result.folder / RECORD)
+    rows = recorded(result.folder)
     pictures = [result.folder / name for name in ("initial.png", "final.png")]
     shown = [
         Shown("errors", paper[1], "Magnitude of the error coordinates from the start on.", [settings.shown],

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rcmservo import plots, record
+from rcmservo import plots
 from rcmservo.charts import Figure, Panel, curve
 from rcmservo.estimators.flow import FlowEstimator
 from rcmservo.experiments.claims import Chapter, Claim, Experiment, Results, Shown, Task, median, rms
-from rcmservo.experiments.closed_loop import FLOW, LONG, RECORD
+from rcmservo.experiments.closed_loop import FLOW, LONG, recorded
 from rcmservo.experiments.regulation import (
     ACCURATE,
     SEEN,
@@ -91,7 +91,7 @@ def _from_start(settings: Settings, results: Results) -> list[Claim]:
     return [
         Claim(
             "it does not matter where the rule explores: faithful successes when it explores at the start",
-            "Prop. 2", good, f"of {len(runs)} seeds", ">=", 0.9 * len(runs), settings.seeds,
+            "Proposition 2", good, f"of {len(runs)} seeds", ">=", 0.9 * len(runs), settings.seeds,
             remark="explored at the start, Ĵ is 40° off at the end",
             detail=f"{len(reached)} of {len(runs)} fell below 2 % at all; point camera", figure="seeds", trap="T7",
             confirmed=few,
@@ -117,7 +117,7 @@ class Flows:
 def _flows(settings: Settings, results: Results) -> Flows:
     """The flows of the run that the figures show, from its start on."""
     result = results[f"seed-{settings.shown}"]
-    rows = record.read(result.folder / RECORD)
+    rows = recorded(result.folder)
     began = (result.values["began"] or 0.0) + SEEN
     new = plots.new_frames(rows, began)
     y_dot, omega = (flow * plots.DEGREES for flow in plots.flows(rows, new))

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo import plots, record
+from rcmservo import plots
 from rcmservo.charts import Curve, Figure, Panel, curve
 from rcmservo.controller import SaturatedController
 from rcmservo.estimators.projection import ProjectionEstimator
 from rcmservo.experiments.claims import Chapter, Claim, Experiment, Results, Shown, Task, median, rms
-from rcmservo.experiments.closed_loop import PRINTED_FIT, RECORD, WIDE, ClosedLoop, servo_for
+from rcmservo.experiments.closed_loop import PRINTED_FIT, WIDE, ClosedLoop, recorded, servo_for
 from rcmservo.experiments.regulation import (
     ACCURATE,
     Regulation,
@@ -80,7 +80,7 @@ def in_real_time(folder: Path, seed: int, settings: Settings) -> dict[str, Any]:
         target, _ = loop.shown(loop.rig.scene.target)
         loop.rig.go_home()
         tick = loop.explore(target)
-    rows = record.read(folder / RECORD)
+    rows = recorded(folder)
     return {"explored": tick.state.explored, "error": float(rows.truth["jacobian_error"][-1, 0])}
 
 
@@ -123,7 +123,7 @@ def _by_default(settings: Settings, results: Results) -> Claim:
 def _default_errors(settings: Settings, results: Results) -> Shown:
     seed = settings.by_default[0]
     result = results[f"default-{seed}"]
-    figure = regulation_errors(record.read(result.folder / RECORD), result.values, settings)
+    figure = regulation_errors(recorded(result.folder), result.values, settings)
     caption = "The same start with this software's defaults instead of the paper's gains; mind the time axis."
     return Shown("default", "ours", caption, [seed], figure)
 
@@ -131,7 +131,7 @@ def _default_errors(settings: Settings, results: Results) -> Shown:
 def _shown(settings: Settings, results: Results) -> tuple[Record, float]:
     """The record of the run that the figures show, and when it left its start."""
     result = results[f"seed-{settings.shown}"]
-    return record.read(result.folder / RECORD), result.values["began"] or 0.0
+    return recorded(result.folder), result.values["began"] or 0.0
 
 
 def _distance(settings: Settings, results: Results) -> float:
@@ -154,7 +154,7 @@ def _real_time(settings: Settings, results: Results) -> Shown:
              f"real-time-{seed}": "real time"}  # fmt: skip
     curves: list[Curve] = []
     for style, (task, label) in enumerate(names.items()):
-        rows = record.read(results[task].folder / RECORD)
+        rows = recorded(results[task].folder)
         new = plots.new_frames(rows)
         new = new[rows.time[new] <= settings.exploration.max_time]
         curves.append(curve(label, rows.time[new], rows.truth["jacobian_error"][new, 0], style))

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo import plots, record
+from rcmservo import plots
 from rcmservo.charts import Figure, Panel, curve
 from rcmservo.controller import SaturatedController
 from rcmservo.estimators.base import Estimator
 from rcmservo.estimators.projection import ProjectionEstimator
 from rcmservo.experiments.claims import Chapter, Claim, Experiment, Result, Results, Shown, Task, median
-from rcmservo.experiments.closed_loop import FLOW, LONG, NOISE, RECORD, ClosedLoop, servo_for
+from rcmservo.experiments.closed_loop import FLOW, LONG, NOISE, ClosedLoop, recorded, servo_for
 from rcmservo.exploration import Exploration
 from rcmservo.features import SCALE
 from rcmservo.loop import Tick
@@ -156,7 +156,7 @@ def _figures(settings: Settings, results: Results) -> list[Shown]:
 
 
 def _over_time(method: str, result: Result) -> Panel:
-    rows = record.read(result.folder / RECORD)
+    rows = recorded(result.folder)
     new = plots.new_frames(rows)
     size = np.linalg.norm(rows.ticks["delta"][new] / SCALE, axis=1)
     label = f"scaled $|\\Delta y|$\n{method}"

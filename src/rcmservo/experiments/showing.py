@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo import plots, record
+from rcmservo import plots
 from rcmservo.charts import Curve, Figure, Panel, curve
 from rcmservo.controller import SaturatedController
 from rcmservo.estimators.base import Estimator
@@ -23,9 +23,9 @@ from rcmservo.experiments.closed_loop import (
     NOISE,
     PRINTED_FIT,
     PRINTED_LAW,
-    RECORD,
     WIDE,
     ClosedLoop,
+    recorded,
     servo_for,
 )
 from rcmservo.exploration import Exploration
@@ -233,7 +233,7 @@ def _figures(settings: Settings, results: Results) -> list[Shown]:
 
 
 def _over_time(method: str, result: Any) -> Panel:
-    rows = record.read(result.folder / RECORD)
+    rows = recorded(result.folder)
     error = np.full(len(rows.time), np.nan)
     for visit in result.values["visits"]:
         during = (rows.time >= visit["began"]) & (rows.time <= visit["ended"])

@@ -114,14 +114,14 @@ def _scene_claims(settings: Settings, rows: Rows) -> list[Claim]:
     return [
         Claim(
             "with λ a known constant and the true a, Ĵ is right on a rigid tool: median scaled error",
-            "II-B", error["constant"], "1", "<=", 0.1, settings.scenes,
+            "II-B", error["constant"], "", "<=", 0.1, settings.scenes,
             remark=f"its d row is off by {row['constant']:.2g} of itself, though λ is right at the pose itself",
             detail=f"rigid shaft: {error['rigid']:.1g}", figure="tool-model", trap="T2",
             confirmed=error["constant"] > 0.1 >= error["rigid"],
         ),
         Claim(
             "with λ a known constant and the true a, ∂d/∂ρ has the right sign: share of scenes",
-            "II-B", 1.0 - wrong, "1", ">=", 0.95, settings.scenes,
+            "II-B", 1.0 - wrong, "", ">=", 0.95, settings.scenes,
             remark="" if wrong <= 0.0 else f"it is wrong in {wrong:.0%} of the scenes: a constant λ lets the "
             "spacing grow with the insertion, and a rigid shaft does not",
             figure="tool-model", trap="T2", confirmed=wrong >= 0.25,
@@ -135,7 +135,7 @@ def _loop_claim(settings: Settings, loops: Rows) -> Claim:
     settled, pose = ({name: of(some) for name, some in poses.items()} for of in (len, median))
     return Claim(
         "a servo that takes λ as constant settles on a rigid tool all the same: share of the runs",
-        "II-B", settled["constant"] / len(loops), "1", ">=", 0.9, settings.loops,
+        "II-B", settled["constant"] / len(loops), "", ">=", 0.9, settings.loops,
         remark=f"Ĵ is wrong by {wrong['constant']:.2g} meanwhile (rigid shaft {wrong['rigid']:.2g})",
         detail=f"settled {settled['constant']} of {len(loops)} (rigid shaft {settled['rigid']}), median after "
         f"{time['constant']:.1f} s ({time['rigid']:.1f} s), pose error then {pose['constant']:.2g} mm "
