@@ -3,6 +3,7 @@
 The script plays the person: it places the tool, shows targets, moves the camera, and starts the servo.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, replace
@@ -53,6 +54,12 @@ LONG = Exploration(radius=10.0, speed=30.0, rounds=9, max_time=60.0, tolerance=0
 
 NOISE = 0.1
 """px of noise of the camera without pictures, about what tracking rendered frames leaves."""
+
+
+NEAR = np.array([np.radians(0.1), 0.2, 0.2])
+"""Mean |Δy| (rad, px, px) over AVERAGED frames at which the tool counts as there."""
+
+AVERAGED = 30
 
 
 def recorded(folder: Path) -> record.Record:
@@ -166,3 +173,18 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         points = self.plant.markers.points
         picture = draw(frame.image, points, state.o_c, target.points, words, [other.points for other in others])
         write_picture(self.folder / name, picture)
+
+
+class Arrived:
+    """Whether the tool is there: whether the mean error over the newest frames is small."""
+
+    def __init__(self) -> None:
+        self._errors: deque[Floats] = deque(maxlen=AVERAGED)
+        self._frame = -1
+
+    def __call__(self, tick: Tick) -> bool:
+        if tick.state.frame > self._frame:
+            self._errors.append(tick.state.delta)
+            self._frame = tick.state.frame
+        full = len(self._errors) == AVERAGED
+        return full and bool((np.abs(np.mean(self._errors, axis=0)) < NEAR).all())

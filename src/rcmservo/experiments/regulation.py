@@ -23,12 +23,12 @@ from rcmservo.experiments.closed_loop import (
     PRINTED_FIT,
     PRINTED_LAW,
     WIDE,
+    Arrived,
     ClosedLoop,
     recorded,
     servo_for,
 )
 from rcmservo.exploration import Exploration
-from rcmservo.features import SCALE
 from rcmservo.loop import Tick
 from rcmservo.plant import Floats
 from rcmservo.record import Record
@@ -40,9 +40,6 @@ ACCURATE = 0.3
 SLOPE = 0.3
 ENOUGH = 10
 """Seeds of which a bar speaks, and the bounds of a faithful run."""
-
-NEAR = 0.05
-"""Scaled error within which the tool counts as back at its start."""
 
 AT_REST = 2.0
 """s at the end over which the remaining error is taken."""
@@ -103,7 +100,7 @@ def regulate(folder: Path, seed: int, settings: Regulation) -> dict[str, Any]:
         tick = loop.explore(home)
         began = None
         if tick.state.explored:
-            tick = loop.last(home, settings.back, tick.state, done=_is_back)
+            tick = loop.last(home, settings.back, tick.state, done=Arrived())
             began = loop.elapsed()
             for count, there in enumerate(loop.stage(target, settings.duration, tick.state)):
                 tick = there
@@ -113,10 +110,6 @@ def regulate(folder: Path, seed: int, settings: Regulation) -> dict[str, Any]:
         cause = tick.state.cause.value
     rows = recorded(folder)
     return measured(rows, began, p_d, cause, settings)
-
-
-def _is_back(tick: Tick) -> bool:
-    return bool(np.max(np.abs(tick.state.delta) / SCALE) < NEAR)
 
 
 def _words(when: str, tick: Tick) -> str:
@@ -146,6 +139,7 @@ def measured(rows: Record, began: float | None, p_d: Floats, cause: str, setting
         "explored": float(error[np.argmax(explored)]),
         "at_start": float(error[np.argmax(on)]),
         "at_end": float(error[-1]),
+        "initial": np.mean(sizes[:6], axis=0).tolist(),
         "slopes": [slope(time, sizes[:, i] * plots.DEGREES[i], bounds[i] * plots.DEGREES[i]) for i in range(3)],
         "left": left.tolist(),
         "time_to_2_percent": float(time[np.argmax(below)]) if below.any() else None,
@@ -198,7 +192,7 @@ def regulation_claims(settings: Regulation, results: Results, where: str, trap: 
             f"regulation succeeds: every error falls below 2 % of its initial value, in a faithful run, for {enough} "
             "seeds",
             f"IV-B, {where}", len(good), f"of {len(runs)} seeds", ">=", enough, seeds,
-            detail="the rest: " + "; ".join(rest) if rest else "", figure="seeds",
+            detail="; ".join([*_starts(settings, begun), *rest]), figure="seeds",
         ),
         Claim(
             "the largest error left in these runs, as a share of its initial value",
@@ -221,6 +215,16 @@ def regulation_claims(settings: Regulation, results: Results, where: str, trap: 
             trap=trap,
         ),
     ]  # fmt: skip
+
+
+def _starts(settings: Regulation, begun: list[dict[str, Any]]) -> list[str]:
+    """How near the runs began to the errors that they were to begin with."""
+    if not begun:
+        return []
+    away = np.array([run["initial"] for run in begun]) - settings.errors
+    s, r, d = np.max(np.abs(away), axis=0) * plots.DEGREES
+    s_0, r_0, d_0 = settings.errors * plots.DEGREES
+    return [f"initial errors [{s_0:.0f}°, {r_0:.0f} px, {d_0:.0f} px] to within {s:.2f}°, {r:.2f} px, {d:.2f} px"]
 
 
 def _counts(run: dict[str, Any]) -> bool:

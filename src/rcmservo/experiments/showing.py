@@ -4,7 +4,6 @@ A person brings the tool to each pose and registers what the camera sees; then t
 paper's gains. ‖Δp‖ = ‖p₂ − p_d‖ is taken by the truth when a visit ends (the paper presumably took it by the joints).
 """
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +23,7 @@ from rcmservo.experiments.closed_loop import (
     PRINTED_FIT,
     PRINTED_LAW,
     WIDE,
+    Arrived,
     ClosedLoop,
     recorded,
     servo_for,
@@ -38,10 +38,6 @@ PAPER, OURS = 4.0, 0.5
 """mm: the paper's bound on every visit, and ours on their median."""
 
 METHODS: dict[str, tuple[Estimator, Exploration]] = {"projection": (PRINTED_FIT, WIDE), "flow": (FLOW, LONG)}
-NEAR = np.array([np.radians(0.1), 0.2, 0.2])
-"""Mean |Δy| (rad, px, px) over AVERAGED frames at which a visit ends."""
-
-AVERAGED = 30
 BORDER = 25.0
 """px that a pose's markers keep from the picture's border."""
 
@@ -132,28 +128,13 @@ def pose_per_pixel(rig: Rig, q: Floats) -> float:
     return float(np.linalg.norm(np.linalg.solve(rig.truth.jacobian(q, o_c), noise)))
 
 
-class _Arrived:
-    """Whether the mean error over the newest frames is small."""
-
-    def __init__(self) -> None:
-        self._errors: deque[Floats] = deque(maxlen=AVERAGED)
-        self._frame = -1
-
-    def __call__(self, tick: Tick) -> bool:
-        if tick.state.frame > self._frame:
-            self._errors.append(tick.state.delta)
-            self._frame = tick.state.frame
-        full = len(self._errors) == AVERAGED
-        return full and bool((np.abs(np.mean(self._errors, axis=0)) < NEAR).all())
-
-
 def _visit(
     loop: ClosedLoop, tick: Tick, pose: int, shown: tuple[Target, Floats], settings: Settings
 ) -> tuple[dict[str, Any], Tick]:
     """Servo to one pose; how far marker 2 is from where it was shown, mm, and the scaled error of Ĵ there."""
     target, p_d = shown
     began = loop.elapsed()
-    tick = loop.last(target, settings.longest, tick.state, done=_Arrived())
+    tick = loop.last(target, settings.longest, tick.state, done=Arrived())
     J_error = loop.rig.truth.jacobian_error(tick.state.J_hat, tick.seen.q_exposure, tick.state.o_c)
     visit = {
         "pose": pose,
