@@ -224,7 +224,10 @@ def _starts(settings: Regulation, begun: list[dict[str, Any]]) -> list[str]:
     away = np.array([run["initial"] for run in begun]) - settings.errors
     s, r, d = np.max(np.abs(away), axis=0) * plots.DEGREES
     s_0, r_0, d_0 = settings.errors * plots.DEGREES
-    return [f"initial errors [{s_0:.0f}°, {r_0:.0f} px, {d_0:.0f} px] to within {s:.2f}°, {r:.2f} px, {d:.2f} px"]
+    return [
+        f"initial errors [{s_0:.0f}°, {r_0:.0f} px, {d_0:.0f} px], as the servo measures them about its o_c to within "
+        f"{s:.2f}°, {r:.1f} px, {d:.1f} px"
+    ]
 
 
 def _counts(run: dict[str, Any]) -> bool:
