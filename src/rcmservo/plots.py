@@ -38,12 +38,12 @@ def estimate(record: Record) -> Figure:
 
 
 def projection(record: Record, since: float = 0.0) -> Figure:
-    """The measured m₁ and π (34), both from o_c, from `since` s on: Fig. 11."""
+    """The measured m₁ and π (34), both from o_c, over the time from `since` s on: Fig. 11."""
     new = new_frames(record, since)
     m1 = record.ticks["points"][new, :2] - record.ticks["o_c"][new]
     names = ("$u_1, \\pi_u$ [px]", "$v_1, \\pi_v$ [px]")
     legend = "measured $\\mathbf{m}_1$", "estimate $\\mathbf{\\pi}$ (34)"
-    return _compared("Projection model", record, new, m1, record.ticks["model"][new, :2], names, legend)
+    return _compared("Projection model", record, new, m1, record.ticks["model"][new, :2], names, legend, since)
 
 
 def flow(record: Record) -> Figure:
@@ -79,18 +79,18 @@ def exploration(record: Record) -> list[tuple[float, float]]:
 
 def _compared(
     title: str, record: Record, rows: NDArray[np.intp], measured: Floats, estimated: Floats, names: tuple[str, ...],
-    legend: tuple[str, str],
+    legend: tuple[str, str], since: float = 0.0,
 ) -> Figure:  # fmt: skip
     panels: list[Panel] = []
+    time, shaded = record.time[rows] - since, [] if since else exploration(record)
     for i, name in enumerate(names):
         low, high = np.nanpercentile(measured[:, i], [0.5, 99.5])
         margin = 0.15 * max(high - low, 1e-6)
         labels = legend if i == 0 else ("", "")
         curves = [
-            curve(labels[0], record.time[rows], measured[:, i], style=-1),
-            curve(labels[1], record.time[rows], estimated[:, i], style=1),
+            curve(labels[0], time, measured[:, i], style=-1),
+            curve(labels[1], time, estimated[:, i], style=1),
         ]
-        panels.append(
-            Panel(TIME, name, curves, shaded=exploration(record), y_limits=(float(low - margin), float(high + margin)))
-        )
+        limits = float(low - margin), float(high + margin)
+        panels.append(Panel(TIME if shaded else "time [s]", name, curves, shaded=shaded, y_limits=limits))
     return Figure(title, panels)

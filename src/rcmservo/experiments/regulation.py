@@ -252,10 +252,12 @@ def regulation_figures(settings: Regulation, results: Results, paper: tuple[str,
     return shown
 
 
-def regulation_errors(rows: Record, values: dict[str, Any], settings: Regulation) -> Figure:
-    """Magnitude of the error coordinates from the start on: Fig. 9 and 10."""
+def regulation_errors(
+    rows: Record, values: dict[str, Any], settings: Regulation, until: float = float("inf")
+) -> Figure:
+    """Magnitude of the error coordinates from the start on, for `until` s: Fig. 9 and 10."""
     began = values["began"] or 0.0
-    on = rows.time >= began + SEEN
+    on = (rows.time >= began + SEEN) & (rows.time <= began + until)
     sizes = np.abs(rows.ticks["delta"][on]) * plots.DEGREES
     ends = settings.errors * PERCENT * plots.DEGREES
     panels = [

@@ -27,6 +27,9 @@ from rcmservo.experiments.regulation import (
 from rcmservo.exploration import Exploration
 from rcmservo.record import Record
 
+SOON = 10.0
+"""s within which our defaults are to bring the errors below 2 %."""
+
 FOLLOWS = 2.0
 """px rms within which π is said to follow m₁."""
 
@@ -115,7 +118,7 @@ def _by_default(settings: Settings, results: Results) -> Claim:
     poses = [run.get("pose", float("nan")) for run in runs]
     return Claim(
         "with our defaults instead (fast Γ, k = 2, b = 50) the same errors are below 2 % within 10 s, slowest run",
-        "ours", float(np.max(times)), "s", "<=", 10.0, settings.by_default,
+        "ours", float(np.max(times)), "s", "<=", SOON, settings.by_default,
         detail=f"rendered frames; pose error {median(poses):.2f} mm (median)", figure="default",
     )  # fmt: skip
 
@@ -123,7 +126,7 @@ def _by_default(settings: Settings, results: Results) -> Claim:
 def _default_errors(settings: Settings, results: Results) -> Shown:
     seed = settings.by_default[0]
     result = results[f"default-{seed}"]
-    figure = regulation_errors(recorded(result.folder), result.values, settings)
+    figure = regulation_errors(recorded(result.folder), result.values, settings, SOON)
     caption = "The same start with this software's defaults instead of the paper's gains; mind the time axis."
     return Shown("default", "ours", caption, [seed], figure)
 
