@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from rcmservo.experiments.paper import EXPERIMENTS
+
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()
 NAMES = re.findall(r"`(rcmservo[\w.]*):([\w.]+)`", (ROOT / "docs/notation.md").read_text())
@@ -45,6 +47,12 @@ def test_the_set_up_commands_are_targets_of_the_makefile_and_ci_calls_the_test_c
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M)
     assert {command.split()[1] for command in SET_UP} <= set(targets)
     assert "make test" in (ROOT / ".ci/run").read_text()
+
+
+def test_the_readme_names_every_experiment() -> None:
+    section = README.split("## The paper's experiments")[1].split("## ")[0]
+    named = re.findall(r"`([a-z0-9-]+)`", section)
+    assert [name for name in named if not name.startswith("--")] == list(EXPERIMENTS)
 
 
 @pytest.mark.slow

@@ -20,6 +20,14 @@ from rcmservo.outcome import LAST
 pytestmark = pytest.mark.slow
 
 KEYS = {"claim", "where", "measured", "bound", "verdict", "seed", "unit", "relation", "remark", "experiment", "figure"}
+HEEDING_CTRL_C = """
+import signal, sys
+from rcmservo.cli import main
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.exit(main(sys.argv[1:]))
+"""
+"""The command, also where a script runs the tests in the background, deaf to Ctrl-C."""
+
 COMPARED = ("baselines", "path-following")
 CHEAP = ("potential", "imaged-rcm", "showing")
 """Experiments that are run a second time: a computation, a Monte Carlo, and closed loops."""
@@ -177,7 +185,7 @@ def test_a_run_that_is_stopped_by_ctrl_c_keeps_what_is_done_and_goes_on(quick: P
     shutil.copy(quick / "paper.json", folder)
     shutil.copytree(quick / "potential", folder / "potential")
     shutil.copytree(quick / "imaged-rcm", folder / "imaged-rcm")
-    words = [str(Path(sys.executable).with_name("rcmservo")), "paper", "--quick", "--out", str(folder)]
+    words = [sys.executable, "-c", HEEDING_CTRL_C, "paper", "--quick", "--out", str(folder)]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True) as run:
         while run.poll() is None and not list(folder.glob("*/*.part/record.mcap")):
             pass

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import rcmservo
@@ -237,6 +237,8 @@ pixels = st.one_of(
 
 
 @given(st.lists(st.tuples(*[pixels] * 4), min_size=1, max_size=12))
+@example([(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.0)])
+@example([(0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0)])
 def test_any_pixels_that_a_tracker_may_report_leave_commands_finite_and_bounded(reports):
     servo = Servo(PitchYawRcm(), TOOLS["rigid"])
     q, state = np.array([0.1, 0.2, 100.0]), servo.init()

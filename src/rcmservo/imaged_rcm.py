@@ -61,8 +61,13 @@ def nearest_to_lines(lines: Floats, count: int) -> tuple[Floats, float]:
 
 @compiled
 def principal(along: float, across: float) -> tuple[float, float]:
-    """(cos θ, sin θ) of the half angle θ = ½ atan2(across, along): the main direction of a scatter matrix."""
+    """(cos θ, sin θ) of the half angle θ = ½ atan2(across, along): the main direction of a scatter matrix.
+
+    Where it has none, (1, 0).
+    """
     size = np.sqrt(along * along + across * across)
+    if size == 0.0:
+        return 1.0, 0.0
     if along > 0.0:
         c = np.sqrt(0.5 * (size + along) / size)
         return c, 0.5 * across / (size * c)
@@ -86,6 +91,8 @@ def nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
         l1, l2 = tu * u1 + tv * v1, tu * u2 + tv * v2
         e1, e2 = tu * v1 - tv * u1, tu * v2 - tv * u2
         size = l1**2 + l2**2
+        if size == 0.0:
+            continue
         weight, left = (l2 - l1) ** 2 / size, (e1 * l2 - e2 * l1) * (l2 - l1) / size
         N[0, 0] += weight * tv * tv
         N[0, 1] -= weight * tu * tv
@@ -93,7 +100,8 @@ def nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
         b[0] -= left * tv
         b[1] += left * tu
     N[1, 0] = N[0, 1]
-    return o_c + np.linalg.solve(N, b)
+    solvable = N[0, 0] * N[1, 1] - N[0, 1] ** 2 > 0.0
+    return o_c + np.linalg.solve(N, b) if solvable else o_c.copy()
 
 
 @compiled
