@@ -52,6 +52,9 @@ FLOW = FlowEstimator(gamma=0.001)
 LONG = Exploration(radius=10.0, speed=30.0, rounds=9, max_time=60.0, tolerance=0.2)
 """An exploration for the flow rule, which learns by 1 − exp(−γ v L): about 20 s of touring."""
 
+PAPER_METHODS: dict[str, tuple[Estimator, Exploration]] = {"projection": (PRINTED_FIT, WIDE), "flow": (FLOW, LONG)}
+"""The paper's estimators with the exploration that each needs."""
+
 NOISE = 0.1
 """px of noise of the camera without pictures, about what tracking rendered frames leaves."""
 

@@ -14,21 +14,8 @@ import numpy as np
 from rcmservo import plots
 from rcmservo.charts import Curve, Figure, Panel, curve
 from rcmservo.controller import SaturatedController
-from rcmservo.estimators.base import Estimator
 from rcmservo.experiments.claims import Chapter, Claim, Experiment, Results, Shown, Task, median
-from rcmservo.experiments.closed_loop import (
-    FLOW,
-    LONG,
-    NOISE,
-    PRINTED_FIT,
-    PRINTED_LAW,
-    WIDE,
-    Arrived,
-    ClosedLoop,
-    recorded,
-    servo_for,
-)
-from rcmservo.exploration import Exploration
+from rcmservo.experiments.closed_loop import NOISE, PAPER_METHODS, PRINTED_LAW, Arrived, ClosedLoop, recorded, servo_for
 from rcmservo.features import about, features_jacobian
 from rcmservo.loop import Tick
 from rcmservo.plant import Floats, Target
@@ -37,7 +24,6 @@ from rcmservo.sim import Rig, RigSettings, SceneSettings
 PAPER, OURS = 4.0, 0.5
 """mm: the paper's bound on every visit, and ours on their median."""
 
-METHODS: dict[str, tuple[Estimator, Exploration]] = {"projection": (PRINTED_FIT, WIDE), "flow": (FLOW, LONG)}
 BORDER = 25.0
 """px that a pose's markers keep from the picture's border."""
 
@@ -69,14 +55,14 @@ def tasks(settings: Settings) -> list[Task]:
         )
         for seeds, pictures in ((settings.rendered, True), (settings.points, False))
         for seed in seeds
-        for method in METHODS
+        for method in PAPER_METHODS
     ]
 
 
 def visit_all(folder: Path, seed: int, method: str, pictures: bool, settings: Settings) -> dict[str, Any]:
     """Show all poses, explore about the start, and visit the poses in turn."""
     rig_settings = RigSettings(scene=settings.scene, point_noise=settings.noise)
-    estimator, exploration = METHODS[method]
+    estimator, exploration = PAPER_METHODS[method]
 
     def servo(rig: Rig) -> Any:
         return servo_for(rig, estimator, exploration, settings.controller)
@@ -156,7 +142,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     claims: list[Claim] = []
     seeds = [*settings.rendered, *settings.points]
     asked = settings.poses * settings.rounds
-    for method in METHODS:
+    for method in PAPER_METHODS:
         runs = [results[f"{method}-{seed}"].values for seed in seeds]
         errors = np.array([visit["pose_error"] for run in runs for visit in run["visits"]])
         rendered = [visit["pose_error"] for seed in settings.rendered
@@ -197,7 +183,7 @@ def _meaning(results: Results, seeds: list[int]) -> Claim:
 def _figures(settings: Settings, results: Results) -> list[Shown]:
     figures: list[Shown] = []
     seed = (*settings.rendered, *settings.points)[0]
-    for method in METHODS:
+    for method in PAPER_METHODS:
         folder = results[f"{method}-{seed}"].folder
         pictures = [path for i in range(settings.poses + 1) if (path := folder / f"snapshot-{i}.png").exists()]
         if pictures:
@@ -206,7 +192,7 @@ def _figures(settings: Settings, results: Results) -> list[Shown]:
                 "first round, features in blue upon the target in black."
             )
             figures.append(Shown(f"snapshots-{method}", "Fig. 13", caption, [seed], pictures=pictures))
-    panels = [_over_time(method, results[f"{method}-{seed}"]) for method in METHODS]
+    panels = [_over_time(method, results[f"{method}-{seed}"]) for method in PAPER_METHODS]
     caption = "‖Δp‖ = ‖p₂ − p_d‖ over time, by the truth; every jump is the next pose; shaded: exploration."
     figures.append(Shown("pose-error", "Fig. 14", caption, [seed], Figure("Pose error", panels)))
     figures.append(_visits(settings, results))
@@ -232,7 +218,7 @@ def _visits(settings: Settings, results: Results) -> Shown:
         ("jacobian_error", "$\\|\\hat J - J\\| / \\|J\\|$", ("30 %", 0.3)),
     ):
         curves: list[Curve] = []
-        for style, method in enumerate(METHODS):
+        for style, method in enumerate(PAPER_METHODS):
             points = [(place + 0.3 * (style - 0.5), visit[key]) for place, seed in enumerate(seeds)
                       for visit in results[f"{method}-{seed}"].values["visits"]]  # fmt: skip
             x, y = zip(*points, strict=True) if points else ((), ())

@@ -12,16 +12,7 @@ import numpy as np
 from rcmservo.charts import Figure, Panel, curve
 from rcmservo.controller import potential_gradient, scaled
 from rcmservo.experiments.claims import Chapter, Claim, Experiment, Results, Shown, Task, median
-from rcmservo.experiments.closed_loop import (
-    FLOW,
-    LONG,
-    NOISE,
-    PAPER_SCENES,
-    PRINTED_FIT,
-    PRINTED_LAW,
-    WIDE,
-    servo_for,
-)
+from rcmservo.experiments.closed_loop import NOISE, PAPER_METHODS, PAPER_SCENES, PRINTED_LAW, servo_for
 from rcmservo.features import SCALE
 from rcmservo.loop import Plant, Tick, run, teach
 from rcmservo.plant import Floats
@@ -29,7 +20,6 @@ from rcmservo.servo import Phase, State
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.tracking import PointMarkers
 
-ESTIMATORS = {"projection": (PRINTED_FIT, WIDE), "flow": (FLOW, LONG)}
 NEAR_UNITY = 0.3
 """‖J Ĵ⁻¹ − I‖₂ up to which J Ĵ⁻¹ counts as about I; 1 would be enough for a positive definite symmetric part."""
 
@@ -58,7 +48,7 @@ def regulate(folder: Path, settings: Settings, estimator: str, seed: int) -> dic
     del folder
     rig = Rig(seed, RigSettings(scene=PAPER_SCENES, point_noise=NOISE), pictures=False)
     plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
-    servo = servo_for(rig, *ESTIMATORS[estimator])
+    servo = servo_for(rig, *PAPER_METHODS[estimator])
     servo.warm_up()
     home = teach(plant)
     rig.show_target()
@@ -106,7 +96,7 @@ def judge(rig: Rig, state: State, q: Floats) -> list[float]:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    claims = [claim for name in ESTIMATORS for claim in _claims(settings, results, name)]
+    claims = [claim for name in PAPER_METHODS for claim in _claims(settings, results, name)]
     return Chapter(claims, [_figure(settings, results)])
 
 
@@ -154,7 +144,7 @@ def _claims(settings: Settings, results: Results, name: str) -> list[Claim]:
 
 
 def _figure(settings: Settings, results: Results) -> Shown:
-    rows = {name: judged_frames(settings, results, name)[0] for name in ESTIMATORS}
+    rows = {name: judged_frames(settings, results, name)[0] for name in PAPER_METHODS}
     parts = {1: "$\\lambda_{min}$, sym. J Ĵ⁻¹", 2: "V̇ [1/s]", 4: "‖J Ĵ⁻¹ − I‖"}
     panels = [
         Panel("time [s]", label, [curve(f"{name}-based" if column == 1 else "", some[:, 0], some[:, column], style)
