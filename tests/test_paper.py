@@ -219,5 +219,7 @@ def test_bad_input_is_one_sentence_and_touches_nothing(
         (tmp_path / name / file).write_text(text)
     before = sorted(tmp_path.rglob("*"))
     assert paper(*words) == 2
-    assert sentence in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert sentence in said.err
+    assert not said.out
     assert sorted(tmp_path.rglob("*")) == before

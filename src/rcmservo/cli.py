@@ -249,6 +249,7 @@ def _paper(command: Paper) -> int:
     console = Console()
     folder = command.out or _dated("paper")
     tasks = paper.tasks_of(paper.chosen(command.only), command.quick)
+    paper.prepare(folder, command.quick)
     count = sum(map(len, tasks.values()))
     total = sum(task.cost for some in tasks.values() for task in some)
     console.print(f"[dim]{count} simulated pieces of work on all cores, into {folder}[/dim]", soft_wrap=True)

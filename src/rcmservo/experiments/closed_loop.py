@@ -58,7 +58,6 @@ PAPER_METHODS: dict[str, tuple[Estimator, Exploration]] = {"projection": (PRINTE
 NOISE = 0.1
 """px of noise of the camera without pictures, about what tracking rendered frames leaves."""
 
-
 NEAR = np.array([np.radians(0.1), 0.2, 0.2])
 """Mean |Δy| (rad, px, px) over AVERAGED frames at which the tool counts as there."""
 

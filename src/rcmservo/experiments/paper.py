@@ -69,9 +69,8 @@ def tasks_of(experiments: Mapping[str, Experiment], quick: bool) -> dict[str, li
 
 
 def run(out: Path, quick: bool, only: str | None, progress: Callable[[Task], None]) -> Path:
-    """Run what is not done yet, write the report into `out`, and give its path."""
+    """Run what is not done yet, write the report into `out`, which was prepared, and give its path."""
     experiments = chosen(only)
-    prepare(out, quick)
     results = run_all(tasks_of(experiments, quick), out, progress)
     return report.write(out, chapters(experiments, results, quick), experiments, quick)
 
