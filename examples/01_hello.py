@@ -15,6 +15,8 @@ target = rs.teach(plant)  # learning by showing
 rig.go_home()
 
 state = servo.init()  # Ĵ = 0: it explores first
+servo.warm_up()  # compile everything before the drive is switched on
+plant.enable()
 for _ in rs.ticks(plant.clock, rate=100.0, duration=8.0):
     state = servo.step(state, plant.read(), target)
     plant.send(state.command)

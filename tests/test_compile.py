@@ -50,7 +50,7 @@ def follow(servo, stream, target):
 
 def short(lab, servo):
     """Half a second of servoing after the exploration."""
-    from rcmservo.servo import Phase
+    from rcmservo.states import Phase
 
     stream, count = [], 0
     for seen, state in lab.run(servo, 6.0):
@@ -64,7 +64,7 @@ def short(lab, servo):
 def eventful(lab, servo):
     """A run with a marker lost and found again, and in the end both lost until the servo pauses."""
     from conftest import without
-    from rcmservo.servo import Phase
+    from rcmservo.states import Phase
 
     stream, state = [], None
     for seconds, lost in ((5.0, ()), (0.3, (0,)), (0.5, ()), (1.2, (0, 1))):

@@ -9,8 +9,8 @@ from rcmservo.errors import BadInput
 from rcmservo.estimators.projection import ProjectionEstimator
 from rcmservo.features import about, difference, features
 from rcmservo.loop import run, teach
-from rcmservo.servo import Cause, Phase
 from rcmservo.sim import Rig, RigSettings, SceneSettings
+from rcmservo.states import Cause, Phase
 
 ERRORS = (float(np.radians(40.0)), -80.0, -60.0)
 

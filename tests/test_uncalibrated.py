@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from conftest import CONTROLLERS, ESTIMATORS, TOOLS, laboratory
-from rcmservo.servo import Phase
+from rcmservo.states import Phase
 
 ROOT = Path(__file__).parents[1]
 LINT = "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports(no_cache=True, no_logo=True))"

@@ -10,17 +10,20 @@ from rcmservo.estimators.broyden import BroydenEstimator
 from rcmservo.estimators.flow import FlowEstimator
 from rcmservo.estimators.projection import ProjectionEstimator
 from rcmservo.exploration import Exploration
+from rcmservo.faults import Thresholds
 from rcmservo.imaged_rcm import ImagedRcm
 from rcmservo.loop import Plant, Tick, run, teach
 from rcmservo.mechanism import JointLimits, PitchYawRcm, SphericalRcm
 from rcmservo.plant import Command, Frame, Markers, Observation, Target
 from rcmservo.safety import Gate
-from rcmservo.servo import Cause, Phase, Servo, State
+from rcmservo.servo import Servo, State
+from rcmservo.states import Action, Cause, Mode, Phase, Request
 from rcmservo.tool import RigidTool, ScaledTool
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Action",
     "BadInput",
     "BroydenEstimator",
     "Cause",
@@ -32,12 +35,14 @@ __all__ = [
     "ImagedRcm",
     "JointLimits",
     "Markers",
+    "Mode",
     "Observation",
     "Phase",
     "PitchYawRcm",
     "Plant",
     "ProjectionEstimator",
     "RcmServoError",
+    "Request",
     "RigidTool",
     "SaturatedController",
     "ScaledTool",
@@ -45,6 +50,7 @@ __all__ = [
     "SphericalRcm",
     "State",
     "Target",
+    "Thresholds",
     "Tick",
     "UnusableFile",
     "run",

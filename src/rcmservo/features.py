@@ -58,11 +58,3 @@ def measured(points: Floats, target: Floats, o_c: Floats) -> tuple[Floats, Float
     """y and Δy = y − y_d (3,) of raw pixels (2, 2) and a target's (2, 2), both about the same imaged RCM."""
     y = features(about(points, o_c))
     return y, difference(y, features(about(target, o_c)))
-
-
-@compiled
-def surprise(points: Floats, o_c: Floats, y: Floats, J_hat: Floats, delta_p: Floats) -> float:
-    """Largest scaled |Δy − Ĵ Δp₁| beyond the largest scaled |Ĵ Δp₁|, Δy being the change from y to raw `points`."""
-    predicted = J_hat @ delta_p
-    change = difference(features(about(points, o_c)), y)
-    return np.max(np.abs(change - predicted) / SCALE) - np.max(np.abs(predicted) / SCALE)

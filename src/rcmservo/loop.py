@@ -12,12 +12,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmservo.clock import ticks
-from rcmservo.errors import RcmServoError, require
-from rcmservo.plant import Camera, Clock, Command, Floats, Markers, Mechanism, Observation, Target, Tracker
-from rcmservo.servo import Phase, Servo, State
+from rcmservo.errors import BadInput, RcmServoError, require
+from rcmservo.plant import (
+    Camera,
+    Clock,
+    Command,
+    Dropped,
+    Floats,
+    Frame,
+    Markers,
+    Mechanism,
+    Observation,
+    Target,
+    Tracker,
+)
+from rcmservo.servo import Servo, State
+from rcmservo.states import Phase, Request
 
 TEACH_TIMEOUT = 2.0
 JOINT_HISTORY = 256
+
+OLDEST = 2_000_000_000
+"""ns after its exposure within which a frame must arrive, or its time cannot be right."""
 
 
 class NotShown(RcmServoError):
@@ -27,28 +43,54 @@ class NotShown(RcmServoError):
 class Plant:
     """A mechanism, a camera and a tracker as one thing that is read and sent to.
 
-    It keeps the joints' recent past, to tell where they were when a frame was exposed.
+    It keeps the joints' recent past, to tell where they were when a frame was exposed, and drops frames that are not
+    new, that bear impossible times or that are damaged. ``recorded`` tells whether a record that was asked for is still
+    written.
     """
 
-    def __init__(self, mechanism: Mechanism, camera: Camera, tracker: Tracker, clock: Clock) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        camera: Camera,
+        tracker: Tracker,
+        clock: Clock,
+        recorded: Callable[[], bool] = lambda: True,
+    ) -> None:
         self.mechanism, self.camera, self.tracker, self.clock = mechanism, camera, tracker, clock
+        self.recorded = recorded
         self.markers: Markers | None = None
+        self.frame: Frame | None = None
+        self._offered: Frame | None = None
+        self._dropped = Dropped.NONE
         self._past: deque[tuple[int, Floats]] = deque(maxlen=JOINT_HISTORY)
-        self._frame = -1
-        self._exposure = 0
         self._q_exposure = np.full(3, np.nan)
+        self._applied = np.zeros(3)
+
+    def enable(self) -> None:
+        """Switch the arm's drive on: a person's act."""
+        self.mechanism.enable()
 
     def read(self) -> Observation:
         """Measure the joints, and track the markers where a new frame has arrived."""
-        time, q = self.mechanism.measure()
-        self._past.append((time, q))
-        frame = self.camera.latest()
-        if frame is not None and frame.number > self._frame:
-            self.markers = self.tracker.find(frame)
-            self._frame, self._exposure = frame.number, frame.exposure
-            self._q_exposure = self._joints_at(frame.exposure)
-        points = self.markers.points if self.markers is not None else np.full((2, 2), np.nan)
-        return Observation(self.clock.now(), q, self._frame, self._exposure, self._q_exposure, points)
+        time, q, enabled = self.mechanism.measure()
+        if not self._past or time > self._past[-1][0]:
+            self._past.append((time, q))
+        self._look(self.camera.latest())
+        frame = self.frame
+        return Observation(
+            now=self.clock.now(),
+            q=q,
+            q_time=time,
+            enabled=enabled,
+            applied=self._applied,
+            frame=-1 if frame is None else frame.number,
+            exposure=0 if frame is None else frame.exposure,
+            arrival=0 if frame is None else frame.arrival,
+            q_exposure=self._q_exposure,
+            points=np.full((2, 2), np.nan) if self.markers is None else self.markers.points,
+            dropped=self._dropped,
+            recorded=self.recorded(),
+        )
 
     def reset(self) -> None:
         """Forget where markers and joints were: a person may have moved the tool since they were last read."""
@@ -57,11 +99,40 @@ class Plant:
 
     def send(self, command: Command) -> Floats:
         """Pass a command on to the arm; the joint rates (3,) that the arm took."""
-        return self.mechanism.apply(command)
+        self._applied = self.mechanism.apply(command)
+        return self._applied
+
+    def _look(self, frame: Frame | None) -> None:
+        """Track the markers in a frame that was not offered before, or say why not."""
+        if frame is None or frame is self._offered:
+            return
+        self._offered = frame
+        self._dropped = self._wrong(frame)
+        if self._dropped is not Dropped.NONE:
+            return
+        try:
+            self.markers = self.tracker.find(frame)
+        except BadInput:
+            self._dropped = Dropped.DAMAGED
+            return
+        self.frame = frame
+        self._q_exposure = self._joints_at(frame.exposure)
+
+    def _wrong(self, frame: Frame) -> Dropped:
+        if not 0 <= frame.arrival - frame.exposure <= OLDEST or not 0 <= self.clock.now() - frame.arrival <= OLDEST:
+            return Dropped.CLOCK
+        last = self.frame
+        if last is not None and not (frame.number > last.number and frame.exposure > last.exposure):
+            return Dropped.NOT_NEW
+        return Dropped.NONE if last is None or _shape(frame) == _shape(last) else Dropped.DAMAGED
 
     def _joints_at(self, time: int) -> Floats:
         times = [t for t, _ in self._past]
         return np.array([np.interp(time, times, [q[i] for _, q in self._past]) for i in range(3)])
+
+
+def _shape(frame: Frame) -> tuple[int, ...] | None:
+    return None if frame.image is None else frame.image.shape
 
 
 def teach(plant: Plant, frames: int = 30) -> Target:
@@ -84,12 +155,18 @@ def teach(plant: Plant, frames: int = 30) -> Target:
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """One round of the loop: time ns since its start, what was seen, what was decided, what the arm took of it."""
+    """One round of the loop: time ns since its start, what was seen, what a person asked for, what was decided, and the
+    joint rates (3,) that the arm took of it."""
 
     time: int
     seen: Observation
+    request: Request
     state: State
     applied: Floats
+
+
+Operator = Callable[[Tick], Request]
+"""A person beside the loop, who sees every tick and asks for something at the next."""
 
 
 def run(
@@ -97,35 +174,47 @@ def run(
     servo: Servo,
     target: Target,
     duration: float = 30.0,
-    rate: float = 100.0,
     done: Callable[[Tick], bool] = lambda tick: False,
     state: State | None = None,
+    operator: Operator | None = None,
 ) -> Iterator[Tick]:
-    """Servo to the target and yield every tick; stop when the servo pauses and its command is zero, or `done` says so.
+    """Switch the drive on, servo to the target and yield every tick; to call it is a person's act.
 
-    It begins from nothing, or goes on from the `state` of an earlier run, with what was learnt there.
-    However it ends, by itself, by an error or by Ctrl-C, the last thing it does is to bring the arm to rest.
+    It begins from nothing, or goes on from the `state` of an earlier run, with what was learnt there. It ends after
+    `duration` s, when `done` says so, with a fault, and, where no `operator` stands by to resume, with a pause. However
+    it ends, by itself, by an error or by Ctrl-C, the last thing it does is to bring the arm to rest and switch it off.
     """
+    servo.warm_up()
     plant.reset()
-    state = servo.init() if state is None else state.but(command=servo.gate.rest())
+    state = servo.init() if state is None else servo.again(state)
+    request = Request.NONE
+    plant.enable()
     try:
-        for time in ticks(plant.clock, rate, duration):
+        for time in ticks(plant.clock, servo.rate, duration):
             seen = plant.read()
-            state = servo.step(state, seen, target)
-            tick = Tick(time, seen, state, plant.send(state.command))
+            state = servo.step(state, seen, target, request)
+            tick = Tick(time, seen, request, state, plant.send(state.command))
             yield tick
-            if done(tick) or (state.phase is Phase.PAUSED and not state.command.rates.any()):
+            if done(tick) or _over(state, operator):
                 break
+            request = Request.NONE if operator is None else operator(tick)
     finally:
-        _rest(plant, servo, state.command, rate)
+        _rest(plant, servo, state.command)
 
 
-def _rest(plant: Plant, servo: Servo, last: Command, rate: float) -> None:
-    """Ramp the joint rates to zero through the gate, from the next tick on."""
-    plant.clock.wait_until(plant.clock.now() + round(1e9 / rate))
-    for _ in ticks(plant.clock, rate):
+def _over(state: State, operator: Operator | None) -> bool:
+    """Whether nothing more will happen."""
+    waits = (Phase.FAULT, Phase.PAUSED) if operator is None else ()
+    return state.phase is Phase.DISABLED or (state.phase in waits and not state.command.rates.any())
+
+
+def _rest(plant: Plant, servo: Servo, last: Command) -> None:
+    """Ramp the joint rates to zero through the gate, from the next tick on, and switch the drive off."""
+    plant.clock.wait_until(plant.clock.now() + servo.period)
+    for _ in ticks(plant.clock, servo.rate):
         seen = plant.read()
-        last = servo.gate.admit(np.zeros(3), last, seen.q, servo.mechanism.limits, seen.now).command
-        plant.send(last)
-        if not last.rates.any():
+        if not (last.enabled and last.rates.any() and seen.enabled):
             break
+        last = servo.gate.admit(np.zeros(3), last, seen.q, servo.mechanism.limits, seen.now, 0.0).command
+        plant.send(last)
+    plant.send(servo.gate.stop(last, plant.clock.now()))

@@ -83,13 +83,23 @@ def joint_rates(kind: int, zero: float, q: Floats, v: Floats) -> Floats:
 
 @compiled
 def blocked(
-    kind: int, zero: float, q: Floats, v: Floats, lower: Floats, upper: Floats, horizon: float, share: float
+    kind: int,
+    zero: float,
+    q: Floats,
+    v: Floats,
+    lower: Floats,
+    upper: Floats,
+    fastest: Floats,
+    horizon: float,
+    share: float,
 ) -> int:
-    """The joint (or -1) whose limit stands in the way of v (3,) mm/s.
+    """The joint (or -1) whose limit stands in the way of v (3,) mm/s, at joint rates of at most `fastest` (3,).
 
     One that would be passed within `horizon` s, if without it less than `share` of the speed is left.
     """
     rates = joint_rates(kind, zero, q, v)
+    slower = max(1.0, np.max(np.abs(rates) / fastest))
+    rates /= slower
     joint = -1
     for i in range(3):
         ahead = q[i] + rates[i] * horizon
@@ -98,7 +108,7 @@ def blocked(
     if joint < 0:
         return -1
     left = position_jacobian(kind, zero, q) @ rates
-    return joint if np.sum(left**2) < share**2 * np.sum(v**2) else -1
+    return joint if np.sum(left**2) < share**2 * np.sum((v / slower) ** 2) else -1
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ import numpy as np
 
 from rcmservo.loop import Tick
 from rcmservo.plant import Floats, Target
-from rcmservo.servo import Cause, Phase, Servo
+from rcmservo.servo import Servo
+from rcmservo.states import Cause, Phase
 
 TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
 """|Δs|, |Δr|, |Δd| (rad, px, px) within which a run counts as settled."""

@@ -4,7 +4,8 @@ Time is integer nanoseconds on the plant's clock. A pixel (0, 0) is the centre o
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from enum import Enum
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,29 +43,54 @@ class Markers:
     quality: Floats
 
 
+class Dropped(Enum):
+    """Why the newest frame that a camera offered was not used."""
+
+    NONE = ""
+    NOT_NEW = "frames come repeated or out of order"
+    CLOCK = "frames bear times that cannot be right"
+    DAMAGED = "frames come damaged"
+
+
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """All that a servo is told at one tick.
+    """All that a servo is told at one tick. Times are ns on the plant's clock.
 
-    `now` ns; `q` (3,) the joints measured now; `points` (2, 2) raw px of the newest frame, NaN where lost, with its
-    `frame` number (-1 before the first), its `exposure` ns and `q_exposure` (3,), the joints at that moment.
+    Of the arm: ``q`` (3,) the joints as it last told them, at ``q_time``; ``enabled``, whether its drive is on;
+    ``applied`` (3,), the joint rates that it took of the last command.
+    Of the camera: ``points`` (2, 2) raw px of the newest frame used, NaN where lost, with its ``frame`` number (-1
+    before the first), its ``exposure`` and ``arrival``, and ``q_exposure`` (3,), the joints at that moment; ``dropped``,
+    why the frame offered last was not used.
+    ``recorded`` is False once a record that was asked for is no longer written.
     """
 
     now: int
     q: Floats
+    q_time: int
+    enabled: bool
+    applied: Floats
     frame: int
     exposure: int
+    arrival: int
     q_exposure: Floats
     points: Floats
+    dropped: Dropped = Dropped.NONE
+    recorded: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """Joint rates (3,) in rad/s, rad/s, mm/s, a rising number, and the time ns of the tick. Only the gate makes one."""
+    """What an arm is to do: joint rates (3,) in rad/s, rad/s, mm/s. Only the gate makes one.
+
+    ``number`` rises from command to command; ``time`` ns is that of the tick. After its ``deadline`` ns a command is
+    void, and an arm that has no newer one stops and switches its drive off. ``enabled`` False switches it off at once.
+    """
 
     number: int
     time: int
+    deadline: int
     rates: Floats
+    enabled: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +113,24 @@ class Clock(Protocol):
     def wait_until(self, time: int) -> None: ...
 
 
-class Mechanism(Protocol):
-    """An arm with velocity drives: `measure` gives time ns and joints (3,), `apply` what was applied of a command."""
+class Measured(NamedTuple):
+    """An arm's last answer: the joints q (3,) at ``time`` ns, and whether its drive is ``enabled``."""
 
-    def measure(self) -> tuple[int, Floats]: ...
+    time: int
+    q: Floats
+    enabled: bool
+
+
+class Mechanism(Protocol):
+    """An arm with velocity drives and a watchdog of its own.
+
+    ``enable`` switches the drive on, at rest: a person's act. ``measure`` gives the last answer at once, the same until
+    the next. ``apply`` passes a command on and gives the joint rates (3,) that the arm takes of it.
+    """
+
+    def enable(self) -> None: ...
+
+    def measure(self) -> Measured: ...
 
     def apply(self, command: Command) -> Floats: ...
 

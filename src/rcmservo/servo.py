@@ -1,144 +1,130 @@
 """The servo: features, imaged RCM, estimate, law and gate composed into one pure step.
 
-No clock, no input, no output: the same state and observation always give the same answer. Expected events are causes,
-values with a sentence for a person; with a cause the tool is held still, and after a second only a person starts it
-again. (The full table of faults has its place here: `_cause`, and the transitions in `_phase`.)
+No clock, no input, no output: the same state and observation always give the same answer. A step looks (what a new frame
+teaches), plans (the velocity wanted of marker 1), asks what is wrong (faults.py) and what follows from that (states.py),
+and sends what is left through the gate.
 """
 
-import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
-from rcmservo.controller import SaturatedController, control
+from rcmservo.controller import SaturatedController, control, scaled
+from rcmservo.errors import require
 from rcmservo.estimators.base import Estimator, Sample
 from rcmservo.estimators.projection import ProjectionEstimator
 from rcmservo.exploration import Exploration, Exploring
-from rcmservo.features import SCALE, measured, surprise
+from rcmservo.faults import (
+    DISAGREEMENTS,
+    FASTEST,
+    Thresholds,
+    Watch,
+    arm_faults,
+    begin,
+    camera_faults,
+    finite,
+    leapt,
+    loop_faults,
+    lost,
+    misplaced,
+    unwatched,
+    watch_estimate,
+    watch_frame,
+    watch_loop,
+    watch_markers,
+)
+from rcmservo.features import SCALE, difference, measured
 from rcmservo.imaged_rcm import ImagedRcm, follow
 from rcmservo.mechanism import Kinematics, blocked, joint_rates, position
 from rcmservo.plant import Command, Floats, Observation, Target
 from rcmservo.safety import Gate
+from rcmservo.states import Action, Cause, Mode, Phase, Request, Signs, gravest, transition
 from rcmservo.tool import Tool
 
-HOLD_TIME = 1_000_000_000
-"""ns of HOLD after which only a person resumes."""
-
-STALE_TIME = 300_000_000
-"""ns since the exposure of the newest frame after which the servo no longer moves on what it shows."""
-
-SURPRISE = 2.0
-"""Scaled feature change beyond the predicted one, and as much again as was predicted, that no tool's motion makes."""
-
-NO_PIXEL = 1e6
-"""px from where on a coordinate is no marker's."""
-
-GOOD_FRAMES = 5
-"""New frames without a cause that end a HOLD."""
-
-STALL_TIME = 6_000_000_000
+STALL_TIME = 6.0
+STALL_GAINS = 3.0
 STALL_FALL = 0.2
 STALL_SHARE = 0.02
 STALL_ERROR = 0.5
-"""A scaled error √(2V) above STALL_ERROR that has not fallen by STALL_FALL, or by STALL_SHARE of itself, in STALL_TIME
-ns has stalled."""
+"""A scaled error √(2V) above STALL_ERROR that has not fallen by STALL_FALL, or by STALL_SHARE of itself, in STALL_TIME s
+and in STALL_GAINS/k has stalled."""
 
 LIMIT_HORIZON = 0.1
 LIMIT_SHARE = 0.3
 """A joint that would pass its limit within LIMIT_HORIZON s blocks the way if less than LIMIT_SHARE of the speed is left
 without it."""
 
-
-class Phase(Enum):
-    """What the servo is doing."""
-
-    IDLE = "idle"
-    ACQUIRE = "exploring"
-    SERVO = "servoing"
-    HOLD = "holding still"
-    PAUSED = "paused"
-
-
-class Cause(Enum):
-    """Why the tool is held: a sentence for a person."""
-
-    NONE = ""
-    MARKER_1_LOST = "marker 1 is not seen: it left the picture or is hidden"
-    MARKER_2_LOST = "marker 2 is not seen: it left the picture or is hidden"
-    MARKERS_LOST = "neither marker is seen: they left the picture or are hidden"
-    STALE = "no new frame has come from the camera for too long"
-    SURPRISED = "the markers are not where the tool's motion puts them: mistaken or swapped, or the camera moved"
-    JOINTS_UNKNOWN = "the joints' positions at the exposure of the frame are not known"
-    RCM_UNKNOWN = "the imaged RCM cannot be computed: the lines seen of the tool are too much alike"
-    SINGULAR = "the target lies at or beyond a singular surface: the scaled Jacobian's condition passed its limit"
-    JOINT_1_LIMIT = "the way to the target goes past the limit of joint 1"
-    JOINT_2_LIMIT = "the way to the target goes past the limit of joint 2"
-    JOINT_3_LIMIT = "the way to the target goes past the limit of joint 3"
-    NO_ROOM = "the joint limits leave no room to explore around the start"
-    NOT_EXPLORED = "exploration ended without an estimate that predicts what the camera sees"
-    STALLED = "the feature error has stopped falling: the target cannot be reached from here"
-    NOT_FINITE = "a number that is not finite reached the last gate"
-
-
-MARKER_CAUSES = {
-    (True, False): Cause.MARKER_1_LOST,
-    (False, True): Cause.MARKER_2_LOST,
-    (True, True): Cause.MARKERS_LOST,
-}
 LIMIT_CAUSES = (Cause.JOINT_1_LIMIT, Cause.JOINT_2_LIMIT, Cause.JOINT_3_LIMIT)
-FINAL_CAUSES = {Cause.NO_ROOM, Cause.NOT_EXPLORED, Cause.STALLED, Cause.NOT_FINITE}
 
-
-def _finite(numbers: Floats) -> bool:
-    """Whether all are finite; NumPy's own way takes ten times as long on three numbers."""
-    return all(map(math.isfinite, numbers.tolist()))
-
-
-def _lost(points: Floats) -> tuple[bool, bool]:
-    """Whether marker 1 and marker 2 are lost: raw pixels (2, 2) not finite, or such as no camera has."""
-    (u1, v1), (u2, v2) = points.tolist()
-    return not (abs(u1) < NO_PIXEL and abs(v1) < NO_PIXEL), not (abs(u2) < NO_PIXEL and abs(v2) < NO_PIXEL)
+UNLEARNT = {
+    Cause.CAMERA_MOVED,
+    Cause.SURPRISED,
+    Cause.DIVERGED,
+    Cause.NOT_EXPLORED,
+    Cause.ESTIMATE_LARGE,
+    Cause.ESTIMATE_NOT_FINITE,
+    Cause.NOT_FINITE,
+}
+"""Causes of a pause or fault after which the estimate is learnt anew."""
 
 
 @dataclass(frozen=True, eq=False)
 class State:
     """All that the servo remembers, and what it decided at the last tick.
 
-    ``frame`` is the newest seen, not believed if ``surprised``; ``exposure`` ns that of the newest learnt from (-1:
-    none). ``o_c`` (2,) px and ``rcm_condition`` of eq. (16); ``J_hat`` (3, 3) and its scaled ``condition``; ``y`` and
-    ``delta`` = Δy (3,) of the newest frame learnt from; ``p1`` (3,) mm at that exposure; ``v`` (3,) mm/s wanted of
-    marker 1; ``command`` as the gate passed it; ``peak`` the error √(2V) to the ``target`` that has last been fallen
-    short of, at ``peak_time`` ns. NaN where not known yet.
+    ``mode`` holds its phase and cause. ``frame`` is the newest seen; ``believed`` the newest learnt from, ``exposure`` ns
+    its exposure (-1: none) and ``points`` (2, 2) what it showed. ``o_c`` (2,) px and ``rcm_condition`` of eq. (16);
+    ``J_hat`` (3, 3) and its scaled ``condition``; ``y`` and ``delta`` = Δy (3,) at that exposure, ``p1`` (3,) mm then;
+    ``ahead`` (3,) the error as predicted for now; ``v`` (3,) mm/s wanted of marker 1; ``command`` as the gate passed it;
+    ``refused``, a target that was shown in a view that is gone; ``peak`` the error √(2V) to the ``target`` that has last
+    been fallen short of, at ``peak_time`` ns. NaN where not known yet.
     """
 
-    phase: Phase
-    cause: Cause
+    mode: Mode
     command: Command
+    watch: Watch
     frame: int
-    surprised: bool
+    believed: int
     exposure: int
+    points: Floats
     lines: Floats
     line_count: int
     o_c: Floats
     rcm_condition: float
     memory: Any
     tour: Exploring | None
+    no_room: bool
     explored: bool
     p1: Floats
     J_hat: Floats
     condition: float
     y: Floats
     delta: Floats
+    ahead: Floats
     v: Floats
-    held_since: int
-    good_frames: int
     blocked: int
     target: Target | None
+    refused: Target | None
     peak: float
     peak_time: int
+
+    @property
+    def phase(self) -> Phase:
+        """What the servo is doing."""
+        return self.mode.phase
+
+    @property
+    def cause(self) -> Cause:
+        """Why it is not simply on its way."""
+        return self.mode.cause
+
+    @property
+    def words(self) -> str:
+        """Phase, cause and way out in words."""
+        return f"{self.phase.value}: {self.cause.words}" if self.cause is not Cause.NONE else self.phase.value
 
     def but(self, **changes: Any) -> "State":
         """The same state with some fields changed: dataclasses.replace, without its cost in every tick."""
@@ -149,7 +135,10 @@ class State:
 
 @dataclass(frozen=True)
 class Servo:
-    """The paper's block diagram. What the robot knows of itself, and a choice for every box."""
+    """The paper's block diagram. What the robot knows of itself, and a choice for every box.
+
+    ``rate`` is the number of ticks a second that it is stepped at.
+    """
 
     mechanism: Kinematics
     tool: Tool
@@ -158,8 +147,19 @@ class Servo:
     exploration: Exploration = field(default_factory=Exploration)
     imaged_rcm: ImagedRcm = field(default_factory=ImagedRcm)
     gate: Gate = field(default_factory=Gate)
+    thresholds: Thresholds = field(default_factory=Thresholds)
+    rate: float = 100.0
 
     WARM_UP: ClassVar[int] = 8
+
+    def __post_init__(self) -> None:
+        good = self.rate * self.gate.deadline >= 2.0 and self.rate <= 1000.0
+        require(good, "rate", self.rate, "at least two ticks in gate.deadline, and at most 1000 Hz")
+
+    @cached_property
+    def period(self) -> int:
+        """ns from tick to tick."""
+        return round(1e9 / self.rate)
 
     @cached_property
     def zero(self) -> float:
@@ -171,36 +171,50 @@ class Servo:
         return position(self.mechanism.kind, self.zero, q)
 
     def init(self) -> State:
-        """Nothing seen, nothing known: Ĵ = 0."""
-        lines, count = self.imaged_rcm.init()
+        """Nothing seen, nothing known: Ĵ = 0, drive off."""
         unknown = np.full(3, np.nan)
         return State(
-            phase=Phase.IDLE,
-            cause=Cause.NONE,
+            mode=Mode(),
             command=self.gate.rest(),
+            watch=begin(),
             frame=-1,
-            surprised=False,
-            exposure=-1,
-            lines=lines,
-            line_count=count,
-            o_c=np.full(2, np.nan),
-            rcm_condition=np.inf,
-            memory=self.estimator.init(),
-            tour=None,
-            explored=False,
-            p1=unknown,
-            J_hat=np.zeros((3, 3)),
-            condition=np.inf,
+            believed=-1,
+            **self._nothing_learnt(),
             y=unknown,
             delta=unknown,
+            ahead=unknown,
             v=np.zeros(3),
-            held_since=0,
-            good_frames=0,
             blocked=-1,
             target=None,
+            refused=None,
             peak=np.inf,
             peak_time=0,
         )
+
+    def _nothing_learnt(self) -> dict[str, Any]:
+        """The part of a state that frames teach, before the first."""
+        lines, count = self.imaged_rcm.init()
+        return {
+            "exposure": -1,
+            "points": np.full((2, 2), np.nan),
+            "lines": lines,
+            "line_count": count,
+            "o_c": np.full(2, np.nan),
+            "rcm_condition": np.inf,
+            "memory": self.estimator.init(),
+            "tour": None,
+            "no_room": False,
+            "explored": False,
+            "p1": np.full(3, np.nan),
+            "J_hat": np.zeros((3, 3)),
+            "condition": np.inf,
+        }
+
+    def again(self, state: State) -> State:
+        """The state to begin another run with: drive off, at rest, with what was learnt. A fault stays one."""
+        mode = state.mode if state.phase is Phase.FAULT else Mode()
+        state = self._without_filters(state, state.cause)
+        return state.but(mode=mode, command=self.gate.rest())
 
     def warm_up(self) -> None:
         """Compile all that `step` calls, on made-up observations, so that nothing compiles while an arm moves."""
@@ -210,156 +224,173 @@ class Servo:
         target = Target(points, q)
         for k in range(self.WARM_UP):
             turned = points + k * np.array([[0.0, 0.0], [3.0, -9.0]])
-            seen = Observation(now=k + 1, q=q, frame=k, exposure=k, q_exposure=q + 1e-3 * k, points=turned)
+            now = (k + 1) * self.period
+            at = q + 1e-3 * k
+            seen = Observation(now, at, now, True, np.zeros(3), k, now - 1, now, at, turned)
             state = self.step(state, seen, target)
             if state.tour is not None:
                 tour = self.exploration.visit(state.tour, state.p1, turned)
                 self.exploration.complete(tour._replace(visits=4 * self.exploration.rounds), state.J_hat, state.o_c)
             if k > self.WARM_UP // 2:
-                state = state.but(phase=Phase.SERVO, explored=True, J_hat=np.diag(SCALE))
+                state = state.but(mode=Mode(Phase.SERVO), explored=True, J_hat=np.diag(SCALE))
+        leapt(points, points, q, 1.0)
+        misplaced(points, points, state.o_c, state.y, state.J_hat, q, 1.0)
+        watch_estimate(state.watch._replace(p1=q, y=q), q, q, state.J_hat)
 
-    def step(self, state: State, seen: Observation, target: Target) -> State:
-        """One tick: learn from the frame if it is new, decide, and pass the decision through the gate."""
+    def step(self, state: State, seen: Observation, target: Target, request: Request = Request.NONE) -> State:
+        """One tick: learn from the frame if it is new, decide, and pass the decision through the gate.
+
+        ``request`` is what a person asks for at this tick.
+        """
         if target is not state.target:
-            state = state.but(target=target, peak=np.inf)
+            state = state.but(target=target, peak=np.inf, peak_time=seen.now)
+        state = state.but(watch=watch_loop(state.watch, state.command, seen, self.period))
         new = seen.frame > state.frame
         if new:
             state = self._look(state, seen, target)
-        state = self._decide(state, seen, new)
+        accepted = new and state.believed == seen.frame
+        state = self._plan(state, seen, accepted)
+        signs = Signs(seen.enabled, state.believed >= 0, accepted, state.explored)
+        causes = list(self._causes(state, seen, target))
+        state = self._enter(state, transition(state.mode, causes, signs, request, seen.now), gravest(causes), seen.now)
         return self._send(state, seen)
 
     def _look(self, state: State, seen: Observation, target: Target) -> State:
-        """What a new frame teaches: the imaged RCM, Ĵ, and the error."""
+        """What a new frame teaches, unless it shows no tool's motion: the imaged RCM, Ĵ, and the error."""
+        state = state.but(watch=watch_frame(state.watch, seen), frame=seen.frame)
         p1 = self.marker_1(seen.q_exposure)
-        if any(_lost(seen.points)) or not _finite(p1):
-            return state.but(frame=seen.frame)
-        if self._surprised(state, p1, seen.points):
-            return state.but(frame=seen.frame, surprised=True)
+        if any(lost(seen.points)) or not finite(p1):
+            return state
+        state = self._believe(state, p1, seen)
+        if state.believed != seen.frame:
+            return state
         lines, count, o_c, rcm_condition = follow(
             state.lines, state.line_count, seen.points, self.imaged_rcm.refinements
         )
-        memory, J_hat, y, delta, exposure = state.memory, state.J_hat, state.y, state.delta, state.exposure
-        if rcm_condition <= self.imaged_rcm.max_condition:
-            exposure = seen.exposure
-            dt = (exposure - state.exposure) * 1e-9 if state.exposure >= 0 else 0.0
-            sample = Sample(p1, seen.points, o_c, dt)
-            memory = self.estimator.update(memory, self.tool, sample)
-            J_hat = self.estimator.jacobian(memory, self.tool, sample)
-            y, delta = measured(seen.points, target.points, o_c)
-        return state.but(
-            frame=seen.frame,
-            surprised=False,
-            exposure=exposure,
-            lines=lines,
-            line_count=count,
-            o_c=o_c,
-            rcm_condition=rcm_condition,
-            memory=memory,
-            p1=p1,
-            J_hat=J_hat,
-            y=y,
-            delta=delta,
+        state = state.but(
+            lines=lines, line_count=count, o_c=o_c, rcm_condition=rcm_condition, p1=p1, points=seen.points
         )
+        return self._learn(state, seen, target) if self._rcm_known(state) else state
 
-    def _surprised(self, state: State, p1: Floats, points: Floats) -> bool:
-        """Whether the markers have moved as no tool does; told only once Ĵ and o_c are known."""
-        known = state.explored and state.rcm_condition <= self.imaged_rcm.max_condition
-        return known and surprise(points, state.o_c, state.y, state.J_hat, p1 - state.p1) > SURPRISE
+    def _rcm_known(self, state: State) -> bool:
+        return state.rcm_condition <= self.imaged_rcm.max_condition
 
-    def _decide(self, state: State, seen: Observation, new: bool) -> State:
-        """The velocity wanted of marker 1 in the present phase, and the phase itself."""
-        if state.phase is Phase.PAUSED or state.frame < 0:
+    def _believe(self, state: State, p1: Floats, seen: Observation) -> State:
+        """Accept a frame, or reject it because its markers are not where the tool's motion puts them."""
+        jump, way = self.thresholds.jump, p1 - state.p1
+        if state.believed < 0:
+            wrong = False, False, False
+        elif state.explored and self._rcm_known(state):
+            wrong = misplaced(seen.points, state.points, state.o_c, state.y, state.J_hat, way, jump)
+        else:
+            wrong = leapt(seen.points, state.points, way, jump)
+        watch = watch_markers(state.watch, *wrong)
+        return state.but(watch=watch) if watch.rejected else state.but(watch=watch, believed=seen.frame)
+
+    def _learn(self, state: State, seen: Observation, target: Target) -> State:
+        dt = (seen.exposure - state.exposure) * 1e-9 if state.exposure >= 0 else 0.0
+        sample = Sample(state.p1, seen.points, state.o_c, dt)
+        memory = self.estimator.update(state.memory, self.tool, sample)
+        J_hat = self.estimator.jacobian(memory, self.tool, sample)
+        y, delta = measured(seen.points, target.points, state.o_c)
+        watch = watch_estimate(state.watch, state.p1, y, J_hat) if state.explored else state.watch
+        return state.but(exposure=seen.exposure, memory=memory, J_hat=J_hat, y=y, delta=delta, watch=watch)
+
+    def _plan(self, state: State, seen: Observation, accepted: bool) -> State:
+        """The velocity wanted of marker 1: that of exploration, or of the law once there is an estimate."""
+        if state.explored:
+            return self._servo(state, seen)
+        if state.phase is not Phase.ACQUIRE or state.no_room:
             return state.but(v=np.zeros(3))
-        if state.phase is Phase.IDLE:
-            state = self._begin(state, seen)
-        if not state.explored and state.tour is not None:
-            state = self._explore(state, state.tour, seen, new)
-        if new and state.explored:
-            state = self._servo(state, seen)
-        return self._phase(state, self._cause(state, seen), seen.now, new)
+        if state.tour is None:
+            tour = self.exploration.begin(self.mechanism, self.zero, seen.q, seen.now)
+            return state.but(tour=tour, no_room=tour is None)
+        return self._explore(state, state.tour, seen, accepted)
 
-    def _begin(self, state: State, seen: Observation) -> State:
-        tour = self.exploration.begin(self.mechanism, self.zero, seen.q, seen.now)
-        return state.but(phase=Phase.ACQUIRE, tour=tour)
-
-    def _explore(self, state: State, tour: Exploring, seen: Observation, new: bool) -> State:
+    def _explore(self, state: State, tour: Exploring, seen: Observation, accepted: bool) -> State:
         p1 = self.marker_1(seen.q)
-        if new and not any(_lost(seen.points)) and self.exploration.arrived(tour, p1):
+        if accepted and self.exploration.arrived(tour, p1):
             tour = self.exploration.visit(tour, state.p1, seen.points)
             if self.exploration.complete(tour, state.J_hat, state.o_c):
-                return state.but(tour=tour, explored=True, phase=Phase.SERVO, v=np.zeros(3))
+                return state.but(tour=tour, explored=True, v=np.zeros(3), peak_time=seen.now)
         return state.but(tour=tour, v=self.exploration.velocity(tour, p1))
 
     def _servo(self, state: State, seen: Observation) -> State:
-        law_ = self.controller
+        """The law, on the error as the joints' motion since the exposure has changed it: Δy + Ĵ (p₁(now) − p₁)."""
+        ahead = difference(state.delta, -state.J_hat @ (self.marker_1(seen.q) - state.p1))
+        law, limits = self.controller, self.mechanism.limits.arrays
         v, condition, error = control(
-            state.J_hat, state.delta, law_.b, law_.potential == "printed", law_.gain, law_.max_condition, law_.max_speed
+            state.J_hat, ahead, law.b, law.potential == "printed", law.gain, law.max_condition, law.max_speed
         )
         peak, peak_time = max(state.peak, error), state.peak_time
-        if error < peak - min(STALL_FALL, STALL_SHARE * peak):
+        if error < peak - min(STALL_FALL, STALL_SHARE * peak) or state.phase is not Phase.SERVO:
             peak, peak_time = error, seen.now
-        return state.but(
-            v=v,
-            condition=condition,
-            blocked=blocked(
-                self.mechanism.kind, self.zero, seen.q, v, *self.mechanism.limits.arrays, LIMIT_HORIZON, LIMIT_SHARE
-            ),
-            peak=peak,
-            peak_time=peak_time,
+        joint = blocked(
+            self.mechanism.kind, self.zero, seen.q, v, *limits, self.gate.fastest, LIMIT_HORIZON, LIMIT_SHARE
+        )
+        return state.but(ahead=ahead, v=v, condition=condition, blocked=joint, peak=peak, peak_time=peak_time)
+
+    def _causes(self, state: State, seen: Observation, target: Target) -> Iterator[Cause]:
+        """All that is wrong at this tick."""
+        on = state.phase not in (Phase.DISABLED, Phase.FAULT)
+        yield from arm_faults(state.watch, seen, on, *self.mechanism.limits.arrays, self.thresholds)
+        yield from loop_faults(state.watch, seen, self.period, self.thresholds)
+        yield from camera_faults(state.watch, seen, self.thresholds)
+        if state.refused is not None and np.array_equal(state.refused.points, target.points):
+            yield Cause.TARGET_OLD
+        if not finite(state.J_hat.ravel()):
+            yield Cause.ESTIMATE_NOT_FINITE
+        yield from self._servo_causes(state, seen) if state.explored else self._tour_causes(state, seen)
+
+    def _tour_causes(self, state: State, seen: Observation) -> Iterator[Cause]:
+        if state.no_room:
+            yield Cause.NO_ROOM
+        elif state.tour is not None and self.exploration.overdue(state.tour, seen.now):
+            yield Cause.NOT_EXPLORED
+
+    def _servo_causes(self, state: State, seen: Observation) -> Iterator[Cause]:
+        if not self._rcm_known(state):
+            yield Cause.RCM_UNKNOWN
+        if not np.abs(scaled(state.J_hat)).max() <= FASTEST:
+            yield Cause.ESTIMATE_LARGE
+        if not state.condition < self.controller.max_condition:
+            yield Cause.SINGULAR
+        elif not state.condition < 0.5 * self.controller.max_condition:
+            yield Cause.NEARLY_SINGULAR
+        if state.blocked >= 0:
+            yield LIMIT_CAUSES[state.blocked]
+        if state.watch.wrong >= DISAGREEMENTS:
+            yield Cause.DIVERGED
+        patience = max(STALL_TIME, STALL_GAINS / self.controller.gain)
+        if state.peak > STALL_ERROR and seen.now - state.peak_time > patience * 1e9:
+            yield Cause.STALLED
+
+    def _enter(self, state: State, mode: Mode, cause: Cause, now: int) -> State:
+        """The state in its new mode. A pause or fault forgets what it must not go on with."""
+        stopped = mode.phase in (Phase.PAUSED, Phase.FAULT)
+        if stopped and (mode.phase is not state.phase or cause.action is Action.PAUSE):
+            state = self._without_filters(state, mode.cause)
+        return (
+            state.but(mode=mode, peak=np.inf, peak_time=now) if mode.phase is not state.phase else state.but(mode=mode)
         )
 
-    def _cause(self, state: State, seen: Observation) -> Cause:
-        """The reason to hold still, if there is one; the gravest first."""
-        if state.tour is None:
-            return Cause.NO_ROOM
-        blind = self._blind(state, seen)
-        if blind is not Cause.NONE:
-            return blind
-        return self._servo_cause(state, seen) if state.explored else self._tour_cause(state.tour, seen)
-
-    def _blind(self, state: State, seen: Observation) -> Cause:
-        """Why what was seen last cannot be used."""
-        lost = _lost(seen.points)
-        if any(lost):
-            return MARKER_CAUSES[lost]
-        if seen.now - seen.exposure > STALE_TIME:
-            return Cause.STALE
-        if not _finite(seen.q_exposure):
-            return Cause.JOINTS_UNKNOWN
-        return Cause.SURPRISED if state.surprised else Cause.NONE
-
-    def _tour_cause(self, tour: Exploring, seen: Observation) -> Cause:
-        return Cause.NOT_EXPLORED if self.exploration.overdue(tour, seen.now) else Cause.NONE
-
-    def _servo_cause(self, state: State, seen: Observation) -> Cause:
-        if not state.rcm_condition <= self.imaged_rcm.max_condition:
-            return Cause.RCM_UNKNOWN
-        if not state.condition < self.controller.max_condition:
-            return Cause.SINGULAR
-        if state.blocked >= 0:
-            return LIMIT_CAUSES[state.blocked]
-        stalled = state.peak > STALL_ERROR and seen.now - state.peak_time > STALL_TIME
-        return Cause.STALLED if stalled else Cause.NONE
-
-    def _phase(self, state: State, cause: Cause, now: int, new: bool) -> State:
-        """The next phase: a cause holds at once, a second of it pauses, and good frames end a hold."""
-        if cause in FINAL_CAUSES:
-            return state.but(phase=Phase.PAUSED, cause=cause, v=np.zeros(3))
-        if cause is not Cause.NONE:
-            since = state.held_since if state.phase is Phase.HOLD else now
-            phase = Phase.PAUSED if now - since > HOLD_TIME else Phase.HOLD
-            return state.but(phase=phase, cause=cause, held_since=since, good_frames=0, v=np.zeros(3))
-        if state.phase is Phase.HOLD:
-            good = state.good_frames + new
-            if good < GOOD_FRAMES:
-                return state.but(good_frames=good, v=np.zeros(3))
-            phase = Phase.SERVO if state.explored else Phase.ACQUIRE
-            return state.but(phase=phase, cause=Cause.NONE, good_frames=0)
-        return state
+    def _without_filters(self, state: State, cause: Cause) -> State:
+        """The state without what was compared from frame to frame, and without the estimate if the cause spoils it."""
+        state = state.but(watch=unwatched(state.watch), peak=np.inf)
+        if cause is not Cause.SWAPPED:
+            state = state.but(believed=-1)
+        if cause is Cause.CAMERA_MOVED:
+            state = state.but(refused=state.target)
+        return state.but(**self._nothing_learnt()) if cause in UNLEARNT else state
 
     def _send(self, state: State, seen: Observation) -> State:
-        """Through the gate; what is not finite there ends the run."""
-        rates = joint_rates(self.mechanism.kind, self.zero, seen.q, state.v)
-        passed = self.gate.admit(rates, state.command, seen.q, self.mechanism.limits, seen.now)
-        state = state.but(command=passed.command)
-        return state if passed.finite else state.but(phase=Phase.PAUSED, cause=Cause.NOT_FINITE)
+        """Through the gate, at the share of the speed that the mode allows; what is not finite there is a fault."""
+        if state.phase in (Phase.FAULT, Phase.DISABLED):
+            return state.but(command=self.gate.stop(state.command, seen.now))
+        share = state.mode.share
+        rates = joint_rates(self.mechanism.kind, self.zero, seen.q, state.v) if share > 0.0 else np.zeros(3)
+        passed = self.gate.admit(rates, state.command, seen.q, self.mechanism.limits, seen.now, share)
+        if passed.finite:
+            return state.but(command=passed.command)
+        mode = Mode(Phase.FAULT, Cause.NOT_FINITE, seen.now, asks=Action.FAULT)
+        return self._enter(state, mode, Cause.NOT_FINITE, seen.now).but(command=self.gate.stop(state.command, seen.now))

@@ -18,8 +18,9 @@ from rcmservo.features import about, difference, features
 from rcmservo.loop import Plant
 from rcmservo.outcome import LAST, SAME_POSE, TOLERANCE
 from rcmservo.plant import Floats
-from rcmservo.servo import Cause, State
+from rcmservo.servo import State
 from rcmservo.sim import Rig, RigSettings, SceneSettings
+from rcmservo.states import Cause
 from rcmservo.tracking import PointMarkers
 
 EVERY = 10

@@ -20,8 +20,9 @@ from rcmservo.experiments.closed_loop import servo_for
 from rcmservo.experiments.comparison import EVERY, FLOW_RULE, OURS, Learner, laboratory
 from rcmservo.features import SCALE
 from rcmservo.plant import Floats, Target
-from rcmservo.servo import Cause, Phase, State
+from rcmservo.servo import State
 from rcmservo.sim import Rig, SceneSettings
+from rcmservo.states import Cause, Phase
 
 METHODS: Mapping[str, Learner] = {"ours": OURS, "flow": FLOW_RULE}
 

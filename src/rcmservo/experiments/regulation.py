@@ -32,8 +32,8 @@ from rcmservo.exploration import Exploration
 from rcmservo.loop import Tick
 from rcmservo.plant import Floats
 from rcmservo.record import Record
-from rcmservo.servo import Cause
 from rcmservo.sim import RigSettings, SceneSettings
+from rcmservo.states import Cause
 
 PERCENT = 0.02
 ACCURATE = 0.3

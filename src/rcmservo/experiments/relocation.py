@@ -21,8 +21,8 @@ from rcmservo.experiments.closed_loop import FLOW, LONG, NOISE, ClosedLoop, reco
 from rcmservo.exploration import Exploration
 from rcmservo.features import SCALE
 from rcmservo.loop import Tick
-from rcmservo.servo import Cause, Phase
 from rcmservo.sim import Rig, RigSettings, SceneSettings
+from rcmservo.states import Cause, Phase
 
 PAPER = 4.0
 STOPS = 0.25
@@ -103,7 +103,7 @@ def _until_stopped(loop: ClosedLoop, target: Any, settings: Settings) -> dict[st
         "stopped_after": None if moved is None or stopped is None else stopped - moved,
         "travelled": float(np.linalg.norm(loop.true_p2() - p2)),
         "cause": cause.value,
-        "noticed": cause is Cause.SURPRISED,
+        "noticed": cause is Cause.CAMERA_MOVED,
     }
 
 

@@ -10,8 +10,9 @@ from rcmservo.features import measured
 from rcmservo.loop import Plant, Tick, run, teach
 from rcmservo.outcome import LAST, TOLERANCE
 from rcmservo.plant import Target
-from rcmservo.servo import Cause, Servo
+from rcmservo.servo import Servo
 from rcmservo.sim import Rig, RigSettings
+from rcmservo.states import Cause
 from rcmservo.tool import Tool
 from rcmservo.tracking import PointMarkers
 

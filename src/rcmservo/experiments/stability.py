@@ -16,8 +16,9 @@ from rcmservo.experiments.closed_loop import NOISE, PAPER_METHODS, PAPER_SCENES,
 from rcmservo.features import SCALE
 from rcmservo.loop import Plant, Tick, run, teach
 from rcmservo.plant import Floats
-from rcmservo.servo import Phase, State
+from rcmservo.servo import State
 from rcmservo.sim import Rig, RigSettings
+from rcmservo.states import Phase
 from rcmservo.tracking import PointMarkers
 
 NEAR_UNITY = 0.3

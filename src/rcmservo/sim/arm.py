@@ -1,7 +1,7 @@
 """The simulated arm: a MuJoCo model with velocity drives, and what its ideal drives lack.
 
 A command reaches a joint after a delay, through a first-order lag, and not at all inside the deadband; the encoders
-count in steps. Gravity is compensated, the ends of the joints' ranges are hard. MuJoCo counts in m, everything else
+count in steps. A watchdog stands before the drives: without valid commands the arm stops by itself. Gravity is compensated, the ends of the joints' ranges are hard. MuJoCo counts in m, everything else
 here in mm.
 """
 
@@ -14,7 +14,8 @@ import numpy as np
 
 from rcmservo.errors import require
 from rcmservo.mechanism import PITCH_YAW, Kinematics
-from rcmservo.plant import Command, Floats
+from rcmservo.plant import Command, Floats, Measured
+from rcmservo.watchdog import Watchdog
 
 PHYSICS: Any = mujoco
 """MuJoCo without types: its names are made at run time."""
@@ -92,6 +93,7 @@ class Arm:
     def __init__(self, kinematics: Kinematics, drive: Drive) -> None:
         self.kinematics, self.drive = kinematics, drive
         self.time = 0
+        self.watchdog = Watchdog()
         self._order = np.array(AXES[kinematics.name][3])
         self._model = PHYSICS.MjModel.from_xml_string(model_of(kinematics))
         self._data = PHYSICS.MjData(self._model)
@@ -103,7 +105,8 @@ class Arm:
         self._encoder = np.maximum(np.array(drive.encoder), 1e-12)
 
     def place(self, q: Floats) -> None:
-        """Put the arm at q (3,) at rest, as a hand would: simulation's privilege."""
+        """Put the arm at q (3,) at rest, its drives off, as a hand would: simulation's privilege."""
+        self.watchdog.disable()
         self._data.qpos[:] = (q * UNIT)[self._order]
         self._data.qvel[:] = 0.0
         self._queue.clear()
@@ -113,6 +116,9 @@ class Arm:
     def advance(self) -> None:
         """Let one step of time pass."""
         self.time += STEP
+        if not self.watchdog.check(self.time):
+            self._queue.clear()
+            self._wanted, self._rates = np.zeros(3), np.zeros(3)
         while self._queue and self._queue[0][0] <= self.time:
             self._wanted = self._queue.popleft()[1]
         self._rates += self._follow * (self._wanted - self._rates)
@@ -133,11 +139,16 @@ class Arm:
         PHYSICS.mj_forward(self._model, self._data)
         return self._data.site("reference").xpos * 1e3
 
-    def measure(self) -> tuple[int, Floats]:
-        """The time ns and the joints (3,) as the encoders count them."""
-        return self.time, np.round(self.q_true / self._encoder) * self._encoder
+    def enable(self) -> None:
+        """Switch the drives on, at rest."""
+        self.watchdog.enable(self.time)
+
+    def measure(self) -> Measured:
+        """The time ns, the joints (3,) as the encoders count them, and whether the drives are on."""
+        return Measured(self.time, np.round(self.q_true / self._encoder) * self._encoder, self.watchdog.enabled)
 
     def apply(self, command: Command) -> Floats:
-        """Take a command; the rates (3,) are those taken, since the drives have no limits of their own."""
-        self._queue.append((self.time + round(self.drive.delay * 1e9), command.rates.copy()))
-        return command.rates
+        """Take a command if the watchdog lets it; the rates (3,) are those taken: the drives have no limits of their own."""
+        if self.watchdog.feed(command, self.time):
+            self._queue.append((self.time + round(self.drive.delay * 1e9), self.watchdog.rates))
+        return self.watchdog.rates
