@@ -1,8 +1,8 @@
 """The servo: features, imaged RCM, estimate, law and gate composed into one pure step.
 
-No clock, no input, no output: the same state and observation always give the same answer. A step looks (what a new frame
-teaches), plans (the velocity wanted of marker 1), asks what is wrong (faults.py) and what follows from that (states.py),
-and sends what is left through the gate.
+No clock, no input, no output: the same state and observation always give the same answer. A step looks (what a new
+frame teaches), plans (the velocity wanted of marker 1), asks what is wrong (faults.py) and what follows from that
+(states.py), and sends what is left through the gate.
 """
 
 from collections.abc import Iterator
@@ -49,8 +49,8 @@ STALL_GAINS = 3.0
 STALL_FALL = 0.2
 STALL_SHARE = 0.02
 STALL_ERROR = 0.5
-"""A scaled error √(2V) above STALL_ERROR that has not fallen by STALL_FALL, or by STALL_SHARE of itself, in STALL_TIME s
-and in STALL_GAINS/k has stalled."""
+"""A scaled error √(2V) above STALL_ERROR that has not fallen by STALL_FALL, or by STALL_SHARE of itself, in STALL_TIME
+s and in STALL_GAINS/k has stalled."""
 
 LIMIT_HORIZON = 0.1
 LIMIT_SHARE = 0.3
@@ -75,12 +75,13 @@ UNLEARNT = {
 class State:
     """All that the servo remembers, and what it decided at the last tick.
 
-    ``mode`` holds its phase and cause. ``frame`` is the newest seen; ``believed`` the newest learnt from, ``exposure`` ns
-    its exposure (-1: none) and ``points`` (2, 2) what it showed. ``o_c`` (2,) px and ``rcm_condition`` of eq. (16);
-    ``J_hat`` (3, 3) and its scaled ``condition``; ``y`` and ``delta`` = Δy (3,) at that exposure, ``p1`` (3,) mm then;
-    ``ahead`` (3,) the error as predicted for now; ``v`` (3,) mm/s wanted of marker 1; ``command`` as the gate passed it;
-    ``refused``, a target that was shown in a view that is gone; ``peak`` the error √(2V) to the ``target`` that has last
-    been fallen short of, at ``peak_time`` ns. NaN where not known yet.
+    ``mode`` holds its phase and cause, ``watch`` what the checks for faults remember. ``frame`` is the newest seen and
+    ``believed`` the newest accepted (-1: none), which showed ``points`` (2, 2) px with marker 1 at ``p1`` (3,) mm.
+    ``o_c`` (2,) px and ``rcm_condition`` of eq. (16); ``exposure`` ns that of the newest frame learnt from; ``J_hat``
+    (3, 3) and its scaled ``condition``; ``y`` and ``delta`` = Δy (3,) at that exposure; ``ahead`` (3,) the error as
+    predicted for now; ``v`` (3,) mm/s wanted of marker 1; ``command`` as the gate passed it; ``refused``, a target that
+    was shown in a view that is gone; ``peak`` the error √(2V) to the ``target`` that has last been fallen short of, at
+    ``peak_time`` ns. NaN where not known yet.
     """
 
     mode: Mode
@@ -268,7 +269,7 @@ class Servo:
             state.lines, state.line_count, seen.points, self.imaged_rcm.refinements
         )
         state = state.but(
-            lines=lines, line_count=count, o_c=o_c, rcm_condition=rcm_condition, p1=p1, points=seen.points
+            points=seen.points, p1=p1, lines=lines, line_count=count, o_c=o_c, rcm_condition=rcm_condition
         )
         return self._learn(state, seen, target) if self._rcm_known(state) else state
 

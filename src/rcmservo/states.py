@@ -1,4 +1,4 @@
-"""What the servo may do and why: its phases, the causes that stop it, and the one function that leads from phase to phase.
+"""What the servo may do and why: its phases, the causes that stop it, and the function that leads from phase to phase.
 
     DISABLED ─► IDLE ─► ACQUIRE ─► SERVO        FAULT ─ clear ─► DISABLED
                           ▲  ▲       │          (from everywhere, latched)
@@ -262,8 +262,8 @@ class Mode:
 class Signs:
     """What a transition depends on beside the causes.
 
-    ``enabled``, whether the arm's drive is on; ``seen``, whether both markers have been seen at all; ``good``, whether a
-    new frame came and was accepted in this tick; ``ready``, whether there is an estimate to servo with.
+    ``enabled``, whether the arm's drive is on; ``seen``, whether both markers have been seen; ``good``, whether a new
+    frame came and was accepted in this tick; ``ready``, whether there is an estimate to servo with.
     """
 
     enabled: bool
@@ -275,25 +275,29 @@ class Signs:
 def transition(mode: Mode, causes: Iterable[Cause], signs: Signs, request: Request, now: int) -> Mode:
     """The mode after one tick at `now` ns. Pure; whatever the causes, more of them never give a softer answer."""
     cause = gravest(causes)
-    if mode.phase is Phase.FAULT:
-        cleared = request is Request.CLEAR and cause.action < Action.FAULT
-        return Mode(Phase.DISABLED, since=now) if cleared else mode
-    if cause.action is Action.FAULT:
-        return Mode(Phase.FAULT, cause, now, asks=Action.FAULT)
+    if mode.phase is Phase.FAULT or cause.action is Action.FAULT:
+        return _fault(mode, cause, request, now)
     if mode.phase is Phase.DISABLED:
         return Mode(Phase.IDLE, since=now) if signs.enabled else mode
     if cause.action is Action.PAUSE or mode.phase is Phase.PAUSED or request is Request.PAUSE:
         return _paused(mode, cause, request, now)
     if mode.phase is Phase.IDLE:
-        starts = signs.seen and cause.action < Action.HOLD
-        return Mode(Phase.ACQUIRE, since=now) if starts else _with(mode, cause)
-    if cause.action is Action.HOLD:
-        return _held(mode, cause, now)
-    return _onward(mode, cause, signs, now)
+        return _waiting(mode, cause, signs, now)
+    return _held(mode, cause, now) if cause.action is Action.HOLD else _onward(mode, cause, signs, now)
 
 
-def _with(mode: Mode, cause: Cause) -> Mode:
-    return Mode(mode.phase, cause, mode.since, mode.good, cause.action)
+def _fault(mode: Mode, cause: Cause, request: Request, now: int) -> Mode:
+    """Into FAULT, where the first cause stays; out of it by a person once no cause asks for it any more."""
+    if mode.phase is not Phase.FAULT:
+        return Mode(Phase.FAULT, cause, now, asks=Action.FAULT)
+    cleared = request is Request.CLEAR and cause.action < Action.FAULT
+    return Mode(Phase.DISABLED, since=now) if cleared else mode
+
+
+def _waiting(mode: Mode, cause: Cause, signs: Signs, now: int) -> Mode:
+    if signs.seen and cause.action < Action.HOLD:
+        return Mode(Phase.ACQUIRE, cause, now, asks=cause.action)
+    return Mode(Phase.IDLE, cause, mode.since, asks=cause.action)
 
 
 def _paused(mode: Mode, cause: Cause, request: Request, now: int) -> Mode:

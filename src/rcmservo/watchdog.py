@@ -1,9 +1,9 @@
 """What stands between commands and drives inside the device: it trusts nothing but valid commands that keep coming.
 
-A command is valid if it is finite, its number is higher than that of every one since the drive went on, and its deadline is neither
-past nor further off than the watchdog's own patience. Nothing else feeds it: not noise, not an old command sent again,
-not a connection that stays open. Without a valid command in time the joint rates are zero and the drive is off, until a
-person switches it on.
+A command is valid if it is finite, its number is higher than that of every one since the drive went on, and its
+deadline is neither past nor further off than the watchdog's own patience. Nothing else feeds it: not noise, not an old
+command sent again, not a connection that stays open. Without a valid command in time the joint rates are zero and the
+drive is off, until a person switches it on.
 """
 
 import math

@@ -1,8 +1,8 @@
 """The simulated arm: a MuJoCo model with velocity drives, and what its ideal drives lack.
 
 A command reaches a joint after a delay, through a first-order lag, and not at all inside the deadband; the encoders
-count in steps. A watchdog stands before the drives: without valid commands the arm stops by itself. Gravity is compensated, the ends of the joints' ranges are hard. MuJoCo counts in m, everything else
-here in mm.
+count in steps. A watchdog stands before the drives: without valid commands the arm stops by itself. Gravity is
+compensated, the ends of the joints' ranges are hard. MuJoCo counts in m, everything else here in mm.
 """
 
 from collections import deque
@@ -148,7 +148,7 @@ class Arm:
         return Measured(self.time, np.round(self.q_true / self._encoder) * self._encoder, self.watchdog.enabled)
 
     def apply(self, command: Command) -> Floats:
-        """Take a command if the watchdog lets it; the rates (3,) are those taken: the drives have no limits of their own."""
+        """Take a command if the watchdog lets it; the rates (3,) are those taken, as the drives have no limits."""
         if self.watchdog.feed(command, self.time):
             self._queue.append((self.time + round(self.drive.delay * 1e9), self.watchdog.rates))
         return self.watchdog.rates
