@@ -65,20 +65,24 @@ class Summary(NamedTuple):
 
 
 class Messages:
-    """Reads a file once, by iteration; then ``complete``, ``place`` and ``summary`` tell how far it could be read.
+    """Reads a file once, by iteration; then ``place``, ``complete`` and ``summary`` tell how far it could be read.
 
-    ``place`` is the byte up to which the file is sound, of ``size``; ``damaged`` tells whether anything follows there
-    that is not as it should be. ``complete`` means that nothing is missing.
+    ``place`` is the byte up to which the file is sound, of ``size``; ``complete`` means that nothing is missing.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.size, self.place = 0, 0
-        self.damaged, self.complete = False, False
+        self.complete = False
         self.summary: Summary | None = None
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, Channel] = {}
         self._room = 0
+
+    @property
+    def unread(self) -> int:
+        """Bytes of the file that are not read because of damage."""
+        return 0 if self.complete else self.size - self.place
 
     def __iter__(self) -> Iterator[Message]:
         if self.path.exists() and not self.path.is_file():
@@ -110,9 +114,8 @@ class Messages:
                     break
             read = {number: channel.read for number, channel in self._channels.items() if channel.read}
             self.complete = self.summary is not None and read == self.summary.counts
-            self.damaged = self.summary is None and self.place < self.size
         except _Damage:
-            self.damaged = True
+            return
 
     def _unpacked(self, file: BinaryIO, length: int) -> bytes:
         """A chunk's content, as its checksum says it was written."""

@@ -147,7 +147,7 @@ class _Rows:
             truth=self._truth(),
             stages=self.stages,
             missing=_missing(messages, float(time[-1]) if len(time) else 0.0),
-            unread=messages.size - messages.place,
+            unread=messages.unread,
         )
 
     def _truth(self) -> dict[str, Floats]:
@@ -165,9 +165,8 @@ def _missing(messages: Messages, last: float) -> str:
         return ""
     end = messages.summary.end * 1e-9 if messages.summary is not None else None
     until = f"{last:.2f} s" if end is None else f"{last:.2f} s of {end:.2f} s"
-    unread = messages.size - messages.place
-    if messages.damaged or unread:
-        what = f"{unread} of its {messages.size} bytes"
+    if messages.unread:
+        what = f"{messages.unread} of its {messages.size} bytes"
         return f"the record is damaged or cut off: it is read up to {until}, {what} are left out"
     return f"the record was not ended: it is read up to {until}, and what came after that is missing"
 

@@ -99,6 +99,7 @@ class Recorder:
         self._ends: list[State | None] = []
         self._last: State | None = None
         self._time, self._now, self._shift = 0, 0, 0
+        self._closed = False
         self._try(self._start, about)
 
     def _start(self, about: dict[str, Any]) -> None:
@@ -192,7 +193,10 @@ class Recorder:
         self.failed = self.failed or why
 
     def close(self) -> None:
-        """End the file, and make its folder a ROS 2 bag."""
+        """End the file, and make its folder a ROS 2 bag. Closed is closed: once more does nothing."""
+        if self._closed:
+            return
+        self._closed = True
         self._try(self._writer.finish)
         try:
             self._file.close()
