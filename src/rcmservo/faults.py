@@ -100,11 +100,12 @@ class Watch(NamedTuple):
 
     Of the arm: ``reached`` (3,), where its commands should have brought the joints, and their lagging ``rates`` (3,).
     Of the loop: ``late``, ticks that came late in a row, and the ``gap`` ns between the last two.
-    Of the camera: the newest ``frame``, its ``exposure`` ns, its ``latency`` ns from there to its tick, and the ``period``
-    ns between frames (0: unknown).
-    Of the markers: ``rejected`` frames in a row, of which ``jumped`` saw both markers jump and ``swapped`` each near the
-    other's place.
-    Of the estimate: ``p1`` (3,) and ``y`` (3,) from which on it is judged next, and ``wrong``, how often in a row it was.
+    Of the camera: the newest ``frame``, its ``exposure`` ns, its ``latency`` ns from there to its tick, and the
+    ``period`` ns between frames (0: unknown).
+    Of the markers: ``rejected`` frames in a row, of which ``jumped`` saw both markers jump and ``swapped`` each near
+    the other's place.
+    Of the estimate: ``p1`` (3,) and ``y`` (3,) from which on it is judged next, and ``wrong``, how often in a row it
+    was.
     """
 
     reached: Floats

@@ -313,7 +313,7 @@ class Servo:
         if accepted and self.exploration.arrived(tour, p1):
             tour = self.exploration.visit(tour, state.p1, seen.points)
             if self.exploration.complete(tour, state.J_hat, state.o_c):
-                return state.but(tour=tour, explored=True, v=np.zeros(3), peak_time=seen.now)
+                return self._servo(state.but(tour=tour, explored=True), seen)
         return state.but(tour=tour, v=self.exploration.velocity(tour, p1))
 
     def _servo(self, state: State, seen: Observation) -> State:
