@@ -236,7 +236,7 @@ class Servo:
                 state = state.but(mode=Mode(Phase.SERVO), explored=True, J_hat=np.diag(SCALE))
         leapt(points, points, q, 1.0)
         misplaced(points, points, state.o_c, state.y, state.J_hat, q, 1.0)
-        watch_estimate(state.watch._replace(p1=q, y=q), q, q, state.J_hat)
+        watch_estimate(state.watch._replace(p1=q, points=points), q, points, state.o_c, state.J_hat)
 
     def step(self, state: State, seen: Observation, target: Target, request: Request = Request.NONE) -> State:
         """One tick: learn from the frame if it is new, decide, and pass the decision through the gate.
@@ -294,7 +294,9 @@ class Servo:
         memory = self.estimator.update(state.memory, self.tool, sample)
         J_hat = self.estimator.jacobian(memory, self.tool, sample)
         y, delta = measured(seen.points, target.points, state.o_c)
-        watch = watch_estimate(state.watch, state.p1, y, J_hat) if state.explored else state.watch
+        watch = state.watch
+        if state.explored:
+            watch = watch_estimate(watch, state.p1, seen.points, state.o_c, J_hat)
         return state.but(exposure=seen.exposure, memory=memory, J_hat=J_hat, y=y, delta=delta, watch=watch)
 
     def _plan(self, state: State, seen: Observation, accepted: bool) -> State:
