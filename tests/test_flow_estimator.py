@@ -114,7 +114,7 @@ def straight_motion(gamma):
         p = start + 20.0 * exposure * 1e-9 * way
         q = mechanism.joints(p)
         before = state
-        state = servo.step(state, Observation(tick * 10_000_000, q, frame, exposure, q, markers_seen(C, p)), target)
+        state = servo.step(state, observation(tick * 10_000_000, q, frame, exposure, q, markers_seen(C, p)), target)
         if frame == before.frame:
             repeats += 1
             assert state.J_hat is before.J_hat

@@ -145,7 +145,7 @@ def steps():
         rates, J, delta = [], [], []
         for k in range(1, 45):
             time = 20_000_000 * k
-            seen = Observation(time, q, k, time, q, pixels(C, rcm.position(q)))
+            seen = observation(time, q, k, time, q, pixels(C, rcm.position(q)))
             state = servo.step(state, seen, target)
             q = q + 0.02 * state.command.rates
             phases.append(state.phase.value)

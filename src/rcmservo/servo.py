@@ -388,10 +388,12 @@ class Servo:
 
     def _send(self, state: State, seen: Observation) -> State:
         """Through the gate, at the share of the speed that the mode allows; what is not finite there is a fault."""
+        share = state.mode.share
+        if not share > 0.0:
+            state = state.but(v=np.zeros(3))
         if state.phase in (Phase.FAULT, Phase.DISABLED):
             return state.but(command=self.gate.stop(state.command, seen.now))
-        share = state.mode.share
-        rates = joint_rates(self.mechanism.kind, self.zero, seen.q, state.v) if share > 0.0 else np.zeros(3)
+        rates = joint_rates(self.mechanism.kind, self.zero, seen.q, state.v)
         passed = self.gate.admit(rates, state.command, seen.q, self.mechanism.limits, seen.now, share)
         if passed.finite:
             return state.but(command=passed.command)
