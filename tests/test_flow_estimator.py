@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from conftest import TOOLS, markers_seen, random_from, seeds, true_camera
+from conftest import TOOLS, markers_seen, observation, random_from, seeds, true_camera
 from rcmservo.errors import BadInput
 from rcmservo.estimators.base import Sample
 from rcmservo.estimators.flow import FlowEstimator, learn, update
 from rcmservo.features import SCALE, about, difference, features
 from rcmservo.imaged_rcm import ImagedRcm
 from rcmservo.mechanism import PitchYawRcm
-from rcmservo.plant import Observation, Target
+from rcmservo.plant import Target
 from rcmservo.projection import parameters
 from rcmservo.servo import Servo
 

@@ -17,8 +17,8 @@ from rcmservo.mechanism import JointLimits, PitchYawRcm
 from rcmservo.plant import Target
 from rcmservo.safety import Gate
 from rcmservo.servo import Servo
-from rcmservo.states import GOOD_TO_RECOVER, GOOD_TO_SERVO, HOLD_TIME, Cause, Phase, Request
 from rcmservo.sim import RigSettings
+from rcmservo.states import GOOD_TO_RECOVER, GOOD_TO_SERVO, HOLD_TIME, Cause, Phase, Request
 from rcmservo.tracking import PointMarkers
 
 every = pytest.mark.parametrize("estimator,tool,controller", list(product(ESTIMATORS, TOOLS, CONTROLLERS)))
@@ -185,9 +185,9 @@ def test_while_the_markers_were_never_seen_it_waits_and_says_why():
     lab = laboratory()
     servo = lab.servo()
     q = lab.rig.mechanism.q_true
-    for seen, state in lab.run(servo, 1.3, change=lambda seen: without(seen, 0, 1)):
+    for _, state in lab.run(servo, 1.3, change=lambda seen: without(seen, 0, 1)):
         assert state.phase is Phase.IDLE and not state.command.rates.any()
-    assert state.cause is Cause.MARKERS_LOST and seen.frame > 0
+    assert state.cause is Cause.MARKERS_LOST and state.frame > 0
     assert np.allclose(lab.rig.mechanism.q_true, q, atol=1e-6)
 
 
