@@ -13,7 +13,7 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
-from rcmservo.features import SCALE, difference
+from rcmservo.features import SCALE, about, difference, features
 from rcmservo.plant import Command, Dropped, Floats, Observation
 from rcmservo.states import Cause
 
@@ -100,11 +100,12 @@ class Watch(NamedTuple):
 
     Of the arm: ``reached`` (3,), where its commands should have brought the joints, and their lagging ``rates`` (3,).
     Of the loop: ``late``, ticks that came late in a row, and the ``gap`` ns between the last two.
-    Of the camera: the newest ``frame``, its ``exposure`` ns, its ``latency`` ns from there to its tick, and the ``period``
-    ns between frames (0: unknown).
-    Of the markers: ``rejected`` frames in a row, of which ``jumped`` saw both markers jump and ``swapped`` each near the
-    other's place.
-    Of the estimate: ``p1`` (3,) and ``y`` (3,) from which on it is judged next, and ``wrong``, how often in a row it was.
+    Of the camera: the newest ``frame``, its ``exposure`` ns, its ``latency`` ns from there to its tick, and the
+    ``period`` ns between frames (0: unknown).
+    Of the markers: ``rejected`` frames in a row, of which ``jumped`` saw both markers jump and ``swapped`` each near
+    the other's place.
+    Of the estimate: ``p1`` (3,) and ``points`` (2, 2) from which on it is judged next, and ``wrong``, how often in a
+    row it was.
     """
 
     reached: Floats
@@ -119,20 +120,19 @@ class Watch(NamedTuple):
     jumped: int
     swapped: int
     p1: Floats
-    y: Floats
+    points: Floats
     wrong: int
 
 
 def begin() -> Watch:
     """Nothing seen yet."""
     unknown = np.full(3, np.nan)
-    return Watch(unknown, np.zeros(3), 0, 0, -1, 0, 0.0, 0, 0, 0, 0, unknown, unknown, 0)
+    return Watch(unknown, np.zeros(3), 0, 0, -1, 0, 0.0, 0, 0, 0, 0, unknown, np.full((2, 2), np.nan), 0)
 
 
 def unwatched(watch: Watch) -> Watch:
     """The watch of the same arm and camera with all counts and comparisons begun anew."""
-    unknown = np.full(3, np.nan)
-    return watch._replace(late=0, rejected=0, jumped=0, swapped=0, p1=unknown, y=unknown, wrong=0)
+    return watch._replace(late=0, rejected=0, jumped=0, swapped=0, p1=np.full(3, np.nan), wrong=0)
 
 
 def finite(numbers: Floats) -> bool:
@@ -196,14 +196,14 @@ def leapt(points: Floats, before: Floats, delta_p: Floats, jump: float) -> tuple
 
 
 @compiled
-def judged(y: Floats, y_before: Floats, J_hat: Floats, delta_p: Floats) -> int:
-    """Whether the change from y_before to y bears the estimate out (0) or not (1); −1 while the motion is too small."""
+def judged(points: Floats, before: Floats, o_c: Floats, J_hat: Floats, delta_p: Floats) -> int:
+    """Whether the markers' change bears the estimate out (0) or not (1); −1 while the motion is too small to tell."""
     predicted = (J_hat @ delta_p) / SCALE
     size = np.max(np.abs(predicted))
     if size < TELLING:
         return -1
-    off = np.max(np.abs(difference(y, y_before) / SCALE - predicted))
-    return 0 if off <= TELLING + WRONG * size else 1
+    change = difference(features(about(points, o_c)), features(about(before, o_c)))
+    return 0 if np.max(np.abs(change / SCALE - predicted)) <= TELLING + WRONG * size else 1
 
 
 def watch_loop(watch: Watch, last: Command, seen: Observation, period: int) -> Watch:
@@ -239,14 +239,14 @@ def watch_markers(watch: Watch, first: bool, second: bool, crossed: bool) -> Wat
     )
 
 
-def watch_estimate(watch: Watch, p1: Floats, y: Floats, J_hat: Floats) -> Watch:
+def watch_estimate(watch: Watch, p1: Floats, points: Floats, o_c: Floats, J_hat: Floats) -> Watch:
     """The watch after the estimate was judged by what the motion since it was judged last has changed."""
     if not finite(watch.p1):
-        return watch._replace(p1=p1, y=y)
-    verdict = judged(y, watch.y, J_hat, p1 - watch.p1)
+        return watch._replace(p1=p1, points=points)
+    verdict = judged(points, watch.points, o_c, J_hat, p1 - watch.p1)
     if verdict < 0:
         return watch
-    return watch._replace(p1=p1, y=y, wrong=watch.wrong + 1 if verdict else 0)
+    return watch._replace(p1=p1, points=points, wrong=watch.wrong + 1 if verdict else 0)
 
 
 def arm_faults(

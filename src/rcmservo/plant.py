@@ -58,9 +58,9 @@ class Observation:
 
     Of the arm: ``q`` (3,) the joints as it last told them, at ``q_time``; ``enabled``, whether its drive is on;
     ``applied`` (3,), the joint rates that it took of the last command.
-    Of the camera: ``points`` (2, 2) raw px of the newest frame used, NaN where lost, with its ``frame`` number (-1 before
-    the first), ``exposure`` and ``arrival``, and ``q_exposure`` (3,), the joints at that moment; ``dropped``, why the
-    frame offered last was not used.
+    Of the camera: ``points`` (2, 2) raw px of the newest frame used, NaN where lost, with its ``frame`` number (-1
+    before the first), ``exposure`` and ``arrival``, and ``q_exposure`` (3,), the joints at that moment; ``dropped``,
+    why the frame offered last was not used.
     ``recorded`` is False once a record that was asked for is no longer written.
     """
 
