@@ -78,7 +78,7 @@ def read(path: Path) -> Record:
     try:
         return rows.record(messages)
     except ValueError as error:
-        raise UnusableFile(path, f"is not a record that can be read: {error}") from error
+        raise UnusableFile(path, f"is a record that cannot be read: {error}") from error
 
 
 def frames(path: Path) -> Iterator[tuple[int, Image]]:
@@ -152,11 +152,11 @@ class _Rows:
 
     def _truth(self) -> dict[str, Floats]:
         """The truth of every tick, NaN where the record ends between a tick and its truth."""
-        truth = columns(TRUTH_LAYOUT, self.truth[: len(self.ticks)])
-        if not self.truth:
-            return truth
-        lost = len(self.ticks) - len(self.truth)
-        return {name: np.concatenate([truth[name], np.full((max(lost, 0), n), np.nan)]) for name, n in TRUTH.items()}
+        truth = columns(TRUTH_LAYOUT, self.truth)
+        lost = len(self.ticks) - len(self.truth) if self.truth else 0
+        if lost < 0:
+            raise ValueError("it tells the truth of more ticks than it has")
+        return {name: np.concatenate([truth[name], np.full((lost, size), np.nan)]) for name, size in TRUTH.items()}
 
 
 def _missing(messages: Messages, last: float) -> str:
