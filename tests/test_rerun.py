@@ -1,63 +1,25 @@
 """A recorded run computed again decides the same, bit for bit; with other settings it says where it would not."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from replays import NAMES, Disturbed, faults, operator
+from replays import recorded as record_of_a_seed
 
 import rcmservo as rs
 from conftest import CONTROLLERS, ESTIMATORS, TOOLS, random_from
 from rcmservo import record
 from rcmservo.description import describe, rebuild
 from rcmservo.estimators.base import Estimator, Sample
-from rcmservo.plant import Dropped, Floats
+from rcmservo.plant import Floats
 from rcmservo.recorder import Recorder
 from rcmservo.rerun import recompute
 from rcmservo.tracking import PointMarkers
-
-Change = Callable[[rs.Observation], rs.Observation]
-
-
-class Disturbed(rs.Plant):
-    """A plant whose observations something stands before."""
-
-    change: Change = staticmethod(lambda seen: seen)
-
-    def read(self) -> rs.Observation:
-        return self.change(super().read())
-
-
-def loses_markers(seed: int) -> Change:
-    """Either marker, or both, are lost in bursts; now and then frames stop, are dropped, or the record fails."""
-    random = random_from(seed)
-    lost, held, until = (), None, 0
-
-    def change(seen: rs.Observation) -> rs.Observation:
-        nonlocal lost, held, until
-        if seen.now >= until:
-            until = seen.now + int(random.uniform(2e7, 8e8))
-            lost = [(), (), (0,), (1,), (0, 1)][random.integers(5)]
-            held = seen if random.random() < 0.2 else None
-        points = seen.points.copy()
-        points[list(lost)] = np.nan
-        seen = replace(seen, points=points)
-        if held is not None:
-            frame = {name: getattr(held, name) for name in ("frame", "exposure", "arrival", "q_exposure", "points")}
-            seen = replace(seen, **frame, dropped=Dropped.DAMAGED)
-        return seen
-
-    return change
-
-
-def nudged(tick: rs.Tick) -> rs.Request:
-    """An operator who asks for a pause after a second and resumes whenever the servo has paused."""
-    if tick.state.phase is rs.Phase.PAUSED and not tick.state.command.rates.any():
-        return rs.Request.RESUME
-    return rs.Request.PAUSE if tick.time == 1_000_000_000 else rs.Request.NONE
 
 
 @dataclass
@@ -78,7 +40,7 @@ class Recorded:
 
     def stage(self, servo: rs.Servo, target: rs.Target, seconds: float, state: rs.State | None = None) -> rs.State:
         self.recorder.begin(servo, target, state)
-        for tick in rs.run(self.plant, servo, target, seconds, state=state, operator=nudged):
+        for tick in rs.run(self.plant, servo, target, seconds, state=state, operator=operator):
             self.recorder.write(tick)
         return tick.state
 
@@ -103,7 +65,7 @@ def phases(folder: Path) -> set[str]:
 @pytest.mark.parametrize("recorded", range(6), indirect=True)
 def test_a_disturbed_run_with_pauses_comes_out_the_same_bit_for_bit(recorded: Recorded) -> None:
     target = recorded.shown()
-    recorded.plant.change = loses_markers(recorded.seed)
+    recorded.plant.change = faults(random_from(recorded.seed), recorded.rig.clock, ("points", "stop"))
     recorded.stage(simple(), target, 6.0)
     recorded.recorder.close()
     again = recompute(recorded.folder)
@@ -111,6 +73,11 @@ def test_a_disturbed_run_with_pauses_comes_out_the_same_bit_for_bit(recorded: Re
     assert "all 600 ticks" in again.words and "bit for bit" in again.words
     assert {"HOLD", "PAUSED", "ACQUIRE"} <= phases(recorded.folder)
     assert "RESUME" in again.then.words["request"]
+
+
+@pytest.mark.parametrize("seed", range(20, 28))
+def test_whatever_goes_wrong_comes_out_the_same(seed: int, tmp_path: Path) -> None:
+    assert recompute(record_of_a_seed(tmp_path, seed, 3.0, NAMES)).same
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)

@@ -52,8 +52,8 @@ REALS = {
     "command": 3,
     "applied": 3,
 }
-"""Name and length of a tick's numbers. `model` is π (34) of both markers from o_c; it and `a_hat` are NaN where there is
-none. `applied_before` are the rates that the observation tells, `applied` those that the arm took of this command."""
+"""Name and length of a tick's numbers. `model` is π (34) of both markers from o_c; it and `a_hat` are NaN where there
+is none. `applied_before` are the rates that the observation tells, `applied` those that the arm took of the command."""
 
 FLAGS = ("enabled", "recorded", "command_enabled", "explored")
 WORDS = ("phase", "cause", "asks", "request", "dropped")
