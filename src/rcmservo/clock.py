@@ -9,7 +9,7 @@ from rcmservo.plant import Clock
 def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> Iterator[int]:
     """Wait for each tick and yield its time in ns since the first, at `rate` Hz for `duration` s.
 
-    A tick that is already past when it is asked for is skipped: there is never a burst to catch up.
+    A tick that is due when the one before is not done yet is skipped: there is never a burst to catch up.
     """
     require(0.0 < rate < float("inf"), "rate", rate, "a positive frequency in Hz")
     require(duration > 0.0, "duration", duration, "a positive time in s")
@@ -19,4 +19,4 @@ def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> 
         due = start + round(k * 1e9 / rate)
         clock.wait_until(due)
         yield due - start
-        k = max(k + 1, int((clock.now() - start) * rate / 1e9))
+        k = max(k + 1, int((clock.now() - start) * rate / 1e9) + 1)

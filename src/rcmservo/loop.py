@@ -6,7 +6,7 @@ on every tick of the plant's own clock.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -177,7 +177,7 @@ def run(
     done: Callable[[Tick], bool] = lambda tick: False,
     state: State | None = None,
     operator: Operator | None = None,
-) -> Iterator[Tick]:
+) -> Generator[Tick]:
     """Switch the drive on, servo to the target and yield every tick; to call it is a person's act.
 
     It begins from nothing, or goes on from the `state` of an earlier run, with what was learnt there. It ends after
