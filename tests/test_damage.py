@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
 import rcmservo as rs
-from rcmservo import messages, record
+from rcmservo import chunks, messages, record
 from rcmservo.chunks import LARGEST, MAGIC
 from rcmservo.messages import DEFINITIONS, TICK, TOPICS
 from rcmservo.rerun import recompute
@@ -99,11 +99,11 @@ def joined(parts: list[bytes]) -> bytes:
 @pytest.mark.parametrize(
     "change",
     [
-        lambda chunks: [*chunks[:5], *chunks[6:]],
-        lambda chunks: [*chunks[:5], chunks[4], *chunks[5:]],
-        lambda chunks: [*chunks[:5], chunks[6], chunks[5], *chunks[7:]],
-        lambda chunks: chunks[:-1],
-        lambda chunks: [*chunks[:5], b"\x0a" + chunks[5][1:], *chunks[6:]],
+        lambda them: [*them[:5], *them[6:]],
+        lambda them: [*them[:5], them[4], *them[5:]],
+        lambda them: [*them[:5], them[6], them[5], *them[7:]],
+        lambda them: them[:-1],
+        lambda them: [*them[:5], b"\x0a" + them[5][1:], *them[6:]],
     ],
     ids=["left out", "repeated", "exchanged", "last left out", "taken for another record"],
 )
@@ -111,9 +111,39 @@ def test_no_whole_chunk_can_be_missing_or_stand_elsewhere_unnoticed(
     change: Callable[[list[bytes]], list[bytes]], plain: Original, path: Path
 ) -> None:
     parts = records(plain.data)
-    chunks, rest = [p for p in parts if p[0] == CHUNK], [p for p in parts if p[0] > 0x0A or p[0] in (2, 3, 4, 8)]
-    assert len(chunks) > 10
-    path.write_bytes(joined([parts[0], *change(chunks), *rest[rest.index(next(p for p in rest if p[0] == 0x0F)) :]]))
+    them, end = [p for p in parts if p[0] == CHUNK], next(i for i, p in enumerate(parts) if p[0] == 0x0F)
+    assert len(them) > 10
+    path.write_bytes(joined([parts[0], *change(them), *parts[end:]]))
+    assert read(path, plain) == SHORT
+
+
+@pytest.mark.parametrize("which", [5, -1])
+def test_no_chunk_can_be_hidden_in_an_otherwise_sound_file(which: int, plain: Original, path: Path) -> None:
+    parts = records(plain.data)
+    hidden = [i for i, part in enumerate(parts) if part[0] == CHUNK][which]
+    path.write_bytes(joined([*parts[:hidden], b"\x0a" + parts[hidden][1:], *parts[hidden + 1 :]]))
+    assert read(path, plain) == SHORT
+
+
+def test_an_end_that_is_damaged_tells_nothing_of_the_whole(plain: Original, path: Path) -> None:
+    parts = records(plain.data)
+    chunk = [i for i, part in enumerate(parts) if part[0] == CHUNK][5]
+    parts[chunk] = parts[chunk][:-1] + bytes([parts[chunk][-1] ^ 1])
+    path.write_bytes(joined(parts))
+    assert f" s of {plain.rows.time[-1]:.2f} s" in record.read(path).missing
+    statistics = next(i for i, part in enumerate(parts) if part[0] == 0x0B)
+    end = 9 + 8 + 2 + 4 * 4 + 8
+    parts[statistics] = parts[statistics][:end] + struct.pack("<Q", 10**12) + parts[statistics][end + 8 :]
+    path.write_bytes(joined(parts))
+    assert " s of " not in record.read(path).missing
+
+
+def test_a_file_that_unpacks_to_far_more_than_it_holds_is_read_to_a_bound(
+    plain: Original, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path.write_bytes(plain.data)
+    monkeypatch.setattr(chunks, "ROOM", 0)
+    monkeypatch.setattr(chunks, "RATIO", 1)
     assert read(path, plain) == SHORT
 
 
@@ -172,6 +202,12 @@ def test_hostile_bytes_are_refused_in_little_memory(data: bytes, path: Path) -> 
     assert peak < 128 * MIB
 
 
+def test_a_chunk_that_unpacks_to_more_than_any_is_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chunks, "ROOM", 2**40)
+    data = joined([chunk(bytes(160 * MIB))])
+    test_hostile_bytes_are_refused_in_little_memory(data, path)
+
+
 def forged(contents: list[tuple[str, bytes]], definitions: dict[str, str] | None = None) -> bytes:
     """A file with sound checksums and any messages."""
     file = io.BytesIO()
@@ -192,7 +228,7 @@ def forged(contents: list[tuple[str, bytes]], definitions: dict[str, str] | None
 
 
 ABOUT = ("rcmservo/about", messages.text("{}"))
-STAGE = {"origin": -1, "same_target": False, "target": {"points": [[0, 0], [1, 1]], "q": [0, 0, 0]}, "servo": {}}
+STAGE = {"origin": -1, "target": {"points": [[0, 0], [1, 1]], "q": [0, 0, 0]}, "servo": {}}
 
 
 def staged(**changes: object) -> tuple[str, bytes]:
@@ -215,7 +251,6 @@ def staged(**changes: object) -> tuple[str, bytes]:
         [ABOUT, staged(origin=0)],
         [ABOUT, staged(origin=-3)],
         [ABOUT, staged(origin=True)],
-        [ABOUT, staged(same_target=1)],
         [ABOUT, staged(target=None)],
         [ABOUT, staged(target={"points": [[0, 0], [1]], "q": [0, 0, 0]})],
         [ABOUT, staged(target={"points": [[0, 0], [1, 1]], "q": ["a", 0, 0]})],

@@ -122,8 +122,7 @@ class Recorder:
         self._servo, self._last = servo, None
         self._joints = messages.JointStates(servo.mechanism.joint_names)
         origin = NOTHING if state is None else self._origin(state)
-        same_target = state is not None and state.target is target
-        self._send("rcmservo/stage", messages.text(text_of(servo, target, origin, same_target)))
+        self._send("rcmservo/stage", messages.text(text_of(servo, target, origin)))
         self._writer.flush()
 
     def _origin(self, state: State) -> int:

@@ -81,11 +81,10 @@ def _ticks(then: Record, given: Servo | None) -> Iterator[tuple[Tick, Servo]]:
     for number, stage in enumerate(then.stages):
         servo = _servo(then, stage) if given is None else given
         state = _begun(then, stage, servo, ends)
-        target = state.target if stage.same_target and state.target is not None else stage.target
         last = then.stages[number + 1].first if number + 1 < len(then.stages) else len(then.time)
         for i in range(stage.first, last):
             seen, request = _observation(then, i), _named(then, Request, "request", i)
-            state = servo.step(state, seen, target, request)
+            state = servo.step(state, seen, stage.target, request)
             yield Tick(0, seen, request, state, then.ticks["applied"][i]), servo
         ends.append(state)
 
