@@ -178,7 +178,7 @@ def bomb(claimed: int) -> bytes:
         joined([chunk(b"", size=100, packed=bomb(2**40))]),
         joined([chunk(bytes(LARGEST), size=100)]),
         joined([chunk(bytes(LARGEST + 1))]),
-        joined([chunk(b"\x80" + struct.pack("<Q", LARGEST - 9) + bytes(LARGEST - 9))] * 200),
+        joined([chunk(b"\x05" + struct.pack("<Q", LARGEST - 9) + bytes(LARGEST - 9))] * 200),
         joined([chunk(b"\x03" + struct.pack("<Q", 10) + b"\x01\x00\xff\xff\xff\xff" + bytes(4))]),
         joined([chunk(b"\x05" + struct.pack("<Q", 2) + b"\x01\x00")]),
         joined([chunk(b"\x04" + struct.pack("<Q", 0))]),

@@ -149,6 +149,8 @@ class Messages:
                 self._learn_schema(data[place : place + length])
             elif opcode == CHANNEL:
                 self._learn_channel(data[place : place + length])
+            else:
+                raise _Damage
             place += length
 
     def _message(self, record: bytes) -> Message:
