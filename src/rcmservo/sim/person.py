@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from rcmservo.loop import NotShown, Plant, Tick, run, teach
 from rcmservo.plant import Target
-from rcmservo.servo import Servo
+from rcmservo.servo import Servo, State
 from rcmservo.sim.rig import Rig
 from rcmservo.states import Cause, Phase, Request
 
@@ -71,16 +71,17 @@ def attended(
     target: Target,
     duration: float,
     person: Person,
-    begins: Callable[[Target, bool], None] = lambda target, goes_on: None,
+    begins: Callable[[Target, State | None], None] = lambda target, state: None,
 ) -> Iterator[Tick]:
     """`run` with a person beside it, for `duration` s in all; time goes on while the person is at work.
 
-    ``begins`` is told of every new stage: its target, and whether it goes on from what was learnt.
+    ``begins`` is told of every new run: its target, and the state that it goes on from.
     """
-    start, state = rig.clock.now(), None
+    start = rig.clock.now()
+    state: State | None = None
     while True:
         tick = None
-        begins(target, state is not None)
+        begins(target, state)
         offset = rig.clock.now() - start
         left = duration - offset * 1e-9
         with closing(run(plant, servo, target, left, person.leaves, state, person)) as ticks:
