@@ -39,7 +39,8 @@ class Veil(ABC):
     def __init__(self, size: tuple[int, int], lasts: float) -> None:
         self.size, self.lasts = size, lasts
         width, height = size
-        self.u, self.v = np.meshgrid(np.arange(0, width + GRID, GRID) + 0.0, np.arange(0, height + GRID, GRID) + 0.0)
+        rows, columns = -(-height // GRID) + 1, -(-width // GRID) + 1
+        self.v, self.u = GRID * np.indices((rows, columns)).astype(np.float64)
 
     @abstractmethod
     def pane(self, time: float) -> Pane:
@@ -79,7 +80,7 @@ class Smoke(Veil):
     def __init__(self, size: tuple[int, int], lasts: float, origin: Floats, random: np.random.Generator) -> None:
         super().__init__(size, lasts)
         self._origin = origin
-        self._billows = [random_field(random, roughness) for roughness in (2.6, 2.6, 3.2)]
+        self._billows = [random_field(random, roughness) for roughness in (3.3, 3.3, 4.0)]
         self._winds = random.uniform(-1.0, 1.0, (3, 2)) * 0.16 * size[0] + np.array([0.0, -0.05 * size[0]])
         self._phases = random.uniform(0.0, 2.0 * np.pi, 2)
 
@@ -119,14 +120,18 @@ class Stain(Veil):
         all_drops = np.concatenate([drops, *(self._splashed(drop, random) for drop in drops)])
         scale = FIELD / (0.75 * size[0])
         places = np.stack([self.v, self.u]) * scale
-        rough = sampled(random_field(random, 2.4), places)
-        distance = [np.hypot(self.u - u, self.v - v) / radius for u, v, radius in all_drops]
-        height = np.max([1.25 - d for d in distance], axis=0) + 0.13 * np.clip(rough, -2.0, 2.0)
-        self._opacity = self.FULL * _smooth(height / self.EDGE)
+        rough = sampled(random_field(random, 3.6), places)
+        height = self._merged(all_drops) + 0.16 * np.clip(rough, -2.0, 2.0)
+        self._opacity = self.FULL * ndimage.gaussian_filter(_smooth(height / self.EDGE), 0.7)
         self._colour = self._shaded(np.clip(height, 0.0, 1.0), rough)
 
     def pane(self, time: float) -> Pane:
         return Pane(self.present(time, self.COMES, self.GOES) * self._opacity, self._colour)
+
+    def _merged(self, drops: Floats) -> Floats:
+        """How high blood stands at each place: 0 at a drop's rim and 1 in its middle, and where drops meet they merge."""
+        far = np.stack([np.hypot(self.u - u, self.v - v) / radius for u, v, radius in drops])
+        return np.log(np.sum(np.exp(6.0 * (1.25 - np.minimum(far, 20.0))), axis=0)) / 6.0
 
     def _splashed(self, drop: Floats, random: np.random.Generator) -> Floats:
         count = int(random.integers(4, 9))
@@ -139,17 +144,17 @@ class Stain(Veil):
         thick = _smooth(height / 0.55)[..., None]
         colour = thick * np.array([17.0, 14.0, 72.0]) + (1.0 - thick) * np.array([32.0, 28.0, 150.0])
         colour *= 1.0 + 0.1 * rough[..., None]
-        dome: Floats = 9.0 * np.asarray(ndimage.gaussian_filter(np.sqrt(height), 1.5), dtype=np.float64)
+        dome: Floats = 7.0 * np.asarray(ndimage.gaussian_filter(np.sqrt(height), 1.0), dtype=np.float64)
         normal = np.stack([-np.gradient(dome, axis=1), -np.gradient(dome, axis=0), np.ones_like(dome)], axis=-1)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
         half = np.array([-0.45, -0.5, 0.74])
-        glint = np.maximum(normal @ (half / np.linalg.norm(half)), 0.0) ** 60
-        return np.clip(colour, 0.0, 255.0) + 150.0 * glint[..., None]
+        glint = np.maximum(normal @ (half / np.linalg.norm(half)), 0.0) ** 150
+        return np.clip(colour, 0.0, 255.0) + 170.0 * glint[..., None]
 
 
 def random_field(random: np.random.Generator, roughness: float) -> Floats:
     """A random field (FIELD, FIELD) that repeats: mean 0, spread 1, its power falling as 1/f^roughness."""
-    f = np.hypot(*np.meshgrid(np.fft.fftfreq(FIELD, 1.0 / FIELD), np.fft.fftfreq(FIELD, 1.0 / FIELD)))
+    f = np.hypot(np.fft.fftfreq(FIELD, 1.0 / FIELD)[:, None], np.fft.fftfreq(FIELD, 1.0 / FIELD))
     spectrum = np.where(f > 0.0, 1.0 / np.maximum(f, 2.0) ** (roughness / 2.0), 0.0)
     field = np.fft.ifft2(np.fft.fft2(random.standard_normal((FIELD, FIELD))) * spectrum).real
     return field / field.std()
@@ -167,8 +172,8 @@ def _smooth(share: Floats) -> Floats:
 
 def _drawn_out(coarse: Light) -> Light:
     """The grid's values (h, w, n) at every pixel, linear between: ((h − 1) GRID, (w − 1) GRID, n)."""
-    share: Light = (np.arange(GRID, dtype=np.float32) / np.float32(GRID))[:, None, None]
-    rows = coarse[:-1, None] + share[None] * (coarse[1:] - coarse[:-1])[:, None]
+    share: Light = (np.arange(GRID, dtype=np.float32) / np.float32(GRID))[:, None]
+    rows = coarse[:-1, None] + share[:, None] * (coarse[1:] - coarse[:-1])[:, None]
     rows = rows.reshape(-1, *coarse.shape[1:])
-    columns = rows[:, :-1, None] + share[None] * (rows[:, 1:] - rows[:, :-1])[:, :, None]
+    columns = rows[:, :-1, None] + share * (rows[:, 1:] - rows[:, :-1])[:, :, None]
     return columns.reshape(len(rows), -1, coarse.shape[2]).astype(np.float32, copy=False)
