@@ -129,6 +129,7 @@ class Laboratory:
         """Observation and state of every tick, of a new run or on from `state`; `change` stands before the servo."""
         if state is None:
             state = servo.init()
+            self.plant.enable()
         else:
             self.plant.clock.wait_until(state.command.time + 10_000_000)
         for _ in ticks(self.plant.clock, 100.0, seconds):
@@ -145,6 +146,13 @@ def laboratory(seed: int = 1, settings: RigSettings | None = None) -> Laboratory
     target = teach(plant, frames=5)
     rig.go_home()
     return Laboratory(rig, plant, target)
+
+
+def observation(
+    now: int, q: Floats, frame: int, exposure: int, q_exposure: Floats, points: Floats, **others: Any
+) -> Observation:
+    """What a servo is told while the arm answers and follows and a frame arrives as it is exposed."""
+    return Observation(now, q, now, True, np.zeros(3), frame, exposure, exposure, q_exposure, points, **others)
 
 
 def without(seen: Observation, *markers: int) -> Observation:

@@ -9,7 +9,7 @@ import pytest
 
 CORE = (
     "mechanism tool projection features imaged_rcm estimators.flow estimators.broyden estimators.projection controller "
-    "exploration safety"
+    "exploration safety faults"
 )
 
 

@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from conftest import TOOLS, markers_seen, random_from, seeds, true_camera
+from conftest import TOOLS, markers_seen, observation, random_from, seeds, true_camera
 from rcmservo.errors import BadInput
 from rcmservo.estimators.base import Sample
 from rcmservo.estimators.flow import FlowEstimator, learn, update
 from rcmservo.features import SCALE, about, difference, features
 from rcmservo.imaged_rcm import ImagedRcm
 from rcmservo.mechanism import PitchYawRcm
-from rcmservo.plant import Observation, Target
+from rcmservo.plant import Target
 from rcmservo.projection import parameters
 from rcmservo.servo import Servo
 
@@ -114,7 +114,7 @@ def straight_motion(gamma):
         p = start + 20.0 * exposure * 1e-9 * way
         q = mechanism.joints(p)
         before = state
-        state = servo.step(state, Observation(tick * 10_000_000, q, frame, exposure, q, markers_seen(C, p)), target)
+        state = servo.step(state, observation(tick * 10_000_000, q, frame, exposure, q, markers_seen(C, p)), target)
         if frame == before.frame:
             repeats += 1
             assert state.J_hat is before.J_hat

@@ -22,8 +22,12 @@ shares = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
 within_range = st.tuples(*[st.one_of(st.floats(0, 1), st.sampled_from([0.0, 1.0]))] * 3).map(np.array)
 
 
+def command_of(number, time, rates):
+    return Command(number, time, time + 50_000_000, rates, True)
+
+
 def after(last_rates, milliseconds=10):
-    return Command(7, 1_000_000_000 - milliseconds * 1_000_000, last_rates)
+    return command_of(7, 1_000_000_000 - milliseconds * 1_000_000, last_rates)
 
 
 def admit(rates, last, q, gate=GATE, now=1_000_000_000):
@@ -83,7 +87,7 @@ def pressed(seed, delay, ticks=300):
     The wishes are as large as can be for 0.6 s, then random.
     """
     random = random_from(seed)
-    q, command, pipe = random.uniform(LOWER, UPPER), Command(0, 0, np.zeros(3)), [np.zeros(3)] * delay
+    q, command, pipe = random.uniform(LOWER, UPPER), command_of(0, 0, np.zeros(3)), [np.zeros(3)] * delay
     wish, way, sent = random.choice([-1e9, 1e9], 3), [], []
     for k in range(1, ticks + 1):
         if k % 60 == 0:
@@ -114,7 +118,7 @@ def test_no_wish_drives_a_joint_past_its_limit_at_all(delay):
 
 
 def test_pressed_against_a_limit_a_joint_comes_to_rest_without_chattering():
-    q, command, sent = np.array([0.0, 0.0, 200.0]), Command(0, 0, np.zeros(3)), []
+    q, command, sent = np.array([0.0, 0.0, 200.0]), command_of(0, 0, np.zeros(3)), []
     for k in range(1, 301):
         command = GATE.admit(SPEED, command, q, LIMITS, k * TICK).command
         q = q + command.rates * 0.01
@@ -125,7 +129,7 @@ def test_pressed_against_a_limit_a_joint_comes_to_rest_without_chattering():
 
 def test_a_joint_can_come_close_to_its_limit():
     """The gate is no reason to stay away: pushed for 3 s, a joint ends within 1 % of its range from the limit."""
-    q, command = np.array([0.0, 0.0, 200.0]), Command(0, 0, np.zeros(3))
+    q, command = np.array([0.0, 0.0, 200.0]), command_of(0, 0, np.zeros(3))
     for k in range(1, 301):
         command = GATE.admit(SPEED, command, q, LIMITS, k * TICK).command
         q = q + command.rates * 0.01
@@ -163,8 +167,26 @@ def test_the_gate_leaves_its_inputs_alone(share):
         assert np.array_equal(now, then)
 
 
-def test_at_rest_means_no_rates():
-    assert not GATE.rest().rates.any() and GATE.rest().number == 0
+def test_at_rest_and_stopped_mean_no_rates_and_the_drive_off():
+    for command in (GATE.rest(), GATE.stop(after(SPEED), 1_000_000_000)):
+        assert not command.rates.any() and not command.enabled
+    assert GATE.rest().number == 0 and GATE.stop(after(SPEED), 1_000_000_000).number == 8
+
+
+@given(any_three, shares, st.floats(0, 1))
+def test_a_share_of_the_speed_bounds_every_new_wish_and_none_at_all_ramps_to_zero(rates, last, share):
+    passed = admit_share(rates, after(0.9 * last * share * SPEED), share)
+    assert np.all(np.abs(passed.command.rates) <= share * SPEED * (1 + 1e-12))
+    stopping = [after(last * SPEED)]
+    for k in range(1, 11):
+        q, now = np.array([0.0, 0.0, 140.0]), 1_000_000_000 + (k - 1) * TICK
+        stopping.append(GATE.admit(np.ones(3), stopping[-1], q, LIMITS, now, 0.0).command)
+    assert not stopping[10].rates.any(), "from full speed it stands still within 100 ms"
+    assert stopping[10].deadline == stopping[10].time + 50_000_000
+
+
+def admit_share(rates, last, share):
+    return GATE.admit(rates, last, np.array([0.0, 0.0, 140.0]), LIMITS, 1_000_000_000, share)
 
 
 @pytest.mark.parametrize(
@@ -178,6 +200,8 @@ def test_at_rest_means_no_rates():
         {"latency": np.nan},
         {"max_period": 0.0},
         {"max_period": np.inf},
+        {"deadline": 0.2},
+        {"deadline": np.nan},
     ],
 )
 def test_settings_that_cannot_work_are_refused_by_name(wrong):

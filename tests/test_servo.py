@@ -11,13 +11,14 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import rcmservo
-from conftest import CONTROLLERS, ESTIMATORS, TOOLS, frozen, laboratory, leaves, markers_seen, without
+from conftest import CONTROLLERS, ESTIMATORS, TOOLS, frozen, laboratory, leaves, markers_seen, observation, without
 from rcmservo.loop import NotShown, Plant, run, teach
 from rcmservo.mechanism import JointLimits, PitchYawRcm
-from rcmservo.plant import Observation, Target
+from rcmservo.plant import Target
 from rcmservo.safety import Gate
-from rcmservo.servo import GOOD_FRAMES, HOLD_TIME, Cause, Phase, Servo
+from rcmservo.servo import Servo
 from rcmservo.sim import RigSettings
+from rcmservo.states import GOOD_TO_RECOVER, GOOD_TO_SERVO, HOLD_TIME, Cause, Phase, Request
 from rcmservo.tracking import PointMarkers
 
 every = pytest.mark.parametrize("estimator,tool,controller", list(product(ESTIMATORS, TOOLS, CONTROLLERS)))
@@ -122,20 +123,22 @@ def test_a_marker_lost_while_exploring_holds_too_and_exploring_goes_on_after_it(
     assert state.phase is Phase.ACQUIRE and state.command.rates.any()
 
 
-def test_a_hold_ends_after_five_good_new_frames_and_not_before():
+def test_a_hold_ends_after_five_good_frames_in_acquire_and_ten_more_lead_to_servo():
     lab = laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
     *_, (_, state) = lab.run(servo, 0.3, state, lambda seen: without(seen, 0))
-    hidden = state.frame
-    for seen, after in lab.run(servo, 0.5, state):
-        if after.phase is not Phase.HOLD:
-            break
-        assert seen.frame < hidden + GOOD_FRAMES and not after.command.rates.any()
-    assert seen.frame == hidden + GOOD_FRAMES
-    assert after.phase is Phase.SERVO and after.cause is Cause.NONE
-    *_, (_, state) = lab.run(servo, 0.2, after)
-    assert state.command.rates.any()
+    hidden, entered = state.frame, {}
+    for _, after in lab.run(servo, 0.6, state):
+        if after.phase is Phase.HOLD:
+            assert not after.command.rates.any()
+        entered.setdefault(after.phase, after.frame)
+    assert entered == {
+        Phase.HOLD: entered[Phase.HOLD],
+        Phase.ACQUIRE: hidden + GOOD_TO_RECOVER,
+        Phase.SERVO: hidden + GOOD_TO_RECOVER + GOOD_TO_SERVO,
+    }
+    assert after.cause is Cause.NONE and after.command.rates.any()
 
 
 def test_one_bad_frame_in_between_starts_the_count_again():
@@ -143,14 +146,13 @@ def test_one_bad_frame_in_between_starts_the_count_again():
     servo = lab.servo()
     state = servoing(lab, servo)
     *_, (seen, state) = lab.run(servo, 0.2, state, lambda seen: without(seen, 0))
-    start = seen.frame
-    bad = start + 4
+    bad = seen.frame + 4
 
     def change(seen):
         return without(seen, 1) if seen.frame == bad else seen
 
     left = next(after.frame for _, after in lab.run(servo, 0.5, state, change) if after.phase is not Phase.HOLD)
-    assert left == bad + GOOD_FRAMES
+    assert left == bad + GOOD_TO_RECOVER
 
 
 def test_losing_the_markers_for_more_than_a_second_pauses_for_good_and_nothing_moves_from_there():
@@ -179,13 +181,13 @@ def test_short_losses_in_a_row_do_not_add_up_to_a_pause():
         assert state.phase is Phase.SERVO
 
 
-def test_markers_never_seen_at_all_move_nothing_and_pause():
+def test_while_the_markers_were_never_seen_it_waits_and_says_why():
     lab = laboratory()
     servo = lab.servo()
     q = lab.rig.mechanism.q_true
     for _, state in lab.run(servo, 1.3, change=lambda seen: without(seen, 0, 1)):
-        assert not state.command.rates.any()
-    assert state.phase is Phase.PAUSED and state.cause is Cause.MARKERS_LOST
+        assert state.phase is Phase.IDLE and not state.command.rates.any()
+    assert state.cause is Cause.MARKERS_LOST and state.frame > 0
     assert np.allclose(lab.rig.mechanism.q_true, q, atol=1e-6)
 
 
@@ -194,7 +196,7 @@ def test_before_the_first_frame_nothing_moves():
     q, nan = np.array([0.1, 0.2, 100.0]), np.full((2, 2), np.nan)
     state = servo.init()
     for k in range(1, 10):
-        state = servo.step(state, Observation(k * 10_000_000, q, -1, 0, np.full(3, np.nan), nan), target_at(320.0))
+        state = servo.step(state, observation(k * 10_000_000, q, -1, 0, np.full(3, np.nan), nan), target_at(320.0))
         assert state.phase is Phase.IDLE and not state.command.rates.any()
 
 
@@ -202,23 +204,54 @@ def test_without_room_to_explore_it_pauses_and_says_so():
     tight = PitchYawRcm(JointLimits((-0.01, -0.01, 99.0), (0.01, 0.01, 101.0)))
     servo = Servo(tight, TOOLS["rigid"])
     q = np.array([0.0, 0.0, 100.0])
-    points = np.array([[100.0, 50.0], [200.0, 100.0]])
-    state = servo.step(servo.init(), Observation(10_000_000, q, 0, 0, q, points), target_at(320.0))
-    assert state.phase is Phase.PAUSED and state.cause is Cause.NO_ROOM and not state.command.rates.any()
+    points, state = np.array([[100.0, 50.0], [200.0, 100.0]]), servo.init()
+    for k in range(1, 5):
+        now = k * 10_000_000
+        state = servo.step(state, observation(now, q, k, now, q, points), target_at(320.0))
+        assert not state.command.rates.any()
+    assert state.phase is Phase.PAUSED and state.cause is Cause.NO_ROOM
 
 
 def test_a_camera_that_shows_no_connection_with_the_motion_ends_in_not_explored():
     lab = laboratory()
-    servo = lab.servo(exploration=replace(Servo(PitchYawRcm(), TOOLS["rigid"]).exploration, max_time=2.0))
-    random = np.random.default_rng(0)
+    servo = lab.servo(exploration=replace(Servo(PitchYawRcm(), TOOLS["rigid"]).exploration, max_time=3.0))
 
-    def shuffled(seen):
-        return replace(seen, points=random.uniform(0, 400, (2, 2)))
+    def wandering(seen):
+        random = np.random.default_rng(seen.frame)
+        return replace(seen, points=np.array([[300.0, 200.0], [340.0, 260.0]]) + random.uniform(-0.8, 0.8, (2, 2)))
 
-    for _, state in lab.run(servo, 2.5, change=shuffled):
+    for _, state in lab.run(servo, 4.0, change=wandering):
         if state.phase is Phase.PAUSED:
             break
     assert state.cause is Cause.NOT_EXPLORED
+
+
+def test_from_a_pause_only_a_person_leads_on_and_always_into_acquire():
+    lab = laboratory()
+    servo = lab.servo()
+    state = servoing(lab, servo)
+    *_, (_, state) = lab.run(servo, 1.5, state, lambda seen: without(seen, 0, 1))
+    *_, (seen, state) = lab.run(servo, 0.5, state)
+    assert state.phase is Phase.PAUSED and state.cause is Cause.MARKERS_LOST and state.explored
+    state = servo.step(state, replace(seen, now=seen.now + 10_000_000), lab.target, Request.RESUME)
+    lab.plant.send(state.command)
+    assert state.phase is Phase.ACQUIRE
+    phases = [after.phase for _, after in lab.run(servo, 0.5, state)]
+    assert phases[0] is Phase.ACQUIRE and phases[-1] is Phase.SERVO and Phase.HOLD not in phases
+
+
+def test_a_resume_is_refused_while_its_cause_is_there_and_says_why():
+    lab = laboratory()
+    servo = lab.servo()
+    *_, (_, state) = lab.run(servo, 1.5, servoing(lab, servo), lambda seen: without(seen, 0, 1))
+    for change, cause in (
+        (without(lab.plant.read(), 0), Cause.MARKER_1_LOST),
+        (without(lab.plant.read(), 1), Cause.MARKER_2_LOST),
+    ):
+        seen = replace(change, now=state.command.time + 10_000_000)
+        state = servo.step(state, seen, lab.target, Request.RESUME)
+        lab.plant.send(state.command)
+        assert state.phase is Phase.PAUSED and state.cause is cause and state.cause.value in state.words
 
 
 def target_at(pixel):
@@ -243,24 +276,24 @@ def test_any_pixels_that_a_tracker_may_report_leave_commands_finite_and_bounded(
     servo = Servo(PitchYawRcm(), TOOLS["rigid"])
     q, state = np.array([0.1, 0.2, 100.0]), servo.init()
     for k, report in enumerate(reports, start=1):
-        seen = Observation(k * 16_000_000, q, k, k * 16_000_000, q + 1e-3 * k, np.array(report).reshape(2, 2))
+        now = k * 10_000_000
+        seen = observation(now, q, k, now, q + 1e-3 * k, np.array(report).reshape(2, 2))
         state = servo.step(state, seen, target_at(200.0))
         assert np.isfinite(state.command.rates).all()
         assert np.all(np.abs(state.command.rates) <= np.array(servo.gate.speed) + 1e-12)
 
 
 @given(st.tuples(anything, anything, anything).map(np.array))
-def test_any_measured_joints_leave_the_command_finite(q):
-    """Joints that are not finite now: the gate stops at once and the servo pauses."""
+def test_any_measured_joints_leave_the_command_finite_and_those_that_are_not_finite_are_a_fault(q):
     lab_q, servo = np.array([0.1, 0.2, 100.0]), Servo(PitchYawRcm(), TOOLS["rigid"])
     points = np.array([[100.0, 50.0], [200.0, 100.0]])
-    state = servo.step(servo.init(), Observation(10_000_000, lab_q, 0, 0, lab_q, points), target_at(200.0))
-    state = servo.step(state, Observation(20_000_000, q, 0, 0, lab_q, points), target_at(200.0))
-    assert np.isfinite(state.command.rates).all() and np.all(
-        np.abs(state.command.rates) <= np.array(servo.gate.speed) + 1e-12
-    )
+    state = servo.step(servo.init(), observation(10_000_000, lab_q, 0, 0, lab_q, points), target_at(200.0))
+    state = servo.step(state, observation(20_000_000, q, 0, 0, lab_q, points), target_at(200.0))
+    assert np.isfinite(state.command.rates).all()
+    assert np.all(np.abs(state.command.rates) <= np.array(servo.gate.speed) + 1e-12)
     if not np.isfinite(q).all():
-        assert state.phase is Phase.PAUSED and state.cause is Cause.NOT_FINITE
+        assert state.phase is Phase.FAULT and state.cause is Cause.JOINTS_NOT_FINITE
+        assert not state.command.enabled and not state.command.rates.any()
 
 
 def test_joints_that_were_not_finite_at_the_exposure_pause_the_servo_instead_of_raising():
@@ -305,9 +338,7 @@ def test_a_camera_that_sends_nothing_more_stops_the_tool():
 
     def frozen(seen):
         first = last.setdefault("seen", seen)
-        return replace(
-            seen, frame=first.frame, exposure=first.exposure, q_exposure=first.q_exposure, points=first.points
-        )
+        return replace(first, now=seen.now, q=seen.q, q_time=seen.q_time, applied=seen.applied)
 
     *_, (_, after) = lab.run(servo, 0.6, state, frozen)
     assert (after.phase, after.cause) == (Phase.HOLD, Cause.STALE)
@@ -355,14 +386,14 @@ def test_after_frames_without_markers_flow_is_learnt_over_the_time_since_the_las
     for blind in (False, True):
         state = servo.init()
         for k in range(40):
-            q = np.array([0.1 + 0.02 * (k % 7), 0.1 + 0.015 * (k % 5), 100.0 + k])
+            q = np.array([0.1 + 0.005 * (k % 7), 0.1 + 0.004 * (k % 5), 100.0 + k])
             time = 1_000_000_000 * (k + 1)
             points = markers_seen(C, mechanism.position(q))
-            state = servo.step(state, Observation(time, q, 10 * k, time, q, points), target_at(200.0))
+            state = servo.step(state, observation(time, q, 10 * k, time, q, points), target_at(200.0))
             if blind:
                 later = time + 980_000_000
                 nothing = np.full((2, 2), np.nan)
-                state = servo.step(state, Observation(later, q, 10 * k + 9, later, q, nothing), target_at(200.0))
+                state = servo.step(state, observation(later, q, 10 * k + 9, later, q, nothing), target_at(200.0))
         ends.append(state.J_hat)
     assert ends[0].any()
     assert np.allclose(*ends, rtol=1e-9, atol=1e-12)
@@ -388,6 +419,9 @@ def test_teach_moves_nothing_and_sends_nothing():
     class Watched:
         def measure(self):
             return mechanism.measure()
+
+        def enable(self):
+            raise AssertionError("teach switched the drive on")
 
         def apply(self, command):
             raise AssertionError("teach sent a command")
@@ -415,6 +449,9 @@ def test_a_run_that_is_stopped_ramps_its_command_to_zero():
     sent, mechanism = [], lab.rig.mechanism
 
     class Watched:
+        def enable(self):
+            mechanism.enable()
+
         def measure(self):
             return mechanism.measure()
 

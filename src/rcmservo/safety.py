@@ -18,6 +18,9 @@ from rcmservo.errors import require
 from rcmservo.mechanism import JointLimits
 from rcmservo.plant import Command, Floats
 
+ROUNDING = 1.0 + 1e-12
+"""A rate that the slew brings to zero but for rounding is brought to zero."""
+
 
 @compiled
 def within(
@@ -43,7 +46,8 @@ def within(
         up = np.sqrt(half**2 + slew[i] * max(upper[i] - q[i], 0.0)) - half
         down = half - np.sqrt(half**2 + slew[i] * max(q[i] - lower[i], 0.0))
         allowed[i] = min(max(allowed[i], down), up)
-        allowed[i] = min(max(allowed[i], last[i] - slew[i] * dt), last[i] + slew[i] * dt)
+        step = slew[i] * dt * ROUNDING
+        allowed[i] = min(max(allowed[i], last[i] - step), last[i] + step)
     return allowed, True
 
 

@@ -5,6 +5,7 @@ frame teaches), plans (the velocity wanted of marker 1), asks what is wrong (fau
 (states.py), and sends what is left through the gate.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -56,6 +57,9 @@ LIMIT_HORIZON = 0.1
 LIMIT_SHARE = 0.3
 """A joint that would pass its limit within LIMIT_HORIZON s blocks the way if less than LIMIT_SHARE of the speed is left
 without it."""
+
+COMPARABLE = 10.0
+"""mm from one frame to the next up to which the markers' motion is foretold; by hand a tool moves further."""
 
 LIMIT_CAUSES = (Cause.JOINT_1_LIMIT, Cause.JOINT_2_LIMIT, Cause.JOINT_3_LIMIT)
 
@@ -212,10 +216,14 @@ class Servo:
         }
 
     def again(self, state: State) -> State:
-        """The state to begin another run with: drive off, at rest, with what was learnt. A fault stays one."""
+        """The state to begin another run with: drive off, at rest, with what was learnt. A fault stays one.
+
+        The tool may have been moved by hand since, but if the camera was, nothing but a new look can tell.
+        """
         mode = state.mode if state.phase is Phase.FAULT else Mode()
-        state = self._without_filters(state, state.cause)
-        return state.but(mode=mode, command=self.gate.rest())
+        old = state.watch
+        watch = begin()._replace(frame=old.frame, exposure=old.exposure, period=old.period)
+        return state.but(mode=mode, command=self.gate.rest(), watch=watch, tour=None, no_room=False)
 
     def warm_up(self) -> None:
         """Compile all that `step` calls, on made-up observations, so that nothing compiles while an arm moves."""
@@ -224,7 +232,7 @@ class Servo:
         points = np.array([[100.0, 50.0], [200.0, 100.0]])
         target = Target(points, q)
         for k in range(self.WARM_UP):
-            turned = points + k * np.array([[0.0, 0.0], [3.0, -9.0]])
+            turned = points + k * np.array([[0.5, -1.0], [1.0, -3.0]])
             now = (k + 1) * self.period
             at = q + 1e-3 * k
             seen = Observation(now, at, now, True, np.zeros(3), k, now - 1, now, at, turned)
@@ -279,7 +287,7 @@ class Servo:
     def _believe(self, state: State, p1: Floats, seen: Observation) -> State:
         """Accept a frame, or reject it because its markers are not where the tool's motion puts them."""
         jump, way = self.thresholds.jump, p1 - state.p1
-        if state.believed < 0:
+        if state.believed < 0 or not math.hypot(*way) < COMPARABLE:
             wrong = False, False, False
         elif state.explored and self._rcm_known(state):
             wrong = misplaced(seen.points, state.points, state.o_c, state.y, state.J_hat, way, jump)
@@ -388,10 +396,12 @@ class Servo:
 
     def _send(self, state: State, seen: Observation) -> State:
         """Through the gate, at the share of the speed that the mode allows; what is not finite there is a fault."""
+        share = state.mode.share
+        if not share > 0.0:
+            state = state.but(v=np.zeros(3))
         if state.phase in (Phase.FAULT, Phase.DISABLED):
             return state.but(command=self.gate.stop(state.command, seen.now))
-        share = state.mode.share
-        rates = joint_rates(self.mechanism.kind, self.zero, seen.q, state.v) if share > 0.0 else np.zeros(3)
+        rates = joint_rates(self.mechanism.kind, self.zero, seen.q, state.v)
         passed = self.gate.admit(rates, state.command, seen.q, self.mechanism.limits, seen.now, share)
         if passed.finite:
             return state.but(command=passed.command)

@@ -301,15 +301,15 @@ def _waiting(mode: Mode, cause: Cause, signs: Signs, now: int) -> Mode:
 
 
 def _paused(mode: Mode, cause: Cause, request: Request, now: int) -> Mode:
-    """Into PAUSED, on in it with its gravest cause, or out of it by a person where nothing stands against that."""
+    """Into PAUSED, on in it, or out of it by a person; what stands against that is named."""
+    why = cause if cause.action is Action.PAUSE else Cause.NONE
     if mode.phase is not Phase.PAUSED:
-        why = cause if cause.action is Action.PAUSE else Cause.ASKED
-        return Mode(Phase.PAUSED, why, now, asks=Action.PAUSE)
-    if request is Request.RESUME and cause.action < Action.HOLD:
-        return Mode(Phase.ACQUIRE, since=now)
-    refused = request is Request.RESUME and cause.action is Action.HOLD
-    why = cause if cause.action is Action.PAUSE or refused else mode.cause
-    return Mode(Phase.PAUSED, why, mode.since, asks=Action.PAUSE)
+        return Mode(Phase.PAUSED, gravest((why, Cause.ASKED)), now, asks=Action.PAUSE)
+    if request is Request.RESUME:
+        if cause.action < Action.HOLD:
+            return Mode(Phase.ACQUIRE, since=now)
+        return Mode(Phase.PAUSED, cause, mode.since, asks=Action.PAUSE)
+    return Mode(Phase.PAUSED, why if ORDER[why] > ORDER[mode.cause] else mode.cause, mode.since, asks=Action.PAUSE)
 
 
 def _held(mode: Mode, cause: Cause, now: int) -> Mode:
