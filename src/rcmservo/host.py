@@ -9,7 +9,6 @@ import queue
 import signal
 import threading
 import traceback
-from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
@@ -28,7 +27,7 @@ from rcmservo.loop import Plant, Tick, run, teach
 from rcmservo.outcome import Judge
 from rcmservo.plant import Floats, Target
 from rcmservo.realtime import Realtime, realtime
-from rcmservo.record import Recorder
+from rcmservo.recorder import Recorder, ThreadedRecorder
 from rcmservo.servo import Servo
 from rcmservo.tracking import ColourMarkers, MarkerLook
 
@@ -61,27 +60,18 @@ class Report:
 
 
 class Aside:
-    """A thread that takes the ticks from the loop, records them, collects what the verdict needs, and reports.
+    """A thread that takes the ticks from the loop, collects what the verdict needs, and reports."""
 
-    Its queue has no bound: the loop never waits, whatever the disk does. Once it cannot write it says so and goes on.
-    """
-
-    def __init__(self, task: Task, target: Target, told: Connection) -> None:
-        self.judge = Judge(task.servo, target)
+    def __init__(self, servo: Servo, target: Target, told: Connection) -> None:
+        self.judge = Judge(servo, target)
         self.moments: list[int] = []
         self.times: list[int] = []
         self.latencies: list[int] = []
-        self.unwritten = ""
-        self._recorder = Recorder(task.record, task.servo, {**task.about, "target_px": target.points.tolist()})
         self._told = told
         self._ticks: queue.SimpleQueue[Tick | None] = queue.SimpleQueue()
         self._frame = -1
-        self._thread = threading.Thread(target=self._work, name="record", daemon=True)
+        self._thread = threading.Thread(target=self._work, name="reports", daemon=True)
         self.put = self._ticks.put
-
-    def recorded(self) -> bool:
-        """Whether the record is still written."""
-        return not self.unwritten
 
     def __enter__(self) -> "Aside":
         self._thread.start()
@@ -92,30 +82,22 @@ class Aside:
     ) -> None:
         self._ticks.put(None)
         self._thread.join()
-        with self._noted():
-            self._recorder.__exit__(None, None, None)
 
     def _work(self) -> None:
-        for count, tick in enumerate(iter(self._ticks.get, None)):
-            if self.recorded():
-                with self._noted():
-                    self._recorder.write(tick)
+        for tick in iter(self._ticks.get, None):
             self.judge.add(tick)
             self.moments.append(tick.seen.now)
             self.times.append(tick.time)
             if tick.seen.frame > self._frame:
                 self._frame = tick.seen.frame
                 self.latencies.append(tick.state.watch.latency)
-            if count % EVERY == 0:
-                state = tick.state
-                self._told.send(Report(tick.time, state.words, state.delta, state.condition))
+            if len(self.times) % EVERY == 1:
+                self._report(tick)
 
-    @contextlib.contextmanager
-    def _noted(self) -> Generator[None]:
-        try:
-            yield
-        except OSError as error:
-            self.unwritten = error.strerror or str(error)
+    def _report(self, tick: Tick) -> None:
+        state = tick.state
+        with contextlib.suppress(OSError):
+            self._told.send(Report(tick.time, state.words, state.delta, state.condition))
 
 
 def serve(folder: Path, ring: FrameRing, beats: Any, task: Task, told: Connection) -> None:
@@ -142,19 +124,27 @@ def _live(folder: Path, ring: FrameRing, beats: Any, task: Task, told: Connectio
     ):
         plant = Plant(arm, eye, eye, clock)
         target = shown(arm, plant)
-        servo.warm_up()
-        with Aside(task, target, told) as aside:
-            plant.recorded = aside.recorded
+        about = {**task.about, "target_px": target.points.tolist()}
+        with ThreadedRecorder(Recorder(task.record, about)) as recorder, Aside(servo, target, told) as aside:
+            recorder.begin(servo, target)
+            servo.warm_up()
+            plant.recorded = recorder.recorded
+            first = len(clock.lateness)
             with realtime() as got:
-                first = len(clock.lateness)
                 try:
                     for tick in run(plant, servo, target, task.duration, lambda tick: told.poll()):
                         beats.value += 1
+                        recorder.write(tick)
                         aside.put(tick)
                 finally:
                     beats.value = STANDING
-        lateness = np.array(clock.lateness[first:][: len(aside.times)])
-    return _verdict(aside) | {"target_q": target.q.tolist(), "loop": _timing(aside, lateness, servo.rate, got)}
+    lateness = np.array(clock.lateness[first:][: len(aside.times)], dtype=float)
+    return {
+        **_verdict(aside),
+        "not_recorded": recorder.failed,
+        "target_q": target.q.tolist(),
+        "loop": _timing(aside, lateness, servo.rate, got),
+    }
 
 
 def shown(arm: RemoteArm, plant: Plant) -> Target:
@@ -173,7 +163,6 @@ def _verdict(aside: Aside) -> dict[str, Any]:
         "settle_time_s": outcome.settle_time if outcome.settled else None,
         "feature_error": {name: _number(x) for name, x in zip(("s_rad", "r_px", "d_px"), outcome.error, strict=True)},
         "explored_s": outcome.explored_at,
-        "record_error": aside.unwritten,
     }
 
 
