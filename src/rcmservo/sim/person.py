@@ -11,7 +11,8 @@ from rcmservo.sim.rig import Rig
 from rcmservo.states import Cause, Phase, Request
 
 THINKS = 1_000_000_000
-"""ns that the person takes before acting."""
+LOOKS = 3_000_000_000
+"""ns that the person takes before resuming, and before showing the target again."""
 
 BY_HAND = {Cause.CAMERA_MOVED, Cause.TARGET_OLD}
 """Causes that ask for the target to be shown again."""
@@ -60,8 +61,8 @@ class Person:
         return target
 
     def _acts(self, tick: Tick) -> bool:
-        waited = self._since is not None and tick.seen.now - self._since >= THINKS
-        return self._left > 0 and waited
+        wait = LOOKS if tick.state.cause in BY_HAND else THINKS
+        return self._left > 0 and self._since is not None and tick.seen.now - self._since >= wait
 
 
 def attended(
