@@ -24,9 +24,9 @@ import numpy as np
 from rcmservo import charts, plots, record
 from rcmservo.files import write_whole
 from rcmservo.loop import Plant, Tick, teach
-from rcmservo.outcome import LAST, Judge, Outcome
+from rcmservo.outcome import LAST, Judge
 from rcmservo.overlay import Video, draw
-from rcmservo.plant import Floats, Frame, Image
+from rcmservo.plant import Floats, Frame, Image, Target
 from rcmservo.record import RECORD
 from rcmservo.recorder import RawFile, Recorder, created
 from rcmservo.servo import Servo
@@ -126,6 +126,57 @@ class _Explored:
             self.time, self.error = tick.time / 1e9, error
 
 
+class _Notes:
+    """What becomes of a run, tick by tick: the verdict, by the truth how far off pose and Ĵ are, and the timing."""
+
+    def __init__(self, job: Job, rig: Rig, target: Target) -> None:
+        self._job, self._rig, self._p_d = job, rig, rig.body.points(rig.scene.target)[1]
+        self._judge, self._explored = Judge(job.servo, target), _Explored()
+        self._pose_errors: list[float] = []
+        self._latencies: list[int] = []
+        self._late, self._frame, self._jacobian_error = 0, -1, np.nan
+        self._started = time.perf_counter()
+
+    def add(self, tick: Tick, recorder: Recorder) -> None:
+        """One tick more: note it, and record it with the truth beside it."""
+        rig, state = self._rig, tick.state
+        markers = rig.truth.markers(rig.clock.now())
+        error = rig.truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
+        recorder.write(tick)
+        recorder.write_truth(markers[0], markers[1], error)
+        self._judge.add(tick)
+        self._explored.add(tick, markers[0], error)
+        self._pose_errors.append(float(np.linalg.norm(markers[1] - self._p_d)))
+        self._jacobian_error = error
+        self._late += state.watch.late > 0
+        if tick.seen.frame > self._frame:
+            self._frame = tick.seen.frame
+            self._latencies.append(state.watch.latency)
+
+    def metrics(self) -> dict[str, Any]:
+        """The run in numbers."""
+        job, outcome, explored = self._job, self._judge.outcome(), self._explored
+        pose = np.array(self._pose_errors[-round(LAST * job.servo.rate) :])
+        p50, p99 = np.percentile(self._latencies, [50, 99]) * 1e-9 if self._latencies else (np.nan, np.nan)
+        return {
+            "seed": job.seed,
+            "estimator": job.name,
+            "settled": outcome.settled,
+            "cause": outcome.cause,
+            "settle_time_s": outcome.settle_time if outcome.settled else None,
+            "pose_error_mm": _number(np.sqrt(np.mean(pose**2))) if len(pose) else None,
+            "feature_error": dict(zip(("s_rad", "r_px", "d_px"), map(_number, outcome.error), strict=True)),
+            "jacobian_error": {"explored": explored.error, "final": _number(self._jacobian_error)},
+            "explore": {"time_s": explored.time, "path_mm": explored.path, "max_excursion_mm": explored.farthest},
+            "estimator_time_per_frame_s": getattr(job.servo.estimator, "estimator_time", 0.0) or None,
+            "latency_s": {"median": _number(p50), "p99": _number(p99)},
+            "late_ticks": self._late,
+            "real_time_factor": self._judge.duration / (time.perf_counter() - self._started),
+            "rejected_scenes": self._rig.scene.rejected,
+            "folder": str(job.folder),
+        }
+
+
 def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> dict[str, Any]:
     """Run the job, write its folder, and return the metrics.
 
@@ -136,41 +187,27 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
     plant = Plant(rig.mechanism, rig.camera, ColourMarkers(job.lab.markers), rig.clock)
     rig.show_target()
     target = teach(plant)
-    p_d = rig.truth.markers(rig.clock.now())[1]
     rig.go_home()
     job.servo.warm_up()
-    person, judge, explored = Person(rig, plant, job.resumes), Judge(job.servo, target), _Explored()
-    timing, pose_errors, killed = _Timing(), list[float](), ""
-    error = np.nan
-    started = time.perf_counter()
+    person, notes, killed = Person(rig, plant, job.resumes), _Notes(job, rig, target), ""
     with ExitStack() as stack:
         recorder = stack.enter_context(Recorder(job.folder / RECORD, about(job, settings), _disk(rig)))
         plant.recorded = recorder.recorded
         picture = _pictures(job, plant, settings, recorder, stack)
         stopped = stack.enter_context(_between_ticks())
+        begins = partial(recorder.begin, job.servo)
         rig.begin()
         try:
-            for tick in attended(
-                rig, plant, job.servo, target, job.duration, person, partial(recorder.begin, job.servo)
-            ):
-                markers = rig.truth.markers(rig.clock.now())
-                error = rig.truth.jacobian_error(tick.state.J_hat, tick.seen.q_exposure, tick.state.o_c)
-                recorder.write(tick)
-                recorder.write_truth(markers[0], markers[1], error)
-                judge.add(tick)
-                timing.add(tick)
-                explored.add(tick, markers[0], error)
-                pose_errors.append(float(np.linalg.norm(markers[1] - p_d)))
+            for tick in attended(rig, plant, job.servo, target, job.duration, person, begins):
+                notes.add(tick, recorder)
                 picture(tick)
                 progress(tick)
                 stopped()
         except Killed as end:
-            killed = f"{end}; the arm's watchdog has stopped it"
-    factor = judge.duration / (time.perf_counter() - started)
-    metrics = _metrics(job, judge.outcome(), explored, pose_errors, error, factor, rig)
-    metrics |= {"cause": killed or metrics["cause"], "settled": metrics["settled"] and not killed}
+            killed = f"{end}; the arm's watchdog stops it"
+    metrics = notes.metrics()
+    metrics |= {"settled": False, "settle_time_s": None, "cause": killed} if killed else {}
     metrics |= {"resumed": person.resumed, "shown_again": person.shown, "not_recorded": recorder.failed}
-    metrics |= timing.numbers()
     write_whole(job.folder / METRICS, json.dumps(metrics, indent=2) + "\n")
     draw_figures(job.folder)
     return metrics
@@ -195,26 +232,6 @@ def _disk(rig: Rig) -> Callable[[Path], RawFile]:
     return lambda path: _FullDisk(path, rig)
 
 
-@dataclass
-class _Timing:
-    """How long after their exposure frames were acted upon, ns, and how many ticks came late."""
-
-    latencies: list[int] = field(default_factory=list[int])
-    late: int = 0
-    frame: int = -1
-
-    def add(self, tick: Tick) -> None:
-        self.late += tick.state.watch.late > 0
-        if tick.seen.frame > self.frame:
-            self.frame = tick.seen.frame
-            self.latencies.append(tick.state.watch.latency)
-
-    def numbers(self) -> dict[str, Any]:
-        """As plain numbers."""
-        p50, p99 = np.percentile(self.latencies, [50, 99]) * 1e-9 if self.latencies else (np.nan, np.nan)
-        return {"latency_s": {"median": _number(p50), "p99": _number(p99)}, "late_ticks": self.late}
-
-
 @contextmanager
 def _between_ticks() -> Generator[Callable[[], None]]:
     """Ctrl-C takes effect where the function that this gives is called, so that it never cuts a message in two."""
@@ -236,33 +253,6 @@ def _between_ticks() -> Generator[Callable[[], None]]:
         yield stopped
     finally:
         signal.signal(signal.SIGINT, usual)
-
-
-def _metrics(
-    job: Job,
-    outcome: Outcome,
-    explored: _Explored,
-    pose_errors: list[float],
-    jacobian_error: float,
-    factor: float,
-    rig: Rig,
-) -> dict[str, Any]:
-    last = np.array(pose_errors[-round(LAST * 100) :])
-    return {
-        "seed": job.seed,
-        "estimator": job.name,
-        "settled": outcome.settled,
-        "cause": outcome.cause,
-        "settle_time_s": outcome.settle_time if outcome.settled else None,
-        "pose_error_mm": float(np.sqrt(np.mean(last**2))),
-        "feature_error": dict(zip(("s_rad", "r_px", "d_px"), map(_number, outcome.error), strict=True)),
-        "jacobian_error": {"explored": explored.error, "final": _number(jacobian_error)},
-        "explore": {"time_s": explored.time, "path_mm": explored.path, "max_excursion_mm": explored.farthest},
-        "estimator_time_per_frame_s": getattr(job.servo.estimator, "estimator_time", 0.0) or None,
-        "real_time_factor": factor,
-        "rejected_scenes": rig.scene.rejected,
-        "folder": str(job.folder),
-    }
 
 
 def _number(value: Any) -> float | None:
