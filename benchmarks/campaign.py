@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.outcome import Judge
+from rcmservo.outcome import TOLERANCE, Judge
 from rcmservo.plant import Floats
 from rcmservo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, RigSettings
@@ -127,7 +127,8 @@ def one(seed: int, kind: str) -> Run:
         outcome = judge.outcome()
         run.words = outcome.cause
         phase = tick.state.phase
-        run.end = "settled" if outcome.settled else phase.name if phase in STOPS else "under way"
+        there = phase is rs.Phase.SERVO and bool((outcome.error < TOLERANCE).all())
+        run.end = "settled" if there else phase.name if phase in STOPS else "under way"
     return run
 
 
