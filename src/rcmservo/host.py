@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from rcmservo.beside import Beside
-from rcmservo.clock import Punctuality, WallClock
+from rcmservo.clock import Punctuality, WallClock, ticks
 from rcmservo.errors import RcmServoError
 from rcmservo.frames import FrameRing, RingCamera
 from rcmservo.link import RemoteArm, Wish
@@ -36,6 +36,14 @@ EVERY = 10
 
 STANDING = -1
 """What the heartbeat tells while no loop runs."""
+
+
+PATIENCE = 5.0
+"""s within which a camera must deliver a frame."""
+
+
+class NoFrames(RcmServoError):
+    """A camera that delivers nothing."""
 
 
 @dataclass(frozen=True)
@@ -148,11 +156,15 @@ def _live(folder: Path, ring: FrameRing, beats: Any, task: Task, told: Connectio
 
 
 def shown(arm: RemoteArm, plant: Plant) -> Target:
-    """A person shows the target and brings the tool back."""
+    """A person shows the target and brings the tool back; it is there in the newest frame when this returns."""
     arm.ask(Wish.SHOW)
     target = teach(plant)
     arm.ask(Wish.HOME)
-    return target
+    back = plant.clock.now()
+    for _ in ticks(plant.clock, duration=PATIENCE):
+        if plant.read().exposure >= back:
+            return target
+    raise NoFrames(f"no frame has come from the camera for {PATIENCE:g} s")
 
 
 def _verdict(aside: Aside) -> dict[str, Any]:
