@@ -158,22 +158,25 @@ def main() -> int:
     random, lab = np.random.default_rng(chosen.seed), Lab()
     servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool, gate=lab.gate)
     trials: list[Trial] = []
-    with tempfile.TemporaryDirectory() as folder, Bench(chosen.seed, rig_settings(lab)) as bench:
-        with contextlib.suppress(KeyboardInterrupt):
-            while len(trials) < chosen.count:
-                kind = KINDS[2 if len(trials) % 4 == 3 else len(trials) % 2]
-                work = Task(servo, lab.markers, 60.0, Path(folder) / "record.mcap")
-                try:
-                    trials.append(trial(bench, work, kind, int(random.integers(1, 300))))
-                except NotBegun as why:
-                    print(f"not begun: {why}", flush=True)
-                    continue
-                finally:
-                    work.record.unlink(missing_ok=True)
-                if not trials[-1].good:
-                    print(f"trial {len(trials)}: {trials[-1]}", flush=True)
-                if len(trials) % 20 == 0:
-                    print(f"{len(trials)} trials, load {os.getloadavg()[0]:.1f}", flush=True)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Bench(chosen.seed, rig_settings(lab)) as bench,
+        contextlib.suppress(KeyboardInterrupt),
+    ):
+        while len(trials) < chosen.count:
+            kind = KINDS[2 if len(trials) % 4 == 3 else len(trials) % 2]
+            work = Task(servo, lab.markers, 60.0, Path(folder) / "record.mcap")
+            try:
+                trials.append(trial(bench, work, kind, int(random.integers(1, 300))))
+            except NotBegun as why:
+                print(f"not begun: {why}", flush=True)
+                continue
+            finally:
+                work.record.unlink(missing_ok=True)
+            if not trials[-1].good:
+                print(f"trial {len(trials)}: {trials[-1]}", flush=True)
+            if len(trials) % 20 == 0:
+                print(f"{len(trials)} trials, load {os.getloadavg()[0]:.1f}", flush=True)
     report(trials)
     bad = sum(not t.good for t in trials)
     print(f"{len(trials)} trials, {bad} beyond a bound")

@@ -117,11 +117,13 @@ def serve(folder: Path, ring: FrameRing, beats: Any, task: Task, told: Connectio
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     beats.value = STANDING
     try:
-        told.send(_live(folder, ring, beats, task, told))
+        said: Any = _live(folder, ring, beats, task, told)
     except RcmServoError as error:
-        told.send(RcmServoError(str(error)))
+        said = RcmServoError(str(error))
     except Exception:
-        told.send(traceback.format_exc())
+        said = traceback.format_exc()
+    with contextlib.suppress(OSError):  # of a supervisor that is gone
+        told.send(said)
 
 
 def _live(folder: Path, ring: FrameRing, beats: Any, task: Task, told: Connection) -> dict[str, Any]:

@@ -43,6 +43,10 @@ END = 3.0
 """s within which a process ends that is told to."""
 
 
+DYING = 0.5
+"""s that a process which is killed needs at most to be gone; one that is not is only stopped."""
+
+
 class Child:
     """A process that this one started, and the wire to it. It ends when it is told to, and is killed if it does not."""
 
@@ -141,19 +145,16 @@ class Watchman:
         self._servo, self._beats = servo, beats
         self._last, self._still, self._due = STANDING, 0, 0
 
-    def look(self) -> str:
-        """What is wrong with the process, in words, or nothing; it looks at most once in LOOK."""
+    def look(self) -> bool:
+        """Whether something is wrong with the process; it looks at most once in LOOK."""
         now = time.monotonic_ns()
         if now < self._due:
-            return ""
+            return False
         self._due = now + LOOK
         beat = self._beats.value
         self._still = self._still + 1 if beat == self._last and beat != STANDING else 0
         self._last = beat
-        code = self._servo.process.exitcode
-        if code is not None:
-            return f"was killed ({signal.Signals(-code).name})" if code < 0 else f"ended by itself (exit code {code})"
-        return "was stopped: it did not tick any more" if self._still >= SILENT else ""
+        return self._still >= SILENT or self._servo.process.exitcode is not None
 
 
 def run_live(
@@ -193,9 +194,8 @@ def supervise(bench: Bench, servo: Child, progress: Callable[[Report], None]) ->
                 servo.process.join(END)
         if not began and bench.beats.value != STANDING:
             began = time.monotonic_ns()
-        wrong = watchman.look()
-        if wrong:
-            return _fallen(bench, servo, wrong, began)
+        if watchman.look():
+            return _fallen(bench, servo, began)
 
 
 def _next(wire: Connection) -> Any:
@@ -214,10 +214,15 @@ def _result(said: Any) -> dict[str, Any]:
     return cast(dict[str, Any], said)
 
 
-def _fallen(bench: Bench, servo: Child, wrong: str, began: int) -> dict[str, Any]:
+def _fallen(bench: Bench, servo: Child, began: int) -> dict[str, Any]:
     """Make sure that the arm stands still and stays so, and say what happened."""
     now = time.monotonic_ns()
     bench.off()
+    servo.process.join(DYING)
+    code = servo.process.exitcode
+    wrong = "was stopped: it did not tick any more"
+    if code is not None:
+        wrong = f"was killed ({signal.Signals(-code).name})" if code < 0 else f"ended by itself (exit code {code})"
     servo.process.kill()
     servo.process.join()
     rows = bench.log.since(0)
