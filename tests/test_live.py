@@ -408,13 +408,14 @@ def test_what_a_servo_process_cannot_use_is_said_in_the_supervisor(bench, tmp_pa
 
 
 SCRIPT = """
-import sys
-from pathlib import Path
-sys.path.insert(0, {tests!r})
-from rcmservo.live import run_live
-from test_live import LAB, rig_settings, task
-
 if __name__ == "__main__":
+    import sys
+    from pathlib import Path
+
+    sys.path.insert(0, {tests!r})
+    from rcmservo.live import run_live
+    from test_live import LAB, rig_settings, task
+
     try:
         run_live(1, rig_settings(LAB), task(Path({path!r}), 600.0), lambda report: print("tick", flush=True))
     except KeyboardInterrupt:

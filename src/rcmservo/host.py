@@ -38,8 +38,8 @@ STANDING = -1
 """What the heartbeat tells while no loop runs."""
 
 
-PATIENCE = 5.0
-"""s within which a camera must deliver a frame."""
+PATIENCE = 30.0
+"""s within which a camera must deliver a frame, and what tracks the markers in it be loaded or compiled."""
 
 
 class NoFrames(RcmServoError):
@@ -159,13 +159,21 @@ def _live(folder: Path, ring: FrameRing, beats: Any, task: Task, told: Connectio
 
 def shown(arm: RemoteArm, plant: Plant) -> Target:
     """A person shows the target and brings the tool back; it is there in the newest frame when this returns."""
+    for _ in range(2):  # the first frame is searched, the next is followed: after both nothing needs to be loaded
+        _await_frame(plant)
     arm.ask(Wish.SHOW)
     target = teach(plant)
     arm.ask(Wish.HOME)
-    back = plant.clock.now()
+    _await_frame(plant)
+    return target
+
+
+def _await_frame(plant: Plant) -> None:
+    """Wait for a frame that is exposed from now on."""
+    now = plant.clock.now()
     for _ in ticks(plant.clock, duration=PATIENCE):
-        if plant.read().exposure >= back:
-            return target
+        if plant.read().exposure >= now:
+            return
     raise NoFrames(f"no frame has come from the camera for {PATIENCE:g} s")
 
 
