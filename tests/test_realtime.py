@@ -86,13 +86,27 @@ def test_what_the_system_refuses_is_told_in_words_and_everything_else_is_done(mo
 
 
 @pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
-def test_threads_started_in_it_keep_the_ordinary_priority():
-    found = []
-    with realtime():
-        thread = threading.Thread(target=lambda: found.append(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK))
-        thread.start()
-        thread.join(PATIENCE)
-    assert found == [os.SCHED_OTHER]
+def test_the_loop_goes_first_then_the_threads_there_are_and_then_all_else():
+    def policy(thread=0):
+        return os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK, os.sched_getparam(thread).sched_priority
+
+    ended, found = threading.Event(), []
+    beside = threading.Thread(target=ended.wait, args=(PATIENCE,))
+    beside.start()
+    try:
+        with realtime() as got:
+            if got.refused:
+                pytest.skip(got.refused[0])
+            later = threading.Thread(target=lambda: found.append(policy()))
+            later.start()
+            later.join(PATIENCE)
+            assert policy()[0] == policy(beside.native_id)[0] == os.SCHED_FIFO
+            assert policy()[1] > policy(beside.native_id)[1]
+            assert found == [(os.SCHED_OTHER, 0)]
+        assert policy(beside.native_id) == (os.SCHED_OTHER, 0)
+    finally:
+        ended.set()
+        beside.join(PATIENCE)
 
 
 class Scripted:

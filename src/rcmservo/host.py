@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from rcmservo.beside import Beside
-from rcmservo.clock import Punctuality, WallClock
+from rcmservo.clock import Punctuality, WallClock, ticks
 from rcmservo.errors import RcmServoError
 from rcmservo.frames import FrameRing, RingCamera
 from rcmservo.link import RemoteArm, Wish
@@ -36,6 +36,14 @@ EVERY = 10
 
 STANDING = -1
 """What the heartbeat tells while no loop runs."""
+
+
+PATIENCE = 30.0
+"""s within which a camera must deliver a frame, and what tracks the markers in it be loaded or compiled."""
+
+
+class NoFrames(RcmServoError):
+    """A camera that delivers nothing."""
 
 
 @dataclass(frozen=True)
@@ -109,11 +117,13 @@ def serve(folder: Path, ring: FrameRing, beats: Any, task: Task, told: Connectio
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     beats.value = STANDING
     try:
-        told.send(_live(folder, ring, beats, task, told))
+        said: Any = _live(folder, ring, beats, task, told)
     except RcmServoError as error:
-        told.send(RcmServoError(str(error)))
+        said = RcmServoError(str(error))
     except Exception:
-        told.send(traceback.format_exc())
+        said = traceback.format_exc()
+    with contextlib.suppress(OSError):  # of a supervisor that is gone
+        told.send(said)
 
 
 def _live(folder: Path, ring: FrameRing, beats: Any, task: Task, told: Connection) -> dict[str, Any]:
@@ -148,11 +158,23 @@ def _live(folder: Path, ring: FrameRing, beats: Any, task: Task, told: Connectio
 
 
 def shown(arm: RemoteArm, plant: Plant) -> Target:
-    """A person shows the target and brings the tool back."""
+    """A person shows the target and brings the tool back; it is there in the newest frame when this returns."""
+    for _ in range(2):  # the first frame is searched, the next is followed: after both nothing needs to be loaded
+        _await_frame(plant)
     arm.ask(Wish.SHOW)
     target = teach(plant)
     arm.ask(Wish.HOME)
+    _await_frame(plant)
     return target
+
+
+def _await_frame(plant: Plant) -> None:
+    """Wait for a frame that is exposed from now on."""
+    now = plant.clock.now()
+    for _ in ticks(plant.clock, duration=PATIENCE):
+        if plant.read().exposure >= now:
+            return
+    raise NoFrames(f"no frame has come from the camera for {PATIENCE:g} s")
 
 
 def _verdict(aside: Aside) -> dict[str, Any]:

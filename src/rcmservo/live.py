@@ -15,7 +15,6 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnContext
@@ -30,11 +29,11 @@ from rcmservo.host import STANDING, Report, Task, serve
 from rcmservo.sim.cameras import Body
 from rcmservo.sim.device import emulate
 from rcmservo.sim.filming import film
-from rcmservo.sim.log import Log
+from rcmservo.sim.log import Log, stopped
 from rcmservo.sim.rig import RigSettings
 
-LOOK = 0.01
-"""s between looks at the servo's heartbeat."""
+LOOK = 10_000_000
+"""ns between looks at the servo's heartbeat."""
 
 SILENT = 10
 """Looks in a row at which the heartbeat stood still: then the servo process is stopped. Counting looks, not time, makes
@@ -42,6 +41,10 @@ no difference between the servo and the watching process when the whole computer
 
 END = 3.0
 """s within which a process ends that is told to."""
+
+
+DYING = 0.5
+"""s that a process which is killed needs at most to be gone; one that is not is only stopped."""
 
 
 class Child:
@@ -135,39 +138,23 @@ class Bench:
         return float(np.linalg.norm(body.points(self.log.last()["q"])[1] - body.points(self.target)[1]))
 
 
-@dataclass(frozen=True)
-class Stop:
-    """When the arm stopped by itself: ns from its newest valid command until its drive was off, by the device's log;
-    None where it is on."""
-
-    after: int | None
-
-    @staticmethod
-    def of(log: Log) -> "Stop":
-        rows = log.since(0)
-        last = rows[-1]
-        if last["enabled"]:
-            return Stop(None)
-        taken = rows[rows["number"] == last["number"]]
-        return Stop(int(taken["wall"][taken["enabled"] == 0][0] - taken["wall"][0]))
-
-
 class Watchman:
     """Watches a servo process: whether it is gone, and whether its heart beats while its loop runs."""
 
     def __init__(self, servo: Child, beats: Any) -> None:
         self._servo, self._beats = servo, beats
-        self._last, self._still = STANDING, 0
+        self._last, self._still, self._due = STANDING, 0, 0
 
-    def look(self) -> str:
-        """What is wrong with the process, in words, or nothing."""
+    def look(self) -> bool:
+        """Whether something is wrong with the process; it looks at most once in LOOK."""
+        now = time.monotonic_ns()
+        if now < self._due:
+            return False
+        self._due = now + LOOK
         beat = self._beats.value
         self._still = self._still + 1 if beat == self._last and beat != STANDING else 0
         self._last = beat
-        code = self._servo.process.exitcode
-        if code is not None:
-            return f"was killed ({signal.Signals(-code).name})" if code < 0 else f"ended by itself (exit code {code})"
-        return "was stopped: it did not tick any more" if self._still >= SILENT else ""
+        return self._still >= SILENT or self._servo.process.exitcode is not None
 
 
 def run_live(
@@ -193,22 +180,22 @@ def run_live(
 
 def supervise(bench: Bench, servo: Child, progress: Callable[[Report], None]) -> dict[str, Any]:
     """Watch over a servo process until it has told how its run went, or cannot any more."""
-    watchman, started = Watchman(servo, bench.beats), None
+    watchman, began = Watchman(servo, bench.beats), 0
+    ears = [servo.wire]
     while True:
-        wait([servo.wire, servo.process.sentinel], LOOK)
-        if bench.beats.value != STANDING and started is None:
-            started = time.monotonic()
-        while servo.wire.poll():
-            said = _next(servo.wire)
+        for wire in cast(list[Connection], wait(ears, LOOK * 1e-9) if ears else []):
+            said = _next(wire)
             if isinstance(said, Report):
                 progress(said)
             elif said is not None:
                 return _result(said)
             else:
-                break
-        wrong = watchman.look()
-        if wrong:
-            return _fallen(bench, servo, wrong, started)
+                ears.clear()
+                servo.process.join(END)
+        if not began and bench.beats.value != STANDING:
+            began = time.monotonic_ns()
+        if watchman.look():
+            return _fallen(bench, servo, began)
 
 
 def _next(wire: Connection) -> Any:
@@ -227,14 +214,24 @@ def _result(said: Any) -> dict[str, Any]:
     return cast(dict[str, Any], said)
 
 
-def _fallen(bench: Bench, servo: Child, wrong: str, started: float | None) -> dict[str, Any]:
+def _fallen(bench: Bench, servo: Child, began: int) -> dict[str, Any]:
     """Make sure that the arm stands still and stays so, and say what happened."""
+    now = time.monotonic_ns()
     bench.off()
+    servo.process.join(DYING)
+    code = servo.process.exitcode
+    wrong = "was stopped: it did not tick any more"
+    if code is not None:
+        wrong = f"was killed ({signal.Signals(-code).name})" if code < 0 else f"ended by itself (exit code {code})"
     servo.process.kill()
     servo.process.join()
-    when = "before the arm was enabled" if started is None else f"{time.monotonic() - started:.1f} s into the run"
-    stop = Stop.of(bench.log)
-    stands = "the arm's drive is off"
-    if stop.after is not None and started is not None:
-        stands = f"the arm switched its drive off {stop.after * 1e-6:.0f} ms after the last command, and stands still"
+    rows = bench.log.since(0)
+    stop = stopped(rows)
+    when = f"{(now - began) * 1e-9:.1f} s into the run" if began else "before the arm was enabled"
+    stands = "the arm does not say that its drive is off: use its emergency stop"
+    if stop is not None:
+        after = (rows["time"][stop[1]] - rows["time"][stop[0]]) * 1e-6
+        stands = (
+            f"the arm's drive went off {after:.0f} ms after its last command" if began else "the arm's drive is off"
+        )
     return {"settled": False, "cause": f"the servo process {wrong}, {when}; {stands}"}

@@ -30,6 +30,8 @@ from rcmservo.servo import Servo, State
 from rcmservo.states import Phase, Request
 
 TEACH_TIMEOUT = 2.0
+"""s without a frame that shows both markers after which teaching gives up."""
+
 JOINT_HISTORY = 256
 
 OLDEST = 2_000_000_000
@@ -142,14 +144,18 @@ def teach(plant: Plant, frames: int = 30) -> Target:
     points: list[Floats] = []
     joints: list[Floats] = []
     last, began = plant.read().frame, plant.clock.now()
-    for _ in ticks(plant.clock, duration=TEACH_TIMEOUT + frames / 10.0):
+    good = began
+    for _ in ticks(plant.clock):
         seen = plant.read()
         if seen.frame > last and seen.exposure >= began and np.isfinite(seen.points).all():
             points.append(seen.points)
             joints.append(seen.q)
+            good = seen.now
         last = max(last, seen.frame)
         if len(points) == frames:
             return Target(np.mean(points, axis=0), np.mean(joints, axis=0))
+        if not seen.now - good <= TEACH_TIMEOUT * 1e9:
+            break
     raise NotShown("the target cannot be taught: both markers must be in the picture while it is shown")
 
 

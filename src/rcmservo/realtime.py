@@ -2,15 +2,19 @@
 
 Python's garbage collector pauses a large program for 0.1 s: while an arm moves it is off, and what was there before is
 not looked at again. A Python thread that works beside the loop would keep it waiting for 5 ms: the interpreter is told
-to switch sooner. The operating system is asked to let this thread go first and to keep its memory at hand.
+to switch sooner. The operating system is asked to let this thread go first, and to keep its memory at hand.
+
+The process's other threads come next, before all other work of the computer: they share the interpreter's lock, and one
+that holds it while it waits for a processor keeps the loop waiting too.
 """
 
 import ctypes
 import gc
 import os
 import sys
+import threading
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +23,9 @@ SWITCH = 0.0005
 
 PRIORITY = 20
 """Of 1 to 99: above all ordinary work, below what the kernel does for its devices."""
+
+NEXT = 10
+"""That of the other threads."""
 
 CURRENT, ON_FAULT = 1, 4
 """mlockall: what is in memory stays there, and what comes to be used stays too."""
@@ -38,9 +45,9 @@ class Realtime:
 
 @contextmanager
 def realtime() -> Generator[Realtime]:
-    """Make the calling thread the one that goes first, for as long as the context is open.
+    """Make the calling thread the one that goes first, and those there are next, for as long as the context is open.
 
-    Threads that are started before or in it keep the ordinary priority.
+    Threads that are started in it keep the ordinary priority.
     """
     got = Realtime()
     interval, collecting = sys.getswitchinterval(), gc.isenabled()
@@ -49,15 +56,16 @@ def realtime() -> Generator[Realtime]:
     gc.disable()
     gc.callbacks.append(got._count)  # pyright: ignore[reportPrivateUsage]
     sys.setswitchinterval(SWITCH)
-    before = _first(got)
+    before = _ahead(got)
     locked = _locked(got)
     try:
         yield got
     finally:
         if locked:
             _system().munlockall()
-        if before is not None:
-            _schedule(*before)
+        for thread, policy, priority in before:
+            with suppress(ProcessLookupError):  # it has ended
+                _schedule(thread, policy, priority)
         sys.setswitchinterval(interval)
         gc.callbacks.remove(got._count)  # pyright: ignore[reportPrivateUsage]
         gc.unfreeze()
@@ -65,20 +73,24 @@ def realtime() -> Generator[Realtime]:
             gc.enable()
 
 
-def _first(got: Realtime) -> tuple[int, int] | None:
-    """Ask for real-time scheduling; the policy and priority to go back to, or None where it was refused."""
+def _ahead(got: Realtime) -> list[tuple[int, int, int]]:
+    """Ask for real-time scheduling; each thread changed, with the policy and priority to go back to."""
+    this = threading.get_native_id()
+    others = [thread.native_id for thread in threading.enumerate()]
+    before: list[tuple[int, int, int]] = []
     try:
-        before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
-        _schedule(os.SCHED_FIFO, PRIORITY)
+        for thread in (this, *(other for other in others if other is not None and other != this)):
+            was = os.sched_getscheduler(thread), os.sched_getparam(thread).sched_priority
+            _schedule(thread, os.SCHED_FIFO, PRIORITY if thread == this else NEXT)
+            before.append((thread, *was))
     except (AttributeError, OSError) as error:
         got.refused.append(f"real-time scheduling was refused ({_why(error)}): other work may delay the loop")
-        return None
     return before
 
 
-def _schedule(policy: int, priority: int) -> None:
+def _schedule(thread: int, policy: int, priority: int) -> None:
     """Threads that this one starts do not inherit its priority."""
-    os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    os.sched_setscheduler(thread, policy | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
 
 
 def _locked(got: Realtime) -> bool:

@@ -27,6 +27,14 @@ on; the rates (3,) it was told; the true joints (3,)."""
 Rows = NDArray[Any]
 
 
+def stopped(rows: Rows) -> tuple[int, int] | None:
+    """The rows in which the newest valid command was taken and, later, its drive was off; None where it is still on."""
+    changes = np.flatnonzero(np.diff(rows["number"]))
+    taken = int(changes[-1]) + 1 if len(changes) else 0
+    off = np.flatnonzero(rows["enabled"][taken:] == 0)
+    return (taken, taken + int(off[0])) if len(off) else None
+
+
 class Log:
     """The last rows of one arm, one per step of its physics. One writer; handed to a process when that is started."""
 

@@ -1,0 +1,93 @@
+"""A live run, long: does the loop keep its time with rendering and detection at 60 frames a second beside it?
+
+    python benchmarks/soak.py [--seconds N]
+
+Prints the loop's mean rate, how late its ticks began, how many were missed, the latency from exposure to command and
+the garbage collections, beside the bars that a quiet machine should meet; and the time of the two functions that stand
+between every decision and the arm.
+"""
+
+import argparse
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+import rcmservo as rs
+from rcmservo.host import Report, Task
+from rcmservo.live import run_live
+from rcmservo.settings import Lab
+from rcmservo.simulate import rig_settings
+from rcmservo.states import Cause, Mode, Phase, Request, Signs, transition
+
+CALLS = 20_000
+
+
+def each(call: Callable[[], object]) -> tuple[float, float]:
+    """Median and 99 % of the time of one call, us."""
+    took = []
+    for _ in range(CALLS):
+        start = time.perf_counter_ns()
+        call()
+        took.append(time.perf_counter_ns() - start)
+    median, most = np.percentile(took, [50, 99]) * 1e-3
+    return float(median), float(most)
+
+
+def functions(servo: rs.Servo) -> None:
+    """The transition with two causes present, and the gate."""
+    causes, signs = [Cause.AGEING, Cause.LATE_TICK], Signs(True, True, True, True)
+    mode, gate, limits = Mode(Phase.SERVO), servo.gate, servo.mechanism.limits
+    last, q, rates = gate.rest(), np.array([0.5, 0.0, 130.0]), np.array([0.1, 0.2, 3.0])
+    gate.admit(rates, last, q, limits, 0)
+    for name, call in (
+        ("transition", lambda: transition(mode, causes, signs, Request.NONE, 0)),
+        ("gate", lambda: gate.admit(rates, last, q, limits, 0)),
+    ):
+        median, most = each(call)
+        print(f"{name:<22} median {median:6.2f} us, 99 % {most:6.2f} us   (bar: 10 us)")
+
+
+def show(report: Report) -> None:
+    """One line every ten seconds."""
+    if report.time % 10_000_000_000 == 0:
+        print(f"  {report.time * 1e-9:5.0f} s  {report.words}", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--seed", type=int, default=0)
+    chosen = parser.parse_args()
+    print(f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}")
+    print(f"load of the machine before: {os.getloadavg()[0]:.2f}")
+    lab = Lab()
+    servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool, gate=lab.gate)
+    functions(servo)
+    with tempfile.TemporaryDirectory() as folder:
+        task = Task(servo, lab.markers, chosen.seconds, Path(folder) / "record.mcap")
+        result = run_live(chosen.seed, rig_settings(lab), task, show)
+    print(f"load of the machine after: {os.getloadavg()[0]:.2f}")
+    print("the run:", "settled" if result["settled"] else result["cause"])
+    if "loop" not in result:
+        return
+    loop = result["loop"]
+    late, latency = loop["lateness_ms"], loop["latency_ms"]
+    for sentence in loop["refused"]:
+        print(sentence)
+    print(f"{'ticks':<22} {loop['ticks']}, missed {loop['missed']}")
+    print(f"{'mean rate':<22} {loop['rate_hz']:.4f} Hz   (bar: 100.00 Hz +- 0.01 %)")
+    print(
+        f"{'lateness':<22} median {late['median']:.3f}, 99 % {late['p99']:.3f}, max {late['max']:.3f} ms   (bar: 3 ms)"
+    )
+    print(f"{'exposure to command':<22} median {latency['median']:.1f}, 99 % {latency['p99']:.1f} ms")
+    print(f"{'garbage collections':<22} {loop['collections']}   (bar: 0)")
+    print(f"{'pose error':<22} {result['pose_error_mm']:.2f} mm")
+
+
+if __name__ == "__main__":
+    main()
