@@ -25,13 +25,14 @@ from rcmservo.loop import Plant, Tick, run, teach
 from rcmservo.outcome import LAST, Judge, Outcome
 from rcmservo.overlay import Video, draw
 from rcmservo.plant import Floats, Image, Target
+from rcmservo.record import RECORD
+from rcmservo.recorder import Recorder
 from rcmservo.recording import RecordingWriter
 from rcmservo.servo import Servo
 from rcmservo.settings import Lab, build
 from rcmservo.sim import Drive, Look, Rig, RigSettings, SceneSettings, Timing
 from rcmservo.tracking import ColourMarkers
 
-RECORD = "record.mcap"
 METRICS = "metrics.json"
 
 PAINTS: dict[str, tuple[float, float, float]] = {
@@ -136,14 +137,15 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
     error = np.nan
     started = time.perf_counter()
     with ExitStack() as stack:
-        recorder = stack.enter_context(record.Recorder(job.folder / RECORD, job.servo, about(job, settings, target)))
+        recorder = stack.enter_context(Recorder(job.folder / RECORD, about(job, settings, target)))
+        recorder.begin(job.servo, target)
         picture = _pictures(job, plant, target, settings, stack)
         stopped = stack.enter_context(_between_ticks())
         for tick in run(plant, job.servo, target, job.duration):
             markers = rig.truth.markers(rig.clock.now())
             error = rig.truth.jacobian_error(tick.state.J_hat, tick.seen.q_exposure, tick.state.o_c)
             recorder.write(tick)
-            recorder.write_truth(tick.time, markers[0], markers[1], error)
+            recorder.write_truth(markers[0], markers[1], error)
             judge.add(tick)
             explored.add(tick, markers[0], error)
             pose_errors.append(float(np.linalg.norm(markers[1] - p_d)))

@@ -195,12 +195,15 @@ def _told(setup: Setup) -> dict[str, Any]:
 
 def _same(then: Any, now: Any, where: str) -> None:
     """Refuse what was taught with another setup, naming the first value that differs and both sides of it."""
-    before, here = cast(Any, then), cast(Any, now)
-    if type(here) is dict and type(before) is dict:
-        _same_table(cast(dict[str, Any], before), cast(dict[str, Any], here), where)
-    elif not (type(before) is type(here) or (_number(before) and _number(here))) or before != here:
+    if _table(then) and _table(now):
+        _same_table(then, now, where)
+    elif not (type(then) is type(now) or (_number(then) and _number(now))) or then != now:
         what = where or "setup"
-        raise _Wrong(f"was taught with {what} {told(before)}, this rig has {told(here)}: show the target again")
+        raise _Wrong(f"was taught with {what} {told(then)}, this rig has {told(now)}: show the target again")
+
+
+def _table(value: Any) -> bool:
+    return isinstance(value, dict)
 
 
 def _same_table(then: dict[str, Any], now: dict[str, Any], where: str) -> None:
