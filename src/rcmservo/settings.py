@@ -10,7 +10,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
@@ -73,7 +73,7 @@ def _lab(path: Path, tables: Table) -> Lab:
     return Lab(
         mechanism=_mechanism(tables["mechanism"]) if "mechanism" in tables else default.mechanism,
         tool=_chosen(TOOLS, tables["tool"], "tool") if "tool" in tables else default.tool,
-        markers=build(MarkerLook, tables["markers"], "markers") if "markers" in tables else default.markers,
+        markers=build(MarkerLook, {**asdict(default.markers), **tables.get("markers", {})}, "markers"),
         gate=build(Gate, gate, "gate") if gate is not None else default.gate,
         thresholds=build(Thresholds, thresholds, "thresholds") if thresholds is not None else default.thresholds,
         simulation={name: tables[name] for name in SIMULATION_SECTIONS if name in tables},

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from rcmservo import charts, plots, record
+from rcmservo.errors import require
 from rcmservo.estimators.base import Estimator
 from rcmservo.files import write_whole
 from rcmservo.loop import Plant, Tick, run, teach
@@ -62,7 +63,10 @@ class CameraSection:
 def rig_settings(lab: Lab) -> RigSettings:
     """The simulated laboratory of a rig file's [camera], [drive], [look] and [scene]."""
     camera = build(CameraSection, lab.simulation.get("camera", {}), "camera")
-    look = build(Look, {**lab.simulation.get("look", {}), **_paint(lab)}, "look")
+    paint, table = _paint(lab), lab.simulation.get("look", {})
+    for key in paint:
+        require(key not in table, f"look.{key}", table.get(key), "left out: [markers] tells radii and colours")
+    look = build(Look, {**table, **paint}, "look")
     return RigSettings(
         mechanism=lab.mechanism,
         tool=lab.tool,
