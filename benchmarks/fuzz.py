@@ -45,8 +45,8 @@ ODD_WORDS = ("", "red", "nan", "1.0", "\n", "\x1b[2J", "é" * 40, "\u2028", "x" 
 TOKENS = (
     b"nan", b"inf", b"-inf", b"NaN", b"Infinity", b"1e999", b"1e-999", b"9" * 5000, b"0x" + b"f" * 900, b"true",
     b"null", b"[[", b"]]", b"{", b"}", b"[" * 900, b"{\"a\":" * 900, b"a." * 450, b"\"\"\"", b"'''", b"\\u0000",
-    b"\\ud800", b"\xff\xfe", b"\xef\xbb\xbf", b"\x00", b"\r", b"\n", b"=", b",", b":", b"#", b"\"", b"1979-05-27T07:32:00Z",
-    b"_", b" ",
+    b"\\ud800", b"\xff\xfe", b"\xef\xbb\xbf", b"\x00", b"\r", b"\n", b"=", b",", b":", b"#", b"\"", b"_",
+    b"1979-05-27T07:32:00Z", b" ",
 )  # fmt: skip
 
 
