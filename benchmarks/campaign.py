@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.outcome import Judge
+from rcmservo.outcome import TOLERANCE, Judge
 from rcmservo.plant import Floats
 from rcmservo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, RigSettings
@@ -127,13 +127,12 @@ def one(seed: int, kind: str) -> Run:
         outcome = judge.outcome()
         run.words = outcome.cause
         phase = tick.state.phase
-        run.end = "settled" if outcome.settled else phase.name if phase in STOPS else "under way"
+        there = phase is rs.Phase.SERVO and bool((outcome.error < TOLERANCE).all())
+        run.end = "settled" if there else phase.name if phase in STOPS else "under way"
     return run
 
 
-def watched(
-    run: Run, ticks: Iterator[rs.Tick], disturbances: list[Disturbance], start: int
-) -> Iterator[rs.Tick]:
+def watched(run: Run, ticks: Iterator[rs.Tick], disturbances: list[Disturbance], start: int) -> Iterator[rs.Tick]:
     """The same ticks; notes every stop, whether its cause is right, and whether the rates are zero in time."""
     phase, since = None, 0
     for tick in ticks:
@@ -169,7 +168,9 @@ def report(runs: list[Run], kind: str) -> None:
     print(f"stops not at zero within {STILL:g} s (FAULT: at once): {sum(len(run.too_slow) for run in runs)}")
     print(f"stops: {len(stops)}" + (f", the right cause named in {right} ({right / len(stops):.2%})" if stops else ""))
     print(f"by cause: {dict(Counter(stop[2] for stop in stops).most_common())}")
-    print(f"resumed {sum(run.resumed for run in runs)} times, target shown again {sum(run.shown for run in runs)} times")
+    print(
+        f"resumed {sum(run.resumed for run in runs)} times, target shown again {sum(run.shown for run in runs)} times"
+    )
     settled = np.array([run.pose_error for run in runs if run.end == "settled"])
     if len(settled):
         p50, p99 = np.percentile(settled, [50, 99])
@@ -179,7 +180,9 @@ def report(runs: list[Run], kind: str) -> None:
         lost = run.end == "settled" and run.pose_error > 2.0
         if run.wrong_commands or run.too_slow or wrong or lost or run.end == "under way":
             what = run.wrong_commands[:2] + run.too_slow[:2] + [f"{t:.2f} s {p} {c}" for t, p, c, _ in wrong]
-            print(f"  seed {run.seed} ends {run.end}, {run.pose_error:.2f} mm: {what} {run.words}\n    {run.disturbances}")
+            print(
+                f"  seed {run.seed} ends {run.end}, {run.pose_error:.2f} mm: {what} {run.words}\n    {run.disturbances}"
+            )
 
 
 def main() -> None:

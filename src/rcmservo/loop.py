@@ -136,15 +136,15 @@ def _shape(frame: Frame) -> tuple[int, ...] | None:
 
 
 def teach(plant: Plant, frames: int = 30) -> Target:
-    """Take what the camera sees now as the target: the mean over `frames` new frames. It never moves anything."""
+    """Take what the camera sees from now on as the target: the mean over `frames` frames. It never moves anything."""
     require(frames >= 1, "frames", frames, "a whole number of at least 1 frames")
     plant.reset()
     points: list[Floats] = []
     joints: list[Floats] = []
-    last = plant.read().frame
+    last, began = plant.read().frame, plant.clock.now()
     for _ in ticks(plant.clock, duration=TEACH_TIMEOUT + frames / 10.0):
         seen = plant.read()
-        if seen.frame > last and np.isfinite(seen.points).all():
+        if seen.frame > last and seen.exposure >= began and np.isfinite(seen.points).all():
             points.append(seen.points)
             joints.append(seen.q)
         last = max(last, seen.frame)

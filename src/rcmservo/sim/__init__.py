@@ -2,8 +2,9 @@
 
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
+from rcmservo.sim.disturb import Disturbance, Killed
 from rcmservo.sim.renderer import Look
 from rcmservo.sim.rig import Rig, RigSettings
 from rcmservo.sim.scene import SceneSettings
 
-__all__ = ["Drive", "Look", "Rig", "RigSettings", "SceneSettings", "Timing"]
+__all__ = ["Disturbance", "Drive", "Killed", "Look", "Rig", "RigSettings", "SceneSettings", "Timing"]

@@ -6,6 +6,7 @@ compensated, the ends of the joints' ranges are hard. MuJoCo counts in m, everyt
 """
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,7 +89,11 @@ def model_of(kinematics: Kinematics) -> str:
 
 
 class Arm:
-    """An RCM mechanism in MuJoCo, driven by joint rates. It moves only when `advance` lets time pass."""
+    """An RCM mechanism in MuJoCo, driven by joint rates. It moves only when `advance` lets time pass.
+
+    ``gains`` (3,) is what each motor makes of its rate: 1, but for one that is blocked or wrongly wired. `before_step`
+    is called before every step.
+    """
 
     def __init__(self, kinematics: Kinematics, drive: Drive) -> None:
         self.kinematics, self.drive = kinematics, drive
@@ -100,6 +105,8 @@ class Arm:
         self._queue: deque[tuple[int, Floats]] = deque()
         self._wanted = np.zeros(3)
         self._rates = np.zeros(3)
+        self.gains = np.ones(3)
+        self.before_step: Callable[[], None] | None = None
         self._follow = 1.0 - np.exp(-STEP * 1e-9 / drive.lag)
         self._deadband = np.array(drive.deadband)
         self._encoder = np.maximum(np.array(drive.encoder), 1e-12)
@@ -116,6 +123,8 @@ class Arm:
     def advance(self) -> None:
         """Let one step of time pass."""
         self.time += STEP
+        if self.before_step is not None:
+            self.before_step()
         if not self.watchdog.check(self.time):
             self._queue.clear()
             self._wanted, self._rates = np.zeros(3), np.zeros(3)
@@ -123,7 +132,7 @@ class Arm:
             self._wanted = self._queue.popleft()[1]
         self._rates += self._follow * (self._wanted - self._rates)
         moving = np.where(np.abs(self._rates) > self._deadband, self._rates, 0.0)
-        self._data.ctrl[:] = (moving * UNIT)[self._order]
+        self._data.ctrl[:] = (self.gains * moving * UNIT)[self._order]
         PHYSICS.mj_step(self._model, self._data)
 
     @property

@@ -8,7 +8,7 @@ from rcmservo.errors import require
 from rcmservo.mechanism import Kinematics
 from rcmservo.plant import Floats, Frame
 from rcmservo.sim.optics import Optics
-from rcmservo.sim.renderer import Renderer
+from rcmservo.sim.renderer import Between, Renderer
 from rcmservo.sim.world import World, moments
 from rcmservo.tool import Tool
 
@@ -58,10 +58,14 @@ class Body:
 
 
 class PictureCamera:
-    """A camera that renders what it sees, once per frame, when the frame is asked for."""
+    """A camera that renders what it sees, once per frame, when the frame is asked for.
+
+    ``between`` is what changes the light on its way to the sensor, if anything.
+    """
 
     def __init__(self, world: World, body: Body, renderer: Renderer, timing: Timing) -> None:
         self.world, self.body, self.renderer, self.timing = world, body, renderer, timing
+        self.between: Between | None = None
         self._frame: Frame | None = None
 
     def latest(self) -> Frame | None:
@@ -69,7 +73,7 @@ class PictureCamera:
         if number >= 0 and (self._frame is None or number > self._frame.number):
             times = moments(exposure, self.timing.exposure, BLUR)
             poses = np.stack([self.body.points(self.world.joints_at(time)) for time in times])
-            self._frame = Frame(number, exposure, arrival, image=self.renderer.render(poses, number))
+            self._frame = Frame(number, exposure, arrival, image=self.renderer.render(poses, number, self.between))
         return self._frame
 
 

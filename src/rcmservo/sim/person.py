@@ -6,12 +6,13 @@ from dataclasses import replace
 
 from rcmservo.loop import NotShown, Plant, Tick, run, teach
 from rcmservo.plant import Target
-from rcmservo.servo import Servo
+from rcmservo.servo import Servo, State
 from rcmservo.sim.rig import Rig
 from rcmservo.states import Cause, Phase, Request
 
 THINKS = 1_000_000_000
-"""ns that the person takes before acting."""
+LOOKS = 3_000_000_000
+"""ns that the person takes before resuming, and before showing the target again."""
 
 BY_HAND = {Cause.CAMERA_MOVED, Cause.TARGET_OLD}
 """Causes that ask for the target to be shown again."""
@@ -60,8 +61,8 @@ class Person:
         return target
 
     def _acts(self, tick: Tick) -> bool:
-        waited = self._since is not None and tick.seen.now - self._since >= THINKS
-        return self._left > 0 and waited
+        wait = LOOKS if tick.state.cause in BY_HAND else THINKS
+        return self._left > 0 and self._since is not None and tick.seen.now - self._since >= wait
 
 
 def attended(
@@ -71,16 +72,17 @@ def attended(
     target: Target,
     duration: float,
     person: Person,
-    begins: Callable[[Target, bool], None] = lambda target, goes_on: None,
+    begins: Callable[[Target, State | None], None] = lambda target, state: None,
 ) -> Iterator[Tick]:
     """`run` with a person beside it, for `duration` s in all; time goes on while the person is at work.
 
-    ``begins`` is told of every new stage: its target, and whether it goes on from what was learnt.
+    ``begins`` is told of every new run: its target, and the state that it goes on from.
     """
-    start, state = rig.clock.now(), None
+    start = rig.clock.now()
+    state: State | None = None
     while True:
         tick = None
-        begins(target, state is not None)
+        begins(target, state)
         offset = rig.clock.now() - start
         left = duration - offset * 1e-9
         with closing(run(plant, servo, target, left, person.leaves, state, person)) as ticks:

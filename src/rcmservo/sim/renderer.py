@@ -10,6 +10,7 @@ axes, in mm, and a ray is (x, y, 1) t, so that t is depth. Light is linear, in g
 are blue, green, red as in OpenCV.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,7 @@ from rcmservo.plant import Floats, Image
 from rcmservo.sim.optics import Optics
 
 Light = NDArray[np.float32]
+Between = Callable[[Light], None]
 Colour = tuple[float, float, float]
 Vector = tuple[float, float, float]
 Lamp = tuple[Vector, float, float, float, float]  # place, radius, reach, ambient, exponent: as in Look
@@ -111,12 +113,13 @@ class Renderer:
         self._canvas = np.empty_like(self._tissue)
         self._seen = np.empty((2, optics.height, optics.width), dtype=np.uint8)
 
-    def render(self, poses: Floats, number: int) -> Image:
+    def render(self, poses: Floats, number: int, between: Between | None = None) -> Image:
         """The picture (H, W, 3) of one exposure.
 
         `poses` (T, 4, 3) mm: m1, m2, the shaft's start (towards the RCM) and the tool's tip, in the world, at T = 1,
         2, 4, 8 or 16 moments spread evenly over the exposure. The shaft may start behind the camera. `number` of the
-        frame, at least 0: each frame has noise of its own.
+        frame, at least 0: each frame has noise of its own. `between` changes the light (H, W, 3) on its way to the
+        sensor, in place.
         """
         require(poses.ndim == 3 and poses.shape[1:] == (4, 3), "poses' shape", poses.shape, "(T, 4, 3)")
         require(len(poses) in MOMENTS, "number of poses", len(poses), f"one of {MOMENTS}")
@@ -128,6 +131,8 @@ class Renderer:
         touched = touch(self._cones, bodies)
         identify(self._seen, touched, self._rays, bodies)
         colour(self._canvas, self._seen, touched, self._rays, bodies, self._lamp, _pattern(len(poses)))
+        if between is not None:
+            between(self._canvas)
         return self._expose(number)
 
     def _expose(self, number: int) -> Image:

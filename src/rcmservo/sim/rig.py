@@ -1,6 +1,7 @@
 """A whole simulated laboratory: arm, tool, camera and markers, drawn from a seed. Its truth stays in here."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -9,8 +10,15 @@ from rcmservo.mechanism import Kinematics, SphericalRcm
 from rcmservo.plant import Camera, Floats
 from rcmservo.sim.arm import Arm, Drive
 from rcmservo.sim.cameras import Body, PictureCamera, PointCamera, Timing
+from rcmservo.sim.disturb.arm import DisturbedArm
+from rcmservo.sim.disturb.delivery import Delivery
+from rcmservo.sim.disturb.elsewhere import bumped, rolled
+from rcmservo.sim.disturb.kinds import KINDS, Disturbance
+from rcmservo.sim.disturb.process import Stalls
+from rcmservo.sim.disturb.schedule import Event, Schedule
+from rcmservo.sim.disturb.view import View
 from rcmservo.sim.renderer import Look, Renderer
-from rcmservo.sim.scene import SceneSettings, draw, relocated
+from rcmservo.sim.scene import Scene, SceneSettings, draw, relocated
 from rcmservo.sim.truth import Truth
 from rcmservo.sim.world import World
 from rcmservo.tool import RigidTool, Tool
@@ -45,29 +53,59 @@ class Rig:
     """A simulated laboratory at the start of a run: `mechanism`, `camera`, `clock`, and the judge's `truth`.
 
     ``pictures=False`` gives the camera that delivers points instead of frames. Everything follows from the seed.
+    ``disturbances`` go wrong in the run that `begin` starts.
     """
 
-    def __init__(self, seed: int = 0, settings: RigSettings | None = None, pictures: bool = True) -> None:
+    def __init__(
+        self,
+        seed: int = 0,
+        settings: RigSettings | None = None,
+        pictures: bool = True,
+        disturbances: Sequence[Disturbance] = (),
+    ) -> None:
         require(seed >= 0, "seed", seed, "a whole number that is not negative")
         self.seed, self.settings = seed, settings or RigSettings()
         s = self.settings
-        drawing, noise, elsewhere = np.random.SeedSequence(seed).spawn(3)
+        drawing, noise, elsewhere, chance = np.random.SeedSequence(seed).spawn(4)
         self.body = Body(s.mechanism, s.tool)
         radius = max(s.look.marker_radii)
         self.scene = draw(s.scene, self.body, (s.width, s.height), radius, np.random.default_rng(drawing))
         self._elsewhere = np.random.default_rng(elsewhere)
-        self.mechanism = Arm(s.mechanism, s.drive)
-        self.clock = World(self.mechanism)
-        self.camera: Camera = self._camera(pictures, np.random.default_rng(noise))
+        arm = Arm(s.mechanism, s.drive)
+        self.clock = World(arm)
+        self._camera = self._new_camera(pictures, np.random.default_rng(noise))
         self.truth = Truth(self.clock, self.body, self.scene.optics)
+        self.schedule = Schedule(disturbances, chance)
+        self.mechanism: Arm | DisturbedArm = arm
+        self.camera: Camera = self._camera
+        if disturbances:
+            self._disturb(arm)
         self.go_home()
 
-    def _camera(self, pictures: bool, random: np.random.Generator) -> Camera:
+    def _new_camera(self, pictures: bool, random: np.random.Generator) -> PictureCamera | PointCamera:
         s = self.settings
         if pictures:
             renderer = Renderer(self.scene.optics, s.look, self.scene.tissue, self.seed)
             return PictureCamera(self.clock, self.body, renderer, s.timing)
         return PointCamera(self.clock, self.body, self.scene.optics, s.timing, s.point_noise, random)
+
+    def _disturb(self, arm: Arm) -> None:
+        """Put the disturbances between the software and the devices."""
+        for disturbance in self.schedule.disturbances:
+            suffers = isinstance(self._camera, PointCamera) or KINDS[disturbance.kind].pictures
+            require(suffers, "disturbance", disturbance.kind, "one that a camera with pictures can suffer")
+        self.mechanism = DisturbedArm(arm, self.clock, self.schedule)
+        view = View(self._camera, self.settings.look, self.schedule, self._touch_camera)
+        self.camera = Delivery(view, self.clock.now, self.schedule)
+        self.clock.stalls = Stalls(self.schedule)
+
+    def begin(self) -> None:
+        """The run begins: the disturbances' times count from here."""
+        self.schedule.begin(self.clock.now())
+
+    def disk_full(self) -> bool:
+        """Whether the disk on which the run would be recorded is full now."""
+        return any(self.schedule.acting(self.clock.now(), "disk_full"))
 
     def show_target(self) -> None:
         """A person brings the tool to the target and holds it there."""
@@ -85,9 +123,24 @@ class Rig:
     def relocate_camera(self) -> None:
         """Somebody moves and rolls the camera; from the next frame on it sees the tool from another side."""
         s = self.settings
-        self.scene = relocated(self.scene, self.body, s.scene, max(s.look.marker_radii), self._elsewhere)
-        self.truth.optics = self.scene.optics
-        if isinstance(self.camera, PictureCamera):
-            self.camera.renderer = Renderer(self.scene.optics, s.look, self.scene.tissue, self.seed)
-        elif isinstance(self.camera, PointCamera):
-            self.camera.optics = self.scene.optics
+        self._see(relocated(self.scene, self.body, s.scene, max(s.look.marker_radii), self._elsewhere))
+
+    def _touch_camera(self, event: Event) -> None:
+        """What an event does to where the camera stands."""
+        if event.kind == "relocate":
+            self.relocate_camera()
+            return
+        optics, markers = self.scene.optics, self.truth.markers(self.clock.now())
+        if event.kind == "bump":
+            moved = bumped(optics, markers, event.number("px"), event.random)
+        else:
+            moved = rolled(optics, markers, np.radians(event.number("deg")))
+        self._see(replace(self.scene, optics=moved))
+
+    def _see(self, scene: Scene) -> None:
+        """From the next frame on the camera sees this scene."""
+        self.scene, self.truth.optics = scene, scene.optics
+        if isinstance(self._camera, PictureCamera):
+            self._camera.renderer = Renderer(scene.optics, self.settings.look, scene.tissue, self.seed)
+        else:
+            self._camera.optics = scene.optics

@@ -1,6 +1,7 @@
 """Simulated time: the arm moves while somebody waits, and its recent past is kept for what sees it later."""
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
@@ -11,10 +12,14 @@ HISTORY = 1000
 
 
 class World:
-    """The clock of a simulated plant, and the true joints of the last second."""
+    """The clock of a simulated plant, and the true joints of the last second.
+
+    ``stalls`` tells until when a wait really lasts, where the waiting process is held up.
+    """
 
     def __init__(self, arm: Arm) -> None:
         self.arm = arm
+        self.stalls: Callable[[int], int] | None = None
         self._times: deque[int] = deque(maxlen=HISTORY)
         self._joints: deque[Floats] = deque(maxlen=HISTORY)
         self._keep()
@@ -23,6 +28,10 @@ class World:
         return self.arm.time
 
     def wait_until(self, time: int) -> None:
+        self.pass_until(time if self.stalls is None else self.stalls(time))
+
+    def pass_until(self, time: int) -> None:
+        """Let time pass, whoever may wait or not."""
         while self.arm.time + STEP // 2 < time:
             self.arm.advance()
             self._keep()

@@ -160,8 +160,8 @@ class PointMarkers:
         pass
 
     def find(self, frame: Frame) -> Markers:
-        require(frame.points is not None, "frame.points", None, "the two markers' centres, (2, 2) px")
         points: Floats = np.array(frame.points, dtype=np.float64)
+        require(points.shape == (2, 2), "frame.points", frame.points, "the two markers' centres, (2, 2) px")
         seen = np.isfinite(points).all(axis=1)
         points[~seen] = np.nan
         return Markers(points, np.full(2, np.nan), np.where(seen, 1.0, 0.0))

@@ -1,0 +1,58 @@
+"""Frames as they are after something has damaged them on the way.
+
+A picture travels as a JPEG file here, the way cheap cameras send it: bits of the file flip, or half of it is missing,
+and a decoder makes a picture of that without complaint.
+"""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from rcmservo.plant import Floats, Frame, Image
+
+FLIPS = 8
+"""Bits that flip in a file."""
+
+HEADER = 0.05
+"""Share of a file, at its beginning, that keeps whole: damage there leaves nothing to decode."""
+
+
+def damaged(frame: Frame, what: str, random: np.random.Generator) -> Frame:
+    """The frame damaged: of another `size`, `half` of it missing, with bits flipped (`noise`), or with `none` left."""
+    if frame.image is not None:
+        return replace(frame, image=_picture(frame.image, what, random))
+    return frame if frame.points is None else replace(frame, points=_points(frame.points, what, random))
+
+
+def _picture(image: Image, what: str, random: np.random.Generator) -> Image | None:
+    if what == "none":
+        return None
+    if what == "size":
+        return np.ascontiguousarray(image[::2, ::2])
+    file = cv2.imencode(".jpg", image)[1].ravel()
+    if what == "half":
+        file = file[: len(file) // 2]
+    else:
+        _flip(file[round(HEADER * len(file)) :], random)
+    decoded = cv2.imdecode(file, cv2.IMREAD_COLOR)
+    return None if decoded is None else np.asarray(decoded, dtype=np.uint8)  # pyright: ignore[reportUnnecessaryComparison]
+
+
+def _points(points: Floats, what: str, random: np.random.Generator) -> Floats | None:
+    if what == "none":
+        return None
+    if what == "size":
+        return points[:1].copy()
+    points = points.copy()
+    if what == "half":
+        points[1] = np.nan
+    else:
+        _flip(points.view(np.uint8).ravel(), random)
+    return points
+
+
+def _flip(data: Image, random: np.random.Generator) -> None:
+    """Flip bits of these bytes, in place."""
+    places = random.integers(data.size, size=FLIPS)
+    data[places] ^= (1 << random.integers(8, size=FLIPS)).astype(np.uint8)

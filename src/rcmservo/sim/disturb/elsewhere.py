@@ -1,0 +1,43 @@
+"""The camera as it stands after somebody has touched it: bumped, or rolled about its line of sight to the tool."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from rcmservo.plant import Floats
+from rcmservo.sim.optics import Optics
+
+TRIES = 20
+BORDER = 15.0
+"""px that both markers keep from the picture's border, if any of TRIES bumps lets them."""
+
+SHAKE = 0.5
+"""mm by which a bumped camera is displaced, beside being turned."""
+
+
+def bumped(optics: Optics, markers: Floats, px: float, random: np.random.Generator) -> Optics:
+    """The camera turned so that the picture about the `markers` (2, 3) mm jumps by about `px`, some way or other."""
+    turned = optics
+    for _ in range(TRIES):
+        way = random.uniform(-np.pi, np.pi)
+        axis = np.array([np.cos(way), np.sin(way), 0.2 * random.standard_normal()])
+        rotation = _turn(axis, np.arctan(px / optics.focal)) @ optics.rotation
+        shake = SHAKE * min(px / 10.0, 1.0) * random.standard_normal(3) / np.sqrt(3.0)
+        turned = replace(optics, rotation=rotation, position=optics.position + shake)
+        seen = turned.project(markers)
+        if ((seen > BORDER) & (seen < np.array([optics.width, optics.height]) - BORDER)).all():
+            break
+    return turned
+
+
+def rolled(optics: Optics, markers: Floats, angle: float) -> Optics:
+    """The camera turned by `angle` rad about its line of sight to the middle of the `markers` (2, 3) mm."""
+    sight = optics.rotation @ (markers.mean(axis=0) - optics.position)
+    return replace(optics, rotation=_turn(sight, angle) @ optics.rotation)
+
+
+def _turn(axis: Floats, angle: float) -> Floats:
+    """The rotation (3, 3) by `angle` rad about an axis (3,): Rodrigues' formula."""
+    x, y, z = axis / np.linalg.norm(axis)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K

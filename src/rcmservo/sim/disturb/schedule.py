@@ -1,0 +1,57 @@
+"""When the disturbances of a rig act, counted from the moment at which the run begins."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmservo.sim.disturb.kinds import Disturbance
+
+
+@dataclass(eq=False)
+class Event:
+    """A disturbance of one run: from ``start`` to ``end`` ns, with chance of its own."""
+
+    disturbance: Disturbance
+    start: int
+    end: float
+    random: np.random.Generator
+
+    @property
+    def kind(self) -> str:
+        return self.disturbance.kind
+
+    @property
+    def axis(self) -> int:
+        return self.disturbance.axis
+
+    def number(self, name: str) -> float:
+        """The disturbance's parameter of this name."""
+        return self.disturbance.number(name)
+
+
+class Schedule:
+    """All disturbances of a rig. Nothing acts before `begin`."""
+
+    def __init__(self, disturbances: Sequence[Disturbance], chance: np.random.SeedSequence) -> None:
+        self.disturbances = tuple(disturbances)
+        self._chance = chance.spawn(len(self.disturbances))
+        self.events: list[Event] = []
+
+    def begin(self, now: int) -> None:
+        """The run begins at `now` ns."""
+        pairs = zip(self.disturbances, self._chance, strict=True)
+        self.events = [_event(disturbance, now, chance) for disturbance, chance in pairs]
+
+    def acting(self, time: int, *kinds: str) -> Iterator[Event]:
+        """Those of these kinds that act at `time` ns."""
+        return (event for event in self.begun(time, *kinds) if time < event.end)
+
+    def begun(self, time: int, *kinds: str) -> Iterator[Event]:
+        """Those of these kinds that have begun by `time` ns, whether they still act or not."""
+        return (event for event in self.events if event.kind in kinds and event.start <= time)
+
+
+def _event(disturbance: Disturbance, begun: int, chance: np.random.SeedSequence) -> Event:
+    start = begun + round(disturbance.at * 1e9)
+    return Event(disturbance, start, start + disturbance.lasts * 1e9, np.random.default_rng(chance))
