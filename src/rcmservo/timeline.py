@@ -3,6 +3,7 @@
 from collections import Counter
 from dataclasses import dataclass
 from enum import Enum
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
@@ -72,7 +73,6 @@ def spans(record: Record) -> list[Span]:
     rows = list(zip(record.phase, record.cause, stages(record).tolist(), strict=True))
     starts = [i for i in range(count) if i == 0 or rows[i] != rows[i - 1]]
     last = record.time[-1] + 1.0 / rate(record) if count else 0.0
-    ends = [*starts[1:], count]
     return [
         Span(
             start=float(record.time[i]),
@@ -83,7 +83,7 @@ def spans(record: Record) -> list[Span]:
             request=_named(record, Request, "request", i),
             stage=int(rows[i][2]),
         )
-        for i, j in zip(starts, ends, strict=True)
+        for i, j in pairwise([*starts, count])
     ]
 
 
