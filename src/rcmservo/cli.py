@@ -327,7 +327,7 @@ def _export(command: Export) -> int:
     with _new_folder(command.out, "export") as folder:
         written = export(command.record, folder)
     what = f"{written.ticks} ticks" + (f" and {written.frames} frames" if written.frames else "")
-    left = f"; {written.left_out} frames left out, as no tick tells their joints" if written.left_out else ""
+    left = f"; left out, as no tick tells their joints: {written.left_out}" if written.left_out else ""
     missing = f"; {written.missing}" if written.missing else ""
     console.print(f"{what} written to {folder}{left}{missing}", soft_wrap=True)
     return 0
