@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 import rcmservo as rs
 from rcmservo import targets
+from rcmservo.settings import Lab
+from rcmservo.simulate import setup_of
 from rcmservo.targets import Setup, checksum
 from rcmservo.tracking import MarkerLook
 
@@ -132,3 +134,17 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
         targets.load(tmp_path / "nothing.json", SETUP)
     with pytest.raises(rs.UnusableFile, match="is not a file"):
         targets.load(tmp_path, SETUP)
+
+
+def test_a_simulated_camera_refuses_what_another_or_the_same_elsewhere_has_seen(tmp_path: Path) -> None:
+    path = tmp_path / "target.json"
+    rig = rs.sim.Rig(3, pictures=False)
+    target = rs.Target(np.array([[300.0, 200.0], [320.0, 260.0]]), rig.scene.target)
+    targets.save(path, target, setup_of(rig, Lab()))
+    again = targets.load(path, setup_of(rs.sim.Rig(3, pictures=False), Lab()))
+    assert again.q.tobytes() == rig.scene.target.tobytes()
+    with pytest.raises(rs.UnusableFile, match="was taught with camera 'simulation with seed 3, .* with seed 4, "):
+        targets.load(path, setup_of(rs.sim.Rig(4, pictures=False), Lab()))
+    rig.relocate_camera()
+    with pytest.raises(rs.UnusableFile, match="was taught with camera"):
+        targets.load(path, setup_of(rig, Lab()))

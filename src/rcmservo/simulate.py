@@ -4,6 +4,7 @@ The servo is given what a real arm and camera would give it. The truth is read b
 verdict only.
 """
 
+import hashlib
 import json
 import platform
 import signal
@@ -32,6 +33,7 @@ from rcmservo.recording import RecordingWriter
 from rcmservo.servo import Servo
 from rcmservo.settings import Lab, build
 from rcmservo.sim import Drive, Look, Rig, RigSettings, SceneSettings, Timing
+from rcmservo.targets import Setup
 from rcmservo.tracking import ColourMarkers
 
 METRICS = "metrics.json"
@@ -86,6 +88,15 @@ def _paint(lab: Lab) -> dict[str, Any]:
         "marker_radii": (markers.radius_1, markers.radius_2),
         "marker_colours": (PAINTS[markers.colour_1], PAINTS[markers.colour_2]),
     }
+
+
+def setup_of(rig: Rig, lab: Lab) -> Setup:
+    """What a target that is shown to a simulated rig is bound to. Its camera's name follows from where it stands."""
+    optics = rig.scene.optics
+    where = np.concatenate([[optics.focal], optics.centre, optics.distortion, optics.rotation.ravel(), optics.position])
+    view = hashlib.sha256(np.round(where, 6).tobytes()).hexdigest()[:8]
+    name = f"simulation with seed {rig.seed}, view {view}"
+    return Setup(name, optics.width, optics.height, lab.mechanism, lab.tool, lab.markers)
 
 
 @dataclass(frozen=True)
