@@ -143,7 +143,7 @@ def test_a_simulated_camera_refuses_what_another_or_the_same_elsewhere_has_seen(
     targets.save(path, target, setup_of(rig, Lab()))
     again = targets.load(path, setup_of(rs.sim.Rig(3, pictures=False), Lab()))
     assert again.q.tobytes() == rig.scene.target.tobytes()
-    with pytest.raises(rs.UnusableFile, match="was taught with camera 'simulation with seed 3, .* with seed 4, "):
+    with pytest.raises(rs.UnusableFile, match=r"was taught with camera 'simulation with seed 3, .* with seed 4, "):
         targets.load(path, setup_of(rs.sim.Rig(4, pictures=False), Lab()))
     rig.relocate_camera()
     with pytest.raises(rs.UnusableFile, match="was taught with camera"):

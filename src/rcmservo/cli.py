@@ -1,4 +1,4 @@
-"""The command line: `rcmservo run`, `show`, `export`, `replay` and `paper`, over the settings dataclasses."""
+"""The command line: `rcmservo run`, `replay`, `show`, `export` and `paper`, over the settings dataclasses."""
 
 import contextlib
 import io
@@ -122,9 +122,9 @@ class Paper:
 
 Command = (
     Annotated[Run, tyro.conf.subcommand("run")]
+    | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Show, tyro.conf.subcommand("show")]
     | Annotated[Export, tyro.conf.subcommand("export")]
-    | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Paper, tyro.conf.subcommand("paper")]
 )
 
@@ -134,7 +134,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         command = _parse(arguments)
         acts: dict[type[Any], Callable[[Any], int]] = {
-            Run: _run, Show: _show, Export: _export, Replay: _replay, Paper: _paper
+            Run: _run, Replay: _replay, Show: _show, Export: _export, Paper: _paper
         }  # fmt: skip
         return acts[type(command)](command)
     except RcmServoError as error:
@@ -150,7 +150,7 @@ class Unparsed(RcmServoError):
     """A command line that does not say what to do."""
 
 
-def _parse(arguments: list[str] | None) -> Run | Show | Export | Replay | Paper:
+def _parse(arguments: list[str] | None) -> Run | Replay | Show | Export | Paper:
     """The command line as settings. What is wrong with it comes as one sentence instead of tyro's boxes."""
     errors = io.StringIO()
     try:
