@@ -30,6 +30,9 @@ STYLES: tuple[dict[str, Any], ...] = (
 MEASURED: dict[str, Any] = {"color": "#999999", "ls": "-", "lw": 2.6, "marker": "."}
 """The measured curve that an estimate is laid upon."""
 
+TONES = ("#999999", "#d0d0d0", "#56b4e9", "#009e73", "#f0e442", "#e69f00", "#d55e00")
+"""Colours of bands and bars, from harmless to grave."""
+
 RC: Any = {
     "font.size": 9,
     "axes.grid": True,
@@ -53,10 +56,28 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class Bar:
+    """A span of x in one of the TONES."""
+
+    start: float
+    end: float
+    tone: int
+
+
+@dataclass(frozen=True)
+class Lane:
+    """Bars in one line, and a label of one line or more beside them."""
+
+    label: str
+    bars: list[Bar]
+
+
+@dataclass(frozen=True)
 class Panel:
     """One pair of axes: labels with units, curves, dashed ``levels`` (label, y), ``shaded`` spans of x.
 
-    With ``categories``, x counts them from 0.
+    With ``categories``, x counts them from 0. With ``lanes``, the first on top, y counts them. ``bands`` lie behind
+    the curves.
     """
 
     x: str
@@ -68,6 +89,8 @@ class Panel:
     log_y: bool = False
     y_limits: tuple[float, float] | None = None
     categories: list[str] = field(default_factory=list[str])
+    lanes: list[Lane] = field(default_factory=list[Lane])
+    bands: list[Bar] = field(default_factory=list[Bar])
 
 
 @dataclass(frozen=True)
@@ -103,11 +126,14 @@ def svg(figure: Figure) -> str:
 def _canvas(figure: Figure) -> Canvas:
     rows = -(-len(figure.panels) // figure.columns)
     with mpl.rc_context(RC):
-        height = 0.7 + (1.6 if rows > 1 and figure.columns == 1 else 2.6) * rows
-        canvas = Canvas(figsize=(7.2, height), layout="constrained")
+        usual = 1.6 if rows > 1 and figure.columns == 1 else 2.6
+        heights = [max(_height(p, usual) for p in figure.panels[i : i + figure.columns])
+                   for i in range(0, rows * figure.columns, figure.columns)]  # fmt: skip
+        width = 9.6 if any(panel.lanes for panel in figure.panels) else 7.2
+        canvas = Canvas(figsize=(width, 0.7 + sum(heights)), layout="constrained")
         canvas.suptitle(figure.title, fontsize=10)
         share = figure.columns == 1 and len({panel.x for panel in figure.panels}) == 1
-        axes = canvas.subplots(rows, figure.columns, squeeze=False, sharex=share)
+        axes = canvas.subplots(rows, figure.columns, squeeze=False, sharex=share, height_ratios=heights)
         for i, axis in enumerate(axes.ravel()):
             if i < len(figure.panels):
                 lowest = i >= len(figure.panels) - figure.columns
@@ -115,6 +141,18 @@ def _canvas(figure: Figure) -> Canvas:
             else:
                 axis.set_axis_off()
     return canvas
+
+
+def _height(panel: Panel, usual: float) -> float:
+    """Inches that a panel needs."""
+    if panel.lanes:
+        return 0.25 + 0.15 * sum(_lines(lane) for lane in panel.lanes)
+    return 2.6 if panel.bands else usual
+
+
+def _lines(lane: Lane) -> float:
+    """Lines of text that a lane is high: those of its label, and half a one between labels."""
+    return 1.5 + lane.label.count("\n")
 
 
 def _draw(panel: Panel, axis: Any, label_x: bool) -> None:
@@ -126,6 +164,8 @@ def _draw(panel: Panel, axis: Any, label_x: bool) -> None:
         axis.plot(one.x, y, label=one.label or None, **look)
     for start, end in panel.shaded:
         axis.axvspan(start, end, color="#e69f00", alpha=0.18, lw=0)
+    for band in panel.bands:
+        axis.axvspan(band.start, band.end, color=TONES[band.tone], alpha=0.3, lw=0)
     for label, level in panel.levels:
         axis.axhline(level, color="#555555", ls=(0, (4, 3)), lw=1)
         axis.annotate(label, (0.995, level), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)
@@ -141,6 +181,25 @@ def _draw(panel: Panel, axis: Any, label_x: bool) -> None:
     axis.set_ylabel(panel.y)
     if any(one.label for one in panel.curves):
         axis.legend(fontsize=8)
+    _draw_lanes(panel.lanes, axis)
+
+
+def _draw_lanes(lanes: Sequence[Lane], axis: Any) -> None:
+    """Bars in a line each, the first on top; a short one is drawn wide enough to be seen."""
+    if not lanes:
+        return
+    places: list[float] = []
+    depth = 0.0
+    for lane in lanes:
+        places.append(depth + _lines(lane) / 2.0)
+        depth += _lines(lane)
+        for bar in lane.bars:
+            colour = TONES[bar.tone]
+            axis.broken_barh([(bar.start, bar.end - bar.start)], (places[-1] - 0.45, 0.9), color=colour, lw=1.2)
+    axis.set_yticks(places, [lane.label for lane in lanes], fontsize=7.5)
+    axis.set_ylim(depth, 0.0)
+    axis.tick_params(axis="y", length=0)
+    axis.grid(visible=False, axis="y")
 
 
 def _tilt(words: Sequence[str]) -> float:

@@ -1,4 +1,4 @@
-"""The command line: `rcmservo run`, `rcmservo replay` and `rcmservo paper`, over the settings dataclasses."""
+"""The command line: `rcmservo run`, `replay`, `show`, `export` and `paper`, over the settings dataclasses."""
 
 import contextlib
 import io
@@ -6,7 +6,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -73,10 +73,13 @@ class Run:
 
 @dataclass(frozen=True)
 class Replay:
-    """Put recorded frames and joints through tracking, features, imaged RCM and the estimators, and score them."""
+    """Put recorded frames and joints through tracking, features, imaged RCM and the estimators, and score them.
+
+    Of a recorded run, compute every decision again instead: are they the same, bit for bit?
+    """
 
     folder: Annotated[Path, tyro.conf.Positional]
-    """Folder with frames/ and poses.csv."""
+    """Folder with frames/ and poses.csv, or a run's folder or .mcap file."""
     rig: Path | None = None
     """TOML file that describes the recorded arm: mechanism, tool and markers. By default the built-in one."""
     out: Path | None = None
@@ -87,6 +90,26 @@ class Replay:
     projection: ProjectionEstimator = field(default_factory=ProjectionEstimator)
     flow: FlowEstimator = field(default_factory=FlowEstimator)
     broyden: BroydenEstimator = field(default_factory=BroydenEstimator)
+
+
+@dataclass(frozen=True)
+class Show:
+    """Tell what happened in a recorded run: a summary, a timeline of phases and causes, and figures."""
+
+    record: Annotated[Path, tyro.conf.Positional]
+    """A run's folder, or an .mcap file."""
+    out: Path | None = None
+    """Folder to write the figures to, new or empty; by default a new one under runs/."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a recorded run as CSV and NumPy arrays and, if it holds frames, as a recording that `replay` reads."""
+
+    record: Annotated[Path, tyro.conf.Positional]
+    """A run's folder, or an .mcap file."""
+    out: Path | None = None
+    """Folder to write to, new or empty; by default a new one under runs/."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +128,8 @@ class Paper:
 Command = (
     Annotated[Run, tyro.conf.subcommand("run")]
     | Annotated[Replay, tyro.conf.subcommand("replay")]
+    | Annotated[Show, tyro.conf.subcommand("show")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[Paper, tyro.conf.subcommand("paper")]
 )
 
@@ -113,9 +138,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Entry point; the exit code is 0, 1 where a run did not settle, 2 for bad input, 130 for Ctrl-C."""
     try:
         command = _parse(arguments)
-        if isinstance(command, Paper):
-            return _paper(command)
-        return _run(command) if isinstance(command, Run) else _replay(command)
+        acts: dict[type[Any], Callable[[Any], int]] = {
+            Run: _run, Replay: _replay, Show: _show, Export: _export, Paper: _paper
+        }  # fmt: skip
+        return acts[type(command)](command)
     except RcmServoError as error:
         return _fail(str(error))
     except OSError as error:
@@ -129,7 +155,7 @@ class Unparsed(RcmServoError):
     """A command line that does not say what to do."""
 
 
-def _parse(arguments: list[str] | None) -> Run | Replay | Paper:
+def _parse(arguments: list[str] | None) -> Run | Replay | Show | Export | Paper:
     """The command line as settings. What is wrong with it comes as one sentence instead of tyro's boxes."""
     errors = io.StringIO()
     try:
@@ -185,6 +211,7 @@ def _run(command: Run) -> int:
         exploration=command.exploration,
         imaged_rcm=command.imaged_rcm,
         gate=lab.gate,
+        thresholds=lab.thresholds,
     )
     console = Console(stderr=command.json)
     with _new_folder(command.out, f"run-seed{command.seed}") as folder:
@@ -324,9 +351,52 @@ def _show_claims(console: Console, rows: list[dict[str, Any]], every: bool) -> N
     console.print(table)
 
 
+def _show(command: Show) -> int:
+    from rcmservo import record, show
+
+    rows = record.read(command.record)
+    console = Console()
+    with _new_folder(command.out, "show") as folder:
+        show.draw(rows, folder)
+    show.show(console, rows)
+    console.print(f"figures and timeline.csv in {folder}", soft_wrap=True)
+    return 0
+
+
+def _export(command: Export) -> int:
+    from rcmservo.export import export
+
+    console = Console()
+    with _new_folder(command.out, "export") as folder:
+        written = export(command.record, folder)
+    what = f"{written.ticks} ticks" + (f" and {written.frames} frames" if written.frames else "")
+    left = f"; left out, as no tick tells their joints: {written.left_out}" if written.left_out else ""
+    missing = f"; {written.missing}" if written.missing else ""
+    console.print(f"{what} written to {folder}{left}{missing}", soft_wrap=True)
+    return 0
+
+
+def _recompute(command: Replay) -> int:
+    """The decisions of a recorded run once more; the exit code is 1 where they are others."""
+    from rcmservo.rerun import recompute
+
+    plain = command == Replay(command.folder, json=command.json)
+    require(plain, "replay's options", "others", "--json alone for a run, which is computed with its recorded settings")
+    again = recompute(command.folder)
+    if command.json:
+        print(json.dumps({"same": again.same, "ticks": len(again.then.time), "first": again.first,
+                          "differs": again.differs, "missing": again.then.missing}))  # fmt: skip
+    else:
+        print(f"{again.words}; {again.then.missing}" if again.then.missing else again.words)
+    return 0 if again.same else UNSETTLED
+
+
 def _replay(command: Replay) -> int:
+    from rcmservo.record import file_of
     from rcmservo.replay import replay
 
+    if file_of(command.folder).is_file():
+        return _recompute(command)
     lab = load_lab(command.rig) if command.rig else Lab()
     chosen = estimators(command.projection, command.flow, command.broyden)
     console = Console(stderr=command.json)
@@ -412,7 +482,7 @@ def _new_folder(out: Path | None, name: str) -> Generator[Path]:
     Where nothing came to be written, a folder that was made for it goes again.
     """
     folder = out or _dated(name)
-    made = not folder.exists()
+    made = [path for path in (folder, folder.parent) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         full = any(folder.iterdir())
@@ -425,6 +495,6 @@ def _new_folder(out: Path | None, name: str) -> Generator[Path]:
     try:
         yield folder
     finally:
-        for empty in (folder, folder.parent) if made else ():
+        for empty in made:
             if not any(empty.iterdir()):
                 empty.rmdir()

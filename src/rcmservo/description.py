@@ -59,8 +59,15 @@ def rebuild(description: Any) -> Servo:
     rate = table["rate"]
     good = isinstance(rate, int | float) and not isinstance(rate, bool)
     require(good, "servo.rate", rate, "a number of ticks per second")
-    boxes = {box: _rebuilt(table[box], kinds, f"servo.{box}") for box, kinds in KINDS.items()}
+    boxes = {box: rebuild_box(table, box) for box in KINDS}
     return Servo(**boxes, rate=float(rate))
+
+
+def rebuild_box(description: Any, box: str) -> Any:
+    """One box of the servo that was described, such as its ``mechanism``; BadInput where that cannot be."""
+    good = isinstance(description, dict) and box in description
+    require(good, "servo", cast(Any, description), f"a table with {box}")
+    return _rebuilt(description[box], KINDS[box], f"servo.{box}")
 
 
 def _rebuilt(table: Any, kinds: Mapping[str, type[Any]], where: str) -> Any:

@@ -5,11 +5,29 @@ class RcmServoError(Exception):
     """Any error that rcmservo raises on purpose; its message is one sentence for a person."""
 
 
+LONGEST = 200
+"""Characters of what others wrote that a message tells."""
+
+
+def one_line(text: object) -> str:
+    """A text as a message tells it: on one line, and not all of a long one."""
+    line = " ".join(str(text).split())
+    return line if len(line) <= LONGEST else line[: LONGEST - 3] + "..."
+
+
+def told(value: object) -> str:
+    """A value as a message tells it."""
+    try:
+        return one_line(repr(value))
+    except (ValueError, RecursionError):  # a whole number of thousands of digits; a thousand nested lists
+        return f"a value of type {type(value).__name__} that is too large to print"
+
+
 class BadInput(RcmServoError, ValueError):
     """A value that cannot be used: which field, what it was, and what would be right."""
 
     def __init__(self, field: str, value: object, right: str) -> None:
-        super().__init__(f"{field} must be {right}, got {value!r}")
+        super().__init__(f"{field} must be {right}, got {told(value)}")
         self.field, self.value, self.right = field, value, right
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from rcmservo.loop import Tick
 from rcmservo.plant import Floats, Target
 from rcmservo.servo import Servo
-from rcmservo.states import Cause, Phase
+from rcmservo.states import Cause, Mode, Phase
 
 TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
 """|Δs|, |Δr|, |Δd| (rad, px, px) within which a run counts as settled."""
@@ -59,34 +59,34 @@ class Judge:
     def outcome(self) -> Outcome:
         """The verdict on the ticks so far."""
         if self._last is None:
-            return Outcome(False, "the run was stopped before its first tick", None, np.full(3, np.nan), None)
-        last = np.array(self._errors)[np.array(self._times) > self._times[-1] - LAST]
-        error = np.sqrt(np.mean(last**2, axis=0))
-        settle_time = self._settle_time()
-        cause = self._cause(settle_time)
-        return Outcome(cause == "", cause, settle_time, error, self._explored_at)
-
-    def _settle_time(self) -> float | None:
-        """When the errors last came within the tolerance, to stay; None if they are outside now."""
-        good = [bool(np.all(np.abs(error) < TOLERANCE)) for error in self._errors]
-        if not good[-1]:
-            return None
-        since = len(good) - good[::-1].index(False) if False in good else 0
-        return self._times[since]
-
-    def _cause(self, settle_time: float | None) -> str:
-        assert self._last is not None
-        state = self._last.state
-        if state.cause is not Cause.NONE:
-            return state.cause.words
-        if state.phase is not Phase.SERVO:
-            return "time ran out during exploration"
-        if settle_time is None or self._times[-1] - settle_time < LAST - 1e-6:
-            return "time ran out before the feature errors had settled"
+            return judged(np.empty(0), np.empty((0, 3)), self._explored_at, Mode(), 0.0)
         away = float(np.linalg.norm(self._servo.marker_1(self._last.seen.q) - self._servo.marker_1(self._target.q)))
-        if away > SAME_POSE:
-            return (
-                f"the features agree, but marker 1 is {away:.0f} mm from where it was shown: a pose beyond the "
-                "singular surface looks the same"
-            )
-        return ""
+        return judged(np.array(self._times), np.array(self._errors), self._explored_at, self._last.state.mode, away)
+
+
+def judged(times: Floats, errors: Floats, explored_at: float | None, mode: Mode, away: float) -> Outcome:
+    """The verdict on a run: its ticks' ``times`` (N,) s and ``errors`` Δy (N, 3), and at its end the servo's mode and
+    how many mm marker 1 is ``away`` from where it was shown, by its own joints."""
+    if not len(times):
+        return Outcome(False, "the run was stopped before its first tick", None, np.full(3, np.nan), None)
+    error = np.sqrt(np.mean(errors[times > times[-1] - LAST] ** 2, axis=0))
+    outside = np.flatnonzero(~(np.abs(errors) < TOLERANCE).all(axis=1))
+    since = int(outside[-1]) + 1 if len(outside) else 0
+    settle_time = float(times[since]) if since < len(times) else None
+    cause = _cause(mode, settle_time, float(times[-1]), away)
+    return Outcome(cause == "", cause, settle_time, error, explored_at)
+
+
+def _cause(mode: Mode, settle_time: float | None, end: float, away: float) -> str:
+    if mode.cause is not Cause.NONE:
+        return mode.cause.words
+    if mode.phase is not Phase.SERVO:
+        return "time ran out during exploration"
+    if settle_time is None or end - settle_time < LAST - 1e-6:
+        return "time ran out before the feature errors had settled"
+    if away > SAME_POSE:
+        return (
+            f"the features agree, but marker 1 is {away:.0f} mm from where it was shown: a pose beyond the "
+            "singular surface looks the same"
+        )
+    return ""

@@ -1,18 +1,38 @@
 """Figures from a record, with the paper's symbols: the errors over time, and the estimate beside the measurement."""
 
+from textwrap import fill
+
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.charts import Figure, Panel, curve
+from rcmservo.charts import Bar, Figure, Lane, Panel, curve
 from rcmservo.outcome import TOLERANCE
 from rcmservo.plant import Floats
 from rcmservo.record import Record
+from rcmservo.states import Action, Cause, Phase, Request
+from rcmservo.timeline import spans
 
 DEGREES = np.array([180.0 / np.pi, 1.0, 1.0])
 TIME = "time [s] (shaded: exploration)"
 ERRORS = ("$|\\Delta s|$ [deg]", "$|\\Delta r|$ [px]", "$|\\Delta d|$ [px]")
 LEAST = 1e-3
 """Where the logarithmic axis of the errors ends."""
+
+SYMBOLS = ("$|\\Delta s|$", "$|\\Delta r|$", "$|\\Delta d|$")
+LABEL = 48
+"""Characters in a line of a cause's label."""
+
+TONE = {
+    Phase.DISABLED: 0,
+    Phase.IDLE: 1,
+    Phase.ACQUIRE: 2,
+    Phase.SERVO: 3,
+    Phase.HOLD: 4,
+    Phase.PAUSED: 5,
+    Phase.FAULT: 6,
+}
+ASKED = {Action.NONE: 0, Action.WARN: 0, Action.SLOW: 2, Action.HOLD: 4, Action.PAUSE: 5, Action.FAULT: 6}
+"""Colours of phases, and of causes by what they ask for."""
 
 
 def errors(record: Record) -> Figure:
@@ -30,6 +50,35 @@ def errors(record: Record) -> Figure:
         for i, name in enumerate(ERRORS)
     ]
     return Figure("Feature errors", panels)
+
+
+def timeline(record: Record) -> Figure:
+    """The phases as bands behind the errors, in units of their tolerances, and every cause in a line of its own."""
+    found = spans(record)
+    ratios = np.maximum(np.abs(record.ticks["delta"]) / TOLERANCE, LEAST)
+    errors = Panel(
+        "time [s]",
+        "error / tolerance",
+        [curve(name, record.time, ratios[:, i], style=i) for i, name in enumerate(SYMBOLS)],
+        levels=[("tolerance", 1.0)],
+        log_y=True,
+        bands=[Bar(span.start, span.end, TONE[span.phase]) for span in found],
+    )
+    phases = [
+        Lane(phase.value, [Bar(s.start, s.end, TONE[phase]) for s in found if s.phase is phase])
+        for phase in Phase
+        if any(span.phase is phase for span in found)
+    ]
+    causes = [
+        Lane(fill(cause.value, LABEL), [Bar(s.start, s.end, ASKED[s.asks]) for s in found if s.cause is cause])
+        for cause in Cause
+        if cause is not Cause.NONE and any(span.cause is cause for span in found)
+    ]
+    asked = [Bar(s.start, s.start, 0) for s in found if s.request is not Request.NONE]
+    if asked:
+        causes.append(Lane("a person pauses, resumes, clears", asked))
+    lanes = [Panel("time [s]", "", [], lanes=some) for some in (phases, causes) if some]
+    return Figure("Phases and causes", [errors, *lanes])
 
 
 def estimate(record: Record) -> Figure:

@@ -84,13 +84,19 @@ def read(path: Path) -> Record:
 def frames(path: Path) -> Iterator[tuple[int, Image]]:
     """The exposures (ns on the plant's clock, as in the ticks) and pictures of a record's frames, one at a time."""
     path = file_of(path)
+    for exposure, data in pictures(path):
+        yield exposure, decode_image(data, path)
+
+
+def pictures(path: Path) -> Iterator[tuple[int, bytes]]:
+    """The exposures of a record's frames, and their pictures as the JPEG files that they are kept as."""
+    path = file_of(path)
     for message in Messages(path):
         if message.topic == "image_raw/compressed":
             try:
-                exposure, data = image_of(message.data)
+                yield image_of(message.data)
             except ValueError as error:
                 raise UnusableFile(path, f"holds a frame that cannot be read: {error}") from error
-            yield exposure, decode_image(data, path)
 
 
 class _Rows:

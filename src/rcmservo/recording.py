@@ -18,7 +18,7 @@ from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.mechanism import Kinematics
 from rcmservo.plant import Floats, Frame, Image
 from rcmservo.tool import Tool
-from rcmservo.tracking import read_image, write_image
+from rcmservo.tracking import encode_image, read_image
 
 JOINT_COLUMNS = {
     "spherical": ("theta_rad", "phi_rad", "rho_m"),
@@ -125,9 +125,14 @@ class RecordingWriter:
 
     def write(self, image: Image, q: Floats, exposure: int) -> None:
         """Add one picture, the joints q (3,) at its exposure, and that moment in ns."""
+        self.write_file(encode_image(image), q, exposure)
+
+    def write_file(self, jpeg: bytes, q: Floats, exposure: int) -> None:
+        """Add one picture that is a JPEG file already."""
         name = f"{self._count:05d}"
-        write_image(self._folder / "frames" / f"{name}.jpg", image)
-        numbers = np.concatenate([q * METRES, self._mechanism.position(q) * 1e-3, [exposure * 1e-9]])
+        (self._folder / "frames" / f"{name}.jpg").write_bytes(jpeg)
+        numbers = np.concatenate([q * METRES, self._mechanism.position(q) * 1e-3])
+        row = [name, *(f"{number:.9g}" for number in numbers), f"{exposure * 1e-9:.9f}"]
         with (self._folder / "poses.csv").open("a") as file:
-            file.write(",".join([name, *(f"{number:.9g}" for number in numbers)]) + "\n")
+            file.write(",".join(row) + "\n")
         self._count += 1

@@ -7,24 +7,32 @@ repeated keys.)
 
 import difflib
 import math
+import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from rcmservo.errors import BadInput, UnusableFile
+from rcmservo.errors import BadInput, UnusableFile, one_line, told
+from rcmservo.faults import Thresholds
+from rcmservo.files import read_small
 from rcmservo.mechanism import JointLimits, Kinematics, PitchYawRcm, SphericalRcm
 from rcmservo.safety import Gate
 from rcmservo.tool import RigidTool, ScaledTool, Tool
 from rcmservo.tracking import MarkerLook
 
-MAX_SIZE = 1_000_000
+MAX_SIZE = 64 * 1024
+MAX_LINE = 1000
+"""Characters of a line: a key of ten thousand parts keeps the parser busy for minutes."""
+
 MECHANISMS = {"spherical": SphericalRcm, "pitch-yaw": PitchYawRcm}
 TOOLS = {"rigid": RigidTool, "scaled": ScaledTool}
-ROBOT_SECTIONS = ("mechanism", "tool", "markers", "gate")
+ROBOT_SECTIONS = ("mechanism", "tool", "markers", "gate", "thresholds")
 SIMULATION_SECTIONS = ("camera", "drive", "look", "scene")
+BARE = re.compile(r"[A-Za-z0-9_-]{1,60}")
+"""A key that TOML needs no quotes for."""
 
 Settings = TypeVar("Settings")
 Table = Mapping[str, Any]
@@ -43,37 +51,44 @@ class Lab:
     tool: Tool = field(default_factory=lambda: RigidTool(spacing=30.0))
     markers: MarkerLook = field(default_factory=default_markers)
     gate: Gate = field(default_factory=Gate)
+    thresholds: Thresholds = field(default_factory=Thresholds)
     simulation: Table = field(default_factory=dict[str, Any])
 
 
 def load_lab(path: Path) -> Lab:
     """The laboratory in a TOML file; what the file leaves out is as in the built-in one."""
-    tables = _read(path)
+    try:
+        return _lab(path, _read(path))
+    except RecursionError as error:
+        raise UnusableFile(path, "is nested too deeply") from error
+
+
+def _lab(path: Path, tables: Table) -> Lab:
     known = (*ROBOT_SECTIONS, *SIMULATION_SECTIONS)
     for name, table in tables.items():
         if name not in known or not isinstance(table, dict):
-            raise BadInput(f"{path}: section {name}", _short(table), f"one of the sections {', '.join(known)}")
+            raise BadInput(f"{path}: section {_key(name)}", table, f"one of the sections {', '.join(known)}")
     default = Lab()
-    gate = tables.get("gate")
+    gate, thresholds = tables.get("gate"), tables.get("thresholds")
     return Lab(
         mechanism=_mechanism(tables["mechanism"]) if "mechanism" in tables else default.mechanism,
         tool=_chosen(TOOLS, tables["tool"], "tool") if "tool" in tables else default.tool,
-        markers=build(MarkerLook, tables["markers"], "markers") if "markers" in tables else default.markers,
+        markers=build(MarkerLook, {**asdict(default.markers), **tables.get("markers", {})}, "markers"),
         gate=build(Gate, gate, "gate") if gate is not None else default.gate,
+        thresholds=build(Thresholds, thresholds, "thresholds") if thresholds is not None else default.thresholds,
         simulation={name: tables[name] for name in SIMULATION_SECTIONS if name in tables},
     )
 
 
 def _read(path: Path) -> dict[str, Any]:
+    data = read_small(path, MAX_SIZE, "a rig file")
     try:
-        if path.stat().st_size > MAX_SIZE:
-            raise UnusableFile(path, f"is larger than {MAX_SIZE} bytes, too large for a rig file")
-        with path.open("rb") as file:
-            return tomllib.load(file)
-    except OSError as error:
-        raise UnusableFile(path, f"cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UnusableFile(path, f"is not valid TOML: {error}") from error
+        text = data.decode()
+        if max(map(len, text.split("\n"))) > MAX_LINE:
+            raise UnusableFile(path, f"has a line of more than {MAX_LINE} characters")
+        return tomllib.loads(text)
+    except ValueError as error:  # of the parser, of the encoding, and of whole numbers with thousands of digits
+        raise UnusableFile(path, f"is not valid TOML: {one_line(error)}") from error
 
 
 def _mechanism(table: Table) -> Kinematics:
@@ -91,7 +106,7 @@ def _chosen(kinds: Mapping[str, type[Settings]], table: Table, where: str) -> Se
     """The settings of the class that the table's `kind` names."""
     rest = dict(table)
     kind = rest.pop("kind", None)
-    if kind not in kinds:
+    if not isinstance(kind, str) or kind not in kinds:
         raise BadInput(f"{where}.kind", kind, "one of " + ", ".join(kinds))
     return build(kinds[kind], rest, where)
 
@@ -104,7 +119,7 @@ def build(cls: type[Settings], table: Table, where: str) -> Settings:
         if key not in names:
             near = difflib.get_close_matches(key, names, 1)
             hint = f" (did you mean {near[0]}?)" if near else ""
-            raise BadInput(f"{where}.{key}", _short(value), f"left out or one of {', '.join(names)}{hint}")
+            raise BadInput(f"{where}.{_key(key)}", value, f"left out or one of {', '.join(names)}{hint}")
     for f in fields(cast(Any, cls)):
         if f.name not in table and f.default is MISSING and f.default_factory is MISSING:
             raise BadInput(f"{where}.{f.name}", None, "given")
@@ -123,8 +138,7 @@ def _value(hint: Any, value: Any, where: str) -> Any:
         items = cast(list[Any], _checked(good, where, value, f"a list of {len(args)}"))
         return tuple(_value(arg, item, f"{where}[{i}]") for i, (arg, item) in enumerate(zip(args, items, strict=True)))
     if hint is float:
-        good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-        return float(_checked(good, where, value, "a finite number"))
+        return float(_checked(_finite(value), where, value, "a finite number"))
     if hint is int:
         return _checked(isinstance(value, int) and not isinstance(value, bool), where, value, "a whole number")
     if isinstance(hint, type):
@@ -134,10 +148,20 @@ def _value(hint: Any, value: Any, where: str) -> Any:
 
 def _checked(good: bool, where: str, value: Any, right: str) -> Any:
     if not good:
-        raise BadInput(where, _short(value), right)
+        raise BadInput(where, value, right)
     return value
 
 
-def _short(value: Any) -> str:
-    text = str(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+def _finite(value: Any) -> bool:
+    """Whether the value is a number that a float can hold."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def _key(name: str) -> str:
+    """A key as a sentence tells it: quoted if it is no plain word, and not all of a long one."""
+    return name if BARE.fullmatch(name) else told(name[:60])

@@ -5,6 +5,7 @@ verdict only.
 """
 
 import errno
+import hashlib
 import json
 import os
 import platform
@@ -22,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from rcmservo import charts, plots, record
+from rcmservo.errors import require
 from rcmservo.files import write_whole
 from rcmservo.loop import Plant, Tick, teach
 from rcmservo.outcome import LAST, Judge
@@ -33,6 +35,7 @@ from rcmservo.servo import Servo
 from rcmservo.settings import Lab, build
 from rcmservo.sim import Disturbance, Drive, Killed, Look, Rig, RigSettings, SceneSettings, Timing
 from rcmservo.sim.person import Person, attended
+from rcmservo.targets import Setup
 from rcmservo.tracking import ColourMarkers
 
 METRICS = "metrics.json"
@@ -64,7 +67,10 @@ class CameraSection:
 def rig_settings(lab: Lab) -> RigSettings:
     """The simulated laboratory of a rig file's [camera], [drive], [look] and [scene]."""
     camera = build(CameraSection, lab.simulation.get("camera", {}), "camera")
-    look = build(Look, {**lab.simulation.get("look", {}), **_paint(lab)}, "look")
+    paint, table = _paint(lab), lab.simulation.get("look", {})
+    for key in paint:
+        require(key not in table, f"look.{key}", table.get(key), "left out: [markers] tells radii and colours")
+    look = build(Look, {**table, **paint}, "look")
     return RigSettings(
         mechanism=lab.mechanism,
         tool=lab.tool,
@@ -84,6 +90,15 @@ def _paint(lab: Lab) -> dict[str, Any]:
         "marker_radii": (markers.radius_1, markers.radius_2),
         "marker_colours": (PAINTS[markers.colour_1], PAINTS[markers.colour_2]),
     }
+
+
+def setup_of(rig: Rig, lab: Lab) -> Setup:
+    """What a target that is shown to a simulated rig is bound to. Its camera's name follows from where it stands."""
+    optics = rig.scene.optics
+    where = np.concatenate([[optics.focal], optics.centre, optics.distortion, optics.rotation.ravel(), optics.position])
+    view = hashlib.sha256(np.round(where, 6).tobytes()).hexdigest()[:8]
+    name = f"simulation with seed {rig.seed}, view {view}"
+    return Setup(name, optics.width, optics.height, lab.mechanism, lab.tool, lab.markers)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,160 @@
+"""What happened in a recorded run: the phases and causes one after the other, and the run in a few numbers."""
+
+from collections import Counter
+from dataclasses import dataclass
+from enum import Enum
+from itertools import pairwise
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rcmservo.description import rebuild_box
+from rcmservo.errors import BadInput, UnusableFile
+from rcmservo.faults import LATE_SHARE
+from rcmservo.mechanism import position
+from rcmservo.outcome import Outcome, judged
+from rcmservo.plant import Dropped, Floats
+from rcmservo.record import Record
+from rcmservo.states import Action, Cause, Mode, Phase, Request
+
+USUAL_RATE = 100.0
+
+Name = TypeVar("Name", bound=Enum)
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of ticks with one phase and one cause, from ``start`` to ``end`` s.
+
+    ``asks`` is the greatest action that was taken in it, and ``request`` what a person asked for at its first tick.
+    ``stage`` is the number of the run within the record.
+    """
+
+    start: float
+    end: float
+    phase: Phase
+    cause: Cause
+    asks: Action
+    request: Request
+    stage: int
+
+    @property
+    def length(self) -> float:
+        """s from start to end."""
+        return self.end - self.start
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """A record in a few numbers.
+
+    ``duration`` s and number of ``ticks``; ``outcome`` of its last stage. ``latency`` (3,) s is the median, the 99th
+    percentile and the greatest time from a frame's exposure to the tick that uses it. Of the loop: ``late`` ticks, and
+    the ``longest`` time s between two. Of the camera: frames ``seen``, ``skipped`` between them by their numbers, and
+    ``disbelieved``; ``dropped`` counts by reason the ticks at which the frame offered last was not used.
+    """
+
+    duration: float
+    ticks: int
+    outcome: Outcome
+    latency: Floats
+    late: int
+    longest: float
+    seen: int
+    skipped: int
+    disbelieved: int
+    dropped: dict[Dropped, int]
+
+
+def spans(record: Record) -> list[Span]:
+    """The record from beginning to end; a stage always begins a span of its own."""
+    count = len(record.time)
+    rows = list(zip(record.phase, record.cause, stages(record).tolist(), strict=True))
+    starts = [i for i in range(count) if i == 0 or rows[i] != rows[i - 1]]
+    last = record.time[-1] + 1.0 / rate(record) if count else 0.0
+    return [
+        Span(
+            start=float(record.time[i]),
+            end=float(record.time[j]) if j < count else float(last),
+            phase=_named(record, Phase, "phase", i),
+            cause=_named(record, Cause, "cause", i),
+            asks=max(_named(record, Action, "asks", k) for k in range(i, j)),
+            request=_named(record, Request, "request", i),
+            stage=int(rows[i][2]),
+        )
+        for i, j in pairwise([*starts, count])
+    ]
+
+
+def stages(record: Record) -> NDArray[np.intp]:
+    """The number (N,) of every tick's stage."""
+    firsts = [stage.first for stage in record.stages]
+    return np.maximum(np.searchsorted(firsts, np.arange(len(record.time)), side="right") - 1, 0)
+
+
+def rate(record: Record) -> float:
+    """Ticks a second, as the servo was told."""
+    told: Any = record.stages[-1].servo if record.stages else None
+    value = told.get("rate") if isinstance(told, dict) else None  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+    return float(value) if isinstance(value, float) and value > 0.0 else USUAL_RATE
+
+
+def summary(record: Record) -> Summary:
+    """The record in a few numbers."""
+    ticks = record.ticks
+    number = ticks["frame"][:, 0]
+    new = np.flatnonzero(np.diff(number, prepend=-1) > 0)
+    same_stage = np.diff(stages(record)) == 0
+    gaps = (np.diff(ticks["now"][:, 0]) * 1e-9)[same_stage]
+    latency = ticks["latency"][new, 0] * 1e-9
+    steps = np.diff(number[new])
+    dropped = Counter(_named(record, Dropped, "dropped", i) for i in range(len(record.time)))
+    return Summary(
+        duration=float(record.time[-1]) + 1.0 / rate(record) if len(record.time) else 0.0,
+        ticks=len(record.time),
+        outcome=outcome(record),
+        latency=np.array([*np.percentile(latency, [50.0, 99.0]), latency.max()]) if len(new) else np.full(3, np.nan),
+        late=int((gaps > (1.0 + LATE_SHARE) / rate(record)).sum()),
+        longest=float(gaps.max(initial=0.0)),
+        seen=len(new),
+        skipped=int((steps[steps > 0] - 1).sum()),
+        disbelieved=int((ticks["believed"][new, 0] != number[new]).sum()),
+        dropped={reason: count for reason, count in dropped.items() if reason is not Dropped.NONE},
+    )
+
+
+def outcome(record: Record) -> Outcome:
+    """The verdict on the record's last stage, judged as a run is while it happens."""
+    first = record.stages[-1].first if record.stages else 0
+    time = record.time[first:]
+    if not len(time):
+        return judged(time, np.empty((0, 3)), None, Mode(), 0.0)
+    mode = Mode(_named(record, Phase, "phase", -1), _named(record, Cause, "cause", -1))
+    explored = np.flatnonzero(record.ticks["explored"][first:, 0])
+    explored_at = float(time[explored[0]]) if len(explored) else None
+    return judged(time, record.ticks["delta"][first:], explored_at, mode, _away(record))
+
+
+def _away(record: Record) -> float:
+    """mm at the end between marker 1 and where it was shown; 0 where the record does not tell the arm."""
+    if not record.stages:
+        return 0.0
+    stage = record.stages[-1]
+    try:
+        mechanism, tool = rebuild_box(stage.servo, "mechanism"), rebuild_box(stage.servo, "tool")
+    except BadInput:
+        return 0.0
+    zero = mechanism.insertion_zero + tool.offset
+    now, shown = (position(mechanism.kind, zero, q) for q in (record.ticks["q"][-1], stage.target.q))
+    return float(np.linalg.norm(now - shown))
+
+
+def _named(record: Record, kind: type[Name], column: str, i: int) -> Name:
+    """The member of an enum that a tick names."""
+    name = record.words[column][i]
+    try:
+        return kind[name]
+    except KeyError as error:
+        why = f"tells a {column} {name!r} that this version of rcmservo does not know"
+        raise UnusableFile(record.path, why) from error

@@ -1,0 +1,169 @@
+"""What `show` tells of a record is what happened in the run."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import replays
+from replays import Disturbed
+
+import rcmservo as rs
+from rcmservo import plots, record, show, timeline
+from rcmservo.cli import main
+from rcmservo.outcome import Judge
+from rcmservo.plant import Dropped
+from rcmservo.recorder import Recorder
+from rcmservo.timeline import spans, summary
+from rcmservo.tracking import PointMarkers
+
+
+@dataclass
+class Told:
+    """A recorded run of two stages in which markers were lost, frames dropped and a person asked for things."""
+
+    path: Path
+    ticks: list[rs.Tick]
+    stages: list[int]
+    judge: Judge
+
+
+def lose(seen: rs.Observation) -> rs.Observation:
+    """Marker 2 hidden from 3.0 to 3.3 s, and frames damaged from 5 s to 5.03 s, by the plant's clock."""
+    points = seen.points.copy()
+    second = seen.now * 1e-9
+    points[1] = np.nan if 3.0 < second < 3.3 else points[1]
+    return rs.Observation(**{**seen.__dict__, "points": points,
+                             "dropped": Dropped.DAMAGED if 5.0 < second < 5.03 else Dropped.NONE})  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory: pytest.TempPathFactory) -> Told:
+    rig = rs.sim.Rig(1, rs.sim.RigSettings(point_noise=0.1), pictures=False)
+    plant = Disturbed(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
+    rig.show_target()
+    target = rs.teach(plant, frames=5)
+    rig.go_home()
+    plant.change = lose
+    path = tmp_path_factory.mktemp("told") / record.RECORD
+    ticks, stages, state = [], [], None
+    with Recorder(path, {"seed": 1, "simulation": True}) as recorder:
+        for seconds in (1.5, 8.5):
+            stages.append(len(ticks))
+            judge = Judge(servo, target)
+            recorder.begin(servo, target, state)
+            for tick in rs.run(plant, servo, target, seconds, state=state, operator=replays.operator):
+                recorder.write(tick)
+                ticks.append(tick)
+                judge.add(tick)
+            state = ticks[-1].state
+    return Told(path, ticks, stages, judge)
+
+
+def test_spans_are_every_tick_in_order_and_no_two_alike_follow(told: Told) -> None:
+    rows = record.read(told.path)
+    found = spans(rows)
+    assert found[0].start == 0.0 and found[-1].end == pytest.approx(rows.time[-1] + 0.01)
+    for one, next in pairwise(found):
+        assert one.end == next.start and one.length > 0.0
+        assert (one.phase, one.cause, one.stage) != (next.phase, next.cause, next.stage)
+    starts = [span.start for span in found]
+    for i, tick in enumerate(told.ticks):
+        span = found[int(np.searchsorted(starts, rows.time[i], side="right")) - 1]
+        assert (span.phase, span.cause) == (tick.state.phase, tick.state.cause)
+        assert span.asks >= tick.state.mode.asks
+        assert span.stage == int(i >= told.stages[1])
+
+
+def test_the_summary_is_what_the_ticks_say(told: Told) -> None:
+    got = summary(record.read(told.path))
+    frames = {tick.seen.frame: tick for tick in reversed(told.ticks) if tick.seen.frame >= 0}
+    latency = [(tick.seen.now - tick.seen.exposure) * 1e-9 for tick in frames.values()]
+    assert got.ticks == len(told.ticks) == 1000
+    assert got.seen == len(frames)
+    assert got.latency == pytest.approx([*np.percentile(latency, [50, 99]), max(latency)])
+    assert (got.late, got.longest) == (0, pytest.approx(0.01))
+    assert got.dropped == {Dropped.DAMAGED: sum(tick.seen.dropped is Dropped.DAMAGED for tick in told.ticks)}
+
+
+def test_the_verdict_is_that_of_the_run_while_it_happened(told: Told) -> None:
+    got, live = summary(record.read(told.path)).outcome, told.judge.outcome()
+    assert (got.settled, got.cause) == (live.settled, live.cause)
+    np.testing.assert_allclose(got.error, live.error)
+    assert got.settled
+    assert live.settle_time is not None and got.settle_time is not None
+    assert got.settle_time == pytest.approx(live.settle_time + 1.5, abs=0.5)
+
+
+def test_show_tells_causes_and_ways_out_in_words_and_draws(
+    told: Told, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    assert main(["show", str(told.path.parent), "--out", str(tmp_path / "out")]) == 0
+    text = capsys.readouterr().out
+    for words in (
+        "settled", "simulation with seed 1", "estimator projection", "2, begun at 0.00 s",
+        "marker 2 is not seen: it left the picture or is hidden", "clear the view, then resume",
+        "a person asked for a pause", "after a person's resume", "frames come damaged at", "late ticks",
+    ):  # fmt: skip
+        assert words in text
+    for name in ("timeline", "errors", "estimate"):
+        assert cv2.imread(str(tmp_path / "out" / f"{name}.png")) is not None
+    lines = (tmp_path / "out" / "timeline.csv").read_text().splitlines()
+    assert len(lines) == 1 + len(spans(record.read(told.path)))
+
+
+def test_a_cut_record_is_shown_with_what_is_missing(
+    told: Told, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = told.path.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
+    assert main(["show", str(tmp_path / "cut.mcap"), "--out", str(tmp_path / "out")]) == 0
+    assert "damaged or cut off" in " ".join(capsys.readouterr().out.replace("│", " ").split())
+
+
+def test_a_record_of_nothing_yet_is_shown_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
+    with Recorder(tmp_path / record.RECORD, {}) as recorder:
+        recorder.begin(servo, rs.Target(np.ones((2, 2)), np.ones(3)))
+    assert main(["show", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    assert "stopped before its first tick" in capsys.readouterr().out
+
+
+def test_what_is_no_record_is_a_sentence_and_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("show", "export"):
+        assert main([command, str(tmp_path / "no.mcap"), "--out", str(tmp_path / "out")]) == 2
+        assert "no.mcap" in capsys.readouterr().err
+    (tmp_path / "poor.mcap").write_bytes(b"not a record")
+    assert main(["show", str(tmp_path / "poor.mcap"), "--out", str(tmp_path / "out")]) == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_replay_of_a_run_says_that_it_came_out_the_same(told: Told, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["replay", str(told.path.parent)]) == 0
+    assert "all 1000 ticks came out the same, bit for bit" in capsys.readouterr().out
+    assert main(["replay", str(told.path), "--imaged-rcm.max-condition", "50"]) == 2
+    assert "recorded settings" in capsys.readouterr().err
+
+
+def test_a_long_timeline_is_cut_in_the_middle_and_says_so(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(show, "MOST", 3)
+    monkeypatch.setattr(show, "LAST", 2)
+    found = spans(record.read(told.path))
+    table = show._timeline(found)
+    assert table.row_count == 3 + 1 + 2
+    assert f"… {len(found) - 5} more, in timeline.csv" in list(table.columns[2].cells)
+
+
+def test_every_phase_and_cause_has_its_line_in_the_figure(told: Told) -> None:
+    rows = record.read(told.path)
+    figure = plots.timeline(rows)
+    labels = [lane.label.replace("\n", " ") for panel in figure.panels for lane in panel.lanes]
+    for span in spans(rows):
+        assert span.phase.value in labels
+        assert span.cause is rs.Cause.NONE or span.cause.value in labels
+    assert len(figure.panels[0].bands) == len(spans(rows))
+    assert timeline.rate(rows) == 100.0
