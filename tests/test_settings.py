@@ -68,3 +68,9 @@ def test_any_bytes_are_a_laboratory_or_refused(tmp_path_factory: pytest.TempPath
     path.write_bytes(data)
     with contextlib.suppress(rs.RcmServoError):
         assert isinstance(load_lab(path), Lab)
+
+
+@pytest.mark.parametrize(("one", "other"), [(1e-300, 1e300), (1e300, 1e-300), (4.0, 0.0), (4.0, 5e-324)])
+def test_radii_whose_ratio_no_float_can_hold_are_refused(one: float, other: float) -> None:
+    with pytest.raises(rs.BadInput, match="radius"):
+        build(MarkerLook, {"radius_1": one, "radius_2": other}, "markers")

@@ -252,8 +252,8 @@ def test_of_two_alike_one_alone_has_no_name() -> None:
     [
         ({"colour_1": "pink"}, "red, green, blue, yellow, cyan, magenta, bright"),
         ({"colour_2": ""}, "colour_2 must be one of"),
-        ({"radius_1": 0.0}, "radius_1 must be a positive"),
-        ({"radius_2": float("nan")}, "radius_2 must be a positive"),
+        ({"radius_1": 0.0}, "radius_1 must be a length from"),
+        ({"radius_2": float("nan")}, "radius_2 must be a length from"),
         ({"colour_1": "red", "colour_2": "red"}, "where the colours are the same"),
     ],
 )

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -56,6 +56,9 @@ UNITS = {name: ("[ns]",) for name in INTEGERS} | {
 
 TRUTH_UNITS = {"p1": PLACE, "p2": PLACE, "jacobian_error": ("[1]",)}
 
+BLOCK = 1000
+"""Ticks that are turned into text at a time: a long run's would fill the memory."""
+
 
 @dataclass(frozen=True)
 class Exported:
@@ -97,26 +100,34 @@ def arrays(rows: Record) -> dict[str, Any]:
 
 
 def _write_csv(rows: Record, path: Path) -> None:
-    titles, columns = ["time [s]"], [_texts(rows.time)]
+    titles, columns = _columns(rows)
+    try:
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(titles)
+            for i in range(0, len(rows.time), BLOCK):
+                writer.writerows(zip(*(_texts(column[i : i + BLOCK]) for column in columns), strict=True))
+    except OSError as error:
+        raise UnusableFile(path, f"cannot be written: {error.strerror}") from error
+
+
+def _columns(rows: Record) -> tuple[list[str], list[Any]]:
+    """The table's titles, and under each its column (N,)."""
+    titles: list[str] = ["time [s]"]
+    columns: list[Any] = [rows.time]
     tables = [("", rows.ticks, UNITS), ("truth_", rows.truth, TRUTH_UNITS)]
     for start, table, units in tables if len(rows.truth["p1"]) else tables[:1]:
         for name, column in table.items():
             for i, unit in enumerate(units[name]):
                 titles.append(f"{start}{name}{' ' if unit.startswith('[') else '_'}{unit}")
-                columns.append(_texts(column[:, i]))
-    titles += rows.words
-    columns += rows.words.values()
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(titles)
-            writer.writerows(zip(*columns, strict=True))
-    except OSError as error:
-        raise UnusableFile(path, f"cannot be written: {error.strerror}") from error
+                columns.append(column[:, i])
+    return [*titles, *rows.words], [*columns, *rows.words.values()]
 
 
 def _texts(column: Any) -> Iterable[Any]:
-    """A column's numbers as they are written: none that is lost, and nothing where there is no number."""
+    """A column's words or numbers as they are written: none that is lost, and nothing where there is no number."""
+    if isinstance(column, list):
+        return cast(list[str], column)
     if column.dtype.kind == "f":
         return ["" if math.isnan(value) else repr(value) for value in column.tolist()]
     return column.astype(np.int64).tolist()

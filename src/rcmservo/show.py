@@ -49,7 +49,9 @@ def draw(record: Record, folder: Path) -> None:
 
 def _summary(record: Record, told: Summary) -> Table:
     outcome = told.outcome
-    table = Table(title="settled" if outcome.settled else "not settled", show_header=False)
+    verdict = "settled" if outcome.settled else "not settled"
+    so_far = ", as far as the record can be read" if record.missing else ""
+    table = Table(title=verdict + so_far, show_header=False)
     if record.missing:
         table.add_row("missing", Text(record.missing, "bold red"))
     table.add_row("record", Text(str(record.path), overflow="fold"))
@@ -112,23 +114,25 @@ def _count(count: int, word: str) -> str:
 
 
 def _timeline(found: list[Span]) -> Table:
-    table = Table("start", "length", "what", "why", "way out", title="timeline", title_justify="left")
-    for name in (0, 1):
-        table.columns[name].justify = "right"
-        table.columns[name].no_wrap = True
+    """A row for every span; of many the first and the last ones."""
+    table = Table(title="timeline", title_justify="left")
+    for title in ("start", "length"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for title in ("phase", "why", "way out")[: 3 if any(map(_why, found)) else 1]:
+        table.add_column(title)
     several = found[-1].stage > 0
     left_out = len(found) - MOST - LAST
     for i, span in enumerate(found):
         if left_out > 0 and i == MOST:
-            table.add_row("…", "…", f"… {left_out} more, in timeline.csv", "", "")
+            table.add_row("…", "…", f"… {left_out} more, in timeline.csv")
         if left_out > 0 and MOST <= i < MOST + left_out:
             continue
         new = several and (i == 0 or found[i - 1].stage != span.stage)
         if new and i:
             table.add_section()
-        what = f"stage {span.stage + 1}: {span.phase.value}" if new else span.phase.value
-        table.add_row(f"{span.start:.2f} s", f"{span.length:.2f} s", Text(what, LOOKS[span.asks]),
-                      Text(_why(span), LOOKS[span.asks]), Text(_way_out(span)))  # fmt: skip
+        phase = f"stage {span.stage + 1}: {span.phase.value}" if new else span.phase.value
+        words = [Text(phase, LOOKS[span.asks]), Text(_why(span), LOOKS[span.asks]), Text(_way_out(span))]
+        table.add_row(f"{span.start:.2f} s", f"{span.length:.2f} s", *words[: len(table.columns) - 2])
     return table
 
 

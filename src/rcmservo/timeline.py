@@ -27,7 +27,7 @@ Name = TypeVar("Name", bound=Enum)
 class Span:
     """A stretch of ticks with one phase and one cause, from ``start`` to ``end`` s.
 
-    ``asks`` is the greatest action that was taken in it, and ``request`` what a person asked for at its first tick.
+    ``asks`` is the action that was taken in it, and ``request`` what a person asked for at its first tick.
     ``stage`` is the number of the run within the record.
     """
 
@@ -79,7 +79,7 @@ def spans(record: Record) -> list[Span]:
             end=float(record.time[j]) if j < count else float(last),
             phase=_named(record, Phase, "phase", i),
             cause=_named(record, Cause, "cause", i),
-            asks=max(_named(record, Action, "asks", k) for k in range(i, j)),
+            asks=_named(record, Action, "asks", i),
             request=_named(record, Request, "request", i),
             stage=int(rows[i][2]),
         )

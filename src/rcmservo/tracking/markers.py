@@ -1,6 +1,5 @@
 """From a picture to the two markers: which colours to look for, where they were, and which one is which."""
 
-import math
 from dataclasses import dataclass
 from typing import final
 
@@ -34,8 +33,9 @@ class MarkerLook:
         allowed = "one of " + ", ".join(COLOURS)
         require(self.colour_1 in COLOURS, "colour_1", self.colour_1, allowed)
         require(self.colour_2 in COLOURS, "colour_2", self.colour_2, allowed)
-        require(0.0 < self.radius_1 < math.inf, "radius_1", self.radius_1, "a positive length in mm")
-        require(0.0 < self.radius_2 < math.inf, "radius_2", self.radius_2, "a positive length in mm")
+        for name in ("radius_1", "radius_2"):
+            radius = getattr(self, name)
+            require(0.01 <= radius <= 1000.0, name, radius, "a length from 0.01 to 1000 mm")
         ratio = max(self.ratio, 1.0 / self.ratio)
         right = f"at least {APART} times larger or smaller than radius_1 where the colours are the same"
         require(not self.alike or ratio >= APART, "radius_2", self.radius_2, right)
