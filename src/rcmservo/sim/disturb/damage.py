@@ -14,6 +14,9 @@ from rcmservo.plant import Floats, Frame, Image
 FLIPS = 8
 """Bits that flip in a file."""
 
+END = np.array([0xFF, 0xD9], dtype=np.uint8)
+"""What a decoder looks for after the last row; it takes all rows that are missing before it for grey."""
+
 HEADER = 0.05
 """Share of a file, at its beginning, that keeps whole: damage there leaves nothing to decode."""
 
@@ -32,7 +35,7 @@ def _picture(image: Image, what: str, random: np.random.Generator) -> Image | No
         return np.ascontiguousarray(image[::2, ::2])
     file = cv2.imencode(".jpg", image)[1].ravel()
     if what == "half":
-        file = file[: len(file) // 2]
+        file = np.append(file[: len(file) // 2], END)
     else:
         _flip(file[round(HEADER * len(file)) :], random)
     decoded = cv2.imdecode(file, cv2.IMREAD_COLOR)
