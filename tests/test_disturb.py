@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from conftest import frozen, random_from, seeds
 from rcmservo.errors import BadInput
 from rcmservo.loop import Plant, Tick, run, teach
-from rcmservo.plant import Dropped, Frame
+from rcmservo.plant import Command, Dropped, Frame
 from rcmservo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, Rig
 from rcmservo.sim.disturb import KINDS, causes_of, describe, random_disturbances
@@ -215,6 +215,22 @@ def test_when_the_process_is_killed_the_arm_stops_by_itself_within_50_ms_of_its_
     q = arm.q_true
     done.rig.clock.pass_until(last.seen.now + 300_000_000)
     assert np.all(np.abs(arm.q_true - q) < [1e-3, 1e-3, 0.1])
+
+
+def test_a_silent_arm_hears_nothing_and_stops_by_itself_and_tells_so_only_when_it_answers_again() -> None:
+    rig = rig_with("arm_silent:at=0.1,for=0.1")
+    rig.begin()
+    rig.mechanism.enable()
+    told: list[bool] = []
+    true: list[bool] = []
+    for k in range(25):
+        rig.clock.wait_until(rig.clock.now() + 10_000_000)
+        now = rig.clock.now()
+        rig.mechanism.apply(Command(k, now, now + 30_000_000, np.array([0.1, 0.0, 0.0]), True))
+        told.append(rig.mechanism.measure().enabled)
+        true.append(rig.clock.arm.watchdog.enabled)
+    assert true == [True] * 12 + [False] * 13
+    assert told == [True] * 19 + [False] * 6
 
 
 def test_an_emergency_stop_leaves_the_drive_off_until_it_is_released() -> None:

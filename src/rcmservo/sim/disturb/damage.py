@@ -4,6 +4,10 @@ A picture travels as a JPEG file here, the way cheap cameras send it: bits of th
 and a decoder makes a picture of that without complaint.
 """
 
+import os
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import cv2
@@ -38,7 +42,8 @@ def _picture(image: Image, what: str, random: np.random.Generator) -> Image | No
         file = np.append(file[: len(file) // 2], END)
     else:
         _flip(file[round(HEADER * len(file)) :], random)
-    decoded = cv2.imdecode(file, cv2.IMREAD_COLOR)
+    with _no_warnings():
+        decoded = cv2.imdecode(file, cv2.IMREAD_COLOR)
     return None if decoded is None else np.asarray(decoded, dtype=np.uint8)  # pyright: ignore[reportUnnecessaryComparison]
 
 
@@ -59,3 +64,18 @@ def _flip(data: Image, random: np.random.Generator) -> None:
     """Flip bits of these bytes, in place."""
     places = random.integers(data.size, size=FLIPS)
     data[places] ^= (1 << random.integers(8, size=FLIPS)).astype(np.uint8)
+
+
+@contextmanager
+def _no_warnings() -> Generator[None]:
+    """Keep the decoder's warnings of damage, which it writes to the process's standard error, from the terminal."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
