@@ -4,6 +4,10 @@ A picture travels as a JPEG file here, the way cheap cameras send it: bits of th
 and a decoder makes a picture of that without complaint.
 """
 
+import os
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import cv2
@@ -13,6 +17,9 @@ from rcmservo.plant import Floats, Frame, Image
 
 FLIPS = 8
 """Bits that flip in a file."""
+
+END = np.array([0xFF, 0xD9], dtype=np.uint8)
+"""What a decoder looks for after the last row; it takes all rows that are missing before it for grey."""
 
 HEADER = 0.05
 """Share of a file, at its beginning, that keeps whole: damage there leaves nothing to decode."""
@@ -32,10 +39,11 @@ def _picture(image: Image, what: str, random: np.random.Generator) -> Image | No
         return np.ascontiguousarray(image[::2, ::2])
     file = cv2.imencode(".jpg", image)[1].ravel()
     if what == "half":
-        file = file[: len(file) // 2]
+        file = np.append(file[: len(file) // 2], END)
     else:
         _flip(file[round(HEADER * len(file)) :], random)
-    decoded = cv2.imdecode(file, cv2.IMREAD_COLOR)
+    with _no_warnings():
+        decoded = cv2.imdecode(file, cv2.IMREAD_COLOR)
     return None if decoded is None else np.asarray(decoded, dtype=np.uint8)  # pyright: ignore[reportUnnecessaryComparison]
 
 
@@ -56,3 +64,18 @@ def _flip(data: Image, random: np.random.Generator) -> None:
     """Flip bits of these bytes, in place."""
     places = random.integers(data.size, size=FLIPS)
     data[places] ^= (1 << random.integers(8, size=FLIPS)).astype(np.uint8)
+
+
+@contextmanager
+def _no_warnings() -> Generator[None]:
+    """Keep the decoder's warnings of damage, which it writes to the process's standard error, from the terminal."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

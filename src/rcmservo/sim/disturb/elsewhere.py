@@ -1,4 +1,4 @@
-"""The camera as it stands after somebody has touched it: bumped, or rolled about its line of sight to the tool."""
+"""The camera as it stands after somebody has touched it: bumped, or rolled about its line of sight."""
 
 from dataclasses import replace
 
@@ -24,16 +24,27 @@ def bumped(optics: Optics, markers: Floats, px: float, random: np.random.Generat
         rotation = _turn(axis, np.arctan(px / optics.focal)) @ optics.rotation
         shake = SHAKE * min(px / 10.0, 1.0) * random.standard_normal(3) / np.sqrt(3.0)
         turned = replace(optics, rotation=rotation, position=optics.position + shake)
-        seen = turned.project(markers)
-        if ((seen > BORDER) & (seen < np.array([optics.width, optics.height]) - BORDER)).all():
+        if _shows(turned, markers):
             break
     return turned
 
 
 def rolled(optics: Optics, markers: Floats, angle: float) -> Optics:
-    """The camera turned by `angle` rad about its line of sight to the middle of the `markers` (2, 3) mm."""
-    sight = optics.rotation @ (markers.mean(axis=0) - optics.position)
-    return replace(optics, rotation=_turn(sight, angle) @ optics.rotation)
+    """The camera turned by `angle` rad about its line of sight.
+
+    If that would bring one of the `markers` (2, 3) mm out of the picture, it is the line of sight to their middle.
+    """
+    to_tool = optics.rotation @ (markers.mean(axis=0) - optics.position)
+    about_axis, about_tool = (
+        replace(optics, rotation=_turn(axis, angle) @ optics.rotation) for axis in (np.array([0.0, 0.0, 1.0]), to_tool)
+    )
+    return about_axis if _shows(about_axis, markers) else about_tool
+
+
+def _shows(optics: Optics, markers: Floats) -> bool:
+    """Whether both markers are in the picture, away from its border."""
+    seen = optics.project(markers)
+    return bool(((seen > BORDER) & (seen < np.array([optics.width, optics.height]) - BORDER)).all())
 
 
 def _turn(axis: Floats, angle: float) -> Floats:

@@ -131,7 +131,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             lasts=None,
         ),
         "roll": _kind(
-            "the camera is rolled about its line of sight to the tool",
+            "the camera is rolled about its line of sight",
             *MOVED,
             parameters={"deg": Number(180.0, -180.0, 180.0, (10.0, 180.0), "deg")},
             lasts=None,

@@ -129,7 +129,7 @@ class Stain(Veil):
         return Pane(self.present(time, self.COMES, self.GOES) * self._opacity, self._colour)
 
     def _merged(self, drops: Floats) -> Floats:
-        """How high blood stands at each place: 0 at a drop's rim, 1 in its middle, and where drops meet they merge."""
+        """How high blood stands: 0 about the rim of a drop and 1 in its middle; where drops meet, they merge."""
         far = np.stack([np.hypot(self.u - u, self.v - v) / radius for u, v, radius in drops])
         return np.log(np.sum(np.exp(6.0 * (1.25 - np.minimum(far, 20.0))), axis=0)) / 6.0
 
