@@ -54,6 +54,8 @@ FORGET = 1.0
 SLACK = 0.005
 """Share of a joint's range by which it may stand beyond its limit."""
 
+STILL = np.zeros(3)
+
 MARKER_CAUSES = {
     (True, False): Cause.MARKER_1_LOST,
     (False, True): Cause.MARKER_2_LOST,
@@ -81,9 +83,9 @@ class Thresholds:
     """Longest time for which the arm may not answer, s."""
     overrun: float = 0.05
     """Longest time by which one tick may come late, s."""
-    following: tuple[float, float, float] = (0.02, 0.02, 2.0)
+    following: tuple[float, float, float] = (0.008, 0.008, 0.6)
     """How far each joint may stand from where its commands should have brought it (rad, rad, mm)."""
-    jump: float = 4.0
+    jump: float = 3.0
     """How far a marker may be from where the tool's motion puts it, px, beside the predicted motion itself."""
 
     def __post_init__(self) -> None:
@@ -101,7 +103,8 @@ class Thresholds:
 class Watch(NamedTuple):
     """What the checks remember.
 
-    Of the arm: ``reached`` (3,), where its commands should have brought the joints, and their lagging ``rates`` (3,).
+    Of the arm: ``reached`` (3,), where its commands should have brought the joints when it ``told`` (ns) them last, and
+    their lagging ``rates`` (3,).
     Of the loop: ``late``, ticks that came late in a row, and the ``gap`` ns between the last two.
     Of the camera: the newest ``frame``, its ``exposure`` ns, its ``latency`` ns from there to its tick, and the
     ``period`` ns between frames (0: unknown).
@@ -113,6 +116,7 @@ class Watch(NamedTuple):
 
     reached: Floats
     rates: Floats
+    told: int
     late: int
     gap: int
     frame: int
@@ -122,6 +126,7 @@ class Watch(NamedTuple):
     rejected: int
     jumped: int
     swapped: int
+    elsewhere: Floats
     p1: Floats
     points: Floats
     wrong: int
@@ -130,7 +135,8 @@ class Watch(NamedTuple):
 def begin() -> Watch:
     """Nothing seen yet."""
     unknown = np.full(3, np.nan)
-    return Watch(unknown, np.zeros(3), 0, 0, -1, 0, 0.0, 0, 0, 0, 0, unknown, np.full((2, 2), np.nan), 0)
+    nowhere = np.full((2, 2), np.nan)
+    return Watch(unknown, np.zeros(3), 0, 0, 0, -1, 0, 0.0, 0, 0, 0, 0, nowhere, unknown, nowhere, 0)
 
 
 def unwatched(watch: Watch, markers: bool) -> Watch:
@@ -153,10 +159,9 @@ def lost(points: Floats) -> tuple[bool, bool]:
 @compiled
 def followed(reached: Floats, rates: Floats, applied: Floats, q: Floats, dt: float) -> tuple[Floats, Floats]:
     """Where the joints should be dt s later, and their lagging rates, by the rates that the arm took."""
-    share = min(dt / DRIVE_LAG, 1.0)
-    later = rates + share * (applied - rates)
-    reached = reached + later * dt
-    return reached + (q - reached) * min(dt / FORGET, 1.0), later
+    left = np.exp(-dt / DRIVE_LAG)
+    reached = reached + applied * dt + (rates - applied) * DRIVE_LAG * (1.0 - left)
+    return reached + (q - reached) * min(dt / FORGET, 1.0), applied + (rates - applied) * left
 
 
 @compiled
@@ -214,12 +219,11 @@ def watch_loop(watch: Watch, last: Command, seen: Observation, period: int) -> W
     """The watch after one more tick: how late it came, and where the joints should be."""
     gap = seen.now - last.time if last.number > 0 else period
     late = watch.late + 1 if gap > (1.0 + LATE_SHARE) * period else 0
-    known = seen.enabled and finite(watch.reached)
-    if known:
-        reached, rates = followed(watch.reached, watch.rates, seen.applied, seen.q, gap * 1e-9)
-    else:
-        reached, rates = seen.q, np.zeros(3)
-    return watch._replace(reached=reached, rates=rates, late=late, gap=gap)
+    reached, rates = seen.q, np.zeros(3)
+    if seen.enabled and finite(watch.reached):
+        dt = max(seen.q_time - watch.told, 0) * 1e-9
+        reached, rates = followed(watch.reached, watch.rates, seen.applied, seen.q, dt)
+    return watch._replace(reached=reached, rates=rates, told=seen.q_time, late=late, gap=gap)
 
 
 def watch_frame(watch: Watch, seen: Observation) -> Watch:
@@ -231,15 +235,20 @@ def watch_frame(watch: Watch, seen: Observation) -> Watch:
     return watch._replace(frame=seen.frame, exposure=seen.exposure, period=period, latency=seen.now - seen.exposure)
 
 
-def watch_markers(watch: Watch, first: bool, second: bool, crossed: bool) -> Watch:
-    """The watch after one more frame in which the first, the second marker is out of place, or each in the other's."""
+def watch_markers(watch: Watch, first: bool, second: bool, crossed: bool, points: Floats, jump: float) -> Watch:
+    """The watch after one more frame in which the first, the second marker is out of place, or each in the other's.
+
+    Both have jumped for good only if their new places agree from frame to frame: nonsense does not.
+    """
     if not (first or second):
         return watch._replace(rejected=0, jumped=0, swapped=0)
     both = first and second
+    steady = watch.rejected == 0 or not any(leapt(points, watch.elsewhere, STILL, 2.0 * jump)[:2])
     return watch._replace(
         rejected=watch.rejected + 1,
-        jumped=watch.jumped + 1 if both else 0,
+        jumped=watch.jumped + 1 if both and steady else int(both),
         swapped=watch.swapped + 1 if both and crossed else 0,
+        elsewhere=points,
     )
 
 

@@ -124,8 +124,10 @@ class Plant:
         if not 0 <= frame.arrival - frame.exposure <= OLDEST or not 0 <= self.clock.now() - frame.arrival <= OLDEST:
             return Dropped.CLOCK
         last = self.frame
-        if last is not None and not (frame.number > last.number and frame.exposure > last.exposure):
+        if last is not None and not frame.number > last.number:
             return Dropped.NOT_NEW
+        if last is not None and not frame.exposure > last.exposure:
+            return Dropped.CLOCK
         return Dropped.NONE if last is None or _shape(frame) == _shape(last) else Dropped.DAMAGED
 
     def _joints_at(self, time: int) -> Floats:

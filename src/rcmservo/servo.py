@@ -294,7 +294,7 @@ class Servo:
             wrong = misplaced(seen.points, state.points, state.o_c, state.y, state.J_hat, way, jump)
         else:
             wrong = leapt(seen.points, state.points, way, jump)
-        watch = watch_markers(state.watch, *wrong)
+        watch = watch_markers(state.watch, *wrong, seen.points, jump)
         return state.but(watch=watch) if watch.rejected else state.but(watch=watch, believed=seen.frame)
 
     def _learn(self, state: State, seen: Observation, target: Target) -> State:
