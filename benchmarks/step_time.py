@@ -27,6 +27,7 @@ def step_times(estimator: Estimator, seed: int) -> list[float]:
     target = rs.teach(plant)
     rig.go_home()
     servo.warm_up()
+    plant.enable()
     state, took = servo.init(), []
     for _ in rs.ticks(plant.clock, rate=100.0, duration=10.0):
         seen = plant.read()

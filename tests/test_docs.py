@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from rcmservo.experiments.paper import EXPERIMENTS
+from rcmservo.states import Cause
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()
@@ -40,6 +41,12 @@ def test_hello_world_in_the_readme_is_the_example() -> None:
 @pytest.mark.parametrize("link", sorted(set(re.findall(r"\]\((?!https?:)([^)#]+)\)", README))))
 def test_every_link_of_the_readme_leads_somewhere(link: str) -> None:
     assert (ROOT / link).exists()
+
+
+def test_the_table_of_causes_is_that_of_the_code() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| (\w+) \| (.*?) \| (.*?) \|$", (ROOT / "docs/faults.md").read_text(), re.M)
+    told = [(cause.name, cause.action.name, cause.value, cause.way_out) for cause in Cause if cause is not Cause.NONE]
+    assert rows == told
 
 
 def test_the_set_up_commands_are_targets_of_the_makefile_and_ci_calls_the_test_command() -> None:

@@ -31,7 +31,7 @@ CASES = {
         distance = [120.0, 140.0]
         """,
         3,
-        "is not seen",
+        "not where the tool's motion puts them",  # a ball that is cut off seems to lie elsewhere before it is lost
     ),
     "at a singular surface": (
         """
@@ -67,8 +67,13 @@ def test_an_unreachable_target(case: str, tmp_path: Path, capsys: pytest.Capture
     assert metrics["settle_time_s"] is None
     assert words in metrics["cause"]
     rows = record.read(out / "record.mcap")
-    moved = np.linalg.norm(np.diff(rows.truth["p1"][-10:], axis=0), axis=1) * 100.0
-    assert moved.max() < 2.0
+    if rows.phase[-1] == "PAUSED":
+        assert not rows.ticks["command"][-1].any()
+        noticed = next(i for i, phase in enumerate(rows.phase) if phase in ("HOLD", "PAUSED"))
+        assert np.linalg.norm(rows.truth["p1"][-1] - rows.truth["p1"][noticed]) < 3.0, "it stopped where it noticed"
+    else:
+        moved = np.linalg.norm(np.diff(rows.truth["p1"][-10:], axis=0), axis=1) * 100.0
+        assert rows.phase[-1] == "SERVO" and moved.max() < 2.0
 
 
 @pytest.mark.slow

@@ -31,6 +31,7 @@ from rcmservo.imaged_rcm import ImagedRcm
 from rcmservo.loop import Tick
 from rcmservo.servo import Servo
 from rcmservo.settings import Lab, load_lab
+from rcmservo.states import Action, Cause, Phase
 from rcmservo.tracking import ColourMarkers
 
 BAD_INPUT, INTERRUPTED, UNSETTLED = 2, 130, 1
@@ -55,7 +56,11 @@ class Run:
     video: bool = True
     """Write the overlay video."""
     frames: bool = False
-    """Also write all frames and joints, as a recording that `replay` reads."""
+    """Keep all frames in the record; `export` makes a recording of them."""
+    disturb: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """What goes wrong, as kind:at=5,for=0.5,key=value; may be given several times. --disturb help lists all kinds."""
+    resumes: int = 0
+    """How often a scripted person resumes after a pause, or shows the target again where that is needed."""
     json: bool = False
     """Print one JSON object on stdout and nothing else."""
     controller: SaturatedController = field(default_factory=SaturatedController)
@@ -163,9 +168,15 @@ def estimators(projection: ProjectionEstimator, flow: FlowEstimator, broyden: Br
 def _run(command: Run) -> int:
     require(command.seed >= 0, "--seed", command.seed, "a whole number that is not negative")
     require(1.0 < command.duration <= 3600.0, "--duration", command.duration, "more than 1 and at most 3600 s")
+    require(0 <= command.resumes <= 1000, "--resumes", command.resumes, "a whole number from 0 to 1000")
     lab = load_lab(command.rig) if command.rig else Lab()
     with _simulator("run"):
+        from rcmservo.sim.disturb import Disturbance, describe
         from rcmservo.simulate import Job, simulate
+    if "help" in command.disturb:
+        print(describe())
+        return 0
+    disturbances = tuple(Disturbance.parse(text) for text in command.disturb)
     servo = Servo(
         mechanism=lab.mechanism,
         tool=lab.tool,
@@ -177,10 +188,13 @@ def _run(command: Run) -> int:
     )
     console = Console(stderr=command.json)
     with _new_folder(command.out, f"run-seed{command.seed}") as folder:
-        job = Job(command.seed, command.duration, command.estimator, servo, lab, folder, command.video, command.frames)
+        job = Job(
+            command.seed, command.duration, command.estimator, servo, lab, folder, command.video, command.frames,
+            disturbances, command.resumes,
+        )  # fmt: skip
         console.print(f"[dim]simulated arm and camera, seed {command.seed}; preparing …[/dim]")
         with Live(Text(""), console=console, refresh_per_second=8, transient=True) as live:
-            metrics = simulate(job, lambda tick: live.update(_line(tick, command.duration), refresh=False))
+            metrics = simulate(job, _Progress(live, command.duration))
     if command.json:
         print(json.dumps(metrics))
     else:
@@ -199,10 +213,29 @@ def _simulator(command: str) -> Generator[None]:
         ) from error
 
 
+class _Progress:
+    """Shows how a run goes: a live line, and a lasting one for every stop and every way out of one."""
+
+    def __init__(self, live: Live, duration: float) -> None:
+        self._live, self._duration = live, duration
+        self._mode: tuple[Phase, Cause] | None = None
+
+    def __call__(self, tick: Tick) -> None:
+        state = tick.state
+        if (state.phase, state.cause) != self._mode:
+            stops = state.cause.action >= Action.HOLD
+            if stops or (self._mode is not None and self._mode[1].action >= Action.HOLD):
+                self._live.console.print(f"{tick.time * 1e-9:6.2f} s  {state.words}", soft_wrap=True, highlight=False)
+            self._mode = state.phase, state.cause
+        self._live.update(_line(tick, self._duration), refresh=False)
+
+
 def _line(tick: Tick, duration: float) -> Text:
     """The live line of progress."""
     state = tick.state
     line = f"{tick.time * 1e-9:6.2f} / {duration:g} s  {state.phase.value:<14}"
+    if state.cause is not Cause.NONE:
+        return Text(f"{line}  {state.cause.value}")
     if np.isfinite(state.delta).all():
         s, r, d = np.degrees(state.delta[0]), state.delta[1], state.delta[2]
         line += f"  Δs {s:+7.2f}°  Δr {r:+7.2f} px  Δd {d:+7.2f} px  cond {state.condition:5.1f}"
@@ -234,6 +267,16 @@ def _show_run(console: Console, metrics: dict[str, Any]) -> None:
         table.add_row(
             "estimator's own time", f"{metrics['estimator_time_per_frame_s']:g} s for every frame, not real time"
         )
+    if metrics["resumed"] or metrics["shown_again"]:
+        table.add_row(
+            "the person", f"resumed {metrics['resumed']} x, showed the target again {metrics['shown_again']} x"
+        )
+    if metrics["not_recorded"]:
+        table.add_row("not recorded", metrics["not_recorded"])
+    latency = metrics["latency_s"]
+    if latency["median"] is not None:
+        spread = f"{1e3 * latency['median']:.0f} ms median, {1e3 * latency['p99']:.0f} ms p99"
+        table.add_row("latency, exposure to command", f"{spread}; {metrics['late_ticks']} late ticks")
     table.add_row("speed", f"{metrics['real_time_factor']:.1f} x real time")
     table.add_row("files", str(metrics["folder"]))
     console.print(table)

@@ -21,6 +21,9 @@ NO_PIXEL = 1e6
 """px from where on a coordinate is no marker's."""
 
 REJECTED_IN_A_ROW = 3
+REJECTED_FOR_GOOD = 30
+"""Frames in a row after which what seemed mistaken must be the view itself."""
+
 LATE_IN_A_ROW = 3
 DISAGREEMENTS = 5
 
@@ -130,9 +133,10 @@ def begin() -> Watch:
     return Watch(unknown, np.zeros(3), 0, 0, -1, 0, 0.0, 0, 0, 0, 0, unknown, np.full((2, 2), np.nan), 0)
 
 
-def unwatched(watch: Watch) -> Watch:
-    """The watch of the same arm and camera with all counts and comparisons begun anew."""
-    return watch._replace(late=0, rejected=0, jumped=0, swapped=0, p1=np.full(3, np.nan), wrong=0)
+def unwatched(watch: Watch, markers: bool) -> Watch:
+    """The watch of the same arm and camera with its counts begun anew, those of rejected `markers` too if asked for."""
+    watch = watch._replace(late=0, p1=np.full(3, np.nan), wrong=0)
+    return watch._replace(rejected=0, jumped=0, swapped=0) if markers else watch
 
 
 def finite(numbers: Floats) -> bool:
@@ -305,4 +309,5 @@ def camera_faults(watch: Watch, seen: Observation, limits: Thresholds) -> Iterat
 def _rejected(watch: Watch) -> Cause:
     if watch.swapped >= REJECTED_IN_A_ROW:
         return Cause.SWAPPED
-    return Cause.CAMERA_MOVED if watch.jumped >= REJECTED_IN_A_ROW else Cause.SURPRISED
+    moved = watch.jumped >= REJECTED_IN_A_ROW or watch.rejected >= REJECTED_FOR_GOOD
+    return Cause.CAMERA_MOVED if moved else Cause.SURPRISED

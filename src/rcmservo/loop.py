@@ -6,7 +6,7 @@ on every tick of the plant's own clock.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,15 +136,15 @@ def _shape(frame: Frame) -> tuple[int, ...] | None:
 
 
 def teach(plant: Plant, frames: int = 30) -> Target:
-    """Take what the camera sees now as the target: the mean over `frames` new frames. It never moves anything."""
+    """Take what the camera sees from now on as the target: the mean over `frames` frames. It never moves anything."""
     require(frames >= 1, "frames", frames, "a whole number of at least 1 frames")
     plant.reset()
     points: list[Floats] = []
     joints: list[Floats] = []
-    last = plant.read().frame
+    last, began = plant.read().frame, plant.clock.now()
     for _ in ticks(plant.clock, duration=TEACH_TIMEOUT + frames / 10.0):
         seen = plant.read()
-        if seen.frame > last and np.isfinite(seen.points).all():
+        if seen.frame > last and seen.exposure >= began and np.isfinite(seen.points).all():
             points.append(seen.points)
             joints.append(seen.q)
         last = max(last, seen.frame)
@@ -177,7 +177,7 @@ def run(
     done: Callable[[Tick], bool] = lambda tick: False,
     state: State | None = None,
     operator: Operator | None = None,
-) -> Iterator[Tick]:
+) -> Generator[Tick]:
     """Switch the drive on, servo to the target and yield every tick; to call it is a person's act.
 
     It begins from nothing, or goes on from the `state` of an earlier run, with what was learnt there. It ends after

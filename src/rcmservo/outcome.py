@@ -78,7 +78,7 @@ class Judge:
         assert self._last is not None
         state = self._last.state
         if state.cause is not Cause.NONE:
-            return state.cause.value
+            return state.cause.words
         if state.phase is not Phase.SERVO:
             return "time ran out during exploration"
         if settle_time is None or self._times[-1] - settle_time < LAST - 1e-6:

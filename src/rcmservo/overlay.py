@@ -19,7 +19,7 @@ FAR = 20_000.0
 
 
 def draw(image: Image, points: Floats, o_c: Floats, target: Floats, words: str, others: Sequence[Floats] = ()) -> Image:
-    """A copy of the picture with markers m₁ m₂ (2, 2), imaged RCM o_c (2,), target (2, 2) px and a line of words.
+    """A copy of the picture with markers m₁ m₂ (2, 2), imaged RCM o_c (2,), target (2, 2) px and lines of words.
 
     The lines run from o_c to m₁ (r) and on to m₂ (d); their direction is s. What is NaN is left out. Further targets,
     `others`, are drawn in thin black.
@@ -32,9 +32,10 @@ def draw(image: Image, points: Floats, o_c: Floats, target: Floats, words: str, 
     if np.isfinite(o_c).all() and bool(np.max(np.abs(o_c)) < FAR):
         cv2.drawMarker(picture, (round(o_c[0]), round(o_c[1])), YELLOW, cv2.MARKER_TILTED_CROSS, 16, 2)
     height = image.shape[0]
-    for colour, shift in ((BLACK, 1), (WHITE, 0)):
-        place = 10 + shift, height - 12 + shift
-        cv2.putText(picture, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
+    for row, line in enumerate(reversed(words.splitlines())):
+        for colour, shift in ((BLACK, 1), (WHITE, 0)):
+            place = 10 + shift, height - 12 - 20 * row + shift
+            cv2.putText(picture, line, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
     return picture
 
 

@@ -64,15 +64,16 @@ COMPARABLE = 10.0
 LIMIT_CAUSES = (Cause.JOINT_1_LIMIT, Cause.JOINT_2_LIMIT, Cause.JOINT_3_LIMIT)
 
 UNLEARNT = {
-    Cause.CAMERA_MOVED,
-    Cause.SURPRISED,
     Cause.DIVERGED,
     Cause.NOT_EXPLORED,
     Cause.ESTIMATE_LARGE,
     Cause.ESTIMATE_NOT_FINITE,
     Cause.NOT_FINITE,
 }
-"""Causes of a pause or fault after which the estimate is learnt anew."""
+"""Causes of a pause or fault after which the estimate is learnt anew, beside a camera that was moved.
+
+After the others it is kept, and with it the newest frame believed, so that a camera moved meanwhile is noticed.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -386,13 +387,17 @@ class Servo:
         )
 
     def _without_filters(self, state: State, cause: Cause) -> State:
-        """The state without what was compared from frame to frame, and without the estimate if the cause spoils it."""
-        state = state.but(watch=unwatched(state.watch), peak=np.inf)
-        if cause is not Cause.SWAPPED:
-            state = state.but(believed=-1)
-        if cause is Cause.CAMERA_MOVED:
+        """The state with its counts begun anew, and without the estimate if the cause spoils it.
+
+        Without an estimate nobody can tell one false marker from a camera that was moved: then it counts as that.
+        """
+        moved = cause is Cause.CAMERA_MOVED or (cause is Cause.SURPRISED and not state.explored)
+        spoilt = moved or cause in UNLEARNT
+        watch = unwatched(state.watch, spoilt)
+        state = state.but(watch=watch, peak=np.inf, tour=None, no_room=False)
+        if moved:
             state = state.but(refused=state.target)
-        return state.but(**self._nothing_learnt()) if cause in UNLEARNT else state
+        return state.but(believed=-1, **self._nothing_learnt()) if spoilt else state
 
     def _send(self, state: State, seen: Observation) -> State:
         """Through the gate, at the share of the speed that the mode allows; what is not finite there is a fault."""

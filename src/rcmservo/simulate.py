@@ -4,7 +4,9 @@ The servo is given what a real arm and camera would give it. The truth is read b
 verdict only.
 """
 
+import errno
 import json
+import os
 import platform
 import signal
 import threading
@@ -12,6 +14,7 @@ import time
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,19 +22,19 @@ from typing import Any
 import numpy as np
 
 from rcmservo import charts, plots, record
-from rcmservo.estimators.base import Estimator
 from rcmservo.files import write_whole
-from rcmservo.loop import Plant, Tick, run, teach
-from rcmservo.outcome import LAST, Judge, Outcome
+from rcmservo.loop import Plant, Tick, teach
+from rcmservo.outcome import LAST, Judge
 from rcmservo.overlay import Video, draw
-from rcmservo.plant import Floats, Image, Target
-from rcmservo.recording import RecordingWriter
+from rcmservo.plant import Floats, Frame, Image, Target
+from rcmservo.record import RECORD
+from rcmservo.recorder import RawFile, Recorder, created
 from rcmservo.servo import Servo
 from rcmservo.settings import Lab, build
-from rcmservo.sim import Drive, Look, Rig, RigSettings, SceneSettings, Timing
+from rcmservo.sim import Disturbance, Drive, Killed, Look, Rig, RigSettings, SceneSettings, Timing
+from rcmservo.sim.person import Person, attended
 from rcmservo.tracking import ColourMarkers
 
-RECORD = "record.mcap"
 METRICS = "metrics.json"
 
 PAINTS: dict[str, tuple[float, float, float]] = {
@@ -85,7 +88,10 @@ def _paint(lab: Lab) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Job:
-    """What to simulate and what to write."""
+    """What to simulate and what to write.
+
+    ``disturbances`` go wrong on the way; a scripted person acts at most ``resumes`` times after a pause.
+    """
 
     seed: int
     duration: float
@@ -95,6 +101,8 @@ class Job:
     folder: Path
     video: bool = True
     frames: bool = False
+    disturbances: tuple[Disturbance, ...] = ()
+    resumes: int = 0
 
 
 @dataclass
@@ -118,43 +126,110 @@ class _Explored:
             self.time, self.error = tick.time / 1e9, error
 
 
+class _Notes:
+    """What becomes of a run, tick by tick: the verdict, by the truth how far off pose and Ĵ are, and the timing."""
+
+    def __init__(self, job: Job, rig: Rig, target: Target) -> None:
+        self._job, self._rig, self._p_d = job, rig, rig.body.points(rig.scene.target)[1]
+        self._judge, self._explored = Judge(job.servo, target), _Explored()
+        self._pose_errors: list[float] = []
+        self._latencies: list[int] = []
+        self._late, self._frame, self._jacobian_error = 0, -1, np.nan
+        self._started = time.perf_counter()
+
+    def add(self, tick: Tick, recorder: Recorder) -> None:
+        """One tick more: note it, and record it with the truth beside it."""
+        rig, state = self._rig, tick.state
+        markers = rig.truth.markers(rig.clock.now())
+        error = rig.truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
+        recorder.write(tick)
+        recorder.write_truth(markers[0], markers[1], error)
+        self._judge.add(tick)
+        self._explored.add(tick, markers[0], error)
+        self._pose_errors.append(float(np.linalg.norm(markers[1] - self._p_d)))
+        self._jacobian_error = error
+        self._late += state.watch.late > 0
+        if tick.seen.frame > self._frame:
+            self._frame = tick.seen.frame
+            self._latencies.append(state.watch.latency)
+
+    def metrics(self) -> dict[str, Any]:
+        """The run in numbers."""
+        job, outcome, explored = self._job, self._judge.outcome(), self._explored
+        pose = np.array(self._pose_errors[-round(LAST * job.servo.rate) :])
+        p50, p99 = np.percentile(self._latencies, [50, 99]) * 1e-9 if self._latencies else (np.nan, np.nan)
+        return {
+            "seed": job.seed,
+            "estimator": job.name,
+            "settled": outcome.settled,
+            "cause": outcome.cause,
+            "settle_time_s": outcome.settle_time if outcome.settled else None,
+            "pose_error_mm": _number(np.sqrt(np.mean(pose**2))) if len(pose) else None,
+            "feature_error": dict(zip(("s_rad", "r_px", "d_px"), map(_number, outcome.error), strict=True)),
+            "jacobian_error": {"explored": explored.error, "final": _number(self._jacobian_error)},
+            "explore": {"time_s": explored.time, "path_mm": explored.path, "max_excursion_mm": explored.farthest},
+            "estimator_time_per_frame_s": getattr(job.servo.estimator, "estimator_time", 0.0) or None,
+            "latency_s": {"median": _number(p50), "p99": _number(p99)},
+            "late_ticks": self._late,
+            "real_time_factor": self._judge.duration / (time.perf_counter() - self._started),
+            "rejected_scenes": self._rig.scene.rejected,
+            "folder": str(job.folder),
+        }
+
+
 def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> dict[str, Any]:
     """Run the job, write its folder, and return the metrics.
 
     Stopped by Ctrl-C it raises KeyboardInterrupt as usual, after the record so far was ended and the arm was at rest.
     """
     settings = rig_settings(job.lab)
-    rig = Rig(job.seed, settings)
+    rig = Rig(job.seed, settings, disturbances=job.disturbances)
     plant = Plant(rig.mechanism, rig.camera, ColourMarkers(job.lab.markers), rig.clock)
     rig.show_target()
     target = teach(plant)
-    p_d = rig.truth.markers(rig.clock.now())[1]
     rig.go_home()
     job.servo.warm_up()
-    judge, explored = Judge(job.servo, target), _Explored()
-    pose_errors: list[float] = []
-    error = np.nan
-    started = time.perf_counter()
+    person, notes, killed = Person(rig, plant, job.resumes), _Notes(job, rig, target), ""
     with ExitStack() as stack:
-        recorder = stack.enter_context(record.Recorder(job.folder / RECORD, job.servo, about(job, settings, target)))
-        picture = _pictures(job, plant, target, settings, stack)
+        recorder = stack.enter_context(Recorder(job.folder / RECORD, about(job, settings), _disk(rig)))
+        plant.recorded = recorder.recorded
+        picture = _pictures(job, plant, settings, recorder, stack)
         stopped = stack.enter_context(_between_ticks())
-        for tick in run(plant, job.servo, target, job.duration):
-            markers = rig.truth.markers(rig.clock.now())
-            error = rig.truth.jacobian_error(tick.state.J_hat, tick.seen.q_exposure, tick.state.o_c)
-            recorder.write(tick)
-            recorder.write_truth(tick.time, markers[0], markers[1], error)
-            judge.add(tick)
-            explored.add(tick, markers[0], error)
-            pose_errors.append(float(np.linalg.norm(markers[1] - p_d)))
-            picture(tick)
-            progress(tick)
-            stopped()
-    factor = judge.duration / (time.perf_counter() - started)
-    metrics = _metrics(job, judge.outcome(), explored, pose_errors, error, factor, rig)
+        begins = partial(recorder.begin, job.servo)
+        rig.begin()
+        try:
+            for tick in attended(rig, plant, job.servo, target, job.duration, person, begins):
+                notes.add(tick, recorder)
+                picture(tick)
+                progress(tick)
+                stopped()
+        except Killed as end:
+            killed = f"{end}; the arm's watchdog stops it"
+    metrics = notes.metrics()
+    metrics |= {"settled": False, "settle_time_s": None, "cause": killed} if killed else {}
+    metrics |= {"resumed": person.resumed, "shown_again": person.shown, "not_recorded": recorder.failed}
     write_whole(job.folder / METRICS, json.dumps(metrics, indent=2) + "\n")
     draw_figures(job.folder)
     return metrics
+
+
+class _FullDisk:
+    """A record's file on a disk that is full while the rig says so."""
+
+    def __init__(self, path: Path, rig: Rig) -> None:
+        self._file, self._rig = created(path), rig
+
+    def write(self, data: memoryview, /) -> int | None:
+        if self._rig.disk_full():
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return self._file.write(data)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _disk(rig: Rig) -> Callable[[Path], RawFile]:
+    return lambda path: _FullDisk(path, rig)
 
 
 @contextmanager
@@ -180,59 +255,23 @@ def _between_ticks() -> Generator[Callable[[], None]]:
         signal.signal(signal.SIGINT, usual)
 
 
-def _metrics(
-    job: Job,
-    outcome: Outcome,
-    explored: _Explored,
-    pose_errors: list[float],
-    jacobian_error: float,
-    factor: float,
-    rig: Rig,
-) -> dict[str, Any]:
-    last = np.array(pose_errors[-round(LAST * 100) :])
-    return {
-        "seed": job.seed,
-        "estimator": job.name,
-        "settled": outcome.settled,
-        "cause": outcome.cause,
-        "settle_time_s": outcome.settle_time if outcome.settled else None,
-        "pose_error_mm": float(np.sqrt(np.mean(last**2))),
-        "feature_error": dict(zip(("s_rad", "r_px", "d_px"), map(_number, outcome.error), strict=True)),
-        "jacobian_error": {"explored": explored.error, "final": _number(jacobian_error)},
-        "explore": {"time_s": explored.time, "path_mm": explored.path, "max_excursion_mm": explored.farthest},
-        "estimator_time_per_frame_s": getattr(job.servo.estimator, "estimator_time", 0.0) or None,
-        "real_time_factor": factor,
-        "rejected_scenes": rig.scene.rejected,
-        "folder": str(job.folder),
-    }
-
-
 def _number(value: Any) -> float | None:
     """A finite number, or None: JSON has no NaN."""
     return float(value) if np.isfinite(value) else None
 
 
-def about(job: Job, settings: RigSettings, target: Target) -> dict[str, Any]:
-    """What a record says of its run: settings, seed, target, versions."""
-    estimator: Estimator = job.servo.estimator
+def about(job: Job, settings: RigSettings) -> dict[str, Any]:
+    """What a record says of its run beside its stages (which hold servo and target): settings, seed, versions."""
     return {
         "simulation": True,
         "seed": job.seed,
         "duration_s": job.duration,
         "estimator": job.name,
         "mechanism": job.servo.mechanism.name,
-        "servo": {
-            "mechanism": asdict(job.servo.mechanism),
-            "tool": asdict(job.servo.tool),  # pyright: ignore[reportArgumentType]
-            "estimator": asdict(estimator),  # pyright: ignore[reportArgumentType]
-            "controller": asdict(job.servo.controller),
-            "exploration": asdict(job.servo.exploration),
-            "imaged_rcm": asdict(job.servo.imaged_rcm),
-            "gate": asdict(job.servo.gate),
-        },
+        "disturbances": [str(disturbance) for disturbance in job.disturbances],
+        "resumes": job.resumes,
         "rig": asdict(settings),
         "markers": asdict(job.lab.markers),
-        "target_px": target.points.tolist(),
         "versions": {
             "rcmservo": version("rcmservo"),
             "python": platform.python_version(),
@@ -242,38 +281,38 @@ def about(job: Job, settings: RigSettings, target: Target) -> dict[str, Any]:
 
 
 def _pictures(
-    job: Job, plant: Plant, target: Target, settings: RigSettings, stack: ExitStack
+    job: Job, plant: Plant, settings: RigSettings, recorder: Recorder, stack: ExitStack
 ) -> Callable[[Tick], None]:
-    """What to do with every new frame: the overlay video and, if wanted, a recording."""
+    """What to do with every new frame: the overlay video, and the record if it is to hold them."""
     video = None
     if job.video:
         size = settings.width, settings.height
         video = Video(job.folder / "overlay.mp4", size, settings.timing.frame_rate)
         stack.callback(video.close)
-    recording = RecordingWriter(job.folder / "recording", job.servo.mechanism) if job.frames else None
-    shown = -1
+    shown: Frame | None = None
 
     def picture(tick: Tick) -> None:
         nonlocal shown
-        frame = plant.camera.latest()
-        if frame is None or frame.image is None or frame.number <= shown:
+        frame = plant.frame
+        if frame is None or frame.image is None or frame is shown:
             return
-        shown = frame.number
+        shown = frame
         if video is not None:
-            video.write(_overlay(frame.image, tick, target))
-        if recording is not None:
-            recording.write(frame.image, tick.seen.q_exposure, frame.exposure)
+            video.write(_overlay(frame.image, tick))
+        if job.frames:
+            recorder.write_frame(frame)
 
     return picture
 
 
-def _overlay(image: Image, tick: Tick, target: Target) -> Image:
+def _overlay(image: Image, tick: Tick) -> Image:
     state = tick.state
-    words = f"{tick.time * 1e-9:5.2f} s  {state.phase.value}"
+    words = f"{state.cause.value}\n{tick.time * 1e-9:5.2f} s  {state.phase.value}"
     if np.isfinite(state.delta).all():
         s, r, d = np.degrees(state.delta[0]), state.delta[1], state.delta[2]
         words += f"  ds {s:+.2f} deg  dr {r:+.2f} px  dd {d:+.2f} px"
-    return draw(image, tick.seen.points, state.o_c, target.points, words)
+    target = np.full((2, 2), np.nan) if state.target is None else state.target.points
+    return draw(image, tick.seen.points, state.o_c, target, words)
 
 
 def draw_figures(folder: Path) -> None:

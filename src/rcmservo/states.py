@@ -125,9 +125,9 @@ class Cause(Enum):
         "see that nothing else looks like a marker, then resume",
     )
     SURPRISED = (
-        "the markers are not where the tool's motion puts them: something else is taken for one",
+        "the markers are not where the tool's motion puts them: something else is taken for one, or the camera moved",
         Action.PAUSE,
-        "see that nothing else looks like a marker, then resume: the servo explores anew",
+        "see that nothing else looks like a marker, then resume",
     )
     DIVERGED = (
         "the markers keep moving otherwise than the estimate says",

@@ -25,13 +25,13 @@ class Watchdog:
         self.patience = patience
         self.enabled = False
         self.rates: Floats = np.zeros(3)
-        self._number = -1
+        self.number = -1
         self._deadline = 0
 
     def enable(self, now: int) -> None:
         """Switch the drive on, at rest; commands must begin within the patience."""
         self.enabled, self.rates = True, np.zeros(3)
-        self._number, self._deadline = -1, now + self.patience
+        self.number, self._deadline = -1, now + self.patience
 
     def disable(self) -> None:
         """Zero and off, now."""
@@ -45,9 +45,9 @@ class Watchdog:
         self.check(now)
         in_time = now <= command.deadline <= now + self.patience
         finite = command.rates.shape == (3,) and all(map(math.isfinite, command.rates.tolist()))
-        if not (self.enabled and command.number > self._number and in_time and finite):
+        if not (self.enabled and command.number > self.number and in_time and finite):
             return False
-        self._number, self._deadline, self.rates = command.number, command.deadline, command.rates.copy()
+        self.number, self._deadline, self.rates = command.number, command.deadline, command.rates.copy()
         return True
 
     def check(self, now: int) -> bool:

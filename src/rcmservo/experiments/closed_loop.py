@@ -24,11 +24,13 @@ from rcmservo.imaged_rcm import ImagedRcm
 from rcmservo.loop import Plant, Tick, run, teach
 from rcmservo.overlay import draw, write_picture
 from rcmservo.plant import Floats, Target
+from rcmservo.record import RECORD
+from rcmservo.recorder import Recorder
+from rcmservo.safety import Gate
 from rcmservo.servo import Servo, State
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 from rcmservo.tracking import ColourMarkers, PointMarkers
 
-RECORD = "record.mcap"
 PRINTED_LAW = SaturatedController(gain=0.1, bounds=(float(np.radians(10.0)), 10.0, 10.0))
 """The paper's k = 0.1 and b = (10°, 10 px, 10 px)."""
 
@@ -54,6 +56,9 @@ LONG = Exploration(radius=10.0, speed=30.0, rounds=9, max_time=60.0, tolerance=0
 
 PAPER_METHODS: dict[str, tuple[Estimator, Exploration]] = {"projection": (PRINTED_FIT, WIDE), "flow": (FLOW, LONG)}
 """The paper's estimators with the exploration that each needs."""
+
+FAST_ARM = Gate(speed=(2.0, 2.0, 160.0), slew=(20.0, 20.0, 1600.0))
+"""An arm so fast that exploring at 30 mm/s stays within the share of its speed that exploration may use."""
 
 NOISE = 0.1
 """px of noise of the camera without pictures, about what tracking rendered frames leaves."""
@@ -92,6 +97,7 @@ def servo_for(
         controller=controller,
         exploration=exploration or Exploration(),
         imaged_rcm=ImagedRcm(lines=lines),
+        gate=FAST_ARM,
     )
 
 
@@ -115,7 +121,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
             "rig": asdict(settings),
             "servo": repr(self.servo),
         }
-        self._recorder = record.Recorder(folder / RECORD, self.servo, about)
+        self._recorder = Recorder(folder / RECORD, about)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -146,12 +152,14 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         """Servo to the target as `run` does, and record; times go on from stage to stage."""
         now = self.rig.clock.now()
         self._began = now if self._began is None else self._began
-        for tick in run(self.plant, servo or self.servo, target, duration, done=done, state=state):
+        servo = servo or self.servo
+        self._recorder.begin(servo, target, state)
+        for tick in run(self.plant, servo, target, duration, done=done, state=state):
             there = replace(tick, time=tick.time + now - self._began)
             self._recorder.write(there)
             error = self.rig.truth.jacobian_error(tick.state.J_hat, tick.seen.q_exposure, tick.state.o_c)
             p1, p2 = self.rig.truth.markers(self.rig.clock.now())
-            self._recorder.write_truth(there.time, p1, p2, error)
+            self._recorder.write_truth(p1, p2, error)
             yield there
 
     def last(self, *arguments: Any, **options: Any) -> Tick:

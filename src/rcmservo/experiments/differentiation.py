@@ -14,7 +14,7 @@ from rcmservo.controller import scaled
 from rcmservo.estimators.flow import learn
 from rcmservo.experiments.cameras import PINHOLE, true_parameters
 from rcmservo.experiments.claims import Chapter, Claim, Experiment, Results, Shown, Task, median
-from rcmservo.experiments.closed_loop import FLOW, NOISE
+from rcmservo.experiments.closed_loop import FAST_ARM, FLOW, NOISE
 from rcmservo.experiments.ways import Rows, marks, middle, middles, numbers
 from rcmservo.exploration import Exploration
 from rcmservo.features import about, difference, features
@@ -54,7 +54,7 @@ def tour(folder: Path, settings: Settings, seed: int) -> dict[str, Any]:
     laboratory = RigSettings(scene=PINHOLE, point_noise=NOISE)
     rig = Rig(seed, laboratory, pictures=False)
     plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
-    servo = Servo(laboratory.mechanism, laboratory.tool, estimator=FLOW, exploration=TOUR)
+    servo = Servo(laboratory.mechanism, laboratory.tool, estimator=FLOW, exploration=TOUR, gate=FAST_ARM)
     _, o_c = true_parameters(rig)
     here = Target(rig.truth.pixels(rig.scene.start), rig.scene.start)
     learners = {name: Differentiated(settings.gamma) for name in WAYS}

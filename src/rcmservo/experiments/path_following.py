@@ -115,6 +115,8 @@ def follow(settings: Settings, method: Learner, seed: int) -> dict[str, Any]:
     servo = servo_for(rig, method.estimator, method.exploration, settings.controller)
     state, target, began = servo.init(), path.reference(0.0), None
     trace = Trace(path)
+    servo.warm_up()
+    plant.enable()
     longest = servo.exploration.max_time + settings.approach + settings.period
     for k, _ in enumerate(ticks(plant.clock, duration=longest)):
         seen = plant.read()
@@ -129,7 +131,7 @@ def follow(settings: Settings, method: Learner, seed: int) -> dict[str, Any]:
                 trace.look(time)
         state = servo.step(state, seen, target)
         plant.send(state.command)
-        if state.phase is Phase.PAUSED:
+        if state.phase in (Phase.PAUSED, Phase.FAULT):
             break
     return {"seed": seed, **trace.verdict(state.cause)}
 

@@ -29,10 +29,7 @@ def read_image(path: str | Path) -> Image:
         data = Path(path).read_bytes()
     except OSError as error:
         raise UnusableFile(path, f"cannot be read ({error.strerror})") from error
-    flaw = _flaw(data)
-    if flaw:
-        raise UnusableFile(path, flaw)
-    return _decoded(path, data)
+    return decode_image(data, path)
 
 
 def write_image(path: str | Path, image: Image) -> None:
@@ -41,6 +38,19 @@ def write_image(path: str | Path, image: Image) -> None:
         Path(path).write_bytes(cv2.imencode(Path(path).suffix, image, JPEG)[1].tobytes())
     except OSError as error:
         raise UnusableFile(path, f"cannot be written ({error.strerror})") from error
+
+
+def encode_image(image: Image) -> bytes:
+    """A picture as the bytes of a JPEG file, with its colour edges kept."""
+    return cv2.imencode(".jpg", image, JPEG)[1].tobytes()
+
+
+def decode_image(data: bytes, name: str | Path) -> Image:
+    """The picture in the bytes of a JPEG or PNG file that a person knows by its `name`."""
+    flaw = _flaw(data)
+    if flaw:
+        raise UnusableFile(name, flaw)
+    return _decoded(name, data)
 
 
 def _flaw(data: bytes) -> str:

@@ -98,7 +98,7 @@ def _kind(does: str, *causes: Cause, parameters: Mapping[str, Number | Choice] |
 
 
 LOST = Cause.MARKERS_LOST, Cause.MARKER_1_LOST, Cause.MARKER_2_LOST
-MOVED = Cause.CAMERA_MOVED, Cause.TARGET_OLD, Cause.REJECTED
+MOVED = Cause.CAMERA_MOVED, Cause.TARGET_OLD, Cause.REJECTED, Cause.SURPRISED, *LOST
 LATE_LOOP = Cause.LATE_TICK, Cause.OVERRUN, Cause.DRIVE_OFF
 
 AXIS = Number(1, 1, 3, (1, 3), whole=True)

@@ -1,0 +1,204 @@
+"""Random faults on the closed loop in simulated time: what was sent, how soon it stood still, and what it said.
+
+    python benchmarks/campaign.py [faults|none|short] [RUNS [FIRST_SEED]]
+
+    faults   1 to 3 disturbances by chance in 30 s; a scripted person resumes after pauses (2000 runs)
+    none     no disturbance at all: nothing may stop the tool (500 runs)
+    short    1 to 3 that ask for HOLD at most, each shorter than 0.5 s (500 runs)
+
+A camera that delivers points with 0.1 px of noise, about what tracking rendered frames leaves. Every run's commands are
+checked where the arm takes them. Odd runs are listed with their seed and disturbances, so that each can be run again:
+`rcmservo run --seed N --disturb ...` (with pictures), or `one(seed, kind)` below.
+"""
+
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+import rcmservo as rs
+from rcmservo.outcome import TOLERANCE, Judge
+from rcmservo.plant import Floats
+from rcmservo.servo import Servo
+from rcmservo.sim import Disturbance, Killed, RigSettings
+from rcmservo.sim.disturb import KINDS, causes_of, random_disturbances
+from rcmservo.sim.person import Person, attended
+from rcmservo.tracking import PointMarkers
+
+DURATION = 30.0
+FAULTS_UNTIL = 20.0
+PATIENCE = 5
+STILL = 0.1
+"""s from a HOLD or PAUSE to zero rates."""
+
+BEFORE = 1.0
+"""s before a stop within which a fault must have been active to be its cause."""
+
+SHORT = ("marker_loss", "nan_points", "stuck", "frame_drop", "repeat", "shuffle", "clock_step", "delay", "latency")
+"""Kinds that ask for HOLD at most."""
+
+STOPS = {rs.Phase.HOLD, rs.Phase.PAUSED, rs.Phase.FAULT}
+
+
+@dataclass
+class Run:
+    """What became of one run."""
+
+    seed: int
+    disturbances: list[str]
+    end: str = ""
+    wrong_commands: list[str] = field(default_factory=list)
+    too_slow: list[str] = field(default_factory=list)
+    stops: list[tuple[float, str, str, bool]] = field(default_factory=list)
+    resumed: int = 0
+    shown: int = 0
+    pose_error: float = np.nan
+    words: str = ""
+
+
+class Guarded:
+    """An arm whose every command is checked as it comes: finite, bounded, slew-limited, its number rising."""
+
+    def __init__(self, arm: Any, servo: Servo, found: list[str]) -> None:
+        self._arm, self._gate, self._found = arm, servo.gate, found
+        self._last = servo.gate.rest()
+
+    def enable(self) -> None:
+        self._last = self._gate.rest()
+        self._arm.enable()
+
+    def measure(self) -> Any:
+        return self._arm.measure()
+
+    def apply(self, command: rs.Command) -> Floats:
+        speed, slew = np.array(self._gate.speed), np.array(self._gate.slew)
+        change = np.abs(command.rates - self._last.rates)
+        dt = min((command.time - self._last.time) * 1e-9, self._gate.max_period)
+        checks = {
+            "not finite": np.isfinite(command.rates).all(),
+            "too fast": np.all(np.abs(command.rates) <= speed * (1 + 1e-9)),
+            "over-slewed": np.all(change <= slew * dt * (1 + 1e-9)) if command.enabled else not command.rates.any(),
+            "number does not rise": command.number > self._last.number,
+        }
+        self._found += [f"{command.time}: {name}" for name, good in checks.items() if not good]
+        self._last = command
+        return self._arm.apply(command)
+
+
+def disturbances_of(seed: int, kind: str) -> list[Disturbance]:
+    """What goes wrong in a run."""
+    random = np.random.default_rng([seed, 4])
+    if kind == "none":
+        return []
+    if kind == "faults":
+        return random_disturbances(random, FAULTS_UNTIL)
+    chosen = random.choice(SHORT, size=random.integers(1, 4), replace=False).tolist()
+    at, last = random.uniform(0.0, FAULTS_UNTIL, len(chosen)), random.uniform(0.02, 0.5, len(chosen))
+    return [Disturbance(name, round(a, 3), round(b, 3)) for name, a, b in zip(chosen, at, last, strict=True)]
+
+
+def one(seed: int, kind: str) -> Run:
+    """One run and what became of it."""
+    disturbances = disturbances_of(seed, kind)
+    run = Run(seed, [str(disturbance) for disturbance in disturbances])
+    rig = rs.sim.Rig(seed, RigSettings(point_noise=0.1), pictures=False, disturbances=disturbances)
+    servo = rs.Servo(rig.settings.mechanism, rig.settings.tool)
+    plant = rs.Plant(Guarded(rig.mechanism, servo, run.wrong_commands), rig.camera, PointMarkers(), rig.clock)
+    plant.recorded = lambda: not rig.disk_full()
+    rig.show_target()
+    target = rs.teach(plant)
+    p_d = rig.truth.markers(rig.clock.now())[1]
+    rig.go_home()
+    rig.begin()
+    person, judge = Person(rig, plant, PATIENCE), Judge(servo, target)
+    start = rig.clock.now()
+    try:
+        for tick in watched(run, attended(rig, plant, servo, target, DURATION, person), disturbances, start):
+            judge.add(tick)
+    except Killed:
+        run.end = "killed"
+    run.resumed, run.shown = person.resumed, person.shown
+    run.pose_error = float(np.linalg.norm(rig.truth.markers(rig.clock.now())[1] - p_d))
+    if not run.end:
+        outcome = judge.outcome()
+        run.words = outcome.cause
+        phase = tick.state.phase
+        there = phase is rs.Phase.SERVO and bool((outcome.error < TOLERANCE).all())
+        run.end = "settled" if there else phase.name if phase in STOPS else "under way"
+    return run
+
+
+def watched(run: Run, ticks: Iterator[rs.Tick], disturbances: list[Disturbance], start: int) -> Iterator[rs.Tick]:
+    """The same ticks; notes every stop, whether its cause is right, and whether the rates are zero in time."""
+    phase, since = None, 0
+    for tick in ticks:
+        state, now = tick.state, tick.seen.now
+        if state.phase is not phase:
+            since = since if phase in STOPS and state.phase in STOPS else now
+            if state.phase in STOPS and not (phase is rs.Phase.HOLD and state.phase is rs.Phase.PAUSED):
+                right = state.cause in accepted(disturbances, (now - start) * 1e-9)
+                run.stops.append(((now - start) * 1e-9, state.phase.name, state.cause.name, right))
+            phase = state.phase
+        late = (now - since) * 1e-9 > STILL - 0.5e-2 or phase is rs.Phase.FAULT
+        if phase in STOPS and late and state.command.rates.any():
+            run.too_slow.append(f"{(now - start) * 1e-9:.2f} s: {state.words}")
+        yield tick
+
+
+def accepted(disturbances: list[Disturbance], now: float) -> set[rs.Cause]:
+    """The causes that name a fault which was active within the second before."""
+    causes: set[rs.Cause] = set()
+    for disturbance in disturbances:
+        lasts = 0.0 if KINDS[disturbance.kind].lasts is None else disturbance.lasts
+        if disturbance.at <= now <= disturbance.at + lasts + BEFORE:
+            causes |= causes_of(disturbance.kind)
+    return causes
+
+
+def report(runs: list[Run], kind: str) -> None:
+    """The numbers of the campaign, and every odd run."""
+    stops = [stop for run in runs for stop in run.stops]
+    right = sum(stop[3] for stop in stops)
+    print(f"{kind}: {len(runs)} runs of {DURATION:g} s; ends: {dict(Counter(run.end for run in runs))}")
+    print(f"commands not finite, unbounded, over-slewed: {sum(len(run.wrong_commands) for run in runs)}")
+    print(f"stops not at zero within {STILL:g} s (FAULT: at once): {sum(len(run.too_slow) for run in runs)}")
+    print(f"stops: {len(stops)}" + (f", the right cause named in {right} ({right / len(stops):.2%})" if stops else ""))
+    print(f"by cause: {dict(Counter(stop[2] for stop in stops).most_common())}")
+    print(
+        f"resumed {sum(run.resumed for run in runs)} times, target shown again {sum(run.shown for run in runs)} times"
+    )
+    settled = np.array([run.pose_error for run in runs if run.end == "settled"])
+    if len(settled):
+        p50, p99 = np.percentile(settled, [50, 99])
+        print(f"pose error of settled runs: median {p50:.3f}, 99 % {p99:.3f}, worst {settled.max():.3f} mm")
+    for run in runs:
+        wrong = [stop for stop in run.stops if not stop[3]]
+        lost = run.end == "settled" and run.pose_error > 2.0
+        if run.wrong_commands or run.too_slow or wrong or lost or run.end == "under way":
+            what = run.wrong_commands[:2] + run.too_slow[:2] + [f"{t:.2f} s {p} {c}" for t, p, c, _ in wrong]
+            print(
+                f"  seed {run.seed} ends {run.end}, {run.pose_error:.2f} mm: {what} {run.words}\n    {run.disturbances}"
+            )
+
+
+def main() -> None:
+    kind = sys.argv[1] if len(sys.argv) > 1 else "faults"
+    count = int(sys.argv[2]) if len(sys.argv) > 2 else 2000 if kind == "faults" else 500
+    first = int(sys.argv[3]) if len(sys.argv) > 3 else 0
+    runs: list[Run] = []
+    try:
+        with ProcessPoolExecutor() as pool:
+            for run in pool.map(one, range(first, first + count), [kind] * count, chunksize=4):
+                runs.append(run)
+                print(f"\r{len(runs)} of {count}", end="", file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        print("\nstopped: what follows is of the runs so far", file=sys.stderr)
+    report(runs, kind)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,168 @@
+"""Damaged records: cut at every 1000th byte, and with 10,000 single bits flipped. Is anything wrong taken for right?
+
+    python benchmarks/damage.py [--flips N] [--step BYTES]
+
+Twice: a run of 1.5 s, and one of 0.5 s with its frames. A damaged record may be refused with a sentence, be read up to
+the damage and say that something is missing, or be read whole because nothing of it is missing. What is read must be
+what was written, bit for bit. The process may take 256 MiB more than at the start; whatever asks for more fails.
+"""
+
+import argparse
+import gc
+import resource
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import rcmservo as rs
+from rcmservo import record
+from rcmservo.plant import Image
+from rcmservo.recorder import Recorder
+from rcmservo.tracking import PointMarkers
+
+ROOM = 256 * 2**20
+REFUSED, SHORT, WHOLE = "refused with a sentence", "read up to the damage", "read whole, nothing missing"
+
+
+@dataclass
+class Original:
+    """A record before it was damaged: its bytes, what is in it, and its frames."""
+
+    data: bytes
+    rows: record.Record
+    frames: list[tuple[int, Image]]
+
+
+def original(folder: Path, duration: float, pictures: bool) -> Original:
+    """A simulated run's record, with its frames (small ones) or without."""
+    settings = replace(rs.sim.RigSettings(), width=160, height=120)
+    rig = rs.sim.Rig(1, settings, pictures=False)
+    plant = rs.Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
+    rig.show_target()
+    target = rs.teach(plant, frames=5)
+    rig.go_home()
+    random = np.random.default_rng(0)
+    path = folder / record.RECORD
+    with Recorder(path, {"seed": 1, "settings": {"name": "damage"}}) as recorder:
+        recorder.begin(servo, target)
+        for count, tick in enumerate(rs.run(plant, servo, target, duration)):
+            recorder.write(tick)
+            recorder.write_truth(tick.state.p1, tick.state.p1, 0.1)
+            if pictures and count % 2:
+                noise = random.integers(0, 30, (120, 160, 3)).astype(np.uint8)
+                recorder.write_frame(rs.Frame(count, tick.seen.now, tick.seen.now, image=noise))
+    return Original(path.read_bytes(), record.read(path), list(record.frames(path)))
+
+
+def read(path: Path, before: Original) -> str:
+    """How a damaged record was read; AssertionError where something wrong was taken for right."""
+    try:
+        rows = record.read(path)
+    except rs.UnusableFile as error:
+        assert "\n" not in str(error)
+        return REFUSED
+    whole, count = before.rows, len(rows.time)
+    assert count <= len(whole.time)
+    assert rows.about == whole.about
+    assert rows.time.tobytes() == whole.time[:count].tobytes()
+    for name, column in whole.ticks.items():
+        assert rows.ticks[name].tobytes() == column[:count].tobytes(), name
+    for name, words in whole.words.items():
+        assert rows.words[name] == words[:count], name
+    for name, column in whole.truth.items():
+        known = ~np.isnan(rows.truth[name]).any(axis=1)
+        assert count - known.sum() <= 1 or not len(known)
+        assert rows.truth[name][known].tobytes() == column[:count][known].tobytes(), name
+    for stage, told in zip(rows.stages, whole.stages, strict=len(rows.stages) > 0):
+        assert (stage.first, stage.origin, stage.servo) == (told.first, told.origin, told.servo)
+        assert stage.target.points.tobytes() == told.target.points.tobytes()
+    assert rows.complete == (rows.missing == "")
+    assert not rows.complete or count == len(whole.time)
+    assert _frames(path, before) or not rows.complete
+    return WHOLE if rows.complete else SHORT
+
+
+def _frames(path: Path, before: Original) -> bool:
+    """Whether all frames are there; those that are must be as they were."""
+    count = 0
+    for (exposure, image), (then, written) in zip(record.frames(path), before.frames, strict=False):
+        assert exposure == then
+        assert image.tobytes() == written.tobytes()
+        count += 1
+    return count == len(before.frames)
+
+
+def cuts(before: Original, step: int) -> Iterator[bytes]:
+    """The record cut at every `step`-th byte."""
+    for size in range(0, len(before.data), step):
+        yield before.data[:size]
+
+
+def flips(before: Original, count: int, seed: int = 0) -> Iterator[bytes]:
+    """The record with one bit flipped, `count` times."""
+    random = np.random.default_rng(seed)
+    data = bytearray(before.data)
+    for place, bit in zip(random.integers(0, len(data), count), random.integers(0, 8, count), strict=True):
+        data[place] ^= 1 << bit
+        yield bytes(data)
+        data[place] ^= 1 << bit
+
+
+def judge(name: str, damaged: Iterator[bytes], before: Original, path: Path) -> int:
+    """Read them all, print what came of them, and return how often that was wrong."""
+    outcomes: Counter[str] = Counter()
+    longest, wrong = 0.0, 0
+    for data in damaged:
+        path.write_bytes(data)
+        started = time.perf_counter()
+        try:
+            outcomes[read(path, before)] += 1
+        except Exception as error:
+            wrong += 1
+            print(f"  WRONG: {error!r}")
+        longest = max(longest, time.perf_counter() - started)
+    told = ", ".join(f"{count} {outcome}" for outcome, count in sorted(outcomes.items()))
+    print(f"{name}: {told}; {wrong} wrong; longest {longest * 1e3:.0f} ms")
+    return wrong
+
+
+def limit_memory() -> None:
+    """Let this process take ROOM bytes of address space more than it has."""
+    taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (taken + ROOM, taken + ROOM))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--flips", type=int, default=10_000)
+    parser.add_argument("--step", type=int, default=1000)
+    asked = parser.parse_args()
+    wrong = 0
+    with tempfile.TemporaryDirectory() as folder:
+        originals = {}
+        for name, duration, pictures in (("run of 1.5 s", 1.5, False), ("run of 0.5 s with frames", 0.5, True)):
+            place = Path(folder) / name
+            place.mkdir()
+            originals[name] = original(place, duration, pictures)
+        gc.collect()
+        limit_memory()
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        path = Path(folder) / "damaged.mcap"
+        for name, one in originals.items():
+            print(f"{name}: {len(one.rows.time)} ticks, {len(one.frames)} frames, {len(one.data)} bytes")
+            wrong += judge("  cut", cuts(one, asked.step), one, path)
+            wrong += judge("  one bit flipped", flips(one, asked.flips), one, path)
+        grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
+    print(f"resident memory grew by {grown:.0f} MiB; {wrong} wrong")
+    sys.exit(wrong > 0)
+
+
+if __name__ == "__main__":
+    main()

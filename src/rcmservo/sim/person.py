@@ -1,0 +1,94 @@
+"""A scripted person beside a simulated run: resumes after a pause, and shows the target again where that is needed."""
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import replace
+
+from rcmservo.loop import NotShown, Plant, Tick, run, teach
+from rcmservo.plant import Target
+from rcmservo.servo import Servo, State
+from rcmservo.sim.rig import Rig
+from rcmservo.states import Cause, Phase, Request
+
+THINKS = 1_000_000_000
+LOOKS = 3_000_000_000
+"""ns that the person takes before resuming, and before showing the target again."""
+
+BY_HAND = {Cause.CAMERA_MOVED, Cause.TARGET_OLD}
+"""Causes that ask for the target to be shown again."""
+
+
+class Person:
+    """Resumes at most ``patience`` times; counts how often it did, and how often it showed the target again."""
+
+    def __init__(self, rig: Rig, plant: Plant, patience: int) -> None:
+        self._rig, self._plant, self._left = rig, plant, patience
+        self.resumed = 0
+        self.shown = 0
+        self._since: int | None = None
+
+    def __call__(self, tick: Tick) -> Request:
+        """What it asks for after a tick: to go on, once the tool has stood paused for a while."""
+        if not self._acts(tick) or tick.state.cause in BY_HAND:
+            return Request.NONE
+        self._since = None
+        self._left -= 1
+        self.resumed += 1
+        return Request.RESUME
+
+    def leaves(self, tick: Tick) -> bool:
+        """Whether it ends the run: for good, or to show the target again."""
+        paused = tick.state.phase is Phase.PAUSED
+        self._since = None if not paused else tick.seen.now if self._since is None else self._since
+        over = paused and self._left <= 0 and not tick.state.command.rates.any()
+        return tick.state.phase is Phase.FAULT or over or (self._acts(tick) and tick.state.cause in BY_HAND)
+
+    def shows_again(self, tick: Tick) -> Target | None:
+        """The target shown once more, with the tool brought back to where it stood; None where that is of no use."""
+        if tick.state.phase is not Phase.PAUSED or tick.state.cause not in BY_HAND or self._left <= 0:
+            return None
+        self._since = None
+        self._left -= 1
+        stood = self._rig.clock.joints_at(self._rig.clock.now())
+        self._rig.show_target()
+        try:
+            target = teach(self._plant)
+        except NotShown:
+            return None
+        finally:
+            self._rig.place(stood)
+        self.shown += 1
+        return target
+
+    def _acts(self, tick: Tick) -> bool:
+        wait = LOOKS if tick.state.cause in BY_HAND else THINKS
+        return self._left > 0 and self._since is not None and tick.seen.now - self._since >= wait
+
+
+def attended(
+    rig: Rig,
+    plant: Plant,
+    servo: Servo,
+    target: Target,
+    duration: float,
+    person: Person,
+    begins: Callable[[Target, State | None], None] = lambda target, state: None,
+) -> Iterator[Tick]:
+    """`run` with a person beside it, for `duration` s in all; time goes on while the person is at work.
+
+    ``begins`` is told of every new run: its target, and the state that it goes on from.
+    """
+    start = rig.clock.now()
+    state: State | None = None
+    while True:
+        tick = None
+        begins(target, state)
+        offset = rig.clock.now() - start
+        left = duration - offset * 1e-9
+        with closing(run(plant, servo, target, left, person.leaves, state, person)) as ticks:
+            for tick in ticks:
+                yield replace(tick, time=tick.time + offset)
+        again = None if tick is None else person.shows_again(tick)
+        if tick is None or again is None or rig.clock.now() - start >= duration * 1e9:
+            return
+        target, state = again, tick.state
