@@ -189,9 +189,6 @@ def test_ticks_a_little_late_are_warned_of_and_no_more() -> None:
     assert not done.stops()
 
 
-@pytest.mark.xfail(
-    strict=True, reason="clock.ticks runs two ticks at one moment after a late one, and the gate calls it not finite"
-)
 @pytest.mark.parametrize("text", ["jitter:at=2.6,for=0.5,s=0.03", "hang:at=2.6,for=0.03"])
 def test_late_ticks_are_named_as_such(text: str) -> None:
     assert running(text).causes() <= causes_of(kind_of(text))
