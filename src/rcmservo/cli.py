@@ -7,7 +7,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,7 +20,9 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
+from rcmservo import record
 from rcmservo.controller import SaturatedController
+from rcmservo.description import rebuild
 from rcmservo.errors import RcmServoError, UnusableFile, require
 from rcmservo.estimators.base import Estimator
 from rcmservo.estimators.broyden import BroydenEstimator
@@ -29,6 +31,8 @@ from rcmservo.estimators.projection import PRINTED, ProjectionEstimator
 from rcmservo.exploration import Exploration
 from rcmservo.imaged_rcm import ImagedRcm
 from rcmservo.loop import Tick
+from rcmservo.record import file_of
+from rcmservo.rerun import Rerun, recompute
 from rcmservo.servo import Servo
 from rcmservo.settings import Lab, load_lab
 from rcmservo.states import Action, Cause, Phase
@@ -59,6 +63,12 @@ class Run:
     """Keep all frames in the record; `export` makes a recording of them."""
     disturb: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """What goes wrong, as kind:at=5,for=0.5,key=value; may be given several times. --disturb help lists all kinds."""
+    target: Path | None = None
+    """File with the target, as --save-target wrote it; by default the target is shown first."""
+    save_target: Path | None = None
+    """New file to keep the target in that was shown."""
+    live: bool = False
+    """In wall time: the simulated arm, its camera and the servo in processes of their own, and one that watches."""
     resumes: int = 0
     """How often a scripted person resumes after a pause, or shows the target again where that is needed."""
     json: bool = False
@@ -75,17 +85,22 @@ class Run:
 class Replay:
     """Put recorded frames and joints through tracking, features, imaged RCM and the estimators, and score them.
 
-    Of a recorded run, compute every decision again instead: are they the same, bit for bit?
+    Of a recorded run, compute every decision again instead, with its own settings but for those given here: are they
+    the same, bit for bit, and if not, where do they differ?
     """
 
-    folder: Annotated[Path, tyro.conf.Positional]
+    path: Annotated[Path, tyro.conf.Positional]
     """Folder with frames/ and poses.csv, or a run's folder or .mcap file."""
+    estimator: EstimatorName | None = None
+    """Of a run: another estimator than the recorded one. Of a recording all are scored."""
     rig: Path | None = None
     """TOML file that describes the recorded arm: mechanism, tool and markers. By default the built-in one."""
     out: Path | None = None
     """Folder to write replay.json and centres.csv to, new or empty; by default nothing is written."""
     json: bool = False
     """Print one JSON object on stdout and nothing else."""
+    controller: SaturatedController = field(default_factory=SaturatedController)
+    exploration: Exploration = field(default_factory=Exploration)
     imaged_rcm: ImagedRcm = field(default_factory=ImagedRcm)
     projection: ProjectionEstimator = field(default_factory=ProjectionEstimator)
     flow: FlowEstimator = field(default_factory=FlowEstimator)
@@ -138,6 +153,9 @@ def main(arguments: list[str] | None = None) -> int:
     """Entry point; the exit code is 0, 1 where a run did not settle, 2 for bad input, 130 for Ctrl-C."""
     try:
         command = _parse(arguments)
+        if isinstance(command, Replay) and file_of(command.path).is_file():
+            recorded = _recorded(command.path)
+            return _recompute(_parse(arguments, recorded), recorded)
         acts: dict[type[Any], Callable[[Any], int]] = {
             Run: _run, Replay: _replay, Show: _show, Export: _export, Paper: _paper
         }  # fmt: skip
@@ -155,12 +173,13 @@ class Unparsed(RcmServoError):
     """A command line that does not say what to do."""
 
 
-def _parse(arguments: list[str] | None) -> Run | Replay | Show | Export | Paper:
+def _parse(arguments: list[str] | None, default: Any = tyro.MISSING) -> Any:
     """The command line as settings. What is wrong with it comes as one sentence instead of tyro's boxes."""
     errors = io.StringIO()
     try:
         with contextlib.redirect_stderr(errors):
-            return tyro.cli(Command, prog="rcmservo", args=arguments)  # pyright: ignore[reportArgumentType, reportCallIssue]
+            kind: Any = Command
+            return tyro.cli(kind, prog="rcmservo", args=arguments, default=default)
     except SystemExit as stop:
         if not stop.code:
             raise
@@ -203,6 +222,8 @@ def _run(command: Run) -> int:
         print(describe())
         return 0
     disturbances = tuple(Disturbance.parse(text) for text in command.disturb)
+    if command.save_target is not None and command.save_target.exists():
+        raise UnusableFile(command.save_target, "is there already, and nothing is overwritten: name a new file")
     servo = Servo(
         mechanism=lab.mechanism,
         tool=lab.tool,
@@ -217,16 +238,62 @@ def _run(command: Run) -> int:
     with _new_folder(command.out, f"run-seed{command.seed}") as folder:
         job = Job(
             command.seed, command.duration, command.estimator, servo, lab, folder, command.video, command.frames,
-            disturbances, command.resumes,
+            disturbances, command.resumes, command.target, command.save_target,
         )  # fmt: skip
         console.print(f"[dim]simulated arm and camera, seed {command.seed}; preparing …[/dim]")
         with Live(Text(""), console=console, refresh_per_second=8, transient=True) as live:
-            metrics = simulate(job, _Progress(live, command.duration))
+            metrics = (
+                _run_live(command, job, live) if command.live else simulate(job, _Progress(live, command.duration))
+            )
     if command.json:
         print(json.dumps(metrics))
     else:
-        _show_run(console, metrics)
+        (_show_live if command.live else _show_run)(console, metrics)
     return 0 if metrics["settled"] else UNSETTLED
+
+
+def _run_live(command: Run, job: Any, live: Live) -> dict[str, Any]:
+    """A run in wall time; its metrics."""
+    from rcmservo.host import Report, Task
+    from rcmservo.live import run_live
+    from rcmservo.simulate import about, keep, rig_settings
+
+    for name in ("disturb", "frames", "target", "save_target", "resumes"):
+        require(
+            not getattr(command, name), f"--{name.replace('_', '-')}", getattr(command, name), "left out with --live"
+        )
+    said = [""]
+
+    def progress(report: Report) -> None:
+        if report.words != said[0]:
+            said[0] = report.words
+            live.console.print(f"{report.time * 1e-9:6.2f} s  {report.words}", soft_wrap=True, highlight=False)
+        live.update(Text(f"{report.time * 1e-9:6.2f} / {job.duration:g} s  {report.words}"), refresh=False)
+
+    settings = rig_settings(job.lab)
+    task = Task(job.servo, job.lab.markers, job.duration, job.folder / record.RECORD, about(job, settings))
+    metrics = {"seed": job.seed, "estimator": job.name, "folder": str(job.folder)}
+    return keep(job, metrics | run_live(job.seed, settings, task, progress))
+
+
+def _show_live(console: Console, metrics: dict[str, Any]) -> None:
+    table = Table(title="settled" if metrics["settled"] else "not settled", show_header=False)
+    if metrics["cause"]:
+        table.add_row("cause", metrics["cause"])
+    table.add_row("settle time", _unit(metrics.get("settle_time_s"), "s", 2))
+    table.add_row("pose error ‖p₂ − p_d‖ (simulation's truth)", _unit(metrics["pose_error_mm"], "mm", 3))
+    loop = metrics.get("loop")
+    if loop:
+        late, latency = loop["lateness_ms"], loop["latency_ms"]
+        table.add_row("loop", f"{_unit(loop['rate_hz'], 'Hz', 3)}, {loop['missed']} of {loop['ticks']} ticks missed")
+        spread = ", ".join(f"{name} {_unit(late[name], 'ms', 2)}" for name in ("median", "p99", "max"))
+        table.add_row("lateness of ticks", f"{spread}; {loop['collections']} garbage collections")
+        spread = ", ".join(f"{name} {_unit(latency[name], 'ms', 1)}" for name in ("median", "p99"))
+        table.add_row("latency, exposure to command", spread)
+        for sentence in loop["refused"]:
+            table.add_row("refused", sentence)
+    table.add_row("files", str(metrics["folder"]))
+    console.print(table)
 
 
 @contextlib.contextmanager
@@ -352,7 +419,7 @@ def _show_claims(console: Console, rows: list[dict[str, Any]], every: bool) -> N
 
 
 def _show(command: Show) -> int:
-    from rcmservo import record, show
+    from rcmservo import show
 
     rows = record.read(command.record)
     console = Console()
@@ -376,27 +443,63 @@ def _export(command: Export) -> int:
     return 0
 
 
-def _recompute(command: Replay) -> int:
-    """The decisions of a recorded run once more; the exit code is 1 where they are others."""
-    from rcmservo.rerun import recompute
+def _recorded(path: Path) -> Replay:
+    """The settings that a run was recorded with, as a command that asks for them."""
+    stages = record.read(path).stages
+    if not stages:
+        raise UnusableFile(path, "does not tell the servo of its ticks")
+    servo = rebuild(stages[0].servo)
+    asked = Replay(
+        path, controller=servo.controller, exploration=servo.exploration, imaged_rcm=servo.imaged_rcm
+    )  # fmt: skip
+    estimator: dict[str, Any] = {servo.estimator.name: servo.estimator}
+    return replace(asked, **estimator)
 
-    plain = command == Replay(command.folder, json=command.json)
-    require(plain, "replay's options", "others", "--json alone for a run, which is computed with its recorded settings")
-    again = recompute(command.folder)
+
+def _recompute(command: Replay, recorded: Replay) -> int:
+    """The decisions of a recorded run once more; the exit code is 1 where they are others."""
+    require(command.rig is None, "--rig", command.rig, "left out for a run: its record tells the rig")
+    require(command.out is None, "--out", command.out, "left out for a run: nothing is written")
+    again = recompute(command.path, None if command == replace(recorded, json=command.json) else _other(command))
     if command.json:
-        print(json.dumps({"same": again.same, "ticks": len(again.then.time), "first": again.first,
-                          "differs": again.differs, "missing": again.then.missing}))  # fmt: skip
+        print(json.dumps({"same": again.same, "open_loop": again.open_loop, "ticks": len(again.then.time),
+                          "first": again.first, "differs": again.differs, "missing": again.then.missing}))  # fmt: skip
     else:
         print(f"{again.words}; {again.then.missing}" if again.then.missing else again.words)
+        if again.open_loop and not again.same:
+            _show_differences(Console(), again)
     return 0 if again.same else UNSETTLED
 
 
+def _other(command: Replay) -> Servo:
+    """The recorded servo with the settings that the command asks for."""
+    servo = rebuild(record.read(command.path).stages[0].servo)
+    chosen = estimators(command.projection, command.flow, command.broyden)
+    estimator = chosen[command.estimator or servo.estimator.name]
+    return replace(
+        servo, estimator=estimator, controller=command.controller, exploration=command.exploration,
+        imaged_rcm=command.imaged_rcm,
+    )  # fmt: skip
+
+
+def _show_differences(console: Console, again: Rerun) -> None:
+    """What the other settings would have made of what was seen."""
+    then, now = again.then, again.now
+    table = Table("", "as recorded", "with these settings")
+    speeds = [np.median(np.linalg.norm(rows.ticks["v"], axis=1)) for rows in (then, now)]
+    table.add_row("wanted speed of marker 1, median", *(f"{speed:.2f} mm/s" for speed in speeds))
+    for name in dict.fromkeys((*then.phase, *now.phase)):
+        counts = [rows.phase.count(name) for rows in (then, now)]
+        table.add_row(f"ticks in {name}", *map(str, counts))
+    apart = np.linalg.norm(then.ticks["v"] - now.ticks["v"], axis=1)
+    table.add_row("the wanted velocities differ by, median", "", f"{np.median(apart):.2f} mm/s")
+    console.print(table)
+
+
 def _replay(command: Replay) -> int:
-    from rcmservo.record import file_of
     from rcmservo.replay import replay
 
-    if file_of(command.folder).is_file():
-        return _recompute(command)
+    require(command.estimator is None, "--estimator", command.estimator, "left out for a recording: all are scored")
     lab = load_lab(command.rig) if command.rig else Lab()
     chosen = estimators(command.projection, command.flow, command.broyden)
     console = Console(stderr=command.json)
@@ -405,7 +508,7 @@ def _replay(command: Replay) -> int:
     with bar:
         task = bar.add_task("tracking", total=None)
         result = replay(
-            command.folder, lab, ColourMarkers(lab.markers), chosen, command.imaged_rcm,
+            command.path, lab, ColourMarkers(lab.markers), chosen, command.imaged_rcm,
             lambda done, total: bar.update(task, completed=done, total=total),
         )  # fmt: skip
     report = _report(result)

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo import charts, plots, record
+from rcmservo import charts, plots, record, targets
 from rcmservo.errors import require
 from rcmservo.files import write_whole
 from rcmservo.loop import Plant, Tick, teach
@@ -105,7 +105,8 @@ def setup_of(rig: Rig, lab: Lab) -> Setup:
 class Job:
     """What to simulate and what to write.
 
-    ``disturbances`` go wrong on the way; a scripted person acts at most ``resumes`` times after a pause.
+    ``disturbances`` go wrong on the way; a scripted person acts at most ``resumes`` times after a pause. The target is
+    that in the file ``target``, if one is given, and is otherwise shown; ``save_target`` is a file to keep it in.
     """
 
     seed: int
@@ -118,6 +119,8 @@ class Job:
     frames: bool = False
     disturbances: tuple[Disturbance, ...] = ()
     resumes: int = 0
+    target: Path | None = None
+    save_target: Path | None = None
 
 
 @dataclass
@@ -200,9 +203,7 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
     settings = rig_settings(job.lab)
     rig = Rig(job.seed, settings, disturbances=job.disturbances)
     plant = Plant(rig.mechanism, rig.camera, ColourMarkers(job.lab.markers), rig.clock)
-    rig.show_target()
-    target = teach(plant)
-    rig.go_home()
+    target = _target(job, rig, plant)
     job.servo.warm_up()
     person, notes, killed = Person(rig, plant, job.resumes), _Notes(job, rig, target), ""
     with ExitStack() as stack:
@@ -223,9 +224,27 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
     metrics = notes.metrics()
     metrics |= {"settled": False, "settle_time_s": None, "cause": killed} if killed else {}
     metrics |= {"resumed": person.resumed, "shown_again": person.shown, "not_recorded": recorder.failed}
+    return keep(job, metrics)
+
+
+def keep(job: Job, metrics: dict[str, Any]) -> dict[str, Any]:
+    """Write the metrics and the figures of a run that was recorded."""
     write_whole(job.folder / METRICS, json.dumps(metrics, indent=2) + "\n")
     draw_figures(job.folder)
     return metrics
+
+
+def _target(job: Job, rig: Rig, plant: Plant) -> Target:
+    """The target of a file, or one that a person shows before bringing the tool back to the start."""
+    setup = setup_of(rig, job.lab)
+    if job.target is not None:
+        return targets.load(job.target, setup)
+    rig.show_target()
+    target = teach(plant)
+    rig.go_home()
+    if job.save_target is not None:
+        targets.save(job.save_target, target, setup)
+    return target
 
 
 class _FullDisk:
