@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+import rcmservo as rs
 from rcmservo import record
 from rcmservo.cli import main
 
@@ -81,14 +82,93 @@ def record_name() -> str:
     return RECORD
 
 
-def test_what_run_recorded_can_be_replayed(finished: tuple[int, Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_run_recorded_comes_out_the_same_again(
+    finished: tuple[int, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
     _, folder = finished
-    assert main(["replay", str(folder / "recording"), "--json"]) == 0
+    assert main(["replay", str(folder)]) == 0
+    assert capsys.readouterr().out == "all 700 ticks came out the same, bit for bit\n"
+
+
+def test_with_other_settings_replay_tells_what_would_have_differed_and_that_the_loop_is_open(
+    finished: tuple[int, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, folder = finished
+    assert main(["replay", str(folder), "--controller.gain", "4", "--json"]) == 1
+    told = strict(capsys.readouterr().out)
+    assert told["open_loop"] and not told["same"] and set(told["differs"]) <= {"v", "command", "phase"}
+    assert main(["replay", str(folder), "--estimator", "flow"]) == 1
+    said = capsys.readouterr().out
+    assert said.startswith("open loop, with other settings: from tick 0") and "ticks in SERVO" in said
+    for wrong in (["--rig", "examples/davinci.toml"], ["--out", "somewhere"]):
+        assert main(["replay", str(folder), *wrong]) == 2
+        assert "left out for a run" in capsys.readouterr().err
+
+
+def test_the_frames_of_a_record_make_a_recording_that_can_be_replayed(
+    finished: tuple[int, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, folder = finished
+    assert main(["export", str(folder), "--out", str(tmp_path / "export")]) == 0
+    capsys.readouterr()
+    assert main(["replay", str(tmp_path / "export" / "recording"), "--json"]) == 0
     report = strict(capsys.readouterr().out)
     assert len(report["frames"]) == pytest.approx(7 * 60, abs=3)
     assert all(row["m1"] and row["m2"] for row in report["frames"])
     assert max(report["reprojection_rms_px"].values()) < 2.0
     assert report["one_step_rms"]["projection"]["r_px"] < report["one_step_rms"]["no_motion"]["r_px"]
+
+
+def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A marker is lost, the camera is moved, the target is shown again; the target of the old view is refused later."""
+    target, rest = tmp_path / "target.json", ["--seed", "4", "--no-video", "--json"]
+    words = ["--disturb", "marker_loss:at=3,for=0.3", "--disturb", "relocate:at=4.5", "--resumes", "3"]
+    arguments = ["run", "--duration", "13", *words, "--save-target", str(target), *rest, "--out", str(tmp_path / "a")]
+    assert main(arguments) == 0
+    captured = capsys.readouterr()
+    metrics = strict(captured.out)
+    assert metrics["shown_again"] == 1 and metrics["pose_error_mm"] < 1.0
+    for cause in (rs.Cause.MARKERS_LOST, rs.Cause.CAMERA_MOVED):
+        assert cause.value in captured.err and cause.way_out in captured.err
+    assert main(["run", "--duration", "6", "--target", str(target), *rest, "--out", str(tmp_path / "b")]) == 0
+    capsys.readouterr()
+    rest[1] = "5"
+    assert main(["run", "--duration", "6", "--target", str(target), *rest, "--out", str(tmp_path / "c")]) == 2
+    assert "was taught with camera" in capsys.readouterr().err
+    assert not (tmp_path / "c").exists()
+    assert main(["run", "--save-target", str(target), *rest, "--out", str(tmp_path / "c")]) == 2
+    assert "nothing is overwritten" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words,sentence",
+    [
+        (["--disturb", "markerloss:at=3"], "did you mean marker_loss?"),
+        (["--disturb", "stuck:at=-1"], "stuck: at must be a time in s"),
+        (["--resumes", "-1"], "--resumes must be"),
+        (["--live", "--frames"], "--frames must be left out with --live"),
+    ],
+)
+def test_what_cannot_be_done_is_one_sentence(
+    words: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", *words, "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert sentence in said[-1]
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_full_disk_pauses_the_run_and_leaves_what_was_written_readable(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--seed", "4", "--duration", "6", "--no-video", "--json", "--disturb", "disk_full:at=3"]
+    assert main(["run", *arguments, "--out", str(tmp_path)]) == 1
+    metrics = strict(capsys.readouterr().out)
+    assert rs.Cause.NOT_RECORDED.value in metrics["cause"] and "No space left" in metrics["not_recorded"]
+    rows = record.read(tmp_path / record_name())
+    assert 2.5 < rows.time[-1] <= 3.1 and not rows.complete
 
 
 def test_the_same_seed_gives_the_same_record(tmp_path: Path) -> None:

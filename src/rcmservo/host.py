@@ -38,7 +38,7 @@ STANDING = -1
 """What the heartbeat tells while no loop runs."""
 
 
-PATIENCE = 30.0
+PATIENCE = 120.0
 """s within which a camera must deliver a frame, and what tracks the markers in it be loaded or compiled."""
 
 
