@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 
 import rcmservo
 from conftest import CONTROLLERS, ESTIMATORS, TOOLS, frozen, laboratory, leaves, markers_seen, observation, without
+from rcmservo.controller import SaturatedController
+from rcmservo.faults import Thresholds
 from rcmservo.loop import NotShown, Plant, run, teach
 from rcmservo.mechanism import JointLimits, PitchYawRcm
 from rcmservo.plant import Target
 from rcmservo.safety import Gate
 from rcmservo.servo import Servo
-from rcmservo.sim import RigSettings
+from rcmservo.sim import RigSettings, Timing
 from rcmservo.states import GOOD_TO_RECOVER, GOOD_TO_SERVO, HOLD_TIME, Cause, Phase, Request
 from rcmservo.tracking import PointMarkers
 
@@ -382,7 +384,7 @@ def test_after_frames_without_markers_flow_is_learnt_over_the_time_since_the_las
     random = np.random.default_rng(4)
     C = np.column_stack([700 * np.linalg.qr(random.standard_normal((3, 3)))[0], [300.0, 200.0, 1.0]])
     C[2, :3] = [1e-3, 5e-4, -2e-3]
-    servo = Servo(mechanism, TOOLS["rigid"], estimator=ESTIMATORS["flow"])
+    servo = Servo(mechanism, TOOLS["rigid"], estimator=ESTIMATORS["flow"], thresholds=Thresholds(jump=1e4))
     for blind in (False, True):
         state = servo.init()
         for k in range(40):
@@ -397,6 +399,31 @@ def test_after_frames_without_markers_flow_is_learnt_over_the_time_since_the_las
         ends.append(state.J_hat)
     assert ends[0].any()
     assert np.allclose(*ends, rtol=1e-9, atol=1e-12)
+
+
+def arrival(delay):
+    """When a servo with a high gain has come within 0.5 mm for good, s, and its scatter then, mm."""
+    lab = laboratory(4, RigSettings(timing=Timing(delay=delay), point_noise=0.1))
+    p_d = lab.rig.body.points(lab.rig.scene.target)[0]
+    away, since = [], None
+    for seen, state in lab.run(lab.servo(controller=SaturatedController(gain=6.0)), 9.0):
+        if state.phase is Phase.SERVO:
+            since = seen.now if since is None else since
+            away.append(np.linalg.norm(lab.rig.body.points(lab.rig.mechanism.q_true)[0] - p_d))
+    return 0.01 * np.flatnonzero(np.array(away) > 0.5)[-1], np.std(away[-200:])
+
+
+def test_latency_up_to_its_limit_is_compensated():
+    """By the joints' motion since the exposure; without that, 90 ms at k = 6 oscillate and take three times as long."""
+    (soon, quiet), (later, noisy) = arrival(0.02), arrival(0.09)
+    assert later < 1.25 * soon and noisy < 1.5 * quiet
+
+
+def test_latency_beyond_its_limit_holds():
+    lab = laboratory(4, RigSettings(timing=Timing(delay=0.12)))
+    causes = {state.cause for _, state in lab.run(lab.servo(), 1.0)}
+    assert Cause.LATE in causes
+    assert not any(state.command.rates.any() for _, state in lab.run(lab.servo(), 1.0))
 
 
 def test_only_the_gate_makes_commands():

@@ -1,0 +1,44 @@
+"""A small campaign of random faults: the whole is in benchmarks/campaign.py, whose runs these are the first of."""
+
+from concurrent.futures import ProcessPoolExecutor
+
+import pytest
+from campaign import Run, one
+
+RUNS = {"faults": 40, "short": 16, "none": 12}
+
+
+@pytest.fixture(scope="module")
+def runs() -> dict[str, list[Run]]:
+    with ProcessPoolExecutor() as pool:
+        return {kind: list(pool.map(one, range(count), [kind] * count)) for kind, count in RUNS.items()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", RUNS)
+def test_no_command_is_wrong_and_no_stop_is_slow(kind: str, runs: dict[str, list[Run]]) -> None:
+    for run in runs[kind]:
+        assert not run.wrong_commands, run
+        assert not run.too_slow, run
+
+
+@pytest.mark.slow
+def test_every_stop_names_a_fault_that_was_there(runs: dict[str, list[Run]]) -> None:
+    stops = [(run.seed, stop) for kind in ("faults", "short") for run in runs[kind] for stop in run.stops]
+    assert len(stops) > 50
+    assert [stop for stop in stops if not stop[1][3]] == []
+
+
+@pytest.mark.slow
+def test_every_run_ends_well_or_standing_still(runs: dict[str, list[Run]]) -> None:
+    ends = {run.end for run in runs["faults"]}
+    assert ends <= {"settled", "HOLD", "PAUSED", "FAULT", "killed"}
+    assert all(run.pose_error < 2.0 for run in runs["faults"] if run.end == "settled")
+
+
+@pytest.mark.slow
+def test_nothing_stops_a_run_without_faults_and_short_ones_do_not_keep_it_from_arriving(
+    runs: dict[str, list[Run]],
+) -> None:
+    assert all(not run.stops and run.end == "settled" for run in runs["none"])
+    assert all(run.end == "settled" for run in runs["short"])
