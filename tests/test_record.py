@@ -419,3 +419,18 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(rs.UnusableFile, match="not a file"):
         record.read(tmp_path / "pipe")
+
+
+def test_phase_cause_and_way_out_stand_in_the_record_in_words_under_crtk_s_name(written: Written) -> None:
+    changes = [written.ticks[0].state.words]
+    for tick in written.ticks:
+        if tick.state.words != changes[-1]:
+            changes.append(tick.state.words)
+    with AnyReader([written.folder]) as reader:
+        chosen = [connection for connection in reader.connections if connection.topic == "operating_state"]
+        told = [reader.deserialize(data, chosen[0].msgtype) for _, _, data in reader.messages(connections=chosen)]
+    assert [message.substate for message in told] == changes
+    assert {message.state for message in told} == {"ENABLED"}
+    assert [message.is_busy for message in told] == [False, True, True]
+    paused = messages.operating_state(5, rs.Mode(rs.Phase.PAUSED, rs.Cause.STALE))
+    assert b"PAUSED\0" in paused and rs.Cause.STALE.words.encode() in paused

@@ -147,8 +147,8 @@ def test_what_is_no_record_is_a_sentence_and_leaves_nothing(tmp_path: Path, caps
 def test_replay_of_a_run_says_that_it_came_out_the_same(told: Told, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(told.path.parent)]) == 0
     assert "all 1000 ticks came out the same, bit for bit" in capsys.readouterr().out
-    assert main(["replay", str(told.path), "--imaged-rcm.max-condition", "50"]) == 2
-    assert "recorded settings" in capsys.readouterr().err
+    assert main(["replay", str(told.path), "--imaged-rcm.max-condition", "50"]) == 1
+    assert "open loop, with other settings" in capsys.readouterr().out
 
 
 def test_a_long_timeline_is_cut_in_the_middle_and_says_so(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,7 @@ from rcmservo.estimators.projection import ProjectionMemory
 from rcmservo.loop import Tick
 from rcmservo.plant import Floats
 from rcmservo.servo import Servo, State
+from rcmservo.states import Mode, Phase
 
 INTEGERS = (
     "now",
@@ -59,6 +60,9 @@ FLAGS = ("enabled", "recorded", "command_enabled", "explored")
 WORDS = ("phase", "cause", "asks", "request", "dropped")
 TRUTH = {"p1": 3, "p2": 3, "jacobian_error": 1}
 
+CRTK = {phase: phase.name for phase in (Phase.DISABLED, Phase.PAUSED, Phase.FAULT)}
+"""CRTK's name of a phase; all others are ENABLED."""
+
 UNKNOWN = np.full(9, np.nan)
 METRES = np.array([1.0, 1.0, 1e-3])
 """One rad, rad, mm in SI units."""
@@ -81,6 +85,7 @@ DEFINITIONS = {
     "sensor_msgs/msg/JointState": _definition(
         "string[] name", "float64[] position", "float64[] velocity", "float64[] effort"
     ),
+    "crtk_msgs/msg/OperatingState": _definition("string state", "string substate", "bool is_homed", "bool is_busy"),
     "sensor_msgs/msg/CompressedImage": _definition("string format", "uint8[] data"),
     "rcmservo_msgs/msg/Truth": _definition(*_arrays(TRUTH)),
     "rcmservo_msgs/msg/Tick": _definition(
@@ -99,6 +104,7 @@ TOPICS = {
     "rcmservo/truth": "rcmservo_msgs/msg/Truth",
     "measured_js": "sensor_msgs/msg/JointState",
     "servo_jv": "sensor_msgs/msg/JointState",
+    "operating_state": "crtk_msgs/msg/OperatingState",
     "image_raw/compressed": "sensor_msgs/msg/CompressedImage",
 }
 """The type of every topic's messages."""
@@ -229,6 +235,13 @@ def words_of(data: bytes, place: int, count: int) -> tuple[str, ...]:
 def text(words: str) -> bytes:
     """A std_msgs/String."""
     return ENCAPSULATION + strings([words], 4)
+
+
+def operating_state(now: int, mode: Mode) -> bytes:
+    """CRTK's operating state: whether the drive is on, and below that phase, cause and way out in words."""
+    start = header(now) + bytes(4)
+    busy = mode.phase in (Phase.ACQUIRE, Phase.SERVO)
+    return start + strings((CRTK.get(mode.phase, "ENABLED"), mode.words), len(start)) + bytes((True, busy))
 
 
 def truth(now: int, p1: Floats, p2: Floats, jacobian_error: float) -> bytes:

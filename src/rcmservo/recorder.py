@@ -5,6 +5,7 @@
     rcmservo/tick           rcmservo_msgs/Tick            all that the servo saw, knew and decided (mm, px, rad)
     rcmservo/truth          rcmservo_msgs/Truth           simulation only: what the servo must not know
     measured_js, servo_jv   sensor_msgs/JointState        the joints as measured and as commanded (rad and m, SI)
+    operating_state         crtk_msgs/OperatingState      whenever it changes: phase, cause and way out in words
     image_raw/compressed    sensor_msgs/CompressedImage   the frames, if wanted
 
 Messages are logged at the time since the start, ns; their stamps are moments on the plant's clock. Chunks are small, so
@@ -138,7 +139,10 @@ class Recorder:
         seen, state = tick.seen, tick.state
         if tick.time + self._shift < self._time:
             self._shift = self._time + max(seen.now - self._now, 0) - tick.time
+        before = self._last
         self._time, self._now, self._last = tick.time + self._shift, seen.now, state
+        if before is None or before.mode.words != state.mode.words:
+            self._send("operating_state", messages.operating_state(seen.now, state.mode))
         self._send("rcmservo/tick", messages.tick(tick, self._servo))
         self._send("measured_js", self._joints.positions(seen.q_time, seen.q))
         self._send("servo_jv", self._joints.rates(state.command.time, state.command.rates))

@@ -130,7 +130,7 @@ class State:
     @property
     def words(self) -> str:
         """Phase, cause and way out in words."""
-        return f"{self.phase.value}: {self.cause.words}" if self.cause is not Cause.NONE else self.phase.value
+        return self.mode.words
 
     def but(self, **changes: Any) -> "State":
         """The same state with some fields changed: dataclasses.replace, without its cost in every tick."""

@@ -251,6 +251,11 @@ class Mode:
     asks: Action = Action.NONE
 
     @property
+    def words(self) -> str:
+        """Phase, cause and way out in words."""
+        return self.phase.value if self.cause is Cause.NONE else f"{self.phase.value}: {self.cause.words}"
+
+    @property
     def share(self) -> float:
         """Share of the full speed at which the tool may move."""
         if self.phase is Phase.SERVO and self.asks < Action.SLOW:
