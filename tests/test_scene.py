@@ -1,5 +1,7 @@
 """Scenes: the errors that were asked for, a camera in another place, and a run that goes on with what it has learnt."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from rcmservo.estimators.projection import ProjectionEstimator
 from rcmservo.features import about, difference, features
 from rcmservo.loop import run, teach
 from rcmservo.sim import Rig, RigSettings, SceneSettings
-from rcmservo.states import Cause, Phase
+from rcmservo.states import Cause, Phase, Request
 
 ERRORS = (float(np.radians(40.0)), -80.0, -60.0)
 
@@ -64,6 +66,22 @@ def test_a_relocated_camera_sees_the_same_tool_from_elsewhere_and_stops_the_serv
     *_, last = run(lab.plant, servo, target, 12.0, state=again[-1].state)
     assert last.state.phase is Phase.SERVO
     assert (np.abs(last.state.delta) < (0.02, 2.0, 2.0)).all()
+
+
+def test_a_target_shown_anew_during_the_pause_is_not_refused_with_the_old_one():
+    """Even while something else keeps the pause: only what was shown before the camera moved is meaningless."""
+    lab = laboratory(seed=2)
+    servo = lab.servo()
+    *_, there = run(lab.plant, servo, lab.target, 20.0, done=lambda t: t.state.explored)
+    lab.rig.relocate_camera()
+    *_, held = run(lab.plant, servo, lab.target, 1.0, state=there.state)
+    assert held.state.cause is Cause.CAMERA_MOVED
+    fresh = replace(lab.target, points=lab.target.points + 1.0)
+    state, seen = held.state, held.seen
+    for recorded, request in ((False, Request.NONE), (True, Request.RESUME)):
+        seen = replace(seen, now=seen.now + 10_000_000, q_time=seen.now + 10_000_000, enabled=True, recorded=recorded)
+        state = servo.step(state, replace(seen, arrival=seen.now), fresh, request)
+    assert state.phase is Phase.ACQUIRE
 
 
 def test_a_run_goes_on_from_an_earlier_one_with_what_was_learnt_and_from_rest():

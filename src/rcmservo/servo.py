@@ -379,12 +379,10 @@ class Servo:
 
     def _enter(self, state: State, mode: Mode, cause: Cause, now: int) -> State:
         """The state in its new mode. A pause or fault forgets what it must not go on with."""
-        stopped = mode.phase in (Phase.PAUSED, Phase.FAULT)
-        if stopped and (mode.phase is not state.phase or cause.action is Action.PAUSE):
-            state = self._without_filters(state, mode.cause)
-        return (
-            state.but(mode=mode, peak=np.inf, peak_time=now) if mode.phase is not state.phase else state.but(mode=mode)
-        )
+        entered = mode.phase is not state.phase
+        if mode.phase in (Phase.PAUSED, Phase.FAULT) and (entered or cause.action is Action.PAUSE):
+            state = self._without_filters(state, cause if cause.action >= Action.PAUSE else mode.cause)
+        return state.but(mode=mode, peak=np.inf, peak_time=now) if entered else state.but(mode=mode)
 
     def _without_filters(self, state: State, cause: Cause) -> State:
         """The state with its counts begun anew, and without the estimate if the cause spoils it.
