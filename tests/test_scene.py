@@ -10,9 +10,11 @@ from rcmservo.controller import SaturatedController
 from rcmservo.errors import BadInput
 from rcmservo.estimators.projection import ProjectionEstimator
 from rcmservo.features import about, difference, features
-from rcmservo.loop import run, teach
-from rcmservo.sim import Rig, RigSettings, SceneSettings
+from rcmservo.loop import Plant, run, teach
+from rcmservo.servo import Servo
+from rcmservo.sim import Disturbance, Rig, RigSettings, SceneSettings
 from rcmservo.states import Cause, Phase, Request
+from rcmservo.tracking import PointMarkers
 
 ERRORS = (float(np.radians(40.0)), -80.0, -60.0)
 
@@ -66,6 +68,20 @@ def test_a_relocated_camera_sees_the_same_tool_from_elsewhere_and_stops_the_serv
     *_, last = run(lab.plant, servo, target, 12.0, state=again[-1].state)
     assert last.state.phase is Phase.SERVO
     assert (np.abs(last.state.delta) < (0.02, 2.0, 2.0)).all()
+
+
+def test_a_camera_bumped_while_the_servo_explores_is_noticed():
+    """The tool moves on, and what one may see of that grows: the new view must not be taken for it."""
+    rig = Rig(
+        498, RigSettings(point_noise=0.1), pictures=False, disturbances=[Disturbance.parse("bump:at=1.828,px=17.1")]
+    )
+    plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    rig.show_target()
+    target = teach(plant)
+    rig.go_home()
+    rig.begin()
+    *_, last = run(plant, Servo(rig.settings.mechanism, rig.settings.tool), target, 4.0)
+    assert last.state.cause is Cause.CAMERA_MOVED and last.time < 1.95e9
 
 
 def test_a_target_shown_anew_during_the_pause_is_not_refused_with_the_old_one():

@@ -235,6 +235,11 @@ def watch_frame(watch: Watch, seen: Observation) -> Watch:
     return watch._replace(frame=seen.frame, exposure=seen.exposure, period=period, latency=seen.now - seen.exposure)
 
 
+def stays(watch: Watch, points: Floats, jump: float) -> bool:
+    """Whether the markers are still where the frame before was rejected for showing them."""
+    return watch.rejected > 0 and not any(leapt(points, watch.elsewhere, STILL, 2.0 * jump)[:2])
+
+
 def watch_markers(watch: Watch, first: bool, second: bool, crossed: bool, points: Floats, jump: float) -> Watch:
     """The watch after one more frame in which the first, the second marker is out of place, or each in the other's.
 
@@ -243,7 +248,7 @@ def watch_markers(watch: Watch, first: bool, second: bool, crossed: bool, points
     if not (first or second):
         return watch._replace(rejected=0, jumped=0, swapped=0)
     both = first and second
-    steady = watch.rejected == 0 or not any(leapt(points, watch.elsewhere, STILL, 2.0 * jump)[:2])
+    steady = watch.rejected == 0 or stays(watch, points, jump)
     return watch._replace(
         rejected=watch.rejected + 1,
         jumped=watch.jumped + 1 if both and steady else int(both),
