@@ -295,7 +295,7 @@ class Servo:
             wrong = misplaced(seen.points, state.points, state.o_c, state.y, state.J_hat, way, jump)
         else:
             wrong = leapt(seen.points, state.points, way, jump)
-            if stays(state.watch, seen.points, jump):
+            if state.watch.jumped and stays(state.watch, seen.points, jump):
                 wrong = True, True, wrong[2]
         watch = watch_markers(state.watch, *wrong, seen.points, jump)
         return state.but(watch=watch) if watch.rejected else state.but(watch=watch, believed=seen.frame)

@@ -114,11 +114,6 @@ class Cause(Enum):
         Action.PAUSE,
         "show the target again in the new view, then resume: the servo explores anew",
     )
-    TARGET_OLD = (
-        "the target was shown before the camera was moved",
-        Action.PAUSE,
-        "show the target again, then resume",
-    )
     SWAPPED = (
         "the markers are taken for each other",
         Action.PAUSE,
@@ -154,6 +149,11 @@ class Cause(Enum):
         "the feature error has stopped falling: the target cannot be reached from here",
         Action.PAUSE,
         "bring the tool to another start, or show a target within reach, then resume",
+    )
+    TARGET_OLD = (
+        "the target was shown before the camera was moved",
+        Action.PAUSE,
+        "show the target again, then resume",
     )
     ASKED = "a person asked for a pause", Action.PAUSE, "resume when ready"
 
