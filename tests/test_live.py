@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import zlib
@@ -16,7 +17,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rcmservo.errors import BadInput, RcmServoError
+from rcmservo.errors import BadInput, RcmServoError, UnusableFile
 from rcmservo.faults import Thresholds
 from rcmservo.frames import HEAD, FrameRing, RingCamera
 from rcmservo.host import STANDING, Report, Task
@@ -40,7 +41,7 @@ from rcmservo.plant import Command, Frame
 from rcmservo.record import read
 from rcmservo.servo import Servo
 from rcmservo.settings import Lab
-from rcmservo.sim import Rig
+from rcmservo.sim import Rig, RigSettings
 from rcmservo.sim.device import Device
 from rcmservo.sim.log import Log, stopped
 from rcmservo.simulate import rig_settings
@@ -407,6 +408,20 @@ def test_what_a_servo_process_cannot_use_is_said_in_the_supervisor(bench, tmp_pa
     assert bench.beats.value == STANDING
 
 
+def test_a_laboratory_that_cannot_be_is_one_sentence_also_from_another_process():
+    with pytest.raises(RcmServoError, match="seed must be"), Bench(-1, RigSettings()):
+        pass
+
+
+def test_a_folder_too_deep_for_sockets_is_refused_before_anything_is_started(tmp_path, monkeypatch):
+    deep = tmp_path / ("d" * 100)
+    deep.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(deep))
+    with pytest.raises(UnusableFile, match="TMPDIR"), Bench(1, RigSettings()):
+        pass
+    assert not list(deep.iterdir())
+
+
 SCRIPT = """
 if __name__ == "__main__":
     import sys
@@ -427,8 +442,11 @@ if __name__ == "__main__":
 def test_ctrl_c_ends_a_run_in_order_and_a_supervisor_that_is_killed_leaves_no_process(tmp_path, blow):
     """All processes hold the same standard output: it ends when the last of them does."""
     script, path = tmp_path / "script.py", tmp_path / "run.mcap"
+    there = tempfile.mkdtemp()
     script.write_text(SCRIPT.format(tests=os.path.dirname(__file__), path=str(path)))
-    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, start_new_session=True) as running:
+    with subprocess.Popen(
+        [sys.executable, script], stdout=subprocess.PIPE, start_new_session=True, env={**os.environ, "TMPDIR": there}
+    ) as running:
         try:
             assert running.stdout.readline() == b"tick\n"
             if blow is signal.SIGINT:
@@ -440,4 +458,6 @@ def test_ctrl_c_ends_a_run_in_order_and_a_supervisor_that_is_killed_leaves_no_pr
             os.killpg(running.pid, signal.SIGKILL)
             raise
     assert (b"stopped" in said) == (blow is signal.SIGINT)
+    assert not os.listdir(there)
+    os.rmdir(there)
     assert read(path).complete

@@ -23,7 +23,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from rcmservo.errors import RcmServoError
+from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.frames import FrameRing
 from rcmservo.host import STANDING, Report, Task, serve
 from rcmservo.sim.cameras import Body
@@ -47,6 +47,10 @@ DYING = 0.5
 """s that a process which is killed needs at most to be gone; one that is not is only stopped."""
 
 
+LONGEST = 80
+"""Bytes of a folder's path that leave room for the sockets in it."""
+
+
 class Child:
     """A process that this one started, and the wire to it. It ends when it is told to, and is killed if it does not."""
 
@@ -58,12 +62,15 @@ class Child:
         its.close()
 
     def hear(self) -> Any:
-        """The next thing it says."""
+        """The next thing it says; what it could not do is raised."""
         try:
-            return self.wire.recv()
+            said = self.wire.recv()
         except (EOFError, OSError) as error:
             self.process.join(END)
             raise RcmServoError(f"a process of the simulation ended by itself: {self.process.name}") from error
+        if isinstance(said, RcmServoError):
+            raise said
+        return said
 
     def tell(self, word: str) -> None:
         with contextlib.suppress(OSError):
@@ -106,6 +113,10 @@ class Bench:
     def __enter__(self) -> "Bench":
         with self._stack:
             self.folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="rcmservo-")))
+            if len(str(self.folder).encode()) > LONGEST:
+                raise UnusableFile(
+                    self.folder, f"must be at most {LONGEST} bytes long for sockets: set a shorter TMPDIR"
+                )
             self.arm = self._child(emulate, self.folder, self._seed, self.settings, self.log)
             self.target: Any = self.arm.hear()
             self.camera = self._child(film, self._seed, self.settings, self.log, self.ring)

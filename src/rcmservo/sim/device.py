@@ -7,12 +7,14 @@ at which it was sent: a stall of the emulator is none of the arm.
 
 import contextlib
 import select
+import shutil
 import socket
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from rcmservo.errors import RcmServoError
 from rcmservo.link import Answer, Ask, Done, Message, Order, Wish, arm_in, opened, packed, received
 from rcmservo.plant import Command
 from rcmservo.realtime import realtime
@@ -121,10 +123,14 @@ class Device:
 def emulate(folder: Path, seed: int, settings: RigSettings, log: Log, control: Connection) -> None:
     """Be the arm until the other end of `control` says "end" or is gone; "off" is answered once the drive is off.
 
-    The first thing that it says itself is where the target will be shown, the joints (3,).
+    The first thing that it says itself is where the target will be shown, the joints (3,), or why there is no arm. The
+    folder goes with it, also where nobody is left to tidy up.
     """
-    rig = Rig(seed, settings, pictures=False)
-    wire = opened(arm_in(folder))
+    try:
+        rig, wire = Rig(seed, settings, pictures=False), opened(arm_in(folder))
+    except RcmServoError as error:
+        control.send(RcmServoError(str(error)))
+        return
     with contextlib.closing(wire), realtime():
         device = Device(rig, wire, log, time.monotonic_ns())
         control.send(rig.scene.target)
@@ -138,6 +144,7 @@ def emulate(folder: Path, seed: int, settings: RigSettings, log: Log, control: C
                 device.off()
                 control.send("off")
         device.off()
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def heard(control: Connection) -> Any:
