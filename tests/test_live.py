@@ -48,7 +48,7 @@ from rcmservo.simulate import rig_settings
 from rcmservo.watchdog import PATIENCE
 
 MS = 1_000_000
-DEADLINE = 60.0
+DEADLINE = 300.0
 """s after which a test gives up waiting."""
 
 # ---------------------------------------------------------------- the wire
