@@ -4,8 +4,8 @@
 
 Prints the loop's mean rate, how late its ticks began, how many were missed, the latency from exposure to command and
 the garbage collections, beside the bars that a quiet machine should meet; and the time of the two functions that stand
-between every decision and the arm. A run that ends early is followed by another. Where the arm's own process was held up
-as long as the loop, the whole computer stood still.
+between every decision and the arm. A run that ends early is followed by another. Where the arm's own process was held
+up as long as the loop, the whole computer stood still.
 """
 
 import argparse
