@@ -9,6 +9,7 @@ import threading
 import time
 import zlib
 from contextlib import closing
+from dataclasses import replace
 from multiprocessing import get_context
 from multiprocessing.connection import wait
 
@@ -36,7 +37,7 @@ from rcmservo.link import (
     received,
     unpacked,
 )
-from rcmservo.live import Bench, supervise
+from rcmservo.live import LOOK, SILENT, Bench, supervise
 from rcmservo.plant import Command, Frame
 from rcmservo.record import read
 from rcmservo.servo import Servo
@@ -384,6 +385,21 @@ def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tm
     assert not np.allclose(last["q"], before)
 
 
+def test_an_arm_that_takes_its_time_to_stop_is_not_taken_for_a_servo_that_hangs(bench, tmp_path):
+    work = task(tmp_path / "run.mcap", 2.0)
+    slow = replace(work.servo.gate, slew=(0.1, 0.1, 8.0))
+    servo = bench.servo(replace(work, servo=replace(work.servo, gate=slow)))
+    try:
+        result = supervise(bench, servo, lambda report: None)
+    finally:
+        servo.end()
+    assert "loop" in result, result["cause"]
+    record = read(tmp_path / "run.mcap")
+    left = np.abs(record.ticks["command"][-1] / np.array(slow.slew)).max()
+    assert record.complete and left > 2.0 * SILENT * LOOK * 1e-9
+    assert not bench.log.last()["enabled"]
+
+
 @pytest.mark.parametrize(("blow", "word"), [(signal.SIGKILL, "killed (SIGKILL)"), (signal.SIGSTOP, "stopped")])
 def test_a_servo_process_that_is_killed_or_stopped_is_noticed_and_the_arm_stands_still(bench, tmp_path, blow, word):
     servo = started(bench, task(tmp_path / "run.mcap", 600.0))
@@ -424,9 +440,11 @@ def test_a_folder_too_deep_for_sockets_is_refused_before_anything_is_started(tmp
 
 SCRIPT = """
 if __name__ == "__main__":
+    import signal
     import sys
     from pathlib import Path
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # also where a script runs the tests in the background
     sys.path.insert(0, {tests!r})
     from rcmservo.live import run_live
     from test_live import LAB, rig_settings, task

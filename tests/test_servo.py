@@ -16,7 +16,7 @@ from rcmservo.controller import SaturatedController
 from rcmservo.faults import Thresholds
 from rcmservo.loop import NotShown, Plant, run, teach
 from rcmservo.mechanism import JointLimits, PitchYawRcm
-from rcmservo.plant import Target
+from rcmservo.plant import Dropped, Target
 from rcmservo.safety import Gate
 from rcmservo.servo import Servo
 from rcmservo.sim import RigSettings, Timing
@@ -542,3 +542,203 @@ def test_commands_stay_within_the_gate_and_joints_within_their_limits_through_a_
         assert np.all(np.abs(rates - last) <= np.array(gate.slew) * gate.max_period + 1e-9)
         assert np.all(seen.q >= limits.lower) and np.all(seen.q <= limits.upper)
         last = rates
+
+
+class Changed:
+    """An arm or a camera whose answers a test changes on their way."""
+
+    def __init__(self, device, change):
+        self._device, self._change = device, change
+        self.sent = []
+
+    def enable(self):
+        self.sent.append("enable")
+        self._device.enable()
+
+    def measure(self):
+        return self._change(self._device.measure())
+
+    def apply(self, command):
+        self.sent.append(command)
+        return self._device.apply(command)
+
+    def latest(self):
+        frame = self._device.latest()
+        return None if frame is None else self._change(frame)
+
+
+class Recounted:
+    """A camera that was opened anew: it counts from 0, and may see everything shifted by some px."""
+
+    def __init__(self, camera, shift=0.0):
+        self._camera, self._shift, self._first, self._given = camera, shift, None, (None, None)
+
+    def latest(self):
+        frame = self._camera.latest()
+        if frame is not None and frame is not self._given[0]:
+            self._first = frame.number if self._first is None else self._first
+            shown = replace(frame, number=frame.number - self._first, points=frame.points + self._shift)
+            self._given = frame, shown
+        return self._given[1]
+
+
+@pytest.mark.parametrize("same_plant", [True, False])
+@pytest.mark.parametrize("shift", [0.0, 40.0])
+def test_a_camera_that_counts_anew_is_looked_at_in_the_next_run(shift, same_plant):
+    lab = laboratory()
+    servo = lab.servo()
+    *_, last = run(lab.plant, servo, lab.target, duration=5.0)
+    assert last.state.phase is Phase.SERVO
+    camera = Recounted(lab.rig.camera, shift)
+    plant = lab.plant if same_plant else Plant(lab.rig.mechanism, camera, PointMarkers(), lab.rig.clock)
+    plant.camera = camera
+    *_, after = run(plant, servo, lab.target, duration=1.5, state=last.state)
+    assert 0 <= after.state.frame < last.state.frame
+    if shift:
+        assert after.state.cause is Cause.CAMERA_MOVED and after.state.moved > lab.target.shown
+    else:
+        assert after.state.phase is Phase.SERVO
+
+
+def test_a_run_goes_on_only_once_it_has_seen_the_markers_again():
+    lab = laboratory()
+    servo = lab.servo()
+    *_, last = run(lab.plant, servo, lab.target, duration=5.0)
+    blind = Plant(lab.rig.mechanism, Changed(lab.rig.camera, lambda frame: None), PointMarkers(), lab.rig.clock)
+    for tick in run(blind, servo, lab.target, duration=0.5, state=last.state):
+        assert tick.state.phase in (Phase.IDLE, Phase.DISABLED) and not tick.state.command.rates.any()
+
+
+@pytest.mark.parametrize("ahead", [1, 3600])
+def test_an_arm_that_is_frozen_at_a_time_to_come_is_silent(ahead):
+    lab = laboratory()
+    servo = lab.servo()
+    state = servoing(lab, servo)
+    frozen_at = lab.rig.mechanism.measure()
+    future = frozen_at._replace(time=frozen_at.time + ahead * 1_000_000_000)
+    began = state.command.time
+    stuck = {"q": future.q, "q_time": future.time, "q_exposure": future.q}
+    states = [after for _, after in lab.run(servo, 0.2, state, lambda seen: replace(seen, **stuck))]
+    fault = next(after for after in states if after.phase is Phase.FAULT)
+    assert fault.cause is Cause.ARM_SILENT and fault.mode.since - began <= 60_000_000
+
+
+def test_one_gap_between_frames_does_not_make_the_next_stop_late():
+    """A camera that counts only what it delivers pauses for 0.8 s, goes on, and dies three frames later."""
+    lab = laboratory()
+    servo = lab.servo()
+    state = servoing(lab, servo)
+    period = state.watch.period
+    held = {"seen": None}
+
+    def hold(seen):
+        held["seen"] = held["seen"] or seen
+        old = held["seen"]
+        return replace(seen, frame=old.frame, exposure=old.exposure, arrival=old.arrival, points=old.points)
+
+    *_, (_, state) = lab.run(servo, 0.8, state, hold)
+    skipped = lab.plant.frame.number - state.frame
+    *_, (seen, state) = lab.run(servo, 0.1, state, lambda seen: replace(seen, frame=seen.frame - skipped + 1))
+    assert state.watch.period < 1.2 * period
+    held["seen"] = seen
+    stale = next(after for _, after in lab.run(servo, 0.3, state, hold) if after.cause is Cause.STALE)
+    assert stale.mode.since - seen.arrival < 1.2 * 3.0 * period + 20_000_000
+
+
+@pytest.mark.parametrize("broken", ["camera", "arm"])
+def test_a_device_that_cannot_be_read_any_more_leaves_the_drive_off(broken):
+    lab = laboratory()
+    gone = []
+
+    def change(answer):
+        if gone:
+            raise OSError("unplugged")
+        return answer
+
+    arm = Changed(lab.rig.mechanism, change if broken == "arm" else lambda answer: answer)
+    camera = Changed(lab.rig.camera, change if broken == "camera" else lambda answer: answer)
+    plant = Plant(arm, camera, PointMarkers(), lab.rig.clock)
+    with pytest.raises(OSError, match="unplugged"):
+        for tick in run(plant, lab.servo(), lab.target, duration=5.0):
+            if tick.applied.any():
+                gone.append(tick)
+    assert gone and not arm.sent[-1].enabled and not arm.sent[-1].rates.any()
+
+
+def test_a_run_that_goes_on_from_a_fault_does_not_switch_the_drive_on():
+    lab = laboratory()
+    servo = lab.servo()
+    *_, (_, state) = lab.run(servo, 0.5, change=lambda seen: replace(seen, q=np.full(3, np.nan)))
+    assert state.phase is Phase.FAULT
+    arm = Changed(lab.rig.mechanism, lambda answer: answer)
+    *_, last = run(Plant(arm, lab.rig.camera, PointMarkers(), lab.rig.clock), servo, lab.target, state=state)
+    assert last.state.phase is Phase.FAULT
+    assert "enable" not in arm.sent and not any(command.enabled for command in arm.sent)
+
+
+def test_a_camera_that_is_moved_on_while_paused_does_not_spoil_the_new_exploration():
+    lab = laboratory()
+    servo = lab.servo()
+    state = servoing(lab, servo)
+    shift = np.array([60.0, 0.0])
+    *_, (_, state) = lab.run(servo, 0.5, state, lambda seen: replace(seen, points=seen.points + shift))
+    assert state.phase is Phase.PAUSED and state.cause is Cause.CAMERA_MOVED and not state.explored
+    began = state.command.time
+
+    def panned(seen):
+        return replace(seen, points=seen.points + shift + 30e-9 * (seen.now - began))
+
+    *_, (seen, state) = lab.run(servo, 3.0, state, panned)
+    stays = seen.points - lab.plant.read().points
+    lab.target = replace(lab.target, points=lab.target.points + stays, shown=seen.now)
+    state = servo.step(state, replace(seen, now=seen.now + 10_000_000), lab.target, Request.RESUME)
+    assert state.phase is Phase.ACQUIRE
+    *_, (_, state) = lab.run(servo, 6.0, state, lambda seen: replace(seen, points=seen.points + stays))
+    assert state.phase is Phase.SERVO and np.abs(state.delta / (0.01, 1.0, 1.0)).max() < 1.0
+
+
+def test_every_target_from_before_the_camera_was_moved_is_refused_and_a_newer_one_is_not():
+    lab = laboratory()
+    servo = lab.servo()
+    other = teach(lab.plant, frames=5)
+    state = servoing(lab, servo)
+    *_, (seen, state) = lab.run(servo, 0.5, state, lambda seen: replace(seen, points=seen.points + 60.0))
+    assert state.cause is Cause.CAMERA_MOVED
+    for target, phase in ((lab.target, Phase.PAUSED), (other, Phase.PAUSED), (teach(lab.plant, 5), Phase.ACQUIRE)):
+        seen = replace(seen, now=seen.now + 10_000_000, q_time=seen.now + 10_000_000, frame=seen.frame + 1)
+        after = servo.step(state, replace(seen, arrival=seen.now, exposure=seen.now), target, Request.RESUME)
+        assert after.phase is phase and (phase is Phase.ACQUIRE or after.cause is Cause.TARGET_OLD)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_markers_that_are_swapped_from_the_first_frame_on_are_named(seed):
+    lab = laboratory(seed)
+    servo = lab.servo()
+    for _, state in lab.run(servo, 20.0, change=lambda seen: replace(seen, points=seen.points[::-1].copy())):
+        assert state.phase is not Phase.SERVO
+        if state.phase is Phase.PAUSED:
+            break
+    assert state.cause is Cause.SWAPPED
+
+
+def test_a_first_frame_of_another_size_counts_for_nothing_once_the_plant_was_reset():
+    rig = laboratory().rig
+    images = {0: np.zeros((24, 32, 3), dtype=np.uint8)}
+
+    def shown(frame):
+        return replace(frame, image=images.get(frame.number, np.zeros((48, 64, 3), dtype=np.uint8)))
+
+    plant = Plant(rig.mechanism, Changed(rig.camera, shown), PointMarkers(), rig.clock)
+    images[lab_frame(rig)] = images[0]
+    first = plant.read()
+    rig.clock.wait_until(rig.clock.now() + 100_000_000)
+    assert plant.read().dropped is Dropped.DAMAGED
+    plant.reset()
+    assert plant.read().frame == -1
+    rig.clock.wait_until(rig.clock.now() + 100_000_000)
+    seen = plant.read()
+    assert seen.dropped is Dropped.NONE and seen.frame > first.frame and np.isfinite(seen.q_exposure).all()
+
+
+def lab_frame(rig):
+    return rig.camera.latest().number

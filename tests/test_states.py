@@ -171,3 +171,10 @@ def test_every_cause_is_a_sentence_and_whatever_stops_the_tool_has_a_way_out(cau
         assert cause.value[0].islower() and not cause.value.endswith(".")
         assert bool(cause.way_out) == (cause.action >= Action.HOLD)
     assert Cause(cause.value) is cause
+
+
+def test_a_hold_that_good_frames_end_too_late_is_a_pause():
+    held = Mode(Phase.HOLD, Cause.STALE, since=0, good=GOOD_TO_RECOVER - 1, asks=Action.HOLD)
+    assert transition(held, [], GOOD, Request.NONE, HOLD_TIME).phase is Phase.ACQUIRE
+    late = transition(held, [], GOOD, Request.NONE, HOLD_TIME + 1)
+    assert late.phase is Phase.PAUSED and late.cause is Cause.STALE

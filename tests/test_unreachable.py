@@ -8,6 +8,8 @@ import pytest
 
 from rcmservo import record
 from rcmservo.cli import main
+from rcmservo.outcome import judged
+from rcmservo.states import Cause, Mode, Phase
 
 CASES = {
     "past a joint limit": (
@@ -82,3 +84,31 @@ def test_time_that_runs_out_is_said(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "time ran out" in json.loads(capsys.readouterr().out)["cause"]
     assert main(["run", "--duration", "1.1", "--no-video", "--json", "--out", str(tmp_path / "short")]) == 1
     assert "exploration" in json.loads(capsys.readouterr().out)["cause"]
+
+
+VERDICTS = [
+    (Mode(Phase.SERVO, Cause.LATE_TICK), 1.0, ""),
+    (Mode(Phase.SERVO, Cause.NEARLY_SINGULAR), 1.0, ""),
+    (Mode(Phase.HOLD, Cause.STALE), 1.0, Cause.STALE.words),
+    (Mode(Phase.DISABLED), None, "the arm's drive is off"),
+    (Mode(Phase.IDLE), None, "time ran out before both markers were seen"),
+    (Mode(Phase.ACQUIRE), None, "time ran out during exploration"),
+    (Mode(Phase.ACQUIRE), 1.0, "time ran out on the way back from a hold"),
+]
+
+
+@pytest.mark.parametrize("mode,explored,words", VERDICTS)
+def test_the_verdict_names_what_stopped_it_and_nothing_else(mode: Mode, explored: float | None, words: str) -> None:
+    times = np.arange(300) / 100.0
+    assert judged(times, np.zeros((300, 3)), explored, mode, 0.0).cause == words
+
+
+@pytest.mark.parametrize("at", ["0", "0.02"])
+def test_a_run_that_ends_before_anything_was_seen_says_why(
+    at: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    assert main(["run", "--seed", "4", "--duration", "3", "--no-video", "--json", "--out", str(out),
+                 "--disturb", f"kill:at={at}"]) == 1  # fmt: skip
+    assert "killed" in json.loads(capsys.readouterr().out)["cause"]
+    assert main(["replay", str(out)]) == 0

@@ -226,12 +226,14 @@ def watch_loop(watch: Watch, last: Command, seen: Observation, period: int) -> W
     return watch._replace(reached=reached, rates=rates, told=seen.q_time, late=late, gap=gap)
 
 
-def watch_frame(watch: Watch, seen: Observation) -> Watch:
-    """The watch after a new frame: its latency, and the period between frames."""
+def watch_frame(watch: Watch, seen: Observation, limits: Thresholds) -> Watch:
+    """The watch after a new frame: its latency, and the period between frames, which no gap may stretch at once."""
     period, count = watch.period, seen.frame - watch.frame
     if watch.frame >= 0:
         one = (seen.exposure - watch.exposure) / count
-        period = one if period == 0.0 else period + 0.2 * (one - period)
+        period = (
+            min(one, FIRST_PERIOD) if period == 0.0 else period + 0.2 * (min(one, limits.stale_slow * period) - period)
+        )
     return watch._replace(frame=seen.frame, exposure=seen.exposure, period=period, latency=seen.now - seen.exposure)
 
 
@@ -276,7 +278,7 @@ def arm_faults(
         return
     if on and not seen.enabled:
         yield Cause.DRIVE_OFF
-    if not seen.now - seen.q_time <= limits.silence * 1e9:
+    if not abs(seen.now - seen.q_time) <= limits.silence * 1e9:
         yield Cause.ARM_SILENT
     for q, reached, low, high, bound in zip(
         seen.q.tolist(), watch.reached.tolist(), lower.tolist(), upper.tolist(), limits.following, strict=True
@@ -300,6 +302,8 @@ def loop_faults(watch: Watch, seen: Observation, period: int, limits: Thresholds
 
 def camera_faults(watch: Watch, seen: Observation, limits: Thresholds) -> Iterator[Cause]:
     """What is wrong with the frames and with where they show the markers."""
+    if seen.frame < watch.frame:
+        yield Cause.FRAMES_NOT_NEW
     if seen.frame < 0:
         return
     gone = lost(seen.points)

@@ -25,7 +25,7 @@ from rcmservo.frames import FrameRing, RingCamera
 from rcmservo.link import RemoteArm, Wish
 from rcmservo.loop import Plant, Tick, run, teach
 from rcmservo.outcome import Judge
-from rcmservo.plant import Floats, Target
+from rcmservo.plant import Command, Floats, Target
 from rcmservo.realtime import Realtime, realtime
 from rcmservo.recorder import Recorder, ThreadedRecorder
 from rcmservo.servo import Servo
@@ -65,6 +65,16 @@ class Report:
     words: str
     delta: Floats
     condition: float
+
+
+class Beating(Plant):
+    """A plant that counts its commands, also those that bring the arm to rest at the end, in ``beats``: the heartbeat."""
+
+    beats: Any
+
+    def send(self, command: Command) -> Floats:
+        self.beats.value += 1
+        return super().send(command)
 
 
 class Aside:
@@ -132,7 +142,7 @@ def _live(folder: Path, ring: FrameRing, beats: Any, task: Task, told: Connectio
         closing(RemoteArm(folder)) as arm,
         Beside(RingCamera(ring), ColourMarkers(task.markers), clock.clock) as eye,
     ):
-        plant = Plant(arm, eye, eye, clock)
+        plant = Beating(arm, eye, eye, clock)
         target = shown(arm, plant)
         about = {**task.about, "target_px": target.points.tolist()}
         with ThreadedRecorder(Recorder(task.record, about)) as recorder, Aside(servo, target, told) as aside:
@@ -142,8 +152,8 @@ def _live(folder: Path, ring: FrameRing, beats: Any, task: Task, told: Connectio
             first = len(clock.lateness)
             with realtime() as got:
                 try:
+                    plant.beats = beats
                     for tick in run(plant, servo, target, task.duration, lambda tick: told.poll()):
-                        beats.value += 1
                         recorder.write(tick)
                         aside.put(tick)
                 finally:

@@ -65,6 +65,7 @@ class Plant:
         self._offered: Frame | None = None
         self._dropped = Dropped.NONE
         self._past: deque[tuple[int, Floats]] = deque(maxlen=JOINT_HISTORY)
+        self._began = 0
         self._q_exposure = np.full(3, np.nan)
         self._applied = np.zeros(3)
 
@@ -75,6 +76,8 @@ class Plant:
     def read(self) -> Observation:
         """Measure the joints, and track the markers where a new frame has arrived."""
         time, q, enabled = self.mechanism.measure()
+        if not self._past:
+            self._began = time
         if not self._past or time > self._past[-1][0]:
             self._past.append((time, q))
         self._look(self.camera.latest())
@@ -95,9 +98,15 @@ class Plant:
         )
 
     def reset(self) -> None:
-        """Forget where markers and joints were: a person may have moved the tool since they were last read."""
+        """Forget where markers and joints were: a person may have moved the tool since they were last read.
+
+        Frames exposed before the joints are read again count for nothing, and their numbers may begin anew.
+        """
         self.tracker.reset()
         self._past.clear()
+        self.markers = self.frame = None
+        self._dropped = Dropped.NONE
+        self._q_exposure = np.full(3, np.nan)
 
     def send(self, command: Command) -> Floats:
         """Pass a command on to the arm; the joint rates (3,) that the arm took."""
@@ -110,7 +119,7 @@ class Plant:
             return
         self._offered = frame
         self._dropped = self._wrong(frame)
-        if self._dropped is not Dropped.NONE:
+        if self._dropped is not Dropped.NONE or frame.exposure < self._began:
             return
         try:
             self.markers = self.tracker.find(frame)
@@ -132,7 +141,7 @@ class Plant:
 
     def _joints_at(self, time: int) -> Floats:
         times = [t for t, _ in self._past]
-        return np.array([np.interp(time, times, [q[i] for _, q in self._past]) for i in range(3)])
+        return np.array([np.interp(time, times, [q[i] for _, q in self._past], left=np.nan) for i in range(3)])
 
 
 def _shape(frame: Frame) -> tuple[int, ...] | None:
@@ -155,7 +164,7 @@ def teach(plant: Plant, frames: int = 30) -> Target:
             good = seen.now
         last = max(last, seen.frame)
         if len(points) == frames:
-            return Target(np.mean(points, axis=0), np.mean(joints, axis=0))
+            return Target(np.mean(points, axis=0), np.mean(joints, axis=0), began)
         if not seen.now - good <= TEACH_TIMEOUT * 1e9:
             break
     raise NotShown("the target cannot be taught: both markers must be in the picture while it is shown")
@@ -196,7 +205,8 @@ def run(
     plant.reset()
     state = servo.init() if state is None else servo.again(state)
     request = Request.NONE
-    plant.enable()
+    if state.phase is not Phase.FAULT:
+        plant.enable()
     try:
         for time in ticks(plant.clock, servo.rate, duration):
             seen = plant.read()
@@ -218,11 +228,13 @@ def _over(state: State, operator: Operator | None) -> bool:
 
 def _rest(plant: Plant, servo: Servo, last: Command) -> None:
     """Ramp the joint rates to zero through the gate, from the next tick on, and switch the drive off."""
-    plant.clock.wait_until(plant.clock.now() + servo.period)
-    for _ in ticks(plant.clock, servo.rate):
-        seen = plant.read()
-        if not (last.enabled and last.rates.any() and seen.enabled):
-            break
-        last = servo.gate.admit(np.zeros(3), last, seen.q, servo.mechanism.limits, seen.now, 0.0).command
-        plant.send(last)
-    plant.send(servo.gate.stop(last, plant.clock.now()))
+    try:
+        plant.clock.wait_until(plant.clock.now() + servo.period)
+        for _ in ticks(plant.clock, servo.rate):
+            seen = plant.read()
+            if not (last.enabled and last.rates.any() and seen.enabled):
+                break
+            last = servo.gate.admit(np.zeros(3), last, seen.q, servo.mechanism.limits, seen.now, 0.0).command
+            plant.send(last)
+    finally:
+        plant.send(servo.gate.stop(last, plant.clock.now()))

@@ -7,7 +7,7 @@ import numpy as np
 from rcmservo.loop import Tick
 from rcmservo.plant import Floats, Target
 from rcmservo.servo import Servo
-from rcmservo.states import Cause, Mode, Phase
+from rcmservo.states import Action, Mode, Phase
 
 TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
 """|Δs|, |Δr|, |Δd| (rad, px, px) within which a run counts as settled."""
@@ -17,6 +17,13 @@ LAST = 1.0
 
 SAME_POSE = 5.0
 """mm between the tool's end and where it was shown, by its own joints, beyond which it is another pose."""
+
+ON_THE_WAY = {
+    Phase.DISABLED: "the arm's drive is off",
+    Phase.IDLE: "time ran out before both markers were seen",
+    Phase.ACQUIRE: "time ran out during exploration",
+}
+"""Why a run ended in a phase that nothing wrong led to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,15 +80,17 @@ def judged(times: Floats, errors: Floats, explored_at: float | None, mode: Mode,
     outside = np.flatnonzero(~(np.abs(errors) < TOLERANCE).all(axis=1))
     since = int(outside[-1]) + 1 if len(outside) else 0
     settle_time = float(times[since]) if since < len(times) else None
-    cause = _cause(mode, settle_time, float(times[-1]), away)
+    cause = _cause(mode, explored_at, settle_time, float(times[-1]), away)
     return Outcome(cause == "", cause, settle_time, error, explored_at)
 
 
-def _cause(mode: Mode, settle_time: float | None, end: float, away: float) -> str:
-    if mode.cause is not Cause.NONE:
+def _cause(mode: Mode, explored_at: float | None, settle_time: float | None, end: float, away: float) -> str:
+    if mode.cause.action >= Action.HOLD:
         return mode.cause.words
-    if mode.phase is not Phase.SERVO:
-        return "time ran out during exploration"
+    if mode.phase is Phase.ACQUIRE and explored_at is not None:
+        return "time ran out on the way back from a hold"
+    if mode.phase in ON_THE_WAY:
+        return ON_THE_WAY[mode.phase]
     if settle_time is None or end - settle_time < LAST - 1e-6:
         return "time ran out before the feature errors had settled"
     if away > SAME_POSE:

@@ -98,11 +98,13 @@ class Target:
     """What was shown: the markers' raw pixels (2, 2). y_d is computed from them about the imaged RCM as known later.
 
     `q` (3,) are the joints while it was shown. No motion is decided by them; they tell afterwards whether a pose that
-    looks the same is the same.
+    looks the same is the same. `shown` is when that began, ns on the plant's clock (0: earlier than all that is known):
+    a target from before the camera was moved is refused.
     """
 
     points: Floats
     q: Floats
+    shown: int = 0
 
 
 class Clock(Protocol):

@@ -133,7 +133,8 @@ def _compared(
     panels: list[Panel] = []
     time, shaded = record.time[rows] - since, [] if since else exploration(record)
     for i, name in enumerate(names):
-        low, high = np.nanpercentile(measured[:, i], [0.5, 99.5])
+        known = measured[np.isfinite(measured[:, i]), i]
+        low, high = np.percentile(known, [0.5, 99.5]) if len(known) else (0.0, 0.0)
         margin = 0.15 * max(high - low, 1e-6)
         labels = legend if i == 0 else ("", "")
         curves = [

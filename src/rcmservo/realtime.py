@@ -28,7 +28,7 @@ NEXT = 10
 """That of the other threads."""
 
 CURRENT, ON_FAULT = 1, 4
-"""mlockall: what is in memory stays there, and what comes to be used stays too."""
+"""mlockall: of what is mapped by then, what is in memory stays there, and what comes to be used stays too."""
 
 
 @dataclass

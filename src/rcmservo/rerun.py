@@ -147,5 +147,6 @@ def _compared(then: Record, now: Record, open_loop: bool) -> Rerun:
 
 def _unlike(a: Column, b: Column) -> NDArray[np.bool_]:
     """At which rows two columns (N, size) differ in any bit."""
-    bits_a, bits_b = (np.ascontiguousarray(column).view(np.uint8).reshape(len(column), -1) for column in (a, b))
+    width = a.shape[1] * a.itemsize
+    bits_a, bits_b = (np.ascontiguousarray(column).view(np.uint8).reshape(-1, width) for column in (a, b))
     return (bits_a != bits_b).any(axis=1)

@@ -85,9 +85,9 @@ class State:
     ``believed`` the newest accepted (-1: none), which showed ``points`` (2, 2) px with marker 1 at ``p1`` (3,) mm.
     ``o_c`` (2,) px and ``rcm_condition`` of eq. (16); ``exposure`` ns that of the newest frame learnt from; ``J_hat``
     (3, 3) and its scaled ``condition``; ``y`` and ``delta`` = Δy (3,) at that exposure; ``ahead`` (3,) the error as
-    predicted for now; ``v`` (3,) mm/s wanted of marker 1; ``command`` as the gate passed it; ``refused``, a target that
-    was shown in a view that is gone; ``peak`` the error √(2V) to the ``target`` that has last been fallen short of, at
-    ``peak_time`` ns. NaN where not known yet.
+    predicted for now; ``v`` (3,) mm/s wanted of marker 1; ``command`` as the gate passed it; ``moved``, when the camera
+    was last noticed to have been moved (ns, -1: never); ``peak`` the error √(2V) to the ``target`` that has last been
+    fallen short of, at ``peak_time`` ns. NaN where not known yet.
     """
 
     mode: Mode
@@ -114,7 +114,7 @@ class State:
     v: Floats
     blocked: int
     target: Target | None
-    refused: Target | None
+    moved: int
     peak: float
     peak_time: int
 
@@ -193,7 +193,7 @@ class Servo:
             v=np.zeros(3),
             blocked=-1,
             target=None,
-            refused=None,
+            moved=-1,
             peak=np.inf,
             peak_time=0,
         )
@@ -223,9 +223,13 @@ class Servo:
         The tool may have been moved by hand since, but if the camera was, nothing but a new look can tell.
         """
         mode = state.mode if state.phase is Phase.FAULT else Mode()
-        old = state.watch
-        watch = begin()._replace(frame=old.frame, exposure=old.exposure, period=old.period)
-        return state.but(mode=mode, command=self.gate.rest(), watch=watch, tour=None, no_room=False)
+        state = state if state.explored else self._unlearnt(state)
+        unseen = {"frame": -1, "believed": -1, "exposure": -1, "watch": begin()}
+        return state.but(mode=mode, command=self.gate.rest(), tour=None, no_room=False, **unseen)
+
+    def _unlearnt(self, state: State) -> State:
+        """The state without what was learnt, but for where the markers were seen last."""
+        return state.but(**self._nothing_learnt() | {"points": state.points, "p1": state.p1})
 
     def warm_up(self) -> None:
         """Compile all that `step` calls, on made-up observations, so that nothing compiles while an arm moves."""
@@ -268,7 +272,7 @@ class Servo:
 
     def _look(self, state: State, seen: Observation, target: Target) -> State:
         """What a new frame teaches, unless it shows no tool's motion: the imaged RCM, Ĵ, and the error."""
-        state = state.but(watch=watch_frame(state.watch, seen), frame=seen.frame)
+        state = state.but(watch=watch_frame(state.watch, seen, self.thresholds), frame=seen.frame)
         p1 = self.marker_1(seen.q_exposure)
         if any(lost(seen.points)) or not finite(p1):
             return state
@@ -289,7 +293,7 @@ class Servo:
     def _believe(self, state: State, p1: Floats, seen: Observation) -> State:
         """Accept a frame, or reject it because its markers are not where the tool's motion puts them."""
         jump, way = self.thresholds.jump, p1 - state.p1
-        if state.believed < 0 or not math.hypot(*way) < COMPARABLE:
+        if not math.hypot(*way) < COMPARABLE:
             wrong = False, False, False
         elif state.explored and self._rcm_known(state):
             wrong = misplaced(seen.points, state.points, state.o_c, state.y, state.J_hat, way, jump)
@@ -351,7 +355,7 @@ class Servo:
         yield from arm_faults(state.watch, seen, on, *self.mechanism.limits.arrays, self.thresholds)
         yield from loop_faults(state.watch, seen, self.period, self.thresholds)
         yield from camera_faults(state.watch, seen, self.thresholds)
-        if state.refused is not None and np.array_equal(state.refused.points, target.points):
+        if target.shown < state.moved:
             yield Cause.TARGET_OLD
         if not finite(state.J_hat.ravel()):
             yield Cause.ESTIMATE_NOT_FINITE
@@ -361,7 +365,13 @@ class Servo:
         if state.no_room:
             yield Cause.NO_ROOM
         elif state.tour is not None and self.exploration.overdue(state.tour, seen.now):
-            yield Cause.NOT_EXPLORED
+            yield Cause.SWAPPED if self._out_of_order(state) else Cause.NOT_EXPLORED
+
+    def _out_of_order(self, state: State) -> bool:
+        """Whether marker 1 stands beyond marker 2 as seen from o_c, though its tool has it nearer the RCM."""
+        first, second = state.points - state.o_c
+        beyond = float(first @ second) > float(second @ second)
+        return beyond and float(state.p1 @ (self.tool.second_marker(state.p1) - state.p1)) > 0.0
 
     def _servo_causes(self, state: State, seen: Observation) -> Iterator[Cause]:
         if not self._rcm_known(state):
@@ -384,10 +394,12 @@ class Servo:
         """The state in its new mode. A pause or fault forgets what it must not go on with."""
         entered = mode.phase is not state.phase
         if mode.phase in (Phase.PAUSED, Phase.FAULT) and (entered or cause.action is Action.PAUSE):
-            state = self._without_filters(state, cause if cause.action >= Action.PAUSE else mode.cause)
+            state = self._without_filters(state, cause if cause.action >= Action.PAUSE else mode.cause, now)
+        if entered and state.phase is Phase.PAUSED and not state.explored:
+            state = self._unlearnt(state)
         return state.but(mode=mode, peak=np.inf, peak_time=now) if entered else state.but(mode=mode)
 
-    def _without_filters(self, state: State, cause: Cause) -> State:
+    def _without_filters(self, state: State, cause: Cause, now: int) -> State:
         """The state with its counts begun anew, and without the estimate if the cause spoils it.
 
         Without an estimate nobody can tell one false marker from a camera that was moved: then it counts as that.
@@ -397,7 +409,7 @@ class Servo:
         watch = unwatched(state.watch, spoilt)
         state = state.but(watch=watch, peak=np.inf, tour=None, no_room=False)
         if moved:
-            state = state.but(refused=state.target)
+            state = state.but(moved=now)
         return state.but(believed=-1, **self._nothing_learnt()) if spoilt else state
 
     def _send(self, state: State, seen: Observation) -> State:

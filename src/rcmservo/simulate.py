@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from rcmservo import charts, plots, record, targets
-from rcmservo.errors import require
+from rcmservo.errors import UnusableFile, require
 from rcmservo.files import write_whole
 from rcmservo.loop import Plant, Tick, teach
 from rcmservo.outcome import LAST, Judge
@@ -350,7 +350,12 @@ def _overlay(image: Image, tick: Tick) -> Image:
 
 
 def draw_figures(folder: Path) -> None:
-    """The figures of a run's record."""
-    rows = record.read(folder / RECORD)
+    """The figures of a run's record, where it came to hold anything to draw."""
+    try:
+        rows = record.read(folder / RECORD)
+    except UnusableFile:  # of a servo that was killed before it had one
+        return
+    if not np.isfinite(rows.ticks["delta"]).any():
+        return
     charts.save(plots.errors(rows), folder / "errors.png")
     charts.save(plots.estimate(rows), folder / "estimate.png")

@@ -34,7 +34,7 @@ class Stage:
 
 def text_of(servo: Servo, target: Target, origin: int) -> str:
     """A stage as JSON."""
-    told = {"points": target.points.tolist(), "q": target.q.tolist()}
+    told = {"points": target.points.tolist(), "q": target.q.tolist(), "shown": target.shown}
     return json.dumps({"origin": origin, "target": told, "servo": describe(servo)})
 
 
@@ -43,10 +43,10 @@ def stage_of(table: dict[str, Any], first: int, number: int) -> Stage:
     try:
         target = table["target"]
         points, q = np.array(target["points"], dtype=float), np.array(target["q"], dtype=float)
-        origin, servo = table["origin"], table["servo"]
-    except (KeyError, TypeError) as error:
+        origin, servo, shown = table["origin"], table["servo"], target.get("shown", 0)
+    except (AttributeError, KeyError, TypeError) as error:
         raise ValueError(f"it is no stage ({error})") from error
-    good = type(origin) is int and ELSEWHERE <= origin < number
+    good = type(origin) is int and ELSEWHERE <= origin < number and type(shown) is int
     if not good or points.shape != (2, 2) or q.shape != (3,):
         raise ValueError("it is no stage")
-    return Stage(first, servo, Target(points, q), origin)
+    return Stage(first, servo, Target(points, q, shown), origin)

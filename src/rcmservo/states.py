@@ -117,7 +117,7 @@ class Cause(Enum):
     SWAPPED = (
         "the markers are taken for each other",
         Action.PAUSE,
-        "see that nothing else looks like a marker, then resume",
+        "see that nothing else looks like a marker, and that marker 1 is the one nearer the RCM, then resume",
     )
     SURPRISED = (
         "the markers are not where the tool's motion puts them: something else is taken for one, or the camera moved",
@@ -328,6 +328,8 @@ def _onward(mode: Mode, cause: Cause, signs: Signs, now: int) -> Mode:
     """From HOLD through ACQUIRE to SERVO, by good frames."""
     good = mode.good + signs.good
     if mode.phase is Phase.HOLD:
+        if now - mode.since > HOLD_TIME:
+            return Mode(Phase.PAUSED, mode.cause, now, asks=Action.PAUSE)
         if good < GOOD_TO_RECOVER:
             return Mode(Phase.HOLD, mode.cause, mode.since, good, Action.HOLD)
         return Mode(Phase.ACQUIRE, cause, now, asks=cause.action)
