@@ -68,7 +68,7 @@ class Report:
 
 
 class Beating(Plant):
-    """A plant that counts its commands, also those that bring the arm to rest at the end, in ``beats``: the heartbeat."""
+    """A plant that counts its commands in ``beats``, also those that bring the arm to rest: a heartbeat."""
 
     beats: Any
 
