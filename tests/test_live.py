@@ -386,7 +386,7 @@ def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tm
 
 
 def test_an_arm_that_takes_its_time_to_stop_is_not_taken_for_a_servo_that_hangs(bench, tmp_path):
-    work = task(tmp_path / "run.mcap", 2.0)
+    work = task(tmp_path / "run.mcap", 0.8)
     slow = replace(work.servo.gate, slew=(0.1, 0.1, 8.0))
     servo = bench.servo(replace(work, servo=replace(work.servo, gate=slow)))
     try:

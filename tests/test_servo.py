@@ -723,22 +723,20 @@ def test_markers_that_are_swapped_from_the_first_frame_on_are_named(seed):
 
 def test_a_first_frame_of_another_size_counts_for_nothing_once_the_plant_was_reset():
     rig = laboratory().rig
-    images = {0: np.zeros((24, 32, 3), dtype=np.uint8)}
+    size = [24, 32, 3]
+    camera = Changed(rig.camera, lambda frame: replace(frame, image=np.zeros(size, dtype=np.uint8)))
+    plant = Plant(rig.mechanism, camera, PointMarkers(), rig.clock)
 
-    def shown(frame):
-        return replace(frame, image=images.get(frame.number, np.zeros((48, 64, 3), dtype=np.uint8)))
+    def later():
+        rig.clock.wait_until(rig.clock.now() + 100_000_000)
+        return plant.read()
 
-    plant = Plant(rig.mechanism, Changed(rig.camera, shown), PointMarkers(), rig.clock)
-    images[lab_frame(rig)] = images[0]
-    first = plant.read()
-    rig.clock.wait_until(rig.clock.now() + 100_000_000)
-    assert plant.read().dropped is Dropped.DAMAGED
+    plant.read()
+    first = later()
+    assert first.frame >= 0
+    size[:2] = 48, 64
+    assert later().dropped is Dropped.DAMAGED
     plant.reset()
     assert plant.read().frame == -1
-    rig.clock.wait_until(rig.clock.now() + 100_000_000)
-    seen = plant.read()
+    seen = later()
     assert seen.dropped is Dropped.NONE and seen.frame > first.frame and np.isfinite(seen.q_exposure).all()
-
-
-def lab_frame(rig):
-    return rig.camera.latest().number

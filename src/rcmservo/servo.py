@@ -395,7 +395,7 @@ class Servo:
         entered = mode.phase is not state.phase
         if mode.phase in (Phase.PAUSED, Phase.FAULT) and (entered or cause.action is Action.PAUSE):
             state = self._without_filters(state, cause if cause.action >= Action.PAUSE else mode.cause, now)
-        if entered and state.phase is Phase.PAUSED and not state.explored:
+        if mode.phase is Phase.ACQUIRE and state.phase is Phase.PAUSED and not state.explored:
             state = self._unlearnt(state)
         return state.but(mode=mode, peak=np.inf, peak_time=now) if entered else state.but(mode=mode)
 

@@ -45,7 +45,7 @@ class DisturbedArm:
             if event not in self._overrun:
                 self._overrun.add(event)
                 self.world.pass_until(self.arm.time + round(event.end - event.start))
-        if not self._is("arm_silent"):
+        if not self._is("arm_silent") and not self.schedule.killed:
             self._applied = self.arm.apply(command)
         return self._applied
 

@@ -20,6 +20,7 @@ class Stalls:
     def __call__(self, time: int) -> int:
         """When one wakes who waits until `time` ns; a killed one never does."""
         for event in self.schedule.begun(time, "kill"):
+            self.schedule.killed = True
             raise Killed(f"the process was killed {event.disturbance.at:g} s after the start")
         for event in self.schedule.acting(time, "jitter"):
             time += round(event.random.uniform(0.0, event.number("s")) * 1e9)

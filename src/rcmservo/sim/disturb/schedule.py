@@ -31,12 +31,13 @@ class Event:
 
 
 class Schedule:
-    """All disturbances of a rig. Nothing acts before `begin`."""
+    """All disturbances of a rig. Nothing acts before `begin`, and a process that is ``killed`` sends nothing any more."""
 
     def __init__(self, disturbances: Sequence[Disturbance], chance: np.random.SeedSequence) -> None:
         self.disturbances = tuple(disturbances)
         self._chance = chance.spawn(len(self.disturbances))
         self.events: list[Event] = []
+        self.killed = False
 
     def begin(self, now: int) -> None:
         """The run begins at `now` ns."""
