@@ -609,6 +609,16 @@ def test_a_run_goes_on_only_once_it_has_seen_the_markers_again():
         assert tick.state.phase in (Phase.IDLE, Phase.DISABLED) and not tick.state.command.rates.any()
 
 
+def test_a_camera_that_counts_anew_in_the_middle_of_a_run_stops_the_tool():
+    lab = laboratory()
+    servo = lab.servo()
+    state = servoing(lab, servo)
+    recounted = Recounted(lab.rig.camera)
+    lab.plant = Plant(lab.rig.mechanism, recounted, PointMarkers(), lab.rig.clock)
+    *_, (_, state) = lab.run(servo, 0.2, state)
+    assert state.phase is Phase.HOLD and state.cause is Cause.FRAMES_NOT_NEW and not state.command.rates.any()
+
+
 @pytest.mark.parametrize("ahead", [1, 3600])
 def test_an_arm_that_is_frozen_at_a_time_to_come_is_silent(ahead):
     lab = laboratory()
@@ -676,8 +686,9 @@ def test_a_run_that_goes_on_from_a_fault_does_not_switch_the_drive_on():
     assert "enable" not in arm.sent and not any(command.enabled for command in arm.sent)
 
 
-def test_a_camera_that_is_moved_on_while_paused_does_not_spoil_the_new_exploration():
-    lab = laboratory()
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_camera_that_is_moved_on_while_paused_does_not_spoil_the_new_exploration(seed):
+    lab = laboratory(seed)
     servo = lab.servo()
     state = servoing(lab, servo)
     shift = np.array([60.0, 0.0])
@@ -686,7 +697,7 @@ def test_a_camera_that_is_moved_on_while_paused_does_not_spoil_the_new_explorati
     began = state.command.time
 
     def panned(seen):
-        return replace(seen, points=seen.points + shift + 30e-9 * (seen.now - began))
+        return replace(seen, points=seen.points + shift + 60e-9 * (seen.now - began))
 
     *_, (seen, state) = lab.run(servo, 3.0, state, panned)
     stays = seen.points - lab.plant.read().points
