@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import zstandard
-from damage import SHORT, WHOLE, Original, cuts, flips, original, read
+from damage import REFUSED, SHORT, WHOLE, Original, cuts, flips, head_flips, heads, original, read
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
@@ -33,6 +33,11 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Original:
 @pytest.fixture(scope="module")
 def pictured(tmp_path_factory: pytest.TempPathFactory) -> Original:
     return original(tmp_path_factory.mktemp("pictured"), 0.2, pictures=True)
+
+
+@pytest.fixture(scope="module")
+def staged_run(tmp_path_factory: pytest.TempPathFactory) -> Original:
+    return original(tmp_path_factory.mktemp("staged"), 0.3, pictures=False, stages=3)
 
 
 @pytest.fixture
@@ -71,6 +76,30 @@ def test_a_flipped_bit_never_gives_wrong_data(which: str, path: Path, request: p
         path.write_bytes(data)
         outcomes.add(read(path, before))
     assert {SHORT, WHOLE} <= outcomes
+
+
+def test_every_bit_of_every_kind_and_length_may_flip(staged_run: Original, path: Path) -> None:
+    assert len(staged_run.rows.stages) == 3
+    outcomes = []
+    for data in head_flips(staged_run):
+        path.write_bytes(data)
+        outcomes.append(read(path, staged_run))
+    assert len(outcomes) == 72 * len(list(heads(staged_run.data)))
+    assert outcomes.count(SHORT) > 0.5 * len(outcomes)
+
+
+def test_a_chunk_that_is_taken_for_an_index_is_the_damage_up_to_which_is_read(staged_run: Original, path: Path) -> None:
+    """Of all chunks: also of one that holds a stage alone, without which ticks would seem to be of the stage before."""
+    chunks_at = [place for place in heads(staged_run.data) if staged_run.data[place] == CHUNK]
+    told = []
+    for place in chunks_at:
+        data = bytearray(staged_run.data)
+        data[place] ^= 1
+        path.write_bytes(data)
+        told.append(read(path, staged_run))
+        if told[-1] == SHORT:
+            assert record.read(path).unread == len(data) - place
+    assert told == [REFUSED] + [SHORT] * (len(chunks_at) - 1)
 
 
 def test_every_bit_of_a_records_start_and_end_may_flip(plain: Original, path: Path) -> None:
