@@ -61,6 +61,8 @@ def test_a_cut_record_tells_how_much_is_missing(plain: Original, path: Path) -> 
     path.write_bytes(plain.data[: len(plain.data) // 2])
     rows = record.read(path)
     assert f"read up to {rows.time[-1]:.2f} s" in rows.missing
+    assert "how much more there was is not known" in rows.missing
+    assert str(len(plain.data) // 2) not in rows.missing, "of a file that was cut its size tells nothing"
     assert 0 < rows.unread < 8000
     path.write_bytes(plain.data[: len(plain.data) // 2] + b"\0" + plain.data[len(plain.data) // 2 + 1 :])
     rows = record.read(path)
@@ -254,6 +256,31 @@ def forged(contents: list[tuple[str, bytes]], definitions: dict[str, str] | None
         writer.add_message(channels[topic], 0, data, 0, counts[topic])
     writer.finish()
     return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ("8.0", " of the planned 8.00 s"),
+        ("8", " of the planned 8.00 s"),
+        ("true", ""),
+        ("-1", ""),
+        ("NaN", ""),
+        ('"8"', ""),
+        ("1" + "0" * 400, ""),
+    ],
+)
+def test_a_record_without_an_end_tells_how_long_the_run_was_to_last_if_it_knows(
+    told: str, words: str, path: Path
+) -> None:
+    data = forged([("rcmservo/about", messages.text(f'{{"duration_s": {told}}}'))])
+    until, unknown = f"it is read up to 0.00 s{words}, ", "how much more there was is not known"
+    end = len(MAGIC) + sum(map(len, records(data)[:3]))
+    path.write_bytes(data[:end])
+    assert record.read(path).missing == f"the record was not ended: {until}and {unknown}"
+    path.write_bytes(data[: end + 3])
+    cut = f"the record is damaged or cut off: {until}3 bytes that follow are left out, and {unknown}"
+    assert record.read(path).missing == cut
 
 
 ABOUT = ("rcmservo/about", messages.text("{}"))

@@ -23,6 +23,9 @@ from rcmservo.tracking import decode_image
 RECORD = "record.mcap"
 """A record's name in the folder of its run."""
 
+LONGEST = 1e9
+"""s from which on what a record tells as its run's length is none."""
+
 Column = NDArray[Any]
 
 
@@ -44,6 +47,11 @@ class Record:
     stages: list[Stage]
     missing: str
     unread: int
+
+    @property
+    def planned(self) -> float | None:
+        """s that the run was to last, or None where the record does not tell."""
+        return _planned(self.about)
 
     @property
     def phase(self) -> list[str]:
@@ -152,7 +160,7 @@ class _Rows:
             words={name: [row[i] for row in self._words] for i, name in enumerate(WORDS)},
             truth=self._truth(),
             stages=self.stages,
-            missing=_missing(messages, float(time[-1]) if len(time) else 0.0),
+            missing=_missing(messages, float(time[-1]) if len(time) else 0.0, _planned(self.about or {})),
             unread=messages.unread,
         )
 
@@ -165,16 +173,23 @@ class _Rows:
         return {name: np.concatenate([truth[name], np.full((lost, size), np.nan)]) for name, size in TRUTH.items()}
 
 
-def _missing(messages: Messages, last: float) -> str:
+def _planned(about: dict[str, Any]) -> float | None:
+    seconds: Any = about.get("duration_s")
+    return float(seconds) if type(seconds) in (int, float) and 0.0 < seconds < LONGEST else None
+
+
+def _missing(messages: Messages, last: float, planned: float | None) -> str:
     """What is missing of a file, in one sentence; empty if nothing is."""
     if messages.complete:
         return ""
-    end = messages.summary.end * 1e-9 if messages.summary is not None else None
-    until = f"{last:.2f} s" if end is None else f"{last:.2f} s of {end:.2f} s"
-    if messages.unread:
-        what = f"{messages.unread} of its {messages.size} bytes"
-        return f"the record is damaged or cut off: it is read up to {until}, {what} are left out"
-    return f"the record was not ended: it is read up to {until}, and what came after that is missing"
+    if messages.summary is not None:
+        until = f"{last:.2f} s of {messages.summary.end * 1e-9:.2f} s"
+        left_out = f"{messages.unread} of its {messages.size} bytes"
+        return f"the record is damaged: it is read up to {until}, {left_out} are left out"
+    until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of the planned {planned:.2f} s"
+    why = "is damaged or cut off" if messages.unread else "was not ended"
+    left_out = f"{messages.unread} bytes that follow are left out, " if messages.unread else ""
+    return f"the record {why}: it is read up to {until}, {left_out}and how much more there was is not known"
 
 
 def _json(data: bytes) -> dict[str, Any]:
