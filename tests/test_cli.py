@@ -169,6 +169,8 @@ def test_a_full_disk_pauses_the_run_and_leaves_what_was_written_readable(
     assert rs.Cause.NOT_RECORDED.value in metrics["cause"] and "No space left" in metrics["not_recorded"]
     rows = record.read(tmp_path / record_name())
     assert 2.5 < rows.time[-1] <= 3.1 and not rows.complete
+    assert main(["show", str(tmp_path), "--out", str(tmp_path / "shown")]) == 0
+    assert "the record ends at" in (said := capsys.readouterr().out) and "s of 6.00 s: what came after" in said
 
 
 def test_the_same_seed_gives_the_same_record(tmp_path: Path) -> None:

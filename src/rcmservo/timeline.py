@@ -1,7 +1,7 @@
 """What happened in a recorded run: the phases and causes one after the other, and the run in a few numbers."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
 from typing import Any, TypeVar
@@ -19,6 +19,9 @@ from rcmservo.record import Record
 from rcmservo.states import Action, Cause, Mode, Phase, Request
 
 USUAL_RATE = 100.0
+
+SLACK = 0.1
+"""s before the planned end of a run within which its last tick may come: a loop in wall time may miss some."""
 
 Name = TypeVar("Name", bound=Enum)
 
@@ -72,11 +75,10 @@ def spans(record: Record) -> list[Span]:
     count = len(record.time)
     rows = list(zip(record.phase, record.cause, stages(record).tolist(), strict=True))
     starts = [i for i in range(count) if i == 0 or rows[i] != rows[i - 1]]
-    last = record.time[-1] + 1.0 / rate(record) if count else 0.0
     return [
         Span(
             start=float(record.time[i]),
-            end=float(record.time[j]) if j < count else float(last),
+            end=float(record.time[j]) if j < count else end(record),
             phase=_named(record, Phase, "phase", i),
             cause=_named(record, Cause, "cause", i),
             asks=_named(record, Action, "asks", i),
@@ -91,6 +93,11 @@ def stages(record: Record) -> NDArray[np.intp]:
     """The number (N,) of every tick's stage."""
     firsts = [stage.first for stage in record.stages]
     return np.maximum(np.searchsorted(firsts, np.arange(len(record.time)), side="right") - 1, 0)
+
+
+def end(record: Record) -> float:
+    """s at which the last tick ends."""
+    return float(record.time[-1]) + 1.0 / rate(record) if len(record.time) else 0.0
 
 
 def rate(record: Record) -> float:
@@ -111,7 +118,7 @@ def summary(record: Record) -> Summary:
     steps = np.diff(number[new])
     dropped = Counter(_named(record, Dropped, "dropped", i) for i in range(len(record.time)))
     return Summary(
-        duration=float(record.time[-1]) + 1.0 / rate(record) if len(record.time) else 0.0,
+        duration=end(record),
         ticks=len(record.time),
         outcome=outcome(record),
         latency=np.array([*np.percentile(latency, [50.0, 99.0]), latency.max()]) if len(new) else np.full(3, np.nan),
@@ -125,15 +132,28 @@ def summary(record: Record) -> Summary:
 
 
 def outcome(record: Record) -> Outcome:
-    """The verdict on the record's last stage, judged as a run is while it happens."""
+    """The verdict on the record's last stage, judged as a run is while it happens, if the record goes to its end."""
     first = record.stages[-1].first if record.stages else 0
     time = record.time[first:]
     if not len(time):
-        return judged(time, np.empty((0, 3)), None, Mode(), 0.0)
+        return _unless_short(record, judged(time, np.empty((0, 3)), None, Mode(), 0.0), Mode())
     mode = Mode(_named(record, Phase, "phase", -1), _named(record, Cause, "cause", -1))
     explored = np.flatnonzero(record.ticks["explored"][first:, 0])
     explored_at = float(time[explored[0]]) if len(explored) else None
-    return judged(time, record.ticks["delta"][first:], explored_at, mode, _away(record))
+    verdict = judged(time, record.ticks["delta"][first:], explored_at, mode, _away(record))
+    return _unless_short(record, verdict, mode)
+
+
+def _unless_short(record: Record, verdict: Outcome, mode: Mode) -> Outcome:
+    """The verdict, unless the record ends before its run did, and in a mode that does not tell why."""
+    planned, last = record.planned, end(record)
+    whole = record.complete if planned is None else last > planned - SLACK
+    over = mode.cause.action >= Action.HOLD or (mode.phase is Phase.DISABLED and record.complete)
+    if whole or over:
+        return verdict
+    until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of {planned:.2f} s"
+    cause = f"the record ends at {until}: what came after is not in it"
+    return replace(verdict, settled=False, cause=cause, settle_time=None)
 
 
 def _away(record: Record) -> float:
