@@ -1,6 +1,6 @@
 """What `show` tells of a record is what happened in the run."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -71,13 +71,33 @@ def test_spans_are_every_tick_in_order_and_no_two_alike_follow(told: Told) -> No
     assert found[0].start == 0.0 and found[-1].end == pytest.approx(rows.time[-1] + 0.01)
     for one, next in pairwise(found):
         assert one.end == next.start and one.length > 0.0
-        assert (one.phase, one.cause, one.stage) != (next.phase, next.cause, next.stage)
+        alike = (one.phase, one.cause, one.stage) == (next.phase, next.cause, next.stage)
+        assert not alike or next.request is not rs.Request.NONE
     starts = [span.start for span in found]
     for i, tick in enumerate(told.ticks):
         span = found[int(np.searchsorted(starts, rows.time[i], side="right")) - 1]
         assert (span.phase, span.cause) == (tick.state.phase, tick.state.cause)
         assert span.asks is tick.state.mode.asks
         assert span.stage == int(i >= told.stages[1])
+
+
+def test_every_request_of_a_person_is_shown_also_one_that_is_refused_once_more(told: Told, tmp_path: Path) -> None:
+    """Three requests to resume, of which none changes phase or cause."""
+    paused = next(tick for tick in told.ticks if tick.state.phase is rs.Phase.PAUSED)
+    asking = {10: rs.Request.RESUME, 20: rs.Request.RESUME, 30: rs.Request.RESUME}
+    with Recorder(tmp_path / record.RECORD, {}) as recorder:
+        recorder.begin(told.servo, told.target)
+        for i in range(40):
+            recorder.write(replace(paused, time=i * 10**7, request=asking.get(i, rs.Request.NONE)))
+    rows = record.read(tmp_path)
+    requests = [(round(span.start, 2), span.request) for span in spans(rows)]
+    assert requests[1:] == [(i * 0.01, request) for i, request in asking.items()]
+    show.draw(rows, tmp_path)
+    assert (tmp_path / "timeline.csv").read_text().count("RESUME") == 3
+    (asked,) = [
+        lane for panel in plots.timeline(rows).panels for lane in panel.lanes if "a person pauses" in lane.label
+    ]
+    assert len(asked.bars) == 3
 
 
 def test_the_summary_is_what_the_ticks_say(told: Told) -> None:

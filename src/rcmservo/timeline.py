@@ -30,7 +30,8 @@ Name = TypeVar("Name", bound=Enum)
 class Span:
     """A stretch of ticks with one phase and one cause, from ``start`` to ``end`` s.
 
-    ``asks`` is the action that was taken in it, and ``request`` what a person asked for at its first tick.
+    ``asks`` is the action that was taken in it, and ``request`` what a person asked for at its first tick; a tick at
+    which a person asked for something always begins one.
     ``stage`` is the number of the run within the record.
     """
 
@@ -74,7 +75,8 @@ def spans(record: Record) -> list[Span]:
     """The record from beginning to end; a stage always begins a span of its own."""
     count = len(record.time)
     rows = list(zip(record.phase, record.cause, stages(record).tolist(), strict=True))
-    starts = [i for i in range(count) if i == 0 or rows[i] != rows[i - 1]]
+    asked = [request != Request.NONE.name for request in record.words["request"]]
+    starts = [i for i in range(count) if i == 0 or asked[i] or rows[i] != rows[i - 1]]
     return [
         Span(
             start=float(record.time[i]),
