@@ -149,7 +149,7 @@ def _write_frames(rows: Record, folder: Path) -> tuple[int, int]:
             continue
         if writer is None:
             writer = RecordingWriter(folder, _mechanism(rows))
-        writer.write_file(jpeg, q, exposure)
+        writer.write(jpeg, q, exposure)
         count += 1
     return count, left_out
 

@@ -7,8 +7,9 @@ written, bit for bit: see chunks.py.
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ LONGEST = 1e9
 """s from which on what a record tells as its run's length is none."""
 
 Column = NDArray[Any]
+Name = TypeVar("Name", bound=Enum)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +69,20 @@ class Record:
     def complete(self) -> bool:
         """Whether nothing is missing."""
         return not self.missing
+
+    def named(self, kind: type[Name], column: str, i: int) -> Name:
+        """The member of an enum that a column of words names at tick `i`."""
+        name = self.words[column][i]
+        try:
+            return kind[name]
+        except KeyError as error:
+            why = f"tells a {column} {name!r} that this version of rcmservo does not know"
+            raise UnusableFile(self.path, why) from error
+
+    def new_frames(self, since: float = 0.0) -> NDArray[np.intp]:
+        """The ticks from `since` s on at which a new frame had come."""
+        new = np.diff(self.ticks["frame"][:, 0], prepend=-1) > 0
+        return np.flatnonzero(new & (self.time >= since))
 
 
 def file_of(path: Path) -> Path:

@@ -2,15 +2,14 @@
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from enum import Enum
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rcmservo.description import rebuild_box
-from rcmservo.errors import BadInput, UnusableFile
+from rcmservo.errors import BadInput
 from rcmservo.faults import LATE_SHARE
 from rcmservo.mechanism import position
 from rcmservo.outcome import Outcome, judged
@@ -22,8 +21,6 @@ USUAL_RATE = 100.0
 
 SLACK = 0.1
 """s before the planned end of a run within which its last tick may come: a loop in wall time may miss some."""
-
-Name = TypeVar("Name", bound=Enum)
 
 
 @dataclass(frozen=True)
@@ -81,10 +78,10 @@ def spans(record: Record) -> list[Span]:
         Span(
             start=float(record.time[i]),
             end=float(record.time[j]) if j < count else end(record),
-            phase=_named(record, Phase, "phase", i),
-            cause=_named(record, Cause, "cause", i),
-            asks=_named(record, Action, "asks", i),
-            request=_named(record, Request, "request", i),
+            phase=record.named(Phase, "phase", i),
+            cause=record.named(Cause, "cause", i),
+            asks=record.named(Action, "asks", i),
+            request=record.named(Request, "request", i),
             stage=int(rows[i][2]),
         )
         for i, j in pairwise([*starts, count])
@@ -113,12 +110,12 @@ def summary(record: Record) -> Summary:
     """The record in a few numbers."""
     ticks = record.ticks
     number = ticks["frame"][:, 0]
-    new = np.flatnonzero(np.diff(number, prepend=-1) > 0)
+    new = record.new_frames()
     same_stage = np.diff(stages(record)) == 0
     gaps = (np.diff(ticks["now"][:, 0]) * 1e-9)[same_stage]
     latency = ticks["latency"][new, 0] * 1e-9
     steps = np.diff(number[new])
-    dropped = Counter(_named(record, Dropped, "dropped", i) for i in range(len(record.time)))
+    dropped = Counter(record.named(Dropped, "dropped", i) for i in range(len(record.time)))
     return Summary(
         duration=end(record),
         ticks=len(record.time),
@@ -139,7 +136,7 @@ def outcome(record: Record) -> Outcome:
     time = record.time[first:]
     if not len(time):
         return _unless_short(record, judged(time, np.empty((0, 3)), None, Mode(), 0.0), Mode())
-    mode = Mode(_named(record, Phase, "phase", -1), _named(record, Cause, "cause", -1))
+    mode = Mode(record.named(Phase, "phase", -1), record.named(Cause, "cause", -1))
     explored = np.flatnonzero(record.ticks["explored"][first:, 0])
     explored_at = float(time[explored[0]]) if len(explored) else None
     verdict = judged(time, record.ticks["delta"][first:], explored_at, mode, _away(record))
@@ -170,13 +167,3 @@ def _away(record: Record) -> float:
     zero = mechanism.insertion_zero + tool.offset
     now, shown = (position(mechanism.kind, zero, q) for q in (record.ticks["q"][-1], stage.target.q))
     return float(np.linalg.norm(now - shown))
-
-
-def _named(record: Record, kind: type[Name], column: str, i: int) -> Name:
-    """The member of an enum that a tick names."""
-    name = record.words[column][i]
-    try:
-        return kind[name]
-    except KeyError as error:
-        why = f"tells a {column} {name!r} that this version of rcmservo does not know"
-        raise UnusableFile(record.path, why) from error
