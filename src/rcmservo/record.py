@@ -36,8 +36,9 @@ class Record:
     """A run as columns: ``time`` (N,) s; ``ticks`` and ``truth`` by name, (N, size) each; names of N ``words`` each,
     of which ``phase`` and ``cause`` stand out; the ``stages``.
 
-    ``about`` is what the run was told: settings, seed, versions. ``missing`` tells in one sentence what could not be
-    read, empty where the record is ``complete``; ``unread`` is how many bytes of the file that are.
+    ``about`` is what the run was told: settings, seed, versions, how long it was ``planned`` to last. ``missing`` tells
+    in one sentence what could not be read, empty where the record is ``complete``; ``unread`` is how many bytes of the
+    file that are.
     """
 
     path: Path
