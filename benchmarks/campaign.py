@@ -46,7 +46,7 @@ STOPS = {rs.Phase.HOLD, rs.Phase.PAUSED, rs.Phase.FAULT}
 
 @dataclass
 class Run:
-    """What became of one run."""
+    """What became of one run: ``resumed`` counts the requests to go on that the servo followed."""
 
     seed: int
     disturbances: list[str]

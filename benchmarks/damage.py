@@ -1,10 +1,12 @@
-"""Damaged records: cut at every 1000th byte, and with 10,000 single bits flipped. Is anything wrong taken for right?
+"""Damaged records: cut, and with single bits flipped. Is anything wrong taken for right?
 
     python benchmarks/damage.py [--flips N] [--step BYTES]
 
-Twice: a run of 1.5 s, and one of 0.5 s with its frames. A damaged record may be refused with a sentence, be read up to
-the damage and say that something is missing, or be read whole because nothing of it is missing. What is read must be
-what was written, bit for bit. The process may take 256 MiB more than at the start; whatever asks for more fails.
+They are cut at every 1000th byte, 10,000 bits are flipped by chance, and so is every bit of the kind and the length of
+each record that the file's data are made of. Twice: a run of 1.5 s in three stages, and one of 0.5 s with its frames. A
+damaged record may be refused with a sentence, be read up to the damage and say that something is missing, or be read
+whole because nothing of it is missing. What is read must be what was written, bit for bit. The process may take 256 MiB
+more than at the start; whatever asks for more fails.
 """
 
 import argparse
@@ -17,16 +19,21 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from struct import unpack_from
 
 import numpy as np
 
 import rcmservo as rs
 from rcmservo import record
+from rcmservo.chunks import DATA_END, MAGIC
 from rcmservo.plant import Image
 from rcmservo.recorder import Recorder
 from rcmservo.tracking import PointMarkers
 
 ROOM = 256 * 2**20
+HEAD = 9
+"""Bytes of a record's kind and length."""
+
 REFUSED, SHORT, WHOLE = "refused with a sentence", "read up to the damage", "read whole, nothing missing"
 
 
@@ -39,8 +46,8 @@ class Original:
     frames: list[tuple[int, Image]]
 
 
-def original(folder: Path, duration: float, pictures: bool) -> Original:
-    """A simulated run's record, with its frames (small ones) or without."""
+def original(folder: Path, duration: float, pictures: bool, stages: int = 1) -> Original:
+    """A simulated run's record, of one stage or of several equal ones, with its frames (small ones) or without."""
     settings = replace(rs.sim.RigSettings(), width=160, height=120)
     rig = rs.sim.Rig(1, settings, pictures=False)
     plant = rs.Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
@@ -49,15 +56,17 @@ def original(folder: Path, duration: float, pictures: bool) -> Original:
     target = rs.teach(plant, frames=5)
     rig.go_home()
     random = np.random.default_rng(0)
-    path = folder / record.RECORD
+    path, state = folder / record.RECORD, None
     with Recorder(path, {"seed": 1, "settings": {"name": "damage"}}) as recorder:
-        recorder.begin(servo, target)
-        for count, tick in enumerate(rs.run(plant, servo, target, duration)):
-            recorder.write(tick)
-            recorder.write_truth(tick.state.p1, tick.state.p1, 0.1)
-            if pictures and count % 2:
-                noise = random.integers(0, 30, (120, 160, 3)).astype(np.uint8)
-                recorder.write_frame(rs.Frame(count, tick.seen.now, tick.seen.now, image=noise))
+        for _ in range(stages):
+            recorder.begin(servo, target, state)
+            for count, tick in enumerate(rs.run(plant, servo, target, duration / stages, state=state)):
+                recorder.write(tick)
+                recorder.write_truth(tick.seen.q, tick.state.command.rates, 0.1)
+                if pictures and count % 2:
+                    noise = random.integers(0, 30, (120, 160, 3)).astype(np.uint8)
+                    recorder.write_frame(rs.Frame(count, tick.seen.now, tick.seen.now, image=noise))
+            state = tick.state
     return Original(path.read_bytes(), record.read(path), list(record.frames(path)))
 
 
@@ -80,7 +89,8 @@ def read(path: Path, before: Original) -> str:
         known = ~np.isnan(rows.truth[name]).any(axis=1)
         assert count - known.sum() <= 1 or not len(known)
         assert rows.truth[name][known].tobytes() == column[:count][known].tobytes(), name
-    for stage, told in zip(rows.stages, whole.stages, strict=len(rows.stages) > 0):
+    assert len(rows.stages) >= sum(stage.first < count for stage in whole.stages)
+    for stage, told in zip(rows.stages, whole.stages, strict=rows.complete):
         assert (stage.first, stage.origin, stage.servo) == (told.first, told.origin, told.servo)
         assert stage.target.points.tobytes() == told.target.points.tobytes()
     assert rows.complete == (rows.missing == "")
@@ -115,6 +125,25 @@ def flips(before: Original, count: int, seed: int = 0) -> Iterator[bytes]:
         data[place] ^= 1 << bit
 
 
+def heads(data: bytes) -> Iterator[int]:
+    """Where the records of a file's data begin: header, chunks, indexes, and the end of them."""
+    place, kind = len(MAGIC), 0
+    while kind != DATA_END:
+        yield place
+        kind, length = unpack_from("<BQ", data, place)
+        place += HEAD + length
+
+
+def head_flips(before: Original) -> Iterator[bytes]:
+    """The record with one bit flipped in the kind or the length of one of its records: every such bit in turn."""
+    data = bytearray(before.data)
+    for head in heads(before.data):
+        for bit in range(8 * HEAD):
+            data[head + bit // 8] ^= 1 << bit % 8
+            yield bytes(data)
+            data[head + bit // 8] ^= 1 << bit % 8
+
+
 def judge(name: str, damaged: Iterator[bytes], before: Original, path: Path) -> int:
     """Read them all, print what came of them, and return how often that was wrong."""
     outcomes: Counter[str] = Counter()
@@ -147,10 +176,13 @@ def main() -> None:
     wrong = 0
     with tempfile.TemporaryDirectory() as folder:
         originals = {}
-        for name, duration, pictures in (("run of 1.5 s", 1.5, False), ("run of 0.5 s with frames", 0.5, True)):
+        for name, duration, pictures, stages in (
+            ("run of 1.5 s", 1.5, False, 3),
+            ("run of 0.5 s with frames", 0.5, True, 1),
+        ):
             place = Path(folder) / name
             place.mkdir()
-            originals[name] = original(place, duration, pictures)
+            originals[name] = original(place, duration, pictures, stages)
         gc.collect()
         limit_memory()
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -158,6 +190,7 @@ def main() -> None:
         for name, one in originals.items():
             print(f"{name}: {len(one.rows.time)} ticks, {len(one.frames)} frames, {len(one.data)} bytes")
             wrong += judge("  cut", cuts(one, asked.step), one, path)
+            wrong += judge("  one bit of a kind or length flipped", head_flips(one), one, path)
             wrong += judge("  one bit flipped", flips(one, asked.flips), one, path)
         grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
     print(f"resident memory grew by {grown:.0f} MiB; {wrong} wrong")

@@ -161,7 +161,7 @@ def test_what_cannot_be_done_is_one_sentence(
 
 
 def test_a_full_disk_pauses_the_run_and_leaves_what_was_written_readable(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     arguments = ["--seed", "4", "--duration", "6", "--no-video", "--json", "--disturb", "disk_full:at=3"]
     assert main(["run", *arguments, "--out", str(tmp_path)]) == 1
@@ -169,6 +169,9 @@ def test_a_full_disk_pauses_the_run_and_leaves_what_was_written_readable(
     assert rs.Cause.NOT_RECORDED.value in metrics["cause"] and "No space left" in metrics["not_recorded"]
     rows = record.read(tmp_path / record_name())
     assert 2.5 < rows.time[-1] <= 3.1 and not rows.complete
+    monkeypatch.setenv("COLUMNS", "200")
+    assert main(["show", str(tmp_path), "--out", str(tmp_path / "shown")]) == 0
+    assert f"the record ends at {rows.time[-1] + 0.01:.2f} s of 6.00 s" in capsys.readouterr().out
 
 
 def test_the_same_seed_gives_the_same_record(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import zstandard
-from damage import SHORT, WHOLE, Original, cuts, flips, original, read
+from damage import REFUSED, SHORT, WHOLE, Original, cuts, flips, head_flips, heads, original, read
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
@@ -35,6 +35,11 @@ def pictured(tmp_path_factory: pytest.TempPathFactory) -> Original:
     return original(tmp_path_factory.mktemp("pictured"), 0.2, pictures=True)
 
 
+@pytest.fixture(scope="module")
+def staged_run(tmp_path_factory: pytest.TempPathFactory) -> Original:
+    return original(tmp_path_factory.mktemp("staged"), 0.3, pictures=False, stages=3)
+
+
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "damaged.mcap"
@@ -56,6 +61,8 @@ def test_a_cut_record_tells_how_much_is_missing(plain: Original, path: Path) -> 
     path.write_bytes(plain.data[: len(plain.data) // 2])
     rows = record.read(path)
     assert f"read up to {rows.time[-1]:.2f} s" in rows.missing
+    assert "how much more there was is not known" in rows.missing
+    assert str(len(plain.data) // 2) not in rows.missing, "of a file that was cut its size tells nothing"
     assert 0 < rows.unread < 8000
     path.write_bytes(plain.data[: len(plain.data) // 2] + b"\0" + plain.data[len(plain.data) // 2 + 1 :])
     rows = record.read(path)
@@ -71,6 +78,30 @@ def test_a_flipped_bit_never_gives_wrong_data(which: str, path: Path, request: p
         path.write_bytes(data)
         outcomes.add(read(path, before))
     assert {SHORT, WHOLE} <= outcomes
+
+
+def test_every_bit_of_every_kind_and_length_may_flip(staged_run: Original, path: Path) -> None:
+    assert len(staged_run.rows.stages) == 3
+    outcomes = []
+    for data in head_flips(staged_run):
+        path.write_bytes(data)
+        outcomes.append(read(path, staged_run))
+    assert len(outcomes) == 72 * len(list(heads(staged_run.data)))
+    assert outcomes.count(SHORT) > 0.5 * len(outcomes)
+
+
+def test_a_chunk_that_is_taken_for_an_index_is_the_damage_up_to_which_is_read(staged_run: Original, path: Path) -> None:
+    """Of all chunks: also of one that holds a stage alone, without which ticks would seem to be of the stage before."""
+    chunks_at = [place for place in heads(staged_run.data) if staged_run.data[place] == CHUNK]
+    told = []
+    for place in chunks_at:
+        data = bytearray(staged_run.data)
+        data[place] ^= 1
+        path.write_bytes(data)
+        told.append(read(path, staged_run))
+        if told[-1] == SHORT:
+            assert record.read(path).unread == len(data) - place
+    assert told == [REFUSED] + [SHORT] * (len(chunks_at) - 1)
 
 
 def test_every_bit_of_a_records_start_and_end_may_flip(plain: Original, path: Path) -> None:
@@ -225,6 +256,31 @@ def forged(contents: list[tuple[str, bytes]], definitions: dict[str, str] | None
         writer.add_message(channels[topic], 0, data, 0, counts[topic])
     writer.finish()
     return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ("8.0", " of the planned 8.00 s"),
+        ("8", " of the planned 8.00 s"),
+        ("true", ""),
+        ("-1", ""),
+        ("NaN", ""),
+        ('"8"', ""),
+        ("1" + "0" * 400, ""),
+    ],
+)
+def test_a_record_without_an_end_tells_how_long_the_run_was_to_last_if_it_knows(
+    told: str, words: str, path: Path
+) -> None:
+    data = forged([("rcmservo/about", messages.text(f'{{"duration_s": {told}}}'))])
+    until, unknown = f"it is read up to 0.00 s{words}, ", "how much more there was is not known"
+    end = len(MAGIC) + sum(map(len, records(data)[:3]))
+    path.write_bytes(data[:end])
+    assert record.read(path).missing == f"the record was not ended: {until}and {unknown}"
+    path.write_bytes(data[: end + 3])
+    cut = f"the record is damaged or cut off: {until}3 bytes that follow are left out, and {unknown}"
+    assert record.read(path).missing == cut
 
 
 ABOUT = ("rcmservo/about", messages.text("{}"))

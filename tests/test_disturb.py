@@ -20,7 +20,8 @@ from rcmservo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, Rig
 from rcmservo.sim.disturb import KINDS, causes_of, describe, random_disturbances
 from rcmservo.sim.disturb.veils import Smoke
-from rcmservo.states import Cause, Phase
+from rcmservo.sim.person import Person, attended
+from rcmservo.states import Cause, Phase, Request
 from rcmservo.tracking import ColourMarkers, PointMarkers
 
 ONSET = 2.6
@@ -439,3 +440,17 @@ def test_a_camera_that_was_moved_sees_the_tool_where_its_new_optics_say(text: st
     assert jump.max() > 5.0
     if text.startswith("bump"):
         assert np.all(np.abs(jump - 30.0) < 8.0)
+
+
+def test_a_person_counts_the_requests_after_which_the_servo_went_on_apart_from_those_that_it_refused() -> None:
+    rig = rig_with("marker_loss:at=2.6,for=3.5")
+    plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    rig.show_target()
+    target = teach(plant)
+    rig.go_home()
+    rig.begin()
+    person = Person(rig, plant, 9)
+    ticks = list(attended(rig, plant, Servo(rig.settings.mechanism, rig.settings.tool), target, 8.0, person))
+    answers = [tick.state.phase for tick in ticks if tick.request is Request.RESUME]
+    assert answers == [Phase.PAUSED, Phase.PAUSED, Phase.ACQUIRE]
+    assert (person.resumed, person.refused) == (1, 2)

@@ -1,6 +1,6 @@
 """What `show` tells of a record is what happened in the run."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -28,6 +28,8 @@ class Told:
     ticks: list[rs.Tick]
     stages: list[int]
     judge: Judge
+    servo: rs.Servo
+    target: rs.Target
 
 
 def lose(seen: rs.Observation) -> rs.Observation:
@@ -60,7 +62,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> Told:
                 ticks.append(tick)
                 judge.add(tick)
             state = ticks[-1].state
-    return Told(path, ticks, stages, judge)
+    return Told(path, ticks, stages, judge, servo, target)
 
 
 def test_spans_are_every_tick_in_order_and_no_two_alike_follow(told: Told) -> None:
@@ -69,13 +71,33 @@ def test_spans_are_every_tick_in_order_and_no_two_alike_follow(told: Told) -> No
     assert found[0].start == 0.0 and found[-1].end == pytest.approx(rows.time[-1] + 0.01)
     for one, next in pairwise(found):
         assert one.end == next.start and one.length > 0.0
-        assert (one.phase, one.cause, one.stage) != (next.phase, next.cause, next.stage)
+        alike = (one.phase, one.cause, one.stage) == (next.phase, next.cause, next.stage)
+        assert not alike or next.request is not rs.Request.NONE
     starts = [span.start for span in found]
     for i, tick in enumerate(told.ticks):
         span = found[int(np.searchsorted(starts, rows.time[i], side="right")) - 1]
         assert (span.phase, span.cause) == (tick.state.phase, tick.state.cause)
         assert span.asks is tick.state.mode.asks
         assert span.stage == int(i >= told.stages[1])
+
+
+def test_every_request_of_a_person_is_shown_also_one_that_is_refused_once_more(told: Told, tmp_path: Path) -> None:
+    """Three requests to resume, of which none changes phase or cause."""
+    paused = next(tick for tick in told.ticks if tick.state.phase is rs.Phase.PAUSED)
+    asking = {10: rs.Request.RESUME, 20: rs.Request.RESUME, 30: rs.Request.RESUME}
+    with Recorder(tmp_path / record.RECORD, {}) as recorder:
+        recorder.begin(told.servo, told.target)
+        for i in range(40):
+            recorder.write(replace(paused, time=i * 10**7, request=asking.get(i, rs.Request.NONE)))
+    rows = record.read(tmp_path)
+    requests = [(round(span.start, 2), span.request) for span in spans(rows)]
+    assert requests[1:] == [(i * 0.01, request) for i, request in asking.items()]
+    show.draw(rows, tmp_path)
+    assert (tmp_path / "timeline.csv").read_text().count("RESUME") == 3
+    (asked,) = [
+        lane for panel in plots.timeline(rows).panels for lane in panel.lanes if "a person pauses" in lane.label
+    ]
+    assert len(asked.bars) == 3
 
 
 def test_the_summary_is_what_the_ticks_say(told: Told) -> None:
@@ -125,6 +147,54 @@ def test_a_cut_record_is_shown_with_what_is_missing(
     text = " ".join(capsys.readouterr().out.replace("│", " ").split())
     assert "damaged or cut off" in text
     assert "as far as the record can be read" in text
+
+
+def recorded_until(told: Told, path: Path, seconds: float, **about: object) -> Path:
+    """The record of the second stage alone, until it was stopped."""
+    with Recorder(path, about) as recorder:
+        recorder.begin(told.servo, told.target)
+        for tick in told.ticks[told.stages[1] :]:
+            if tick.time < seconds * 1e9:
+                recorder.write(tick)
+    return path
+
+
+@pytest.mark.parametrize(("until", "planned"), [(7.0, 8.0), (0.5, 60.0), (8.5, 8.7)])
+def test_a_record_that_ends_before_its_run_was_to_end_gives_no_verdict_on_it(
+    until: float, planned: float, told: Told, tmp_path: Path
+) -> None:
+    rows = record.read(recorded_until(told, tmp_path / "r.mcap", until, duration_s=planned))
+    got = summary(rows).outcome
+    assert rows.complete
+    assert (got.settled, got.settle_time) == (False, None)
+    assert got.cause == f"the record ends at {until:.2f} s of {planned:.2f} s: what came after is not in it"
+
+
+@pytest.mark.parametrize("about", [{"duration_s": 8.5}, {"duration_s": 8.55}, {"duration_s": 3.0}, {}])
+def test_a_record_that_holds_its_run_to_the_end_gives_its_verdict(
+    about: dict[str, float], told: Told, tmp_path: Path
+) -> None:
+    assert summary(record.read(recorded_until(told, tmp_path / "r.mcap", 8.5, **about))).outcome.settled
+
+
+def test_a_run_that_was_over_before_its_time_keeps_the_words_that_ended_it(told: Told, tmp_path: Path) -> None:
+    paused = next(tick for tick in told.ticks[told.stages[1] :] if tick.state.phase is rs.Phase.PAUSED)
+    path = recorded_until(told, tmp_path / "r.mcap", paused.time * 1e-9 + 0.001, duration_s=60.0)
+    assert summary(record.read(path)).outcome.cause == rs.Cause.ASKED.words
+
+
+@pytest.mark.parametrize(("about", "words"), [({"duration_s": 8.5}, " s of 8.50 s"), ({}, " s: ")])
+def test_a_record_cut_anywhere_never_says_settled_or_that_time_ran_out(
+    about: dict[str, float], words: str, told: Told, tmp_path: Path
+) -> None:
+    data = recorded_until(told, tmp_path / "whole.mcap", 8.5, **about).read_bytes()
+    causes = []
+    for share in (0.02, 0.2, 0.5, 0.7, 0.95):
+        (tmp_path / "cut.mcap").write_bytes(data[: int(len(data) * share)])
+        got = summary(record.read(tmp_path / "cut.mcap")).outcome
+        assert not got.settled and "time ran out" not in got.cause
+        causes.append(got.cause)
+    assert all(cause.startswith("the record ends at ") and words in cause for cause in causes)
 
 
 def test_a_record_of_nothing_yet_is_shown_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

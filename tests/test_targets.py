@@ -1,6 +1,7 @@
 """A target on disk comes back bit for bit to the setup that saw it, and to nothing else."""
 
 import json
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -110,6 +111,16 @@ def test_what_is_no_target_is_refused(data: bytes, reason: str, tmp_path: Path) 
         targets.load(path, SETUP)
     assert reason in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_a_repeated_key_among_very_many_is_found_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "target.json"
+    keys = [f'"{i}":1' for i in range(7000)]
+    path.write_text("{" + ",".join([*keys, keys[-1]]) + "}")
+    started = time.process_time()
+    with pytest.raises(rs.UnusableFile, match="two of the key '6999'"):
+        targets.load(path, SETUP)
+    assert time.process_time() - started < 0.2
 
 
 def test_a_digit_that_changed_is_found_by_the_checksum(path: Path) -> None:

@@ -1,13 +1,16 @@
 """The messages of an MCAP file that are certainly as they were written, up to its end or its first damage.
 
 Only what lies in a chunk counts, because only that carries a checksum. Every message has a number that rises by one
-from message to message of its topic, so that none can be missing unnoticed. No length in the file is believed before it
-is compared with what is there, so that reading takes little memory, whatever the bytes.
+from message to message of its topic, so that none can be missing unnoticed. Between the chunks stands only what the
+recorder writes there: a chunk that is taken for anything else is damage, not something to pass over. No length in the
+file is believed before it is compared with what is there, so that reading takes little memory, whatever the bytes.
 """
 
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -17,9 +20,9 @@ import zstandard
 from rcmservo.errors import UnusableFile
 
 MAGIC = b"\x89MCAP0\r\n"
-CHUNK, DATA_END, FOOTER, STATISTICS = 0x06, 0x0F, 0x02, 0x0B
+HEADER, CHUNK, MESSAGE_INDEX, DATA_END = 0x01, 0x06, 0x07, 0x0F
 SCHEMA, CHANNEL, MESSAGE = 0x03, 0x04, 0x05
-KNOWN = range(0x01, 0x10)
+FOOTER, STATISTICS = 0x02, 0x0B
 
 LARGEST = 32 * 2**20
 """Largest chunk in bytes, packed or unpacked."""
@@ -31,6 +34,9 @@ RATIO = 32
 _RECORD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQI")
 _MESSAGE = struct.Struct("<HIQQ")
+_INDEX = struct.Struct("<HI")
+_ENTRY = struct.Struct("<QQ")
+_CHECKSUM = 4
 _FOOTER = struct.Struct("<BQQQI")
 _STATISTICS = struct.Struct("<QHIIIIQQI")
 
@@ -77,6 +83,7 @@ class Messages:
         self.summary: Summary | None = None
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, Channel] = {}
+        self._chunk: Counter[int] = Counter()
         self._room = 0
 
     @property
@@ -100,41 +107,65 @@ class Messages:
             raise UnusableFile(self.path, f"cannot be read: {error.strerror}") from error
 
     def _read(self, file: BinaryIO) -> Iterator[Message]:
-        """The messages of chunk after chunk."""
-        try:
-            while self.size - self.place >= _RECORD.size:
-                file.seek(self.place)
-                opcode, length = _RECORD.unpack(_exactly(file, _RECORD.size))
-                if opcode not in KNOWN or length > self.size - self.place - _RECORD.size:
-                    raise _Damage
-                if opcode == CHUNK:
-                    yield from self._messages(self._unpacked(file, length))
-                self.place += _RECORD.size + length
-                if opcode == DATA_END:
-                    break
-            read = {number: channel.read for number, channel in self._channels.items() if channel.read}
-            self.complete = self.summary is not None and read == self.summary.counts
-        except _Damage:
-            return
+        """The messages up to the end or to the damage, and then whether they are all that the file's end tells of."""
+        with suppress(_Damage):
+            yield from self._chunks(file)
+        read = {number: channel.read for number, channel in self._channels.items() if channel.read}
+        self.complete = self.summary is not None and read == self.summary.counts
 
-    def _unpacked(self, file: BinaryIO, length: int) -> bytes:
-        """A chunk's content, as its checksum says it was written."""
-        if not _CHUNK.size + 12 <= length <= LARGEST:
+    def _chunks(self, file: BinaryIO) -> Iterator[Message]:
+        """The messages of chunk after chunk."""
+        opcode = HEADER
+        while opcode != DATA_END and self.size - self.place >= _RECORD.size:
+            opcode, body = self._record(file)
+            if opcode == CHUNK:
+                yield from self._messages(self._unpacked(body))
+            elif opcode == MESSAGE_INDEX:
+                self._check_index(body)
+            self.place += _RECORD.size + len(body)
+
+    def _record(self, file: BinaryIO) -> tuple[int, bytes]:
+        """The record at the place: a header, which comes first, a chunk, an index, or the end of the data."""
+        file.seek(self.place)
+        opcode, length = _RECORD.unpack(_exactly(file, _RECORD.size))
+        if length > min(self.size - self.place - _RECORD.size, LARGEST):
             raise _Damage
-        record = _exactly(file, length)
+        body = _exactly(file, length)
+        if self.place == len(MAGIC):
+            sound = opcode == HEADER and _text(body, _text(body, 0)[1])[1] == length
+        else:
+            sound = opcode in (CHUNK, MESSAGE_INDEX) or (opcode == DATA_END and length == _CHECKSUM)
+        if not sound:
+            raise _Damage
+        return opcode, body
+
+    def _unpacked(self, record: bytes) -> bytes:
+        """A chunk's content, as its checksum says it was written."""
+        if len(record) < _CHUNK.size:
+            raise _Damage
         _, _, size, checksum = _CHUNK.unpack_from(record)
         compression, place = _text(record, _CHUNK.size)
         packed, end = _bytes(record, place, "<Q")
         self._room -= size
-        if end != length or size > LARGEST or self._room < 0 or compression not in ("", "zstd"):
+        if end != len(record) or size > LARGEST or self._room < 0 or compression not in ("", "zstd"):
             raise _Damage
         data = _decompressed(packed, size) if compression else packed
         if len(data) != size or zlib.crc32(data) != checksum:
             raise _Damage
         return data
 
+    def _check_index(self, record: bytes) -> None:
+        """An index must have an entry for every message that the chunk before it holds of a channel."""
+        if len(record) < _INDEX.size:
+            raise _Damage
+        number, length = _INDEX.unpack_from(record)
+        expected = self._chunk.pop(number, 0) * _ENTRY.size
+        if not 0 < length == expected == len(record) - _INDEX.size:
+            raise _Damage
+
     def _messages(self, data: bytes) -> Iterator[Message]:
         """The messages of a chunk; schemas and channels are learnt on the way."""
+        self._chunk.clear()
         place, end = 0, len(data)
         while place < end:
             if end - place < _RECORD.size:
@@ -161,6 +192,7 @@ class Messages:
         if channel is None or sequence != channel.read:
             raise _Damage
         channel.read += 1
+        self._chunk[number] += 1
         return Message(channel.topic, channel.definition, time, record[_MESSAGE.size :])
 
     def _learn_schema(self, record: bytes) -> None:

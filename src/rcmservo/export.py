@@ -78,24 +78,29 @@ def export(path: Path, folder: Path) -> Exported:
     rows = record.read(path)
     _write_csv(rows, folder / "ticks.csv")
     with (folder / "record.npz").open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays(rows))
+        np.savez_compressed(file, **arrays(rows))
     frames, left_out = _write_frames(rows, folder / "recording")
     return Exported(len(rows.time), frames, left_out, rows.missing)
 
 
 def arrays(rows: Record) -> dict[str, Any]:
-    """A record as plain arrays by name: time s, ticks, truth and words (N, …), and the stages (S, …)."""
+    """A record as plain arrays by name: time s, ticks, truth and words (N, …), and the stages (S, …).
+
+    None is of Python's objects, which could only be kept as a pickle.
+    """
     return {
         "time": rows.time,
         **rows.ticks,
         **{f"truth_{name}": column for name, column in rows.truth.items()},
         **{name: np.array(words, dtype=np.str_) for name, words in rows.words.items()},
         "stage_first": np.array([stage.first for stage in rows.stages], dtype=np.int64),
-        "stage_target_points": np.array([stage.target.points for stage in rows.stages]).reshape(-1, 2, 2),
-        "stage_target_q": np.array([stage.target.q for stage in rows.stages]).reshape(-1, 3),
+        "stage_target_points": np.array([stage.target.points for stage in rows.stages], dtype=np.float64).reshape(
+            -1, 2, 2
+        ),
+        "stage_target_q": np.array([stage.target.q for stage in rows.stages], dtype=np.float64).reshape(-1, 3),
         "stage_servo": np.array([json.dumps(stage.servo) for stage in rows.stages], dtype=np.str_),
-        "about": np.array(json.dumps(rows.about)),
-        "missing": np.array(rows.missing),
+        "about": np.array(json.dumps(rows.about), dtype=np.str_),
+        "missing": np.array(rows.missing, dtype=np.str_),
     }
 
 
@@ -144,7 +149,7 @@ def _write_frames(rows: Record, folder: Path) -> tuple[int, int]:
             continue
         if writer is None:
             writer = RecordingWriter(folder, _mechanism(rows))
-        writer.write_file(jpeg, q, exposure)
+        writer.write(jpeg, q, exposure)
         count += 1
     return count, left_out
 

@@ -88,7 +88,7 @@ def estimate(record: Record) -> Figure:
 
 def projection(record: Record, since: float = 0.0) -> Figure:
     """The measured m₁ and π (34), both from o_c, over the time from `since` s on: Fig. 11."""
-    new = new_frames(record, since)
+    new = record.new_frames(since)
     m1 = record.ticks["points"][new, :2] - record.ticks["o_c"][new]
     names = ("$u_1, \\pi_u$ [px]", "$v_1, \\pi_v$ [px]")
     legend = "measured $\\mathbf{m}_1$", "estimate $\\mathbf{\\pi}$ (34)"
@@ -97,17 +97,11 @@ def projection(record: Record, since: float = 0.0) -> Figure:
 
 def flow(record: Record) -> Figure:
     """The measured ẏ and ω = Ĵ ṗ₁ (35): Fig. 12."""
-    new = new_frames(record)
+    new = record.new_frames()
     y_dot, omega = flows(record, new)
     names = ("$\\dot s, \\omega_1$ [deg/s]", "$\\dot r, \\omega_2$ [px/s]", "$\\dot d, \\omega_3$ [px/s]")
     legend = "measured $\\dot{\\mathbf{y}}$", "estimate $\\mathbf{\\omega}$ (35)"
     return _compared("Output flow", record, new[1:], y_dot * DEGREES, omega * DEGREES, names, legend)
-
-
-def new_frames(record: Record, since: float = 0.0) -> NDArray[np.intp]:
-    """The ticks from `since` s on at which a new frame had come."""
-    new = np.diff(record.ticks["frame"][:, 0], prepend=-1.0) > 0
-    return np.flatnonzero(new & (record.time >= since))
 
 
 def flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:

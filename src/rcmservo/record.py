@@ -7,8 +7,9 @@ written, bit for bit: see chunks.py.
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,11 @@ from rcmservo.tracking import decode_image
 RECORD = "record.mcap"
 """A record's name in the folder of its run."""
 
+LONGEST = 1e9
+"""s from which on what a record tells as its run's length is none."""
+
 Column = NDArray[Any]
+Name = TypeVar("Name", bound=Enum)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +36,9 @@ class Record:
     """A run as columns: ``time`` (N,) s; ``ticks`` and ``truth`` by name, (N, size) each; names of N ``words`` each,
     of which ``phase`` and ``cause`` stand out; the ``stages``.
 
-    ``about`` is what the run was told: settings, seed, versions. ``missing`` tells in one sentence what could not be
-    read, empty where the record is ``complete``; ``unread`` is how many bytes of the file that are.
+    ``about`` is what the run was told: settings, seed, versions, how long it was ``planned`` to last. ``missing`` tells
+    in one sentence what could not be read, empty where the record is ``complete``; ``unread`` is how many bytes of the
+    file that are.
     """
 
     path: Path
@@ -44,6 +50,11 @@ class Record:
     stages: list[Stage]
     missing: str
     unread: int
+
+    @property
+    def planned(self) -> float | None:
+        """s that the run was to last, or None where the record does not tell."""
+        return _planned(self.about)
 
     @property
     def phase(self) -> list[str]:
@@ -59,6 +70,20 @@ class Record:
     def complete(self) -> bool:
         """Whether nothing is missing."""
         return not self.missing
+
+    def named(self, kind: type[Name], column: str, i: int) -> Name:
+        """The member of an enum that a column of words names at tick `i`."""
+        name = self.words[column][i]
+        try:
+            return kind[name]
+        except KeyError as error:
+            why = f"tells a {column} {name!r} that this version of rcmservo does not know"
+            raise UnusableFile(self.path, why) from error
+
+    def new_frames(self, since: float = 0.0) -> NDArray[np.intp]:
+        """The ticks from `since` s on at which a new frame had come."""
+        new = np.diff(self.ticks["frame"][:, 0], prepend=-1) > 0
+        return np.flatnonzero(new & (self.time >= since))
 
 
 def file_of(path: Path) -> Path:
@@ -152,7 +177,7 @@ class _Rows:
             words={name: [row[i] for row in self._words] for i, name in enumerate(WORDS)},
             truth=self._truth(),
             stages=self.stages,
-            missing=_missing(messages, float(time[-1]) if len(time) else 0.0),
+            missing=_missing(messages, float(time[-1]) if len(time) else 0.0, _planned(self.about or {})),
             unread=messages.unread,
         )
 
@@ -165,16 +190,23 @@ class _Rows:
         return {name: np.concatenate([truth[name], np.full((lost, size), np.nan)]) for name, size in TRUTH.items()}
 
 
-def _missing(messages: Messages, last: float) -> str:
+def _planned(about: dict[str, Any]) -> float | None:
+    seconds: Any = about.get("duration_s")
+    return float(seconds) if type(seconds) in (int, float) and 0.0 < seconds < LONGEST else None
+
+
+def _missing(messages: Messages, last: float, planned: float | None) -> str:
     """What is missing of a file, in one sentence; empty if nothing is."""
     if messages.complete:
         return ""
-    end = messages.summary.end * 1e-9 if messages.summary is not None else None
-    until = f"{last:.2f} s" if end is None else f"{last:.2f} s of {end:.2f} s"
-    if messages.unread:
-        what = f"{messages.unread} of its {messages.size} bytes"
-        return f"the record is damaged or cut off: it is read up to {until}, {what} are left out"
-    return f"the record was not ended: it is read up to {until}, and what came after that is missing"
+    if messages.summary is not None:
+        until = f"{last:.2f} s of {messages.summary.end * 1e-9:.2f} s"
+        left_out = f"{messages.unread} of its {messages.size} bytes"
+        return f"the record is damaged: it is read up to {until}, {left_out} are left out"
+    until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of the planned {planned:.2f} s"
+    why = "is damaged or cut off" if messages.unread else "was not ended"
+    left_out = f"{messages.unread} bytes that follow are left out, " if messages.unread else ""
+    return f"the record {why}: it is read up to {until}, {left_out}and how much more there was is not known"
 
 
 def _json(data: bytes) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A folder of frames with the joints at each: what a recording of a real arm is, and what `run --frames` writes.
+"""A folder of frames with the joints at each: what a recording of a real arm is, and what `export` makes.
 
     poses.csv      frame, three joint columns (rad, rad, m), and where known x_m, y_m, z_m and time_s
     frames/NN.jpg  or .png, one for every row
@@ -16,9 +16,9 @@ import numpy as np
 
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.mechanism import Kinematics
-from rcmservo.plant import Floats, Frame, Image
+from rcmservo.plant import Floats, Frame
 from rcmservo.tool import Tool
-from rcmservo.tracking import encode_image, read_image
+from rcmservo.tracking import read_image
 
 JOINT_COLUMNS = {
     "spherical": ("theta_rad", "phi_rad", "rho_m"),
@@ -123,12 +123,8 @@ class RecordingWriter:
         columns = ("frame", *JOINT_COLUMNS[mechanism.name], *POSITION_COLUMNS, "time_s")
         (folder / "poses.csv").write_text(",".join(columns) + "\n")
 
-    def write(self, image: Image, q: Floats, exposure: int) -> None:
-        """Add one picture, the joints q (3,) at its exposure, and that moment in ns."""
-        self.write_file(encode_image(image), q, exposure)
-
-    def write_file(self, jpeg: bytes, q: Floats, exposure: int) -> None:
-        """Add one picture that is a JPEG file already."""
+    def write(self, jpeg: bytes, q: Floats, exposure: int) -> None:
+        """Add one picture as a JPEG file, the joints q (3,) at its exposure, and that moment in ns."""
         name = f"{self._count:05d}"
         (self._folder / "frames" / f"{name}.jpg").write_bytes(jpeg)
         numbers = np.concatenate([q * METRES, self._mechanism.position(q) * 1e-3])

@@ -7,9 +7,7 @@ the camera would have seen something else.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from enum import Enum
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +22,6 @@ from rcmservo.record import Column, Record
 from rcmservo.servo import Servo, State
 from rcmservo.stage import ELSEWHERE, NOTHING, Stage
 from rcmservo.states import Request
-
-Name = TypeVar("Name", bound=Enum)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +79,7 @@ def _ticks(then: Record, given: Servo | None) -> Iterator[tuple[Tick, Servo]]:
         state = _begun(then, stage, servo, ends)
         last = then.stages[number + 1].first if number + 1 < len(then.stages) else len(then.time)
         for i in range(stage.first, last):
-            seen, request = _observation(then, i), _named(then, Request, "request", i)
+            seen, request = _observation(then, i), then.named(Request, "request", i)
             state = servo.step(state, seen, stage.target, request)
             yield Tick(0, seen, request, state, then.ticks["applied"][i]), servo
         ends.append(state)
@@ -119,20 +115,9 @@ def _observation(then: Record, i: int) -> Observation:
         arrival=int(ticks["arrival"][i, 0]),
         q_exposure=ticks["q_exposure"][i],
         points=ticks["points"][i].reshape(2, 2),
-        dropped=_named(then, Dropped, "dropped", i),
+        dropped=then.named(Dropped, "dropped", i),
         recorded=bool(ticks["recorded"][i, 0]),
     )
-
-
-def _named(then: Record, kind: type[Name], column: str, i: int) -> Name:
-    """The member of an enum that a tick names."""
-    name = then.words[column][i]
-    try:
-        return kind[name]
-    except KeyError as error:
-        raise UnusableFile(
-            then.path, f"tells a {column} {name!r} that this version of rcmservo does not know"
-        ) from error
 
 
 def _compared(then: Record, now: Record, open_loop: bool) -> Rerun:

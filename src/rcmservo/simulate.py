@@ -223,7 +223,8 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
             killed = f"{end}; the arm's watchdog stops it"
     metrics = notes.metrics()
     metrics |= {"settled": False, "settle_time_s": None, "cause": killed} if killed else {}
-    metrics |= {"resumed": person.resumed, "shown_again": person.shown, "not_recorded": recorder.failed}
+    metrics |= {"resumed": person.resumed, "refused": person.refused, "shown_again": person.shown}
+    metrics |= {"not_recorded": recorder.failed}
     return keep(job, metrics)
 
 

@@ -67,9 +67,10 @@ def show_run(console: Console, metrics: dict[str, Any]) -> None:
         table.add_row(
             "estimator's own time", f"{metrics['estimator_time_per_frame_s']:g} s for every frame, not real time"
         )
-    if metrics["resumed"] or metrics["shown_again"]:
+    if metrics["resumed"] or metrics["refused"] or metrics["shown_again"]:
+        refused = f" (refused {metrics['refused']} x)" if metrics["refused"] else ""
         table.add_row(
-            "the person", f"resumed {metrics['resumed']} x, showed the target again {metrics['shown_again']} x"
+            "the person", f"resumed {metrics['resumed']} x{refused}, showed the target again {metrics['shown_again']} x"
         )
     if metrics["not_recorded"]:
         table.add_row("not recorded", metrics["not_recorded"])

@@ -10,6 +10,7 @@ reason in one sentence. The checksum finds accidents; it is no signature.
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -100,7 +101,7 @@ def _parsed(data: bytes) -> dict[str, Any]:
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         table = dict(pairs)
         if len(table) < len(pairs):
-            key = next(key for i, (key, _) in enumerate(pairs) if key in [earlier for earlier, _ in pairs[:i]])
+            key = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
             raise _Wrong(f"has two of the key {told(key)}")
         return table
 

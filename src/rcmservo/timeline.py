@@ -1,16 +1,15 @@
 """What happened in a recorded run: the phases and causes one after the other, and the run in a few numbers."""
 
 from collections import Counter
-from dataclasses import dataclass
-from enum import Enum
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rcmservo.description import rebuild_box
-from rcmservo.errors import BadInput, UnusableFile
+from rcmservo.errors import BadInput
 from rcmservo.faults import LATE_SHARE
 from rcmservo.mechanism import position
 from rcmservo.outcome import Outcome, judged
@@ -20,14 +19,16 @@ from rcmservo.states import Action, Cause, Mode, Phase, Request
 
 USUAL_RATE = 100.0
 
-Name = TypeVar("Name", bound=Enum)
+SLACK = 0.1
+"""s before the planned end of a run within which its last tick may come: a loop in wall time may miss some."""
 
 
 @dataclass(frozen=True)
 class Span:
     """A stretch of ticks with one phase and one cause, from ``start`` to ``end`` s.
 
-    ``asks`` is the action that was taken in it, and ``request`` what a person asked for at its first tick.
+    ``asks`` is the action that was taken in it, and ``request`` what a person asked for at its first tick; a tick at
+    which a person asked for something always begins one.
     ``stage`` is the number of the run within the record.
     """
 
@@ -71,16 +72,16 @@ def spans(record: Record) -> list[Span]:
     """The record from beginning to end; a stage always begins a span of its own."""
     count = len(record.time)
     rows = list(zip(record.phase, record.cause, stages(record).tolist(), strict=True))
-    starts = [i for i in range(count) if i == 0 or rows[i] != rows[i - 1]]
-    last = record.time[-1] + 1.0 / rate(record) if count else 0.0
+    asked = [request != Request.NONE.name for request in record.words["request"]]
+    starts = [i for i in range(count) if i == 0 or asked[i] or rows[i] != rows[i - 1]]
     return [
         Span(
             start=float(record.time[i]),
-            end=float(record.time[j]) if j < count else float(last),
-            phase=_named(record, Phase, "phase", i),
-            cause=_named(record, Cause, "cause", i),
-            asks=_named(record, Action, "asks", i),
-            request=_named(record, Request, "request", i),
+            end=float(record.time[j]) if j < count else end(record),
+            phase=record.named(Phase, "phase", i),
+            cause=record.named(Cause, "cause", i),
+            asks=record.named(Action, "asks", i),
+            request=record.named(Request, "request", i),
             stage=int(rows[i][2]),
         )
         for i, j in pairwise([*starts, count])
@@ -91,6 +92,11 @@ def stages(record: Record) -> NDArray[np.intp]:
     """The number (N,) of every tick's stage."""
     firsts = [stage.first for stage in record.stages]
     return np.maximum(np.searchsorted(firsts, np.arange(len(record.time)), side="right") - 1, 0)
+
+
+def end(record: Record) -> float:
+    """s at which the last tick ends."""
+    return float(record.time[-1]) + 1.0 / rate(record) if len(record.time) else 0.0
 
 
 def rate(record: Record) -> float:
@@ -104,14 +110,14 @@ def summary(record: Record) -> Summary:
     """The record in a few numbers."""
     ticks = record.ticks
     number = ticks["frame"][:, 0]
-    new = np.flatnonzero(np.diff(number, prepend=-1) > 0)
+    new = record.new_frames()
     same_stage = np.diff(stages(record)) == 0
     gaps = (np.diff(ticks["now"][:, 0]) * 1e-9)[same_stage]
     latency = ticks["latency"][new, 0] * 1e-9
     steps = np.diff(number[new])
-    dropped = Counter(_named(record, Dropped, "dropped", i) for i in range(len(record.time)))
+    dropped = Counter(record.named(Dropped, "dropped", i) for i in range(len(record.time)))
     return Summary(
-        duration=float(record.time[-1]) + 1.0 / rate(record) if len(record.time) else 0.0,
+        duration=end(record),
         ticks=len(record.time),
         outcome=outcome(record),
         latency=np.array([*np.percentile(latency, [50.0, 99.0]), latency.max()]) if len(new) else np.full(3, np.nan),
@@ -125,15 +131,28 @@ def summary(record: Record) -> Summary:
 
 
 def outcome(record: Record) -> Outcome:
-    """The verdict on the record's last stage, judged as a run is while it happens."""
+    """The verdict on the record's last stage, judged as a run is while it happens, if the record goes to its end."""
     first = record.stages[-1].first if record.stages else 0
     time = record.time[first:]
     if not len(time):
-        return judged(time, np.empty((0, 3)), None, Mode(), 0.0)
-    mode = Mode(_named(record, Phase, "phase", -1), _named(record, Cause, "cause", -1))
+        return _unless_short(record, judged(time, np.empty((0, 3)), None, Mode(), 0.0), Mode())
+    mode = Mode(record.named(Phase, "phase", -1), record.named(Cause, "cause", -1))
     explored = np.flatnonzero(record.ticks["explored"][first:, 0])
     explored_at = float(time[explored[0]]) if len(explored) else None
-    return judged(time, record.ticks["delta"][first:], explored_at, mode, _away(record))
+    verdict = judged(time, record.ticks["delta"][first:], explored_at, mode, _away(record))
+    return _unless_short(record, verdict, mode)
+
+
+def _unless_short(record: Record, verdict: Outcome, mode: Mode) -> Outcome:
+    """The verdict, unless the record ends before its run did, and in a mode that does not tell why."""
+    planned, last = record.planned, end(record)
+    whole = record.complete if planned is None else last > planned - SLACK
+    over = mode.cause.action >= Action.HOLD or (mode.phase is Phase.DISABLED and record.complete)
+    if whole or over:
+        return verdict
+    until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of {planned:.2f} s"
+    cause = f"the record ends at {until}: what came after is not in it"
+    return replace(verdict, settled=False, cause=cause, settle_time=None)
 
 
 def _away(record: Record) -> float:
@@ -148,13 +167,3 @@ def _away(record: Record) -> float:
     zero = mechanism.insertion_zero + tool.offset
     now, shown = (position(mechanism.kind, zero, q) for q in (record.ticks["q"][-1], stage.target.q))
     return float(np.linalg.norm(now - shown))
-
-
-def _named(record: Record, kind: type[Name], column: str, i: int) -> Name:
-    """The member of an enum that a tick names."""
-    name = record.words[column][i]
-    try:
-        return kind[name]
-    except KeyError as error:
-        why = f"tells a {column} {name!r} that this version of rcmservo does not know"
-        raise UnusableFile(record.path, why) from error

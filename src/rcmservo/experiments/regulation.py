@@ -125,7 +125,7 @@ def measured(rows: Record, began: float | None, p_d: Floats, cause: str, setting
     if began is None:
         return {**values, "cause": cause or Cause.NOT_EXPLORED.value, "explored": float("nan")}
     on = rows.time >= began
-    new = plots.new_frames(rows, began + SEEN)
+    new = rows.new_frames(began + SEEN)
     sizes = np.abs(rows.ticks["delta"][new])
     time = rows.time[new] - began
     last = time > time[-1] - AT_REST

@@ -120,7 +120,7 @@ def _flows(settings: Settings, results: Results) -> Flows:
     result = results[f"seed-{settings.shown}"]
     rows = recorded(result.folder)
     began = (result.values["began"] or 0.0) + SEEN
-    new = plots.new_frames(rows, began)
+    new = rows.new_frames(began)
     y_dot, omega = (flow * plots.DEGREES for flow in plots.flows(rows, new))
     mean, mean_omega = _means(y_dot), _means(omega)
     time = rows.time[new][1:] - began

@@ -140,7 +140,7 @@ def _shown(settings: Settings, results: Results) -> tuple[Record, float]:
 def _distance(settings: Settings, results: Results) -> float:
     """rms px between π and m₁ from the start on."""
     rows, began = _shown(settings, results)
-    new = plots.new_frames(rows, began)
+    new = rows.new_frames(began)
     away = rows.ticks["model"][new, :2] - (rows.ticks["points"][new, :2] - rows.ticks["o_c"][new])
     return rms(np.linalg.norm(away, axis=1))
 
@@ -158,7 +158,7 @@ def _real_time(settings: Settings, results: Results) -> Shown:
     curves: list[Curve] = []
     for style, (task, label) in enumerate(names.items()):
         rows = recorded(results[task].folder)
-        new = plots.new_frames(rows)
+        new = rows.new_frames()
         new = new[rows.time[new] <= settings.exploration.max_time]
         curves.append(curve(label, rows.time[new], rows.truth["jacobian_error"][new, 0], style))
     scaled = "scaled $\\|\\hat J - J\\| / \\|J\\|$"

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo import plots
 from rcmservo.charts import Figure, Panel, curve
 from rcmservo.controller import SaturatedController
 from rcmservo.estimators.base import Estimator
@@ -157,7 +156,7 @@ def _figures(settings: Settings, results: Results) -> list[Shown]:
 
 def _over_time(method: str, result: Result) -> Panel:
     rows = recorded(result.folder)
-    new = plots.new_frames(rows)
+    new = rows.new_frames()
     size = np.linalg.norm(rows.ticks["delta"][new] / SCALE, axis=1)
     label = f"scaled $|\\Delta y|$\n{method}"
     moved = result.values["moved"]

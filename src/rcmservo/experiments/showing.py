@@ -205,7 +205,7 @@ def _over_time(method: str, result: Any) -> Panel:
     for visit in result.values["visits"]:
         during = (rows.time >= visit["began"]) & (rows.time <= visit["ended"])
         error[during] = np.linalg.norm(rows.truth["p2"][during] - result.values["poses"][visit["pose"]], axis=1)
-    new = plots.new_frames(rows)
+    new = rows.new_frames()
     return Panel("time [s]", f"$\\|\\Delta p\\|$ [mm]\n{method}", [curve("", rows.time[new], error[new])],
                  levels=[("4 mm", PAPER)], shaded=plots.exploration(rows), log_y=True)  # fmt: skip
 

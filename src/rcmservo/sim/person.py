@@ -19,11 +19,15 @@ BY_HAND = {Cause.CAMERA_MOVED, Cause.TARGET_OLD}
 
 
 class Person:
-    """Resumes at most ``patience`` times; counts how often it did, and how often it showed the target again."""
+    """Acts at most ``patience`` times after a pause: asks to resume, or shows the target again.
+
+    Counted are how often the servo ``resumed`` when asked, how often it ``refused``, and how often the target was
+    ``shown`` again.
+    """
 
     def __init__(self, rig: Rig, plant: Plant, patience: int) -> None:
         self._rig, self._plant, self._left = rig, plant, patience
-        self.resumed = 0
+        self.resumed = self.refused = 0
         self.shown = 0
         self._since: int | None = None
 
@@ -33,12 +37,14 @@ class Person:
             return Request.NONE
         self._since = None
         self._left -= 1
-        self.resumed += 1
         return Request.RESUME
 
     def leaves(self, tick: Tick) -> bool:
         """Whether it ends the run: for good, or to show the target again."""
         paused = tick.state.phase is Phase.PAUSED
+        if tick.request is Request.RESUME:
+            went_on = tick.state.phase is Phase.ACQUIRE
+            self.resumed, self.refused = self.resumed + went_on, self.refused + (not went_on)
         self._since = None if not paused else tick.seen.now if self._since is None else self._since
         over = paused and self._left <= 0 and not tick.state.command.rates.any()
         return tick.state.phase is Phase.FAULT or over or (self._acts(tick) and tick.state.cause in BY_HAND)
