@@ -111,10 +111,10 @@ def summary(record: Record) -> Summary:
     ticks = record.ticks
     number = ticks["frame"][:, 0]
     new = record.new_frames()
-    same_stage = np.diff(stages(record)) == 0
-    gaps = (np.diff(ticks["now"][:, 0]) * 1e-9)[same_stage]
+    stage = stages(record)
+    gaps = (np.diff(ticks["now"][:, 0]) * 1e-9)[np.diff(stage) == 0]
     latency = ticks["latency"][new, 0] * 1e-9
-    steps = np.diff(number[new])
+    steps = np.diff(number[new])[np.diff(stage[new]) == 0]
     dropped = Counter(record.named(Dropped, "dropped", i) for i in range(len(record.time)))
     return Summary(
         duration=end(record),
