@@ -105,6 +105,21 @@ def test_with_other_settings_replay_tells_what_would_have_differed_and_that_the_
         assert "left out for a run" in capsys.readouterr().err
 
 
+def test_replay_tells_the_two_projection_estimators_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A record made with one of them comes out otherwise with the other only; what is changed is the recorded one's."""
+    names = "projection", "projection-printed"
+    for name in names:
+        main(["run", "--duration", "2", "--no-video", "--estimator", name, "--json", "--out", str(tmp_path / name)])
+        for given, same in (((), True), *(((other,), other == name) for other in names)):
+            capsys.readouterr()
+            words = ["--estimator", *given] if given else []
+            assert main(["replay", str(tmp_path / name), *words, "--json"]) == (0 if same else 1)
+            told = strict(capsys.readouterr().out)
+            assert (told["same"], told["open_loop"]) == (same, not same)
+    assert main(["replay", str(tmp_path / names[1]), "--projection.observations", "30", "--json"]) == 1
+    assert strict(capsys.readouterr().out)["open_loop"]
+
+
 def test_the_frames_of_a_record_make_a_recording_that_can_be_replayed(
     finished: tuple[int, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -152,7 +152,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         command = _parse(arguments)
         if isinstance(command, Replay) and file_of(command.path).is_file():
-            recorded = _recorded(command.path)
+            recorded = _recorded(command)
             return _recompute(_parse(arguments, recorded), recorded)
         acts: dict[type[Any], Callable[[Any], int]] = {
             Run: _run, Replay: _replay, Show: _show, Export: _export, Paper: _paper
@@ -331,17 +331,21 @@ def _export(command: Export) -> int:
     return 0
 
 
-def _recorded(path: Path) -> Replay:
-    """The settings that a run was recorded with, as a command that asks for them."""
-    stages = record.read(path).stages
+def _recorded(asked: Replay) -> Replay:
+    """The settings that a run was recorded with, as a command that asks for them.
+
+    The settings of the recorded estimator stand for all of its kind, but not where the other Γ is asked for by name.
+    """
+    stages = record.read(asked.path).stages
     if not stages:
-        raise UnusableFile(path, "does not tell the servo of its ticks")
+        raise UnusableFile(asked.path, "does not tell the servo of its ticks")
     servo = rebuild(stages[0].servo)
-    asked = Replay(
-        path, controller=servo.controller, exploration=servo.exploration, imaged_rcm=servo.imaged_rcm
+    recorded = Replay(
+        asked.path, controller=servo.controller, exploration=servo.exploration, imaged_rcm=servo.imaged_rcm
     )  # fmt: skip
     estimator: dict[str, Any] = {servo.estimator.name: servo.estimator}
-    return replace(asked, **estimator)
+    other = asked.estimator == "projection" and servo.estimator == PRINTED
+    return recorded if other else replace(recorded, **estimator)
 
 
 def _recompute(command: Replay, recorded: Replay) -> int:
