@@ -151,6 +151,13 @@ def test_replay_of_a_run_says_that_it_came_out_the_same(told: Told, capsys: pyte
     assert "open loop, with other settings" in capsys.readouterr().out
 
 
+def test_replay_reads_a_record_once(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[Path] = []
+    monkeypatch.setattr(record, "read", lambda path, usual=record.read: read.append(path) or usual(path))
+    assert main(["replay", str(told.path), "--imaged-rcm.max-condition", "50"]) == 1
+    assert len(read) == 1
+
+
 def test_a_long_timeline_is_cut_in_the_middle_and_says_so(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(show, "MOST", 3)
     monkeypatch.setattr(show, "LAST", 2)

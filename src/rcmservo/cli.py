@@ -29,7 +29,7 @@ from rcmservo.estimators.flow import FlowEstimator
 from rcmservo.estimators.projection import PRINTED, ProjectionEstimator
 from rcmservo.exploration import Exploration
 from rcmservo.imaged_rcm import ImagedRcm
-from rcmservo.record import file_of
+from rcmservo.record import Record, file_of
 from rcmservo.rerun import recompute
 from rcmservo.servo import Servo
 from rcmservo.settings import Lab, load_lab
@@ -152,8 +152,9 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         command = _parse(arguments)
         if isinstance(command, Replay) and file_of(command.path).is_file():
-            recorded = _recorded(command)
-            return _recompute(_parse(arguments, recorded), recorded)
+            then = record.read(command.path)
+            recorded = _recorded(command, then)
+            return _recompute(_parse(arguments, recorded), recorded, then)
         acts: dict[type[Any], Callable[[Any], int]] = {
             Run: _run, Replay: _replay, Show: _show, Export: _export, Paper: _paper
         }  # fmt: skip
@@ -331,15 +332,14 @@ def _export(command: Export) -> int:
     return 0
 
 
-def _recorded(asked: Replay) -> Replay:
+def _recorded(asked: Replay, then: Record) -> Replay:
     """The settings that a run was recorded with, as a command that asks for them.
 
     The settings of the recorded estimator stand for all of its kind, but not where the other Γ is asked for by name.
     """
-    stages = record.read(asked.path).stages
-    if not stages:
+    if not then.stages:
         raise UnusableFile(asked.path, "does not tell the servo of its ticks")
-    servo = rebuild(stages[0].servo)
+    servo = rebuild(then.stages[0].servo)
     recorded = Replay(
         asked.path, controller=servo.controller, exploration=servo.exploration, imaged_rcm=servo.imaged_rcm
     )  # fmt: skip
@@ -348,11 +348,11 @@ def _recorded(asked: Replay) -> Replay:
     return recorded if other else replace(recorded, **estimator)
 
 
-def _recompute(command: Replay, recorded: Replay) -> int:
+def _recompute(command: Replay, recorded: Replay, then: Record) -> int:
     """The decisions of a recorded run once more; the exit code is 1 where they are others."""
     require(command.rig is None, "--rig", command.rig, "left out for a run: its record tells the rig")
     require(command.out is None, "--out", command.out, "left out for a run: nothing is written")
-    again = recompute(command.path, None if command == replace(recorded, json=command.json) else _other(command))
+    again = recompute(then, None if command == replace(recorded, json=command.json) else _other(command, then))
     if command.json:
         print(json.dumps({"same": again.same, "open_loop": again.open_loop, "ticks": len(again.then.time),
                           "first": again.first, "differs": again.differs, "missing": again.then.missing}))  # fmt: skip
@@ -363,9 +363,9 @@ def _recompute(command: Replay, recorded: Replay) -> int:
     return 0 if again.same else UNSETTLED
 
 
-def _other(command: Replay) -> Servo:
+def _other(command: Replay, then: Record) -> Servo:
     """The recorded servo with the settings that the command asks for."""
-    servo = rebuild(record.read(command.path).stages[0].servo)
+    servo = rebuild(then.stages[0].servo)
     chosen = estimators(command.projection, command.flow, command.broyden)
     estimator = chosen[command.estimator or servo.estimator.name]
     return replace(
