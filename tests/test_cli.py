@@ -102,7 +102,8 @@ def test_with_other_settings_replay_tells_what_would_have_differed_and_that_the_
     assert said.startswith("open loop, with other settings: from tick 0") and "ticks in SERVO" in said
     for wrong in (["--rig", "examples/davinci.toml"], ["--out", "somewhere"]):
         assert main(["replay", str(folder), *wrong]) == 2
-        assert "left out for a run" in capsys.readouterr().err
+        said = capsys.readouterr().err
+        assert "left out for a run" in said and said.endswith(f", got {wrong[1]!r}\n")
 
 
 def test_replay_tells_the_two_projection_estimators_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -164,6 +165,7 @@ def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
         (["--disturb", "stuck:at=-1"], "stuck: at must be a time in s"),
         (["--resumes", "-1"], "--resumes must be"),
         (["--live", "--frames"], "--frames must be left out with --live"),
+        (["--target", "a.json", "--save-target", "b.json"], "--save-target must be left out with --target: no target"),
     ],
 )
 def test_what_cannot_be_done_is_one_sentence(

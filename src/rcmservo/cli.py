@@ -221,6 +221,8 @@ def _run(command: Run) -> int:
         print(describe())
         return 0
     disturbances = tuple(Disturbance.parse(text) for text in command.disturb)
+    shown = command.target is None or command.save_target is None
+    require(shown, "--save-target", command.save_target, "left out with --target: no target is shown then")
     if command.save_target is not None and command.save_target.exists():
         raise UnusableFile(command.save_target, "is there already, and nothing is overwritten: name a new file")
     servo = Servo(
