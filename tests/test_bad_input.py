@@ -143,7 +143,8 @@ def test_two_rows_for_one_frame_are_refused(recording: Path, capsys: pytest.Capt
 def test_a_folder_without_frames_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.rmtree(recording / "frames")
     refused(["replay", str(recording)], capsys, "no frames")
-    refused(["replay", str(recording / "nowhere")], capsys, "nowhere")
+    for name in ("nowhere", "nofile.mcap"):
+        refused(["replay", str(recording / name)], capsys, f"{name}: does not exist")
 
 
 def test_a_recording_without_poses_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -379,6 +379,8 @@ def _other(command: Replay, then: Record) -> Servo:
 def _replay(command: Replay) -> int:
     from rcmservo.replay import replay
 
+    if not command.path.exists():
+        raise UnusableFile(command.path, "does not exist")
     require(command.estimator is None, "--estimator", command.estimator, "left out for a recording: all are scored")
     lab = load_lab(command.rig) if command.rig else Lab()
     chosen = estimators(command.projection, command.flow, command.broyden)
