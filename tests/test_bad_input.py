@@ -85,6 +85,12 @@ def test_output_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest
     assert (tmp_path / "file").read_text() == "mine"
 
 
+def test_of_a_refused_run_no_folder_is_left_however_deep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--target", str(tmp_path / "none.json"), "--out", str(tmp_path / "x1" / "y" / "z")]
+    refused(["run", *words], capsys, "none.json")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """Three frames without any marker, with good poses."""

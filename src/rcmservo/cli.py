@@ -447,10 +447,21 @@ def _dated(name: str) -> Path:
 def _new_folder(out: Path | None, name: str) -> Generator[Path]:
     """The folder to write to: the user's, which must be new or empty, or a fresh one under runs/.
 
-    Where nothing came to be written, a folder that was made for it goes again.
+    Where nothing came to be written, all folders that were made for it go again.
     """
     folder = out or _dated(name)
-    made = [path for path in (folder, folder.parent) if not path.exists()]
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        _make_empty(folder)
+        yield folder
+    finally:
+        for path in made:
+            if path.is_dir() and not any(path.iterdir()):
+                path.rmdir()
+
+
+def _make_empty(folder: Path) -> None:
+    """Make the folder if it is not there, and refuse one that is in use or cannot be written to."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         full = any(folder.iterdir())
@@ -460,9 +471,3 @@ def _new_folder(out: Path | None, name: str) -> Generator[Path]:
         raise UnusableFile(folder, "is not empty, and nothing is overwritten: name a new folder")
     if not os.access(folder, os.W_OK):
         raise UnusableFile(folder, "cannot be written to")
-    try:
-        yield folder
-    finally:
-        for empty in made:
-            if not any(empty.iterdir()):
-                empty.rmdir()
