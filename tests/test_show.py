@@ -112,6 +112,7 @@ def test_show_tells_causes_and_ways_out_in_words_and_draws(
         assert words in text
     for name in ("timeline", "errors", "estimate"):
         assert cv2.imread(str(tmp_path / "out" / f"{name}.png")) is not None
+    assert text.endswith(f"\nfigures and timeline.csv in {tmp_path / 'out'}\n")
     lines = (tmp_path / "out" / "timeline.csv").read_text().splitlines()
     assert len(lines) == 1 + len(spans(record.read(told.path)))
 
@@ -132,7 +133,9 @@ def test_a_record_of_nothing_yet_is_shown_too(tmp_path: Path, capsys: pytest.Cap
     with Recorder(tmp_path / record.RECORD, {}) as recorder:
         recorder.begin(servo, rs.Target(np.ones((2, 2)), np.ones(3)))
     assert main(["show", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
-    assert "stopped before its first tick" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "stopped before its first tick" in said
+    assert said.endswith(f"\ntimeline.csv in {tmp_path / 'out'}; there was nothing to draw\n")
 
 
 def test_what_is_no_record_is_a_sentence_and_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

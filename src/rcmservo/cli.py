@@ -317,7 +317,9 @@ def _show(command: Show) -> int:
     with _new_folder(command.out, "show") as folder:
         show.draw(rows, folder)
     show.show(console, rows)
-    console.print(f"figures and timeline.csv in {folder}", soft_wrap=True)
+    drawn = any(folder.glob("*.png"))
+    words = f"figures and timeline.csv in {folder}" if drawn else f"timeline.csv in {folder}; there was nothing to draw"
+    console.print(words, soft_wrap=True)
     return 0
 
 
