@@ -18,8 +18,9 @@ RIGS = {
     "zero focal length": ("[scene]\nfocal = [0.0, 900.0]", "focal", "0.0"),
     "limits upside down": ('[mechanism]\nkind = "spherical"\nlower = [1.0, 0.0, 50.0]\nupper = [0.5, 1.0, 90.0]', "upper", "0.5"),  # noqa: E501
     "tool beyond the RCM": ('[mechanism]\nkind = "pitch-yaw"\ninsertion_zero = -100.0', "lower", "40"),
-    "unknown section": ("[tols]\nx = 1", "tols", "1"),
-    "unknown key": ('[tool]\nkind = "rigid"\nspacin = 3', "tool.spacin", "did you mean spacing"),
+    "unknown section": ("[tols]\nx = 1", "rig.toml: section tols", "1"),
+    "unknown key of the robot": ('[tool]\nkind = "rigid"\nspacin = 3', "rig.toml: tool.spacin", "did you mean spacing"),
+    "unknown key of the simulation": ("[camera]\nwidht = 640", "rig.toml: camera.widht", "did you mean width"),
     "NaN": ("[drive]\nlag = nan", "drive.lag", "nan"),
     "infinity": ("[camera]\ndelay = inf", "camera.delay", "inf"),
     "a word for a number": ('[camera]\nwidth = "wide"', "camera.width", "wide"),

@@ -32,7 +32,7 @@ from rcmservo.imaged_rcm import ImagedRcm
 from rcmservo.record import Record, file_of
 from rcmservo.rerun import recompute
 from rcmservo.servo import Servo
-from rcmservo.settings import Lab, load_lab
+from rcmservo.settings import Lab, load_lab, told_with
 from rcmservo.tables import Story, show_claims, show_differences, show_live, show_replay, show_run
 from rcmservo.tracking import ColourMarkers
 
@@ -216,10 +216,13 @@ def _run(command: Run) -> int:
     lab = load_lab(command.rig) if command.rig else Lab()
     with _simulator("run"):
         from rcmservo.sim.disturb import Disturbance, describe
-        from rcmservo.simulate import Job, simulate
+        from rcmservo.simulate import Job, rig_settings, simulate
     if "help" in command.disturb:
         print(describe())
         return 0
+    if command.rig is not None:
+        with told_with(command.rig):
+            rig_settings(lab)  # reads the sections that only a simulation needs
     disturbances = tuple(Disturbance.parse(text) for text in command.disturb)
     shown = command.target is None or command.save_target is None
     require(shown, "--save-target", command.save_target, "left out with --target: no target is shown then")
