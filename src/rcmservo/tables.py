@@ -102,6 +102,8 @@ def show_live(console: Console, metrics: dict[str, Any]) -> None:
         table.add_row("latency, exposure to command", spread)
         for sentence in loop["refused"]:
             table.add_row("refused", sentence)
+    if metrics.get("not_recorded"):
+        table.add_row("not recorded", metrics["not_recorded"])
     table.add_row("files", str(metrics["folder"]))
     console.print(table)
 
