@@ -15,6 +15,7 @@ import pytest
 import rcmservo as rs
 from rcmservo import record
 from rcmservo.cli import main
+from rcmservo.overlay import Video
 
 KEYS = {
     "seed", "estimator", "settled", "cause", "settle_time_s", "pose_error_mm", "feature_error", "jacobian_error",
@@ -186,6 +187,17 @@ def test_a_full_disk_pauses_the_run_and_leaves_what_was_written_readable(
     assert rs.Cause.NOT_RECORDED.value in metrics["cause"] and "No space left" in metrics["not_recorded"]
     rows = record.read(tmp_path / record_name())
     assert 2.5 < rows.time[-1] <= 3.1 and not rows.complete
+
+
+def test_a_video_that_cannot_be_written_is_removed_and_told_and_the_run_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(Video, "write", lambda self, image: None)
+    assert main(["run", "--duration", "2", "--out", str(tmp_path)]) == 1
+    assert "not filmed" in (said := capsys.readouterr().out) and "overlay.mp4 could not be written" in said
+    assert "was removed" in strict((tmp_path / "metrics.json").read_text())["not_filmed"]
+    assert not (tmp_path / "overlay.mp4").exists() and (tmp_path / record_name()).exists()
 
 
 def test_the_same_seed_gives_the_same_record(tmp_path: Path) -> None:
