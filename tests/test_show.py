@@ -170,6 +170,15 @@ def test_a_long_timeline_is_cut_in_the_middle_and_says_so(told: Told, monkeypatc
     assert f"… {len(found) - 5} more, in timeline.csv" in list(table.columns[2].cells)
 
 
+def test_exploration_is_shaded_while_the_servo_explores_and_nowhere_else(told: Told) -> None:
+    rows = record.read(told.path)
+    shaded = plots.exploration(rows)
+    inside = np.array([any(start <= time < end for start, end in shaded) for time in rows.time])
+    exploring = [tick.state.phase is rs.Phase.ACQUIRE and not tick.state.explored for tick in told.ticks]
+    np.testing.assert_array_equal(inside, exploring)
+    assert len(shaded) > 1
+
+
 def test_every_phase_and_cause_has_its_line_in_the_figure(told: Told) -> None:
     rows = record.read(told.path)
     figure = plots.timeline(rows)
