@@ -342,7 +342,8 @@ def _export(command: Export) -> int:
 def _recorded(asked: Replay, then: Record) -> Replay:
     """The settings that a run was recorded with, as a command that asks for them.
 
-    The settings of the recorded estimator stand for all of its kind, but not where the other Γ is asked for by name.
+    The recorded estimator takes the place of its class's settings, but not the printed one where the command names
+    `projection`: that would be itself under another name.
     """
     if not then.stages:
         raise UnusableFile(asked.path, "does not tell the servo of its ticks")

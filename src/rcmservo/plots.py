@@ -121,8 +121,7 @@ def flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
 
 
 def exploration(record: Record) -> list[tuple[float, float]]:
-    """When the servo explored, as spans of time s: while it acquired and had not learnt enough; each ends where the
-    next tick begins."""
+    """When the servo explored, as spans of time s: while it acquired and had not yet learnt enough."""
     acquiring = np.array([phase == Phase.ACQUIRE.name for phase in record.phase], dtype=bool)
     exploring = acquiring & (record.ticks["explored"][:, 0] == 0)
     turns = np.flatnonzero(np.diff(exploring, prepend=False, append=False))
