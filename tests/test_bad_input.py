@@ -18,8 +18,9 @@ RIGS = {
     "zero focal length": ("[scene]\nfocal = [0.0, 900.0]", "focal", "0.0"),
     "limits upside down": ('[mechanism]\nkind = "spherical"\nlower = [1.0, 0.0, 50.0]\nupper = [0.5, 1.0, 90.0]', "upper", "0.5"),  # noqa: E501
     "tool beyond the RCM": ('[mechanism]\nkind = "pitch-yaw"\ninsertion_zero = -100.0', "lower", "40"),
-    "unknown section": ("[tols]\nx = 1", "tols", "1"),
-    "unknown key": ('[tool]\nkind = "rigid"\nspacin = 3', "tool.spacin", "did you mean spacing"),
+    "unknown section": ("[tols]\nx = 1", "rig.toml: section tols", "1"),
+    "unknown key of the robot": ('[tool]\nkind = "rigid"\nspacin = 3', "rig.toml: tool.spacin", "did you mean spacing"),
+    "unknown key of the simulation": ("[camera]\nwidht = 640", "rig.toml: camera.widht", "did you mean width"),
     "NaN": ("[drive]\nlag = nan", "drive.lag", "nan"),
     "infinity": ("[camera]\ndelay = inf", "camera.delay", "inf"),
     "a word for a number": ('[camera]\nwidth = "wide"', "camera.width", "wide"),
@@ -85,6 +86,12 @@ def test_output_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest
     assert (tmp_path / "file").read_text() == "mine"
 
 
+def test_of_a_refused_run_no_folder_is_left_however_deep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--target", str(tmp_path / "none.json"), "--out", str(tmp_path / "x1" / "y" / "z")]
+    refused(["run", *words], capsys, "none.json")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """Three frames without any marker, with good poses."""
@@ -143,7 +150,8 @@ def test_two_rows_for_one_frame_are_refused(recording: Path, capsys: pytest.Capt
 def test_a_folder_without_frames_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.rmtree(recording / "frames")
     refused(["replay", str(recording)], capsys, "no frames")
-    refused(["replay", str(recording / "nowhere")], capsys, "nowhere")
+    for name in ("nowhere", "nofile.mcap"):
+        refused(["replay", str(recording / name)], capsys, f"{name}: does not exist")
 
 
 def test_a_recording_without_poses_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,6 +15,7 @@ import pytest
 import rcmservo as rs
 from rcmservo import record
 from rcmservo.cli import main
+from rcmservo.overlay import Video
 
 KEYS = {
     "seed", "estimator", "settled", "cause", "settle_time_s", "pose_error_mm", "feature_error", "jacobian_error",
@@ -102,7 +103,23 @@ def test_with_other_settings_replay_tells_what_would_have_differed_and_that_the_
     assert said.startswith("open loop, with other settings: from tick 0") and "ticks in SERVO" in said
     for wrong in (["--rig", "examples/davinci.toml"], ["--out", "somewhere"]):
         assert main(["replay", str(folder), *wrong]) == 2
-        assert "left out for a run" in capsys.readouterr().err
+        said = capsys.readouterr().err
+        assert "left out for a run" in said and said.endswith(f", got {wrong[1]!r}\n")
+
+
+def test_replay_tells_the_two_projection_estimators_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A record made with one of them comes out otherwise with the other only; what is changed is the recorded one's."""
+    names = "projection", "projection-printed"
+    for name in names:
+        main(["run", "--duration", "2", "--no-video", "--estimator", name, "--json", "--out", str(tmp_path / name)])
+        for given, same in (((), True), *(((other,), other == name) for other in names)):
+            capsys.readouterr()
+            words = ["--estimator", *given] if given else []
+            assert main(["replay", str(tmp_path / name), *words, "--json"]) == (0 if same else 1)
+            told = strict(capsys.readouterr().out)
+            assert (told["same"], told["open_loop"]) == (same, not same)
+    assert main(["replay", str(tmp_path / names[1]), "--projection.observations", "30", "--json"]) == 1
+    assert strict(capsys.readouterr().out)["open_loop"]
 
 
 def test_the_frames_of_a_record_make_a_recording_that_can_be_replayed(
@@ -149,6 +166,7 @@ def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
         (["--disturb", "stuck:at=-1"], "stuck: at must be a time in s"),
         (["--resumes", "-1"], "--resumes must be"),
         (["--live", "--frames"], "--frames must be left out with --live"),
+        (["--target", "a.json", "--save-target", "b.json"], "--save-target must be left out with --target: no target"),
     ],
 )
 def test_what_cannot_be_done_is_one_sentence(
@@ -172,6 +190,17 @@ def test_a_full_disk_pauses_the_run_and_leaves_what_was_written_readable(
     monkeypatch.setenv("COLUMNS", "200")
     assert main(["show", str(tmp_path), "--out", str(tmp_path / "shown")]) == 0
     assert f"the record ends at {rows.time[-1] + 0.01:.2f} s of 6.00 s" in capsys.readouterr().out
+
+
+def test_a_video_that_cannot_be_written_is_removed_and_told_and_the_run_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(Video, "write", lambda self, image: None)
+    assert main(["run", "--duration", "2", "--out", str(tmp_path)]) == 1
+    assert "not filmed" in (said := capsys.readouterr().out) and "overlay.mp4 could not be written" in said
+    assert "was removed" in strict((tmp_path / "metrics.json").read_text())["not_filmed"]
+    assert not (tmp_path / "overlay.mp4").exists() and (tmp_path / record_name()).exists()
 
 
 def test_the_same_seed_gives_the_same_record(tmp_path: Path) -> None:

@@ -332,9 +332,12 @@ def test_only_a_camera_without_pictures_can_be_given_points_that_are_not_finite(
         rig_with("nan_points", pictures=True)
 
 
-def test_every_kind_is_described_in_a_line_and_has_causes_unless_nothing_is_left_to_name_them() -> None:
+def test_every_kind_that_run_takes_is_described_in_a_line() -> None:
     lines = describe().splitlines()
-    assert [line.split(":")[0] for line in lines] == list(KINDS)
+    assert [line.split(":")[0] for line in lines] == [kind for kind in KINDS if kind != "nan_points"]
+
+
+def test_every_kind_has_causes_unless_nothing_is_left_to_name_them() -> None:
     assert {name for name in KINDS if not causes_of(name)} == {"kill"}
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from rcmservo.errors import UnusableFile
 from rcmservo.plant import Image
-from rcmservo.tracking import read_image, write_image
+from rcmservo.tracking import read_image
 
 
 @pytest.fixture
@@ -17,8 +17,8 @@ def picture() -> Image:
     return np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8)
 
 
-def test_a_written_picture_is_read_back_bit_for_bit(tmp_path: Path, picture: Image) -> None:
-    write_image(tmp_path / "0.png", picture)
+def test_a_png_is_read_back_bit_for_bit(tmp_path: Path, picture: Image) -> None:
+    cv2.imwrite(str(tmp_path / "0.png"), picture)
     again = read_image(tmp_path / "0.png")
     assert again.dtype == np.uint8
     np.testing.assert_array_equal(again, picture)
@@ -64,8 +64,6 @@ def test_what_is_no_picture_is_refused_with_the_reason(tmp_path: Path, content: 
         read_image(tmp_path / "x.jpg")
 
 
-def test_a_file_or_folder_that_is_not_there_is_named(tmp_path: Path, picture: Image) -> None:
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(UnusableFile, match=r"none\.png"):
         read_image(tmp_path / "none.png")
-    with pytest.raises(UnusableFile, match="cannot be written"):
-        write_image(tmp_path / "no" / "folder.png", picture)

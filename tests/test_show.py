@@ -134,6 +134,7 @@ def test_show_tells_causes_and_ways_out_in_words_and_draws(
         assert words in text
     for name in ("timeline", "errors", "estimate"):
         assert cv2.imread(str(tmp_path / "out" / f"{name}.png")) is not None
+    assert text.endswith(f"\nfigures and timeline.csv in {tmp_path / 'out'}\n")
     lines = (tmp_path / "out" / "timeline.csv").read_text().splitlines()
     assert len(lines) == 1 + len(spans(record.read(told.path)))
 
@@ -202,7 +203,9 @@ def test_a_record_of_nothing_yet_is_shown_too(tmp_path: Path, capsys: pytest.Cap
     with Recorder(tmp_path / record.RECORD, {}) as recorder:
         recorder.begin(servo, rs.Target(np.ones((2, 2)), np.ones(3)))
     assert main(["show", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
-    assert "stopped before its first tick" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "stopped before its first tick" in said
+    assert said.endswith(f"\ntimeline.csv in {tmp_path / 'out'}; there was nothing to draw\n")
 
 
 def test_what_is_no_record_is_a_sentence_and_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -221,6 +224,13 @@ def test_replay_of_a_run_says_that_it_came_out_the_same(told: Told, capsys: pyte
     assert "open loop, with other settings" in capsys.readouterr().out
 
 
+def test_replay_reads_a_record_once(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[Path] = []
+    monkeypatch.setattr(record, "read", lambda path, usual=record.read: read.append(path) or usual(path))
+    assert main(["replay", str(told.path), "--imaged-rcm.max-condition", "50"]) == 1
+    assert len(read) == 1
+
+
 def test_a_long_timeline_is_cut_in_the_middle_and_says_so(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(show, "MOST", 3)
     monkeypatch.setattr(show, "LAST", 2)
@@ -228,6 +238,15 @@ def test_a_long_timeline_is_cut_in_the_middle_and_says_so(told: Told, monkeypatc
     table = show._timeline(found)
     assert table.row_count == 3 + 1 + 2
     assert f"… {len(found) - 5} more, in timeline.csv" in list(table.columns[2].cells)
+
+
+def test_exploration_is_shaded_while_the_servo_explores_and_nowhere_else(told: Told) -> None:
+    rows = record.read(told.path)
+    shaded = plots.exploration(rows)
+    inside = np.array([any(start <= time < end for start, end in shaded) for time in rows.time])
+    exploring = [tick.state.phase is rs.Phase.ACQUIRE and not tick.state.explored for tick in told.ticks]
+    np.testing.assert_array_equal(inside, exploring)
+    assert len(shaded) > 1
 
 
 def test_every_phase_and_cause_has_its_line_in_the_figure(told: Told) -> None:

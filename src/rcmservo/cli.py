@@ -29,10 +29,10 @@ from rcmservo.estimators.flow import FlowEstimator
 from rcmservo.estimators.projection import PRINTED, ProjectionEstimator
 from rcmservo.exploration import Exploration
 from rcmservo.imaged_rcm import ImagedRcm
-from rcmservo.record import file_of
+from rcmservo.record import Record, file_of
 from rcmservo.rerun import recompute
 from rcmservo.servo import Servo
-from rcmservo.settings import Lab, load_lab
+from rcmservo.settings import Lab, load_lab, told_with
 from rcmservo.tables import Story, show_claims, show_differences, show_live, show_replay, show_run
 from rcmservo.tracking import ColourMarkers
 
@@ -152,8 +152,9 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         command = _parse(arguments)
         if isinstance(command, Replay) and file_of(command.path).is_file():
-            recorded = _recorded(command.path)
-            return _recompute(_parse(arguments, recorded), recorded)
+            then = record.read(command.path)
+            recorded = _recorded(command, then)
+            return _recompute(_parse(arguments, recorded), recorded, then)
         acts: dict[type[Any], Callable[[Any], int]] = {
             Run: _run, Replay: _replay, Show: _show, Export: _export, Paper: _paper
         }  # fmt: skip
@@ -215,11 +216,16 @@ def _run(command: Run) -> int:
     lab = load_lab(command.rig) if command.rig else Lab()
     with _simulator("run"):
         from rcmservo.sim.disturb import Disturbance, describe
-        from rcmservo.simulate import Job, simulate
+        from rcmservo.simulate import Job, rig_settings, simulate
     if "help" in command.disturb:
         print(describe())
         return 0
+    if command.rig is not None:
+        with told_with(command.rig):
+            rig_settings(lab)  # reads the sections that only a simulation needs
     disturbances = tuple(Disturbance.parse(text) for text in command.disturb)
+    shown = command.target is None or command.save_target is None
+    require(shown, "--save-target", command.save_target, "left out with --target: no target is shown then")
     if command.save_target is not None and command.save_target.exists():
         raise UnusableFile(command.save_target, "is there already, and nothing is overwritten: name a new file")
     servo = Servo(
@@ -314,7 +320,9 @@ def _show(command: Show) -> int:
     with _new_folder(command.out, "show") as folder:
         show.draw(rows, folder)
     show.show(console, rows)
-    console.print(f"figures and timeline.csv in {folder}", soft_wrap=True)
+    drawn = any(folder.glob("*.png"))
+    words = f"figures and timeline.csv in {folder}" if drawn else f"timeline.csv in {folder}; there was nothing to draw"
+    console.print(words, soft_wrap=True)
     return 0
 
 
@@ -331,24 +339,28 @@ def _export(command: Export) -> int:
     return 0
 
 
-def _recorded(path: Path) -> Replay:
-    """The settings that a run was recorded with, as a command that asks for them."""
-    stages = record.read(path).stages
-    if not stages:
-        raise UnusableFile(path, "does not tell the servo of its ticks")
-    servo = rebuild(stages[0].servo)
-    asked = Replay(
-        path, controller=servo.controller, exploration=servo.exploration, imaged_rcm=servo.imaged_rcm
+def _recorded(asked: Replay, then: Record) -> Replay:
+    """The settings that a run was recorded with, as a command that asks for them.
+
+    The recorded estimator takes the place of its class's settings, but not the printed one where the command names
+    `projection`: that would be itself under another name.
+    """
+    if not then.stages:
+        raise UnusableFile(asked.path, "does not tell the servo of its ticks")
+    servo = rebuild(then.stages[0].servo)
+    recorded = Replay(
+        asked.path, controller=servo.controller, exploration=servo.exploration, imaged_rcm=servo.imaged_rcm
     )  # fmt: skip
     estimator: dict[str, Any] = {servo.estimator.name: servo.estimator}
-    return replace(asked, **estimator)
+    other = asked.estimator == "projection" and servo.estimator == PRINTED
+    return recorded if other else replace(recorded, **estimator)
 
 
-def _recompute(command: Replay, recorded: Replay) -> int:
+def _recompute(command: Replay, recorded: Replay, then: Record) -> int:
     """The decisions of a recorded run once more; the exit code is 1 where they are others."""
     require(command.rig is None, "--rig", command.rig, "left out for a run: its record tells the rig")
     require(command.out is None, "--out", command.out, "left out for a run: nothing is written")
-    again = recompute(command.path, None if command == replace(recorded, json=command.json) else _other(command))
+    again = recompute(then, None if command == replace(recorded, json=command.json) else _other(command, then))
     if command.json:
         print(json.dumps({"same": again.same, "open_loop": again.open_loop, "ticks": len(again.then.time),
                           "first": again.first, "differs": again.differs, "missing": again.then.missing}))  # fmt: skip
@@ -359,9 +371,9 @@ def _recompute(command: Replay, recorded: Replay) -> int:
     return 0 if again.same else UNSETTLED
 
 
-def _other(command: Replay) -> Servo:
+def _other(command: Replay, then: Record) -> Servo:
     """The recorded servo with the settings that the command asks for."""
-    servo = rebuild(record.read(command.path).stages[0].servo)
+    servo = rebuild(then.stages[0].servo)
     chosen = estimators(command.projection, command.flow, command.broyden)
     estimator = chosen[command.estimator or servo.estimator.name]
     return replace(
@@ -373,6 +385,8 @@ def _other(command: Replay) -> Servo:
 def _replay(command: Replay) -> int:
     from rcmservo.replay import replay
 
+    if not command.path.exists():
+        raise UnusableFile(command.path, "does not exist")
     require(command.estimator is None, "--estimator", command.estimator, "left out for a recording: all are scored")
     lab = load_lab(command.rig) if command.rig else Lab()
     chosen = estimators(command.projection, command.flow, command.broyden)
@@ -439,10 +453,21 @@ def _dated(name: str) -> Path:
 def _new_folder(out: Path | None, name: str) -> Generator[Path]:
     """The folder to write to: the user's, which must be new or empty, or a fresh one under runs/.
 
-    Where nothing came to be written, a folder that was made for it goes again.
+    Where nothing came to be written, all folders that were made for it go again.
     """
     folder = out or _dated(name)
-    made = [path for path in (folder, folder.parent) if not path.exists()]
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        _make_empty(folder)
+        yield folder
+    finally:
+        for path in made:
+            if path.is_dir() and not any(path.iterdir()):
+                path.rmdir()
+
+
+def _make_empty(folder: Path) -> None:
+    """Make the folder if it is not there, and refuse one that is in use or cannot be written to."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         full = any(folder.iterdir())
@@ -452,9 +477,3 @@ def _new_folder(out: Path | None, name: str) -> Generator[Path]:
         raise UnusableFile(folder, "is not empty, and nothing is overwritten: name a new folder")
     if not os.access(folder, os.W_OK):
         raise UnusableFile(folder, "cannot be written to")
-    try:
-        yield folder
-    finally:
-        for empty in made:
-            if not any(empty.iterdir()):
-                empty.rmdir()

@@ -1,5 +1,7 @@
 """What can go wrong because of what a person gave us: one base class, subclasses that carry the data."""
 
+from pathlib import PurePath
+
 
 class RcmServoError(Exception):
     """Any error that rcmservo raises on purpose; its message is one sentence for a person."""
@@ -18,7 +20,7 @@ def one_line(text: object) -> str:
 def told(value: object) -> str:
     """A value as a message tells it."""
     try:
-        return one_line(repr(value))
+        return one_line(repr(str(value) if isinstance(value, PurePath) else value))
     except (ValueError, RecursionError):  # a whole number of thousands of digits; a thousand nested lists
         return f"a value of type {type(value).__name__} that is too large to print"
 

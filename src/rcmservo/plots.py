@@ -115,9 +115,12 @@ def flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
 
 
 def exploration(record: Record) -> list[tuple[float, float]]:
-    """When the servo explored, as spans of time s."""
-    exploring = record.time[[phase in ("IDLE", "ACQUIRE") for phase in record.phase]]
-    return [(float(exploring[0]), float(exploring[-1]))] if len(exploring) else []
+    """When the servo explored, as spans of time s: while it acquired and had not yet learnt enough."""
+    acquiring = np.array([phase == Phase.ACQUIRE.name for phase in record.phase], dtype=bool)
+    exploring = acquiring & (record.ticks["explored"][:, 0] == 0)
+    turns = np.flatnonzero(np.diff(exploring, prepend=False, append=False))
+    last = len(record.time) - 1
+    return [(float(record.time[i]), float(record.time[min(j, last)])) for i, j in turns.reshape(-1, 2)]
 
 
 def _compared(

@@ -55,9 +55,9 @@ class Rerun:
         return f"{loop}from {at} on, {most} of {count} ticks came out otherwise, in {', '.join(self.differs)}"
 
 
-def recompute(path: Path, servo: Servo | None = None) -> Rerun:
+def recompute(run: Path | Record, servo: Servo | None = None) -> Rerun:
     """Compute a recorded run again, with the recorded settings or with those of another `servo`."""
-    then = record.read(path)
+    then = run if isinstance(run, Record) else record.read(run)
     if not then.stages and len(then.time):
         raise UnusableFile(then.path, "does not tell the servo of its ticks")
     rows: list[bytes] = []

@@ -9,7 +9,8 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from types import NoneType, UnionType
@@ -58,16 +59,26 @@ class Lab:
 def load_lab(path: Path) -> Lab:
     """The laboratory in a TOML file; what the file leaves out is as in the built-in one."""
     try:
-        return _lab(path, _read(path))
+        with told_with(path):
+            return _lab(_read(path))
     except RecursionError as error:
         raise UnusableFile(path, "is nested too deeply") from error
 
 
-def _lab(path: Path, tables: Table) -> Lab:
+@contextmanager
+def told_with(path: Path) -> Generator[None]:
+    """What is wrong with a value that is used in here is told with the file that holds it."""
+    try:
+        yield
+    except BadInput as error:
+        raise BadInput(f"{path}: {error.field}", error.value, error.right) from error
+
+
+def _lab(tables: Table) -> Lab:
     known = (*ROBOT_SECTIONS, *SIMULATION_SECTIONS)
     for name, table in tables.items():
         if name not in known or not isinstance(table, dict):
-            raise BadInput(f"{path}: section {_key(name)}", table, f"one of the sections {', '.join(known)}")
+            raise BadInput(f"section {_key(name)}", table, f"one of the sections {', '.join(known)}")
     default = Lab()
     gate, thresholds = tables.get("gate"), tables.get("thresholds")
     return Lab(

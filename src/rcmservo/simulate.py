@@ -209,7 +209,8 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
     with ExitStack() as stack:
         recorder = stack.enter_context(Recorder(job.folder / RECORD, about(job, settings), _disk(rig)))
         plant.recorded = recorder.recorded
-        picture = _pictures(job, plant, settings, recorder, stack)
+        video = _video(job, settings, stack)
+        picture = _pictures(job, plant, video, recorder)
         stopped = stack.enter_context(_between_ticks())
         begins = partial(recorder.begin, job.servo)
         rig.begin()
@@ -224,7 +225,7 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
     metrics = notes.metrics()
     metrics |= {"settled": False, "settle_time_s": None, "cause": killed} if killed else {}
     metrics |= {"resumed": person.resumed, "refused": person.refused, "shown_again": person.shown}
-    metrics |= {"not_recorded": recorder.failed}
+    metrics |= {"not_recorded": recorder.failed, "not_filmed": video.failed if video is not None else ""}
     return keep(job, metrics)
 
 
@@ -315,15 +316,17 @@ def about(job: Job, settings: RigSettings) -> dict[str, Any]:
     }
 
 
-def _pictures(
-    job: Job, plant: Plant, settings: RigSettings, recorder: Recorder, stack: ExitStack
-) -> Callable[[Tick], None]:
+def _video(job: Job, settings: RigSettings, stack: ExitStack) -> Video | None:
+    """The overlay video, if it is wanted."""
+    if not job.video:
+        return None
+    video = Video(job.folder / "overlay.mp4", (settings.width, settings.height), settings.timing.frame_rate)
+    stack.callback(video.close)
+    return video
+
+
+def _pictures(job: Job, plant: Plant, video: Video | None, recorder: Recorder) -> Callable[[Tick], None]:
     """What to do with every new frame: the overlay video, and the record if it is to hold them."""
-    video = None
-    if job.video:
-        size = settings.width, settings.height
-        video = Video(job.folder / "overlay.mp4", size, settings.timing.frame_rate)
-        stack.callback(video.close)
     shown: Frame | None = None
 
     def picture(tick: Tick) -> None:

@@ -74,6 +74,8 @@ def show_run(console: Console, metrics: dict[str, Any]) -> None:
         )
     if metrics["not_recorded"]:
         table.add_row("not recorded", metrics["not_recorded"])
+    if metrics["not_filmed"]:
+        table.add_row("not filmed", metrics["not_filmed"])
     latency = metrics["latency_s"]
     if latency["median"] is not None:
         spread = f"{1e3 * latency['median']:.0f} ms median, {1e3 * latency['p99']:.0f} ms p99"
@@ -103,6 +105,8 @@ def show_live(console: Console, metrics: dict[str, Any]) -> None:
         table.add_row("latency, exposure to command", spread)
         for sentence in loop["refused"]:
             table.add_row("refused", sentence)
+    if metrics.get("not_recorded"):
+        table.add_row("not recorded", metrics["not_recorded"])
     table.add_row("files", str(metrics["folder"]))
     console.print(table)
 

@@ -1,7 +1,7 @@
 """From frames to marker centres."""
 
 from rcmservo.tracking.colours import COLOURS
-from rcmservo.tracking.images import decode_image, encode_image, read_image, write_image
+from rcmservo.tracking.images import decode_image, encode_image, read_image
 from rcmservo.tracking.markers import ColourMarkers, MarkerLook, PointMarkers
 
 __all__ = [
@@ -12,5 +12,4 @@ __all__ = [
     "decode_image",
     "encode_image",
     "read_image",
-    "write_image",
 ]

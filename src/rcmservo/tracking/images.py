@@ -32,14 +32,6 @@ def read_image(path: str | Path) -> Image:
     return decode_image(data, path)
 
 
-def write_image(path: str | Path, image: Image) -> None:
-    """Write a picture by its name's ending: .png without loss, .jpg small but with its colour edges kept."""
-    try:
-        Path(path).write_bytes(cv2.imencode(Path(path).suffix, image, JPEG)[1].tobytes())
-    except OSError as error:
-        raise UnusableFile(path, f"cannot be written ({error.strerror})") from error
-
-
 def encode_image(image: Image) -> bytes:
     """A picture as the bytes of a JPEG file, with its colour edges kept."""
     return cv2.imencode(".jpg", image, JPEG)[1].tobytes()

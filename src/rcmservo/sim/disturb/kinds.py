@@ -263,9 +263,11 @@ class Disturbance:
 
 
 def describe() -> str:
-    """One line for each kind: how it is written, and what it does."""
+    """One line for each kind that a rig with pictures can suffer: how it is written, and what it does."""
     lines: list[str] = []
     for name, kind in KINDS.items():
+        if not kind.pictures:
+            continue
         keys = [f"{key}={_written(parameter.default)}" for key, parameter in kind.parameters.items()]
         if kind.lasts is not None:
             keys.insert(0, "for" if math.isinf(kind.lasts) else f"for={kind.lasts:g}")
