@@ -732,6 +732,18 @@ def test_markers_that_are_swapped_from_the_first_frame_on_are_named(seed):
     assert state.cause is Cause.SWAPPED
 
 
+def test_markers_that_were_swapped_at_first_do_not_make_the_right_ones_wrong_for_good():
+    lab = laboratory()
+    servo = lab.servo()
+    *_, (_, state) = lab.run(servo, 0.5, change=lambda seen: replace(seen, points=seen.points[::-1].copy()))
+    assert state.phase is Phase.ACQUIRE
+    *_, (seen, state) = lab.run(servo, 0.5, state)
+    assert state.phase is Phase.PAUSED and state.cause is Cause.SWAPPED
+    state = servo.step(state, replace(seen, now=seen.now + 10_000_000), lab.target, Request.RESUME)
+    *_, (_, state) = lab.run(servo, 4.0, state)
+    assert state.phase is Phase.SERVO
+
+
 def test_a_first_frame_of_another_size_counts_for_nothing_once_the_plant_was_reset():
     rig = laboratory().rig
     size = [24, 32, 3]

@@ -402,10 +402,11 @@ class Servo:
     def _without_filters(self, state: State, cause: Cause, now: int) -> State:
         """The state with its counts begun anew, and without the estimate if the cause spoils it.
 
-        Without an estimate nobody can tell one false marker from a camera that was moved: then it counts as that.
+        Without an estimate nobody can tell one false marker from a camera that was moved: then it counts as that. Nor
+        can anybody tell whether markers that changed places are wrong now or were before.
         """
         moved = cause is Cause.CAMERA_MOVED or (cause is Cause.SURPRISED and not state.explored)
-        spoilt = moved or cause in UNLEARNT
+        spoilt = moved or cause in UNLEARNT or (cause is Cause.SWAPPED and not state.explored)
         watch = unwatched(state.watch, spoilt)
         state = state.but(watch=watch, peak=np.inf, tour=None, no_room=False)
         if moved:
