@@ -92,7 +92,7 @@ def test_a_target_shown_anew_during_the_pause_is_not_refused_with_the_old_one():
     lab.rig.relocate_camera()
     *_, held = run(lab.plant, servo, lab.target, 1.0, state=there.state)
     assert held.state.cause is Cause.CAMERA_MOVED
-    fresh = replace(lab.target, points=lab.target.points + 1.0)
+    fresh = replace(lab.target, points=lab.target.points + 1.0, shown=held.seen.now)
     state, seen = held.state, held.seen
     for recorded, request in ((False, Request.NONE), (True, Request.RESUME)):
         seen = replace(seen, now=seen.now + 10_000_000, q_time=seen.now + 10_000_000, enabled=True, recorded=recorded)
@@ -139,5 +139,5 @@ def test_after_a_person_moved_the_tool_no_frame_is_given_joints_from_before():
     teach(lab.plant, frames=5)
     lab.rig.go_home()
     home = lab.rig.scene.start
-    for tick in run(lab.plant, lab.servo(), lab.target, 0.05):
-        assert np.abs(tick.seen.q_exposure - home).max() < 0.1
+    seen = [tick.seen for tick in run(lab.plant, lab.servo(), lab.target, 0.1) if tick.seen.frame >= 0]
+    assert seen and all(np.abs(one.q_exposure - home).max() < 0.1 for one in seen)
