@@ -692,7 +692,10 @@ def test_a_camera_that_is_moved_on_while_paused_does_not_spoil_the_new_explorati
     servo = lab.servo()
     state = servoing(lab, servo)
     shift = np.array([60.0, 0.0])
-    *_, (_, state) = lab.run(servo, 0.5, state, lambda seen: replace(seen, points=seen.points + shift))
+    states = [after for _, after in lab.run(servo, 0.5, state, lambda seen: replace(seen, points=seen.points + shift))]
+    paused = next(after for after in states if after.phase is Phase.PAUSED)
+    assert np.isnan([paused.y, paused.delta, paused.ahead]).all(), "these are from the view before"
+    state = states[-1]
     assert state.phase is Phase.PAUSED and state.cause is Cause.CAMERA_MOVED and not state.explored
     began = state.command.time
 

@@ -179,7 +179,6 @@ class Servo:
 
     def init(self) -> State:
         """Nothing seen, nothing known: Ĵ = 0, drive off."""
-        unknown = np.full(3, np.nan)
         return State(
             mode=Mode(),
             command=self.gate.rest(),
@@ -187,9 +186,6 @@ class Servo:
             frame=-1,
             believed=-1,
             **self._nothing_learnt(),
-            y=unknown,
-            delta=unknown,
-            ahead=unknown,
             v=np.zeros(3),
             blocked=-1,
             target=None,
@@ -215,6 +211,9 @@ class Servo:
             "p1": np.full(3, np.nan),
             "J_hat": np.zeros((3, 3)),
             "condition": np.inf,
+            "y": np.full(3, np.nan),
+            "delta": np.full(3, np.nan),
+            "ahead": np.full(3, np.nan),
         }
 
     def again(self, state: State) -> State:
