@@ -11,7 +11,7 @@ run: $(READY)
 
 test: check
 	$(BIN)/pytest
-	$(BIN)/python benchmarks/soak.py
+	$(BIN)/python benchmarks/soak.py --seconds 10
 	-$(BIN)/python benchmarks/kill.py --count 4
 
 check: $(READY)

@@ -5,7 +5,7 @@ from concurrent.futures import ProcessPoolExecutor
 import pytest
 from campaign import Run, one
 
-RUNS = {"faults": 40, "short": 16, "none": 12}
+RUNS = {"faults": 28, "short": 12, "none": 8}
 
 
 @pytest.fixture(scope="module")
