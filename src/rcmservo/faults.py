@@ -231,9 +231,8 @@ def watch_frame(watch: Watch, seen: Observation, limits: Thresholds) -> Watch:
     period, count = watch.period, seen.frame - watch.frame
     if watch.frame >= 0:
         one = (seen.exposure - watch.exposure) / count
-        period = (
-            min(one, FIRST_PERIOD) if period == 0.0 else period + 0.2 * (min(one, limits.stale_slow * period) - period)
-        )
+        one = min(one, limits.stale_slow * period if period else FIRST_PERIOD)
+        period = period + 0.2 * (one - period) if period else one
     return watch._replace(frame=seen.frame, exposure=seen.exposure, period=period, latency=seen.now - seen.exposure)
 
 
