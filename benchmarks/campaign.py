@@ -1,14 +1,16 @@
-"""Random faults on the closed loop in simulated time: what was sent, how soon it stood still, and what it said.
+"""Random faults on the closed loop in simulated time: what was sent, how soon it stood still, and
+what it said.
 
     python benchmarks/campaign.py [faults|none|short] [RUNS [FIRST_SEED]]
 
-    faults   1 to 3 disturbances by chance in 30 s; a scripted person resumes after pauses (2000 runs)
+    faults   1 to 3 disturbances by chance in 30 s; a person resumes after pauses (2000 runs)
     none     no disturbance at all: nothing may stop the tool (500 runs)
     short    1 to 3 that ask for HOLD at most, each shorter than 0.5 s (500 runs)
 
-A camera that delivers points with 0.1 px of noise, about what tracking rendered frames leaves. Every run's commands are
-checked where the arm takes them. Odd runs are listed with their seed and disturbances, so that each can be run again:
-`rcmservo run --seed N --disturb ...` (with pictures), or `one(seed, kind)` below.
+A camera that delivers points with 0.1 px of noise, about what tracking rendered frames leaves.
+Every run's commands are checked where the arm takes them. Odd runs are listed with their seed and
+disturbances, so that each can be run again: `rcmservo run --seed N --disturb ...` (with pictures),
+or `one(seed, kind)` below.
 """
 
 import sys
@@ -21,9 +23,9 @@ from typing import Any
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.outcome import TOLERANCE, Judge
-from rcmservo.plant import Floats
-from rcmservo.servo import Servo
+from rcmservo.interfaces import Floats
+from rcmservo.record.verdict import TOLERANCE, Judge
+from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, RigSettings
 from rcmservo.sim.disturb import KINDS, causes_of, random_disturbances
 from rcmservo.sim.person import Person, attended
@@ -38,7 +40,17 @@ STILL = 0.1
 BEFORE = 1.0
 """s before a stop within which a fault must have been active to be its cause."""
 
-SHORT = ("marker_loss", "nan_points", "stuck", "frame_drop", "repeat", "shuffle", "clock_step", "delay", "latency")
+SHORT = (
+    "marker_loss",
+    "nan_points",
+    "stuck",
+    "frame_drop",
+    "repeat",
+    "shuffle",
+    "clock_step",
+    "delay",
+    "latency",
+)
 """Kinds that ask for HOLD at most."""
 
 STOPS = {rs.Phase.HOLD, rs.Phase.PAUSED, rs.Phase.FAULT}
@@ -61,7 +73,8 @@ class Run:
 
 
 class Guarded:
-    """An arm whose every command is checked as it comes: finite, bounded, slew-limited, its number rising."""
+    """An arm whose every command is checked as it comes: finite, bounded, slew-limited, its number
+    rising."""
 
     def __init__(self, arm: Any, servo: Servo, found: list[str]) -> None:
         self._arm, self._gate, self._found = arm, servo.gate, found
@@ -81,7 +94,9 @@ class Guarded:
         checks = {
             "not finite": np.isfinite(command.rates).all(),
             "too fast": np.all(np.abs(command.rates) <= speed * (1 + 1e-9)),
-            "over-slewed": np.all(change <= slew * dt * (1 + 1e-9)) if command.enabled else not command.rates.any(),
+            "over-slewed": np.all(change <= slew * dt * (1 + 1e-9))
+            if command.enabled
+            else not command.rates.any(),
             "number does not rise": command.number > self._last.number,
         }
         self._found += [f"{command.time}: {name}" for name, good in checks.items() if not good]
@@ -97,8 +112,14 @@ def disturbances_of(seed: int, kind: str) -> list[Disturbance]:
     if kind == "faults":
         return random_disturbances(random, FAULTS_UNTIL)
     chosen = random.choice(SHORT, size=random.integers(1, 4), replace=False).tolist()
-    at, last = random.uniform(0.0, FAULTS_UNTIL, len(chosen)), random.uniform(0.02, 0.5, len(chosen))
-    return [Disturbance(name, round(a, 3), round(b, 3)) for name, a, b in zip(chosen, at, last, strict=True)]
+    at, last = (
+        random.uniform(0.0, FAULTS_UNTIL, len(chosen)),
+        random.uniform(0.02, 0.5, len(chosen)),
+    )
+    return [
+        Disturbance(name, round(a, 3), round(b, 3))
+        for name, a, b in zip(chosen, at, last, strict=True)
+    ]
 
 
 def one(seed: int, kind: str) -> Run:
@@ -107,7 +128,9 @@ def one(seed: int, kind: str) -> Run:
     run = Run(seed, [str(disturbance) for disturbance in disturbances])
     rig = rs.sim.Rig(seed, RigSettings(point_noise=0.1), pictures=False, disturbances=disturbances)
     servo = rs.Servo(rig.settings.mechanism, rig.settings.tool)
-    plant = rs.Plant(Guarded(rig.mechanism, servo, run.wrong_commands), rig.camera, PointMarkers(), rig.clock)
+    plant = rs.Plant(
+        Guarded(rig.mechanism, servo, run.wrong_commands), rig.camera, PointMarkers(), rig.clock
+    )
     plant.recorded = lambda: not rig.disk_full()
     rig.show_target()
     target = rs.teach(plant)
@@ -117,7 +140,9 @@ def one(seed: int, kind: str) -> Run:
     person, judge = Person(rig, plant, PATIENCE), Judge(servo, target)
     start = rig.clock.now()
     try:
-        for tick in watched(run, attended(rig, plant, servo, target, DURATION, person), disturbances, start):
+        for tick in watched(
+            run, attended(rig, plant, servo, target, DURATION, person), disturbances, start
+        ):
             judge.add(tick)
     except Killed:
         run.end = "killed"
@@ -132,14 +157,19 @@ def one(seed: int, kind: str) -> Run:
     return run
 
 
-def watched(run: Run, ticks: Iterator[rs.Tick], disturbances: list[Disturbance], start: int) -> Iterator[rs.Tick]:
-    """The same ticks; notes every stop, whether its cause is right, and whether the rates are zero in time."""
+def watched(
+    run: Run, ticks: Iterator[rs.Tick], disturbances: list[Disturbance], start: int
+) -> Iterator[rs.Tick]:
+    """The same ticks; notes every stop, whether its cause is right, and whether the rates are zero
+    in time."""
     phase, since = None, 0
     for tick in ticks:
         state, now = tick.state, tick.seen.now
         if state.phase is not phase:
             since = since if phase in STOPS and state.phase in STOPS else now
-            if state.phase in STOPS and not (phase is rs.Phase.HOLD and state.phase is rs.Phase.PAUSED):
+            if state.phase in STOPS and not (
+                phase is rs.Phase.HOLD and state.phase is rs.Phase.PAUSED
+            ):
                 right = state.cause in accepted(disturbances, (now - start) * 1e-9)
                 run.stops.append(((now - start) * 1e-9, state.phase.name, state.cause.name, right))
             phase = state.phase
@@ -163,25 +193,46 @@ def report(runs: list[Run], kind: str) -> None:
     """The numbers of the campaign, and every odd run."""
     stops = [stop for run in runs for stop in run.stops]
     right = sum(stop[3] for stop in stops)
-    print(f"{kind}: {len(runs)} runs of {DURATION:g} s; ends: {dict(Counter(run.end for run in runs))}")
-    print(f"commands not finite, unbounded, over-slewed: {sum(len(run.wrong_commands) for run in runs)}")
-    print(f"stops not at zero within {STILL:g} s (FAULT: at once): {sum(len(run.too_slow) for run in runs)}")
-    print(f"stops: {len(stops)}" + (f", the right cause named in {right} ({right / len(stops):.2%})" if stops else ""))
+    print(
+        f"{kind}: {len(runs)} runs of {DURATION:g} s; ends: "
+        f"{dict(Counter(run.end for run in runs))}"
+    )
+    print(
+        f"commands not finite, unbounded, over-slewed: "
+        f"{sum(len(run.wrong_commands) for run in runs)}"
+    )
+    print(
+        f"stops not at zero within {STILL:g} s (FAULT: at once): "
+        f"{sum(len(run.too_slow) for run in runs)}"
+    )
+    print(
+        f"stops: {len(stops)}"
+        + (f", the right cause named in {right} ({right / len(stops):.2%})" if stops else "")
+    )
     print(f"by cause: {dict(Counter(stop[2] for stop in stops).most_common())}")
     print(
-        f"resumed {sum(run.resumed for run in runs)} times, target shown again {sum(run.shown for run in runs)} times"
+        f"resumed {sum(run.resumed for run in runs)} times, target shown again "
+        f"{sum(run.shown for run in runs)} times"
     )
     settled = np.array([run.pose_error for run in runs if run.end == "settled"])
     if len(settled):
         p50, p99 = np.percentile(settled, [50, 99])
-        print(f"pose error of settled runs: median {p50:.3f}, 99 % {p99:.3f}, worst {settled.max():.3f} mm")
+        print(
+            f"pose error of settled runs: median {p50:.3f}, 99 % {p99:.3f}, worst "
+            f"{settled.max():.3f} mm"
+        )
     for run in runs:
         wrong = [stop for stop in run.stops if not stop[3]]
         lost = run.end == "settled" and run.pose_error > 2.0
         if run.wrong_commands or run.too_slow or wrong or lost or run.end == "under way":
-            what = run.wrong_commands[:2] + run.too_slow[:2] + [f"{t:.2f} s {p} {c}" for t, p, c, _ in wrong]
+            what = (
+                run.wrong_commands[:2]
+                + run.too_slow[:2]
+                + [f"{t:.2f} s {p} {c}" for t, p, c, _ in wrong]
+            )
             print(
-                f"  seed {run.seed} ends {run.end}, {run.pose_error:.2f} mm: {what} {run.words}\n    {run.disturbances}"
+                f"  seed {run.seed} ends {run.end}, {run.pose_error:.2f} mm: {what} "
+                f"{run.words}\n    {run.disturbances}"
             )
 
 

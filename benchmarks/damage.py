@@ -2,11 +2,12 @@
 
     python benchmarks/damage.py [--flips N] [--step BYTES]
 
-They are cut at every 1000th byte, 10,000 bits are flipped by chance, and so is every bit of the kind and the length of
-each record that the file's data are made of. Twice: a run of 1.5 s in three stages, and one of 0.5 s with its frames. A
-damaged record may be refused with a sentence, be read up to the damage and say that something is missing, or be read
-whole because nothing of it is missing. What is read must be what was written, bit for bit. The process may take 256 MiB
-more than at the start; whatever asks for more fails.
+They are cut at every 1000th byte, 10,000 bits are flipped by chance, and so is every bit of the
+kind and the length of each record that the file's data are made of. Twice: a run of 1.5 s in three
+stages, and one of 0.5 s with its frames. A damaged record may be refused with a sentence, be read
+up to the damage and say that something is missing, or be read whole because nothing of it is
+missing. What is read must be what was written, bit for bit. The process may take 256 MiB more than
+at the start; whatever asks for more fails.
 """
 
 import argparse
@@ -24,17 +25,21 @@ from struct import unpack_from
 import numpy as np
 
 import rcmservo as rs
-from rcmservo import record
-from rcmservo.chunks import DATA_END, MAGIC
-from rcmservo.plant import Image
-from rcmservo.recorder import Recorder
+from rcmservo.interfaces import Image
+from rcmservo.record import reader
+from rcmservo.record.mcap_chunks import DATA_END, MAGIC
+from rcmservo.record.writer import Recorder
 from rcmservo.tracking import PointMarkers
 
 ROOM = 256 * 2**20
 HEAD = 9
 """Bytes of a record's kind and length."""
 
-REFUSED, SHORT, WHOLE = "refused with a sentence", "read up to the damage", "read whole, nothing missing"
+REFUSED, SHORT, WHOLE = (
+    "refused with a sentence",
+    "read up to the damage",
+    "read whole, nothing missing",
+)
 
 
 @dataclass
@@ -42,12 +47,13 @@ class Original:
     """A record before it was damaged: its bytes, what is in it, and its frames."""
 
     data: bytes
-    rows: record.Record
+    rows: reader.Record
     frames: list[tuple[int, Image]]
 
 
 def original(folder: Path, duration: float, pictures: bool, stages: int = 1) -> Original:
-    """A simulated run's record, of one stage or of several equal ones, with its frames (small ones) or without."""
+    """A simulated run's record, of one stage or of several equal ones, with its frames (small ones)
+    or without."""
     settings = replace(rs.sim.RigSettings(), width=160, height=120)
     rig = rs.sim.Rig(1, settings, pictures=False)
     plant = rs.Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
@@ -56,24 +62,26 @@ def original(folder: Path, duration: float, pictures: bool, stages: int = 1) -> 
     target = rs.teach(plant, frames=5)
     rig.go_home()
     random = np.random.default_rng(0)
-    path, state = folder / record.RECORD, None
+    path, state = folder / reader.RECORD, None
     with Recorder(path, {"seed": 1, "settings": {"name": "damage"}}) as recorder:
         for _ in range(stages):
             recorder.begin(servo, target, state)
-            for count, tick in enumerate(rs.run(plant, servo, target, duration / stages, state=state)):
+            for count, tick in enumerate(
+                rs.run(plant, servo, target, duration / stages, state=state)
+            ):
                 recorder.write(tick)
                 recorder.write_truth(tick.seen.q, tick.state.command.rates, 0.1)
                 if pictures and count % 2:
                     noise = random.integers(0, 30, (120, 160, 3)).astype(np.uint8)
                     recorder.write_frame(rs.Frame(count, tick.seen.now, tick.seen.now, image=noise))
             state = tick.state
-    return Original(path.read_bytes(), record.read(path), list(record.frames(path)))
+    return Original(path.read_bytes(), reader.read(path), list(reader.frames(path)))
 
 
 def read(path: Path, before: Original) -> str:
     """How a damaged record was read; AssertionError where something wrong was taken for right."""
     try:
-        rows = record.read(path)
+        rows = reader.read(path)
     except rs.UnusableFile as error:
         assert "\n" not in str(error)
         return REFUSED
@@ -102,7 +110,7 @@ def read(path: Path, before: Original) -> str:
 def _frames(path: Path, before: Original) -> bool:
     """Whether all frames are there; those that are must be as they were."""
     count = 0
-    for (exposure, image), (then, written) in zip(record.frames(path), before.frames, strict=False):
+    for (exposure, image), (then, written) in zip(reader.frames(path), before.frames, strict=False):
         assert exposure == then
         assert image.tobytes() == written.tobytes()
         count += 1
@@ -119,7 +127,9 @@ def flips(before: Original, count: int, seed: int = 0) -> Iterator[bytes]:
     """The record with one bit flipped, `count` times."""
     random = np.random.default_rng(seed)
     data = bytearray(before.data)
-    for place, bit in zip(random.integers(0, len(data), count), random.integers(0, 8, count), strict=True):
+    for place, bit in zip(
+        random.integers(0, len(data), count), random.integers(0, 8, count), strict=True
+    ):
         data[place] ^= 1 << bit
         yield bytes(data)
         data[place] ^= 1 << bit
@@ -135,7 +145,8 @@ def heads(data: bytes) -> Iterator[int]:
 
 
 def head_flips(before: Original) -> Iterator[bytes]:
-    """The record with one bit flipped in the kind or the length of one of its records: every such bit in turn."""
+    """The record with one bit flipped in the kind or the length of one of its records: every such
+    bit in turn."""
     data = bytearray(before.data)
     for head in heads(before.data):
         for bit in range(8 * HEAD):
@@ -188,7 +199,10 @@ def main() -> None:
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         path = Path(folder) / "damaged.mcap"
         for name, one in originals.items():
-            print(f"{name}: {len(one.rows.time)} ticks, {len(one.frames)} frames, {len(one.data)} bytes")
+            print(
+                f"{name}: {len(one.rows.time)} ticks, {len(one.frames)} frames, {len(one.data)} "
+                f"bytes"
+            )
             wrong += judge("  cut", cuts(one, asked.step), one, path)
             wrong += judge("  one bit of a kind or length flipped", head_flips(one), one, path)
             wrong += judge("  one bit flipped", flips(one, asked.flips), one, path)

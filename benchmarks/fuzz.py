@@ -1,11 +1,13 @@
-"""Rig files and target files as nobody should write them: is each refused with a sentence, or taken for what it says?
+"""Rig files and target files as nobody should write them: is each refused with a sentence, or taken
+for what it says?
 
     python benchmarks/fuzz.py [--count N] [--seed SEED]
 
-Half are rig files, half targets. Each begins as a good one; some of its values are exchanged for others, and some are
-then damaged as text: flipped bits, cuts, repeated and exchanged lines, odd tokens, deep nesting, other encodings. An
-input passes if it is refused by an error of ours in one line, or accepted with what another parser reads in it. It
-fails with any other exception, after 2 s, with wrong values, or beyond 256 MiB. What fails is printed and kept.
+Half are rig files, half targets. Each begins as a good one; some of its values are exchanged for
+others, and some are then damaged as text: flipped bits, cuts, repeated and exchanged lines, odd
+tokens, deep nesting, other encodings. An input passes if it is refused by an error of ours in one
+line, or accepted with what another parser reads in it. It fails with any other exception, after 2
+s, with wrong values, or beyond 256 MiB. What fails is printed and kept.
 """
 
 import argparse
@@ -25,11 +27,11 @@ from typing import Any
 import numpy as np
 
 import rcmservo as rs
-from rcmservo import targets
-from rcmservo.settings import MECHANISMS, Lab, load_lab
+from rcmservo.app.simulated_run.simulate import CameraSection, rig_settings
+from rcmservo.config import target_file
+from rcmservo.config.rig_file import MECHANISMS, Lab, load_lab
+from rcmservo.config.target_file import Setup
 from rcmservo.sim import Drive, Look, SceneSettings
-from rcmservo.simulate import CameraSection, rig_settings
-from rcmservo.targets import Setup
 from rcmservo.tracking import COLOURS
 
 ROOM = 256 * 2**20
@@ -38,16 +40,78 @@ LONGEST_MESSAGE = 1000
 REFUSED, ACCEPTED = "refused", "accepted"
 
 ODD_NUMBERS = (
-    0, -1, 1, 2**31, 2**63, -(2**64), 10**400, 1e-320, 1e308, -1e308, -0.0, 0.5, float("nan"), float("inf"),
-    -float("inf"), 640.0, 1e-9, 4097, 63,
-)  # fmt: skip
-ODD_WORDS = ("", "red", "nan", "1.0", "\n", "\x1b[2J", "é" * 40, "\u2028", "x" * 5000, "../../etc", "true", "\x00", "'")
+    0,
+    -1,
+    1,
+    2**31,
+    2**63,
+    -(2**64),
+    10**400,
+    1e-320,
+    1e308,
+    -1e308,
+    -0.0,
+    0.5,
+    float("nan"),
+    float("inf"),
+    -float("inf"),
+    640.0,
+    1e-9,
+    4097,
+    63,
+)
+ODD_WORDS = (
+    "",
+    "red",
+    "nan",
+    "1.0",
+    "\n",
+    "\x1b[2J",
+    "é" * 40,
+    "\u2028",
+    "x" * 5000,
+    "../../etc",
+    "true",
+    "\x00",
+    "'",
+)
 TOKENS = (
-    b"nan", b"inf", b"-inf", b"NaN", b"Infinity", b"1e999", b"1e-999", b"9" * 5000, b"0x" + b"f" * 900, b"true",
-    b"null", b"[[", b"]]", b"{", b"}", b"[" * 900, b"{\"a\":" * 900, b"a." * 450, b"\"\"\"", b"'''", b"\\u0000",
-    b"\\ud800", b"\xff\xfe", b"\xef\xbb\xbf", b"\x00", b"\r", b"\n", b"=", b",", b":", b"#", b"\"", b"_",
-    b"1979-05-27T07:32:00Z", b" ",
-)  # fmt: skip
+    b"nan",
+    b"inf",
+    b"-inf",
+    b"NaN",
+    b"Infinity",
+    b"1e999",
+    b"1e-999",
+    b"9" * 5000,
+    b"0x" + b"f" * 900,
+    b"true",
+    b"null",
+    b"[[",
+    b"]]",
+    b"{",
+    b"}",
+    b"[" * 900,
+    b'{"a":' * 900,
+    b"a." * 450,
+    b'"""',
+    b"'''",
+    b"\\u0000",
+    b"\\ud800",
+    b"\xff\xfe",
+    b"\xef\xbb\xbf",
+    b"\x00",
+    b"\r",
+    b"\n",
+    b"=",
+    b",",
+    b":",
+    b"#",
+    b'"',
+    b"_",
+    b"1979-05-27T07:32:00Z",
+    b" ",
+)
 
 
 @dataclass
@@ -65,12 +129,24 @@ def drawn(random: Random, value: Any) -> Any:
         return random.choice([items, items, items, items[1:], [*items, 1.0], items[::-1]])
     if isinstance(value, int | float) and not isinstance(value, bool) and random.random() < 0.6:
         return (
-            value * random.choice([0.5, 0.9, 1.1, 2.0]) if isinstance(value, float) else value + random.randint(-9, 9)
+            value * random.choice([0.5, 0.9, 1.1, 2.0])
+            if isinstance(value, float)
+            else value + random.randint(-9, 9)
         )
     return random.choice(
-        [random.choice(ODD_NUMBERS), random.choice(ODD_WORDS), random.choice(COLOURS), True, [], {}, [1.0] * 3,
-         {"a": 1}, nested(random.randint(1, 90)), -1.0 if value is None else value]
-    )  # fmt: skip
+        [
+            random.choice(ODD_NUMBERS),
+            random.choice(ODD_WORDS),
+            random.choice(COLOURS),
+            True,
+            [],
+            {},
+            [1.0] * 3,
+            {"a": 1},
+            nested(random.randint(1, 90)),
+            -1.0 if value is None else value,
+        ]
+    )
 
 
 def nested(depth: int) -> Any:
@@ -81,7 +157,8 @@ def nested(depth: int) -> Any:
 
 
 def disturbed(random: Random, table: dict[str, Any]) -> None:
-    """Exchange values of a table, leave keys out, or put in ones that it does not know; in the tables in it too."""
+    """Exchange values of a table, leave keys out, or put in ones that it does not know; in the
+    tables in it too."""
     for key in list(table):
         if isinstance(table[key], dict) and random.random() < 0.8:
             disturbed(random, table[key])
@@ -102,7 +179,11 @@ def damaged(random: Random, data: bytes) -> bytes:
 
 def flipped(random: Random, data: bytes) -> bytes:
     place = random.randrange(max(len(data), 1))
-    return data[:place] + bytes(byte ^ 1 << random.randrange(8) for byte in data[place : place + 1]) + data[place + 1 :]
+    return (
+        data[:place]
+        + bytes(byte ^ 1 << random.randrange(8) for byte in data[place : place + 1])
+        + data[place + 1 :]
+    )
 
 
 def cut(random: Random, data: bytes) -> bytes:
@@ -143,16 +224,29 @@ def with_token_for_value(random: Random, data: bytes) -> bytes:
 
 
 def encoded(random: Random, data: bytes) -> bytes:
-    return data.decode(errors="replace").encode(random.choice(["utf-16", "utf-32", "utf-8-sig", "latin-1"]), "replace")
+    return data.decode(errors="replace").encode(
+        random.choice(["utf-16", "utf-32", "utf-8-sig", "latin-1"]), "replace"
+    )
 
 
 def swollen(random: Random, data: bytes) -> bytes:
-    return data + random.choice([b"\n" * 70_000, b" " * 60_000, b"#" + b"x" * 60_000, b"\n[a]" * 9000, b"[" * 60_000])
+    return data + random.choice(
+        [b"\n" * 70_000, b" " * 60_000, b"#" + b"x" * 60_000, b"\n[a]" * 9000, b"[" * 60_000]
+    )
 
 
 DAMAGES: tuple[Callable[[Random, bytes], bytes], ...] = (
-    flipped, flipped, cut, doubled, shuffled, shortened, with_token, with_token_for_value, encoded, swollen,
-)  # fmt: skip
+    flipped,
+    flipped,
+    cut,
+    doubled,
+    shuffled,
+    shortened,
+    with_token,
+    with_token_for_value,
+    encoded,
+    swollen,
+)
 
 
 def toml(value: Any) -> str:
@@ -164,23 +258,38 @@ def toml(value: Any) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(toml, value)) + "]"
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(key)} = {toml(item)}" for key, item in value.items()) + "}"
+        return (
+            "{"
+            + ", ".join(f"{json.dumps(key)} = {toml(item)}" for key, item in value.items())
+            + "}"
+        )
     return repr(value)
 
 
 def rig_tables() -> list[dict[str, Any]]:
     """Rig files with every key of every section, at its default."""
-    simulated = {"camera": asdict(CameraSection()), "drive": asdict(Drive()), "scene": asdict(SceneSettings())}
+    simulated = {
+        "camera": asdict(CameraSection()),
+        "drive": asdict(Drive()),
+        "scene": asdict(SceneSettings()),
+    }
     look = {key: value for key, value in asdict(Look()).items() if not key.startswith("marker_")}
     both = {**simulated, "look": look}
-    tools = ({"kind": "rigid", "spacing": 30.0, "offset": 0.0}, {"kind": "scaled", "scale": 1.3, "offset": 1.0})
+    tools = (
+        {"kind": "rigid", "spacing": 30.0, "offset": 0.0},
+        {"kind": "scaled", "scale": 1.3, "offset": 1.0},
+    )
     tables: list[dict[str, Any]] = []
     for kind, cls in MECHANISMS.items():
         limits = asdict(cls().limits)  # pyright: ignore[reportCallIssue]
         for tool in tools:
             robot = {"mechanism": {"kind": kind, "insertion_zero": 0.0, **limits}, "tool": tool}
             lab = Lab()
-            rest = {"markers": asdict(lab.markers), "gate": asdict(lab.gate), "thresholds": asdict(lab.thresholds)}
+            rest = {
+                "markers": asdict(lab.markers),
+                "gate": asdict(lab.gate),
+                "thresholds": asdict(lab.thresholds),
+            }
             tables.append(json.loads(json.dumps({**robot, **rest, **both})))
     return tables
 
@@ -200,8 +309,11 @@ def rig_file(random: Random) -> bytes:
     for name, table in tables.items():
         if isinstance(table, dict):
             text.append(f"[{name if name.isalpha() else json.dumps(name)}]")
-            text += [f"{key if key.isidentifier() else json.dumps(key)} = {toml(value)}"
-                     for key, value in table.items() if value is not None]  # fmt: skip
+            text += [
+                f"{key if key.isidentifier() else json.dumps(key)} = {toml(value)}"
+                for key, value in table.items()
+                if value is not None
+            ]
         else:
             text.insert(0, f"{json.dumps(name)} = {toml(table)}")
     data = "\n".join(text).encode(errors="replace")
@@ -215,8 +327,14 @@ def try_rig(path: Path) -> None:
     tables = tomllib.loads(path.read_bytes().decode())
     mechanism = {"kind": lab.mechanism.name, "insertion_zero": lab.mechanism.insertion_zero}
     timing = settings.timing
-    camera = {"width": settings.width, "height": settings.height, "frame_rate": timing.frame_rate,
-              "exposure": timing.exposure, "delay": timing.delay, "point_noise": settings.point_noise}  # fmt: skip
+    camera = {
+        "width": settings.width,
+        "height": settings.height,
+        "frame_rate": timing.frame_rate,
+        "exposure": timing.exposure,
+        "delay": timing.delay,
+        "point_noise": settings.point_noise,
+    }
     got = {
         "mechanism": {**mechanism, **asdict(lab.mechanism.limits)},
         "tool": {"kind": lab.tool.name, **asdict(lab.tool)},  # pyright: ignore[reportArgumentType]
@@ -234,9 +352,13 @@ def try_rig(path: Path) -> None:
         table = tables.get(name, {})
         assert set(table) <= set(fields), f"a key of [{name}] was passed over"
         for key, value in table.items():
-            assert plain(fields[key]) == plain(value), f"{name}.{key} is {fields[key]!r} instead of {value!r}"
+            assert plain(fields[key]) == plain(value), (
+                f"{name}.{key} is {fields[key]!r} instead of {value!r}"
+            )
         for key in set(usual.get(name, {})) - set(table):
-            assert plain(fields[key]) == plain(usual[name][key]), f"{name}.{key} is not left as it was"
+            assert plain(fields[key]) == plain(usual[name][key]), (
+                f"{name}.{key} is not left as it was"
+            )
 
 
 DEFAULTS: dict[str, Any] = {
@@ -251,7 +373,8 @@ DEFAULTS: dict[str, Any] = {
 
 
 def plain(value: Any) -> Any:
-    """Numbers as floats, lists as tuples, so that two ways to say one thing are equal; a truth value is no number."""
+    """Numbers as floats, lists as tuples, so that two ways to say one thing are equal; a truth
+    value is no number."""
     if isinstance(value, list | tuple):
         return tuple(map(plain, value))
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -265,21 +388,27 @@ SETUP = Setup("one camera", 640, 480, rs.SphericalRcm(), rs.RigidTool(spacing=30
 def target_content(folder: Path) -> dict[str, Any]:
     """What is in the file of a good target."""
     points, q = np.array([[100.25, 50.125], [200.1, 300.3]]), np.array([0.7, 0.1, 120.0])
-    targets.save(folder / "good.json", rs.Target(points, q), SETUP)
+    target_file.save(folder / "good.json", rs.Target(points, q), SETUP)
     return json.loads((folder / "good.json").read_text())
 
 
-def target_file(random: Random, content: dict[str, Any]) -> bytes:
+def drawn_target(random: Random, content: dict[str, Any]) -> bytes:
     """A target's file, good or bad; half of the time its checksum is right for what it holds."""
     content = json.loads(json.dumps(content))
-    content["markers_px"] = [[random.uniform(-2.0, 642.0), random.uniform(-2.0, 482.0)] for _ in range(2)]
-    content["joints"] = [random.uniform(0.1, 1.5), random.uniform(-3.2, 3.2), random.uniform(38.0, 222.0)]
+    content["markers_px"] = [
+        [random.uniform(-2.0, 642.0), random.uniform(-2.0, 482.0)] for _ in range(2)
+    ]
+    content["joints"] = [
+        random.uniform(0.1, 1.5),
+        random.uniform(-3.2, 3.2),
+        random.uniform(38.0, 222.0),
+    ]
     if random.random() < 0.6:
         disturbed(random, content)
     if random.random() < 0.8:
         content.pop("sha256", None)
         try:
-            content["sha256"] = targets.checksum(content)
+            content["sha256"] = target_file.checksum(content)
         except ValueError:
             content["sha256"] = "0" * 64
     items = list(content.items())
@@ -289,17 +418,20 @@ def target_file(random: Random, content: dict[str, Any]) -> bytes:
 
 
 def try_target(path: Path) -> None:
-    """Read a target; AssertionError where what it says and what was read differ, or it should have been refused."""
-    target = targets.load(path, SETUP)
+    """Read a target; AssertionError where what it says and what was read differ, or it should have
+    been refused."""
+    target = target_file.load(path, SETUP)
     content = json.loads(path.read_bytes())
     assert target.points.tolist() == content["markers_px"]
     assert target.q.tolist() == content["joints"]
-    assert (np.abs(target.points - [319.5, 239.5]) <= [320.0, 240.0]).all(), "a marker is outside the picture"
+    assert (np.abs(target.points - [319.5, 239.5]) <= [320.0, 240.0]).all(), (
+        "a marker is outside the picture"
+    )
     assert ((target.q >= [0.13, -3.18, 39.0]) & (target.q <= [1.491, 3.18, 221.0])).all(), (
         "a joint is beyond its limits"
     )
     assert content["setup"] == json.loads((path.parent / "good.json").read_text())["setup"]
-    assert content.pop("sha256") == targets.checksum(content)
+    assert content.pop("sha256") == target_file.checksum(content)
 
 
 class Hung(BaseException):
@@ -333,7 +465,7 @@ def campaign(count: int, seed: int) -> Campaign:
         for number in range(count):
             random = Random(f"{seed} {number}")
             kind = ("rig", "target")[number % 2]
-            data = rig_file(random) if kind == "rig" else target_file(random, content)
+            data = rig_file(random) if kind == "rig" else drawn_target(random, content)
             path = folder / "input"
             path.write_bytes(data)
             signal.setitimer(signal.ITIMER_REAL, PATIENCE)
@@ -349,10 +481,14 @@ def campaign(count: int, seed: int) -> Campaign:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--count", type=int, default=100_000, help="how many inputs")
     parser.add_argument("--seed", type=int, default=0, help="what they are drawn from")
-    parser.add_argument("--keep", type=Path, default=Path("runs/fuzz"), help="folder for the inputs that fail")
+    parser.add_argument(
+        "--keep", type=Path, default=Path("runs/fuzz"), help="folder for the inputs that fail"
+    )
     options = parser.parse_args()
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (size + ROOM, resource.RLIM_INFINITY))

@@ -1,10 +1,12 @@
-"""Servo processes killed and stopped at random ticks: how soon the arm stands still, and what is left of the record.
+"""Servo processes killed and stopped at random ticks: how soon the arm stands still, and what is
+left of the record.
 
     python benchmarks/kill.py [--count N]
 
-One simulated arm and camera keep running; N servo processes, one after the other, are killed (SIGKILL), stopped
-(SIGSTOP), or stopped and woken up again 0.2 s later (SIGCONT) with nobody watching. All times are read from the
-device's own log, which has a row for every millisecond. Exit code 1 if one trial breaks a bound.
+One simulated arm and camera keep running; N servo processes, one after the other, are killed
+(SIGKILL), stopped (SIGSTOP), or stopped and woken up again 0.2 s later (SIGCONT) with nobody
+watching. All times are read from the device's own log, which has a row for every millisecond. Exit
+code 1 if one trial breaks a bound.
 """
 
 import argparse
@@ -23,12 +25,12 @@ from typing import Any
 import numpy as np
 
 import rcmservo as rs
-from rcmservo import record
-from rcmservo.host import Task, serve
-from rcmservo.live import Bench, Child, supervise
-from rcmservo.settings import Lab
-from rcmservo.sim.log import stopped
-from rcmservo.simulate import rig_settings
+from rcmservo.app.simulated_run.simulate import rig_settings
+from rcmservo.config.rig_file import Lab
+from rcmservo.live.servo_process import Task, serve
+from rcmservo.live.supervisor import Bench, Child, supervise
+from rcmservo.record import reader
+from rcmservo.sim.processes.log import stopped
 from rcmservo.tracking import ColourMarkers
 
 BOUND = 60.0  # ms from the signal until the drive is off: the watchdog's patience and one period
@@ -44,9 +46,10 @@ class NotBegun(Exception):
 
 @dataclass(frozen=True)
 class Trial:
-    """Of one trial, ms: ``off`` from the signal, ``after`` from the newest valid command until the drive was off;
-    ``still`` from the signal until the joints stood still; ``lost``, how far before that command the record ends.
-    ``speed`` (3,) at the signal; ``moved``, whether a joint moved or the drive came on again later; ``words``."""
+    """Of one trial, ms: ``off`` from the signal, ``after`` from the newest valid command until the
+    drive was off; ``still`` from the signal until the joints stood still; ``lost``, how far before
+    that command the record ends. ``speed`` (3,) at the signal; ``moved``, whether a joint moved or
+    the drive came on again later; ``words``."""
 
     kind: str
     tick: int
@@ -60,7 +63,9 @@ class Trial:
 
     @property
     def good(self) -> bool:
-        told = self.kind == "SIGCONT" or ("servo process was" in self.words and "drive went off" in self.words)
+        told = self.kind == "SIGCONT" or (
+            "servo process was" in self.words and "drive went off" in self.words
+        )
         return self.off <= BOUND and self.lost <= LOST and not self.moved and told
 
 
@@ -123,7 +128,7 @@ def judged(kind: str, tick: int, struck: int, words: str, rows: Any, path: Path)
     still = int(rows["wall"][min(moving[-1] + 1, len(rows) - 1)]) if len(moving) else off
     awake = rows["enabled"][stop[1] :].any() or rows["applied"][stop[1] :].any()
     moved = bool(awake or (np.abs(speed[stop[1] + 50 :]) > STILL).any())
-    kept = len(record.read(path).time)
+    kept = len(reader.read(path).time)
     return Trial(
         kind,
         tick,
@@ -144,7 +149,9 @@ def report(trials: list[Trial]) -> None:
             print(f"{kind} ({len(some)} trials)")
             for name in ("off", "after", "still", "lost"):
                 values = [getattr(t, name) for t in some]
-                print(f"  {name:<6} median {np.median(values):6.1f} ms   max {np.max(values):6.1f} ms")
+                print(
+                    f"  {name:<6} median {np.median(values):6.1f} ms   max {np.max(values):6.1f} ms"
+                )
             print(f"  moving at the signal {sum(bool((t.speed > STILL).any()) for t in some)}")
             print(f"  e.g. {some[-1].words}")
 

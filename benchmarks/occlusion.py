@@ -1,11 +1,12 @@
-"""Smoke and blood before the camera, on rendered frames: does the tool stand still meanwhile, and arrive afterwards?
+"""Smoke and blood before the camera, on rendered frames: does the tool stand still meanwhile, and
+arrive afterwards?
 
     python benchmarks/occlusion.py [SEEDS [FIRST]]
 
-Every run of 20 s has one cloud of smoke and one splash of blood at times by chance between 1 and 11 s, each for 0.3 to
-3 s. A scripted person resumes after pauses. Bars: at least 95 of 100 end within 1 mm of the pose that was shown; in
-none does the tool move while the markers are gone, once the bound on stopping is past (0.1 s of ramp, 0.1 s for the
-drives).
+Every run of 20 s has one cloud of smoke and one splash of blood at times by chance between 1 and 11
+s, each for 0.3 to 3 s. A scripted person resumes after pauses. Bars: at least 95 of 100 end within
+1 mm of the pose that was shown; in none does the tool move while the markers are gone, once the
+bound on stopping is past (0.1 s of ramp, 0.1 s for the drives).
 """
 
 import sys
@@ -15,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.faults import lost
-from rcmservo.plant import Floats
-from rcmservo.settings import default_markers
+from rcmservo.config.rig_file import default_markers
+from rcmservo.guard.faults import lost
+from rcmservo.interfaces import Floats
 from rcmservo.sim import Disturbance
 from rcmservo.sim.person import Person, attended
 from rcmservo.tracking import ColourMarkers
@@ -28,7 +29,8 @@ STOPPED = 200_000_000
 
 
 class Run(NamedTuple):
-    """What became of one run: mm from where the target was shown, mm moved while blind, s blind, and what was said."""
+    """What became of one run: mm from where the target was shown, mm moved while blind, s blind,
+    and what was said."""
 
     seed: int
     error: float
@@ -44,7 +46,8 @@ def one(seed: int) -> Run:
     random = np.random.default_rng([seed, 3])
     at, lasts = random.uniform(1.0, 8.0, 2), random.uniform(0.3, 3.0, 2)
     disturbances = [
-        Disturbance(kind, round(a, 2), round(b, 2)) for kind, a, b in zip(("smoke", "stain"), at, lasts, strict=True)
+        Disturbance(kind, round(a, 2), round(b, 2))
+        for kind, a, b in zip(("smoke", "stain"), at, lasts, strict=True)
     ]
     rig = rs.sim.Rig(seed, disturbances=disturbances)
     plant = rs.Plant(rig.mechanism, rig.camera, ColourMarkers(default_markers()), rig.clock)
@@ -77,11 +80,15 @@ def main() -> None:
         runs = list(pool.map(one, range(first, first + count)))
     errors, moved = np.array([run.error for run in runs]), max(run.moved for run in runs)
     print(
-        f"{count} seeds: {np.sum(errors <= 1.0)} within 1 mm, median {np.median(errors):.3f}, worst {errors.max():.2f}"
+        f"{count} seeds: {np.sum(errors <= 1.0)} within 1 mm, median {np.median(errors):.3f}, "
+        f"worst {errors.max():.2f}"
     )
     blind = np.median([run.blind for run in runs])
     print(f"without markers for {blind:.1f} s (median); moved meanwhile by {moved:.4f} mm at most")
-    print(f"resumed {sum(run.resumed for run in runs)} times, shown again {sum(run.shown for run in runs)} times")
+    print(
+        f"resumed {sum(run.resumed for run in runs)} times, shown again "
+        f"{sum(run.shown for run in runs)} times"
+    )
     for run in runs:
         if not (run.error <= 1.0 and run.moved <= 0.02 and not run.shown):
             print(" ", run)

@@ -1,10 +1,12 @@
-"""A hundred recorded runs of different seeds and faults, each computed again from its record: is every bit the same?
+"""A hundred recorded runs of different seeds and faults, each computed again from its record: is
+every bit the same?
 
     python benchmarks/replays.py [COUNT]
 
-Every run draws its scene, mechanism, tool and estimator, a second stage, an operator who pauses and resumes, and faults
-that stand before the servo: markers lost, swapped or jumped, frames that stop or are dropped, late ticks, a silent arm,
-joints that are not finite, a drive that goes off, a record that fails.
+Every run draws its scene, mechanism, tool and estimator, a second stage, an operator who pauses and
+resumes, and faults that stand before the servo: markers lost, swapped or jumped, frames that stop
+or are dropped, late ticks, a silent arm, joints that are not finite, a drive that goes off, a
+record that fails.
 """
 
 import sys
@@ -18,10 +20,10 @@ from pathlib import Path
 import numpy as np
 
 import rcmservo as rs
-from rcmservo import record
-from rcmservo.plant import Clock, Dropped
-from rcmservo.recorder import Recorder
-from rcmservo.rerun import Rerun, recompute
+from rcmservo.interfaces import Clock, Dropped
+from rcmservo.record import reader
+from rcmservo.record.recompute import Rerun, recompute
+from rcmservo.record.writer import Recorder
 from rcmservo.tracking import PointMarkers
 
 Change = Callable[[rs.Observation], rs.Observation]
@@ -47,11 +49,19 @@ def faults(random: np.random.Generator, clock: Clock, names: tuple[str, ...] = M
         nonlocal name, held, until, lost
         if seen.now >= until:
             quiet = name != ""
-            until = seen.now + int(random.uniform(3e8, 1.5e9) if quiet else random.uniform(2e7, 6e8))
-            name, held, lost = "" if quiet else str(random.choice(names)), seen, [[0], [1], [0, 1]][random.integers(3)]
+            until = seen.now + int(
+                random.uniform(3e8, 1.5e9) if quiet else random.uniform(2e7, 6e8)
+            )
+            name, held, lost = (
+                "" if quiet else str(random.choice(names)),
+                seen,
+                [[0], [1], [0, 1]][random.integers(3)],
+            )
         return disturbed(seen, held or seen, name, lost)
 
-    def disturbed(seen: rs.Observation, held: rs.Observation, name: str, lost: list[int]) -> rs.Observation:
+    def disturbed(
+        seen: rs.Observation, held: rs.Observation, name: str, lost: list[int]
+    ) -> rs.Observation:
         points = seen.points.copy()
         points[lost] = np.nan
         if name == "late":
@@ -74,7 +84,8 @@ def faults(random: np.random.Generator, clock: Clock, names: tuple[str, ...] = M
 
 
 def operator(tick: rs.Tick) -> rs.Request:
-    """A person who asks for a pause after a second, resumes whatever pauses and clears whatever is a fault."""
+    """A person who asks for a pause after a second, resumes whatever pauses and clears whatever is
+    a fault."""
     if tick.state.phase is rs.Phase.PAUSED and not tick.state.command.rates.any():
         return rs.Request.RESUME
     if tick.state.phase is rs.Phase.FAULT:
@@ -87,7 +98,9 @@ def recorded(folder: Path, seed: int, duration: float, names: tuple[str, ...] = 
     random = np.random.default_rng(seed)
     mechanism = [rs.SphericalRcm(), rs.PitchYawRcm()][random.integers(2)]
     tool = [rs.RigidTool(spacing=30.0), rs.ScaledTool(scale=1.3)][random.integers(2)]
-    estimator = [rs.ProjectionEstimator(), rs.FlowEstimator(gamma=0.05), rs.BroydenEstimator()][random.integers(3)]
+    estimator = [rs.ProjectionEstimator(), rs.FlowEstimator(gamma=0.05), rs.BroydenEstimator()][
+        random.integers(3)
+    ]
     rig = rs.sim.Rig(seed, replace(rs.sim.RigSettings(), mechanism=mechanism), pictures=False)
     plant = Disturbed(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(mechanism=mechanism, tool=tool, estimator=estimator)
@@ -118,7 +131,7 @@ def main() -> None:
             again = recompute(path)
             seconds += time.perf_counter() - started
             ticks += len(again.then.time)
-            causes.update({cause for cause in record.read(path).cause if cause != "NONE"})
+            causes.update({cause for cause in reader.read(path).cause if cause != "NONE"})
             if not again.same:
                 other.append(again)
                 print(f"seed {seed}: {again.words}")

@@ -1,9 +1,10 @@
-"""`rcmservo run --seed N` for N = 0..19: does it settle, how soon, how near, and what did exploration cost?
+"""`rcmservo run --seed N` for N = 0..19: does it settle, how soon, how near, and what did
+exploration cost?
 
     python benchmarks/settle.py [SEEDS [ESTIMATOR]]
 
-Every row is the JSON object that the command prints: rendered frames with noise, 20 ms delay, 30 s, video off. One
-process on one core, so that the real-time factor is one core's.
+Every row is the JSON object that the command prints: rendered frames with noise, 20 ms delay, 30 s,
+video off. One process on one core, so that the real-time factor is one core's.
 """
 
 import contextlib
@@ -16,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.cli import main as rcmservo
+from rcmservo.app.cli import main as rcmservo
 
 
 def row(seed: int, estimator: str) -> dict[str, Any]:
@@ -35,8 +36,10 @@ def main() -> None:
         r = row(seed, estimator)
         rows.append(r)
         print(
-            f"{seed:4d} {r['settled']!s:7} {r['settle_time_s'] or np.nan:6.2f} {r['pose_error_mm']:8.3f} "
-            f"{r['jacobian_error']['explored'] or np.nan:11.3f} {r['jacobian_error']['final'] or np.nan:6.3f} "
+            f"{seed:4d} {r['settled']!s:7} {r['settle_time_s'] or np.nan:6.2f} "
+            f"{r['pose_error_mm']:8.3f} "
+            f"{r['jacobian_error']['explored'] or np.nan:11.3f} "
+            f"{r['jacobian_error']['final'] or np.nan:6.3f} "
             f"{r['explore']['time_s'] or np.nan:10.2f} {r['explore']['max_excursion_mm']:13.2f} "
             f"{r['real_time_factor']:12.2f}  {r['cause']}",
             flush=True,
@@ -44,8 +47,10 @@ def main() -> None:
     settled = [r for r in rows if r["settled"]]
     times, poses = [r["settle_time_s"] for r in settled], [r["pose_error_mm"] for r in rows]
     print(
-        f"settled {len(settled)} of {count}; settle time median {np.median(times):.2f} s, worst {max(times):.2f} s; "
-        f"pose error median {np.median(poses):.3f} mm, worst {max(poses):.3f} mm; exploration at most "
+        f"settled {len(settled)} of {count}; settle time median {np.median(times):.2f} s, worst "
+        f"{max(times):.2f} s; "
+        f"pose error median {np.median(poses):.3f} mm, worst {max(poses):.3f} mm; exploration at "
+        f"most "
         f"{max(r['explore']['time_s'] or np.nan for r in rows):.2f} s and "
         f"{max(r['explore']['max_excursion_mm'] for r in rows):.2f} mm; "
         f"{np.median([r['real_time_factor'] for r in rows]):.1f} x real time (median)"

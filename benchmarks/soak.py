@@ -1,11 +1,13 @@
-"""A live run, long: does the loop keep its time with rendering and detection at 60 frames a second beside it?
+"""A live run, long: does the loop keep its time with rendering and detection at 60 frames a second
+beside it?
 
     python benchmarks/soak.py [--seconds N]
 
-Prints the loop's mean rate, how late its ticks began, how many were missed, the latency from exposure to command and
-the garbage collections, beside the bars that a quiet machine should meet; and the time of the two functions that stand
-between every decision and the arm. A run that ends early is followed by another. Where the arm's own process was held
-up as long as the loop, the whole computer stood still.
+Prints the loop's mean rate, how late its ticks began, how many were missed, the latency from
+exposure to command and the garbage collections, beside the bars that a quiet machine should meet;
+and the time of the two functions that stand between every decision and the arm. A run that ends
+early is followed by another. Where the arm's own process was held up as long as the loop, the whole
+computer stood still.
 """
 
 import argparse
@@ -20,11 +22,11 @@ from typing import Any
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.host import Report, Task
-from rcmservo.live import Bench, supervise
-from rcmservo.settings import Lab
-from rcmservo.simulate import rig_settings
-from rcmservo.states import Cause, Mode, Phase, Request, Signs, transition
+from rcmservo.app.simulated_run.simulate import rig_settings
+from rcmservo.config.rig_file import Lab
+from rcmservo.guard.states import Cause, Mode, Phase, Request, Signs, transition
+from rcmservo.live.servo_process import Report, Task
+from rcmservo.live.supervisor import Bench, supervise
 
 CALLS = 20_000
 
@@ -65,7 +67,10 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--seed", type=int, default=0)
     chosen = parser.parse_args()
-    print(f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}")
+    print(
+        f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}, Python "
+        f"{platform.python_version()}"
+    )
     print(f"load of the machine before: {os.getloadavg()[0]:.2f}")
     lab = Lab()
     servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool, gate=lab.gate)
@@ -98,9 +103,12 @@ def judge(result: dict[str, Any], bench: Bench) -> None:
     print(f"{'ticks':<22} {loop['ticks']}, missed {loop['missed']}")
     print(f"{'mean rate':<22} {loop['rate_hz'] or 0.0:.4f} Hz   (bar: 100.00 Hz +- 0.01 %)")
     print(
-        f"{'lateness':<22} median {late['median']:.3f}, 99 % {late['p99']:.3f}, max {late['max']:.3f} ms   (bar: 3 ms)"
+        f"{'lateness':<22} median {late['median']:.3f}, 99 % {late['p99']:.3f}, max "
+        f"{late['max']:.3f} ms   (bar: 3 ms)"
     )
-    print(f"{'exposure to command':<22} median {latency['median']:.1f}, 99 % {latency['p99']:.1f} ms")
+    print(
+        f"{'exposure to command':<22} median {latency['median']:.1f}, 99 % {latency['p99']:.1f} ms"
+    )
     print(f"{'garbage collections':<22} {loop['collections']}   (bar: 0)")
     print(f"{'pose error':<22} {bench.error():.2f} mm")
     gap = np.diff(bench.log.since(0)["wall"]).max() * 1e-6

@@ -1,8 +1,10 @@
-"""Time of one servo step (features, imaged RCM, estimate, law, gate) on ticks with a new frame, per estimator.
+"""Time of one servo step (features, imaged RCM, estimate, law, gate) on ticks with a new frame, per
+estimator.
 
     python benchmarks/step_time.py
 
-Absolute times depend on the machine; the ratio to a plain NumPy 3x3 solve-and-clip in the same run does not so much.
+Absolute times depend on the machine; the ratio to a plain NumPy 3x3 solve-and-clip in the same run
+does not so much.
 """
 
 import platform
@@ -11,8 +13,8 @@ import time
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.cli import estimators
-from rcmservo.estimators.base import Estimator
+from rcmservo.app.cli import estimators
+from rcmservo.method.estimators.base import Estimator
 from rcmservo.tracking import PointMarkers
 
 SEEDS = range(3)
@@ -22,7 +24,9 @@ def step_times(estimator: Estimator, seed: int) -> list[float]:
     """Microseconds of every step with a new frame in a 10 s run, after warm-up."""
     rig = rs.sim.Rig(seed, pictures=False)
     plant = rs.Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
-    servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0), estimator=estimator)
+    servo = rs.Servo(
+        mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0), estimator=estimator
+    )
     rig.show_target()
     target = rs.teach(plant)
     rig.go_home()
@@ -55,10 +59,15 @@ def main() -> None:
     print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}")
     yardstick = solve_and_clip()
     print(f"NumPy 3x3 solve and clip: {yardstick:.1f} us (median)")
-    for name, estimator in estimators(rs.ProjectionEstimator(), rs.FlowEstimator(), rs.BroydenEstimator()).items():
+    for name, estimator in estimators(
+        rs.ProjectionEstimator(), rs.FlowEstimator(), rs.BroydenEstimator()
+    ).items():
         took = np.concatenate([step_times(estimator, seed) for seed in SEEDS])
         p50, p99 = np.percentile(took, [50, 99])
-        print(f"{name:<20} median {p50:6.1f} us   99 % {p99:6.1f} us   {p50 / yardstick:5.1f} x the yardstick")
+        print(
+            f"{name:<20} median {p50:6.1f} us   99 % {p99:6.1f} us   {p50 / yardstick:5.1f} x "
+            f"the yardstick"
+        )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """How well the tracker finds the two balls in rendered pictures: the centres' error and the time.
 
-Every scene has a camera, a tool and a pose of its own; the truth is the centroid of the unhidden silhouette.
+Every scene has a camera, a tool and a pose of its own; the truth is the centroid of the unhidden
+silhouette.
 
     python benchmarks/tracking.py [scenes]
 """
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.plant import Floats, Frame, Image
+from rcmservo.interfaces import Floats, Frame, Image
 from rcmservo.sim.optics import Optics, look_at
 from rcmservo.sim.renderer import Look, Renderer, Tissue
 from rcmservo.tracking import ColourMarkers, MarkerLook
@@ -24,7 +25,8 @@ COLOURS = ((60.0, 185.0, 30.0), (205.0, 80.0, 25.0))  # green and blue, in blue-
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One picture, and where a perfect tracker would see the markers (2, 2) px, NaN where not wholly in it."""
+    """One picture, and where a perfect tracker would see the markers (2, 2) px, NaN where not
+    wholly in it."""
 
     image: Image
     truth: Floats
@@ -32,14 +34,16 @@ class Scene:
 
 
 def scenes(count: int, seed: int, shaft_radius: float) -> Iterator[Scene]:
-    """Random scenes; a `shaft_radius` of 0 mm leaves the balls whole, unless one hides the other."""
+    """Random scenes; a `shaft_radius` of 0 mm leaves the balls whole, unless one hides the
+    other."""
     random = np.random.default_rng(seed)
     for number in range(count):
         yield _scene(random, number, shaft_radius)
 
 
 def _scene(random: np.random.Generator, number: int, shaft_radius: float) -> Scene:
-    """A camera looking down at a tool inclined to it by up to 60 degrees, towards it or away from it."""
+    """A camera looking down at a tool inclined to it by up to 60 degrees, towards it or away from
+    it."""
     distance, focal = random.uniform(120, 300), random.uniform(500, 900)
     optics = Optics(
         *SIZE,
@@ -51,18 +55,23 @@ def _scene(random: np.random.Generator, number: int, shaft_radius: float) -> Sce
     )
     radii = tuple(random.uniform(3, 4, 2))
     poses, points = _tool(random, distance, focal)
-    look = Look(marker_radii=radii, shaft_radius=shaft_radius, jaw_radius=0.0, marker_colours=COLOURS)
+    look = Look(
+        marker_radii=radii, shaft_radius=shaft_radius, jaw_radius=0.0, marker_colours=COLOURS
+    )
     tissue = Tissue(np.array([0.0, 0.0, -random.uniform(40, 60)]), np.array([0.0, 0.0, 1.0]))
     image = Renderer(optics, look, tissue, seed=number).render(poses[None], number)
     truth = np.array([optics.silhouette_centre(p, r) for p, r in zip(points, radii, strict=True)])
     radius = np.array([optics.silhouette_radius(p, r) for p, r in zip(points, radii, strict=True)])
-    whole = (truth > radius[:, None] + 2).all(1) & (truth < np.array(SIZE) - radius[:, None] - 3).all(1)
+    whole = (truth > radius[:, None] + 2).all(1) & (
+        truth < np.array(SIZE) - radius[:, None] - 3
+    ).all(1)
     truth[~whole] = np.nan
     return Scene(image, truth, radius)
 
 
 def _tool(random: np.random.Generator, distance: float, focal: float) -> tuple[Floats, Floats]:
-    """The tool's four points, and of them the two balls', (4, 3) and (2, 3) mm, near the centre of the view."""
+    """The tool's four points, and of them the two balls', (4, 3) and (2, 3) mm, near the centre of
+    the view."""
     slope, turn = random.uniform(-np.pi / 3, np.pi / 3), random.uniform(0, 2 * np.pi)
     along = np.array([np.cos(slope) * np.cos(turn), np.cos(slope) * np.sin(turn), np.sin(slope)])
     view = distance / focal * np.array(SIZE) / 2
@@ -72,7 +81,8 @@ def _tool(random: np.random.Generator, distance: float, focal: float) -> tuple[F
 
 
 def errors(count: int, seed: int, shaft_radius: float) -> tuple[Floats, Floats, float]:
-    """Distances to the truth [px] and qualities, of every marker that should be seen; ms a frame once followed."""
+    """Distances to the truth [px] and qualities, of every marker that should be seen; ms a frame
+    once followed."""
     look = MarkerLook("green", "blue", 3.5, 3.5)
     missed, quality, spent = [], [], []
     for scene in scenes(count, seed, shaft_radius):
@@ -90,13 +100,17 @@ def errors(count: int, seed: int, shaft_radius: float) -> tuple[Floats, Floats, 
 
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    print(f"{count} scenes    markers   lost   rms px   median    99 %   worst   ms a frame (median)")
+    print(
+        f"{count} scenes    markers   lost   rms px   median    99 %   worst   ms a frame (median)"
+    )
     for name, shaft_radius in (("whole balls", 0.0), ("on a shaft", 2.0)):
         missed, _, spent = errors(count, 1, shaft_radius)
         seen = missed[np.isfinite(missed)]
         rms, middle, high = np.sqrt(np.mean(seen**2)), np.median(seen), np.quantile(seen, 0.99)
         lost = len(missed) - len(seen)
-        print(f"{name:14}{len(missed):8}{lost:7}{rms:9.3f}{middle:9.3f}{high:8.3f}{seen.max():8.2f}{spent:10.3f}")
+        print(
+            f"{name:14}{len(missed):8}{lost:7}{rms:9.3f}{middle:9.3f}{high:8.3f}{seen.max():8.2f}{spent:10.3f}"
+        )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Hello world: a simulated arm goes back to a pose that it was shown once, by a camera that nobody has calibrated."""
+"""Hello world: a simulated arm goes back to a pose that it was shown once, by a camera that nobody
+has calibrated."""
 
 import rcmservo as rs
 
@@ -22,5 +23,6 @@ for _ in rs.ticks(plant.clock, rate=100.0, duration=8.0):
     plant.send(state.command)
 
 print(
-    f"{state.phase.value}: Δs = {state.delta[0]:+.4f} rad, Δr = {state.delta[1]:+.2f} px, Δd = {state.delta[2]:+.2f} px"
+    f"{state.phase.value}: Δs = {state.delta[0]:+.4f} rad, Δr = {state.delta[1]:+.2f} px, Δd = "
+    f"{state.delta[2]:+.2f} px"
 )

@@ -1,8 +1,10 @@
-"""What the tests share: random cameras that hide from the tool, random poses, runs with a point camera, comparisons."""
+"""What the tests share: random cameras that hide from the tool, random poses, runs with a point
+camera, comparisons."""
 
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,28 +12,41 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 
-from rcmservo.clock import ticks
-from rcmservo.controller import SaturatedController
-from rcmservo.estimators.broyden import BroydenEstimator
-from rcmservo.estimators.flow import FlowEstimator
-from rcmservo.estimators.projection import ProjectionEstimator, normal_equations
-from rcmservo.loop import Plant, teach
-from rcmservo.mechanism import PITCH_YAW, SPHERICAL
-from rcmservo.plant import Floats, Observation, Target
-from rcmservo.servo import Servo, State
+from rcmservo.interfaces import Floats, Observation, Target
+from rcmservo.loop.clock import ticks
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.teach import teach
+from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.broyden import BroydenEstimator
+from rcmservo.method.estimators.flow import FlowEstimator
+from rcmservo.method.estimators.projection import ProjectionEstimator, normal_equations
+from rcmservo.method.kinematics import PITCH_YAW, SPHERICAL
+from rcmservo.method.tool import RIGID, RigidTool, ScaledTool, second_marker
+from rcmservo.servo.servo import Servo, State
 from rcmservo.sim import Rig, RigSettings
-from rcmservo.tool import RIGID, RigidTool, ScaledTool, second_marker
 from rcmservo.tracking import PointMarkers
 
 settings.register_profile("local", deadline=None, max_examples=50)
 settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "local")
 
+ROOT = Path(__file__).resolve().parents[1]
+
+DATA = ROOT.parent / "shared/data/dvrk_two_balls"
+"""A recording of a real arm, which is not part of this repository."""
+
 SPACING = 30.0
 """mm between the markers of the tests' rigid tool."""
 
 seeds = st.integers(0, 2**32 - 1)
 kinds = st.sampled_from([SPHERICAL, PITCH_YAW])
+
+
+def with_tests(**variables: str) -> dict[str, str]:
+    """The environment of a process that may import the tests' own files."""
+    tests = ROOT / "tests"
+    folders = [tests, *(path for path in tests.iterdir() if path.is_dir())]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(map(str, folders))} | variables
 
 
 def random_from(seed: int) -> np.random.Generator:
@@ -59,17 +74,26 @@ def tool_positions(random: np.random.Generator, count: int, spread: float = 25.0
 
 
 def true_camera(random: np.random.Generator, places: Floats) -> Floats:
-    """A calibration matrix C (3, 4), at a random scale, of a camera with all `places` and the RCM before it."""
+    """A calibration matrix C (3, 4), at a random scale, of a camera with all `places` and the RCM
+    before it."""
     middle = places.mean(axis=0)
     tips = np.stack([second_marker(RIGID, SPACING, p) for p in places])
     while True:
         forward = random.standard_normal(3)
         forward /= np.linalg.norm(forward)
-        rotation = np.linalg.qr(np.column_stack([forward, random.standard_normal((3, 2))]))[0].T[[1, 2, 0]]
+        rotation = np.linalg.qr(np.column_stack([forward, random.standard_normal((3, 2))]))[0].T[
+            [1, 2, 0]
+        ]
         rotation *= np.sign(rotation[2] @ forward)
         position = middle - random.uniform(150.0, 350.0) * forward
         focal = random.uniform(500.0, 900.0)
-        K = np.array([[focal, 0.0, random.uniform(300, 340)], [0.0, focal, random.uniform(220, 260)], [0.0, 0.0, 1.0]])
+        K = np.array(
+            [
+                [focal, 0.0, random.uniform(300, 340)],
+                [0.0, focal, random.uniform(220, 260)],
+                [0.0, 0.0, 1.0],
+            ]
+        )
         depths = (np.concatenate([places, tips, np.zeros((1, 3))]) - position) @ rotation[2]
         m1, m2 = ((p - position) @ rotation.T for p in (places, tips))
         apart = np.linalg.norm(m1[:, :2] / m1[:, 2:] - m2[:, :2] / m2[:, 2:], axis=1) * focal
@@ -105,7 +129,10 @@ ESTIMATORS = {
     "broyden": BroydenEstimator(min_step=0.1),
 }
 TOOLS = {"rigid": RigidTool(spacing=SPACING), "scaled": ScaledTool(scale=1.3)}
-CONTROLLERS = {"continuous": SaturatedController(), "printed": SaturatedController(potential="printed")}
+CONTROLLERS = {
+    "continuous": SaturatedController(),
+    "printed": SaturatedController(potential="printed"),
+}
 
 
 @dataclass
@@ -126,7 +153,8 @@ class Laboratory:
         state: State | None = None,
         change: Callable[[Observation], Observation] = lambda seen: seen,
     ) -> Iterator[tuple[Observation, State]]:
-        """Observation and state of every tick, of a new run or on from `state`; `change` stands before the servo."""
+        """Observation and state of every tick, of a new run or on from `state`; `change` stands
+        before the servo."""
         if state is None:
             state = servo.init()
             self.plant.enable()
@@ -149,10 +177,19 @@ def laboratory(seed: int = 1, settings: RigSettings | None = None) -> Laboratory
 
 
 def observation(
-    now: int, q: Floats, frame: int, exposure: int, q_exposure: Floats, points: Floats, **others: Any
+    now: int,
+    q: Floats,
+    frame: int,
+    exposure: int,
+    q_exposure: Floats,
+    points: Floats,
+    **others: Any,
 ) -> Observation:
-    """What a servo is told while the arm answers and follows and a frame arrives as it is exposed."""
-    return Observation(now, q, now, True, np.zeros(3), frame, exposure, exposure, q_exposure, points, **others)
+    """What a servo is told while the arm answers and follows and a frame arrives as it is
+    exposed."""
+    return Observation(
+        now, q, now, True, np.zeros(3), frame, exposure, exposure, q_exposure, points, **others
+    )
 
 
 def without(seen: Observation, *markers: int) -> Observation:
@@ -172,7 +209,8 @@ def leaves(value: Any) -> list[Any]:
 
 
 def frozen(value: Any) -> list[Any]:
-    """What a record holds now, down to the bits, so that two of these are equal only if nothing differs."""
+    """What a record holds now, down to the bits, so that two of these are equal only if nothing
+    differs."""
     exact = []
     for leaf in leaves(value):
         if isinstance(leaf, np.ndarray):

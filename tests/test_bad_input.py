@@ -7,20 +7,36 @@ import cv2
 import numpy as np
 import pytest
 
-from rcmservo.cli import main
+from conftest import ROOT
+from rcmservo.app.cli import main
 
-ROOT = Path(__file__).resolve().parents[1]
 RIGS = {
     "negative spacing": ('[tool]\nkind = "rigid"\nspacing = -3.0', "spacing", "-3"),
     "no spacing": ('[tool]\nkind = "rigid"', "spacing", "None"),
     "unknown tool": ('[tool]\nkind = "bent"', "tool.kind", "bent"),
     "scale below one": ('[tool]\nkind = "scaled"\nscale = 0.5', "scale", "0.5"),
     "zero focal length": ("[scene]\nfocal = [0.0, 900.0]", "focal", "0.0"),
-    "limits upside down": ('[mechanism]\nkind = "spherical"\nlower = [1.0, 0.0, 50.0]\nupper = [0.5, 1.0, 90.0]', "upper", "0.5"),  # noqa: E501
-    "tool beyond the RCM": ('[mechanism]\nkind = "pitch-yaw"\ninsertion_zero = -100.0', "lower", "40"),
+    "limits upside down": (
+        '[mechanism]\nkind = "spherical"\nlower = [1.0, 0.0, 50.0]\nupper = [0.5, 1.0, 90.0]',
+        "upper",
+        "0.5",
+    ),
+    "tool beyond the RCM": (
+        '[mechanism]\nkind = "pitch-yaw"\ninsertion_zero = -100.0',
+        "lower",
+        "40",
+    ),
     "unknown section": ("[tols]\nx = 1", "rig.toml: section tols", "1"),
-    "unknown key of the robot": ('[tool]\nkind = "rigid"\nspacin = 3', "rig.toml: tool.spacin", "did you mean spacing"),
-    "unknown key of the simulation": ("[camera]\nwidht = 640", "rig.toml: camera.widht", "did you mean width"),
+    "unknown key of the robot": (
+        '[tool]\nkind = "rigid"\nspacin = 3',
+        "rig.toml: tool.spacin",
+        "did you mean spacing",
+    ),
+    "unknown key of the simulation": (
+        "[camera]\nwidht = 640",
+        "rig.toml: camera.widht",
+        "did you mean width",
+    ),
     "NaN": ("[drive]\nlag = nan", "drive.lag", "nan"),
     "infinity": ("[camera]\ndelay = inf", "camera.delay", "inf"),
     "a word for a number": ('[camera]\nwidth = "wide"', "camera.width", "wide"),
@@ -28,12 +44,20 @@ RIGS = {
     "too few numbers": ("[gate]\nspeed = [1.0, 1.0]", "gate.speed", "1.0"),
     "zero speed": ("[gate]\nspeed = [1.0, 0.0, 1.0]", "gate.speed", "0.0"),
     "unknown colour": ('[markers]\ncolour_1 = "mauve"', "colour_1", "mauve"),
-    "markers that look the same": ('[markers]\ncolour_1 = "red"\ncolour_2 = "red"\nradius_1 = 3.0\nradius_2 = 3.0', "radius_2", "3.0"),  # noqa: E501
+    "markers that look the same": (
+        '[markers]\ncolour_1 = "red"\ncolour_2 = "red"\nradius_1 = 3.0\nradius_2 = 3.0',
+        "radius_2",
+        "3.0",
+    ),
     "exposure longer than a frame": ("[camera]\nexposure = 0.1", "exposure", "0.1"),
     "repeated key": ("[camera]\nwidth = 640\nwidth = 641", "TOML", ""),
     "not TOML": ("\x00\x01 = [", "TOML", ""),
-    "markers never in view": ("[scene]\nstart = [0.2, 0.0, 60.0]\ntarget = [1.4, 3.1, 219.0]\ndistance = [120.0, 121.0]", "scene", ""),  # noqa: E501
-}  # fmt: skip
+    "markers never in view": (
+        "[scene]\nstart = [0.2, 0.0, 60.0]\ntarget = [1.4, 3.1, 219.0]\ndistance = [120.0, 121.0]",
+        "scene",
+        "",
+    ),
+}
 COMMAND_LINES = {
     "misspelt option": (["run", "--sede", "1"], "--seed"),
     "no number": (["run", "--seed", "abc"], "abc"),
@@ -78,7 +102,9 @@ def test_a_bad_rig_file_is_refused_and_nothing_is_written(
     assert sorted(tmp_path.iterdir()) == [rig]
 
 
-def test_output_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_output_that_cannot_be_written_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "file").write_text("mine")
     refused(["run", "--out", str(tmp_path / "file")], capsys, "file")
     refused(["run", "--out", str(tmp_path / "file" / "below")], capsys, "below")
@@ -86,7 +112,9 @@ def test_output_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_of_a_refused_run_no_folder_is_left_however_deep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_of_a_refused_run_no_folder_is_left_however_deep(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ["--target", str(tmp_path / "none.json"), "--out", str(tmp_path / "x1" / "y" / "z")]
     refused(["run", *words], capsys, "none.json")
     assert not list(tmp_path.iterdir())
@@ -111,14 +139,18 @@ def edit(folder: Path, old: str, new: str) -> None:
     table.write_text(table.read_text().replace(old, new))
 
 
-def test_frames_without_markers_are_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_frames_without_markers_are_refused(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = recording.parent / "out"
     refused(["replay", str(recording), "--out", str(out)], capsys, "no frame shows both markers")
     assert not out.exists()
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "", "north"])
-def test_a_pose_that_is_no_number_is_refused(text: str, recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_pose_that_is_no_number_is_refused(
+    text: str, recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     edit(recording, "01,0.5,", f"01,{text},")
     refused(["replay", str(recording)], capsys, "frame 01", "theta_rad", text)
 
@@ -128,7 +160,9 @@ def test_a_missing_row_is_refused(recording: Path, capsys: pytest.CaptureFixture
     refused(["replay", str(recording)], capsys, "no row for frame 01")
 
 
-def test_a_row_without_its_frame_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_row_without_its_frame_is_refused(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (recording / "frames" / "02.jpg").unlink()
     refused(["replay", str(recording)], capsys, "02")
 
@@ -138,29 +172,44 @@ def test_a_short_row_is_refused(recording: Path, capsys: pytest.CaptureFixture[s
     refused(["replay", str(recording)], capsys, "phi_rad")
 
 
-def test_poses_of_another_mechanism_are_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    refused(["replay", str(recording), "--rig", str(ROOT / "examples/davinci.toml")], capsys, "yaw_rad", "pitch-yaw")
+def test_poses_of_another_mechanism_are_refused(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    refused(
+        ["replay", str(recording), "--rig", str(ROOT / "examples/davinci.toml")],
+        capsys,
+        "yaw_rad",
+        "pitch-yaw",
+    )
 
 
-def test_two_rows_for_one_frame_are_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_rows_for_one_frame_are_refused(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     edit(recording, "02,", "01,")
     refused(["replay", str(recording)], capsys, "poses.csv")
 
 
-def test_a_folder_without_frames_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_without_frames_is_refused(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     shutil.rmtree(recording / "frames")
     refused(["replay", str(recording)], capsys, "no frames")
     for name in ("nowhere", "nofile.mcap"):
         refused(["replay", str(recording / name)], capsys, f"{name}: does not exist")
 
 
-def test_a_recording_without_poses_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_without_poses_is_refused(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (recording / "poses.csv").unlink()
     refused(["replay", str(recording)], capsys, "poses.csv")
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
-def test_a_truncated_jpeg_is_refused(share: float, recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_truncated_jpeg_is_refused(
+    share: float, recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     frame = recording / "frames" / "01.jpg"
     data = frame.read_bytes()
     frame.write_bytes(data[: int(share * len(data))])

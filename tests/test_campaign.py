@@ -1,4 +1,5 @@
-"""A small campaign of random faults: the whole is in benchmarks/campaign.py, whose runs these are the first of."""
+"""A small campaign of random faults: the whole is in benchmarks/campaign.py, whose runs these are
+the first of."""
 
 from concurrent.futures import ProcessPoolExecutor
 
@@ -11,7 +12,9 @@ RUNS = {"faults": 28, "short": 12, "none": 8}
 @pytest.fixture(scope="module")
 def runs() -> dict[str, list[Run]]:
     with ProcessPoolExecutor() as pool:
-        return {kind: list(pool.map(one, range(count), [kind] * count)) for kind, count in RUNS.items()}
+        return {
+            kind: list(pool.map(one, range(count), [kind] * count)) for kind, count in RUNS.items()
+        }
 
 
 @pytest.mark.slow
@@ -24,7 +27,9 @@ def test_no_command_is_wrong_and_no_stop_is_slow(kind: str, runs: dict[str, list
 
 @pytest.mark.slow
 def test_every_stop_names_a_fault_that_was_there(runs: dict[str, list[Run]]) -> None:
-    stops = [(run.seed, stop) for kind in ("faults", "short") for run in runs[kind] for stop in run.stops]
+    stops = [
+        (run.seed, stop) for kind in ("faults", "short") for run in runs[kind] for stop in run.stops
+    ]
     assert len(stops) > 50
     assert [stop for stop in stops if not stop[1][3]] == []
 

@@ -9,13 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from rcmservo.experiments.paper import EXPERIMENTS
-from rcmservo.states import Cause
+from conftest import DATA, ROOT
+from rcmservo.experiments.harness.paper import EXPERIMENTS
+from rcmservo.guard.states import Cause
 
-ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()
 NAMES = re.findall(r"`(rcmservo[\w.]*):([\w.]+)`", (ROOT / "docs/notation.md").read_text())
-COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", README, re.S) for line in block.splitlines()]
+COMMANDS = [
+    line for block in re.findall(r"```sh\n(.*?)```", README, re.S) for line in block.splitlines()
+]
 SET_UP = {"make run", "make test"}
 
 
@@ -44,8 +46,14 @@ def test_every_link_of_the_readme_leads_somewhere(link: str) -> None:
 
 
 def test_the_table_of_causes_is_that_of_the_code() -> None:
-    rows = re.findall(r"^\| `(\w+)` \| (\w+) \| (.*?) \| (.*?) \|$", (ROOT / "docs/faults.md").read_text(), re.M)
-    told = [(cause.name, cause.action.name, cause.value, cause.way_out) for cause in Cause if cause is not Cause.NONE]
+    rows = re.findall(
+        r"^\| `(\w+)` \| (\w+) \| (.*?) \| (.*?) \|$", (ROOT / "docs/faults.md").read_text(), re.M
+    )
+    told = [
+        (cause.name, cause.action.name, cause.value, cause.way_out)
+        for cause in Cause
+        if cause is not Cause.NONE
+    ]
     assert rows == told
 
 
@@ -67,11 +75,15 @@ def test_the_readme_names_every_experiment() -> None:
 def test_every_other_command_of_the_readme_runs(command: str, tmp_path: Path) -> None:
     words = shlex.split(command)
     assert words[0] == ".venv/bin/rcmservo"
-    if "../shared" in command and not (ROOT.parent / "shared/data").exists():
+    if "../shared" in command and not DATA.exists():
         pytest.skip("../shared/data is not here")
     words[0] = str(Path(sys.executable).with_name("rcmservo"))
     done = subprocess.run(
-        [*words, "--out", str(tmp_path / "out")], cwd=ROOT, capture_output=True, text=True, check=False
+        [*words, "--out", str(tmp_path / "out")],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
 
@@ -79,9 +91,15 @@ def test_every_other_command_of_the_readme_runs(command: str, tmp_path: Path) ->
 @pytest.mark.slow
 def test_hello_world_arrives() -> None:
     done = subprocess.run(
-        [sys.executable, ROOT / "examples/01_hello.py"], capture_output=True, text=True, check=True, cwd=ROOT
+        [sys.executable, ROOT / "examples/01_hello.py"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
     )
-    phase, s, r, d = re.match(r"(\w+): Δs = (\S+) rad, Δr = (\S+) px, Δd = (\S+) px", done.stdout).groups()  # type: ignore[union-attr]
+    phase, s, r, d = re.match(
+        r"(\w+): Δs = (\S+) rad, Δr = (\S+) px, Δd = (\S+) px", done.stdout
+    ).groups()  # type: ignore[union-attr]
     assert phase == "servoing"
     assert abs(float(s)) < 0.009
     assert max(abs(float(r)), abs(float(d))) < 1.0

@@ -1,4 +1,5 @@
-"""Rig and target files as nobody should write them are refused with a sentence, or taken for what they say."""
+"""Rig and target files as nobody should write them are refused with a sentence, or taken for what
+they say."""
 
 from pathlib import Path
 
@@ -6,14 +7,21 @@ import fuzz
 import pytest
 
 import rcmservo as rs
-from rcmservo.settings import Lab, load_lab
-from rcmservo.simulate import rig_settings
+from rcmservo.app.simulated_run.simulate import rig_settings
+from rcmservo.config.rig_file import Lab, load_lab
 
 
 def test_no_odd_input_gives_a_traceback_a_hang_or_wrong_data() -> None:
     tried = fuzz.campaign(3000, seed=1)
     assert [what for what, _ in tried.failures] == []
-    assert min(tried.counts[f"{kind} {how}"] for kind in ("rig", "target") for how in ("accepted", "refused")) > 150
+    assert (
+        min(
+            tried.counts[f"{kind} {how}"]
+            for kind in ("rig", "target")
+            for how in ("accepted", "refused")
+        )
+        > 150
+    )
 
 
 @pytest.mark.parametrize(
@@ -22,7 +30,10 @@ def test_no_odd_input_gives_a_traceback_a_hang_or_wrong_data() -> None:
         ("[tool]\n" + "a." * 32_000 + "b = 1", "a line of more than 1000 characters"),
         ("a = " + "[" * 950, "nested too deeply"),
         ("[tool]\nkind = 'rigid'\nspacing = " + "9" * 900, "tool.spacing must be a finite number"),
-        ("[tool]\nkind = 'rigid'\nspacing = 0x" + "f" * 900, "tool.spacing must be a finite number"),
+        (
+            "[tool]\nkind = 'rigid'\nspacing = 0x" + "f" * 900,
+            "tool.spacing must be a finite number",
+        ),
         ("[tool]\nkind = ['rigid']", "tool.kind must be one of rigid, scaled, got ['rigid']"),
         ('[gate]\n"a\\nb" = 1', r"gate.'a\nb' must be left out"),
         ("[gate]\nlatency = nan", "gate.latency must be a finite number, got nan"),
@@ -31,7 +42,9 @@ def test_no_odd_input_gives_a_traceback_a_hang_or_wrong_data() -> None:
         ("[look]\nmarker_radii = [1.0, 2.0]", "look.marker_radii must be left out"),
     ],
 )
-def test_what_once_was_a_traceback_a_hang_or_passed_over_is_a_sentence(text: str, reason: str, tmp_path: Path) -> None:
+def test_what_once_was_a_traceback_a_hang_or_passed_over_is_a_sentence(
+    text: str, reason: str, tmp_path: Path
+) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(text)
     with pytest.raises(rs.RcmServoError) as refused:

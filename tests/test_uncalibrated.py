@@ -1,19 +1,21 @@
-"""Uncalibrated is a theorem: what decides a motion cannot reach the true camera, and decides the same without it."""
+"""Uncalibrated is a theorem: what decides a motion cannot reach the true camera, and decides the
+same without it."""
 
 import os
 import pickle
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-from conftest import CONTROLLERS, ESTIMATORS, TOOLS, laboratory
-from rcmservo.states import Phase
+from conftest import CONTROLLERS, ESTIMATORS, ROOT, TOOLS, laboratory
+from rcmservo.guard.states import Phase
 
-ROOT = Path(__file__).parents[1]
-LINT = "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports(no_cache=True, no_logo=True))"
+LINT = (
+    "import sys; from importlinter.cli import lint_imports; "
+    "sys.exit(lint_imports(no_cache=True, no_logo=True))"
+)
 
 
 def lint(folder):
@@ -21,7 +23,12 @@ def lint(folder):
     path = os.pathsep.join([str(folder / "src"), os.environ.get("PYTHONPATH", "")])
     environment = os.environ | {"PYTHONPATH": path, "COLUMNS": "300"}
     done = subprocess.run(
-        [sys.executable, "-c", LINT], cwd=folder, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", LINT],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     return done.returncode, done.stdout + done.stderr
 
@@ -35,21 +42,25 @@ def test_the_import_contracts_hold():
 @pytest.mark.parametrize(
     "module,line,contract",
     [
-        ("features.py", "import rcmservo.sim.truth", "Uncalibrated"),
-        ("estimators/flow.py", "from rcmservo.sim import Rig", "Uncalibrated"),
-        ("safety.py", "import rcmservo.simulate", "Uncalibrated"),
-        ("controller.py", "from rcmservo.exploration import CORNERS", "siblings"),
-        ("mechanism.py", "from rcmservo.servo import Servo", "siblings"),
+        ("method/features.py", "import rcmservo.sim.truth", "Uncalibrated"),
+        ("method/estimators/flow.py", "from rcmservo.sim import Rig", "Uncalibrated"),
+        ("guard/gate.py", "import rcmservo.app.export", "Uncalibrated"),
+        ("offline/score.py", "from rcmservo.record import reader", "siblings"),
+        ("method/kinematics.py", "from rcmservo.servo.servo import Servo", "siblings"),
         ("tracking/search.py", "from rcmservo.sim.optics import Optics", "siblings"),
-        ("servo.py", "import cv2", "OpenCV"),
+        ("servo/servo.py", "import cv2", "OpenCV"),
         ("sim/renderer.py", "import cv2", "OpenCV"),
         ("tracking/ball.py", "import mujoco", "MuJoCo"),
         ("sim/scene.py", "from matplotlib import pyplot", "Matplotlib"),
         ("new_room.py", "", "siblings"),
     ],
 )
-def test_the_contracts_see_a_forbidden_import_and_a_room_without_a_place(tmp_path, module, line, contract):
-    shutil.copytree(ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+def test_the_contracts_see_a_forbidden_import_and_a_room_without_a_place(
+    tmp_path, module, line, contract
+):
+    shutil.copytree(
+        ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info")
+    )
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
     with (tmp_path / "src" / "rcmservo" / module).open("a", encoding="utf-8") as file:
         file.write(f"\n{line}\n")
@@ -87,19 +98,31 @@ with open(sys.argv[2], "wb") as file:
 
 @pytest.mark.parametrize(
     "estimator,tool,controller",
-    [("fast", "rigid", "continuous"), ("printed", "scaled", "printed"), ("flow", "rigid", "continuous")],
+    [
+        ("fast", "rigid", "continuous"),
+        ("printed", "scaled", "printed"),
+        ("flow", "rigid", "continuous"),
+    ],
 )
 def test_without_the_simulation_the_same_observations_give_the_same_commands_to_the_last_bit(
     tmp_path, estimator, tool, controller
 ):
-    """The stream and the servo go to a process without `rcmservo.sim`: an object that carried truth could not."""
+    """The stream and the servo go to a process without `rcmservo.sim`: an object that carried truth
+    could not."""
     lab = laboratory(seed=2)
-    servo = lab.servo(estimator=ESTIMATORS[estimator], tool=TOOLS[tool], controller=CONTROLLERS[controller])
+    servo = lab.servo(
+        estimator=ESTIMATORS[estimator], tool=TOOLS[tool], controller=CONTROLLERS[controller]
+    )
     ticks = list(lab.run(servo, 4.0))
-    wanted = [(state.command.number, state.command.time, state.command.rates.tobytes()) for _, state in ticks]
+    wanted = [
+        (state.command.number, state.command.time, state.command.rates.tobytes())
+        for _, state in ticks
+    ]
     with (tmp_path / "stream").open("wb") as file:
         pickle.dump((servo, [seen for seen, _ in ticks], lab.target), file)
-    subprocess.run([sys.executable, "-c", HIDDEN, tmp_path / "stream", tmp_path / "commands"], check=True)
+    subprocess.run(
+        [sys.executable, "-c", HIDDEN, tmp_path / "stream", tmp_path / "commands"], check=True
+    )
     with (tmp_path / "commands").open("rb") as file:
         assert pickle.load(file) == wanted
     assert any(state.command.rates.any() for _, state in ticks)
@@ -109,7 +132,8 @@ def test_without_the_simulation_the_same_observations_give_the_same_commands_to_
 
 def test_the_core_loads_neither_camera_model_nor_physics_nor_pictures_nor_plots():
     code = (
-        "import sys, rcmservo; print([m for m in ('rcmservo.sim', 'mujoco', 'cv2', 'matplotlib') if m in sys.modules])"
+        "import sys, rcmservo; print([m for m in ('rcmservo.sim', 'mujoco', 'cv2', "
+        "'matplotlib') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -1,4 +1,5 @@
-"""A target that cannot be reached ends unsettled with its cause in words and exit code 1, and the tool stands still."""
+"""A target that cannot be reached ends unsettled with its cause in words and exit code 1, and the
+tool stands still."""
 
 import json
 from pathlib import Path
@@ -6,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rcmservo import record
-from rcmservo.cli import main
-from rcmservo.outcome import judged
-from rcmservo.states import Cause, Mode, Phase
+from rcmservo.app.cli import main
+from rcmservo.guard.states import Cause, Mode, Phase
+from rcmservo.record import reader
+from rcmservo.record.verdict import judged
 
 CASES = {
     "past a joint limit": (
@@ -58,21 +59,35 @@ CASES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
-def test_an_unreachable_target(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unreachable_target(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     text, seed, words = CASES[case]
     rig, out = tmp_path / "rig.toml", tmp_path / "out"
     rig.write_text(text)
-    arguments = ["run", "--rig", str(rig), "--seed", str(seed), "--duration", "10", "--no-video", "--json"]
+    arguments = [
+        "run",
+        "--rig",
+        str(rig),
+        "--seed",
+        str(seed),
+        "--duration",
+        "10",
+        "--no-video",
+        "--json",
+    ]
     assert main([*arguments, "--out", str(out)]) == 1
     metrics = json.loads(capsys.readouterr().out)
     assert metrics["settled"] is False
     assert metrics["settle_time_s"] is None
     assert words in metrics["cause"]
-    rows = record.read(out / "record.mcap")
+    rows = reader.read(out / "record.mcap")
     if rows.phase[-1] == "PAUSED":
         assert not rows.ticks["command"][-1].any()
         noticed = max(i for i, phase in enumerate(rows.phase) if phase not in ("HOLD", "PAUSED"))
-        assert np.linalg.norm(rows.truth["p1"][-1] - rows.truth["p1"][noticed]) < 3.0, "it stopped where it noticed"
+        assert np.linalg.norm(rows.truth["p1"][-1] - rows.truth["p1"][noticed]) < 3.0, (
+            "it stopped where it noticed"
+        )
     else:
         moved = np.linalg.norm(np.diff(rows.truth["p1"][-10:], axis=0), axis=1) * 100.0
         assert rows.phase[-1] == "SERVO" and moved.max() < 2.0
@@ -82,7 +97,10 @@ def test_an_unreachable_target(case: str, tmp_path: Path, capsys: pytest.Capture
 def test_time_that_runs_out_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "--duration", "2.5", "--no-video", "--json", "--out", str(tmp_path)]) == 1
     assert "time ran out" in json.loads(capsys.readouterr().out)["cause"]
-    assert main(["run", "--duration", "1.1", "--no-video", "--json", "--out", str(tmp_path / "short")]) == 1
+    assert (
+        main(["run", "--duration", "1.1", "--no-video", "--json", "--out", str(tmp_path / "short")])
+        == 1
+    )
     assert "exploration" in json.loads(capsys.readouterr().out)["cause"]
 
 
@@ -98,7 +116,9 @@ VERDICTS = [
 
 
 @pytest.mark.parametrize("mode,explored,words", VERDICTS)
-def test_the_verdict_names_what_stopped_it_and_nothing_else(mode: Mode, explored: float | None, words: str) -> None:
+def test_the_verdict_names_what_stopped_it_and_nothing_else(
+    mode: Mode, explored: float | None, words: str
+) -> None:
     times = np.arange(300) / 100.0
     assert judged(times, np.zeros((300, 3)), explored, mode, 0.0).cause == words
 
@@ -108,7 +128,23 @@ def test_a_run_that_ends_before_anything_was_seen_says_why(
     at: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "run"
-    assert main(["run", "--seed", "4", "--duration", "3", "--no-video", "--json", "--out", str(out),
-                 "--disturb", f"kill:at={at}"]) == 1  # fmt: skip
+    assert (
+        main(
+            [
+                "run",
+                "--seed",
+                "4",
+                "--duration",
+                "3",
+                "--no-video",
+                "--json",
+                "--out",
+                str(out),
+                "--disturb",
+                f"kill:at={at}",
+            ]
+        )
+        == 1
+    )
     assert "killed" in json.loads(capsys.readouterr().out)["cause"]
     assert main(["replay", str(out)]) == 0

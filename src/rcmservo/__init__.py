@@ -1,24 +1,27 @@
-"""rcmservo: position the tool of a remote-centre-of-motion mechanism from one uncalibrated camera."""
+"""rcmservo: position the tool of a remote-centre-of-motion mechanism from one uncalibrated
+camera."""
 
 import importlib
 from types import ModuleType
 
-from rcmservo.clock import ticks
-from rcmservo.controller import SaturatedController
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
-from rcmservo.estimators.broyden import BroydenEstimator
-from rcmservo.estimators.flow import FlowEstimator
-from rcmservo.estimators.projection import ProjectionEstimator
-from rcmservo.exploration import Exploration
-from rcmservo.faults import Thresholds
-from rcmservo.imaged_rcm import ImagedRcm
-from rcmservo.loop import Plant, Tick, run, teach
-from rcmservo.mechanism import JointLimits, PitchYawRcm, SphericalRcm
-from rcmservo.plant import Command, Frame, Markers, Observation, Target
-from rcmservo.safety import Gate
-from rcmservo.servo import Servo, State
-from rcmservo.states import Action, Cause, Mode, Phase, Request
-from rcmservo.tool import RigidTool, ScaledTool
+from rcmservo.guard.faults import Thresholds
+from rcmservo.guard.gate import Gate
+from rcmservo.guard.states import Action, Cause, Mode, Phase, Request
+from rcmservo.interfaces import Command, Frame, Markers, Observation, Target
+from rcmservo.loop.clock import ticks
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.run import Tick, run
+from rcmservo.loop.teach import teach
+from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.broyden import BroydenEstimator
+from rcmservo.method.estimators.flow import FlowEstimator
+from rcmservo.method.estimators.projection import ProjectionEstimator
+from rcmservo.method.exploration import Exploration
+from rcmservo.method.imaged_rcm import ImagedRcm
+from rcmservo.method.kinematics import JointLimits, PitchYawRcm, SphericalRcm
+from rcmservo.method.tool import RigidTool, ScaledTool
+from rcmservo.servo.servo import Servo, State
 
 __version__ = "0.1.0"
 
@@ -60,7 +63,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> ModuleType:
-    """Load `rcmservo.sim` and `rcmservo.tracking` on first use: the core needs neither MuJoCo nor OpenCV."""
+    """Load `rcmservo.sim` and `rcmservo.tracking` on first use: the core needs neither MuJoCo nor
+    OpenCV."""
     if name in ("sim", "tracking"):
         return importlib.import_module(f"rcmservo.{name}")
     raise AttributeError(f"module 'rcmservo' has no attribute {name!r}")

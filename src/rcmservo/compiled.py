@@ -1,11 +1,14 @@
-"""The one way in which rcmservo compiles a function: Numba, cached, IEEE arithmetic kept (never fastmath).
+"""The one way in which rcmservo compiles a function: Numba, cached, never with fastmath.
 
-Numba's cache looks only at the file of the compiled function, so that an edit in a file it calls would go unseen.
-Ours lies in a folder named by a hash over the whole package: new source, new cache.
+Numba's cache looks only at the file of the compiled function. An edit in a file that it calls would
+go unseen. So ours lies in a folder that is named by a hash over all files that hold compiled
+functions: new source, new cache. Whatever a compiled function uses must stand in such a file.
 """
 
 import hashlib
-from collections.abc import Callable
+import os
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -14,24 +17,57 @@ from numba.core import config as numba_config
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 PACKAGE = Path(__file__).parent
+MARK = "\n@compiled\n"
+
+
+def sources() -> list[Path]:
+    """The files of this package that hold compiled functions."""
+    return [path for path in sorted(PACKAGE.rglob("*.py")) if MARK in path.read_text("utf-8")]
 
 
 def _source_hash() -> str:
     digest = hashlib.sha256()
-    for path in sorted(PACKAGE.rglob("*.py")):
+    for path in sources():
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
+def _places() -> Iterator[Path]:
+    """Where compiled code may be kept, the best place first."""
+    yield PACKAGE / "__pycache__"
+    home = os.environ.get("XDG_CACHE_HOME")
+    yield Path(home) / "rcmservo" if home else Path("~/.cache/rcmservo")
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    yield Path(tempfile.gettempdir()) / f"rcmservo-{user}"
+
+
+def _cache() -> str:
+    """A folder for compiled code that can be written to; empty where there is none."""
+    name = f"numba-{_source_hash()}"
+    for place in _places():
+        try:
+            folder = place.expanduser() / name
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                return str(folder)
+        except (OSError, RuntimeError):  # not writable; a home that nobody knows
+            continue
+    return ""
+
+
 config: Any = numba_config
-_CACHE = str(PACKAGE / "__pycache__" / f"numba-{_source_hash()}")
+_CACHE = _cache()
 
 
 def compiled(function: Function) -> Function:
-    """Compile `function` on its first call. With NUMBA_DISABLE_JIT=1 it stays readable Python: the oracle."""
+    """Compile `function` on its first call.
+
+    With NUMBA_DISABLE_JIT=1 it stays readable Python: the oracle.
+    """
     chosen = config.CACHE_DIR
     config.CACHE_DIR = chosen or _CACHE
     try:
-        return cast(Function, numba.njit(cache=True, error_model="numpy")(function))
+        kept = bool(config.CACHE_DIR)
+        return cast(Function, numba.njit(cache=kept, error_model="numpy")(function))
     finally:
         config.CACHE_DIR = chosen

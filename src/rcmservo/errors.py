@@ -1,4 +1,5 @@
-"""What can go wrong because of what a person gave us: one base class, subclasses that carry the data."""
+"""What can go wrong because of what a person gave us: one base class, subclasses that carry the
+data."""
 
 from pathlib import PurePath
 
@@ -21,7 +22,10 @@ def told(value: object) -> str:
     """A value as a message tells it."""
     try:
         return one_line(repr(str(value) if isinstance(value, PurePath) else value))
-    except (ValueError, RecursionError):  # a whole number of thousands of digits; a thousand nested lists
+    except (
+        ValueError,
+        RecursionError,
+    ):  # a whole number of thousands of digits; a thousand nested lists
         return f"a value of type {type(value).__name__} that is too large to print"
 
 

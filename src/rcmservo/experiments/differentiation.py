@@ -1,4 +1,5 @@
-"""What the differentiation of y costs: once per new frame, or once per tick, with 60 frames/s in a 100 Hz loop.
+"""What the differentiation of y costs: once per new frame, or once per tick, with 60 frames/s in a
+100 Hz loop.
 
 One tour, on which the flow rule (28) learns from ẏ taken in every way, beside the true ẏ.
 """
@@ -9,18 +10,27 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.charts import Figure, Panel
-from rcmservo.controller import scaled
-from rcmservo.estimators.flow import learn
-from rcmservo.experiments.cameras import PINHOLE, true_parameters
-from rcmservo.experiments.claims import Chapter, Claim, Experiment, Results, Shown, Task, median
-from rcmservo.experiments.closed_loop import FAST_ARM, FLOW, NOISE
-from rcmservo.experiments.ways import Rows, marks, middle, middles, numbers
-from rcmservo.exploration import Exploration
-from rcmservo.features import about, difference, features
-from rcmservo.loop import Plant, Tick, run
-from rcmservo.plant import Floats, Target
-from rcmservo.servo import Servo
+from rcmservo.experiments.harness.cameras import PINHOLE, true_parameters
+from rcmservo.experiments.harness.claims import (
+    Chapter,
+    Claim,
+    Experiment,
+    Results,
+    Shown,
+    Task,
+    median,
+)
+from rcmservo.experiments.harness.closed_loop import FAST_ARM, FLOW, NOISE
+from rcmservo.experiments.harness.ways import Rows, marks, middle, middles, numbers
+from rcmservo.figures.charts import Figure, Panel
+from rcmservo.interfaces import Floats, Target
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.run import Tick, run
+from rcmservo.method.controller import scaled
+from rcmservo.method.estimators.flow import learn
+from rcmservo.method.exploration import Exploration
+from rcmservo.method.features import about, difference, features
+from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.tracking import PointMarkers
 
@@ -31,7 +41,8 @@ WAYS = {
 }
 TOUR = Exploration(radius=10.0, speed=30.0, rounds=10**6, max_time=1e6)
 LAST_TOURS = 5.0
-"""s at the end of a tour over which Ĵ is judged: the error of a flow rule comes and goes with every round."""
+"""s at the end of a tour over which Ĵ is judged: the error of a flow rule comes and goes with every
+round."""
 
 
 @dataclass(frozen=True)
@@ -44,17 +55,21 @@ class Settings:
 
 
 def tasks(settings: Settings) -> list[Task]:
-    return [Task(f"tour-{seed}", tour, {"settings": settings, "seed": seed}) for seed in settings.seeds]
+    return [
+        Task(f"tour-{seed}", tour, {"settings": settings, "seed": seed}) for seed in settings.seeds
+    ]
 
 
 def tour(folder: Path, settings: Settings, seed: int) -> dict[str, Any]:
-    """One tour, and ẏ taken in three ways: its size against the true one, its scatter, and the Ĵ that the flow rule
-    learns from it."""
+    """One tour, and ẏ taken in three ways: its size against the true one, its scatter, and the Ĵ
+    that the flow rule learns from it."""
     del folder
     laboratory = RigSettings(scene=PINHOLE, point_noise=NOISE)
     rig = Rig(seed, laboratory, pictures=False)
     plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
-    servo = Servo(laboratory.mechanism, laboratory.tool, estimator=FLOW, exploration=TOUR, gate=FAST_ARM)
+    servo = Servo(
+        laboratory.mechanism, laboratory.tool, estimator=FLOW, exploration=TOUR, gate=FAST_ARM
+    )
     _, o_c = true_parameters(rig)
     here = Target(rig.truth.pixels(rig.scene.start), rig.scene.start)
     learners = {name: Differentiated(settings.gamma) for name in WAYS}
@@ -69,7 +84,9 @@ def tour(folder: Path, settings: Settings, seed: int) -> dict[str, Any]:
         if new:
             true = true_flow(rig, tick.seen.exposure, o_c)
             exposed = servo.marker_1(tick.seen.q_exposure) - servo.marker_1(last.seen.q_exposure)
-            learners["frame"].add(exposed, delta_y, (tick.seen.exposure - last.seen.exposure) * 1e-9, true)
+            learners["frame"].add(
+                exposed, delta_y, (tick.seen.exposure - last.seen.exposure) * 1e-9, true
+            )
         learners["tick"].add(moved, delta_y, tau, true)
         learners["stale"].add(moved, delta_y / period * tau, tau, true)
         if new and tick.time / 1e9 > settings.touring - LAST_TOURS:
@@ -82,13 +99,17 @@ def tour(folder: Path, settings: Settings, seed: int) -> dict[str, Any]:
 
 def changed(tick: Tick, last: Tick, o_c: Floats) -> Floats:
     """Change of y (3,) from one tick to the next, as the newest frames of both show it."""
-    return difference(features(about(tick.seen.points, o_c)), features(about(last.seen.points, o_c)))
+    return difference(
+        features(about(tick.seen.points, o_c)), features(about(last.seen.points, o_c))
+    )
 
 
 def true_flow(rig: Rig, time: int, o_c: Floats) -> Floats:
     """True ẏ (3,) at a moment ns of the last second."""
     half = 5_000_000
-    before, after = (rig.body.points(rig.clock.joints_at(time + side * half))[0] for side in (-1, 1))
+    before, after = (
+        rig.body.points(rig.clock.joints_at(time + side * half))[0] for side in (-1, 1)
+    )
     return rig.truth.jacobian(rig.clock.joints_at(time), o_c) @ (after - before) / (2e-9 * half)
 
 
@@ -116,7 +137,8 @@ class Differentiated:
         self.errors.append(float(np.linalg.norm(J_hat - J) / np.linalg.norm(J)))
 
     def found(self) -> dict[str, float]:
-        """Mean ẏ over the true one (by least squares), its relative scatter, and medians of Ĵ's size and error."""
+        """Mean ẏ over the true one (by least squares), its relative scatter, and medians of Ĵ's
+        size and error."""
         return {
             "ratio": self.product / self.square,
             "scatter": float(np.sqrt(self.missed / self.square)),
@@ -131,32 +153,58 @@ def chapter(settings: Settings, results: Results) -> Chapter:
 
 
 def _claims(settings: Settings, runs: Rows) -> list[Claim]:
-    ratio, scatter, size, error = (middles(runs, WAYS, key) for key in ("ratio", "scatter", "size", "error"))
+    ratio, scatter, size, error = (
+        middles(runs, WAYS, key) for key in ("ratio", "scatter", "size", "error")
+    )
     harm = middle(numbers(runs, "tick", "error") / numbers(runs, "frame", "error"))
     learnt = {name: f"size {size[name]:.2f} of J, error {error[name]:.2f}" for name in WAYS}
     return [
         Claim(
-            "differentiated once per new frame, with the motion between the exposures, ẏ has its true size: off by",
-            "ours", abs(ratio["frame"] - 1.0), "", "<=", 0.03, settings.seeds,
-            detail=f"ratio {ratio['frame']:.3f}, scatter {scatter['frame']:.2f}; Ĵ of the flow rule after "
+            "differentiated once per new frame, with the motion between the exposures, ẏ has its "
+            "true size: off by",
+            "ours",
+            abs(ratio["frame"] - 1.0),
+            "",
+            "<=",
+            0.03,
+            settings.seeds,
+            detail=f"ratio {ratio['frame']:.3f}, scatter {scatter['frame']:.2f}; Ĵ of the flow "
+            f"rule after "
             f"{settings.touring:g} s: {learnt['frame']}",
             figure="frames",
         ),
         Claim(
-            "in a servo-loop of 10 ms with frames at 60 fps, ẏ by the frames' interval at every tick, zero where a "
+            "in a servo-loop of 10 ms with frames at 60 fps, ẏ by the frames' interval at every "
+            "tick, zero where a "
             "frame repeats, has its true size: ratio",
-            "IV-A", ratio["stale"], "", ">=", 0.95, settings.seeds,
-            remark=f"ẏ is {ratio['stale']:.2f} of the true one, and the flow rule's Ĵ comes to {learnt['stale']}",
-            figure="frames", trap="T12", confirmed=abs(ratio["stale"] - 0.6) < 0.05,
+            "IV-A",
+            ratio["stale"],
+            "",
+            ">=",
+            0.95,
+            settings.seeds,
+            remark=f"ẏ is {ratio['stale']:.2f} of the true one, and the flow rule's Ĵ comes to "
+            f"{learnt['stale']}",
+            figure="frames",
+            trap="T12",
+            confirmed=abs(ratio["stale"] - 0.6) < 0.05,
         ),
         Claim(
-            "ẏ by the tick's interval at every tick does the flow rule no harm: error of its Ĵ over that by frames",
-            "IV-A", harm, "", "<=", 1.1, settings.seeds,
-            remark=f"ẏ keeps its mean size ({ratio['tick']:.2f}), but its scatter is {scatter['tick']:.2f} of it, by "
+            "ẏ by the tick's interval at every tick does the flow rule no harm: error of its Ĵ "
+            "over that by frames",
+            "IV-A",
+            harm,
+            "",
+            "<=",
+            1.1,
+            settings.seeds,
+            remark=f"ẏ keeps its mean size ({ratio['tick']:.2f}), but its scatter is "
+            f"{scatter['tick']:.2f} of it, by "
             f"frames {scatter['frame']:.2f}",
-            detail=f"Ĵ comes to {learnt['tick']}", figure="frames",
+            detail=f"Ĵ comes to {learnt['tick']}",
+            figure="frames",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _figure(settings: Settings, runs: Rows) -> Shown:
@@ -167,20 +215,26 @@ def _figure(settings: Settings, runs: Rows) -> Shown:
         "error": "$\\|\\hat{J} - J\\| / \\|J\\|$, scaled [1]",
     }
     panels = [
-        Panel("", label, [marks(runs, WAYS, key)], categories=["by frame", "by tick", "zeros between"])
+        Panel(
+            "", label, [marks(runs, WAYS, key)], categories=["by frame", "by tick", "zeros between"]
+        )
         for key, label in words.items()
     ]
     caption = (
         f"60 frames/s in a 100 Hz loop, on one tour at 30 mm/s, {settings.touring:g} s. By frame: "
-        f"{WAYS['frame']}; by tick: {WAYS['tick']}; zeros between: {WAYS['stale']}. One mark for each seed."
+        f"{WAYS['frame']}; by tick: {WAYS['tick']}; zeros between: {WAYS['stale']}. One mark for "
+        f"each seed."
     )
-    return Shown("frames", "IV-A", caption, settings.seeds, Figure("Differentiating y", panels, columns=2))
+    return Shown(
+        "frames", "IV-A", caption, settings.seeds, Figure("Differentiating y", panels, columns=2)
+    )
 
 
 EXPERIMENT = Experiment(
     name="differentiation",
     title="Sensitivity: the differentiation of y",
-    about="ẏ once per new frame, as ours is, beside ẏ once per tick of a loop that is faster than the camera.",
+    about="ẏ once per new frame, as ours is, beside ẏ once per tick of a loop that is faster "
+    "than the camera.",
     whole=Settings(),
     quick=Settings(seeds=(0,), touring=8.0),
     tasks=tasks,

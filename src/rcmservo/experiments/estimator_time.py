@@ -1,4 +1,5 @@
-"""How much time rule (21) needs: after how many seconds of its own Ĵ leads to the target, with the printed Γ and ours.
+"""How much time rule (21) needs: after how many seconds of its own Ĵ leads to the target, with the
+printed Γ and ours.
 
 The fits are of fixed observations in random scenes, without motion.
 """
@@ -10,9 +11,21 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.charts import Figure, Panel, curve
-from rcmservo.controller import scaled
-from rcmservo.estimators.projection import (
+from rcmservo.experiments.harness.cameras import PINHOLE, true_parameters
+from rcmservo.experiments.harness.claims import (
+    Chapter,
+    Claim,
+    Experiment,
+    Results,
+    Shown,
+    Task,
+    median,
+)
+from rcmservo.experiments.harness.closed_loop import NOISE
+from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.interfaces import Floats
+from rcmservo.method.controller import scaled
+from rcmservo.method.estimators.projection import (
     GAMMA_0,
     ProjectionEstimator,
     decay,
@@ -20,12 +33,8 @@ from rcmservo.estimators.projection import (
     inverse_root,
     normal_equations,
 )
-from rcmservo.experiments.cameras import PINHOLE, true_parameters
-from rcmservo.experiments.claims import Chapter, Claim, Experiment, Results, Shown, Task, median
-from rcmservo.experiments.closed_loop import NOISE
-from rcmservo.features import about
-from rcmservo.plant import Floats
-from rcmservo.projection import project
+from rcmservo.method.features import about
+from rcmservo.method.projection import project
 from rcmservo.sim import Rig, RigSettings
 
 GAMMAS = {"printed": "printed Γ", "fast": "fast Γ"}
@@ -47,8 +56,8 @@ SLOW = {2.0: 0.2, 100.0: 0.4}
 
 @dataclass(frozen=True)
 class Settings:
-    """``scenes`` are seeds. The fits have ``observations`` P within ``reach`` mm and take the estimator ``times`` s,
-    least and greatest, with ``noises`` px, first none."""
+    """``scenes`` are seeds. The fits have ``observations`` P within ``reach`` mm and take the
+    estimator ``times`` s, least and greatest, with ``noises`` px, first none."""
 
     scenes: tuple[int, ...] = tuple(range(60))
     observations: int = 10
@@ -64,13 +73,19 @@ class Settings:
 
 def tasks(settings: Settings) -> list[Task]:
     halves = (settings.scenes[::2], settings.scenes[1::2])
-    return [Task(f"fits-{i}", fits, {"settings": settings, "seeds": seeds}, cost=5.0) for i, seeds in enumerate(halves)]
+    return [
+        Task(f"fits-{i}", fits, {"settings": settings, "seeds": seeds}, cost=5.0)
+        for i, seeds in enumerate(halves)
+    ]
 
 
 def fits(folder: Path, settings: Settings, seeds: Sequence[int]) -> dict[str, Any]:
-    """(21) from â = 0 in every scene, by Γ and noise: lists (scenes, STEPS, 3) of what `leads` says of Ĵ."""
+    """(21) from â = 0 in every scene, by Γ and noise: lists (scenes, STEPS, 3) of what `leads` says
+    of Ĵ."""
     del folder
-    found: dict[str, list[list[list[float]]]] = {case(name, noise): [] for name in GAMMAS for noise in settings.noises}
+    found: dict[str, list[list[list[float]]]] = {
+        case(name, noise): [] for name in GAMMAS for noise in settings.noises
+    }
     for seed in seeds:
         rig = Rig(seed, RigSettings(scene=PINHOLE), pictures=False)
         for noise in settings.noises:
@@ -84,14 +99,20 @@ def case(name: str, noise: float) -> str:
     return f"{name} {noise:g}"
 
 
-def one_scene(rig: Rig, settings: Settings, seed: int, noise: float) -> dict[str, list[list[float]]]:
-    """The fits of one scene with either Γ; Ĵ is judged at the start, in the middle of the observations."""
+def one_scene(
+    rig: Rig, settings: Settings, seed: int, noise: float
+) -> dict[str, list[list[float]]]:
+    """The fits of one scene with either Γ; Ĵ is judged at the start, in the middle of the
+    observations."""
     a, o_c = true_parameters(rig)
     q, tool = rig.scene.start, rig.settings.tool
     p1 = rig.body.points(q)[0]
     rows = observed(a, p1, settings, noise, np.random.default_rng(seed))
     A, b = normal_equations(rows, len(rows), np.zeros(2), False, tool.kind, tool.value)
-    roots = {"printed": np.diag(np.sqrt(GAMMA_0)), "fast": np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon)}
+    roots = {
+        "printed": np.diag(np.sqrt(GAMMA_0)),
+        "fast": np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon),
+    }
     J, m = rig.truth.jacobian(q, o_c), about(rig.truth.pixels(q), o_c)
 
     def judged(root: Floats, t: float) -> list[float]:
@@ -101,19 +122,23 @@ def one_scene(rig: Rig, settings: Settings, seed: int, noise: float) -> dict[str
     return {name: [judged(root, t) for t in settings.all_times] for name, root in roots.items()}
 
 
-def observed(a: Floats, p1: Floats, settings: Settings, noise: float, random: np.random.Generator) -> Floats:
+def observed(
+    a: Floats, p1: Floats, settings: Settings, noise: float, random: np.random.Generator
+) -> Floats:
     """P rows [p₁ mm, m₁ px, m₂ px (not used)] within `reach` mm of p1."""
     rows = np.zeros((settings.observations, 7))
     for row in rows:
         aside = random.standard_normal(3)
-        row[:3] = p1 + settings.reach * random.uniform() ** (1.0 / 3.0) * aside / np.linalg.norm(aside)
+        row[:3] = p1 + settings.reach * random.uniform() ** (1.0 / 3.0) * aside / np.linalg.norm(
+            aside
+        )
         row[3:5] = project(a, row[:3]) + noise * random.standard_normal(2)
     return rows
 
 
 def leads(J_hat: Floats, J: Floats) -> list[float]:
-    """[scaled error of Ĵ, whether the symmetric part of scaled J Ĵ⁻¹ is positive definite, whether its eigenvalues have
-    positive real parts]; a singular Ĵ leads nowhere."""
+    """[scaled error of Ĵ, whether the symmetric part of scaled J Ĵ⁻¹ is positive definite, whether
+    its eigenvalues have positive real parts]; a singular Ĵ leads nowhere."""
     J_hat, J = scaled(J_hat), scaled(J)
     error = float(np.linalg.norm(J_hat - J) / np.linalg.norm(J))
     if not (np.isfinite(J_hat).all() and np.linalg.cond(J_hat) < 1e12):
@@ -127,7 +152,9 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     parts = [results[name].values for name in ("fits-0", "fits-1")]
     cases = [case(name, noise) for name in GAMMAS for noise in settings.noises]
     found = {one: np.array([scene for part in parts for scene in part[one]]) for one in cases}
-    return Chapter([_leads(settings, found, name, time) for name, time in ASKED], [_figure(settings, found)])
+    return Chapter(
+        [_leads(settings, found, name, time) for name, time in ASKED], [_figure(settings, found)]
+    )
 
 
 def _leads(settings: Settings, found: Mapping[str, Floats], name: str, time: float) -> Claim:
@@ -138,17 +165,31 @@ def _leads(settings: Settings, found: Mapping[str, Floats], name: str, time: flo
     share, definite = float(np.mean(clean[:, 2])), float(np.mean(clean[:, 1]))
     longest = np.mean(found[case(name, settings.noises[0])][:, -1, 2])
     printed = name == "printed"
-    remark = f"the critical reading of the paper gives {CRITICAL[time]:.0%}, here it is {share:.0%}" if printed else ""
+    remark = (
+        f"the critical reading of the paper gives {CRITICAL[time]:.0%}, here it is {share:.0%}"
+        if printed
+        else ""
+    )
     return Claim(
-        f"with the {GAMMAS[name]} Ĵ leads the right way after {time:g} s of estimator time: share of the scenes in "
+        f"with the {GAMMAS[name]} Ĵ leads the right way after {time:g} s of estimator time: "
+        f"share of the scenes in "
         "which all eigenvalues of J Ĵ⁻¹ have positive real parts",
-        "(21), Proposition 1" if printed else "ours", share, "", ">=", 0.95, settings.scenes,
-        detail=f"symmetric part positive definite in {definite:.0%}; error of Ĵ {median(clean[:, 0]):.2g}; with "
-        f"{noise:g} px of noise {np.mean(noisy[:, 2]):.0%}, {np.mean(noisy[:, 1]):.0%} and {median(noisy[:, 0]):.2g}; "
+        "(21), Proposition 1" if printed else "ours",
+        share,
+        "",
+        ">=",
+        0.95,
+        settings.scenes,
+        detail=f"symmetric part positive definite in {definite:.0%}; error of Ĵ "
+        f"{median(clean[:, 0]):.2g}; with "
+        f"{noise:g} px of noise {np.mean(noisy[:, 2]):.0%}, {np.mean(noisy[:, 1]):.0%} and "
+        f"{median(noisy[:, 0]):.2g}; "
         f"eigenvalues positive after {settings.times[1]:g} s in {longest:.0%}",
         remark=remark,
-        figure="gammas", trap="T6" if printed and time in SLOW else "", confirmed=share <= SLOW.get(time, 1.0),
-    )  # fmt: skip
+        figure="gammas",
+        trap="T6" if printed and time in SLOW else "",
+        confirmed=share <= SLOW.get(time, 1.0),
+    )
 
 
 def _figure(settings: Settings, found: Mapping[str, Floats]) -> Shown:
@@ -159,20 +200,38 @@ def _figure(settings: Settings, found: Mapping[str, Floats]) -> Shown:
     }
     cases = [(name, noise) for name in GAMMAS for noise in settings.noises]
     panels = [
-        Panel("estimator time [s]", label, [
-            curve(f"{GAMMAS[name]}, {noise:g} px" if place == 2 else "", settings.all_times,
-                  (np.median if place == 0 else np.mean)(found[case(name, noise)][:, :, place], axis=0), style)
-            for style, (name, noise) in enumerate(cases)
-        ], log_x=True, log_y=place == 0, y_limits=(1e-4, 100.0) if place == 0 else (-0.05, 1.05))
+        Panel(
+            "estimator time [s]",
+            label,
+            [
+                curve(
+                    f"{GAMMAS[name]}, {noise:g} px" if place == 2 else "",
+                    settings.all_times,
+                    (np.median if place == 0 else np.mean)(
+                        found[case(name, noise)][:, :, place], axis=0
+                    ),
+                    style,
+                )
+                for style, (name, noise) in enumerate(cases)
+            ],
+            log_x=True,
+            log_y=place == 0,
+            y_limits=(1e-4, 100.0) if place == 0 else (-0.05, 1.05),
+        )
         for place, label in words.items()
-    ]  # fmt: skip
+    ]
     caption = (
-        f"Rule (21) from â = 0 on {settings.observations} random observations of marker 1 within {settings.reach:g} "
-        f"mm, in {len(settings.scenes)} random scenes: the error of Ĵ, and the shares of scenes in which all "
-        "eigenvalues of the scaled J Ĵ⁻¹ have positive real parts and in which its symmetric part is positive "
+        f"Rule (21) from â = 0 on {settings.observations} random observations of marker 1 within "
+        f"{settings.reach:g} "
+        f"mm, in {len(settings.scenes)} random scenes: the error of Ĵ, and the shares of scenes "
+        f"in which all "
+        "eigenvalues of the scaled J Ĵ⁻¹ have positive real parts and in which its symmetric "
+        "part is positive "
         "definite. Without noise the error of the fast Γ goes on falling below the axis."
     )
-    return Shown("gammas", "(21)", caption, settings.scenes, Figure("Γ over estimator time", panels))
+    return Shown(
+        "gammas", "(21)", caption, settings.scenes, Figure("Γ over estimator time", panels)
+    )
 
 
 EXPERIMENT = Experiment(

@@ -1,7 +1,9 @@
-"""Following a path that is given as moving reference pixels, as in [10], with neither calibration nor feed-forward.
+"""Following a path that is given as moving reference pixels, as in [10], with neither calibration
+nor feed-forward.
 
-Marker 1 is to go round a circle in space. The reference is the circle's picture in the true camera, as [10] computes it
-by its forward model; the servo is told these pixels and nothing else. A law without feed-forward stays behind by v/k.
+Marker 1 is to go round a circle in space. The reference is the circle's picture in the true camera,
+as [10] computes it by its forward model; the servo is told these pixels and nothing else. A law
+without feed-forward stays behind by v/k.
 """
 
 from collections import Counter
@@ -12,17 +14,26 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.charts import Curve, Figure, Panel, curve
-from rcmservo.clock import ticks
-from rcmservo.controller import SaturatedController
-from rcmservo.experiments.claims import Chapter, Claim, Experiment, Results, Shown, Task, median, rms
-from rcmservo.experiments.closed_loop import servo_for
-from rcmservo.experiments.comparison import EVERY, FLOW_RULE, OURS, Learner, laboratory
-from rcmservo.features import SCALE
-from rcmservo.plant import Floats, Target
-from rcmservo.servo import State
+from rcmservo.experiments.harness.claims import (
+    Chapter,
+    Claim,
+    Experiment,
+    Results,
+    Shown,
+    Task,
+    median,
+    rms,
+)
+from rcmservo.experiments.harness.closed_loop import servo_for
+from rcmservo.experiments.harness.comparison import EVERY, FLOW_RULE, OURS, Learner, laboratory
+from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.guard.states import Cause, Phase
+from rcmservo.interfaces import Floats, Target
+from rcmservo.loop.clock import ticks
+from rcmservo.method.controller import SaturatedController
+from rcmservo.method.features import SCALE
+from rcmservo.servo.servo import State
 from rcmservo.sim import Rig, SceneSettings
-from rcmservo.states import Cause, Phase
 
 METHODS: Mapping[str, Learner] = {"ours": OURS, "flow": FLOW_RULE}
 
@@ -64,7 +75,8 @@ class Settings:
 
 def tasks(settings: Settings) -> list[Task]:
     return [
-        Task(method, follow_all, {"settings": settings, "method": method}, len(settings.seeds)) for method in METHODS
+        Task(method, follow_all, {"settings": settings, "method": method}, len(settings.seeds))
+        for method in METHODS
     ]
 
 
@@ -76,9 +88,11 @@ def follow_all(folder: Path, settings: Settings, method: str) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Circle:
-    """A path of marker 1 in the rig's space, oblique to the tool, so that it asks for yaw, pitch and insertion.
+    """A path of marker 1 in the rig's space, oblique to the tool, so that it asks for yaw, pitch
+    and insertion.
 
-    ``middle`` (3,) mm is p₁ at the target; ``across`` and ``along`` (3,) mm are two radii at right angles.
+    ``middle`` (3,) mm is p₁ at the target; ``across`` and ``along`` (3,) mm are two radii at right
+    angles.
     """
 
     rig: Rig
@@ -88,7 +102,8 @@ class Circle:
     period: float
 
     def p1(self, time: float) -> Floats:
-        """Where marker 1 should be `time` s after the start, (3,) mm; before it, at the first point."""
+        """Where marker 1 should be `time` s after the start, (3,) mm; before it, at the first
+        point."""
         angle = 2.0 * np.pi * max(time, 0.0) / self.period
         return self.middle + np.cos(angle) * self.across + np.sin(angle) * self.along
 
@@ -159,7 +174,8 @@ class Trace:
         self._pixels.append(rig.truth.pixels(q)[0])
 
     def verdict(self, cause: Cause) -> dict[str, Any]:
-        """Errors in mm and px over the path, the ``lag`` s that explains most, and the ``beside`` mm that it leaves."""
+        """Errors in mm and px over the path, the ``lag`` s that explains most, and the ``beside``
+        mm that it leaves."""
         if not self._times or self._times[-1] <= self._path.period - NEAR_END:
             return {"completed": False, "cause": cause.value or "time ran out before its start"}
         wanted = np.array([self._path.reference(time).points[0] for time in self._times])
@@ -187,43 +203,77 @@ class Trace:
 
 def chapter(settings: Settings, results: Results) -> Chapter:
     trials = {method: results[method].values["trials"] for method in METHODS}
-    claims = [claim for method in METHODS for claim in _claims(METHODS[method].name, trials[method], settings)]
+    claims = [
+        claim
+        for method in METHODS
+        for claim in _claims(METHODS[method].name, trials[method], settings)
+    ]
     return Chapter(claims, [_figure(trials, settings)])
 
 
 def _claims(name: str, trials: list[dict[str, Any]], settings: Settings) -> list[Claim]:
     done = [trial for trial in trials if trial["completed"]]
     causes = Counter(trial["cause"] for trial in trials if not trial["completed"])
-    failures = "; ".join(f"{count} of {len(trials)} not completed: {cause}" for cause, count in causes.items())
-    of = {key: median([trial[key] for trial in done]) for key in ("rms", "max", "pixels_rms", "lag", "beside")}
+    failures = "; ".join(
+        f"{count} of {len(trials)} not completed: {cause}" for cause, count in causes.items()
+    )
+    of = {
+        key: median([trial[key] for trial in done])
+        for key in ("rms", "max", "pixels_rms", "lag", "beside")
+    }
     worst = max((trial["max"] for trial in done), default=np.nan)
     start = median([trial["errors"][0] for trial in done])
     late = f"the start counts too, where the tool is still {start:.1f} mm from the reference"
     beside = "; ".join(filter(None, (failures, late if of["beside"] > 0.3 else "")))
     return [
         Claim(
-            f"{name} follows moving reference pixels round the whole path in every scene", "Intro, [10]",
-            100.0 * len(done) / len(trials), "%", ">=", 100.0, settings.seeds, remark=failures,
-            detail=f"circle of {settings.radius:g} mm in {settings.period:g} s, {settings.speed:.1f} mm/s",
+            f"{name} follows moving reference pixels round the whole path in every scene",
+            "Intro, [10]",
+            100.0 * len(done) / len(trials),
+            "%",
+            ">=",
+            100.0,
+            settings.seeds,
+            remark=failures,
+            detail=f"circle of {settings.radius:g} mm in {settings.period:g} s, "
+            f"{settings.speed:.1f} mm/s",
             figure="path",
         ),
         Claim(
-            f"{name} follows moving reference pixels within 1.5 v/k, v/k being the lag of a law without feed-forward",
-            "Intro, [10]", of["rms"], "mm rms", "<=", 1.5 * settings.lag, settings.seeds, remark=failures,
-            detail=f"median over the scenes; v/k = {settings.lag:.2f} mm; in a scene at most {of['max']:.2f} mm "
-            f"(median), {worst:.2f} mm (worst), {of['pixels_rms']:.1f} px rms in the picture", figure="path",
+            f"{name} follows moving reference pixels within 1.5 v/k, v/k being the lag of a law "
+            f"without feed-forward",
+            "Intro, [10]",
+            of["rms"],
+            "mm rms",
+            "<=",
+            1.5 * settings.lag,
+            settings.seeds,
+            remark=failures,
+            detail=f"median over the scenes; v/k = {settings.lag:.2f} mm; in a scene at most "
+            f"{of['max']:.2f} mm "
+            f"(median), {worst:.2f} mm (worst), {of['pixels_rms']:.1f} px rms in the picture",
+            figure="path",
         ),
         Claim(
-            f"{name} keeps within 0.3 mm of the path, but for its lag", "Intro, [10]", of["beside"], "mm rms", "<=",
-            0.3, settings.seeds, remark=beside,
+            f"{name} keeps within 0.3 mm of the path, but for its lag",
+            "Intro, [10]",
+            of["beside"],
+            "mm rms",
+            "<=",
+            0.3,
+            settings.seeds,
+            remark=beside,
             detail=f"median over the scenes, after a lag of {of['lag']:.2f} s; "
-            f"1/k is {1.0 / settings.controller.gain:.2f} s", figure="path",
+            f"1/k is {1.0 / settings.controller.gain:.2f} s",
+            figure="path",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _figure(trials: dict[str, list[dict[str, Any]]], settings: Settings) -> Shown:
-    completed = {method: [trial for trial in some if trial["completed"]] for method, some in trials.items()}
+    completed = {
+        method: [trial for trial in some if trial["completed"]] for method, some in trials.items()
+    }
     completed = {method: some for method, some in completed.items() if some}
     pictures: list[Curve] = []
     errors: list[Curve] = []
@@ -237,14 +287,22 @@ def _figure(trials: dict[str, list[dict[str, Any]]], settings: Settings) -> Show
         errors.append(curve(label, one["times"][:shortest], middle, style))
     panels = [
         Panel("u [px]", "v [px], downwards", pictures, y_limits=_downwards(pictures)),
-        Panel("time on the path [s]", "$\\|p_1 - p_{ref}\\|$ [mm]", errors, levels=[("v/k", settings.lag)]),
+        Panel(
+            "time on the path [s]",
+            "$\\|p_1 - p_{ref}\\|$ [mm]",
+            errors,
+            levels=[("v/k", settings.lag)],
+        ),
     ]
     seed = next((some[0]["seed"] for some in completed.values()), None)
     caption = (
-        f"Left, marker 1 in the picture of scene {seed}; right, how far it is from the moving reference, median over "
+        f"Left, marker 1 in the picture of scene {seed}; right, how far it is from the moving "
+        f"reference, median over "
         "the scenes."
     )
-    return Shown("path", "[10]", caption, settings.seeds, Figure("Following a path", panels, columns=2))
+    return Shown(
+        "path", "[10]", caption, settings.seeds, Figure("Following a path", panels, columns=2)
+    )
 
 
 def _picture(label: str, pixels: list[list[float]], style: int) -> Curve:
@@ -260,7 +318,8 @@ def _downwards(curves: Sequence[Curve]) -> tuple[float, float]:
 EXPERIMENT = Experiment(
     name="path-following",
     title="Following a path",
-    about="Path following by moving reference pixels, as in [10]: our default and the paper's flow rule, without a "
+    about="Path following by moving reference pixels, as in [10]: our default and the paper's "
+    "flow rule, without a "
     "calibration and without feed-forward.",
     whole=Settings(),
     quick=Settings(seeds=(0,), approach=8.0, radius=5.0, period=15.0),

@@ -1,7 +1,8 @@
-"""The saturated potential action, Fig. 5, in both readings of (32), and what each does to the closed loop (33).
+"""The saturated potential action, Fig. 5, in both readings of (32), and what each does to the
+closed loop (33).
 
-As printed, V is ½b|Δy| beyond b: continuous, but its gradient drops from b to b/2 there. Fig. 5 and the word
-"saturated" ask for V = b|Δy| − ½b², whose gradient stays at b.
+As printed, V is ½b|Δy| beyond b: continuous, but its gradient drops from b to b/2 there. Fig. 5 and
+the word "saturated" ask for V = b|Δy| − ½b², whose gradient stays at b.
 """
 
 from dataclasses import dataclass
@@ -10,17 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.charts import Curve, Figure, Panel, curve
-from rcmservo.controller import potential, potential_gradient
-from rcmservo.experiments.claims import Chapter, Claim, Experiment, Results, Shown, Task
-from rcmservo.plant import Floats
+from rcmservo.experiments.harness.claims import Chapter, Claim, Experiment, Results, Shown, Task
+from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.interfaces import Floats
+from rcmservo.method.controller import potential, potential_gradient
 
 READINGS = {"continuous": False, "printed": True}
 
 
 @dataclass(frozen=True)
 class Settings:
-    """``figure_bound`` b of Fig. 5; ``gain`` k 1/s and ``bound`` b px of the experiments, from ``error`` px."""
+    """``figure_bound`` b of Fig. 5; ``gain`` k 1/s and ``bound`` b px of the experiments, from
+    ``error`` px."""
 
     figure_bound: float = 40.0
     reach: float = 100.0
@@ -36,7 +38,8 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 def action(folder: Path, settings: Settings) -> dict[str, Any]:
-    """Both readings: V, its gradient, the gradient's largest jump, V's largest jump, and (33) integrated."""
+    """Both readings: V, its gradient, the gradient's largest jump, V's largest jump, and (33)
+    integrated."""
     del folder
     deltas = np.linspace(-settings.reach, settings.reach, 2001)
     values: dict[str, Any] = {"deltas": deltas.tolist()}
@@ -79,47 +82,84 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     values = results["action"].values
     smooth, printed = values["continuous"], values["printed"]
     sample = 2.0 * settings.reach / 2000.0
-    slow = "(32) as printed halves the action beyond b, so that the error falls at half the speed until there"
+    slow = (
+        "(32) as printed halves the action beyond b, so that the error falls at half the "
+        "speed until there"
+    )
     claims = [
         Claim(
             "the action ∂V/∂y is continuous: it saturates at b, as Fig. 5 shows",
-            "Fig. 5", smooth["jump"], "px", "<=", 1.01 * sample, [],
-            detail="largest step between errors 0.1 px apart, of V = b|Δy| − ½b² beyond b (our default)",
+            "Fig. 5",
+            smooth["jump"],
+            "px",
+            "<=",
+            1.01 * sample,
+            [],
+            detail="largest step between errors 0.1 px apart, of V = b|Δy| − ½b² beyond b (our "
+            "default)",
             figure="fig-5",
         ),
         Claim(
             "the action of (32) as it is printed is continuous too",
-            "(32)", printed["jump"], "px", "<=", 1.01 * sample, [],
-            remark=f"it jumps from b to b/2 at |Δy| = b = {settings.figure_bound:g} px; offered as potential = printed",
-            figure="fig-5", trap="T0", confirmed=printed["jump"] > 0.4 * settings.figure_bound,
+            "(32)",
+            printed["jump"],
+            "px",
+            "<=",
+            1.01 * sample,
+            [],
+            remark=f"it jumps from b to b/2 at |Δy| = b = {settings.figure_bound:g} px; offered "
+            f"as potential = printed",
+            figure="fig-5",
+            trap="T0",
+            confirmed=printed["jump"] > 0.4 * settings.figure_bound,
         ),
         Claim(
             "V of (32) is continuous in both readings",
-            "(32)", max(smooth["V_jump"], printed["V_jump"]), "px²", "<=", 1.01 * sample * settings.figure_bound, [],
+            "(32)",
+            max(smooth["V_jump"], printed["V_jump"]),
+            "px²",
+            "<=",
+            1.01 * sample * settings.figure_bound,
+            [],
             figure="fig-5",
         ),
         Claim(
-            f"with k = {settings.gain:g} and b = {settings.bound:g} px an error of {settings.error:g} px is below 2 % "
+            f"with k = {settings.gain:g} and b = {settings.bound:g} px an error of "
+            f"{settings.error:g} px is below 2 % "
             "after about 90 s",
-            "(33)", smooth["time_to_2_percent"], "s", "<=", 90.0, [],
-            detail=f"as printed {printed['time_to_2_percent']:.0f} s: {slow}", figure="potential-loop", trap="T5",
+            "(33)",
+            smooth["time_to_2_percent"],
+            "s",
+            "<=",
+            90.0,
+            [],
+            detail=f"as printed {printed['time_to_2_percent']:.0f} s: {slow}",
+            figure="potential-loop",
+            trap="T5",
             confirmed=smooth["time_to_2_percent"] > 80.0,
         ),
-    ]  # fmt: skip
+    ]
     return Chapter(claims, [_figure_5(settings, values), _loop(settings, values)])
 
 
 def _figure_5(settings: Settings, values: dict[str, Any]) -> Shown:
     def curves(key: str) -> list[Curve]:
-        return [curve(label, values["deltas"], values[name][key], style)
-                for style, (name, label) in enumerate(LABELS.items())]  # fmt: skip
+        return [
+            curve(label, values["deltas"], values[name][key], style)
+            for style, (name, label) in enumerate(LABELS.items())
+        ]
 
     panels = [
         Panel("$\\Delta y_i$ [px]", "$\\partial V_i / \\partial y_i$ [px]", curves("gradient")),
         Panel("$\\Delta y_i$ [px]", "$V_i$ [px²]", curves("V")),
     ]
-    figure = Figure(f"Saturated potential action, $b_i$ = {settings.figure_bound:g} px", panels, columns=2)
-    caption = "The action and its potential: continuous, as the figure in the paper shows it, and as (32) is printed."
+    figure = Figure(
+        f"Saturated potential action, $b_i$ = {settings.figure_bound:g} px", panels, columns=2
+    )
+    caption = (
+        "The action and its potential: continuous, as the figure in the paper shows it, "
+        "and as (32) is printed."
+    )
     return Shown("fig-5", "Fig. 5", caption, [], figure)
 
 
@@ -128,10 +168,20 @@ LABELS = {"continuous": "continuous (Fig. 5)", "printed": "as (32) is printed"}
 
 def _loop(settings: Settings, values: dict[str, Any]) -> Shown:
     time = np.arange(round(settings.duration / settings.step)) * settings.step
-    curves = [curve(label, time, values[name]["error"], style) for style, (name, label) in enumerate(LABELS.items())]
-    panel = Panel("time [s]", "$|\\Delta y_i|$ [px]", curves, levels=[("2 %", 0.02 * settings.error)])
-    caption = f"(33) with k = {settings.gain:g}, b = {settings.bound:g} px and a perfect Jacobian, in both readings."
-    return Shown("potential-loop", "(33)", caption, [], Figure("Error under either reading of (32)", [panel]))
+    curves = [
+        curve(label, time, values[name]["error"], style)
+        for style, (name, label) in enumerate(LABELS.items())
+    ]
+    panel = Panel(
+        "time [s]", "$|\\Delta y_i|$ [px]", curves, levels=[("2 %", 0.02 * settings.error)]
+    )
+    caption = (
+        f"(33) with k = {settings.gain:g}, b = {settings.bound:g} px and a perfect "
+        f"Jacobian, in both readings."
+    )
+    return Shown(
+        "potential-loop", "(33)", caption, [], Figure("Error under either reading of (32)", [panel])
+    )
 
 
 EXPERIMENT = Experiment(

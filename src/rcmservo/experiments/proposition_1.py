@@ -1,4 +1,5 @@
-"""Proposition 1, as a measurement: U never rises along rule (21), and how long it takes until Ĵ is J.
+"""Proposition 1, as a measurement: U never rises along rule (21), and how long it takes until Ĵ is
+J.
 
 Tried on noiseless observations before pinhole cameras, with the printed Γ and with our fast one.
 """
@@ -9,9 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.charts import Figure, Panel, curve
-from rcmservo.controller import scaled
-from rcmservo.estimators.projection import (
+from rcmservo.experiments.harness.cameras import drawn, seen_by
+from rcmservo.experiments.harness.claims import (
+    Chapter,
+    Claim,
+    Experiment,
+    Results,
+    Shown,
+    Task,
+    median,
+)
+from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.interfaces import Floats
+from rcmservo.method.controller import scaled
+from rcmservo.method.estimators.projection import (
     GAMMA_0,
     MAX_DECAY,
     ProjectionEstimator,
@@ -21,10 +33,7 @@ from rcmservo.estimators.projection import (
     normal_equations,
     predict,
 )
-from rcmservo.experiments.cameras import drawn, seen_by
-from rcmservo.experiments.claims import Chapter, Claim, Experiment, Results, Shown, Task, median
-from rcmservo.plant import Floats
-from rcmservo.projection import PARAMETERS, parameters, project
+from rcmservo.method.projection import PARAMETERS, parameters, project
 from rcmservo.sim import RigSettings
 
 TOOL = RigSettings().tool
@@ -41,8 +50,9 @@ LONG_ENOUGH = 30.0
 
 @dataclass(frozen=True)
 class Settings:
-    """``cameras`` are seeds, ``spread`` mm that of the P = ``observations`` points before each; the claims are about
-    ``printed_time`` and ``fast_time`` s of estimator time, and ``longest`` s is the most shown."""
+    """``cameras`` are seeds, ``spread`` mm that of the P = ``observations`` points before each; the
+    claims are about ``printed_time`` and ``fast_time`` s of estimator time, and ``longest`` s is
+    the most shown."""
 
     cameras: tuple[int, ...] = tuple(range(20))
     spread: float = 20.0
@@ -80,7 +90,8 @@ def one_camera(settings: Settings, seed: int) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Fall:
-    """U (n,) of (22) at ``time`` (n,) s along rule (21), â ``late`` and at its ``end``, the ``slowest`` rate 1/s."""
+    """U (n,) of (22) at ``time`` (n,) s along rule (21), â ``late`` and at its ``end``, the
+    ``slowest`` rate 1/s."""
 
     time: Floats
     U: Floats
@@ -100,13 +111,16 @@ def fall_of_U(A: Floats, b: Floats, a: Floats, root: Floats, longest: float, lat
 
 
 def judged(fall: Fall, a: Floats, p0: Floats, points: Floats) -> dict[str, Any]:
-    """U/U(0) and its largest rise, the errors of Ĵ at p0 and of the projection of the `points` px."""
+    """U/U(0) and its largest rise, the errors of Ĵ at p0 and of the projection of the `points`
+    px."""
     ratio = fall.U / fall.U[0]
     return {
         "time": fall.time.tolist(),
         "U": ratio.tolist(),
         "rise": float(max(np.max(np.diff(fall.U)) / fall.U[0], 0.0)),
-        "reprojection": max(float(np.linalg.norm(project(fall.late, p) - project(a, p))) for p in points),
+        "reprojection": max(
+            float(np.linalg.norm(project(fall.late, p) - project(a, p))) for p in points
+        ),
         "jacobian": jacobian_error(fall.late, a, p0),
         "end": jacobian_error(fall.end, a, p0),
         "slowest": fall.slowest,
@@ -132,56 +146,102 @@ def _claims(settings: Settings, values: dict[str, Any]) -> list[Claim]:
     slowest = [1.0 / one["slowest"] for one in printed]
     bad = sum(error > NEAR for error in late)
     about = (
-        f"P = {settings.observations} noiseless observations of marker 1 within ±{settings.spread:g} mm before each of "
+        f"P = {settings.observations} noiseless observations of marker 1 within "
+        f"±{settings.spread:g} mm before each of "
         f"{len(seeds)} cameras"
     )
     return [
         Claim(
             "U of (22) never rises along rule (21), with the printed Γ",
-            "Proposition 1, (23)", max(one["rise"] for one in printed), "of U(0)", "<=", 1e-9, seeds,
-            detail=f"largest rise between 200 moments up to {settings.longest:g} s; {about}", figure="U",
+            "Proposition 1, (23)",
+            max(one["rise"] for one in printed),
+            "of U(0)",
+            "<=",
+            1e-9,
+            seeds,
+            detail=f"largest rise between 200 moments up to {settings.longest:g} s; {about}",
+            figure="U",
         ),
         Claim(
             "U never rises with our fast Γ either",
-            "ours", max(one["rise"] for one in fast), "of U(0)", "<=", 1e-9, seeds, figure="U",
+            "ours",
+            max(one["rise"] for one in fast),
+            "of U(0)",
+            "<=",
+            1e-9,
+            seeds,
+            figure="U",
         ),
         Claim(
             "rule (21) asymptotically estimates a, so that Ĵ tends to J, with the printed Γ",
-            "Proposition 1", max(one["end"] for one in printed), "‖Ĵ − J‖/‖J‖", "<=", 1e-6, seeds,
-            remark=f"very slowly: the slowest mode's time constant is {median(slowest) / 3600.0:.1f} h in the "
-            f"median camera and {max(slowest) / 3600.0:.0f} h in the worst; judged after {LONG_ENOUGH:g} of them",
-            figure="U", trap="T6", confirmed=median(slowest) > 600.0,
+            "Proposition 1",
+            max(one["end"] for one in printed),
+            "‖Ĵ − J‖/‖J‖",
+            "<=",
+            1e-6,
+            seeds,
+            remark=f"very slowly: the slowest mode's time constant is "
+            f"{median(slowest) / 3600.0:.1f} h in the "
+            f"median camera and {max(slowest) / 3600.0:.0f} h in the worst; judged after "
+            f"{LONG_ENOUGH:g} of them",
+            figure="U",
+            trap="T6",
+            confirmed=median(slowest) > 600.0,
         ),
         Claim(
-            f"{settings.printed_time:g} s of estimator time, which we give the printed Γ for every frame, bring Ĵ "
+            f"{settings.printed_time:g} s of estimator time, which we give the printed Γ for "
+            f"every frame, bring Ĵ "
             f"within {100.0 * NEAR:g} % of J",
-            "ours", max(late), "‖Ĵ − J‖/‖J‖", "<=", NEAR, seeds,
+            "ours",
+            max(late),
+            "‖Ĵ − J‖/‖J‖",
+            "<=",
+            NEAR,
+            seeds,
             remark=f"worse in {bad} of {len(late)} cameras" if bad else "",
-            detail=f"{median(late):.3f} in the median, where the projection of the observations is off by "
+            detail=f"{median(late):.3f} in the median, where the projection of the observations "
+            f"is off by "
             f"{median([one['reprojection'] for one in printed]):.1f} px at most",
-            figure="U", trap="T6", confirmed=max(late) > 10.0 * max(one["jacobian"] for one in fast),
+            figure="U",
+            trap="T6",
+            confirmed=max(late) > 10.0 * max(one["jacobian"] for one in fast),
         ),
         Claim(
             f"with our fast Γ {settings.fast_time:g} s bring Ĵ within {100.0 * NEAR:g} % of J",
-            "ours", max(one["jacobian"] for one in fast), "‖Ĵ − J‖/‖J‖", "<=", NEAR, seeds, figure="U",
+            "ours",
+            max(one["jacobian"] for one in fast),
+            "‖Ĵ − J‖/‖J‖",
+            "<=",
+            NEAR,
+            seeds,
+            figure="U",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _figure(settings: Settings, values: dict[str, Any]) -> Shown:
     shown = settings.cameras[:5]
     curves = [
-        curve(label if seed == shown[0] else "", values[str(seed)][name]["time"][1:],
-              np.maximum(values[str(seed)][name]["U"][1:], 1e-12), style)
+        curve(
+            label if seed == shown[0] else "",
+            values[str(seed)][name]["time"][1:],
+            np.maximum(values[str(seed)][name]["U"][1:], 1e-12),
+            style,
+        )
         for style, (name, label) in enumerate(GAMMAS.items())
         for seed in shown
-    ]  # fmt: skip
-    panel = Panel("estimator time [s]", "U(t) / U(0)", curves, log_x=True, log_y=True, y_limits=(1e-9, 3.0))
+    ]
+    panel = Panel(
+        "estimator time [s]", "U(t) / U(0)", curves, log_x=True, log_y=True, y_limits=(1e-9, 3.0)
+    )
     caption = (
-        f"U of (22) along rule (21) from â = 0, P = {settings.observations} noiseless observations of marker 1 before "
+        f"U of (22) along rule (21) from â = 0, P = {settings.observations} noiseless "
+        f"observations of marker 1 before "
         f"{len(shown)} cameras. Each U is measured by its own Γ, so that only the falls compare."
     )
-    return Shown("U", "Proposition 1, (22)-(23)", caption, list(shown), Figure("Proposition 1", [panel]))
+    return Shown(
+        "U", "Proposition 1, (22)-(23)", caption, list(shown), Figure("Proposition 1", [panel])
+    )
 
 
 EXPERIMENT = Experiment(

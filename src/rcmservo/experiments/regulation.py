@@ -1,8 +1,10 @@
-"""One regulation experiment of the paper, for either estimator: from initial errors of exactly [40°, 80 px, 60 px].
+"""One regulation experiment of the paper, for either estimator: from initial errors of exactly
+[40°, 80 px, 60 px].
 
-The tool explores from nothing, goes back to the start at the paper's gains, and on to the target that it was shown. A
-run is faithful only if Ĵ is within 30 % of J after exploration and r falls by k b = 1 px/s ± 30 % while saturated: a
-small Ĵ multiplies k, and its quick success is not the paper's.
+The tool explores from nothing, goes back to the start at the paper's gains, and on to the target
+that it was shown. A run is faithful only if Ĵ is within 30 % of J after exploration and r falls by
+k b = 1 px/s ± 30 % while saturated: a small Ĵ multiplies k, and its quick success is not the
+paper's.
 """
 
 from collections.abc import Sequence
@@ -12,12 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo import plots
-from rcmservo.charts import Figure, Panel, curve
-from rcmservo.controller import SaturatedController
-from rcmservo.estimators.base import Estimator
-from rcmservo.experiments.claims import Claim, Results, Shown, Task, median, rms
-from rcmservo.experiments.closed_loop import (
+from rcmservo.experiments.harness.claims import Claim, Results, Shown, Task, median, rms
+from rcmservo.experiments.harness.closed_loop import (
     NOISE,
     PAPER_SCENES,
     PRINTED_FIT,
@@ -28,12 +26,16 @@ from rcmservo.experiments.closed_loop import (
     recorded,
     servo_for,
 )
-from rcmservo.exploration import Exploration
-from rcmservo.loop import Tick
-from rcmservo.plant import Floats
-from rcmservo.record import Record
+from rcmservo.figures import plots
+from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.guard.states import Cause
+from rcmservo.interfaces import Floats
+from rcmservo.loop.run import Tick
+from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.base import Estimator
+from rcmservo.method.exploration import Exploration
+from rcmservo.record.reader import Record
 from rcmservo.sim import RigSettings, SceneSettings
-from rcmservo.states import Cause
 
 PERCENT = 0.02
 ACCURATE = 0.3
@@ -52,9 +54,9 @@ SEEN = 0.1
 class Regulation:
     """What both regulation experiments share.
 
-    ``scene`` holds the errors at the start; ``half_way`` explores where half of them are left; ``back`` s are allowed
-    for the way back to the start, ``duration`` s from there on; ``shown`` is the seed of the figures; ``noise`` px
-    where there are no ``pictures``.
+    ``scene`` holds the errors at the start; ``half_way`` explores where half of them are left;
+    ``back`` s are allowed for the way back to the start, ``duration`` s from there on; ``shown`` is
+    the seed of the figures; ``noise`` px where there are no ``pictures``.
     """
 
     seeds: Sequence[int] = tuple(range(12))
@@ -83,14 +85,19 @@ class Regulation:
 def regulation_tasks(settings: Regulation) -> list[Task]:
     """One closed loop for every seed."""
     cost = (0.35 if settings.pictures else 0.03) * (settings.duration + 80.0)
-    return [Task(f"seed-{seed}", regulate, {"seed": seed, "settings": settings}, cost) for seed in settings.seeds]
+    return [
+        Task(f"seed-{seed}", regulate, {"seed": seed, "settings": settings}, cost)
+        for seed in settings.seeds
+    ]
 
 
 def regulate(folder: Path, seed: int, settings: Regulation) -> dict[str, Any]:
     """Explore, go back to the start, regulate; what was measured, from the record."""
 
     def servo(rig: Any) -> Any:
-        return servo_for(rig, settings.estimator, settings.exploration, settings.controller, settings.lines)
+        return servo_for(
+            rig, settings.estimator, settings.exploration, settings.controller, settings.lines
+        )
 
     with ClosedLoop(folder, seed, settings.rig(), settings.pictures, servo) as loop:
         scene = loop.rig.scene
@@ -117,8 +124,11 @@ def _words(when: str, tick: Tick) -> str:
     return f"{when}: |ds| {s:.2f} deg  |dr| {r:.2f} px  |dd| {d:.2f} px"
 
 
-def measured(rows: Record, began: float | None, p_d: Floats, cause: str, settings: Regulation) -> dict[str, Any]:
-    """The numbers of a run, from its record: errors of Ĵ, slopes, what is left of the errors, the pose error mm."""
+def measured(
+    rows: Record, began: float | None, p_d: Floats, cause: str, settings: Regulation
+) -> dict[str, Any]:
+    """The numbers of a run, from its record: errors of Ĵ, slopes, what is left of the errors, the
+    pose error mm."""
     error = rows.truth["jacobian_error"][:, 0]
     explored = np.array([phase not in ("IDLE", "ACQUIRE") for phase in rows.phase])
     values: dict[str, Any] = {"cause": cause, "began": began}
@@ -140,7 +150,10 @@ def measured(rows: Record, began: float | None, p_d: Floats, cause: str, setting
         "at_start": float(error[np.argmax(on)]),
         "at_end": float(error[-1]),
         "initial": np.mean(sizes[:6], axis=0).tolist(),
-        "slopes": [slope(time, sizes[:, i] * plots.DEGREES[i], bounds[i] * plots.DEGREES[i]) for i in range(3)],
+        "slopes": [
+            slope(time, sizes[:, i] * plots.DEGREES[i], bounds[i] * plots.DEGREES[i])
+            for i in range(3)
+        ],
         "left": left.tolist(),
         "time_to_2_percent": float(time[np.argmax(below)]) if below.any() else None,
         "pose": rms(pose[rows.time > rows.time[-1] - 1.0]),
@@ -156,7 +169,8 @@ def slope(time: Floats, size: Floats, bound: float) -> float:
 
 
 def faithful(values: dict[str, Any]) -> bool:
-    """Whether a run is the paper's: Ĵ near J after exploration, and the speed that the gains ask for."""
+    """Whether a run is the paper's: Ĵ near J after exploration, and the speed that the gains ask
+    for."""
     return bool(values["explored"] <= ACCURATE and abs(values["slopes"][1] - 1.0) <= SLOPE)
 
 
@@ -189,32 +203,57 @@ def regulation_claims(settings: Regulation, results: Results, where: str, trap: 
     poses = [run["pose"] for run in good.values()]
     return [
         Claim(
-            f"regulation succeeds: every error falls below 2 % of its initial value, in a faithful run, for {enough} "
+            f"regulation succeeds: every error falls below 2 % of its initial value, in a "
+            f"faithful run, for {enough} "
             "seeds",
-            f"IV-B, {where}", len(good), f"of {len(runs)} seeds", ">=", enough, seeds,
-            detail="; ".join([*_starts(settings, begun), *rest]), figure="seeds",
+            f"IV-B, {where}",
+            len(good),
+            f"of {len(runs)} seeds",
+            ">=",
+            enough,
+            seeds,
+            detail="; ".join([*_starts(settings, begun), *rest]),
+            figure="seeds",
         ),
         Claim(
             "the largest error left in these runs, as a share of its initial value",
-            f"IV-B, {where}", max(left, default=float("nan")), "", "<=", PERCENT, list(good),
-            detail=f"pose error ‖p₂ − p_d‖ median {median(poses):.2f} mm, worst {max(poses, default=np.nan):.2f} mm",
+            f"IV-B, {where}",
+            max(left, default=float("nan")),
+            "",
+            "<=",
+            PERCENT,
+            list(good),
+            detail=f"pose error ‖p₂ − p_d‖ median {median(poses):.2f} mm, worst "
+            f"{max(poses, default=np.nan):.2f} mm",
             figure="errors",
         ),
         Claim(
             "Ĵ approximates J: scaled ‖Ĵ − J‖/‖J‖ after exploration, median",
-            "IV-B", median([run["explored"] for run in begun]), "", "<=", ACCURATE, seeds,
-            detail=f"worst {max((run['explored'] for run in begun), default=np.nan):.2f}; at the start "
+            "IV-B",
+            median([run["explored"] for run in begun]),
+            "",
+            "<=",
+            ACCURATE,
+            seeds,
+            detail=f"worst {max((run['explored'] for run in begun), default=np.nan):.2f}; at the "
+            f"start "
             f"{median([run['at_start'] for run in begun]):.2f}, at the end "
             f"{median([run['at_end'] for run in begun]):.2f} (medians)",
             figure="seeds",
         ),
         Claim(
             "k = 0.1 with b = 10 is an error that falls by 1 px/s: |slope of r − 1 px/s|, median",
-            "(33), IV-A", median(np.abs(slopes - 1.0)), "px/s", "<=", SLOPE, seeds,
-            detail=f"slopes {slopes.min():.2f} to {slopes.max():.2f} px/s" if len(slopes) else "", figure="seeds",
+            "(33), IV-A",
+            median(np.abs(slopes - 1.0)),
+            "px/s",
+            "<=",
+            SLOPE,
+            seeds,
+            detail=f"slopes {slopes.min():.2f} to {slopes.max():.2f} px/s" if len(slopes) else "",
+            figure="seeds",
             trap=trap,
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _starts(settings: Regulation, begun: list[dict[str, Any]]) -> list[str]:
@@ -225,7 +264,8 @@ def _starts(settings: Regulation, begun: list[dict[str, Any]]) -> list[str]:
     s, r, d = np.max(np.abs(away), axis=0) * plots.DEGREES
     s_0, r_0, d_0 = settings.errors * plots.DEGREES
     return [
-        f"initial errors [{s_0:.0f}°, {r_0:.0f} px, {d_0:.0f} px], as the servo measures them about its o_c to within "
+        f"initial errors [{s_0:.0f}°, {r_0:.0f} px, {d_0:.0f} px], as the servo measures them "
+        f"about its o_c to within "
         f"{s:.2f}°, {r:.1f} px, {d:.1f} px"
     ]
 
@@ -234,20 +274,37 @@ def _counts(run: dict[str, Any]) -> bool:
     return run["began"] is not None and faithful(run) and succeeded(run)
 
 
-def regulation_figures(settings: Regulation, results: Results, paper: tuple[str, str]) -> list[Shown]:
+def regulation_figures(
+    settings: Regulation, results: Results, paper: tuple[str, str]
+) -> list[Shown]:
     """Fig. 7 or 8 (pictures) and 9 or 10 (errors) of the seed shown, and all seeds."""
     result = results[f"seed-{settings.shown}"]
     rows = recorded(result.folder)
     pictures = [result.folder / name for name in ("initial.png", "final.png")]
     shown = [
-        Shown("errors", paper[1], "Magnitude of the error coordinates from the start on.", [settings.shown],
-              regulation_errors(rows, result.values, settings)),
-        Shown("seeds", "All seeds", "Every run: the error of Ĵ after exploration, the slope of r while saturated, and "
-              "the largest share of an initial error that is left; dashed: the bounds of a faithful run.",
-              list(settings.seeds), _seeds(settings, results)),
-    ]  # fmt: skip
+        Shown(
+            "errors",
+            paper[1],
+            "Magnitude of the error coordinates from the start on.",
+            [settings.shown],
+            regulation_errors(rows, result.values, settings),
+        ),
+        Shown(
+            "seeds",
+            "All seeds",
+            "Every run: the error of Ĵ after exploration, the slope of r "
+            "while saturated, and "
+            "the largest share of an initial error that is left; dashed: the bounds of a "
+            "faithful run.",
+            list(settings.seeds),
+            _seeds(settings, results),
+        ),
+    ]
     if all(path.exists() for path in pictures):
-        caption = "Initial and final picture: features y in blue, target y_d in black, imaged RCM as a cross."
+        caption = (
+            "Initial and final picture: features y in blue, target y_d in black, imaged "
+            "RCM as a cross."
+        )
         shown.insert(0, Shown("pictures", paper[0], caption, [settings.shown], pictures=pictures))
     return shown
 
@@ -261,7 +318,12 @@ def regulation_errors(
     sizes = np.abs(rows.ticks["delta"][on]) * plots.DEGREES
     ends = settings.errors * PERCENT * plots.DEGREES
     panels = [
-        Panel("time [s]", name, [curve("", rows.time[on] - began, sizes[:, i])], levels=[("2 %", float(ends[i]))])
+        Panel(
+            "time [s]",
+            name,
+            [curve("", rows.time[on] - began, sizes[:, i])],
+            levels=[("2 %", float(ends[i]))],
+        )
         for i, name in enumerate(plots.ERRORS)
     ]
     return Figure("Error coordinates", panels)
@@ -280,9 +342,27 @@ def _seeds(settings: Regulation, results: Results) -> Figure:
     return Figure(
         "All seeds",
         [
-            Panel("seed", scaled, [curve("", places, explored, 0, True)], [("30 %", ACCURATE)], categories=names),
-            Panel("seed", "slope of r [px/s]", [curve("", places, slopes, 1, True)], bands, categories=names),
-            Panel("seed", "left [%]", [curve("", places, left, 2, True)], [("2 %", 100.0 * PERCENT)],
-                  log_y=True, categories=names),
+            Panel(
+                "seed",
+                scaled,
+                [curve("", places, explored, 0, True)],
+                [("30 %", ACCURATE)],
+                categories=names,
+            ),
+            Panel(
+                "seed",
+                "slope of r [px/s]",
+                [curve("", places, slopes, 1, True)],
+                bands,
+                categories=names,
+            ),
+            Panel(
+                "seed",
+                "left [%]",
+                [curve("", places, left, 2, True)],
+                [("2 %", 100.0 * PERCENT)],
+                log_y=True,
+                categories=names,
+            ),
         ],
-    )  # fmt: skip
+    )

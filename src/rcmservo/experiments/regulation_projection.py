@@ -1,6 +1,8 @@
-"""Regulation with the projection-based estimator: Fig. 7, 9 and 11, and the printed Γ in real time beside it.
+"""Regulation with the projection-based estimator: Fig. 7, 9 and 11, and the printed Γ in real time
+beside it.
 
-The printed Γ is given 10⁴ s of its own time for every fit: in real time its slowest modes need hours (T6).
+The printed Γ is given 10⁴ s of its own time for every fit: in real time its slowest modes need
+hours (T6).
 """
 
 from dataclasses import dataclass, replace
@@ -9,12 +11,23 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo import plots
-from rcmservo.charts import Curve, Figure, Panel, curve
-from rcmservo.controller import SaturatedController
-from rcmservo.estimators.projection import ProjectionEstimator
-from rcmservo.experiments.claims import Chapter, Claim, Experiment, Results, Shown, Task, median, rms
-from rcmservo.experiments.closed_loop import PRINTED_FIT, WIDE, ClosedLoop, recorded, servo_for
+from rcmservo.experiments.harness.claims import (
+    Chapter,
+    Claim,
+    Experiment,
+    Results,
+    Shown,
+    Task,
+    median,
+    rms,
+)
+from rcmservo.experiments.harness.closed_loop import (
+    PRINTED_FIT,
+    WIDE,
+    ClosedLoop,
+    recorded,
+    servo_for,
+)
 from rcmservo.experiments.regulation import (
     ACCURATE,
     Regulation,
@@ -24,8 +37,12 @@ from rcmservo.experiments.regulation import (
     regulation_figures,
     regulation_tasks,
 )
-from rcmservo.exploration import Exploration
-from rcmservo.record import Record
+from rcmservo.figures import plots
+from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.projection import ProjectionEstimator
+from rcmservo.method.exploration import Exploration
+from rcmservo.record.reader import Record
 
 SOON = 10.0
 """s within which our defaults are to bring the errors below 2 %."""
@@ -36,9 +53,11 @@ FOLLOWS = 2.0
 
 @dataclass(frozen=True)
 class Settings(Regulation):
-    """Seeds, errors and gains as in Regulation; ``real_time`` seeds are explored with the printed Γ in real time.
+    """Seeds, errors and gains as in Regulation; ``real_time`` seeds are explored with the printed Γ
+    in real time.
 
-    ``by_default`` seeds are run with this software's own defaults instead of the paper's, always on rendered frames.
+    ``by_default`` seeds are run with this software's own defaults instead of the paper's, always on
+    rendered frames.
     """
 
     estimator: ProjectionEstimator = PRINTED_FIT
@@ -54,7 +73,9 @@ def tasks(settings: Settings) -> list[Task]:
         for seed in settings.real_time
     ]
     ours = [
-        Task(f"default-{seed}", regulate, {"seed": seed, "settings": by_default(settings)}, cost=12.0)
+        Task(
+            f"default-{seed}", regulate, {"seed": seed, "settings": by_default(settings)}, cost=12.0
+        )
         for seed in settings.by_default
     ]
     return [*regulation_tasks(settings), *slow, *ours]
@@ -73,7 +94,8 @@ def by_default(settings: Settings) -> Regulation:
 
 
 def in_real_time(folder: Path, seed: int, settings: Settings) -> dict[str, Any]:
-    """Explore with the printed Γ in real time, for as long as exploration may take; the error of Ĵ at its end."""
+    """Explore with the printed Γ in real time, for as long as exploration may take; the error of Ĵ
+    at its end."""
     estimator = replace(settings.estimator, estimator_time=0.0)
 
     def servo(rig: Any) -> Any:
@@ -94,21 +116,40 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     unexplored = sum(not run["explored"] for run in slow)
     claims += [
         Claim(
-            "the projection model is estimated online: π of (34) follows the measured m₁, rms distance",
-            "Fig. 11", _distance(settings, results), "px", "<=", FOLLOWS, [settings.shown], figure="estimate",
+            "the projection model is estimated online: π of (34) follows the measured m₁, rms "
+            "distance",
+            "Fig. 11",
+            _distance(settings, results),
+            "px",
+            "<=",
+            FOLLOWS,
+            [settings.shown],
+            figure="estimate",
         ),
         Claim(
             "the printed Γ computes Ĵ in real time: scaled ‖Ĵ − J‖/‖J‖ after "
             f"{settings.exploration.max_time:.0f} s of exploration, median",
-            "IV-A, (21)", median(errors), "", "<=", ACCURATE, settings.real_time,
-            remark=f"{unexplored} of {len(slow)} explorations ended without a usable estimate; the runs above give it "
+            "IV-A, (21)",
+            median(errors),
+            "",
+            "<=",
+            ACCURATE,
+            settings.real_time,
+            remark=f"{unexplored} of {len(slow)} explorations ended without a usable estimate; "
+            f"the runs above give it "
             f"{settings.estimator.estimator_time:.0e} s of its own time for every fit",
-            figure="real-time", trap="T6", confirmed=median(errors) > ACCURATE,
+            figure="real-time",
+            trap="T6",
+            confirmed=median(errors) > ACCURATE,
         ),
-    ]  # fmt: skip
+    ]
     figures = regulation_figures(settings, results, ("Fig. 7", "Fig. 9"))
     claims.append(_by_default(settings, results))
-    figures += [_projection(settings, results), _real_time(settings, results), _default_errors(settings, results)]
+    figures += [
+        _projection(settings, results),
+        _real_time(settings, results),
+        _default_errors(settings, results),
+    ]
     return Chapter(claims, figures)
 
 
@@ -117,17 +158,27 @@ def _by_default(settings: Settings, results: Results) -> Claim:
     times = [run.get("time_to_2_percent") or float("nan") for run in runs]
     poses = [run.get("pose", float("nan")) for run in runs]
     return Claim(
-        "with our defaults instead (fast Γ, k = 2, b = 50) the same errors are below 2 % within 10 s, slowest run",
-        "ours", float(np.max(times)), "s", "<=", SOON, settings.by_default,
-        detail=f"rendered frames; pose error {median(poses):.2f} mm (median)", figure="default",
-    )  # fmt: skip
+        "with our defaults instead (fast Γ, k = 2, b = 50) the same errors are below 2 % within "
+        "10 s, slowest run",
+        "ours",
+        float(np.max(times)),
+        "s",
+        "<=",
+        SOON,
+        settings.by_default,
+        detail=f"rendered frames; pose error {median(poses):.2f} mm (median)",
+        figure="default",
+    )
 
 
 def _default_errors(settings: Settings, results: Results) -> Shown:
     seed = settings.by_default[0]
     result = results[f"default-{seed}"]
     figure = regulation_errors(recorded(result.folder), result.values, settings, SOON)
-    caption = "The same start with this software's defaults instead of the paper's gains; mind the time axis."
+    caption = (
+        "The same start with this software's defaults instead of the paper's gains; mind "
+        "the time axis."
+    )
     return Shown("default", "ours", caption, [seed], figure)
 
 
@@ -153,8 +204,10 @@ def _projection(settings: Settings, results: Results) -> Shown:
 
 def _real_time(settings: Settings, results: Results) -> Shown:
     seed = settings.real_time[0]
-    names = {f"seed-{seed}": f"{settings.estimator.estimator_time:.0e} s of its own time a fit",
-             f"real-time-{seed}": "real time"}  # fmt: skip
+    names = {
+        f"seed-{seed}": f"{settings.estimator.estimator_time:.0e} s of its own time a fit",
+        f"real-time-{seed}": "real time",
+    }
     curves: list[Curve] = []
     for style, (task, label) in enumerate(names.items()):
         rows = recorded(results[task].folder)
@@ -163,14 +216,20 @@ def _real_time(settings: Settings, results: Results) -> Shown:
         curves.append(curve(label, rows.time[new], rows.truth["jacobian_error"][new, 0], style))
     scaled = "scaled $\\|\\hat J - J\\| / \\|J\\|$"
     panel = Panel("time [s]", scaled, curves, levels=[("30 %", ACCURATE)], log_y=True)
-    caption = "The error of Ĵ with the printed Γ, from the first motion on: given its own time, and in real time."
-    return Shown("real-time", "IV-A", caption, [seed], Figure("The printed Γ in real time", [panel]))
+    caption = (
+        "The error of Ĵ with the printed Γ, from the first motion on: given its own time, "
+        "and in real time."
+    )
+    return Shown(
+        "real-time", "IV-A", caption, [seed], Figure("The printed Γ in real time", [panel])
+    )
 
 
 EXPERIMENT = Experiment(
     name="regulation-projection",
     title="Regulation with the projection-based estimator",
-    about="Fig. 7, 9 and 11, on rendered frames with noise: k = 0.1, b = 10 (10°, 10 px, 10 px), printed Γ, P = 10 "
+    about="Fig. 7, 9 and 11, on rendered frames with noise: k = 0.1, b = 10 (10°, 10 px, 10 px), "
+    "printed Γ, P = 10 "
     "observations of m₁, H = 50 lines, Ĵ and â from zero.",
     whole=Settings(),
     quick=Settings(seeds=(0,), real_time=(0,), by_default=(0,), pictures=False),

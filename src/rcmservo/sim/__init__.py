@@ -1,4 +1,5 @@
-"""The simulated laboratory. Simulation is simulation: its truth is kept where the servo cannot reach it."""
+"""The simulated laboratory. Simulation is simulation: its truth is kept where the servo cannot
+reach it."""
 
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
@@ -7,4 +8,13 @@ from rcmservo.sim.renderer import Look
 from rcmservo.sim.rig import Rig, RigSettings
 from rcmservo.sim.scene import SceneSettings
 
-__all__ = ["Disturbance", "Drive", "Killed", "Look", "Rig", "RigSettings", "SceneSettings", "Timing"]
+__all__ = [
+    "Disturbance",
+    "Drive",
+    "Killed",
+    "Look",
+    "Rig",
+    "RigSettings",
+    "SceneSettings",
+    "Timing",
+]

@@ -1,8 +1,9 @@
 """The simulated arm: a MuJoCo model with velocity drives, and what its ideal drives lack.
 
-A command reaches a joint after a delay, through a first-order lag, and not at all inside the deadband; the encoders
-count in steps. A watchdog stands before the drives: without valid commands the arm stops by itself. Gravity is
-compensated, the ends of the joints' ranges are hard. MuJoCo counts in m, everything else here in mm.
+A command reaches a joint after a delay, through a first-order lag, and not at all inside the
+deadband; the encoders count in steps. A watchdog stands before the drives: without valid commands
+the arm stops by itself. Gravity is compensated, the ends of the joints' ranges are hard. MuJoCo
+counts in m, everything else here in mm.
 """
 
 from collections import deque
@@ -14,9 +15,9 @@ import mujoco
 import numpy as np
 
 from rcmservo.errors import require
-from rcmservo.mechanism import PITCH_YAW, Kinematics
-from rcmservo.plant import Command, Floats, Measured
-from rcmservo.watchdog import Watchdog
+from rcmservo.guard.watchdog import Watchdog
+from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.method.kinematics import PITCH_YAW, Kinematics
 
 PHYSICS: Any = mujoco
 """MuJoCo without types: its names are made at run time."""
@@ -34,15 +35,16 @@ AXES = {
     "spherical": ("0 0 1", "0 1 0", "0 0 1", (1, 0, 2)),
     "pitch-yaw": ("0 -1 0", "-1 0 0", "0 0 -1", (0, 1, 2)),
 }
-"""Outer hinge, inner hinge, slide, and where q's joints stand in that order: φ turns outside θ, yaw outside pitch."""
+"""Outer hinge, inner hinge, slide, and where q's joints stand in that order: φ turns outside θ, yaw
+outside pitch."""
 
 
 @dataclass(frozen=True)
 class Drive:
     """What stands between a command and a motion.
 
-    ``delay`` s and ``lag`` s (first-order time constant) of each drive; ``deadband`` (rad/s, rad/s, mm/s) below which
-    a joint stays still; ``encoder`` (rad, rad, mm) is one count of each encoder.
+    ``delay`` s and ``lag`` s (first-order time constant) of each drive; ``deadband`` (rad/s, rad/s,
+    mm/s) below which a joint stays still; ``encoder`` (rad, rad, mm) is one count of each encoder.
     """
 
     delay: float = 0.004
@@ -56,11 +58,14 @@ class Drive:
         for name in ("deadband", "encoder"):
             values = getattr(self, name)
             good = len(values) == 3 and all(0.0 <= value < np.inf for value in values)
-            require(good, f"drive.{name}", values, "three numbers that are not negative (rad, rad, mm)")
+            require(
+                good, f"drive.{name}", values, "three numbers that are not negative (rad, rad, mm)"
+            )
 
 
 def model_of(kinematics: Kinematics) -> str:
-    """The MJCF of an RCM mechanism: two hinges through the origin, a slide along the tool, and the reference point."""
+    """The MJCF of an RCM mechanism: two hinges through the origin, a slide along the tool, and the
+    reference point."""
     outer, inner, slide, order = AXES[kinematics.name]
     middle = (np.array(kinematics.limits.upper) + kinematics.limits.lower) / 2.0
     half = (np.array(kinematics.limits.upper) - kinematics.limits.lower) / 2.0
@@ -73,26 +78,32 @@ def model_of(kinematics: Kinematics) -> str:
       <compiler angle="radian" autolimits="true"/>
       <option timestep="{STEP * 1e-9}" integrator="implicitfast"/>
       <worldbody>
-        <body gravcomp="1"><joint name="outer" type="hinge" axis="{outer}" range="{ranges[0]}" armature="0.01"/>
+        <body gravcomp="1">
+          <joint name="outer" type="hinge" axis="{outer}" range="{ranges[0]}" armature="0.01"/>
           <geom type="sphere" size="0.02" mass="0.5" contype="0" conaffinity="0"/>
-          <body gravcomp="1"><joint name="inner" type="hinge" axis="{inner}" range="{ranges[1]}" armature="0.01"/>
+          <body gravcomp="1">
+            <joint name="inner" type="hinge" axis="{inner}" range="{ranges[1]}" armature="0.01"/>
             <geom type="sphere" size="0.02" mass="0.5" contype="0" conaffinity="0"/>
-            <body gravcomp="1"><joint name="slide" type="slide" axis="{slide}" range="{ranges[2]}" armature="0.5"/>
-              <geom type="capsule" fromto="0 0 -0.05 0 0 0.05" size="0.004" mass="0.2" contype="0" conaffinity="0"/>
+            <body gravcomp="1">
+              <joint name="slide" type="slide" axis="{slide}" range="{ranges[2]}" armature="0.5"/>
+              <geom type="capsule" fromto="0 0 -0.05 0 0 0.05" size="0.004" mass="0.2"
+                    contype="0" conaffinity="0"/>
               <site name="reference" pos="{reference}"/>
             </body></body></body>
       </worldbody>
       <actuator>
-        <velocity joint="outer" kv="20"/><velocity joint="inner" kv="20"/><velocity joint="slide" kv="1000"/>
+        <velocity joint="outer" kv="20"/><velocity joint="inner" kv="20"/>
+        <velocity joint="slide" kv="1000"/>
       </actuator>
     </mujoco>"""
 
 
 class Arm:
-    """An RCM mechanism in MuJoCo, driven by joint rates. It moves only when `advance` lets time pass.
+    """An RCM mechanism in MuJoCo, driven by joint rates. It moves only when `advance` lets time
+    pass.
 
-    ``gains`` (3,) is what each motor makes of its rate: 1, but for one that is blocked or wrongly wired. `before_step`
-    is called before every step.
+    ``gains`` (3,) is what each motor makes of its rate: 1, but for one that is blocked or wrongly
+    wired. `before_step` is called before every step.
     """
 
     def __init__(self, kinematics: Kinematics, drive: Drive) -> None:
@@ -112,7 +123,8 @@ class Arm:
         self._encoder = np.maximum(np.array(drive.encoder), 1e-12)
 
     def place(self, q: Floats) -> None:
-        """Put the arm at q (3,) at rest, its drives off, as a hand would: simulation's privilege."""
+        """Put the arm at q (3,) at rest, its drives off, as a hand would: simulation's
+        privilege."""
         self.watchdog.disable()
         self._data.qpos[:] = (q * UNIT)[self._order]
         self._data.qvel[:] = 0.0
@@ -153,11 +165,15 @@ class Arm:
         self.watchdog.enable(self.time)
 
     def measure(self) -> Measured:
-        """The time ns, the joints (3,) as the encoders count them, and whether the drives are on."""
-        return Measured(self.time, np.round(self.q_true / self._encoder) * self._encoder, self.watchdog.enabled)
+        """The time ns, the joints (3,) as the encoders count them, and whether the drives are
+        on."""
+        return Measured(
+            self.time, np.round(self.q_true / self._encoder) * self._encoder, self.watchdog.enabled
+        )
 
     def apply(self, command: Command) -> Floats:
-        """Take a command if the watchdog lets it; the rates (3,) are those taken, as the drives have no limits."""
+        """Take a command if the watchdog lets it; the rates (3,) are those taken, as the drives
+        have no limits."""
         if self.watchdog.feed(command, self.time):
             self._queue.append((self.time + round(self.drive.delay * 1e9), self.watchdog.rates))
         return self.watchdog.rates

@@ -1,16 +1,17 @@
-"""Simulated cameras: one makes pictures, the other delivers the markers' projected centres with noise."""
+"""Simulated cameras: one makes pictures, the other delivers the markers' projected centres with
+noise."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from rcmservo.errors import require
-from rcmservo.mechanism import Kinematics
-from rcmservo.plant import Floats, Frame
+from rcmservo.interfaces import Floats, Frame
+from rcmservo.method.kinematics import Kinematics
+from rcmservo.method.tool import Tool
 from rcmservo.sim.optics import Optics
 from rcmservo.sim.renderer import Between, Renderer
 from rcmservo.sim.world import World, moments
-from rcmservo.tool import Tool
 
 BLUR = 4
 """Moments per exposure at which the tool is drawn."""
@@ -21,20 +22,27 @@ TIP = 14.0
 
 @dataclass(frozen=True)
 class Timing:
-    """``frame_rate`` 1/s; ``exposure`` s is how long a frame is exposed, ``delay`` s how long after that it arrives."""
+    """``frame_rate`` 1/s; ``exposure`` s is how long a frame is exposed, ``delay`` s how long after
+    that it arrives."""
 
     frame_rate: float = 60.0
     exposure: float = 0.004
     delay: float = 0.02
 
     def __post_init__(self) -> None:
-        require(1.0 <= self.frame_rate <= 1000.0, "camera.frame_rate", self.frame_rate, "from 1 to 1000 frames/s")
+        require(
+            1.0 <= self.frame_rate <= 1000.0,
+            "camera.frame_rate",
+            self.frame_rate,
+            "from 1 to 1000 frames/s",
+        )
         short = 0.0 <= self.exposure <= 1.0 / self.frame_rate
         require(short, "camera.exposure", self.exposure, "a time from 0 s to one frame period")
         require(0.0 <= self.delay <= 0.5, "camera.delay", self.delay, "a time from 0 to 0.5 s")
 
     def newest(self, now: int) -> tuple[int, int, int]:
-        """Number, exposure ns and arrival ns of the newest frame that has arrived; number -1 before the first."""
+        """Number, exposure ns and arrival ns of the newest frame that has arrived; number -1 before
+        the first."""
         period = 1e9 / self.frame_rate
         late = (0.5 * self.exposure + self.delay) * 1e9
         number = int(np.floor((now - late) / period + 1e-6))
@@ -73,15 +81,24 @@ class PictureCamera:
         if number >= 0 and (self._frame is None or number > self._frame.number):
             times = moments(exposure, self.timing.exposure, BLUR)
             poses = np.stack([self.body.points(self.world.joints_at(time)) for time in times])
-            self._frame = Frame(number, exposure, arrival, image=self.renderer.render(poses, number, self.between))
+            self._frame = Frame(
+                number, exposure, arrival, image=self.renderer.render(poses, number, self.between)
+            )
         return self._frame
 
 
 class PointCamera:
-    """A camera without pictures: the centres of both markers with `noise` px (standard deviation), NaN outside."""
+    """A camera without pictures: the centres of both markers with `noise` px (standard deviation),
+    NaN outside."""
 
     def __init__(
-        self, world: World, body: Body, optics: Optics, timing: Timing, noise: float, random: np.random.Generator
+        self,
+        world: World,
+        body: Body,
+        optics: Optics,
+        timing: Timing,
+        noise: float,
+        random: np.random.Generator,
     ) -> None:
         self.world, self.body, self.optics, self.timing = world, body, optics, timing
         self.noise, self.random = noise, random

@@ -1,9 +1,9 @@
 """The true camera: a pinhole with radial distortion, standing still in the world.
 
-Camera axes: x right, y down, z forward. With X = R_c_w (X_world - position) in those axes and slopes
-(x, y) = (X1, X2) / X3, the picture of a point is
+Camera axes: x right, y down, z forward. With X = R_c_w (X_world - position) in those axes and
+slopes (x, y) = (X1, X2) / X3, the picture of a point is
 
-    (u, v) = focal (1 + k1 r^2 + k2 r^4) (x, y) + centre,    r^2 = x^2 + y^2        (Brown's radial terms)
+    (u, v) = focal (1 + k1 r^2 + k2 r^4) (x, y) + centre,    r^2 = x^2 + y^2    (Brown)
 
 Pixel (0, 0) is the centre of the top left pixel, u right, v down. Lengths in mm, image in px.
 """
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from rcmservo.errors import require
-from rcmservo.plant import Floats
+from rcmservo.interfaces import Floats
 
 WIDEST = 100.0  # slope: no lens looks further aside
 OUTLINE = 256  # points on a silhouette: the polygon's centroid is then good to 1e-6 of its radius
@@ -25,9 +25,9 @@ OUTLINE = 256  # points on a silhouette: the polygon's centroid is then good to 
 class Optics:
     """What the camera does to light.
 
-    `width`, `height` px of the picture; `focal` px; `centre` (2,) px, the principal point; `distortion` (2,)
-    k1, k2; `rotation` (3, 3) R_c_w, from world axes to camera axes; `position` (3,) mm, the camera's centre in
-    the world.
+    `width`, `height` px of the picture; `focal` px; `centre` (2,) px, the principal point;
+    `distortion` (2,) k1, k2; `rotation` (3, 3) R_c_w, from world axes to camera axes; `position`
+    (3,) mm, the camera's centre in the world.
     """
 
     width: int
@@ -42,7 +42,12 @@ class Optics:
         require(self.width > 0, "width", self.width, "positive")
         require(self.height > 0, "height", self.height, "positive")
         require(0 < self.focal < np.inf, "focal", self.focal, "positive and finite")
-        for name, shape in (("centre", (2,)), ("distortion", (2,)), ("rotation", (3, 3)), ("position", (3,))):
+        for name, shape in (
+            ("centre", (2,)),
+            ("distortion", (2,)),
+            ("rotation", (3, 3)),
+            ("position", (3,)),
+        ):
             value = np.array(getattr(self, name), dtype=np.float64)
             require(
                 value.shape == shape and bool(np.isfinite(value).all()),
@@ -52,28 +57,43 @@ class Optics:
             )
             object.__setattr__(self, name, value)
         proper = np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-9)
-        require(proper and np.linalg.det(self.rotation) > 0, "rotation", self.rotation, "a proper rotation matrix")
+        require(
+            proper and np.linalg.det(self.rotation) > 0,
+            "rotation",
+            self.rotation,
+            "a proper rotation matrix",
+        )
         one_to_one = np.isinf(self._fold) or self._corner < self._fold * self._stretch(self._fold)
-        require(bool(one_to_one), "distortion", self.distortion, "so weak that every pixel sees one direction")
+        require(
+            bool(one_to_one),
+            "distortion",
+            self.distortion,
+            "so weak that every pixel sees one direction",
+        )
 
     def pinhole(self) -> Floats:
         """The calibration matrix C (3, 4) of eq. (4): all of this but the distortion."""
-        K = np.array([[self.focal, 0.0, self.centre[0]], [0.0, self.focal, self.centre[1]], [0.0, 0.0, 1.0]])
+        K = np.array(
+            [[self.focal, 0.0, self.centre[0]], [0.0, self.focal, self.centre[1]], [0.0, 0.0, 1.0]]
+        )
         return K @ self.rotation @ np.column_stack([np.eye(3), -self.position])
 
     def depth(self, points: Floats) -> Floats:
-        """How far world `points` (N, 3) mm lie before the camera along its z axis, (N,) mm; negative behind it."""
+        """How far world `points` (N, 3) mm lie before the camera along its z axis, (N,) mm;
+        negative behind it."""
         return self._in_camera(points)[:, 2]
 
     def project(self, points: Floats) -> Floats:
         """Where world `points` (N, 3) mm appear, (N, 2) px.
 
-        NaN behind the camera, and so far to the side that the distortion polynomial would fold the point back.
+        NaN behind the camera, and so far to the side that the distortion polynomial would fold the
+        point back.
         """
         return self._project_camera(self._in_camera(points))
 
     def project_jacobian(self, point: Floats) -> Floats:
-        """How the image of a world `point` (3,) mm moves with it: the derivative of `project`, (2, 3) px/mm."""
+        """How the image of a world `point` (3,) mm moves with it: the derivative of `project`, (2,
+        3) px/mm."""
         X = self._in_camera(point[None])[0]
         slope = X[:2] / X[2]
         k1, k2 = self.distortion
@@ -83,7 +103,8 @@ class Optics:
         return self.focal * of_slope @ of_point @ self.rotation
 
     def slopes(self, pixels: Floats) -> Floats:
-        """The undistorted x, y of the ray (x, y, 1), in camera axes, that each of `pixels` (..., 2) px sees."""
+        """The undistorted x, y of the ray (x, y, 1), in camera axes, that each of `pixels` (..., 2)
+        px sees."""
         stretched = (pixels - self.centre) / self.focal
         wanted = np.linalg.norm(stretched, axis=-1, keepdims=True)
         k1, k2 = self.distortion
@@ -104,9 +125,11 @@ class Optics:
         return ray / np.linalg.norm(ray, axis=-1, keepdims=True) @ self.rotation
 
     def silhouette_centre(self, centre: Floats, radius: float) -> Floats:
-        """The area centroid (2,) px of an unoccluded sphere's image: what a perfect blob finder would report.
+        """The area centroid (2,) px of an unoccluded sphere's image: what a perfect blob finder
+        would report.
 
-        It is not the image of the sphere's centre: perspective pulls it outwards by x R^2 / (Z^2 - R^2).
+        It is not the image of the sphere's centre: perspective pulls it outwards by x R^2 / (Z^2 -
+        R^2).
         """
         return _polygon(self._outline(centre, radius))[1]
 
@@ -115,7 +138,8 @@ class Optics:
         return float(np.sqrt(_polygon(self._outline(centre, radius))[0] / np.pi))
 
     def _outline(self, centre: Floats, radius: float) -> Floats:
-        """The image (OUTLINE, 2) px of the circle where the cone from the camera touches the sphere.
+        """The image (OUTLINE, 2) px of the circle where the cone from the camera touches the
+        sphere.
 
         NaN where the camera is inside the sphere or the cone reaches behind the camera.
         """
@@ -147,24 +171,33 @@ class Optics:
 
     @cached_property
     def _fold(self) -> float:
-        """The radius (as a slope) beyond which the polynomial falls again and means nothing, or inf."""
+        """The radius (as a slope) beyond which the polynomial falls again and means nothing, or
+        inf."""
         k1, k2 = self.distortion
-        inverse = np.roots([1.0, 3 * k1, 5 * k2])  # 1 / r^2 where the derivative of the distorted radius is 0
-        turning = [root.real for root in inverse if abs(root.imag) < 1e-12 and root.real > WIDEST**-2]
+        inverse = np.roots(
+            [1.0, 3 * k1, 5 * k2]
+        )  # 1 / r^2 where the derivative of the distorted radius is 0
+        turning = [
+            root.real for root in inverse if abs(root.imag) < 1e-12 and root.real > WIDEST**-2
+        ]
         return float(1 / np.sqrt(max(turning))) if turning else np.inf
 
     @property
     def _corner(self) -> float:
         """The distorted radius (as a slope) of the picture's outermost corner."""
         size = np.array([self.width, self.height])
-        return float(np.linalg.norm(np.maximum(self.centre + 0.5, size - 0.5 - self.centre)) / self.focal)
+        return float(
+            np.linalg.norm(np.maximum(self.centre + 0.5, size - 0.5 - self.centre)) / self.focal
+        )
 
 
 def look_at(position: Floats, target: Floats, roll: float = 0.0) -> Floats:
-    """The rotation R_c_w (3, 3) of a camera at `position` that sees `target` at its principal point; both (3,) mm.
+    """The rotation R_c_w (3, 3) of a camera at `position` that sees `target` at its principal
+    point; both (3,) mm.
 
-    At `roll` 0 the world's z axis points up in the picture (its y axis if the camera looks along z). `roll` in
-    rad turns the camera clockwise about its line of sight, so that the picture turns anticlockwise.
+    At `roll` 0 the world's z axis points up in the picture (its y axis if the camera looks along
+    z). `roll` in rad turns the camera clockwise about its line of sight, so that the picture turns
+    anticlockwise.
     """
     sight = target - position
     distance = np.linalg.norm(sight)

@@ -1,14 +1,17 @@
-"""A scripted person beside a simulated run: resumes after a pause, and shows the target again where that is needed."""
+"""A scripted person beside a simulated run: resumes after a pause, and shows the target again where
+that is needed."""
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import replace
 
-from rcmservo.loop import NotShown, Plant, Tick, run, teach
-from rcmservo.plant import Target
-from rcmservo.servo import Servo, State
+from rcmservo.guard.states import Cause, Phase, Request
+from rcmservo.interfaces import Target
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.run import Tick, run
+from rcmservo.loop.teach import NotShown, teach
+from rcmservo.servo.servo import Servo, State
 from rcmservo.sim.rig import Rig
-from rcmservo.states import Cause, Phase, Request
 
 THINKS = 1_000_000_000
 LOOKS = 3_000_000_000
@@ -21,8 +24,8 @@ BY_HAND = {Cause.CAMERA_MOVED, Cause.TARGET_OLD}
 class Person:
     """Acts at most ``patience`` times after a pause: asks to resume, or shows the target again.
 
-    Counted are how often the servo ``resumed`` when asked, how often it ``refused``, and how often the target was
-    ``shown`` again.
+    Counted are how often the servo ``resumed`` when asked, how often it ``refused``, and how often
+    the target was ``shown`` again.
     """
 
     def __init__(self, rig: Rig, plant: Plant, patience: int) -> None:
@@ -47,11 +50,20 @@ class Person:
             self.resumed, self.refused = self.resumed + went_on, self.refused + (not went_on)
         self._since = None if not paused else tick.seen.now if self._since is None else self._since
         over = paused and self._left <= 0 and not tick.state.command.rates.any()
-        return tick.state.phase is Phase.FAULT or over or (self._acts(tick) and tick.state.cause in BY_HAND)
+        return (
+            tick.state.phase is Phase.FAULT
+            or over
+            or (self._acts(tick) and tick.state.cause in BY_HAND)
+        )
 
     def shows_again(self, tick: Tick) -> Target | None:
-        """The target shown once more, with the tool brought back to where it stood; None where that is of no use."""
-        if tick.state.phase is not Phase.PAUSED or tick.state.cause not in BY_HAND or self._left <= 0:
+        """The target shown once more, with the tool brought back to where it stood; None where that
+        is of no use."""
+        if (
+            tick.state.phase is not Phase.PAUSED
+            or tick.state.cause not in BY_HAND
+            or self._left <= 0
+        ):
             return None
         self._since = None
         self._left -= 1
@@ -80,7 +92,8 @@ def attended(
     person: Person,
     begins: Callable[[Target, State | None], None] = lambda target, state: None,
 ) -> Iterator[Tick]:
-    """`run` with a person beside it, for `duration` s in all; time goes on while the person is at work.
+    """`run` with a person beside it, for `duration` s in all; time goes on while the person is at
+    work.
 
     ``begins`` is told of every new run: its target, and the state that it goes on from.
     """

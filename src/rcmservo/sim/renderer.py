@@ -1,13 +1,15 @@
-"""Pictures of the tool over the tissue: a ray-caster for one still camera, a plane, and four round bodies.
+"""Pictures of the tool over the tissue: a ray-caster for one still camera, a plane, and four round
+bodies.
 
-The camera and the tissue stand still, so the lit tissue is painted once. A picture is then made in four passes: the
-tool's soft shadow on the tissue; which body each pixel sees; the bodies' colours; the sensor's noise. Only tiles
-that a body or its shadow may touch are visited, and only pixels on an outline are sampled more than once, at
-places and moments spread over the pixel and the exposure: coverage is integrated over both.
+The camera and the tissue stand still, so the lit tissue is painted once. A picture is then made in
+four passes: the tool's soft shadow on the tissue; which body each pixel sees; the bodies' colours;
+the sensor's noise. Only tiles that a body or its shadow may touch are visited, and only pixels on
+an outline are sampled more than once, at places and moments spread over the pixel and the exposure:
+coverage is integrated over both.
 
-All four bodies (shaft, jaw, two balls) are capsules; a ball is one without length. Inside, everything is in camera
-axes, in mm, and a ray is (x, y, 1) t, so that t is depth. Light is linear, in grey levels (255 saturates); colours
-are blue, green, red as in OpenCV.
+All four bodies (shaft, jaw, two balls) are capsules; a ball is one without length. Inside,
+everything is in camera axes, in mm, and a ray is (x, y, 1) t, so that t is depth. Light is linear,
+in grey levels (255 saturates); colours are blue, green, red as in OpenCV.
 """
 
 from collections.abc import Callable
@@ -19,14 +21,16 @@ from scipy import ndimage
 
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
-from rcmservo.plant import Floats, Image
+from rcmservo.interfaces import Floats, Image
 from rcmservo.sim.optics import Optics
 
 Light = NDArray[np.float32]
 Between = Callable[[Light], None]
 Colour = tuple[float, float, float]
 Vector = tuple[float, float, float]
-Lamp = tuple[Vector, float, float, float, float]  # place, radius, reach, ambient, exponent: as in Look
+Lamp = tuple[
+    Vector, float, float, float, float
+]  # place, radius, reach, ambient, exponent: as in Look
 
 TILE = 16  # px
 STEP = 4  # px between the nodes at which the shadow is worked out
@@ -45,11 +49,12 @@ TINY = 1e-12
 class Look:
     """How the scene looks: the tool's thickness, the colours, the light, the sensor.
 
-    Radii in mm, 0 for a body that is not there. `light` is the lamp's place in camera axes, mm; what faces it from
-    `reach` mm has its nominal colour, however near never more than twice as bright. `ambient` is the share of light
-    that comes from everywhere; `specular` and `exponent` are the strength and sharpness of highlights. The tissue's
-    texture repeats every `texture` mm; its `contrast` is the spread of its brightness, its `relief` the spread of
-    its height in mm. `full_well` is the number of electrons at grey level 255, which sets the shot noise;
+    Radii in mm, 0 for a body that is not there. `light` is the lamp's place in camera axes, mm;
+    what faces it from `reach` mm has its nominal colour, however near never more than twice as
+    bright. `ambient` is the share of light that comes from everywhere; `specular` and `exponent`
+    are the strength and sharpness of highlights. The tissue's texture repeats every `texture` mm;
+    its `contrast` is the spread of its brightness, its `relief` the spread of its height in mm.
+    `full_well` is the number of electrons at grey level 255, which sets the shot noise;
     `read_noise` is in grey levels.
     """
 
@@ -73,19 +78,35 @@ class Look:
     read_noise: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("marker_radii", "shaft_radius", "jaw_radius", "contrast", "relief", "specular", "read_noise"):
+        for name in (
+            "marker_radii",
+            "shaft_radius",
+            "jaw_radius",
+            "contrast",
+            "relief",
+            "specular",
+            "read_noise",
+        ):
             value = np.array(getattr(self, name))
-            require(bool(((value >= 0) & (value < np.inf)).all()), name, value, "finite and not negative")
+            require(
+                bool(((value >= 0) & (value < np.inf)).all()),
+                name,
+                value,
+                "finite and not negative",
+            )
         for name in ("texture", "lamp_radius", "reach", "exponent", "full_well"):
             require(getattr(self, name) > 0, name, getattr(self, name), "positive")
         for name in ("light", "marker_colours", "shaft_colour", "jaw_colour", "tissue_colour"):
-            require(bool(np.isfinite(getattr(self, name)).all()), name, getattr(self, name), "finite")
+            require(
+                bool(np.isfinite(getattr(self, name)).all()), name, getattr(self, name), "finite"
+            )
         require(0 <= self.ambient <= 1, "ambient", self.ambient, "between 0 and 1")
 
 
 @dataclass(frozen=True, eq=False)
 class Tissue:
-    """The plane behind the tool: a `point` (3,) mm on it and its `normal` (3,), in the world, either way up."""
+    """The plane behind the tool: a `point` (3,) mm on it and its `normal` (3,), in the world,
+    either way up."""
 
     point: Floats
     normal: Floats
@@ -95,7 +116,8 @@ class Tissue:
 
 
 class Renderer:
-    """A camera that makes pictures. The same seed, number and poses give the same picture, bit for bit."""
+    """A camera that makes pictures. The same seed, number and poses give the same picture, bit for
+    bit."""
 
     def __init__(self, optics: Optics, look: Look, tissue: Tissue, seed: int) -> None:
         require(seed >= 0, "seed", seed, "at least 0")
@@ -104,9 +126,12 @@ class Renderer:
         self._rays = _rays(optics)
         self._cones = _cones(optics)
         self._nodes = _nodes(optics, tissue)
-        self._tissue, self._lamp_share = _lit_tissue(self._rays[..., :2], optics, look, tissue, noise)
+        self._tissue, self._lamp_share = _lit_tissue(
+            self._rays[..., :2], optics, look, tissue, noise
+        )
         x, y, z, radius, reach, ambient, exponent = (
-            float(value) for value in (*look.light, look.lamp_radius, look.reach, look.ambient, look.exponent)
+            float(value)
+            for value in (*look.light, look.lamp_radius, look.reach, look.ambient, look.exponent)
         )
         self._lamp: Lamp = ((x, y, z), radius, reach, ambient, exponent)
         self._normals = noise.standard_normal(NORMALS, dtype=np.float32)
@@ -116,12 +141,14 @@ class Renderer:
     def render(self, poses: Floats, number: int, between: Between | None = None) -> Image:
         """The picture (H, W, 3) of one exposure.
 
-        `poses` (T, 4, 3) mm: m1, m2, the shaft's start (towards the RCM) and the tool's tip, in the world, at T = 1,
-        2, 4, 8 or 16 moments spread evenly over the exposure. The shaft may start behind the camera. `number` of the
-        frame, at least 0: each frame has noise of its own. `between` changes the light (H, W, 3) on its way to the
-        sensor, in place.
+        `poses` (T, 4, 3) mm: m1, m2, the shaft's start (towards the RCM) and the tool's tip, in the
+        world, at T = 1, 2, 4, 8 or 16 moments spread evenly over the exposure. The shaft may start
+        behind the camera. `number` of the frame, at least 0: each frame has noise of its own.
+        `between` changes the light (H, W, 3) on its way to the sensor, in place.
         """
-        require(poses.ndim == 3 and poses.shape[1:] == (4, 3), "poses' shape", poses.shape, "(T, 4, 3)")
+        require(
+            poses.ndim == 3 and poses.shape[1:] == (4, 3), "poses' shape", poses.shape, "(T, 4, 3)"
+        )
         require(len(poses) in MOMENTS, "number of poses", len(poses), f"one of {MOMENTS}")
         require(bool(np.isfinite(poses).all()), "poses", poses, "finite")
         require(number >= 0, "number", number, "at least 0")
@@ -130,7 +157,9 @@ class Renderer:
         cast_shadow(self._canvas, self._lamp_share, self._nodes, bodies, self._lamp)
         touched = touch(self._cones, bodies)
         identify(self._seen, touched, self._rays, bodies)
-        colour(self._canvas, self._seen, touched, self._rays, bodies, self._lamp, _pattern(len(poses)))
+        colour(
+            self._canvas, self._seen, touched, self._rays, bodies, self._lamp, _pattern(len(poses))
+        )
         if between is not None:
             between(self._canvas)
         return self._expose(number)
@@ -138,13 +167,16 @@ class Renderer:
     def _expose(self, number: int) -> Image:
         """The canvas as the sensor reads it."""
         rows = self._canvas.reshape(self.optics.height, -1)
-        starts = np.random.default_rng([self.seed, number]).integers(NORMALS - rows.shape[1], size=len(rows))
+        starts = np.random.default_rng([self.seed, number]).integers(
+            NORMALS - rows.shape[1], size=len(rows)
+        )
         shot, read = np.float32(255 / self.look.full_well), np.float32(self.look.read_noise**2)
         return expose(rows, self._normals, starts, shot, read).reshape(self._canvas.shape)
 
 
 def _rays(optics: Optics) -> Floats:
-    """For each pixel x, y of the ray through its centre, and their changes from pixel to pixel: (H, W, 6).
+    """For each pixel x, y of the ray through its centre, and their changes from pixel to pixel: (H,
+    W, 6).
 
     The order is x, y, dx/du, dy/du, dx/dv, dy/dv.
     """
@@ -153,15 +185,18 @@ def _rays(optics: Optics) -> Floats:
 
 
 def _pattern(moments: int) -> Floats:
-    """Where in the pixel and when each sample is taken: (SAMPLES, 3) of u, v in px from the centre, pose number.
+    """Where in the pixel and when each sample is taken: (SAMPLES, 3) of u, v in px from the centre,
+    pose number.
 
-    The places are Hammersley's. Up to four moments, each one's samples have their mean at the pixel's centre, so that
-    blur shifts nothing.
+    The places are Hammersley's. Up to four moments, each one's samples have their mean at the
+    pixel's centre, so that blur shifts nothing.
     """
     i = np.arange(SAMPLES)
     mirrored = sum(((i >> bit) & 1) << (3 - bit) for bit in range(4))
     turn = (i // 4 + i % 4) % 4 * 4 + i // 4
-    return np.stack([(i + 0.5) / 16 - 0.5, (mirrored + 0.5) / 16 - 0.5, 1 + turn * moments // SAMPLES], axis=1)
+    return np.stack(
+        [(i + 0.5) / 16 - 0.5, (mirrored + 0.5) / 16 - 0.5, 1 + turn * moments // SAMPLES], axis=1
+    )
 
 
 # ---------------------------------------------------------------- the bodies
@@ -170,10 +205,10 @@ def _pattern(moments: int) -> Floats:
 def _bodies(poses: Floats, optics: Optics, look: Look) -> Floats:
     """Shaft, jaw, m1 and m2 in each of `poses` (T, 4, 3), as the kernels want them: (4 T, 15).
 
-    Row 4 s + k is body k in pose s; pose 0 is the exposure's mean, its moments follow. The shaft reaches half way
-    from m2 to the tip, the thinner jaw from there on. Columns: one end A; the axis n from A to the other end B;
-    radius r, n.n, A.n, A.A - r^2, B.B - r^2; colour; strength of the highlight, grey levels. A body that is absent,
-    or wholly behind the camera, has radius 0.
+    Row 4 s + k is body k in pose s; pose 0 is the exposure's mean, its moments follow. The shaft
+    reaches half way from m2 to the tip, the thinner jaw from there on. Columns: one end A; the axis
+    n from A to the other end B; radius r, n.n, A.n, A.A - r^2, B.B - r^2; colour; strength of the
+    highlight, grey levels. A body that is absent, or wholly behind the camera, has radius 0.
     """
     m1, m2, start, tip = np.moveaxis((poses - optics.position) @ optics.rotation.T, 1, 0)
     wrist = (m2 + tip) / 2
@@ -191,7 +226,8 @@ def _bodies(poses: Floats, optics: Optics, look: Look) -> Floats:
 
 
 def _in_front(end: Floats, other: Floats, near: Floats) -> Floats:
-    """`end`, moved along the axis to depth `near` if it lies nearer than that and the `other` end does not."""
+    """`end`, moved along the axis to depth `near` if it lies nearer than that and the `other` end
+    does not."""
     depth, far = end[..., 2], other[..., 2]
     cut = (depth < near) & (far > near)
     share = np.where(cut, (near - depth) / np.where(cut, far - depth, 1), 0.0)
@@ -256,7 +292,8 @@ def hit(ray: Vector, bodies: Floats, b: int) -> float:
 
 @compiled
 def nearest(ray: Vector, bodies: Floats, pose: int, which: int) -> tuple[int, float]:
-    """The first of the bodies in the bit set `which` that a ray meets in a pose, and its depth; -1 if none."""
+    """The first of the bodies in the bit set `which` that a ray meets in a pose, and its depth; -1
+    if none."""
     body, depth = -1, np.inf
     for k in range(4):
         if which >> k & 1:
@@ -268,7 +305,8 @@ def nearest(ray: Vector, bodies: Floats, pose: int, which: int) -> tuple[int, fl
 
 @compiled
 def gap(p: Vector, u: Vector, bodies: Floats, b: int) -> tuple[float, float]:
-    """How near the segment from p to p + u comes to a body's axis, mm, and where on the segment, 0 to 1."""
+    """How near the segment from p to p + u comes to a body's axis, mm, and where on the segment, 0
+    to 1."""
     n, nn = axis(bodies, b), bodies[b, 7]
     r = minus(p, start(bodies, b))
     uu, un, ur, nr = dot(u, u), dot(u, n), dot(u, r), dot(n, r)
@@ -284,7 +322,8 @@ def gap(p: Vector, u: Vector, bodies: Floats, b: int) -> tuple[float, float]:
 
 
 def _cones(optics: Optics) -> Floats:
-    """For each tile the unit direction of its middle and the angle from there to its corners: (rows, columns, 4)."""
+    """For each tile the unit direction of its middle and the angle from there to its corners:
+    (rows, columns, 4)."""
     v, u = (np.arange(0, size, TILE) for size in (optics.height, optics.width))
     edge = np.array([optics.width, optics.height]) - 0.5
 
@@ -305,7 +344,8 @@ def _cones(optics: Optics) -> Floats:
 def touch(cones: Floats, bodies: Floats) -> Image:
     """For each tile the set of bodies, as bits, that any of its rays may meet in any pose.
 
-    Turning a ray by an angle brings it nearer to a body by at most that angle times the way to the body's far end.
+    Turning a ray by an angle brings it nearer to a body by at most that angle times the way to the
+    body's far end.
     """
     rows, columns = cones.shape[:2]
     touched = np.zeros((rows, columns), dtype=np.uint8)
@@ -326,7 +366,8 @@ def touch(cones: Floats, bodies: Floats) -> Image:
 
 @compiled
 def identify(seen: Image, touched: Image, rays: Floats, bodies: Floats) -> None:
-    """Which body (1 to 4, 0 for the tissue) every pixel sees first, and another that it sees later, if any."""
+    """Which body (1 to 4, 0 for the tissue) every pixel sees first, and another that it sees later,
+    if any."""
     last = bodies.shape[0] // 4 - 1
     between = 1 if swift(bodies) else max(last - 1, 1)
     seen[:] = 0
@@ -348,7 +389,8 @@ def identify(seen: Image, touched: Image, rays: Floats, bodies: Floats) -> None:
 
 @compiled
 def swift(bodies: Floats) -> bool:
-    """Whether a body moves so far in the exposure that it may pass a pixel that it covers at neither end."""
+    """Whether a body moves so far in the exposure that it may pass a pixel that it covers at
+    neither end."""
     for k in range(4):
         first, last = 4 + k, bodies.shape[0] - 4 + k
         at_a = minus(start(bodies, first), start(bodies, last))
@@ -360,7 +402,8 @@ def swift(bodies: Floats) -> bool:
 
 @compiled
 def uniform(seen: Image, y: int, x: int) -> bool:
-    """Whether pixel (y, x) and its neighbours see one body, and the same one throughout the exposure."""
+    """Whether pixel (y, x) and its neighbours see one body, and the same one throughout the
+    exposure."""
     body = seen[0, y, x]
     for v in range(max(y - 1, 0), min(y + 2, seen.shape[1])):
         for u in range(max(x - 1, 0), min(x + 2, seen.shape[2])):
@@ -374,9 +417,16 @@ def uniform(seen: Image, y: int, x: int) -> bool:
 
 @compiled
 def colour(
-    canvas: Light, seen: Image, touched: Image, rays: Floats, bodies: Floats, lamp: Lamp, pattern: Floats
+    canvas: Light,
+    seen: Image,
+    touched: Image,
+    rays: Floats,
+    bodies: Floats,
+    lamp: Lamp,
+    pattern: Floats,
 ) -> None:
-    """Paint the bodies over the tissue: inside an outline by one sample, on it by the pattern's mean."""
+    """Paint the bodies over the tissue: inside an outline by one sample, on it by the pattern's
+    mean."""
     for i in range(touched.shape[0]):
         for j in range(touched.shape[1]):
             if touched[i, j] == 0:
@@ -395,7 +445,9 @@ def colour(
 
 
 @compiled
-def outline(pixel: Light, ray: Floats, bodies: Floats, which: int, lamp: Lamp, pattern: Floats) -> None:
+def outline(
+    pixel: Light, ray: Floats, bodies: Floats, which: int, lamp: Lamp, pattern: Floats
+) -> None:
     """Replace a `pixel` (3,) of tissue by the mean of what its samples see."""
     blue, green, red, tissue = 0.0, 0.0, 0.0, 0
     for n in range(SAMPLES):
@@ -414,7 +466,8 @@ def outline(pixel: Light, ray: Floats, bodies: Floats, which: int, lamp: Lamp, p
 
 @compiled
 def shade(place: Vector, bodies: Floats, b: int, lamp: Lamp) -> Vector:
-    """The light from a `place` on a body: Lambert's from the lamp and from everywhere, and Blinn's highlight."""
+    """The light from a `place` on a body: Lambert's from the lamp and from everywhere, and Blinn's
+    highlight."""
     light, _, reach, ambient, exponent = lamp
     n, r, nn = axis(bodies, b), bodies[b, 6], bodies[b, 7]
     along = clip((dot(place, n) - bodies[b, 8]) / nn) if nn > 0.0 else 0.0
@@ -429,14 +482,19 @@ def shade(place: Vector, bodies: Floats, b: int, lamp: Lamp) -> Vector:
     if mirror > 0.0 and exponent * (mirror - 1.0) > -7.0:  # beyond, it is below a thousandth
         glint = bodies[b, 14] * strength * mirror**exponent
     bright = ambient + (1.0 - ambient) * facing * strength
-    return bodies[b, 11] * bright + glint, bodies[b, 12] * bright + glint, bodies[b, 13] * bright + glint
+    return (
+        bodies[b, 11] * bright + glint,
+        bodies[b, 12] * bright + glint,
+        bodies[b, 13] * bright + glint,
+    )
 
 
 # ---------------------------------------------------------------- the tissue and the shadow on it
 
 
 def _on_plane(slopes: Floats, optics: Optics, tissue: Tissue) -> Floats:
-    """Where rays of `slopes` (..., 2) meet the tissue, mm in camera axes (..., 3); NaN where they never do."""
+    """Where rays of `slopes` (..., 2) meet the tissue, mm in camera axes (..., 3); NaN where they
+    never do."""
     rays = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1)
     normal = optics.rotation @ tissue.normal
     height = normal @ (optics.rotation @ (tissue.point - optics.position))
@@ -448,7 +506,8 @@ def _on_plane(slopes: Floats, optics: Optics, tissue: Tissue) -> Floats:
 def _lit_tissue(
     slopes: Floats, optics: Optics, look: Look, tissue: Tissue, noise: np.random.Generator
 ) -> tuple[Light, Light]:
-    """The tissue without the tool (H, W, 3), and the share of it (H, W) that the lamp gives and a shadow takes."""
+    """The tissue without the tool (H, W, 3), and the share of it (H, W) that the lamp gives and a
+    shadow takes."""
     place = _on_plane(slopes, optics, tissue)
     normal = optics.rotation @ tissue.normal / np.linalg.norm(tissue.normal)
     normal *= np.sign(normal @ (optics.rotation @ (optics.position - tissue.point)))
@@ -458,32 +517,55 @@ def _lit_tissue(
     half, _ = _unit(to_lamp + to_eye)
     strength = 2 / (1 + (distance / look.reach) ** 2)
     lamp = (1 - look.ambient) * np.maximum((bumpy * to_lamp).sum(axis=-1), 0) * strength
-    wet = WETNESS * look.specular * np.maximum((bumpy * half).sum(axis=-1), 0) ** look.exponent * strength
+    wet = (
+        WETNESS
+        * look.specular
+        * np.maximum((bumpy * half).sum(axis=-1), 0) ** look.exponent
+        * strength
+    )
     pale = 1 + look.contrast * mottle
     red = np.stack([pale - look.contrast * veins] * 2 + [pale], axis=-1)
-    lit = np.array(look.tissue_colour) * np.maximum(red, 0) * (look.ambient + lamp)[..., None] + 255 * wet[..., None]
+    lit = (
+        np.array(look.tissue_colour) * np.maximum(red, 0) * (look.ambient + lamp)[..., None]
+        + 255 * wet[..., None]
+    )
     visible = np.clip(2 - away / (HORIZON * look.reach), 0, 1)[..., None]
     share = (lamp + wet) / (look.ambient + lamp + wet + TINY)
     return np.nan_to_num(visible * lit).astype(np.float32), np.nan_to_num(share).astype(np.float32)
 
 
-def _texture(place: Floats, normal: Floats, look: Look, noise: np.random.Generator) -> tuple[Floats, Floats, Floats]:
-    """Mottle (H, W) and veins (H, W) of the tissue, and its bumpy unit normal (H, W, 3), at each `place`.
+def _texture(
+    place: Floats, normal: Floats, look: Look, noise: np.random.Generator
+) -> tuple[Floats, Floats, Floats]:
+    """Mottle (H, W) and veins (H, W) of the tissue, and its bumpy unit normal (H, W, 3), at each
+    `place`.
 
-    All fade where a pixel spans as much as a bump: finer detail than pixels would only make false patterns.
+    All fade where a pixel spans as much as a bump: finer detail than pixels would only make false
+    patterns.
     """
     across = np.linalg.svd(normal[None])[2][1:]
     texels = np.moveaxis(TEXELS / look.texture * (place @ across.T), -1, 0)
-    span = np.max([np.linalg.norm(change, axis=-1) for change in np.gradient(place, axis=(0, 1))], axis=0)
+    span = np.max(
+        [np.linalg.norm(change, axis=-1) for change in np.gradient(place, axis=(0, 1))], axis=0
+    )
     fade = 1 / (1 + (span / (BUMP * look.texture / 4)) ** 2)
 
     def sample(field: Floats) -> Floats:
-        return fade * np.asarray(ndimage.map_coordinates(field, texels, order=1, mode="grid-wrap"), dtype=np.float64)
+        return fade * np.asarray(
+            ndimage.map_coordinates(field, texels, order=1, mode="grid-wrap"), dtype=np.float64
+        )
 
     mottle, bumps, vessels = (_field(noise, size) for size in (2 * BUMP, BUMP, 4 * BUMP))
     pitch = look.texture / TEXELS
-    tilts = [sample(look.relief * np.gradient(bumps, pitch, axis=i))[..., None] * across[i] for i in range(2)]
-    return sample(mottle), sample(2 * np.exp(-np.abs(vessels) / 0.08)), _unit(normal - tilts[0] - tilts[1])[0]
+    tilts = [
+        sample(look.relief * np.gradient(bumps, pitch, axis=i))[..., None] * across[i]
+        for i in range(2)
+    ]
+    return (
+        sample(mottle),
+        sample(2 * np.exp(-np.abs(vessels) / 0.08)),
+        _unit(normal - tilts[0] - tilts[1])[0],
+    )
 
 
 def _unit(vectors: Floats) -> tuple[Floats, Floats]:
@@ -493,7 +575,8 @@ def _unit(vectors: Floats) -> tuple[Floats, Floats]:
 
 
 def _field(noise: np.random.Generator, size: float) -> Floats:
-    """A smooth random field (TEXELS, TEXELS) that repeats: mean 0, spread 1, features of `size` of its width."""
+    """A smooth random field (TEXELS, TEXELS) that repeats: mean 0, spread 1, features of `size` of
+    its width."""
     f = np.fft.fftfreq(TEXELS, 1 / TEXELS)
     spectrum = (1 + (f[:, None] ** 2 + f**2) * size**2) ** -2.5
     field = np.fft.ifft2(np.fft.fft2(noise.standard_normal((TEXELS, TEXELS))) * spectrum).real
@@ -501,14 +584,22 @@ def _field(noise: np.random.Generator, size: float) -> Floats:
 
 
 def _nodes(optics: Optics, tissue: Tissue) -> Floats:
-    """The tissue at every STEP-th pixel over all tiles, their far edges included, mm in camera axes."""
-    u, v = (np.arange(0, -(-size // TILE) * TILE + 1, STEP) for size in (optics.width, optics.height))
-    return _on_plane(optics.slopes(np.stack(np.meshgrid(u, v), axis=-1).astype(np.float64)), optics, tissue)
+    """The tissue at every STEP-th pixel over all tiles, their far edges included, mm in camera
+    axes."""
+    u, v = (
+        np.arange(0, -(-size // TILE) * TILE + 1, STEP) for size in (optics.width, optics.height)
+    )
+    return _on_plane(
+        optics.slopes(np.stack(np.meshgrid(u, v), axis=-1).astype(np.float64)), optics, tissue
+    )
 
 
 @compiled
-def cast_shadow(canvas: Light, lamp_share: Light, nodes: Floats, bodies: Floats, lamp: Lamp) -> None:
-    """Take from the tissue the lamp's light that the bodies hide: exact at the nodes, linear between."""
+def cast_shadow(
+    canvas: Light, lamp_share: Light, nodes: Floats, bodies: Floats, lamp: Lamp
+) -> None:
+    """Take from the tissue the lamp's light that the bodies hide: exact at the nodes, linear
+    between."""
     cells = TILE // STEP
     blocked = np.empty((cells + 1, cells + 1))
     for i in range((nodes.shape[0] - 1) // cells):
@@ -519,14 +610,17 @@ def cast_shadow(canvas: Light, lamp_share: Light, nodes: Floats, bodies: Floats,
                 continue
             for v in range(cells + 1):
                 for u in range(cells + 1):
-                    blocked[v, u] = eclipse((patch[v, u, 0], patch[v, u, 1], patch[v, u, 2]), bodies, which, lamp)
+                    blocked[v, u] = eclipse(
+                        (patch[v, u, 0], patch[v, u, 1], patch[v, u, 2]), bodies, which, lamp
+                    )
             top, left = i * TILE, j * TILE
             darken(canvas[top : top + TILE, left : left + TILE], lamp_share[top:, left:], blocked)
 
 
 @compiled
 def casters(patch: Floats, bodies: Floats, lamp: Lamp) -> int:
-    """The set of bodies, as bits, that may hide part of the lamp from part of a `patch` (n, n, 3) of tissue."""
+    """The set of bodies, as bits, that may hide part of the lamp from part of a `patch` (n, n, 3)
+    of tissue."""
     centre, end = patch.shape[0] // 2, patch.shape[0] - 1
     middle = (patch[centre, centre, 0], patch[centre, centre, 1], patch[centre, centre, 2])
     size = 0.0
@@ -546,7 +640,8 @@ def casters(patch: Floats, bodies: Floats, lamp: Lamp) -> int:
 def eclipse(place: Vector, bodies: Floats, which: int, lamp: Lamp) -> float:
     """How much of the round lamp the bodies hide from a place on the tissue, 0 to 1.
 
-    At the occluder the cone from there to the lamp has a radius h: half the width of the shadow's soft edge.
+    At the occluder the cone from there to the lamp has a radius h: half the width of the shadow's
+    soft edge.
     """
     most = 0.0
     for k in range(4):
@@ -576,8 +671,11 @@ def darken(tile: Light, lamp_share: Light, blocked: Floats) -> None:
 
 
 @compiled
-def expose(rows: Light, normals: Light, starts: NDArray[np.int64], shot: np.float32, read: np.float32) -> Image:
-    """Light as 8-bit grey levels with noise of variance `shot` times the light plus `read`, clipped.
+def expose(
+    rows: Light, normals: Light, starts: NDArray[np.int64], shot: np.float32, read: np.float32
+) -> Image:
+    """Light as 8-bit grey levels with noise of variance `shot` times the light plus `read`,
+    clipped.
 
     The noise of row y is the table of standard `normals` from `starts`[y] on.
     """

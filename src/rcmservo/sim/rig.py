@@ -1,4 +1,5 @@
-"""A whole simulated laboratory: arm, tool, camera and markers, drawn from a seed. Its truth stays in here."""
+"""A whole simulated laboratory: arm, tool, camera and markers, drawn from a seed. Its truth stays
+in here."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -6,8 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rcmservo.errors import require
-from rcmservo.mechanism import Kinematics, SphericalRcm
-from rcmservo.plant import Camera, Floats
+from rcmservo.interfaces import Camera, Floats
+from rcmservo.method.kinematics import Kinematics, SphericalRcm
+from rcmservo.method.tool import RigidTool, Tool
 from rcmservo.sim.arm import Arm, Drive
 from rcmservo.sim.cameras import Body, PictureCamera, PointCamera, Timing
 from rcmservo.sim.disturb.arm import DisturbedArm
@@ -21,7 +23,6 @@ from rcmservo.sim.renderer import Look, Renderer
 from rcmservo.sim.scene import Scene, SceneSettings, draw, relocated
 from rcmservo.sim.truth import Truth
 from rcmservo.sim.world import World
-from rcmservo.tool import RigidTool, Tool
 
 SETTLE = 100_000_000
 """ns that pass after the tool was placed by hand, so that every frame in flight shows it there."""
@@ -29,7 +30,8 @@ SETTLE = 100_000_000
 
 @dataclass(frozen=True)
 class RigSettings:
-    """A simulated laboratory. ``width``, ``height`` px; ``point_noise`` px of the camera without pictures."""
+    """A simulated laboratory. ``width``, ``height`` px; ``point_noise`` px of the camera without
+    pictures."""
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
     tool: Tool = field(default_factory=lambda: RigidTool(spacing=30.0))
@@ -50,10 +52,11 @@ class RigSettings:
 
 
 class Rig:
-    """A simulated laboratory at the start of a run: `mechanism`, `camera`, `clock`, and the judge's `truth`.
+    """A simulated laboratory at the start of a run: `mechanism`, `camera`, `clock`, and the judge's
+    `truth`.
 
-    ``pictures=False`` gives the camera that delivers points instead of frames. Everything follows from the seed.
-    ``disturbances`` go wrong in the run that `begin` starts.
+    ``pictures=False`` gives the camera that delivers points instead of frames. Everything follows
+    from the seed. ``disturbances`` go wrong in the run that `begin` starts.
     """
 
     def __init__(
@@ -69,7 +72,9 @@ class Rig:
         drawing, noise, elsewhere, chance = np.random.SeedSequence(seed).spawn(4)
         self.body = Body(s.mechanism, s.tool)
         radius = max(s.look.marker_radii)
-        self.scene = draw(s.scene, self.body, (s.width, s.height), radius, np.random.default_rng(drawing))
+        self.scene = draw(
+            s.scene, self.body, (s.width, s.height), radius, np.random.default_rng(drawing)
+        )
         self._elsewhere = np.random.default_rng(elsewhere)
         arm = Arm(s.mechanism, s.drive)
         self.clock = World(arm)
@@ -82,18 +87,27 @@ class Rig:
             self._disturb(arm)
         self.go_home()
 
-    def _new_camera(self, pictures: bool, random: np.random.Generator) -> PictureCamera | PointCamera:
+    def _new_camera(
+        self, pictures: bool, random: np.random.Generator
+    ) -> PictureCamera | PointCamera:
         s = self.settings
         if pictures:
             renderer = Renderer(self.scene.optics, s.look, self.scene.tissue, self.seed)
             return PictureCamera(self.clock, self.body, renderer, s.timing)
-        return PointCamera(self.clock, self.body, self.scene.optics, s.timing, s.point_noise, random)
+        return PointCamera(
+            self.clock, self.body, self.scene.optics, s.timing, s.point_noise, random
+        )
 
     def _disturb(self, arm: Arm) -> None:
         """Put the disturbances between the software and the devices."""
         for disturbance in self.schedule.disturbances:
             suffers = isinstance(self._camera, PointCamera) or KINDS[disturbance.kind].pictures
-            require(suffers, "disturbance", disturbance.kind, "one that a camera with pictures can suffer")
+            require(
+                suffers,
+                "disturbance",
+                disturbance.kind,
+                "one that a camera with pictures can suffer",
+            )
         self.mechanism = DisturbedArm(arm, self.clock, self.schedule)
         view = View(self._camera, self.settings.look, self.schedule, self._touch_camera)
         self.camera = Delivery(view, self.clock.now, self.schedule)
@@ -121,9 +135,12 @@ class Rig:
         self.clock.wait_until(self.clock.now() + SETTLE)
 
     def relocate_camera(self) -> None:
-        """Somebody moves and rolls the camera; from the next frame on it sees the tool from another side."""
+        """Somebody moves and rolls the camera; from the next frame on it sees the tool from another
+        side."""
         s = self.settings
-        self._see(relocated(self.scene, self.body, s.scene, max(s.look.marker_radii), self._elsewhere))
+        self._see(
+            relocated(self.scene, self.body, s.scene, max(s.look.marker_radii), self._elsewhere)
+        )
 
     def _touch_camera(self, event: Event) -> None:
         """What an event does to where the camera stands."""
@@ -141,6 +158,8 @@ class Rig:
         """From the next frame on the camera sees this scene."""
         self.scene, self.truth.optics = scene, scene.optics
         if isinstance(self._camera, PictureCamera):
-            self._camera.renderer = Renderer(scene.optics, self.settings.look, scene.tissue, self.seed)
+            self._camera.renderer = Renderer(
+                scene.optics, self.settings.look, scene.tissue, self.seed
+            )
         else:
             self._camera.optics = scene.optics

@@ -1,15 +1,16 @@
-"""Where camera, start and target are: drawn from a seed until the scene is one that the method is made for."""
+"""Where camera, start and target are: drawn from a seed until the scene is one that the method is
+made for."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rcmservo.controller import scaled
 from rcmservo.errors import RcmServoError, require
-from rcmservo.exploration import CORNERS
-from rcmservo.features import SCALE, about, difference, features
-from rcmservo.mechanism import Kinematics
-from rcmservo.plant import Floats
+from rcmservo.interfaces import Floats
+from rcmservo.method.controller import scaled
+from rcmservo.method.exploration import CORNERS
+from rcmservo.method.features import SCALE, about, difference, features
+from rcmservo.method.kinematics import Kinematics
 from rcmservo.sim.cameras import Body
 from rcmservo.sim.optics import Optics, look_at
 from rcmservo.sim.renderer import Tissue
@@ -23,10 +24,12 @@ BORDER = 12.0
 """px that both imaged balls keep from the picture's border."""
 
 SEPARATION = 3.0
-"""Least distance of the imaged markers in units of the larger one's radius, so that neither hides the other."""
+"""Least distance of the imaged markers in units of the larger one's radius, so that neither hides
+the other."""
 
 RCM_DEPTH = 0.3
-"""Least depth of the RCM in units of the tool's: the method scales depth by it, so it must be before the camera."""
+"""Least depth of the RCM in units of the tool's: the method scales depth by it, so it must be
+before the camera."""
 
 CLEARANCE = 15.0
 """mm between the tool and the tissue behind it."""
@@ -44,12 +47,14 @@ class NoScene(RcmServoError):
 class SceneSettings:
     """What scenes are drawn from. Pairs are (least, greatest).
 
-    ``focal`` px; ``distance`` mm from camera to tool; ``elevation`` rad of the camera above the tool as seen along the
-    straight-down axis; ``distortion`` k₁, k₂; ``travel`` mm from start to target; ``insertion`` mm of marker 1 from
-    the RCM; ``max_condition`` of the scaled Jacobian along the straight way; ``room`` mm about the start in which both
-    markers stay in view, to explore. With ``errors``, the start is where Δy = y − y_d is exactly this (rad, px, px),
-    the way is that of the saturated law (33), and there is ``room`` half-way too. ``start`` and ``target`` are joints
-    (rad, rad, mm) of your own instead of drawn ones: then only their visibility is asked for.
+    ``focal`` px; ``distance`` mm from camera to tool; ``elevation`` rad of the camera above the
+    tool as seen along the straight-down axis; ``distortion`` k₁, k₂; ``travel`` mm from start to
+    target; ``insertion`` mm of marker 1 from the RCM; ``max_condition`` of the scaled Jacobian
+    along the straight way; ``room`` mm about the start in which both markers stay in view, to
+    explore. With ``errors``, the start is where Δy = y − y_d is exactly this (rad, px, px), the way
+    is that of the saturated law (33), and there is ``room`` half-way too. ``start`` and ``target``
+    are joints (rad, rad, mm) of your own instead of drawn ones: then only their visibility is asked
+    for.
     """
 
     focal: tuple[float, float] = (500.0, 900.0)
@@ -65,19 +70,38 @@ class SceneSettings:
     target: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        require(0.0 <= self.room < np.inf, "scene.room", self.room, "a length in mm that is not negative")
+        require(
+            0.0 <= self.room < np.inf,
+            "scene.room",
+            self.room,
+            "a length in mm that is not negative",
+        )
         for name in ("focal", "distance", "travel", "insertion"):
             low, high = getattr(self, name)
-            require(0.0 < low <= high < np.inf, f"scene.{name}", (low, high), "two positive numbers, least first")
+            require(
+                0.0 < low <= high < np.inf,
+                f"scene.{name}",
+                (low, high),
+                "two positive numbers, least first",
+            )
         low, high = self.elevation
-        require(-1.5 <= low <= high <= 1.5, "scene.elevation", self.elevation, "two angles from -1.5 to 1.5 rad")
+        require(
+            -1.5 <= low <= high <= 1.5,
+            "scene.elevation",
+            self.elevation,
+            "two angles from -1.5 to 1.5 rad",
+        )
         finite = bool(np.all(np.isfinite(self.distortion)))
         require(finite, "scene.distortion", self.distortion, "two finite numbers k1, k2")
         good = self.errors is None or (bool(np.all(np.isfinite(self.errors))) and any(self.errors))
-        require(good, "scene.errors", self.errors, "three finite numbers (rad, px, px), not all zero")
+        require(
+            good, "scene.errors", self.errors, "three finite numbers (rad, px, px), not all zero"
+        )
         placed = self.errors is None or (self.start is None and self.target is None)
         require(placed, "scene.errors", self.errors, "left out where start or target are given")
-        require(self.max_condition > 1.0, "scene.max_condition", self.max_condition, "a number above 1")
+        require(
+            self.max_condition > 1.0, "scene.max_condition", self.max_condition, "a number above 1"
+        )
         for name in ("start", "target"):
             q = getattr(self, name)
             finite = q is None or bool(np.all(np.isfinite(q)))
@@ -86,8 +110,8 @@ class SceneSettings:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A drawn scene: the true ``optics``, the ``way`` of joints (n, 3) from the start to the target, the joints (3,)
-    ``half_way``, the ``tissue``, and how many draws were rejected."""
+    """A drawn scene: the true ``optics``, the ``way`` of joints (n, 3) from the start to the
+    target, the joints (3,) ``half_way``, the ``tissue``, and how many draws were rejected."""
 
     optics: Optics
     way: Floats
@@ -105,28 +129,41 @@ class Scene:
 
 
 def draw(
-    settings: SceneSettings, body: Body, size: tuple[int, int], radius: float, random: np.random.Generator
+    settings: SceneSettings,
+    body: Body,
+    size: tuple[int, int],
+    radius: float,
+    random: np.random.Generator,
 ) -> Scene:
-    """The first scene that suits, of as many as it takes. `size` px of the picture, `radius` mm of the larger ball."""
+    """The first scene that suits, of as many as it takes. `size` px of the picture, `radius` mm of
+    the larger ball."""
     for rejected in range(MAX_DRAWS):
         scene = _attempt(settings, body, size, radius, random, rejected)
         if scene is not None:
             return scene
     raise NoScene(
-        f"no scene in {MAX_DRAWS} draws has both markers in view: change the start and target joints, the limits, "
+        f"no scene in {MAX_DRAWS} draws has both markers in view: change the start and target "
+        f"joints, the limits, "
         "or the ranges of focal length, distance and travel"
     )
 
 
-def relocated(scene: Scene, body: Body, settings: SceneSettings, radius: float, random: np.random.Generator) -> Scene:
-    """The same start and target before the same camera elsewhere, drawn as scenes are, rolled by at least TURNED."""
+def relocated(
+    scene: Scene, body: Body, settings: SceneSettings, radius: float, random: np.random.Generator
+) -> Scene:
+    """The same start and target before the same camera elsewhere, drawn as scenes are, rolled by at
+    least TURNED."""
     old = scene.optics
     for rejected in range(MAX_DRAWS):
-        new, tissue = _camera(settings, body, (scene.start, scene.target), (old.width, old.height), random)
+        new, tissue = _camera(
+            settings, body, (scene.start, scene.target), (old.width, old.height), random
+        )
         if new is None:
             continue
         optics = replace(old, rotation=new.rotation, position=new.position)
-        rolled = abs(difference(_features(body, optics, scene.start), _features(body, old, scene.start))[0])
+        rolled = abs(
+            difference(_features(body, optics, scene.start), _features(body, old, scene.start))[0]
+        )
         visible = all(_visible(body, optics, q, radius) for q in scene.way)
         if rolled > TURNED and visible and _regular(settings, body, optics, scene.way):
             return replace(scene, optics=optics, tissue=tissue, rejected=rejected)
@@ -164,7 +201,8 @@ def _attempt(
 def _ways(
     settings: SceneSettings, body: Body, optics: Optics, start: Floats, target: Floats
 ) -> tuple[Floats, Floats] | None:
-    """Joints of the way from start to target, and half-way; None where no start has the `errors` asked for."""
+    """Joints of the way from start to target, and half-way; None where no start has the `errors`
+    asked for."""
     if settings.errors is not None:
         return _way_of_errors(body, optics, target, np.array(settings.errors))
     way = _way(body, start, target) if _free(settings) else np.stack([start, target])
@@ -176,7 +214,8 @@ def _free(settings: SceneSettings) -> bool:
 
 
 def _suits(scene: Scene, settings: SceneSettings, body: Body, radius: float) -> bool:
-    """Whether the scene is one that the method is made for; of a scene of the user's own only visibility is asked."""
+    """Whether the scene is one that the method is made for; of a scene of the user's own only
+    visibility is asked."""
     if _free(settings) and not _inside(body.kinematics, scene.way):
         return False
     if not all(_visible(body, scene.optics, q, radius) for q in (*scene.way, scene.half_way)):
@@ -195,23 +234,33 @@ def _configuration(settings: SceneSettings, body: Body, random: np.random.Genera
     return q
 
 
-def _near(settings: SceneSettings, body: Body, start: Floats, random: np.random.Generator) -> Floats | None:
+def _near(
+    settings: SceneSettings, body: Body, start: Floats, random: np.random.Generator
+) -> Floats | None:
     """Joints that hold marker 1 a drawn distance from where it starts, in any direction."""
     p1 = body.points(start)[0]
     way = random.standard_normal(3)
     p1 = p1 + random.uniform(*settings.travel) * way / np.linalg.norm(way)
     rho = float(np.linalg.norm(p1))
-    return body.kinematics.joints(p1 * (1.0 - body.tool.offset / rho)) if rho > body.tool.offset else None
+    return (
+        body.kinematics.joints(p1 * (1.0 - body.tool.offset / rho))
+        if rho > body.tool.offset
+        else None
+    )
 
 
 def _way(body: Body, start: Floats, target: Floats) -> Floats:
     a, b = (body.kinematics.position(q) for q in (start, target))
-    return np.stack([body.kinematics.joints(a + share * (b - a)) for share in np.linspace(0.0, 1.0, WAY)])
+    return np.stack(
+        [body.kinematics.joints(a + share * (b - a)) for share in np.linspace(0.0, 1.0, WAY)]
+    )
 
 
-def _way_of_errors(body: Body, optics: Optics, target: Floats, errors: Floats) -> tuple[Floats, Floats] | None:
-    """Joints (WAY, 3) on the way of the saturated law (33) from Δy = `errors` (rad, px, px), and where half of them is
-    left; None where there are none."""
+def _way_of_errors(
+    body: Body, optics: Optics, target: Floats, errors: Floats
+) -> tuple[Floats, Floats] | None:
+    """Joints (WAY, 3) on the way of the saturated law (33) from Δy = `errors` (rad, px, px), and
+    where half of them is left; None where there are none."""
     y_d = _features(body, optics, target)
     way = [target]
     longest = np.max(np.abs(errors) / SCALE)
@@ -226,7 +275,8 @@ def _way_of_errors(body: Body, optics: Optics, target: Floats, errors: Floats) -
 
 
 def _with_error(body: Body, optics: Optics, q: Floats, y_d: Floats, error: Floats) -> Floats | None:
-    """Joints (3,) at which y − y_d is `error`, by Newton's method from q; None where it finds none."""
+    """Joints (3,) at which y − y_d is `error`, by Newton's method from q; None where it finds
+    none."""
     for _ in range(10):
         left = difference(error, difference(_features(body, optics, q), y_d))
         if np.max(np.abs(left) / SCALE) < 1e-9:
@@ -242,9 +292,14 @@ def _with_error(body: Body, optics: Optics, q: Floats, y_d: Floats, error: Float
 
 
 def _camera(
-    settings: SceneSettings, body: Body, ends: tuple[Floats, Floats], size: tuple[int, int], random: np.random.Generator
+    settings: SceneSettings,
+    body: Body,
+    ends: tuple[Floats, Floats],
+    size: tuple[int, int],
+    random: np.random.Generator,
 ) -> tuple[Optics | None, Tissue]:
-    """A camera that looks at the tool from anywhere around it, and tissue behind the tool, half facing the camera."""
+    """A camera that looks at the tool from anywhere around it, and tissue behind the tool, half
+    facing the camera."""
     points = np.concatenate([body.points(q) for q in ends])
     down = np.array([0.0, 0.0, 1.0 if points[:, 2].sum() > 0.0 else -1.0])
     middle = (points[[0, 1, 4, 5]]).mean(axis=0)
@@ -297,4 +352,7 @@ def _regular(settings: SceneSettings, body: Body, optics: Optics, way: Floats) -
     o_c = optics.project(np.zeros((1, 3)))[0]
     if not np.isfinite(o_c).all():
         return False
-    return all(np.linalg.cond(scaled(feature_jacobian(body, optics, q, o_c))) <= settings.max_condition for q in way)
+    return all(
+        np.linalg.cond(scaled(feature_jacobian(body, optics, q, o_c))) <= settings.max_condition
+        for q in way
+    )

@@ -1,18 +1,20 @@
-"""What the simulation knows and the servo must not: the true pose, the true Jacobian, the true imaged RCM."""
+"""What the simulation knows and the servo must not: the true pose, the true Jacobian, the true
+imaged RCM."""
 
 import numpy as np
 
-from rcmservo.controller import scaled
-from rcmservo.features import about, features_jacobian
-from rcmservo.plant import Floats
+from rcmservo.interfaces import Floats
+from rcmservo.method.controller import scaled
+from rcmservo.method.features import about, features_jacobian
+from rcmservo.method.tool import second_marker_jacobian
 from rcmservo.sim.cameras import Body
 from rcmservo.sim.optics import Optics
 from rcmservo.sim.world import World
-from rcmservo.tool import second_marker_jacobian
 
 
 class Truth:
-    """The judge of a simulated run. It reads the world and the true camera, and is handed to no servo."""
+    """The judge of a simulated run. It reads the world and the true camera, and is handed to no
+    servo."""
 
     def __init__(self, world: World, body: Body, optics: Optics) -> None:
         self.world, self.body, self.optics = world, body, optics
@@ -30,7 +32,8 @@ class Truth:
         return self.optics.project(np.zeros((1, 3)))[0]
 
     def jacobian(self, q: Floats, o_c: Floats) -> Floats:
-        """J (3, 3) = ∂y/∂p₁ at the joints q, of the features about the origin o_c that the servo uses."""
+        """J (3, 3) = ∂y/∂p₁ at the joints q, of the features about the origin o_c that the servo
+        uses."""
         return feature_jacobian(self.body, self.optics, q, o_c)
 
     def jacobian_error(self, J_hat: Floats, q: Floats, o_c: Floats) -> float:
@@ -40,9 +43,12 @@ class Truth:
 
 
 def feature_jacobian(body: Body, optics: Optics, q: Floats, o_c: Floats) -> Floats:
-    """J (3, 3) of eq. (15) through the true camera, its distortion included, at the joints q (3,)."""
+    """J (3, 3) of eq. (15) through the true camera, its distortion included, at the joints q
+    (3,)."""
     p1, p2 = body.points(q)[:2]
     markers = np.empty((4, 3))
     markers[:2] = optics.project_jacobian(p1)
-    markers[2:] = optics.project_jacobian(p2) @ second_marker_jacobian(body.tool.kind, body.tool.value, p1)
+    markers[2:] = optics.project_jacobian(p2) @ second_marker_jacobian(
+        body.tool.kind, body.tool.value, p1
+    )
     return features_jacobian(about(optics.project(np.stack([p1, p2])), o_c)) @ markers

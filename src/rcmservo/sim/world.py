@@ -1,11 +1,12 @@
-"""Simulated time: the arm moves while somebody waits, and its recent past is kept for what sees it later."""
+"""Simulated time: the arm moves while somebody waits, and its recent past is kept for what sees it
+later."""
 
 from collections import deque
 from collections.abc import Callable
 
 import numpy as np
 
-from rcmservo.plant import Floats
+from rcmservo.interfaces import Floats
 from rcmservo.sim.arm import STEP, Arm
 
 HISTORY = 1000
@@ -59,4 +60,6 @@ class World:
 
 def moments(middle: int, length: float, count: int) -> list[int]:
     """`count` moments (ns) spread evenly over an exposure of `length` s about its middle."""
-    return [middle + round(share * length * 1e9) for share in (np.arange(count) + 0.5) / count - 0.5]
+    return [
+        middle + round(share * length * 1e9) for share in (np.arange(count) + 0.5) / count - 0.5
+    ]

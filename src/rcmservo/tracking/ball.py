@@ -5,18 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.plant import Floats
+from rcmservo.interfaces import Floats
 from rcmservo.tracking.outline import disc_centre, fit_outline
 
 LEAST_RADIUS = 4.0  # px; below it, half a pixel of noise looks like roundness
 LEAST_SUPPORT = 0.45  # of the outline; a shorter arc fixes the centre too badly
-LEAST_FILLED = 0.35  # of the disc; the shaft and a highlight hide less, what is emptier is a ring or a crescent
+LEAST_FILLED = 0.35  # of the disc; the shaft hides less, what is emptier is a ring
 LEAST_CONTRAST = 15.0  # grey levels, and four times the picture's noise
 
 
 @dataclass(frozen=True)
 class Ball:
-    """Centre and radius [px] of the whole ball's silhouette, and how well it was seen, above 0 to 1."""
+    """Centre and radius [px] of the whole ball's silhouette, and how well it was seen, above 0 to
+    1."""
 
     u: float
     v: float
@@ -35,7 +36,8 @@ class Ball:
 
 @compiled
 def noise(weights: Floats) -> float:
-    """The standard deviation of a weight from pixel to pixel, from the differences of neighbours."""
+    """The standard deviation of a weight from pixel to pixel, from the differences of
+    neighbours."""
     stride = max(weights.size // 4000, 1)
     line = weights.ravel()
     return 1.05 * float(np.median(np.abs(line[1::stride] - line[:-1:stride])))
@@ -62,7 +64,8 @@ def ball_near(weights: Floats, u: float, v: float, radius: float) -> Ball | None
 
 
 def ball_about(weights: Floats, u: float, v: float, radius: float, grain: float) -> Ball | None:
-    """The ball about a point inside it, its radius known to a factor of about 1.5; `grain` is the noise."""
+    """The ball about a point inside it, its radius known to a factor of about 1.5; `grain` is the
+    noise."""
     return _judged(weights, fit_outline(weights, u, v, radius, 1.8 * radius), grain)
 
 

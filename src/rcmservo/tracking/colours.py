@@ -1,14 +1,15 @@
 """How much of a marker's colour is in a pixel: a signed weight, linear in the light.
 
-For a primary colour it is the excess of its channel over the larger of the other two, for a mixed one the excess
-of the smaller of its two channels over the third; "bright" is the plain mean. In colours, grey weighs 0 however
-bright it is. A pixel that the marker covers by half weighs half as much: that is what makes edges sub-pixel.
+For a primary colour it is the excess of its channel over the larger of the other two, for a mixed
+one the excess of the smaller of its two channels over the third; "bright" is the plain mean. In
+colours, grey weighs 0 however bright it is. A pixel that the marker covers by half weighs half as
+much: that is what makes edges sub-pixel.
 """
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.plant import Floats, Image
+from rcmservo.interfaces import Floats, Image
 
 COLOURS = ("red", "green", "blue", "yellow", "cyan", "magenta", "bright")
 
@@ -46,7 +47,8 @@ def weights(image: Image, colour: int) -> Floats:
 
 @compiled
 def halved(fine: Floats) -> Image:
-    """Weights at half the resolution, the means of 2 x 2 pixels, cut to 0..255: specks and noise fade in it."""
+    """Weights at half the resolution, the means of 2 x 2 pixels, cut to 0..255: specks and noise
+    fade in it."""
     height, width = fine.shape[0] // 2, fine.shape[1] // 2
     result = np.empty((height, width), np.uint8)
     for i in range(height):

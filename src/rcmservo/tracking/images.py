@@ -1,6 +1,7 @@
 """Pictures in files, read strictly: a file that was cut off is refused rather than half read.
 
-Decoders fill the missing rest of a truncated picture with grey and say nothing, so the end is checked here.
+Decoders fill the missing rest of a truncated picture with grey and say nothing, so the end is
+checked here.
 """
 
 import struct
@@ -11,7 +12,7 @@ import cv2
 import numpy as np
 
 from rcmservo.errors import UnusableFile
-from rcmservo.plant import Image
+from rcmservo.interfaces import Image
 
 JPEG_START, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 JPEG = [
@@ -24,7 +25,8 @@ PNG_START, PNG_LAST = b"\x89PNG\r\n\x1a\n", b"IEND"
 
 
 def read_image(path: str | Path) -> Image:
-    """The picture in a JPEG or PNG file as its pixels lie, (height, width, 3) uint8, blue-green-red."""
+    """The picture in a JPEG or PNG file as its pixels lie, (height, width, 3) uint8,
+    blue-green-red."""
     try:
         data = Path(path).read_bytes()
     except OSError as error:
@@ -60,7 +62,8 @@ def _flaw(data: bytes) -> str:
 
 
 def _png_chunks_whole(data: bytes) -> bool:
-    """Whether every chunk (length, name, content, checksum) agrees with its checksum, up to the last one."""
+    """Whether every chunk (length, name, content, checksum) agrees with its checksum, up to the
+    last one."""
     place = len(PNG_START)
     while place + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, place)

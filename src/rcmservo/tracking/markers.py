@@ -1,4 +1,5 @@
-"""From a picture to the two markers: which colours to look for, where they were, and which one is which."""
+"""From a picture to the two markers: which colours to look for, where they were, and which one is
+which."""
 
 from dataclasses import dataclass
 from typing import final
@@ -6,7 +7,7 @@ from typing import final
 import numpy as np
 
 from rcmservo.errors import require
-from rcmservo.plant import Floats, Frame, Image, Markers
+from rcmservo.interfaces import Floats, Frame, Image, Markers
 from rcmservo.tracking.ball import Ball, ball_near
 from rcmservo.tracking.colours import COLOURS, weights
 from rcmservo.tracking.search import balls
@@ -18,10 +19,12 @@ APART = 1.1  # the least ratio of radii that tells markers of one colour apart
 
 @dataclass(frozen=True)
 class MarkerLook:
-    """What the two balls look like: their colours and radii in mm (only the ratio of the radii matters).
+    """What the two balls look like: their colours and radii in mm (only the ratio of the radii
+    matters).
 
-    Marker 1 is the one nearer the RCM. Two balls of one colour are told apart by their imaged size, so the
-    larger must also be imaged larger: a tool that points its smaller ball steeply at the camera breaks that.
+    Marker 1 is the one nearer the RCM. Two balls of one colour are told apart by their imaged size,
+    so the larger must also be imaged larger: a tool that points its smaller ball steeply at the
+    camera breaks that.
     """
 
     colour_1: str = "green"
@@ -37,7 +40,9 @@ class MarkerLook:
             radius = getattr(self, name)
             require(0.01 <= radius <= 1000.0, name, radius, "a length from 0.01 to 1000 mm")
         ratio = max(self.ratio, 1.0 / self.ratio)
-        right = f"at least {APART} times larger or smaller than radius_1 where the colours are the same"
+        right = (
+            f"at least {APART} times larger or smaller than radius_1 where the colours are the same"
+        )
         require(not self.alike or ratio >= APART, "radius_2", self.radius_2, right)
 
     @property
@@ -56,7 +61,8 @@ Pair = tuple[Ball | None, Ball | None]
 
 @final
 class ColourMarkers:
-    """Two coloured balls on the shaft, followed from frame to frame, a lost one looked for everywhere."""
+    """Two coloured balls on the shaft, followed from frame to frame, a lost one looked for
+    everywhere."""
 
     def __init__(self, look: MarkerLook | None = None) -> None:
         self.look = look or MarkerLook()
@@ -75,8 +81,11 @@ class ColourMarkers:
         return _markers(pair)
 
     def _follow(self, image: Image) -> Pair:
-        """The markers near where they were. Of two alike both or none: one alone might be the other."""
-        first, second = (_near(image, c, ball) for c, ball in zip(self._colours, self._last, strict=True))
+        """The markers near where they were. Of two alike both or none: one alone might be the
+        other."""
+        first, second = (
+            _near(image, c, ball) for c, ball in zip(self._colours, self._last, strict=True)
+        )
         if self.look.alike and not _continued(self._last, (first, second)):
             return None, None
         return first, second
@@ -84,7 +93,9 @@ class ColourMarkers:
     def _search(self, image: Image, followed: Pair) -> Pair:
         """The followed ones as they are, and the missing ones from the whole picture."""
         found = [[ball] if ball else [] for ball in followed]
-        for colour in dict.fromkeys(c for c, some in zip(self._colours, found, strict=True) if not some):
+        for colour in dict.fromkeys(
+            c for c, some in zip(self._colours, found, strict=True) if not some
+        ):
             everywhere = balls(weights(np.array(image), colour))
             for some, c in zip(found, self._colours, strict=True):
                 if c == colour and not some:
@@ -107,7 +118,8 @@ def _picture(frame: Frame) -> Image:
 
 
 def _near(image: Image, colour: int, last: Ball | None) -> Ball | None:
-    """The marker about its last place, unless it jumped or swelled or touches the picture's border."""
+    """The marker about its last place, unless it jumped or swelled or touches the picture's
+    border."""
     if last is None:
         return None
     height, width = image.shape[:2]
@@ -120,7 +132,10 @@ def _near(image: Image, colour: int, last: Ball | None) -> Ball | None:
     if seen is None:
         return None
     ball = Ball(seen.u + left, seen.v + top, seen.radius, seen.quality)
-    steady = ball.distance(last) <= JUMP * last.radius and 1.0 / SWELL < ball.radius / last.radius < SWELL
+    steady = (
+        ball.distance(last) <= JUMP * last.radius
+        and 1.0 / SWELL < ball.radius / last.radius < SWELL
+    )
     return ball if steady and ball.within(width, height) else None
 
 
@@ -134,7 +149,8 @@ def _continued(before: Pair, now: Pair) -> bool:
 
 
 def _plausible(a: Ball, b: Ball, look: MarkerLook) -> bool:
-    """Whether two balls can be markers 1 and 2 by their sizes, neither twice as near as the other."""
+    """Whether two balls can be markers 1 and 2 by their sizes, neither twice as near as the
+    other."""
     ratio = a.radius / b.radius
     if not 0.5 < ratio / look.ratio < 2.0:
         return False
@@ -161,7 +177,12 @@ class PointMarkers:
 
     def find(self, frame: Frame) -> Markers:
         points: Floats = np.array(frame.points, dtype=np.float64)
-        require(points.shape == (2, 2), "frame.points", frame.points, "the two markers' centres, (2, 2) px")
+        require(
+            points.shape == (2, 2),
+            "frame.points",
+            frame.points,
+            "the two markers' centres, (2, 2) px",
+        )
         seen = np.isfinite(points).all(axis=1)
         points[~seen] = np.nan
         return Markers(points, np.full(2, np.nan), np.where(seen, 1.0, 0.0))

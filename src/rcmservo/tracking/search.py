@@ -1,7 +1,8 @@
 """Balls of one colour anywhere in a picture.
 
-Blobs are cut out at several levels between the picture's own background and its own strongest colour, so that no
-level need be right for every light; each blob proposes a place, and the outline decides whether a ball is there.
+Blobs are cut out at several levels between the picture's own background and its own strongest
+colour, so that no level need be right for every light; each blob proposes a place, and the outline
+decides whether a ball is there.
 """
 
 from collections.abc import Iterator
@@ -9,7 +10,7 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from rcmservo.plant import Floats, Image
+from rcmservo.interfaces import Floats, Image
 from rcmservo.tracking.ball import Ball, ball_about, noise
 from rcmservo.tracking.colours import halved
 
@@ -55,14 +56,16 @@ def _starts(coarse: Image) -> Iterator[tuple[float, float, float]]:
 
 
 def _background(coarse: Image) -> tuple[float, float]:
-    """The median of the picture, and how far its 84th percentile lies above: a spread blind to the markers."""
+    """The median of the picture, and how far its 84th percentile lies above: a spread blind to the
+    markers."""
     share = np.cumsum(np.bincount(coarse.ravel(), minlength=256)) / coarse.size
     median = int(np.searchsorted(share, 0.5))
     return float(median), float(int(np.searchsorted(share, 0.84)) - median)
 
 
 def _blobs(mask: Image) -> Iterator[tuple[float, float, float]]:
-    """The centre of each of the largest blobs, and then those of its widest parts: two balls may touch."""
+    """The centre of each of the largest blobs, and then those of its widest parts: two balls may
+    touch."""
     _, labels, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=4)
     areas = stats[1:, cv2.CC_STAT_AREA]
     for k in 1 + np.argsort(-areas, kind="stable")[:BLOBS]:

@@ -1,8 +1,9 @@
-"""Disturbances of the arm: blocked and reversed axes, wrong encoders, silence, the emergency stop."""
+"""Disturbances of the arm: blocked and reversed axes, wrong encoders, silence, the emergency
+stop."""
 
 import numpy as np
 
-from rcmservo.plant import Command, Floats, Measured
+from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.sim.arm import Arm
 from rcmservo.sim.disturb.schedule import Event, Schedule
 from rcmservo.sim.world import World
@@ -56,7 +57,9 @@ class DisturbedArm:
         """What befalls the arm itself, before each step of the physics."""
         self.arm.gains[:] = 1.0
         for event in self.schedule.acting(self.arm.time, "axis_stuck", "axis_reversed", "gain"):
-            self.arm.gains[event.axis] *= GAINS[event.kind] if event.kind in GAINS else event.number("factor")
+            self.arm.gains[event.axis] *= (
+                GAINS[event.kind] if event.kind in GAINS else event.number("factor")
+            )
         if self._is("drive_off"):
             self.arm.watchdog.disable()
 

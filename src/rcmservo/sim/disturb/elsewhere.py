@@ -1,10 +1,11 @@
-"""The camera as it stands after somebody has touched it: bumped, or rolled about its line of sight."""
+"""The camera as it stands after somebody has touched it: bumped, or rolled about its line of
+sight."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from rcmservo.plant import Floats
+from rcmservo.interfaces import Floats
 from rcmservo.sim.optics import Optics
 
 TRIES = 20
@@ -16,7 +17,8 @@ SHAKE = 0.5
 
 
 def bumped(optics: Optics, markers: Floats, px: float, random: np.random.Generator) -> Optics:
-    """The camera turned so that the picture about the `markers` (2, 3) mm jumps by about `px`, some way or other."""
+    """The camera turned so that the picture about the `markers` (2, 3) mm jumps by about `px`, some
+    way or other."""
     turned = optics
     for _ in range(TRIES):
         way = random.uniform(-np.pi, np.pi)
@@ -32,11 +34,13 @@ def bumped(optics: Optics, markers: Floats, px: float, random: np.random.Generat
 def rolled(optics: Optics, markers: Floats, angle: float) -> Optics:
     """The camera turned by `angle` rad about its line of sight.
 
-    If that would bring one of the `markers` (2, 3) mm out of the picture, it is the line of sight to their middle.
+    If that would bring one of the `markers` (2, 3) mm out of the picture, it is the line of sight
+    to their middle.
     """
     to_tool = optics.rotation @ (markers.mean(axis=0) - optics.position)
     about_axis, about_tool = (
-        replace(optics, rotation=_turn(axis, angle) @ optics.rotation) for axis in (np.array([0.0, 0.0, 1.0]), to_tool)
+        replace(optics, rotation=_turn(axis, angle) @ optics.rotation)
+        for axis in (np.array([0.0, 0.0, 1.0]), to_tool)
     )
     return about_axis if _shows(about_axis, markers) else about_tool
 

@@ -1,8 +1,10 @@
-"""What can be done to a simulated rig: every kind of disturbance, its parameters, and the causes that name it rightly.
+"""What can be done to a simulated rig: every kind of disturbance, its parameters, and the causes
+that name it rightly.
 
-A disturbance is written `kind:at=5,for=0.5,key=value`: it acts from `at` s after the run's start for `for` s, or to the
-end. The table KINDS is the only place that knows the kinds; what they do is in the file of the interface where they
-arise: view.py (what the camera sees), delivery.py (how its frames come), arm.py and process.py.
+A disturbance is written `kind:at=5,for=0.5,key=value`: it acts from `at` s after the run's start
+for `for` s, or to the end. The table KINDS is the only place that knows the kinds; what they do is
+in the file of the interface where they arise: view.py (what the camera sees), delivery.py (how its
+frames come), arm.py and process.py.
 """
 
 import difflib
@@ -14,7 +16,7 @@ from types import MappingProxyType
 import numpy as np
 
 from rcmservo.errors import BadInput, require
-from rcmservo.states import Cause
+from rcmservo.guard.states import Cause
 
 LONGEST = 1e6
 """s from which on a time is no part of a run."""
@@ -24,7 +26,8 @@ Value = float | str
 
 @dataclass(frozen=True)
 class Number:
-    """A parameter that is a number in `unit`, from `low` to `high`; ``likely`` bounds what chance draws."""
+    """A parameter that is a number in `unit`, from `low` to `high`; ``likely`` bounds what chance
+    draws."""
 
     default: float
     low: float
@@ -44,7 +47,9 @@ class Number:
         """A value by chance."""
         low, high = self.likely
         return (
-            float(random.integers(int(low), int(high) + 1)) if self.whole else float(f"{random.uniform(low, high):.3g}")
+            float(random.integers(int(low), int(high) + 1))
+            if self.whole
+            else float(f"{random.uniform(low, high):.3g}")
         )
 
     @property
@@ -80,9 +85,10 @@ class Choice:
 class Kind:
     """One kind of disturbance.
 
-    ``does`` says in words what happens; ``causes`` are those that a person would accept as naming it, warnings
-    included. ``lasts`` is the `for` s where none is given, None where it cannot be undone; ``likely`` bounds the `for`
-    s that chance draws. ``pictures`` False marks what only a camera that delivers points can suffer.
+    ``does`` says in words what happens; ``causes`` are those that a person would accept as naming
+    it, warnings included. ``lasts`` is the `for` s where none is given, None where it cannot be
+    undone; ``likely`` bounds the `for` s that chance draws. ``pictures`` False marks what only a
+    camera that delivers points can suffer.
     """
 
     does: str
@@ -93,7 +99,12 @@ class Kind:
     pictures: bool = True
 
 
-def _kind(does: str, *causes: Cause, parameters: Mapping[str, Number | Choice] | None = None, **rest: object) -> Kind:
+def _kind(
+    does: str,
+    *causes: Cause,
+    parameters: Mapping[str, Number | Choice] | None = None,
+    **rest: object,
+) -> Kind:
     return Kind(does, frozenset(causes), parameters or {}, **rest)  # pyright: ignore[reportArgumentType]
 
 
@@ -111,7 +122,9 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             *LOST,
             parameters={"marker": Number(0, 0, 2, (0, 2), whole=True)},
         ),
-        "swap": _kind("each marker looks like the other", Cause.SWAPPED, Cause.SURPRISED, Cause.REJECTED),
+        "swap": _kind(
+            "each marker looks like the other", Cause.SWAPPED, Cause.SURPRISED, Cause.REJECTED
+        ),
         "false_marker": _kind(
             "a marker is hidden, and something that looks like it appears some way off",
             Cause.SURPRISED,
@@ -121,9 +134,15 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
                 "px": Number(60.0, 1.0, 1000.0, (15.0, 150.0), "px"),
             },
         ),
-        "nan_points": _kind("the tracker gives coordinates that are not finite", *LOST, pictures=False),
-        "smoke": _kind("smoke drifts before the camera, too dense to see through", *LOST, likely=(1.0, 4.0)),
-        "stain": _kind("blood is splashed on the lens where the markers are seen", *LOST, likely=(0.5, 3.0)),
+        "nan_points": _kind(
+            "the tracker gives coordinates that are not finite", *LOST, pictures=False
+        ),
+        "smoke": _kind(
+            "smoke drifts before the camera, too dense to see through", *LOST, likely=(1.0, 4.0)
+        ),
+        "stain": _kind(
+            "blood is splashed on the lens where the markers are seen", *LOST, likely=(0.5, 3.0)
+        ),
         "bump": _kind(
             "somebody bumps into the camera: the picture jumps by so much and stays there",
             *MOVED,
@@ -136,7 +155,9 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             parameters={"deg": Number(180.0, -180.0, 180.0, (10.0, 180.0), "deg")},
             lasts=None,
         ),
-        "relocate": _kind("the camera is moved elsewhere and sees the tool from another side", *MOVED, lasts=None),
+        "relocate": _kind(
+            "the camera is moved elsewhere and sees the tool from another side", *MOVED, lasts=None
+        ),
         "stuck": _kind("the camera stands still: no frame comes", Cause.STALE, Cause.AGEING),
         "delay": _kind(
             "every frame comes later by another time of up to s",
@@ -149,10 +170,20 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             parameters={"s": Number(0.15, 0.0, 1.0, (0.02, 0.4), "s")},
         ),
         "frame_drop": _kind(
-            "a share of the frames is lost on the way", Cause.STALE, Cause.AGEING, parameters={"share": SHARE}
+            "a share of the frames is lost on the way",
+            Cause.STALE,
+            Cause.AGEING,
+            parameters={"share": SHARE},
         ),
-        "repeat": _kind("the same frame comes again and again", Cause.FRAMES_NOT_NEW, Cause.STALE, Cause.AGEING),
-        "shuffle": _kind("of every two frames the later comes first", Cause.FRAMES_NOT_NEW, Cause.STALE, Cause.AGEING),
+        "repeat": _kind(
+            "the same frame comes again and again", Cause.FRAMES_NOT_NEW, Cause.STALE, Cause.AGEING
+        ),
+        "shuffle": _kind(
+            "of every two frames the later comes first",
+            Cause.FRAMES_NOT_NEW,
+            Cause.STALE,
+            Cause.AGEING,
+        ),
         "clock_step": _kind(
             "the camera's clock is wrong by s",
             *(Cause.FRAMES_CLOCK, Cause.AGEING),
@@ -165,7 +196,9 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         ),
         "axis_stuck": _kind("an axis is blocked", Cause.NOT_FOLLOWING, parameters={"axis": AXIS}),
         "axis_reversed": _kind(
-            "an axis turns the other way than commanded", Cause.NOT_FOLLOWING, parameters={"axis": AXIS}
+            "an axis turns the other way than commanded",
+            Cause.NOT_FOLLOWING,
+            parameters={"axis": AXIS},
         ),
         "gain": _kind(
             "an axis moves so many times as fast as commanded",
@@ -183,17 +216,26 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             parameters={"axis": AXIS, "offset": Number(5.0, -90.0, 90.0, (2.0, 10.0), "deg or mm")},
         ),
         "encoder_nan": _kind(
-            "an encoder tells what is not a number", Cause.JOINTS_NOT_FINITE, parameters={"axis": AXIS}
+            "an encoder tells what is not a number",
+            Cause.JOINTS_NOT_FINITE,
+            parameters={"axis": AXIS},
         ),
         "arm_silent": _kind("the arm neither answers nor hears", Cause.ARM_SILENT, Cause.DRIVE_OFF),
         "drive_off": _kind("somebody presses the emergency stop", Cause.DRIVE_OFF),
-        "overrun": _kind("one tick takes longer by `for`", *LATE_LOOP, lasts=0.1, likely=(0.006, 0.3)),
+        "overrun": _kind(
+            "one tick takes longer by `for`", *LATE_LOOP, lasts=0.1, likely=(0.006, 0.3)
+        ),
         "jitter": _kind(
             "every tick comes later by another time of up to s",
             *LATE_LOOP,
             parameters={"s": Number(0.01, 0.0, 1.0, (0.003, 0.05), "s")},
         ),
-        "hang": _kind("the process is stopped for `for`, and goes on", *LATE_LOOP, lasts=0.5, likely=(0.02, 1.5)),
+        "hang": _kind(
+            "the process is stopped for `for`, and goes on",
+            *LATE_LOOP,
+            lasts=0.5,
+            likely=(0.02, 1.5),
+        ),
         "kill": _kind("the process is killed: nothing is sent from then on", lasts=None),
         "disk_full": _kind("the disk is full", Cause.NOT_RECORDED),
     }
@@ -202,8 +244,8 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Disturbance:
-    """One thing that happens to a rig: its ``kind`` in KINDS, from ``at`` s after the start for ``duration`` s, and the
-    ``parameters`` of its kind; those left out take their defaults."""
+    """One thing that happens to a rig: its ``kind`` in KINDS, from ``at`` s after the start for
+    ``duration`` s, and the ``parameters`` of its kind; those left out take their defaults."""
 
     kind: str
     at: float = 0.0
@@ -234,7 +276,9 @@ class Disturbance:
         given: dict[str, Value] = {}
         for item in rest.split(",") if rest else []:
             key, equals, value = (part.strip() for part in item.partition("="))
-            require(bool(key and equals and value), f"{kind}: {item!r}", item, "of the form key=value")
+            require(
+                bool(key and equals and value), f"{kind}: {item!r}", item, "of the form key=value"
+            )
             require(key not in given, f"{kind}: {key}", text, "given once")
             given[key] = value
         at, duration = given.pop("at", 0.0), given.pop("for", None)
@@ -245,7 +289,9 @@ class Disturbance:
         if math.isfinite(self.lasts):
             pairs["for"] = self.lasts
         pairs |= self.parameters
-        return f"{self.kind}:" + ",".join(f"{key}={_written(value)}" for key, value in pairs.items())
+        return f"{self.kind}:" + ",".join(
+            f"{key}={_written(value)}" for key, value in pairs.items()
+        )
 
     def number(self, name: str) -> float:
         """The parameter of this name, a number."""
@@ -263,33 +309,44 @@ class Disturbance:
 
 
 def describe() -> str:
-    """One line for each kind that a rig with pictures can suffer: how it is written, and what it does."""
+    """One line for each kind that a rig with pictures can suffer: how it is written, and what it
+    does."""
     lines: list[str] = []
     for name, kind in KINDS.items():
         if not kind.pictures:
             continue
-        keys = [f"{key}={_written(parameter.default)}" for key, parameter in kind.parameters.items()]
+        keys = [
+            f"{key}={_written(parameter.default)}" for key, parameter in kind.parameters.items()
+        ]
         if kind.lasts is not None:
             keys.insert(0, "for" if math.isinf(kind.lasts) else f"for={kind.lasts:g}")
         usage = f"{name}:" + ",".join(["at", *keys])
-        bounds = "; ".join(f"{key}: {parameter.right}" for key, parameter in kind.parameters.items())
+        bounds = "; ".join(
+            f"{key}: {parameter.right}" for key, parameter in kind.parameters.items()
+        )
         lines.append(f"{usage:<40} {kind.does}{f' ({bounds})' if bounds else ''}")
     return "\n".join(lines)
 
 
 def causes_of(kind: str) -> set[Cause]:
-    """The causes that a person would accept as naming a disturbance of this kind, warnings included.
+    """The causes that a person would accept as naming a disturbance of this kind, warnings
+    included.
 
     Empty for one after which the servo says nothing any more.
     """
     return set(KINDS[kind].causes)
 
 
-def random_disturbances(random: np.random.Generator, duration: float, pictures: bool = False) -> list[Disturbance]:
-    """One to three disturbances by chance in a run of `duration` s, for a rig with or without pictures."""
+def random_disturbances(
+    random: np.random.Generator, duration: float, pictures: bool = False
+) -> list[Disturbance]:
+    """One to three disturbances by chance in a run of `duration` s, for a rig with or without
+    pictures."""
     names = [name for name, kind in KINDS.items() if kind.pictures or not pictures]
     chosen = random.choice(names, size=random.integers(1, 4), replace=False).tolist()
-    return sorted((_drawn(random, name, duration) for name in chosen), key=lambda disturbance: disturbance.at)
+    return sorted(
+        (_drawn(random, name, duration) for name in chosen), key=lambda disturbance: disturbance.at
+    )
 
 
 def _drawn(random: np.random.Generator, name: str, duration: float) -> Disturbance:
@@ -302,7 +359,11 @@ def _drawn(random: np.random.Generator, name: str, duration: float) -> Disturban
 def _number(value: object) -> float:
     """The value as a number; NaN where it is none."""
     try:
-        return float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else math.nan
+        return (
+            float(value)
+            if isinstance(value, int | float | str) and not isinstance(value, bool)
+            else math.nan
+        )
     except ValueError:
         return math.nan
 
@@ -315,17 +376,29 @@ def _time(where: str, value: object) -> float:
 
 def _duration(name: str, kind: Kind, value: object) -> float:
     if kind.lasts is None:
-        require(value is None or value == math.inf, f"{name}: for", value, "left out: this cannot be undone")
+        require(
+            value is None or value == math.inf,
+            f"{name}: for",
+            value,
+            "left out: this cannot be undone",
+        )
         return math.inf
     if value is None or (value == math.inf and math.isinf(kind.lasts)):
         return kind.lasts
     number = _number(value)
-    require(0.0 < number <= LONGEST, f"{name}: for", value, f"a time in s above 0 and at most {LONGEST:g}")
+    require(
+        0.0 < number <= LONGEST,
+        f"{name}: for",
+        value,
+        f"a time in s above 0 and at most {LONGEST:g}",
+    )
     return number
 
 
 def _keys(kind: Kind) -> str:
-    return "one of " + ", ".join(["at", *(["for"] if kind.lasts is not None else []), *kind.parameters])
+    return "one of " + ", ".join(
+        ["at", *(["for"] if kind.lasts is not None else []), *kind.parameters]
+    )
 
 
 def _written(value: Value) -> str:

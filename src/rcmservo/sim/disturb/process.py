@@ -5,7 +5,8 @@ from rcmservo.sim.disturb.schedule import Schedule
 
 
 class Killed(RcmServoError):
-    """The simulated process was killed: from here on nothing is sent, and the arm's own watchdog must stop it.
+    """The simulated process was killed: from here on nothing is sent, and the arm's own watchdog
+    must stop it.
 
     `rig.clock.pass_until` lets time go on without it.
     """

@@ -31,7 +31,8 @@ class Event:
 
 
 class Schedule:
-    """All disturbances of a rig. Nothing acts before `begin`; a process that is ``killed`` sends nothing any more."""
+    """All disturbances of a rig. Nothing acts before `begin`; a process that is ``killed`` sends
+    nothing any more."""
 
     def __init__(self, disturbances: Sequence[Disturbance], chance: np.random.SeedSequence) -> None:
         self.disturbances = tuple(disturbances)

@@ -1,7 +1,8 @@
-"""Smoke before the camera and blood on its lens: how much of the scene's light they take, and the light that they add.
+"""Smoke before the camera and blood on its lens: how much of the scene's light they take, and the
+light that they add.
 
-A veil is worked out on a coarse grid and drawn out to the picture's size: neither has a sharp edge. Lengths in px,
-time in s since it came.
+A veil is worked out on a coarse grid and drawn out to the picture's size: neither has a sharp edge.
+Lengths in px, time in s since it came.
 
     light = (1 − opacity) · scene + opacity · veil
 """
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from rcmservo.plant import Floats
+from rcmservo.interfaces import Floats
 from rcmservo.sim.renderer import Light
 
 GRID = 4
@@ -23,11 +24,13 @@ FIELD = 256
 """Places across a random field, which repeats."""
 
 COVERED = 0.8
-"""Opacity from which on nothing behind it is found; a camera without pictures loses its markers there."""
+"""Opacity from which on nothing behind it is found; a camera without pictures loses its markers
+there."""
 
 
 class Pane(NamedTuple):
-    """A veil at one moment, on its grid: its ``opacity`` (h, w) from 0 to 1, and its ``colour`` (h, w, 3) in light."""
+    """A veil at one moment, on its grid: its ``opacity`` (h, w) from 0 to 1, and its ``colour`` (h,
+    w, 3) in light."""
 
     opacity: Floats
     colour: Floats
@@ -50,7 +53,9 @@ class Veil(ABC):
         """Lay it over the light (H, W, 3) of a scene, in place."""
         width, height = self.size
         opacity, colour = self.pane(time)
-        added = np.concatenate([opacity[..., None] * colour, 1.0 - opacity[..., None]], axis=-1).astype(np.float32)
+        added = np.concatenate(
+            [opacity[..., None] * colour, 1.0 - opacity[..., None]], axis=-1
+        ).astype(np.float32)
         fine = _drawn_out(added)[:height, :width]
         light *= fine[..., 3:]
         light += fine[..., :3]
@@ -62,7 +67,8 @@ class Veil(ABC):
         return ndimage.map_coordinates(opacity, places, order=1, mode="constant") > COVERED
 
     def present(self, time: float, coming: float, going: float) -> float:
-        """How much of it is there, 0 to 1, if it takes so many s to come and to go: at most a third of its time."""
+        """How much of it is there, 0 to 1, if it takes so many s to come and to go: at most a third
+        of its time."""
         longest = self.lasts / 3.0
         share = min(time / min(coming, longest), (self.lasts - time) / min(going, longest), 1.0)
         return max(share, 0.0) ** 2 * (3.0 - 2.0 * max(share, 0.0))
@@ -70,18 +76,23 @@ class Veil(ABC):
 
 @final
 class Smoke(Veil):
-    """Smoke that rises at the tool and drifts before the lamp: bright grey, soft, its billows ever changing."""
+    """Smoke that rises at the tool and drifts before the lamp: bright grey, soft, its billows ever
+    changing."""
 
     COMES, GOES = 0.8, 1.0
     DENSITY = 10.0
     REACH = 0.62
     """Of the picture's width: how far the dense part extends."""
 
-    def __init__(self, size: tuple[int, int], lasts: float, origin: Floats, random: np.random.Generator) -> None:
+    def __init__(
+        self, size: tuple[int, int], lasts: float, origin: Floats, random: np.random.Generator
+    ) -> None:
         super().__init__(size, lasts)
         self._origin = origin
         self._billows = [random_field(random, roughness) for roughness in (3.3, 3.3, 4.0)]
-        self._winds = random.uniform(-1.0, 1.0, (3, 2)) * 0.16 * size[0] + np.array([0.0, -0.05 * size[0]])
+        self._winds = random.uniform(-1.0, 1.0, (3, 2)) * 0.16 * size[0] + np.array(
+            [0.0, -0.05 * size[0]]
+        )
         self._phases = random.uniform(0.0, 2.0 * np.pi, 2)
 
     def pane(self, time: float) -> Pane:
@@ -89,9 +100,13 @@ class Smoke(Veil):
         width = self.size[0]
         first, second, slow = (self._seen(i, time) for i in range(3))
         billow = 0.6 * first + 0.5 * second
-        centre = self._origin + 0.06 * width * (np.sin(0.7 * time + self._phases) - np.sin(self._phases))
+        centre = self._origin + 0.06 * width * (
+            np.sin(0.7 * time + self._phases) - np.sin(self._phases)
+        )
         reach = self.REACH * width * (0.45 + 0.55 * there) * (1.0 + 0.12 * slow)
-        spread = np.exp(-((((self.u - centre[0]) ** 2 + (self.v - centre[1]) ** 2) / reach**2) ** 2))
+        spread = np.exp(
+            -((((self.u - centre[0]) ** 2 + (self.v - centre[1]) ** 2) / reach**2) ** 2)
+        )
         depth = self.DENSITY * there * spread * np.exp(0.45 * np.clip(billow, -1.8, 1.8))
         across = np.hypot(self.u - width / 2.0, self.v - self.size[1] / 2.0) / width
         bright = (196.0 + 14.0 * slow + 16.0 * billow) * (1.0 - 0.55 * across**2)
@@ -101,21 +116,27 @@ class Smoke(Veil):
     def _seen(self, i: int, time: float) -> Floats:
         """The i-th billows over the picture, where their wind has carried them."""
         scale = FIELD / (1.5 * self.size[0])
-        places = np.stack([self.v - time * self._winds[i, 1], self.u - time * self._winds[i, 0]]) * scale
+        places = (
+            np.stack([self.v - time * self._winds[i, 1], self.u - time * self._winds[i, 0]]) * scale
+        )
         return sampled(self._billows[i], places)
 
 
 @final
 class Stain(Veil):
-    """Blood splashed on the lens about the markers: dark red, opaque, its rim thinner, with the lamp's glint on it."""
+    """Blood splashed on the lens about the markers: dark red, opaque, its rim thinner, with the
+    lamp's glint on it."""
 
     COMES, GOES = 0.08, 0.15
     FULL = 0.99
     EDGE = 0.16
     """Height, as a share of a drop's, over which the rim goes from clear to opaque."""
 
-    def __init__(self, size: tuple[int, int], lasts: float, drops: Floats, random: np.random.Generator) -> None:
-        """`drops` (n, 3) px: u, v and radius of what must be covered; smaller ones splash around."""
+    def __init__(
+        self, size: tuple[int, int], lasts: float, drops: Floats, random: np.random.Generator
+    ) -> None:
+        """`drops` (n, 3) px: u, v and radius of what must be covered; smaller ones splash
+        around."""
         super().__init__(size, lasts)
         all_drops = np.concatenate([drops, *(self._splashed(drop, random) for drop in drops)])
         scale = FIELD / (0.75 * size[0])
@@ -129,23 +150,34 @@ class Stain(Veil):
         return Pane(self.present(time, self.COMES, self.GOES) * self._opacity, self._colour)
 
     def _merged(self, drops: Floats) -> Floats:
-        """How high blood stands: 0 about the rim of a drop and 1 in its middle; where drops meet, they merge."""
+        """How high blood stands: 0 about the rim of a drop and 1 in its middle; where drops meet,
+        they merge."""
         far = np.stack([np.hypot(self.u - u, self.v - v) / radius for u, v, radius in drops])
         return np.log(np.sum(np.exp(6.0 * (1.25 - np.minimum(far, 20.0))), axis=0)) / 6.0
 
     def _splashed(self, drop: Floats, random: np.random.Generator) -> Floats:
         count = int(random.integers(4, 9))
-        way, far = random.uniform(0.0, 2.0 * np.pi, count), drop[2] * random.uniform(1.2, 3.0, count)
+        way, far = (
+            random.uniform(0.0, 2.0 * np.pi, count),
+            drop[2] * random.uniform(1.2, 3.0, count),
+        )
         radius = drop[2] * random.uniform(0.06, 0.3, count)
         return np.column_stack([drop[0] + far * np.cos(way), drop[1] + far * np.sin(way), radius])
 
     def _shaded(self, height: Floats, rough: Floats) -> Floats:
-        """Thin blood lets red light through, thick blood hardly any; its slope mirrors the lamp, up on the left."""
+        """Thin blood lets red light through, thick blood hardly any; its slope mirrors the lamp, up
+        on the left."""
         thick = _smooth(height / 0.55)[..., None]
-        colour = thick * np.array([17.0, 14.0, 72.0]) + (1.0 - thick) * np.array([32.0, 28.0, 150.0])
+        colour = thick * np.array([17.0, 14.0, 72.0]) + (1.0 - thick) * np.array(
+            [32.0, 28.0, 150.0]
+        )
         colour *= 1.0 + 0.1 * rough[..., None]
-        dome: Floats = 7.0 * np.asarray(ndimage.gaussian_filter(np.sqrt(height), 1.0), dtype=np.float64)
-        normal = np.stack([-np.gradient(dome, axis=1), -np.gradient(dome, axis=0), np.ones_like(dome)], axis=-1)
+        dome: Floats = 7.0 * np.asarray(
+            ndimage.gaussian_filter(np.sqrt(height), 1.0), dtype=np.float64
+        )
+        normal = np.stack(
+            [-np.gradient(dome, axis=1), -np.gradient(dome, axis=0), np.ones_like(dome)], axis=-1
+        )
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
         half = np.array([-0.45, -0.5, 0.74])
         glint = np.maximum(normal @ (half / np.linalg.norm(half)), 0.0) ** 150
@@ -153,7 +185,8 @@ class Stain(Veil):
 
 
 def random_field(random: np.random.Generator, roughness: float) -> Floats:
-    """A random field (FIELD, FIELD) that repeats: mean 0, spread 1, its power falling as 1/f^roughness."""
+    """A random field (FIELD, FIELD) that repeats: mean 0, spread 1, its power falling as
+    1/f^roughness."""
     f = np.hypot(np.fft.fftfreq(FIELD, 1.0 / FIELD)[:, None], np.fft.fftfreq(FIELD, 1.0 / FIELD))
     spectrum = np.where(f > 0.0, 1.0 / np.maximum(f, 2.0) ** (roughness / 2.0), 0.0)
     field = np.fft.ifft2(np.fft.fft2(random.standard_normal((FIELD, FIELD))) * spectrum).real
@@ -162,7 +195,9 @@ def random_field(random: np.random.Generator, roughness: float) -> Floats:
 
 def sampled(field: Floats, places: Floats) -> Floats:
     """A field that repeats, at `places` (2, ...) in its own rows and columns."""
-    return np.asarray(ndimage.map_coordinates(field, places, order=1, mode="grid-wrap"), dtype=np.float64)
+    return np.asarray(
+        ndimage.map_coordinates(field, places, order=1, mode="grid-wrap"), dtype=np.float64
+    )
 
 
 def _smooth(share: Floats) -> Floats:
@@ -171,7 +206,8 @@ def _smooth(share: Floats) -> Floats:
 
 
 def _drawn_out(coarse: Light) -> Light:
-    """The grid's values (h, w, n) at every pixel, linear between: ((h − 1) GRID, (w − 1) GRID, n)."""
+    """The grid's values (h, w, n) at every pixel, linear between: ((h − 1) GRID, (w − 1) GRID,
+    n)."""
     share: Light = (np.arange(GRID, dtype=np.float32) / np.float32(GRID))[:, None]
     rows = coarse[:-1, None] + share[:, None] * (coarse[1:] - coarse[:-1])[:, None]
     rows = rows.reshape(-1, *coarse.shape[1:])

@@ -1,7 +1,8 @@
-"""Disturbances of what the camera sees: markers lost, exchanged or mimicked, smoke, blood on the lens, a camera moved.
+"""Disturbances of what the camera sees: markers lost, exchanged or mimicked, smoke, blood on the
+lens, a camera moved.
 
-In pictures they are drawn; from a camera that delivers points, a marker that would be hidden is lost. What is seen is
-decided by the moment of the exposure.
+In pictures they are drawn; from a camera that delivers points, a marker that would be hidden is
+lost. What is seen is decided by the moment of the exposure.
 """
 
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rcmservo.plant import Floats, Frame
+from rcmservo.interfaces import Floats, Frame
 from rcmservo.sim.cameras import PictureCamera, PointCamera
 from rcmservo.sim.disturb.schedule import Event, Schedule
 from rcmservo.sim.disturb.veils import Smoke, Stain, Veil
@@ -28,10 +29,15 @@ BROKEN = np.array([[np.nan, np.inf], [-np.inf, np.nan]])
 
 
 class View:
-    """A camera before whose lens things happen. `moved` is called when the camera itself is moved."""
+    """A camera before whose lens things happen. `moved` is called when the camera itself is
+    moved."""
 
     def __init__(
-        self, camera: PictureCamera | PointCamera, look: Look, schedule: Schedule, moved: Callable[[Event], None]
+        self,
+        camera: PictureCamera | PointCamera,
+        look: Look,
+        schedule: Schedule,
+        moved: Callable[[Event], None],
     ) -> None:
         self.camera, self.look, self.schedule, self.moved = camera, look, schedule, moved
         self._done: set[Event] = set()
@@ -106,7 +112,11 @@ class View:
 
     @property
     def _optics(self) -> Optics:
-        return self.camera.renderer.optics if isinstance(self.camera, PictureCamera) else self.camera.optics
+        return (
+            self.camera.renderer.optics
+            if isinstance(self.camera, PictureCamera)
+            else self.camera.optics
+        )
 
     @property
     def _size(self) -> tuple[int, int]:
@@ -134,7 +144,8 @@ class View:
         return self._veils[event]
 
     def _offset(self, event: Event, time: int, i: int) -> Floats:
-        """How far from the true marker i its likeness appears, (2,) px: within the picture, if that can be."""
+        """How far from the true marker i its likeness appears, (2,) px: within the picture, if that
+        can be."""
         if event not in self._offsets:
             margin = MARGIN + self._radius(time, i)
             ways = event.random.uniform(0.0, 2.0 * np.pi, 16)
@@ -160,7 +171,9 @@ def _ball(u: float, v: float, radius: float, colour: Colour) -> Callable[[Light]
 
     def paint(light: Light) -> None:
         height, width = light.shape[:2]
-        distance = np.hypot(np.arange(float(width))[None, :] - u, np.arange(float(height))[:, None] - v)
+        distance = np.hypot(
+            np.arange(float(width))[None, :] - u, np.arange(float(height))[:, None] - v
+        )
         cover = np.clip(radius + 0.5 - distance, 0.0, 1.0)[..., None]
         facing = np.sqrt(np.clip(1.0 - (distance / radius) ** 2, 0.0, 1.0))[..., None]
         light += (cover * ((0.35 + 0.65 * facing) * np.array(colour) - light)).astype(np.float32)

@@ -1,0 +1,181 @@
+"""A record as plain tables for other programs: CSV, NumPy, and the frames as a recording.
+
+ticks.csv     one row for every tick, units in the header; what is not known is left empty
+record.npz    the same numbers as arrays, bit for bit, with the stages and settings
+recording/    the frames, if the record holds any, as `replay` reads them
+"""
+
+import csv
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from rcmservo.config.servo_json import rebuild_box
+from rcmservo.errors import BadInput, UnusableFile
+from rcmservo.interfaces import Floats
+from rcmservo.offline.frames_folder import RecordingWriter
+from rcmservo.record import reader
+from rcmservo.record.layout import FLAGS, INTEGERS
+from rcmservo.record.reader import Record
+
+JOINTS = ("1 [rad]", "2 [rad]", "3 [mm]")
+RATES = ("1 [rad/s]", "2 [rad/s]", "3 [mm/s]")
+PLACE = ("x [mm]", "y [mm]", "z [mm]")
+FEATURES = ("s [rad]", "r [px]", "d [px]")
+PIXEL = ("u [px]", "v [px]")
+MARKERS = ("m1_u [px]", "m1_v [px]", "m2_u [px]", "m2_v [px]")
+
+UNITS = {name: ("[ns]",) for name in INTEGERS} | {
+    **dict.fromkeys(("frame", "believed", "good", "command_number"), ("[1]",)),
+    "rcm_condition": ("[1]",),
+    "condition": ("[1]",),
+    "period": ("[ns]",),
+    "q": JOINTS,
+    "q_exposure": JOINTS,
+    "points": MARKERS,
+    "applied_before": RATES,
+    "o_c": PIXEL,
+    "p1": PLACE,
+    "y": FEATURES,
+    "delta": FEATURES,
+    "ahead": FEATURES,
+    "J_hat": tuple(
+        f"{y}_{x} [{unit}/mm]"
+        for y, unit in (("s", "rad"), ("r", "px"), ("d", "px"))
+        for x in "xyz"
+    ),
+    "a_hat": tuple(f"{i} [free scale]" for i in range(1, 10)),
+    "model": MARKERS,
+    "v": ("x [mm/s]", "y [mm/s]", "z [mm/s]"),
+    "command": RATES,
+    "applied": RATES,
+    **dict.fromkeys(FLAGS, ("[0 or 1]",)),
+}
+"""What every column of a tick holds, with its unit."""
+
+TRUTH_UNITS = {"p1": PLACE, "p2": PLACE, "jacobian_error": ("[1]",)}
+
+BLOCK = 1000
+"""Ticks that are turned into text at a time: a long run's would fill the memory."""
+
+
+@dataclass(frozen=True)
+class Exported:
+    """How many ``ticks`` and ``frames`` were written, and how many frames were ``left_out``: no
+    tick has used them.
+
+    ``missing`` tells what of the record could not be read.
+    """
+
+    ticks: int
+    frames: int
+    left_out: int
+    missing: str
+
+
+def export(path: Path, folder: Path) -> Exported:
+    """Write the record of a run into an empty folder."""
+    rows = reader.read(path)
+    _write_csv(rows, folder / "ticks.csv")
+    with (folder / "record.npz").open("wb") as file:
+        np.savez_compressed(file, **arrays(rows))
+    frames, left_out = _write_frames(rows, folder / "recording")
+    return Exported(len(rows.time), frames, left_out, rows.missing)
+
+
+def arrays(rows: Record) -> dict[str, Any]:
+    """A record as plain arrays by name: time s, ticks, truth and words (N, …), and the stages (S,
+    …).
+
+    None is of Python's objects, which could only be kept as a pickle.
+    """
+    return {
+        "time": rows.time,
+        **rows.ticks,
+        **{f"truth_{name}": column for name, column in rows.truth.items()},
+        **{name: np.array(words, dtype=np.str_) for name, words in rows.words.items()},
+        "stage_first": np.array([stage.first for stage in rows.stages], dtype=np.int64),
+        "stage_target_points": np.array(
+            [stage.target.points for stage in rows.stages], dtype=np.float64
+        ).reshape(-1, 2, 2),
+        "stage_target_q": np.array(
+            [stage.target.q for stage in rows.stages], dtype=np.float64
+        ).reshape(-1, 3),
+        "stage_servo": np.array([json.dumps(stage.servo) for stage in rows.stages], dtype=np.str_),
+        "about": np.array(json.dumps(rows.about), dtype=np.str_),
+        "missing": np.array(rows.missing, dtype=np.str_),
+    }
+
+
+def _write_csv(rows: Record, path: Path) -> None:
+    titles, columns = _columns(rows)
+    try:
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(titles)
+            for i in range(0, len(rows.time), BLOCK):
+                writer.writerows(
+                    zip(*(_texts(column[i : i + BLOCK]) for column in columns), strict=True)
+                )
+    except OSError as error:
+        raise UnusableFile(path, f"cannot be written: {error.strerror}") from error
+
+
+def _columns(rows: Record) -> tuple[list[str], list[Any]]:
+    """The table's titles, and under each its column (N,)."""
+    titles: list[str] = ["time [s]"]
+    columns: list[Any] = [rows.time]
+    tables = [("", rows.ticks, UNITS), ("truth_", rows.truth, TRUTH_UNITS)]
+    for start, table, units in tables if len(rows.truth["p1"]) else tables[:1]:
+        for name, column in table.items():
+            for i, unit in enumerate(units[name]):
+                titles.append(f"{start}{name}{' ' if unit.startswith('[') else '_'}{unit}")
+                columns.append(column[:, i])
+    return [*titles, *rows.words], [*columns, *rows.words.values()]
+
+
+def _texts(column: Any) -> Iterable[Any]:
+    """A column's words or numbers as they are written: none that is lost, and nothing where there
+    is no number."""
+    if isinstance(column, list):
+        return cast(list[str], column)
+    if column.dtype.kind == "f":
+        return ["" if math.isnan(value) else repr(value) for value in column.tolist()]
+    return column.astype(np.int64).tolist()
+
+
+def _write_frames(rows: Record, folder: Path) -> tuple[int, int]:
+    """Write the frames with the joints at their exposures; how many, and how many more no tick
+    tells the joints of."""
+    joints = _joints(rows)
+    writer, count, left_out = None, 0, 0
+    for exposure, jpeg in reader.pictures(rows.path):
+        q = joints.get(exposure)
+        if q is None:
+            left_out += 1
+            continue
+        if writer is None:
+            writer = RecordingWriter(folder, _mechanism(rows))
+        writer.write(jpeg, q, exposure)
+        count += 1
+    return count, left_out
+
+
+def _joints(rows: Record) -> dict[int, Floats]:
+    """The joints (3,) at every exposure that a tick has used."""
+    exposures, joints = rows.ticks["exposure"][:, 0].tolist(), rows.ticks["q_exposure"]
+    return {
+        exposure: q for exposure, q in zip(exposures, joints, strict=True) if np.isfinite(q).all()
+    }
+
+
+def _mechanism(rows: Record) -> Any:
+    try:
+        return rebuild_box(rows.stages[0].servo, "mechanism")
+    except (IndexError, BadInput) as error:
+        raise UnusableFile(rows.path, "does not tell the mechanism that its frames need") from error

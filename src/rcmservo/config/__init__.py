@@ -1,0 +1,1 @@
+"""What can be named and written down: rigs, servos and targets in files."""

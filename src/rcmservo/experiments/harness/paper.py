@@ -1,0 +1,112 @@
+"""All experiments of the paper from one command: tasks on all cores, then the chapters, then the
+report."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from rcmservo.config.files import write_whole
+from rcmservo.errors import BadInput, UnusableFile
+from rcmservo.experiments import (
+    accuracy,
+    baselines,
+    coordinates,
+    differentiation,
+    estimator_time,
+    imaged_rcm_accuracy,
+    lemma_1,
+    path_following,
+    potential,
+    proposition_1,
+    proposition_2,
+    regulation_flow,
+    regulation_projection,
+    relocation,
+    showing,
+    stability,
+    tool_model,
+)
+from rcmservo.experiments.harness import report
+from rcmservo.experiments.harness.claims import Chapter, Experiment, Results, Task
+from rcmservo.experiments.harness.work import run_all
+
+MODULES = (
+    regulation_projection,
+    regulation_flow,
+    showing,
+    potential,
+    lemma_1,
+    proposition_1,
+    proposition_2,
+    stability,
+    imaged_rcm_accuracy,
+    relocation,
+    accuracy,
+    baselines,
+    path_following,
+    tool_model,
+    coordinates,
+    differentiation,
+    estimator_time,
+)
+EXPERIMENTS: dict[str, Experiment] = {
+    module.EXPERIMENT.name: module.EXPERIMENT for module in MODULES
+}
+"""All experiments by name, in the order of the report."""
+
+MODE = "paper.json"
+
+
+def chosen(only: str | None) -> dict[str, Experiment]:
+    """The experiments to run: all, or the one of that name."""
+    if only is None:
+        return dict(EXPERIMENTS)
+    if only not in EXPERIMENTS:
+        raise BadInput("--only", only, "one of " + ", ".join(EXPERIMENTS))
+    return {only: EXPERIMENTS[only]}
+
+
+def tasks_of(experiments: Mapping[str, Experiment], quick: bool) -> dict[str, list[Task]]:
+    """The tasks of every experiment."""
+    return {name: one.tasks(one.quick if quick else one.whole) for name, one in experiments.items()}
+
+
+def run(out: Path, quick: bool, only: str | None, progress: Callable[[Task], None]) -> Path:
+    """Run what is not done yet, write the report into `out`, which was prepared, and give its
+    path."""
+    experiments = chosen(only)
+    results = run_all(tasks_of(experiments, quick), out, progress)
+    return report.write(out, chapters(experiments, results, quick), experiments, quick)
+
+
+def chapters(
+    experiments: Mapping[str, Experiment], results: Mapping[str, Results], quick: bool
+) -> dict[str, Chapter]:
+    """What every experiment found."""
+    return {
+        name: one.chapter(one.quick if quick else one.whole, results[name])
+        for name, one in experiments.items()
+    }
+
+
+def prepare(out: Path, quick: bool) -> None:
+    """Make the folder, or see that it is one of an earlier run of the same kind."""
+    mode = "quick" if quick else "whole"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if (out / MODE).exists():
+            before = json.loads((out / MODE).read_text())["mode"]
+            if before != mode:
+                raise UnusableFile(
+                    out, f"holds a {before} run and this is a {mode} one: name another folder"
+                )
+        elif any(out.iterdir()):
+            raise UnusableFile(
+                out, "is not empty and holds no earlier run of the paper: name a new folder"
+            )
+        else:
+            write_whole(out / MODE, json.dumps({"mode": mode}) + "\n")
+    except OSError as error:
+        raise UnusableFile(out, f"cannot be used: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise UnusableFile(out / MODE, "is damaged: name a new folder") from error

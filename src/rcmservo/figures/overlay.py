@@ -1,0 +1,125 @@
+"""The camera's picture with what the servo sees in it: present features blue, target black, as in
+Fig. 7."""
+
+import itertools
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from rcmservo.errors import UnusableFile
+from rcmservo.interfaces import Floats, Image
+
+BLUE, BLACK, WHITE, YELLOW = (255, 90, 0), (0, 0, 0), (255, 255, 255), (0, 220, 255)
+SHIFT = 4
+"""Bits of sub-pixel position in OpenCV's drawing."""
+
+FAR = 20_000.0
+"""px: an imaged RCM further away than this is drawn as its direction only."""
+
+
+def draw(
+    image: Image,
+    points: Floats,
+    o_c: Floats,
+    target: Floats,
+    words: str,
+    others: Sequence[Floats] = (),
+) -> Image:
+    """A copy of the picture with markers m₁ m₂ (2, 2), imaged RCM o_c (2,), target (2, 2) px and
+    lines of words.
+
+    The lines run from o_c to m₁ (r) and on to m₂ (d); their direction is s. What is NaN is left
+    out. Further targets, `others`, are drawn in thin black.
+    """
+    picture = image.copy()
+    for other in others:
+        _tool(picture, other, o_c, BLACK, 1)
+    _tool(picture, target, o_c, BLACK, 2)
+    _tool(picture, points, o_c, BLUE, 2)
+    if np.isfinite(o_c).all() and bool(np.max(np.abs(o_c)) < FAR):
+        cv2.drawMarker(
+            picture, (round(o_c[0]), round(o_c[1])), YELLOW, cv2.MARKER_TILTED_CROSS, 16, 2
+        )
+    height = image.shape[0]
+    for row, line in enumerate(reversed(words.splitlines())):
+        for colour, shift in ((BLACK, 1), (WHITE, 0)):
+            place = 10 + shift, height - 12 - 20 * row + shift
+            cv2.putText(picture, line, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
+    return picture
+
+
+def _tool(
+    picture: Image, points: Floats, o_c: Floats, colour: tuple[int, int, int], width: int
+) -> None:
+    if not np.isfinite(points).all():
+        return
+    path = [points[0], points[1]]
+    if np.isfinite(o_c).all():
+        away = o_c - points[0]
+        path.insert(
+            0, points[0] + away * min(1.0, FAR / 10.0 / max(float(np.linalg.norm(away)), 1.0))
+        )
+    for a, b in itertools.pairwise(path):
+        cv2.line(picture, _fixed(a), _fixed(b), colour, width, cv2.LINE_AA, SHIFT)
+    for point in points:
+        cv2.circle(picture, _fixed(point), 8 << SHIFT, colour, width, cv2.LINE_AA, SHIFT)
+
+
+def _fixed(point: Floats) -> tuple[int, int]:
+    return round(float(point[0]) * (1 << SHIFT)), round(float(point[1]) * (1 << SHIFT))
+
+
+def write_picture(path: Path, image: Image) -> None:
+    """Write a picture to a file; its format is that of the file's name."""
+    if not cv2.imwrite(str(path), image):
+        raise UnusableFile(path, "cannot be written as a picture")
+
+
+class Video:
+    """An MPEG-4 video that grows frame by frame; `close` ends it.
+
+    A disk that fills up is not noticed while it grows. What cannot be played in the end is removed,
+    and ``failed`` says so; it is empty otherwise.
+    """
+
+    def __init__(self, path: Path, size: tuple[int, int], frame_rate: float) -> None:
+        self.failed = ""
+        self._path = path
+        fourcc = cv2.VideoWriter.fourcc(*"mp4v")
+        self._writer = cv2.VideoWriter(str(path), fourcc, frame_rate, size)
+        if not self._writer.isOpened():
+            raise UnusableFile(path, "cannot be written as a video")
+
+    def write(self, image: Image) -> None:
+        with _quietly():
+            self._writer.write(image)
+
+    def close(self) -> None:
+        self._writer.release()
+        if not _can_be_played(self._path):
+            self._path.unlink(missing_ok=True)
+            self.failed = (
+                f"{self._path.name} could not be written so that it can be played, and was removed"
+            )
+
+
+@contextmanager
+def _quietly() -> Generator[None]:
+    """OpenCV warns of every single frame that it cannot write, but not in here."""
+    usual = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+    try:
+        yield
+    finally:
+        cv2.utils.logging.setLogLevel(usual)
+
+
+def _can_be_played(path: Path) -> bool:
+    video = cv2.VideoCapture(str(path))
+    try:
+        return video.isOpened() and video.read()[0]
+    finally:
+        video.release()

@@ -1,0 +1,177 @@
+"""Figures from a record, with the paper's symbols: the errors over time, and the estimate beside
+the measurement."""
+
+from textwrap import fill
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rcmservo.figures.charts import Bar, Figure, Lane, Panel, curve
+from rcmservo.guard.states import Action, Cause, Phase, Request
+from rcmservo.interfaces import Floats
+from rcmservo.record.reader import Record
+from rcmservo.record.timeline import spans
+from rcmservo.record.verdict import TOLERANCE
+
+DEGREES = np.array([180.0 / np.pi, 1.0, 1.0])
+TIME = "time [s] (shaded: exploration)"
+ERRORS = ("$|\\Delta s|$ [deg]", "$|\\Delta r|$ [px]", "$|\\Delta d|$ [px]")
+LEAST = 1e-3
+"""Where the logarithmic axis of the errors ends."""
+
+SYMBOLS = ("$|\\Delta s|$", "$|\\Delta r|$", "$|\\Delta d|$")
+LABEL = 48
+"""Characters in a line of a cause's label."""
+
+TONE = {
+    Phase.DISABLED: 0,
+    Phase.IDLE: 1,
+    Phase.ACQUIRE: 2,
+    Phase.SERVO: 3,
+    Phase.HOLD: 4,
+    Phase.PAUSED: 5,
+    Phase.FAULT: 6,
+}
+ASKED = {
+    Action.NONE: 0,
+    Action.WARN: 0,
+    Action.SLOW: 2,
+    Action.HOLD: 4,
+    Action.PAUSE: 5,
+    Action.FAULT: 6,
+}
+"""Colours of phases, and of causes by what they ask for."""
+
+
+def errors(record: Record) -> Figure:
+    """|Δs|, |Δr|, |Δd| over time on a logarithmic axis, with tolerances and exploration: Fig. 9 and
+    10."""
+    deltas = np.maximum(np.abs(record.ticks["delta"]) * DEGREES, LEAST)
+    panels = [
+        Panel(
+            TIME,
+            name,
+            [curve("", record.time, deltas[:, i])],
+            levels=[("tolerance", float(TOLERANCE[i] * DEGREES[i]))],
+            shaded=exploration(record),
+            log_y=True,
+        )
+        for i, name in enumerate(ERRORS)
+    ]
+    return Figure("Feature errors", panels)
+
+
+def timeline(record: Record) -> Figure:
+    """The phases as bands behind the errors, in units of their tolerances, and every cause in a
+    line of its own."""
+    found = spans(record)
+    ratios = np.maximum(np.abs(record.ticks["delta"]) / TOLERANCE, LEAST)
+    errors = Panel(
+        "time [s]",
+        "error / tolerance",
+        [curve(name, record.time, ratios[:, i], style=i) for i, name in enumerate(SYMBOLS)],
+        levels=[("tolerance", 1.0)],
+        log_y=True,
+        bands=[Bar(span.start, span.end, TONE[span.phase]) for span in found],
+    )
+    phases = [
+        Lane(phase.value, [Bar(s.start, s.end, TONE[phase]) for s in found if s.phase is phase])
+        for phase in Phase
+        if any(span.phase is phase for span in found)
+    ]
+    causes = [
+        Lane(
+            fill(cause.value, LABEL),
+            [Bar(s.start, s.end, ASKED[s.asks]) for s in found if s.cause is cause],
+        )
+        for cause in Cause
+        if cause is not Cause.NONE and any(span.cause is cause for span in found)
+    ]
+    asked = [Bar(s.start, s.start, 0) for s in found if s.request is not Request.NONE]
+    if asked:
+        causes.append(Lane("a person pauses, resumes, clears", asked))
+    lanes = [Panel("time [s]", "", [], lanes=some) for some in (phases, causes) if some]
+    return Figure("Phases and causes", [errors, *lanes])
+
+
+def estimate(record: Record) -> Figure:
+    """What the estimate says beside what was measured: m₁ and π (34), Fig. 11, or ẏ and ω = Ĵ ṗ₁
+    (35), Fig. 12."""
+    return projection(record) if np.isfinite(record.ticks["model"]).any() else flow(record)
+
+
+def projection(record: Record, since: float = 0.0) -> Figure:
+    """The measured m₁ and π (34), both from o_c, over the time from `since` s on: Fig. 11."""
+    new = record.new_frames(since)
+    m1 = record.ticks["points"][new, :2] - record.ticks["o_c"][new]
+    names = ("$u_1, \\pi_u$ [px]", "$v_1, \\pi_v$ [px]")
+    legend = "measured $\\mathbf{m}_1$", "estimate $\\mathbf{\\pi}$ (34)"
+    return _compared(
+        "Projection model", record, new, m1, record.ticks["model"][new, :2], names, legend, since
+    )
+
+
+def flow(record: Record) -> Figure:
+    """The measured ẏ and ω = Ĵ ṗ₁ (35): Fig. 12."""
+    new = record.new_frames()
+    y_dot, omega = flows(record, new)
+    names = (
+        "$\\dot s, \\omega_1$ [deg/s]",
+        "$\\dot r, \\omega_2$ [px/s]",
+        "$\\dot d, \\omega_3$ [px/s]",
+    )
+    legend = "measured $\\dot{\\mathbf{y}}$", "estimate $\\mathbf{\\omega}$ (35)"
+    return _compared(
+        "Output flow", record, new[1:], y_dot * DEGREES, omega * DEGREES, names, legend
+    )
+
+
+def flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
+    """ẏ by differences between new frames, and ω = Ĵ ṗ₁ with the Ĵ before each: both (N - 1, 3)
+    rad/s, px/s, px/s."""
+    dt = np.diff(record.ticks["exposure"][new], axis=0) * 1e-9
+    steps = np.diff(record.ticks["y"][new], axis=0)
+    steps[:, 0] = (steps[:, 0] + np.pi) % (2.0 * np.pi) - np.pi
+    J_hat = record.ticks["J_hat"][new][:-1].reshape(-1, 3, 3)
+    p_dot = np.diff(record.ticks["p1"][new], axis=0) / dt
+    return steps / dt, np.einsum("nij,nj->ni", J_hat, p_dot)
+
+
+def exploration(record: Record) -> list[tuple[float, float]]:
+    """When the servo explored, as spans of time s: while it acquired and had not yet learnt
+    enough."""
+    acquiring = np.array([phase == Phase.ACQUIRE.name for phase in record.phase], dtype=bool)
+    exploring = acquiring & (record.ticks["explored"][:, 0] == 0)
+    turns = np.flatnonzero(np.diff(exploring, prepend=False, append=False))
+    last = len(record.time) - 1
+    return [
+        (float(record.time[i]), float(record.time[min(j, last)])) for i, j in turns.reshape(-1, 2)
+    ]
+
+
+def _compared(
+    title: str,
+    record: Record,
+    rows: NDArray[np.intp],
+    measured: Floats,
+    estimated: Floats,
+    names: tuple[str, ...],
+    legend: tuple[str, str],
+    since: float = 0.0,
+) -> Figure:
+    panels: list[Panel] = []
+    time, shaded = record.time[rows] - since, [] if since else exploration(record)
+    for i, name in enumerate(names):
+        known = measured[np.isfinite(measured[:, i]), i]
+        low, high = np.percentile(known, [0.5, 99.5]) if len(known) else (0.0, 0.0)
+        margin = 0.15 * max(high - low, 1e-6)
+        labels = legend if i == 0 else ("", "")
+        curves = [
+            curve(labels[0], time, measured[:, i], style=-1),
+            curve(labels[1], time, estimated[:, i], style=1),
+        ]
+        limits = float(low - margin), float(high + margin)
+        panels.append(
+            Panel(TIME if shaded else "time [s]", name, curves, shaded=shaded, y_limits=limits)
+        )
+    return Figure(title, panels)

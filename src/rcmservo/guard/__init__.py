@@ -1,0 +1,1 @@
+"""What may move, and why not: phases and causes, checks for faults, the last gate, the watchdog."""

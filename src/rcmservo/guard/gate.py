@@ -1,0 +1,147 @@
+"""The last gate before anything moves: finite, within speed, inside the joint limits, and never a
+jump.
+
+Joint rates come in from the law or from exploration; only what leaves here is a Command, and a
+plant takes nothing else. Every check is written so that NaN fails it.
+
+Towards a limit at the distance x a joint's speed v keeps v²/a + v T <= x: half of its slew limit a
+stops it in time, and T = e · latency + dt is what a loop with that latency needs to close in on the
+limit without passing it.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from rcmservo.compiled import compiled
+from rcmservo.errors import require
+from rcmservo.interfaces import Command, Floats
+from rcmservo.method.kinematics import JointLimits
+
+ROUNDING = 1.0 + 1e-12
+"""A rate that the slew brings to zero but for rounding is brought to zero."""
+
+
+@compiled
+def within(
+    rates: Floats,
+    last: Floats,
+    q: Floats,
+    lower: Floats,
+    upper: Floats,
+    speed: Floats,
+    slew: Floats,
+    latency: float,
+    dt: float,
+    share: float,
+) -> tuple[Floats, bool]:
+    """The joint rates (3,) that may be sent, and whether all that came in was finite."""
+    if not (
+        np.all(np.isfinite(rates))
+        and np.all(np.isfinite(q))
+        and np.all(np.isfinite(last))
+        and dt > 0.0
+    ):
+        return np.zeros(3), False
+    allowed = np.zeros(3)
+    if share > 0.0:
+        allowed = rates / max(1.0, np.max(np.abs(rates) / (share * speed)))
+    for i in range(3):
+        half = 0.5 * slew[i] * (np.e * latency + dt)
+        up = np.sqrt(half**2 + slew[i] * max(upper[i] - q[i], 0.0)) - half
+        down = half - np.sqrt(half**2 + slew[i] * max(q[i] - lower[i], 0.0))
+        allowed[i] = min(max(allowed[i], down), up)
+        step = slew[i] * dt * ROUNDING
+        allowed[i] = min(max(allowed[i], last[i] - step), last[i] + step)
+    return allowed, True
+
+
+class Passed(NamedTuple):
+    """What the gate let through, and whether what was asked was ``finite``: if not, the command is
+    zero at once."""
+
+    command: Command
+    finite: bool
+
+
+@dataclass(frozen=True)
+class Gate:
+    """Bounds on every command.
+
+    ``speed`` (rad/s, rad/s, mm/s) and ``slew`` (rad/s², rad/s², mm/s²) bound each joint's rate and
+    its change. ``latency`` s is how long the arm may go on at its last speed before a command takes
+    hold.
+    ``max_period`` s caps the time over which one command may change: a late tick must not allow a
+    jump. ``deadline`` s after its tick a command is void.
+    """
+
+    speed: tuple[float, float, float] = (1.0, 1.0, 80.0)
+    slew: tuple[float, float, float] = (10.0, 10.0, 800.0)
+    latency: float = 0.05
+    max_period: float = 0.02
+    deadline: float = 0.05
+
+    def __post_init__(self) -> None:
+        for name in ("speed", "slew"):
+            values = getattr(self, name)
+            good = len(values) == 3 and all(0.0 < value < np.inf for value in values)
+            require(good, f"gate.{name}", values, "three positive numbers (rad, rad, mm)")
+        require(0.0 <= self.latency < np.inf, "gate.latency", self.latency, "a time in s")
+        require(
+            0.0 < self.max_period < np.inf,
+            "gate.max_period",
+            self.max_period,
+            "a positive time in s",
+        )
+        require(
+            0.01 <= self.deadline <= 0.05,
+            "gate.deadline",
+            self.deadline,
+            "a time from 0.01 to 0.05 s",
+        )
+
+    @cached_property
+    def fastest(self) -> Floats:
+        """The bounds (3,) on the joint rates."""
+        return np.array(self.speed)
+
+    @cached_property
+    def _bounds(self) -> tuple[Floats, Floats]:
+        return self.fastest, np.array(self.slew)
+
+    @cached_property
+    def _patience(self) -> int:
+        return round(self.deadline * 1e9)
+
+    def rest(self) -> Command:
+        """The command before the first: stand still, drive off."""
+        return Command(
+            number=0, time=-1_000_000_000, deadline=-1_000_000_000, rates=np.zeros(3), enabled=False
+        )
+
+    def admit(
+        self,
+        rates: Floats,
+        last: Command,
+        q: Floats,
+        limits: JointLimits,
+        now: int,
+        share: float = 1.0,
+    ) -> Passed:
+        """Turn the wanted joint rates (3,) into a Command, from the `last` one and the measured q
+        (3,).
+
+        ``share`` of the full speed may be used; at 0 the rates go to zero as fast as the slew
+        allows.
+        """
+        dt = min((now - last.time) * 1e-9, self.max_period)
+        allowed, finite = within(
+            rates, last.rates, q, *limits.arrays, *self._bounds, self.latency, dt, share
+        )
+        return Passed(Command(last.number + 1, now, now + self._patience, allowed, True), finite)
+
+    def stop(self, last: Command, now: int) -> Command:
+        """Zero at once, with the drive off."""
+        return Command(last.number + 1, now, now + self._patience, np.zeros(3), False)

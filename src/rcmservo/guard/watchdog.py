@@ -1,0 +1,63 @@
+"""What stands between commands and drives inside the device: it trusts nothing but valid commands
+that keep coming.
+
+A command is valid if it is finite, its number is higher than that of every one since the drive went
+on, and its deadline is neither past nor further off than the watchdog's own patience. Nothing else
+feeds it: not noise, not an old command sent again, not a connection that stays open. Without a
+valid command in time the joint rates are zero and the drive is off, until a person switches it on.
+"""
+
+import math
+
+import numpy as np
+
+from rcmservo.errors import require
+from rcmservo.interfaces import Command, Floats
+
+PATIENCE = 50_000_000
+"""ns of silence after which a device stops by itself."""
+
+
+class Watchdog:
+    """One device's guard. `now` is the device's own time in ns, the one that deadlines are given
+    in."""
+
+    def __init__(self, patience: int = PATIENCE) -> None:
+        require(patience > 0, "patience", patience, "a positive time in ns")
+        self.patience = patience
+        self.enabled = False
+        self.rates: Floats = np.zeros(3)
+        self.number = -1
+        self._deadline = 0
+
+    def enable(self, now: int) -> None:
+        """Switch the drive on, at rest; commands must begin within the patience."""
+        self.enabled, self.rates = True, np.zeros(3)
+        self.number, self._deadline = -1, now + self.patience
+
+    def disable(self) -> None:
+        """Zero and off, now."""
+        self.enabled, self.rates = False, np.zeros(3)
+
+    def feed(self, command: Command, now: int) -> bool:
+        """Take a command if it is valid; whether it was. Switching off is always taken."""
+        if not command.enabled:
+            self.disable()
+            return True
+        self.check(now)
+        in_time = now <= command.deadline <= now + self.patience
+        finite = command.rates.shape == (3,) and all(map(math.isfinite, command.rates.tolist()))
+        if not (self.enabled and command.number > self.number and in_time and finite):
+            return False
+        self.number, self._deadline, self.rates = (
+            command.number,
+            command.deadline,
+            command.rates.copy(),
+        )
+        return True
+
+    def check(self, now: int) -> bool:
+        """Whether the drive may stay on at `now`; if no valid command came in time, it goes off."""
+        if self.enabled and not now <= self._deadline:
+            self.disable()
+        return self.enabled

@@ -1,0 +1,1 @@
+"""A run in wall time and in several processes."""

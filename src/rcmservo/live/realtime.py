@@ -1,0 +1,120 @@
+"""What a process asks of the computer while it moves an arm: that nothing interrupts it for long.
+
+Python's garbage collector pauses a large program for 0.1 s: while an arm moves it is off, and what
+was there before is not looked at again. A Python thread that works beside the loop would keep it
+waiting for 5 ms: the interpreter is told to switch sooner. The operating system is asked to let
+this thread go first, and to keep its memory at hand.
+
+The process's other threads come next, before all other work of the computer: they share the
+interpreter's lock, and one that holds it while it waits for a processor keeps the loop waiting too.
+"""
+
+import ctypes
+import gc
+import os
+import sys
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+SWITCH = 0.0005
+"""s after which a thread beside the loop must let it go on."""
+
+PRIORITY = 20
+"""Of 1 to 99: above all ordinary work, below what the kernel does for its devices."""
+
+NEXT = 10
+"""That of the other threads."""
+
+CURRENT, ON_FAULT = 1, 4
+"""mlockall: of what is mapped by then, what is in memory stays there, and what comes to be used
+stays too."""
+
+
+@dataclass
+class Realtime:
+    """What became of it: ``refused``, one sentence for each thing that was asked of the system and
+    refused, and how often ``collections`` of garbage stopped the process nevertheless."""
+
+    refused: list[str] = field(default_factory=list[str])
+    collections: int = 0
+
+    def _count(self, moment: str, about: object) -> None:
+        self.collections += moment == "start"
+
+
+@contextmanager
+def realtime() -> Generator[Realtime]:
+    """Make the calling thread the one that goes first, and those there are next, for as long as the
+    context is open.
+
+    Threads that are started in it keep the ordinary priority.
+    """
+    got = Realtime()
+    interval, collecting = sys.getswitchinterval(), gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    gc.callbacks.append(got._count)  # pyright: ignore[reportPrivateUsage]
+    sys.setswitchinterval(SWITCH)
+    before = _ahead(got)
+    locked = _locked(got)
+    try:
+        yield got
+    finally:
+        if locked:
+            _system().munlockall()
+        for thread, policy, priority in before:
+            with suppress(ProcessLookupError):  # it has ended
+                _schedule(thread, policy, priority)
+        sys.setswitchinterval(interval)
+        gc.callbacks.remove(got._count)  # pyright: ignore[reportPrivateUsage]
+        gc.unfreeze()
+        if collecting:
+            gc.enable()
+
+
+def _ahead(got: Realtime) -> list[tuple[int, int, int]]:
+    """Ask for real-time scheduling; each thread changed, with the policy and priority to go back
+    to."""
+    this = threading.get_native_id()
+    others = [thread.native_id for thread in threading.enumerate()]
+    before: list[tuple[int, int, int]] = []
+    try:
+        for thread in (this, *(other for other in others if other is not None and other != this)):
+            was = os.sched_getscheduler(thread), os.sched_getparam(thread).sched_priority
+            _schedule(thread, os.SCHED_FIFO, PRIORITY if thread == this else NEXT)
+            before.append((thread, *was))
+    except (AttributeError, OSError) as error:
+        got.refused.append(
+            f"real-time scheduling was refused ({_why(error)}): other work may delay the loop"
+        )
+    return before
+
+
+def _schedule(thread: int, policy: int, priority: int) -> None:
+    """Threads that this one starts do not inherit its priority."""
+    os.sched_setscheduler(thread, policy | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+
+
+def _locked(got: Realtime) -> bool:
+    """Ask for memory that stays; whether it was granted."""
+    try:
+        system = _system()
+        if system.mlockall(CURRENT | ON_FAULT) == 0:
+            return True
+        why = os.strerror(ctypes.get_errno())
+    except (AttributeError, OSError) as error:
+        why = _why(error)
+    got.refused.append(f"locking memory was refused ({why}): paging may delay the loop")
+    return False
+
+
+def _system() -> Any:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _why(error: Exception) -> str:
+    return error.strerror or str(error) if isinstance(error, OSError) else "this system has none"

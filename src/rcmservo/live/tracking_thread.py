@@ -1,0 +1,97 @@
+"""Detection beside the loop: a thread tracks the markers in each new frame, and the loop takes what
+is ready.
+
+A tick never waits for a picture. The thread is camera and tracker in one for the plant: a frame is
+offered once its markers are found, and counts as arrived at that moment.
+"""
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from types import TracebackType
+
+from rcmservo.errors import BadInput
+from rcmservo.interfaces import Camera, Clock, Frame, Markers, Tracker
+
+POLL = 0.001
+"""s between looks at the camera."""
+
+PATIENCE = 2.0
+"""s that a thread has to end in."""
+
+
+class Beside:
+    """A camera and a tracker that work in a thread of their own while the context is open.
+
+    A frame that the tracker refuses is offered as it is and refused again by `find`. If camera or
+    tracker fail, no more frames are offered, and the error is raised where the context ends.
+    """
+
+    def __init__(self, camera: Camera, tracker: Tracker, clock: Clock) -> None:
+        self._camera, self._tracker, self._clock = camera, tracker, clock
+        self._newest: Frame | None = None
+        self._offered: tuple[Frame, Markers | BadInput] | None = None
+        self._taken: tuple[Frame, Markers | BadInput] | None = None
+        self._forget = threading.Event()
+        self._ended = threading.Event()
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._work, name="markers", daemon=True)
+
+    def __enter__(self) -> "Beside":
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._ended.set()
+        self._thread.join(PATIENCE)
+        if self._error is not None and error is None:
+            raise self._error
+
+    def latest(self) -> Frame | None:
+        """The newest frame whose markers have been looked for, at once."""
+        self._taken = self._offered
+        return None if self._taken is None else self._taken[0]
+
+    def find(self, frame: Frame) -> Markers:
+        """The markers found in the frame that `latest` gave last."""
+        assert self._taken is not None and frame is self._taken[0]
+        found = self._taken[1]
+        if isinstance(found, BadInput):
+            raise found
+        return found
+
+    def reset(self) -> None:
+        """Forget where the markers were, before the next frame."""
+        self._forget.set()
+
+    def look(self) -> None:
+        """Track the markers in the camera's newest frame, if it is new: what the thread does all
+        the time."""
+        frame = self._camera.latest()
+        if frame is None or frame is self._newest:
+            return
+        self._newest = frame
+        if self._forget.is_set():
+            self._forget.clear()
+            self._tracker.reset()
+        found = _found(self._tracker.find, frame)
+        self._offered = replace(frame, arrival=self._clock.now()), found
+
+    def _work(self) -> None:
+        try:
+            while not self._ended.wait(POLL):
+                self.look()
+        except Exception as error:
+            self._error = error
+
+
+def _found(find: Callable[[Frame], Markers], frame: Frame) -> Markers | BadInput:
+    try:
+        return find(frame)
+    except BadInput as error:
+        return error

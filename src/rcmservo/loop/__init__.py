@@ -1,0 +1,1 @@
+"""The only code that makes anything move: the plant put together, a target taught, the loop run."""

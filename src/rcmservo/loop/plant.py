@@ -1,0 +1,138 @@
+"""An arm, a camera, a tracker and a clock as one thing that is read and sent to."""
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from rcmservo.errors import BadInput
+from rcmservo.interfaces import (
+    Camera,
+    Clock,
+    Command,
+    Dropped,
+    Floats,
+    Frame,
+    Markers,
+    Mechanism,
+    Observation,
+    Tracker,
+)
+
+JOINT_HISTORY = 256
+
+OLDEST = 2_000_000_000
+"""ns after its exposure within which a frame must arrive, or its time cannot be right."""
+
+
+class Plant:
+    """A mechanism, a camera and a tracker as one thing that is read and sent to.
+
+    It keeps the joints' recent past, to tell where they were when a frame was exposed, and drops
+    frames that are not new, that bear impossible times or that are damaged. ``recorded`` tells
+    whether a record that was asked for is still written.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        camera: Camera,
+        tracker: Tracker,
+        clock: Clock,
+        recorded: Callable[[], bool] = lambda: True,
+    ) -> None:
+        self.mechanism, self.camera, self.tracker, self.clock = mechanism, camera, tracker, clock
+        self.recorded = recorded
+        self.markers: Markers | None = None
+        self.frame: Frame | None = None
+        self._offered: Frame | None = None
+        self._dropped = Dropped.NONE
+        self._past: deque[tuple[int, Floats]] = deque(maxlen=JOINT_HISTORY)
+        self._began = 0
+        self._q_exposure = np.full(3, np.nan)
+        self._applied = np.zeros(3)
+
+    def enable(self) -> None:
+        """Switch the arm's drive on: a person's act."""
+        self.mechanism.enable()
+
+    def read(self) -> Observation:
+        """Measure the joints, and track the markers where a new frame has arrived."""
+        time, q, enabled = self.mechanism.measure()
+        if not self._past:
+            self._began = time
+        if not self._past or time > self._past[-1][0]:
+            self._past.append((time, q))
+        self._look(self.camera.latest())
+        frame = self.frame
+        return Observation(
+            now=self.clock.now(),
+            q=q,
+            q_time=time,
+            enabled=enabled,
+            applied=self._applied,
+            frame=-1 if frame is None else frame.number,
+            exposure=0 if frame is None else frame.exposure,
+            arrival=0 if frame is None else frame.arrival,
+            q_exposure=self._q_exposure,
+            points=np.full((2, 2), np.nan) if self.markers is None else self.markers.points,
+            dropped=self._dropped,
+            recorded=self.recorded(),
+        )
+
+    def reset(self) -> None:
+        """Forget where markers and joints were: a person may have moved the tool since they were
+        last read.
+
+        Frames exposed before the joints are read again count for nothing, and their numbers may
+        begin anew.
+        """
+        self.tracker.reset()
+        self._past.clear()
+        self.markers = self.frame = None
+        self._dropped = Dropped.NONE
+        self._q_exposure = np.full(3, np.nan)
+
+    def send(self, command: Command) -> Floats:
+        """Pass a command on to the arm; the joint rates (3,) that the arm took."""
+        self._applied = self.mechanism.apply(command)
+        return self._applied
+
+    def _look(self, frame: Frame | None) -> None:
+        """Track the markers in a frame that was not offered before, or say why not."""
+        if frame is None or frame is self._offered:
+            return
+        self._offered = frame
+        self._dropped = self._wrong(frame)
+        if self._dropped is not Dropped.NONE or frame.exposure < self._began:
+            return
+        try:
+            self.markers = self.tracker.find(frame)
+        except BadInput:
+            self._dropped = Dropped.DAMAGED
+            return
+        self.frame = frame
+        self._q_exposure = self._joints_at(frame.exposure)
+
+    def _wrong(self, frame: Frame) -> Dropped:
+        if (
+            not 0 <= frame.arrival - frame.exposure <= OLDEST
+            or not 0 <= self.clock.now() - frame.arrival <= OLDEST
+        ):
+            return Dropped.CLOCK
+        last = self.frame
+        if last is not None and not frame.number > last.number:
+            return Dropped.NOT_NEW
+        if last is not None and not frame.exposure > last.exposure:
+            return Dropped.CLOCK
+        return Dropped.NONE if last is None or _shape(frame) == _shape(last) else Dropped.DAMAGED
+
+    def _joints_at(self, time: int) -> Floats:
+        times = [t for t, _ in self._past]
+        return np.array(
+            [np.interp(time, times, [q[i] for _, q in self._past], left=np.nan) for i in range(3)]
+        )
+
+
+def _shape(frame: Frame) -> tuple[int, ...] | None:
+    return None if frame.image is None else frame.image.shape

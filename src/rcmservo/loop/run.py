@@ -1,0 +1,97 @@
+"""The only code that makes anything move: the plant put together, a target taught, and the loop
+run.
+
+    plant.read() ─► servo.step() ─► plant.send()
+
+on every tick of the plant's own clock.
+"""
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmservo.guard.states import Phase, Request
+from rcmservo.interfaces import (
+    Command,
+    Floats,
+    Observation,
+    Target,
+)
+from rcmservo.loop.clock import ticks
+from rcmservo.loop.plant import Plant
+from rcmservo.servo.servo import Servo, State
+
+
+@dataclass(frozen=True, eq=False)
+class Tick:
+    """One round of the loop: time ns since its start, what was seen, what a person asked for, what
+    was decided, and the joint rates (3,) that the arm took of it."""
+
+    time: int
+    seen: Observation
+    request: Request
+    state: State
+    applied: Floats
+
+
+Operator = Callable[[Tick], Request]
+"""A person beside the loop, who sees every tick and asks for something at the next."""
+
+
+def run(
+    plant: Plant,
+    servo: Servo,
+    target: Target,
+    duration: float = 30.0,
+    done: Callable[[Tick], bool] = lambda tick: False,
+    state: State | None = None,
+    operator: Operator | None = None,
+) -> Generator[Tick]:
+    """Switch the drive on, servo to the target and yield every tick; to call it is a person's act.
+
+    It begins from nothing, or goes on from the `state` of an earlier run, with what was learnt
+    there. It ends after `duration` s, when `done` says so, with a fault, and, where no `operator`
+    stands by to resume, with a pause. However it ends, by itself, by an error or by Ctrl-C, the
+    last thing it does is to bring the arm to rest and switch it off.
+    """
+    servo.warm_up()
+    plant.reset()
+    state = servo.init() if state is None else servo.again(state)
+    request = Request.NONE
+    if state.phase is not Phase.FAULT:
+        plant.enable()
+    try:
+        for time in ticks(plant.clock, servo.rate, duration):
+            seen = plant.read()
+            state = servo.step(state, seen, target, request)
+            tick = Tick(time, seen, request, state, plant.send(state.command))
+            yield tick
+            if done(tick) or _over(state, operator):
+                break
+            request = Request.NONE if operator is None else operator(tick)
+    finally:
+        _rest(plant, servo, state.command)
+
+
+def _over(state: State, operator: Operator | None) -> bool:
+    """Whether nothing more will happen."""
+    waits = (Phase.FAULT, Phase.PAUSED) if operator is None else ()
+    return state.phase is Phase.DISABLED or (state.phase in waits and not state.command.rates.any())
+
+
+def _rest(plant: Plant, servo: Servo, last: Command) -> None:
+    """Ramp the joint rates to zero through the gate, from the next tick on, and switch the drive
+    off."""
+    try:
+        plant.clock.wait_until(plant.clock.now() + servo.period)
+        for _ in ticks(plant.clock, servo.rate):
+            seen = plant.read()
+            if not (last.enabled and last.rates.any() and seen.enabled):
+                break
+            last = servo.gate.admit(
+                np.zeros(3), last, seen.q, servo.mechanism.limits, seen.now, 0.0
+            ).command
+            plant.send(last)
+    finally:
+        plant.send(servo.gate.stop(last, plant.clock.now()))

@@ -1,0 +1,40 @@
+"""Learning by showing: what the camera sees now becomes the target."""
+
+import numpy as np
+
+from rcmservo.errors import RcmServoError, require
+from rcmservo.interfaces import Floats, Target
+from rcmservo.loop.clock import ticks
+from rcmservo.loop.plant import Plant
+
+TEACH_TIMEOUT = 2.0
+"""s without a frame that shows both markers after which teaching gives up."""
+
+
+class NotShown(RcmServoError):
+    """A target that could not be taught, because the camera did not see both markers."""
+
+
+def teach(plant: Plant, frames: int = 30) -> Target:
+    """Take what the camera sees from now on as the target: the mean over `frames` frames. It never
+    moves anything."""
+    require(frames >= 1, "frames", frames, "a whole number of at least 1 frames")
+    plant.reset()
+    points: list[Floats] = []
+    joints: list[Floats] = []
+    last, began = plant.read().frame, plant.clock.now()
+    good = began
+    for _ in ticks(plant.clock):
+        seen = plant.read()
+        if seen.frame > last and seen.exposure >= began and np.isfinite(seen.points).all():
+            points.append(seen.points)
+            joints.append(seen.q)
+            good = seen.now
+        last = max(last, seen.frame)
+        if len(points) == frames:
+            return Target(np.mean(points, axis=0), np.mean(joints, axis=0), began)
+        if not seen.now - good <= TEACH_TIMEOUT * 1e9:
+            break
+    raise NotShown(
+        "the target cannot be taught: both markers must be in the picture while it is shown"
+    )

@@ -1,0 +1,2 @@
+"""The paper's method: kinematics, projection, features, imaged RCM, estimators, law, first
+motion."""

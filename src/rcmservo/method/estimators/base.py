@@ -1,0 +1,49 @@
+"""What every estimator of the Jacobian offers: settings in one frozen object, memory in another,
+and pure steps."""
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, NamedTuple
+
+from rcmservo.interfaces import Floats
+from rcmservo.method.tool import Tool
+
+
+class Sample(NamedTuple):
+    """One new frame as an estimator sees it: measured, never commanded.
+
+    ``p1`` (3,) mm where the robot's joints put marker 1 at the exposure, ``points`` (2, 2) raw px,
+    ``o_c`` (2,) px the imaged RCM as known now, ``dt`` s since the exposure of the frame before (0
+    for the first).
+    """
+
+    p1: Floats
+    points: Floats
+    o_c: Floats
+    dt: float
+
+
+class Estimator(ABC):
+    """Learns Ĵ of eq. (14), ẏ = J v, from samples. ``init`` and ``update`` are pure; the memory is
+    opaque to others."""
+
+    name: ClassVar[str]
+    models: ClassVar[bool]
+    """Whether it has a model that predicts where the markers are: `predict`."""
+
+    @abstractmethod
+    def init(self) -> Any:
+        """The empty estimate: Ĵ = 0 or â = 0."""
+
+    @abstractmethod
+    def update(self, memory: Any, tool: Tool, sample: Sample) -> Any:
+        """The memory after one new frame."""
+
+    @abstractmethod
+    def jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
+        """Ĵ (3, 3) at the sample, rad/mm, px/mm, px/mm; zeros while nothing is known."""
+
+    def predict(self, memory: Any, tool: Tool, p1: Floats) -> Floats | None:
+        """The markers' pixels m (4,) from o_c that the estimate expects at p1, or None where it has
+        no such model."""
+        del memory, tool, p1
+        return None

@@ -1,0 +1,91 @@
+"""Flow-based estimation, eq. (26)-(30): turn Ĵ towards the measured flow, ẏ ≈ Ĵ ṗ₁.
+
+Rule (28) is dĴ/dt = −γ (Ĵ ṗ₁ − ẏ) ṗ₁ᵀ. Once per new frame it is integrated exactly, for the mean
+velocity between the two exposures: along Δp₁ the error decays by exp(−γ |ṗ₁| |Δp₁|), so that no
+step is too long. Between frames nothing was seen and nothing is learnt.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rcmservo.compiled import compiled
+from rcmservo.errors import require
+from rcmservo.interfaces import Floats
+from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.features import about, difference, features
+from rcmservo.method.tool import Tool
+
+
+@compiled
+def learn(J: Floats, delta_p: Floats, delta_y: Floats, dt: float, gamma: float) -> Floats:
+    """Ĵ (3, 3) after dt s of rule (28) at the constant velocity Δp/dt and flow Δy/dt."""
+    squared = delta_p[0] ** 2 + delta_p[1] ** 2 + delta_p[2] ** 2
+    if not (squared > 0.0 and dt > 0.0):
+        return J.copy()
+    learnt = -np.expm1(-gamma * squared / dt)
+    return J + (learnt / squared) * np.outer(delta_y - J @ delta_p, delta_p)
+
+
+@compiled
+def update(
+    J: Floats,
+    p1_before: Floats,
+    before: Floats,
+    p1: Floats,
+    points: Floats,
+    o_c: Floats,
+    dt: float,
+    gamma: float,
+) -> Floats:
+    """Ĵ after a new frame; both frames' features are taken about the present o_c, so that its moves
+    are no flow."""
+    delta_y = difference(features(about(points, o_c)), features(about(before, o_c)))
+    return learn(J, p1 - p1_before, delta_y, dt, gamma)
+
+
+class FlowMemory(NamedTuple):
+    """``J_hat`` (3, 3), and the frame before: ``p1`` (3,) mm and raw ``points`` (2, 2) px, None at
+    first."""
+
+    J_hat: Floats
+    p1: Floats | None
+    points: Floats | None
+
+
+@dataclass(frozen=True)
+class FlowEstimator(Estimator):
+    """Ĵ from flow, rule (28)."""
+
+    gamma: float = 0.001
+    """γ, s/mm² whatever the unit of y."""
+
+    name = "flow"
+    models = False
+
+    def __post_init__(self) -> None:
+        require(
+            0.0 < self.gamma < np.inf, "estimator.gamma", self.gamma, "a positive gain in s/mm²"
+        )
+
+    def init(self) -> FlowMemory:
+        return FlowMemory(np.zeros((3, 3)), None, None)
+
+    def update(self, memory: FlowMemory, tool: Tool, sample: Sample) -> FlowMemory:
+        J_hat = memory.J_hat
+        if memory.p1 is not None and memory.points is not None:
+            J_hat = update(
+                J_hat,
+                memory.p1,
+                memory.points,
+                sample.p1,
+                sample.points,
+                sample.o_c,
+                sample.dt,
+                self.gamma,
+            )
+        return FlowMemory(J_hat, sample.p1, sample.points)
+
+    def jacobian(self, memory: FlowMemory, tool: Tool, sample: Sample) -> Floats:
+        return memory.J_hat

@@ -1,0 +1,323 @@
+"""Projection-based estimation, eq. (17)-(25): fit the nine parameters â to P chosen observations,
+build Ĵ from â.
+
+(21) is the linear ODE dâ/dt = −Γ (MᵀM â − Mᵀm), stable for any constant symmetric positive definite
+Γ (Proposition 1), and here it is integrated exactly over any time: with Γ = C Cᵀ and Cᵀ MᵀM C = Q Λ
+Qᵀ,
+
+    â(t) = â(0) − C Q diag((1 − e^{−λt})/λ) Qᵀ Cᵀ (MᵀM â(0) − Mᵀm).
+
+Two choices of Γ. ``printed`` is the paper's Γ₀ = diag(1e-5 I₆, 1e-8 I₃), a slow solver: the slowest
+mode needs hours. ``fast`` is Γ = η (MᵀM + ε Γ₀⁻¹)⁻¹, for which every well-observed mode decays at
+the rate η.
+
+Observations are chosen for excitation: of P + 1 the one with the least leverage on â goes, so that
+the path's extremes stay. It goes after the step, so that Γ, M and the choice share one factor. Raw
+pixels are kept, so that all observations follow the imaged RCM when it moves.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from rcmservo.compiled import compiled
+from rcmservo.errors import require
+from rcmservo.interfaces import Floats
+from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.features import about, features_jacobian
+from rcmservo.method.projection import PARAMETERS, depth, project, project_jacobian
+from rcmservo.method.tool import Tool, second_marker, second_marker_jacobian, stretch
+
+GAMMA_0 = np.array([1e-5] * 6 + [1e-8] * 3)
+"""Diagonal of the printed Γ, for p in mm and m in px."""
+
+MAX_DECAY = 1e5
+"""Largest η t of the fast Γ: far beyond, rounding lets modes that were never observed grow."""
+
+MIN_DEPTH = 0.1
+"""Smallest relative depth ẑ that an estimate may give to an observation: behind it the projection
+turns over."""
+
+
+@compiled
+def add(A: Floats, b: Floats, p: Floats, u: float, v: float) -> None:
+    """Add one point's WᵀW and Wᵀm, by the blocks that eq. (19) gives them."""
+    far = u * u + v * v
+    for i in range(3):
+        b[i] += u * p[i]
+        b[3 + i] += v * p[i]
+        b[6 + i] -= far * p[i]
+        for j in range(3):
+            pp = p[i] * p[j]
+            A[i, j] += pp
+            A[3 + i, 3 + j] += pp
+            A[i, 6 + j] -= u * pp
+            A[6 + i, j] -= u * pp
+            A[3 + i, 6 + j] -= v * pp
+            A[6 + i, 3 + j] -= v * pp
+            A[6 + i, 6 + j] += far * pp
+
+
+@compiled
+def add_observation(
+    A: Floats, b: Floats, seen: Floats, o_c: Floats, both: bool, kind: int, value: float
+) -> None:
+    """Add one observation [p₁ (3), raw m₁ m₂ (4)]: marker 1, and marker 2 if both are fitted."""
+    p1 = seen[:3]
+    add(A, b, p1, seen[3] - o_c[0], seen[4] - o_c[1])
+    if both:
+        add(A, b, second_marker(kind, value, p1), seen[5] - o_c[0], seen[6] - o_c[1])
+
+
+@compiled
+def normal_equations(
+    observations: Floats, count: int, o_c: Floats, both: bool, kind: int, value: float
+) -> tuple[Floats, Floats]:
+    """MᵀM (9, 9) and Mᵀm (9,) of eq. (23)-(24)."""
+    A = np.zeros((PARAMETERS, PARAMETERS))
+    b = np.zeros(PARAMETERS)
+    for i in range(count):
+        add_observation(A, b, observations[i], o_c, both, kind, value)
+    return A, b
+
+
+@compiled
+def leverage(inverse: Floats, p: Floats, u: float, v: float) -> float:
+    """tr(W A⁻¹ Wᵀ) of one point, by the blocks of A⁻¹ (9, 9)."""
+    far = u * u + v * v
+    total = 0.0
+    for i in range(3):
+        for j in range(3):
+            block = inverse[i, j] + inverse[3 + i, 3 + j] + far * inverse[6 + i, 6 + j]
+            total += (
+                p[i]
+                * p[j]
+                * (block - 2.0 * u * inverse[i, 6 + j] - 2.0 * v * inverse[3 + i, 6 + j])
+            )
+    return total
+
+
+@compiled
+def least_telling(
+    observations: Floats, count: int, root: Floats, o_c: Floats, both: bool, kind: int, value: float
+) -> int:
+    """The observation with the least leverage tr(W root rootᵀ Wᵀ) on â, where root rootᵀ = (MᵀM +
+    εΓ₀⁻¹)⁻¹."""
+    inverse = root @ root.T
+    least, row = np.inf, 0
+    for i in range(count):
+        seen = observations[i]
+        p1 = seen[:3]
+        share = leverage(inverse, p1, seen[3] - o_c[0], seen[4] - o_c[1])
+        if both:
+            share += leverage(
+                inverse, second_marker(kind, value, p1), seen[5] - o_c[0], seen[6] - o_c[1]
+            )
+        if share < least:
+            least, row = share, i
+    return row
+
+
+@compiled
+def inverse_root(A: Floats, epsilon: float) -> Floats:
+    """L⁻ᵀ (9, 9) with L Lᵀ = MᵀM + ε Γ₀⁻¹, by forward substitution: its product with its transpose
+    is the inverse."""
+    regularised = A.copy()
+    for i in range(PARAMETERS):
+        regularised[i, i] += epsilon / GAMMA_0[i]
+    L = np.linalg.cholesky(regularised)
+    root = np.zeros((PARAMETERS, PARAMETERS))
+    for column in range(PARAMETERS):
+        root[column, column] = 1.0 / L[column, column]
+        for i in range(column + 1, PARAMETERS):
+            total = 0.0
+            for j in range(column, i):
+                total -= L[i, j] * root[column, j]
+            root[column, i] = total / L[i, i]
+    return root
+
+
+@compiled
+def decay(A: Floats, b: Floats, a: Floats, C: Floats, t: float) -> Floats:
+    """â after the time t of dâ/dt = −C Cᵀ (A â − b), exactly."""
+    eigenvalues, Q = np.linalg.eigh(C.T @ A @ C)
+    gain = np.empty(PARAMETERS)
+    for i in range(PARAMETERS):
+        rate = max(eigenvalues[i], 0.0)
+        gain[i] = -np.expm1(-rate * t) / rate if rate * t > 1e-12 else t
+    CQ = C @ Q
+    return a - CQ @ (gain * (CQ.T @ (A @ a - b)))
+
+
+@compiled
+def keep_in_front(
+    a: Floats, a_next: Floats, observations: Floats, count: int, kind: int, value: float
+) -> Floats:
+    """a_next, or the last point on the way to it from a at which every ẑ is at least MIN_DEPTH.
+
+    ẑ is linear in â and U is convex, so that U (22) falls on the shortened step too.
+    """
+    step = 1.0
+    for i in range(count):
+        p1 = observations[i, :3]
+        z, z_next = depth(a, p1), depth(a_next, p1)
+        for reach in (1.0, stretch(kind, value, p1)):
+            here, there = 1.0 + reach * (z - 1.0), 1.0 + reach * (z_next - 1.0)
+            if there < MIN_DEPTH:
+                step = min(step, max((here - MIN_DEPTH) / (here - there), 0.0))
+    return a + step * (a_next - a)
+
+
+@compiled
+def update(
+    observations: Floats,
+    count: int,
+    a: Floats,
+    p1: Floats,
+    points: Floats,
+    o_c: Floats,
+    t: float,
+    rate: float,
+    epsilon: float,
+    both: bool,
+    kind: int,
+    value: float,
+) -> tuple[Floats, int, Floats]:
+    """Take in one observation and integrate (21) over t seconds; rate 0 means the printed Γ."""
+    observations = observations.copy()
+    observations[count, :3] = p1
+    observations[count, 3:] = points.reshape(4)
+    count += 1
+    A, b = normal_equations(observations, count, o_c, both, kind, value)
+    root = inverse_root(A, epsilon)
+    C = np.sqrt(rate) * root if rate > 0.0 else np.diag(np.sqrt(GAMMA_0))
+    a_next = keep_in_front(a, decay(A, b, a, C, t), observations, count, kind, value)
+    if count == len(observations):
+        row = least_telling(observations, count, root, o_c, both, kind, value)
+        count -= 1
+        observations[row] = observations[count]
+    return observations, count, a_next
+
+
+@compiled
+def markers_jacobian(a: Floats, p1: Floats, kind: int, value: float) -> Floats:
+    """∂m/∂p₁ (4, 3), the second factor of eq. (15), of both markers."""
+    p2 = second_marker(kind, value, p1)
+    jacobian = np.empty((4, 3))
+    jacobian[:2] = project_jacobian(a, p1)
+    jacobian[2:] = project_jacobian(a, p2) @ second_marker_jacobian(kind, value, p1)
+    return jacobian
+
+
+@compiled
+def feature_jacobian(a: Floats, p1: Floats, m: Floats, kind: int, value: float) -> Floats:
+    """Ĵ (3, 3) of eq. (15): ∂y/∂m at the measured m, ∂m/∂p₁ from the parameters a."""
+    return features_jacobian(m) @ markers_jacobian(a, p1, kind, value)
+
+
+@compiled
+def jacobian_at(
+    a: Floats, p1: Floats, points: Floats, o_c: Floats, kind: int, value: float
+) -> Floats:
+    """`feature_jacobian` at raw `points` (2, 2) px."""
+    return feature_jacobian(a, p1, about(points, o_c), kind, value)
+
+
+@compiled
+def predict(a: Floats, p1: Floats, kind: int, value: float) -> Floats:
+    """π of eq. (34) for both markers: m (4,) px from the imaged RCM."""
+    m = np.empty(4)
+    m[:2] = project(a, p1)
+    m[2:] = project(a, second_marker(kind, value, p1))
+    return m
+
+
+class ProjectionMemory(NamedTuple):
+    """``observations`` (P + 1, 7) rows [p₁ mm, raw m₁ m₂ px] of which ``filled`` are used, and
+    ``a_hat`` (9,)."""
+
+    observations: Floats
+    filled: int
+    a_hat: Floats
+
+
+@dataclass(frozen=True)
+class ProjectionEstimator(Estimator):
+    """Ĵ through the projection parameters, rule (21)."""
+
+    gamma: Literal["fast", "printed"] = "fast"
+    """Γ of rule (21): fast, or the paper's as printed."""
+    rate: float = 20.0
+    """η of the fast Γ, 1/s."""
+    epsilon: float = 1e-7
+    """ε of the fast Γ: modes of MᵀM weaker than ε Γ₀⁻¹ learn more slowly."""
+    observations: int = 20
+    """P, the number of observations kept."""
+    both_markers: bool = True
+    """Fit m₂ as well as the paper's m₁."""
+    estimator_time: float = 0.0
+    """Time that the rule is given for every new frame, s; 0 stands for the real time between
+    frames."""
+
+    name = "projection"
+    models = True
+
+    def __post_init__(self) -> None:
+        require(
+            self.gamma in ("fast", "printed"), "estimator.gamma", self.gamma, "'fast' or 'printed'"
+        )
+        require(0.0 < self.rate < np.inf, "estimator.rate", self.rate, "a positive rate in 1/s")
+        require(0.0 < self.epsilon < np.inf, "estimator.epsilon", self.epsilon, "a positive number")
+        require(
+            self.observations >= 6,
+            "estimator.observations",
+            self.observations,
+            "at least 6 (Proposition 1)",
+        )
+        require(
+            0.0 <= self.estimator_time < np.inf,
+            "estimator.estimator_time",
+            self.estimator_time,
+            "a time in s",
+        )
+        decays = self.gamma == "printed" or self.rate * self.estimator_time <= MAX_DECAY
+        right = (
+            f"at most {MAX_DECAY:g} / rate with the fast Γ, whose modes have decayed long before"
+        )
+        require(decays, "estimator.estimator_time", self.estimator_time, right)
+
+    def init(self) -> ProjectionMemory:
+        return ProjectionMemory(np.zeros((self.observations + 1, 7)), 0, np.zeros(PARAMETERS))
+
+    def update(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> ProjectionMemory:
+        observations, count, a_hat = update(
+            memory.observations,
+            memory.filled,
+            memory.a_hat,
+            sample.p1,
+            sample.points,
+            sample.o_c,
+            self.estimator_time or sample.dt,
+            self.rate if self.gamma == "fast" else 0.0,
+            self.epsilon,
+            self.both_markers,
+            tool.kind,
+            tool.value,
+        )
+        return ProjectionMemory(observations, count, a_hat)
+
+    def jacobian(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
+        return jacobian_at(
+            memory.a_hat, sample.p1, sample.points, sample.o_c, tool.kind, tool.value
+        )
+
+    def predict(self, memory: ProjectionMemory, tool: Tool, p1: Floats) -> Floats:
+        return predict(memory.a_hat, p1, tool.kind, tool.value)
+
+
+PRINTED = ProjectionEstimator(
+    gamma="printed", observations=10, both_markers=False, estimator_time=1e4
+)
+"""The paper's own: the printed Γ, P = 10 observations of m₁; each new frame gives it 10⁴ s, as in
+real time it would need hours."""

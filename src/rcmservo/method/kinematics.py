@@ -1,0 +1,215 @@
+"""Where an RCM mechanism holds its tool: eq. (1)-(2), their inverse, their derivative, and the
+joint limits.
+
+A configuration is q = [angle, angle, insertion] in rad, rad, mm. It turns the tool's axis n(q)
+about the RCM, which is the origin, and slides it: a point at the distance ρ = insertion + zero
+along the axis lies at p = ρ n. In both coordinate systems here the three columns of ∂p/∂q are
+orthogonal, which makes joint rates a projection.
+"""
+
+from abc import ABC
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from rcmservo.compiled import compiled
+from rcmservo.errors import require
+from rcmservo.interfaces import Floats
+
+SPHERICAL, PITCH_YAW = 0, 1
+MIN_LEVER = 1e-3
+"""Shortest |∂n/∂q_i| that joint rates divide by: below it (2) is singular and the axis direction
+undefined."""
+
+
+@compiled
+def axis(kind: int, q: Floats) -> Floats:
+    """Unit direction n of the tool from the RCM outwards; eq. (2) divided by ρ."""
+    if kind == SPHERICAL:
+        theta, phi = q[0], q[1]
+        return np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
+    yaw, pitch = q[0], q[1]
+    return np.array([np.cos(pitch) * np.sin(yaw), -np.sin(pitch), -np.cos(pitch) * np.cos(yaw)])
+
+
+@compiled
+def axis_jacobian(kind: int, q: Floats) -> Floats:
+    """∂n/∂(angle, angle), shape (3, 2); its columns are orthogonal to each other and to n."""
+    if kind == SPHERICAL:
+        st, ct, sf, cf = np.sin(q[0]), np.cos(q[0]), np.sin(q[1]), np.cos(q[1])
+        return np.array([[ct * cf, -st * sf], [ct * sf, st * cf], [-st, 0.0]])
+    sy, cy, sp, cp = np.sin(q[0]), np.cos(q[0]), np.sin(q[1]), np.cos(q[1])
+    return np.array([[cp * cy, -sp * sy], [0.0, -cp], [cp * sy, sp * cy]])
+
+
+@compiled
+def position(kind: int, zero: float, q: Floats) -> Floats:
+    """p = ρ n(q) in mm, eq. (2), of the point at ρ = q₃ + zero."""
+    return (q[2] + zero) * axis(kind, q)
+
+
+@compiled
+def position_jacobian(kind: int, zero: float, q: Floats) -> Floats:
+    """∂p/∂q, shape (3, 3), mm per rad, rad, mm."""
+    jacobian = np.empty((3, 3))
+    jacobian[:, :2] = (q[2] + zero) * axis_jacobian(kind, q)
+    jacobian[:, 2] = axis(kind, q)
+    return jacobian
+
+
+@compiled
+def joints(kind: int, zero: float, p: Floats) -> Floats:
+    """The configuration q, insertion positive, that brings the point at ρ = q₃ + zero to p: the
+    inverse of (2)."""
+    rho = np.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
+    if kind == SPHERICAL:
+        across = np.sqrt(p[0] ** 2 + p[1] ** 2)
+        return np.array([np.arctan2(across, p[2]), np.arctan2(p[1], p[0]), rho - zero])
+    along = np.sqrt(p[0] ** 2 + p[2] ** 2)
+    return np.array([np.arctan2(p[0], -p[2]), np.arctan2(-p[1], along), rho - zero])
+
+
+@compiled
+def joint_rates(kind: int, zero: float, q: Floats, v: Floats) -> Floats:
+    """q̇ (rad/s, rad/s, mm/s) that moves the point at ρ = q₃ + zero with v mm/s; finite even where
+    (2) is singular."""
+    jacobian = position_jacobian(kind, zero, q)
+    shortest = (MIN_LEVER * (q[2] + zero)) ** 2
+    rates = np.empty(3)
+    for i in range(3):
+        column = jacobian[:, i]
+        rates[i] = (column[0] * v[0] + column[1] * v[1] + column[2] * v[2]) / max(
+            column[0] ** 2 + column[1] ** 2 + column[2] ** 2, shortest
+        )
+    return rates
+
+
+@compiled
+def blocked(
+    kind: int,
+    zero: float,
+    q: Floats,
+    v: Floats,
+    lower: Floats,
+    upper: Floats,
+    fastest: Floats,
+    horizon: float,
+    share: float,
+) -> int:
+    """The joint (or -1) whose limit stands in the way of v (3,) mm/s, at joint rates of at most
+    `fastest` (3,).
+
+    One that would be passed within `horizon` s, if without it less than `share` of the speed is
+    left.
+    """
+    rates = joint_rates(kind, zero, q, v)
+    slower = max(1.0, np.max(np.abs(rates) / fastest))
+    rates /= slower
+    joint = -1
+    for i in range(3):
+        ahead = q[i] + rates[i] * horizon
+        if ahead > upper[i] or ahead < lower[i]:
+            joint, rates[i] = i, 0.0
+    if joint < 0:
+        return -1
+    left = position_jacobian(kind, zero, q) @ rates
+    return joint if np.sum(left**2) < share**2 * np.sum((v / slower) ** 2) else -1
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """The configurations that the tool may take: lower <= q <= upper, in rad, rad, mm."""
+
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        for name, values in (("lower", self.lower), ("upper", self.upper)):
+            require(bool(np.all(np.isfinite(values))), name, values, "three finite numbers")
+        above = all(low < high for low, high in zip(self.lower, self.upper, strict=True))
+        require(above, "upper", self.upper, f"above lower {self.lower} in every joint")
+
+    @cached_property
+    def arrays(self) -> tuple[Floats, Floats]:
+        """lower (3,) and upper (3,)."""
+        return np.array(self.lower), np.array(self.upper)
+
+
+@dataclass(frozen=True)
+class Kinematics(ABC):
+    """What a robot knows of its own RCM mechanism: coordinates, limits, and where the insertion
+    axis reads zero.
+
+    ``insertion_zero`` (mm) is ρ of the tool's reference point where the insertion joint reads zero.
+    """
+
+    kind: ClassVar[int]
+    joint_names: ClassVar[tuple[str, str, str]]
+    name: ClassVar[str]
+
+    limits: JointLimits
+    insertion_zero: float = 0.0
+
+    def __post_init__(self) -> None:
+        require(
+            bool(np.isfinite(self.insertion_zero)),
+            "insertion_zero",
+            self.insertion_zero,
+            "a finite length in mm",
+        )
+        shortest = self.limits.lower[2] + self.insertion_zero
+        require(
+            shortest > 0.0,
+            "lower[2]",
+            self.limits.lower[2],
+            f"above {-self.insertion_zero:g} mm, so that ρ > 0",
+        )
+
+    def position(self, q: Floats) -> Floats:
+        """p (3,) mm of the tool's reference point, eq. (2)."""
+        return position(self.kind, self.insertion_zero, np.ascontiguousarray(q, dtype=float))
+
+    def jacobian(self, q: Floats) -> Floats:
+        """∂p/∂q (3, 3)."""
+        return position_jacobian(
+            self.kind, self.insertion_zero, np.ascontiguousarray(q, dtype=float)
+        )
+
+    def joints(self, p: Floats) -> Floats:
+        """q (3,) of the reference point's position p (3,) mm."""
+        return joints(self.kind, self.insertion_zero, np.ascontiguousarray(p, dtype=float))
+
+
+@dataclass(frozen=True)
+class SphericalRcm(Kinematics):
+    """The paper's coordinates q = [θ φ ρ], eq. (1)-(2): singular at θ = 0, so its limits must leave
+    that pose out."""
+
+    kind = SPHERICAL
+    joint_names = ("theta", "phi", "rho")
+    name = "spherical"
+
+    limits: JointLimits = field(
+        default=JointLimits(
+            lower=(np.radians(8.0), -np.pi, 40.0), upper=(np.radians(85.0), np.pi, 220.0)
+        )
+    )
+
+
+@dataclass(frozen=True)
+class PitchYawRcm(Kinematics):
+    """Yaw about y, pitch about x, insertion towards −z, as a da Vinci arm counts: regular at its
+    home pose q = 0.
+
+    The default limits are those of a da Vinci research kit's patient-side manipulator.
+    """
+
+    kind = PITCH_YAW
+    joint_names = ("yaw", "pitch", "insertion")
+    name = "pitch-yaw"
+
+    limits: JointLimits = field(
+        default=JointLimits(lower=(-1.588, -0.925, 40.0), upper=(1.588, 0.925, 240.0))
+    )

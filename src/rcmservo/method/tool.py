@@ -1,0 +1,108 @@
+"""Where the second marker is, given the first: on a rigid shaft, or by the paper's constant factor
+λ.
+
+Both markers ride on the tool's axis, m₁ nearer the RCM and m₂ nearer the tip. The paper writes p₂ =
+λ p₁; on a real shaft the spacing l is what stays, so p₂ = p₁ (1 + l/ρ) and λ changes with insertion
+(by the wrong sign of ∂d/∂ρ).
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from rcmservo.compiled import compiled
+from rcmservo.errors import require
+from rcmservo.interfaces import Floats
+
+RIGID, SCALED = 0, 1
+
+
+@compiled
+def stretch(kind: int, value: float, p1: Floats) -> float:
+    """|p₂|/|p₁|: λ itself, or 1 + l/ρ; `value` is the spacing l in mm (rigid) or λ (scaled)."""
+    if kind == SCALED:
+        return value
+    return 1.0 + value / np.sqrt(p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2)
+
+
+@compiled
+def second_marker(kind: int, value: float, p1: Floats) -> Floats:
+    """p₂ (3,) mm from p₁ (3,) mm."""
+    return stretch(kind, value, p1) * p1
+
+
+@compiled
+def second_marker_jacobian(kind: int, value: float, p1: Floats) -> Floats:
+    """∂p₂/∂p₁ (3, 3): λ I, or I + (l/ρ)(I − n nᵀ) with n = p₁/ρ."""
+    if kind == SCALED:
+        return value * np.eye(3)
+    rho = np.sqrt(p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2)
+    n = p1 / rho
+    return np.eye(3) + (value / rho) * (np.eye(3) - np.outer(n, n))
+
+
+class Tool(ABC):
+    """The markers' places on the tool's axis.
+
+    ``offset`` (mm) is how far m₁ is beyond the reference point whose ρ the arm reports. ``value``
+    is the number that the compiled functions take: l or λ.
+    """
+
+    kind: ClassVar[int]
+    name: ClassVar[str]
+    offset: float
+
+    @property
+    @abstractmethod
+    def value(self) -> float: ...
+
+    def second_marker(self, p1: Floats) -> Floats:
+        """p₂ (3,) mm of the marker nearer the tip."""
+        return second_marker(self.kind, self.value, np.ascontiguousarray(p1, dtype=float))
+
+
+@dataclass(frozen=True)
+class RigidTool(Tool):
+    """Two markers at a fixed spacing l on one rigid shaft: p₂ = p₁ (1 + l/ρ).
+
+    ``spacing`` (mm) from m₁ to m₂ along the tool, positive away from the RCM.
+    ``offset`` (mm) from the tool's reference point to m₁, positive away from the RCM.
+    """
+
+    kind = RIGID
+    name = "rigid"
+
+    spacing: float
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        good = bool(np.isfinite(self.spacing)) and self.spacing > 0.0
+        require(good, "tool.spacing", self.spacing, "a positive length in mm")
+        require(bool(np.isfinite(self.offset)), "tool.offset", self.offset, "a finite length in mm")
+
+    @property
+    def value(self) -> float:
+        return self.spacing
+
+
+@dataclass(frozen=True)
+class ScaledTool(Tool):
+    """The paper's model p₂ = λ p₁ with λ constant: right at one insertion only, kept to reproduce
+    the paper."""
+
+    kind = SCALED
+    name = "scaled"
+
+    scale: float
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        good = bool(np.isfinite(self.scale)) and self.scale > 1.0
+        require(good, "tool.scale", self.scale, "a factor λ above 1 (m₂ is beyond m₁)")
+        require(bool(np.isfinite(self.offset)), "tool.offset", self.offset, "a finite length in mm")
+
+    @property
+    def value(self) -> float:
+        return self.scale

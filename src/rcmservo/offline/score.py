@@ -1,0 +1,175 @@
+"""Recorded frames through tracking, features, imaged RCM and the estimators, and a score for each.
+
+The score is one-step prediction. From everything up to frame t each estimator predicts y at t + 1,
+given only where the joints then were, and the errors' root mean square is set beside that of
+predicting no motion at all. An estimator with a projection model predicts ŷ(t+1) = y(t) + h(p(t+1))
+− h(p(t)); every one predicts linearly, Ĵ Δp.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rcmservo.config.rig_file import Lab
+from rcmservo.errors import UnusableFile
+from rcmservo.interfaces import Floats, Markers, Tracker
+from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.features import about, difference, features
+from rcmservo.method.imaged_rcm import ImagedRcm, remember, solve
+from rcmservo.method.tool import Tool
+from rcmservo.offline.frames_folder import Pose, frames, load
+
+FIRST = 9
+"""Index of the first frame from which a step is predicted: the tenth."""
+
+STILL_SPEED = 10.0
+"""mm/s at which the tool is taken to have gone from one still to the next, where a recording has no
+times."""
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """What a recording gave.
+
+    ``markers`` of every frame; ``o_c`` (2,) px and its ``condition`` (NaN and inf where not
+    observable); ``reprojection`` (2,) px, the root mean square of each marker's 2-D error under the
+    final fit; ``one_step`` by name, (3,) rad, px, px, NaN where no step could be predicted.
+    """
+
+    poses: list[Pose]
+    markers: list[Markers]
+    o_c: Floats
+    condition: float
+    reprojection: Floats
+    one_step: dict[str, Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A frame in which both markers were found."""
+
+    p1: Floats
+    points: Floats
+    dt: float
+
+
+def replay(
+    folder: Path,
+    lab: Lab,
+    tracker: Tracker,
+    estimators: dict[str, Estimator],
+    imaged_rcm: ImagedRcm,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Replay:
+    """Score a recording. `estimators` by name; the first one with a projection model gives the
+    reprojection."""
+    poses = load(folder, lab.mechanism, lab.tool)
+    markers: list[Markers] = []
+    for frame in frames(poses):
+        markers.append(tracker.find(frame))
+        progress(len(markers), len(poses))
+    seen = _found(poses, markers)
+    if not seen:
+        raise UnusableFile(
+            folder,
+            "no frame shows both markers: check the markers' colours and radii in the rig file",
+        )
+    origins = _origins(seen, imaged_rcm)
+    one_step = {"no_motion": _no_motion(seen, origins)}
+    reprojection = np.full(2, np.nan)
+    for name, estimator in estimators.items():
+        finite, linear, memory = _score(estimator, lab.tool, seen, origins)
+        if finite is not None:
+            one_step[name] = finite
+        one_step[f"{name}_linear"] = linear
+        if finite is not None and np.isnan(reprojection).any():
+            reprojection = _reprojection(estimator, memory, lab.tool, seen, origins[-1][0])
+    o_c, condition = origins[-1]
+    return Replay(poses, markers, o_c, condition, reprojection, one_step)
+
+
+def _found(poses: list[Pose], markers: list[Markers]) -> list[_Seen]:
+    seen: list[_Seen] = []
+    before: Pose | None = None
+    for pose, found in zip(poses, markers, strict=True):
+        if np.isfinite(found.points).all():
+            seen.append(_Seen(pose.p1, found.points, _since(before, pose)))
+            before = pose
+    return seen
+
+
+def _since(before: Pose | None, pose: Pose) -> float:
+    """Seconds between two poses: as recorded, or as long as the way takes at STILL_SPEED."""
+    if before is None:
+        return 0.0
+    if before.time is not None and pose.time is not None:
+        return max(pose.time - before.time, 0.0)
+    return float(np.linalg.norm(pose.p1 - before.p1)) / STILL_SPEED
+
+
+def _origins(seen: list[_Seen], imaged_rcm: ImagedRcm) -> list[tuple[Floats, float]]:
+    """o_c (2,) and its condition as known after each frame; NaN while it is not observable."""
+    lines, count = imaged_rcm.init()
+    origins: list[tuple[Floats, float]] = []
+    for one in seen:
+        lines, count = remember(lines, count, one.points)
+        o_c, condition = solve(lines, count, imaged_rcm.refinements)
+        known = condition <= imaged_rcm.max_condition
+        origins.append((o_c, condition) if known else (np.full(2, np.nan), condition))
+    return origins
+
+
+def _no_motion(seen: list[_Seen], origins: list[tuple[Floats, float]]) -> Floats:
+    steps = [t for t in range(FIRST, len(seen) - 1) if np.isfinite(origins[t][0]).all()]
+    return _rms([_change(seen[t], seen[t + 1], origins[t][0]) for t in steps])
+
+
+def _score(
+    estimator: Estimator, tool: Tool, seen: list[_Seen], origins: list[tuple[Floats, float]]
+) -> tuple[Floats | None, Floats, Any]:
+    """Errors over the finite step (None without a projection model) and of the linear step, and the
+    last memory."""
+    memory = estimator.init()
+    finite: list[Floats] = []
+    linear: list[Floats] = []
+    for t, (one, (o_c, _)) in enumerate(zip(seen, origins, strict=True)):
+        if not np.isfinite(o_c).all():
+            continue
+        sample = Sample(one.p1, one.points, o_c, one.dt)
+        memory = estimator.update(memory, tool, sample)
+        if t < FIRST or t + 1 == len(seen):
+            continue
+        after = seen[t + 1]
+        change = _change(one, after, o_c)
+        linear.append(
+            difference(change, estimator.jacobian(memory, tool, sample) @ (after.p1 - one.p1))
+        )
+        here, there = (estimator.predict(memory, tool, p1) for p1 in (one.p1, after.p1))
+        if here is not None and there is not None:
+            finite.append(difference(change, difference(features(there), features(here))))
+    return (_rms(finite) if estimator.models else None), _rms(linear), memory
+
+
+def _change(one: _Seen, after: _Seen, o_c: Floats) -> Floats:
+    """Δy (3,) from one frame to the next, about the same origin."""
+    return difference(features(about(after.points, o_c)), features(about(one.points, o_c)))
+
+
+def _rms(errors: list[Floats]) -> Floats:
+    return np.sqrt(np.mean(np.array(errors) ** 2, axis=0)) if errors else np.full(3, np.nan)
+
+
+def _reprojection(
+    estimator: Estimator, memory: Any, tool: Tool, seen: list[_Seen], o_c: Floats
+) -> Floats:
+    """Root mean square (2,) px of the length of each marker's error under one fit, over all
+    frames."""
+    squares: list[Floats] = []
+    for one in seen:
+        model = estimator.predict(memory, tool, one.p1)
+        assert model is not None
+        squares.append(np.sum((model - about(one.points, o_c)).reshape(2, 2) ** 2, axis=1))
+    return np.sqrt(np.mean(squares, axis=0))

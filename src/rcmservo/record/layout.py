@@ -1,0 +1,332 @@
+"""How a run's messages lie in bytes: ROS 2's CDR encoding, little endian, and the message
+definitions beside it.
+
+A tick has numbers of fixed size first and words last, so that every number lies at a fixed place:
+one is written in one go, and any number of them are read back as columns. A header's stamp is a
+moment on the plant's clock.
+"""
+
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rcmservo.guard.states import Mode, Phase
+from rcmservo.interfaces import Floats
+from rcmservo.loop.run import Tick
+from rcmservo.method.estimators.projection import ProjectionMemory
+from rcmservo.servo.servo import Servo, State
+
+INTEGERS = (
+    "now",
+    "q_time",
+    "frame",
+    "exposure",
+    "arrival",
+    "believed",
+    "since",
+    "good",
+    "command_number",
+    "command_time",
+    "command_deadline",
+    "latency",
+)
+"""A tick's whole numbers; times in ns."""
+
+REALS = {
+    "rcm_condition": 1,
+    "condition": 1,
+    "period": 1,
+    "q": 3,
+    "q_exposure": 3,
+    "points": 4,
+    "applied_before": 3,
+    "o_c": 2,
+    "p1": 3,
+    "y": 3,
+    "delta": 3,
+    "ahead": 3,
+    "J_hat": 9,
+    "a_hat": 9,
+    "model": 4,
+    "v": 3,
+    "command": 3,
+    "applied": 3,
+}
+"""Name and length of a tick's numbers. `model` is π (34) of both markers from o_c; it and `a_hat`
+are NaN where there is none. `applied_before` are the rates that the observation tells, `applied`
+those that the arm took of the command."""
+
+FLAGS = ("enabled", "recorded", "command_enabled", "explored")
+WORDS = ("phase", "cause", "asks", "request", "dropped")
+TRUTH = {"p1": 3, "p2": 3, "jacobian_error": 1}
+
+CRTK = {phase: phase.name for phase in (Phase.DISABLED, Phase.PAUSED, Phase.FAULT)}
+"""CRTK's name of a phase; all others are ENABLED."""
+
+UNKNOWN = np.full(9, np.nan)
+METRES = np.array([1.0, 1.0, 1e-3])
+"""One rad, rad, mm in SI units."""
+
+TIME_DEFINITION = "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+LINE = "=" * 80 + "\n"
+STAMPED = (
+    f"{LINE}MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring "
+    f"frame_id\n{LINE}{TIME_DEFINITION}"
+)
+
+
+def _definition(*fields: str) -> str:
+    return "\n".join(["std_msgs/Header header", *fields]) + "\n" + STAMPED
+
+
+def _arrays(numbers: dict[str, int]) -> list[str]:
+    return [f"float64[{size}] {name.lower()}" for name, size in numbers.items()]
+
+
+DEFINITIONS = {
+    "std_msgs/msg/String": "string data\n",
+    "sensor_msgs/msg/JointState": _definition(
+        "string[] name", "float64[] position", "float64[] velocity", "float64[] effort"
+    ),
+    "crtk_msgs/msg/OperatingState": _definition(
+        "string state", "string substate", "bool is_homed", "bool is_busy"
+    ),
+    "sensor_msgs/msg/CompressedImage": _definition("string format", "uint8[] data"),
+    "rcmservo_msgs/msg/Truth": _definition(*_arrays(TRUTH)),
+    "rcmservo_msgs/msg/Tick": _definition(
+        *(f"int64 {name}" for name in INTEGERS),
+        *_arrays(REALS),
+        *(f"bool {name}" for name in FLAGS),
+        *(f"string {name}" for name in WORDS),
+    ),
+}
+"""Every message's definition as ROS 2 writes it, by its type."""
+
+TOPICS = {
+    "rcmservo/about": "std_msgs/msg/String",
+    "rcmservo/stage": "std_msgs/msg/String",
+    "rcmservo/tick": "rcmservo_msgs/msg/Tick",
+    "rcmservo/truth": "rcmservo_msgs/msg/Truth",
+    "measured_js": "sensor_msgs/msg/JointState",
+    "servo_jv": "sensor_msgs/msg/JointState",
+    "operating_state": "crtk_msgs/msg/OperatingState",
+    "image_raw/compressed": "sensor_msgs/msg/CompressedImage",
+}
+"""The type of every topic's messages."""
+
+ENCAPSULATION = b"\x00\x01\x00\x00"
+ANONYMOUS = struct.Struct("<4siII")
+"""Encapsulation, stamp in s and ns, and the length of an empty frame_id, whose end and padding are
+four zeros."""
+
+TICK = np.dtype(
+    [("start", "S4"), ("sec", "<i4"), ("nanosec", "<u4"), ("frame_id", "<u4"), ("end", "<u4")]
+    + [(name, "<i8", (1,)) for name in INTEGERS]
+    + [(name, "<f8", (size,)) for name, size in REALS.items()]
+    + [(name, "?", (1,)) for name in FLAGS]
+)
+"""A tick up to its words."""
+
+TRUTH_LAYOUT = np.dtype(
+    [("start", "S20"), *((name, "<f8", (size,)) for name, size in TRUTH.items())]
+)
+
+_INTEGERS = struct.Struct(f"<I{len(INTEGERS)}q")
+_SCALARS = struct.Struct("<3d")
+_FLAGS = struct.Struct(f"<{len(FLAGS)}?")
+_BLOCK = 8 * sum(size for size in REALS.values() if size > 1)
+_IMAGE = struct.Struct("<4siII8sI8sI")
+
+
+def stamp(time: int) -> tuple[int, int]:
+    """builtin_interfaces/Time of `time` ns: s and ns, at the end of its range where the time is
+    beyond that."""
+    sec, nanosec = divmod(time, 10**9)
+    return min(max(sec, -(2**31)), 2**31 - 1), nanosec
+
+
+def header(time: int) -> bytes:
+    """The first 16 bytes of a message with a stamp of `time` ns and no frame_id."""
+    return ANONYMOUS.pack(ENCAPSULATION, *stamp(time), 1)
+
+
+def tick(tick: Tick, servo: Servo) -> bytes:
+    """One tick of the loop; its stamp is the moment of the observation."""
+    seen, state = tick.seen, tick.state
+    command, watch, mode = state.command, state.watch, state.mode
+    whole = _INTEGERS.pack(
+        0,
+        seen.now,
+        seen.q_time,
+        seen.frame,
+        seen.exposure,
+        seen.arrival,
+        state.believed,
+        mode.since,
+        mode.good,
+        command.number,
+        command.time,
+        command.deadline,
+        watch.latency,
+    )
+    block = np.concatenate(
+        (
+            seen.q,
+            seen.q_exposure,
+            seen.points.ravel(),
+            seen.applied,
+            state.o_c,
+            state.p1,
+            state.y,
+            state.delta,
+            state.ahead,
+            state.J_hat.ravel(),
+            _parameters(state),
+            _model(state, servo),
+            state.v,
+            command.rates,
+            tick.applied,
+        )
+    ).tobytes()
+    if len(block) != _BLOCK:
+        raise ValueError("a tick's numbers have another shape than they should")
+    scalars = _SCALARS.pack(state.rcm_condition, state.condition, watch.period)
+    flags = _FLAGS.pack(seen.enabled, seen.recorded, command.enabled, state.explored)
+    words = (mode.phase.name, mode.cause.name, mode.asks.name, tick.request.name, seen.dropped.name)
+    return b"".join((header(seen.now), whole, scalars, block, flags, _tail(words)))
+
+
+def _parameters(state: State) -> Floats:
+    return state.memory.a_hat if isinstance(state.memory, ProjectionMemory) else UNKNOWN
+
+
+def _model(state: State, servo: Servo) -> Floats:
+    model = servo.estimator.predict(state.memory, servo.tool, state.p1)
+    return UNKNOWN[:4] if model is None else model
+
+
+_tails: dict[tuple[str, ...], bytes] = {}
+
+
+def _tail(words: tuple[str, ...]) -> bytes:
+    """The words as they follow a tick's numbers; a run has few different ones."""
+    if words not in _tails:
+        _tails[words] = strings(words, TICK.itemsize)
+    return _tails[words]
+
+
+def strings(words: Sequence[str], place: int) -> bytes:
+    """Strings in CDR from the byte `place` on, counted with the encapsulation: each length lies on
+    a multiple of 4."""
+    data = bytearray()
+    for word in words:
+        data += bytes(-(place + len(data)) % 4)
+        encoded = word.encode() + b"\0"
+        data += struct.pack("<I", len(encoded)) + encoded
+    return bytes(data)
+
+
+def words_of(data: bytes, place: int, count: int) -> tuple[str, ...]:
+    """The `count` strings that `strings` put there; ValueError where the bytes are no such
+    strings."""
+    words: list[str] = []
+    for _ in range(count):
+        place += -place % 4
+        if place + 4 > len(data):
+            raise ValueError("a string begins beyond the end of its message")
+        (length,) = struct.unpack_from("<I", data, place)
+        end = place + 4 + length
+        if not 1 <= length <= len(data) - place - 4 or data[end - 1] != 0:
+            raise ValueError("a string ends beyond the end of its message")
+        words.append(data[place + 4 : end - 1].decode())
+        place = end
+    return tuple(words)
+
+
+def text(words: str) -> bytes:
+    """A std_msgs/String."""
+    return ENCAPSULATION + strings([words], 4)
+
+
+def operating_state(now: int, mode: Mode) -> bytes:
+    """CRTK's operating state: whether the drive is on, and below that phase, cause and way out in
+    words."""
+    start = header(now) + bytes(4)
+    busy = mode.phase in (Phase.ACQUIRE, Phase.SERVO)
+    return (
+        start
+        + strings((CRTK.get(mode.phase, "ENABLED"), mode.words), len(start))
+        + bytes((True, busy))
+    )
+
+
+def truth(now: int, p1: Floats, p2: Floats, jacobian_error: float) -> bytes:
+    """What a simulation knows at a tick."""
+    return header(now) + bytes(4) + np.array([*p1, *p2, jacobian_error]).tobytes()
+
+
+class JointStates:
+    """sensor_msgs/JointState of one mechanism's joints, in rad and m."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        start = struct.pack("<I", len(names)) + strings(names, 4)
+        self._names = bytes(4) + start + bytes(-len(start) % 4)
+
+    def positions(self, time: int, q: Floats) -> bytes:
+        """The joints q (3,) measured at `time` ns."""
+        return header(time) + self._names + self._sequence(len(self._names), q) + bytes(8)
+
+    def rates(self, time: int, rates: Floats) -> bytes:
+        """The joint rates (3,) commanded at `time` ns."""
+        return (
+            header(time)
+            + self._names
+            + bytes(4)
+            + self._sequence(len(self._names) + 4, rates)
+            + bytes(4)
+        )
+
+    @staticmethod
+    def _sequence(place: int, values: Floats) -> bytes:
+        """A float64[]; empty where not all values are finite, as JointState has no other way to say
+        so."""
+        if not np.isfinite(values).all():
+            return bytes(4)
+        padding = bytes(-(place + 12 + 4) % 8)
+        return struct.pack("<I", 3) + padding + (values * METRES).tobytes()
+
+
+def image(exposure: int, data: bytes) -> bytes:
+    """A sensor_msgs/CompressedImage of a JPEG file's bytes, exposed at `exposure` ns."""
+    return _image_start(exposure, len(data)) + data
+
+
+def _image_start(exposure: int, size: int) -> bytes:
+    return _IMAGE.pack(ENCAPSULATION, *stamp(exposure), 7, b"camera", 5, b"jpeg", size)
+
+
+def image_of(data: bytes) -> tuple[int, bytes]:
+    """Exposure ns and the JPEG file's bytes of what `image` made; ValueError where it is no such
+    thing."""
+    if len(data) < _IMAGE.size:
+        raise ValueError("a picture's message is too short")
+    _, sec, nanosec, *_ = _IMAGE.unpack_from(data)
+    exposure, picture = sec * 10**9 + nanosec, data[_IMAGE.size :]
+    if data[: _IMAGE.size] != _image_start(exposure, len(picture)):
+        raise ValueError("a picture's message is laid out otherwise")
+    return exposure, picture
+
+
+def columns(layout: np.dtype[Any], rows: Sequence[bytes]) -> dict[str, NDArray[Any]]:
+    """Messages of one layout as columns (N, size) by name; ValueError where one is too short."""
+    size = layout.itemsize
+    joined = b"".join([row[:size] for row in rows])
+    if len(joined) != size * len(rows):
+        raise ValueError("a message is too short")
+    table = np.frombuffer(joined, layout)
+    return {
+        name: np.ascontiguousarray(table[name]) for name in layout.names or () if layout[name].shape
+    }

@@ -1,0 +1,242 @@
+"""A run as it was recorded, as columns: what the servo saw, knew and decided at every tick.
+
+A file that was cut or damaged is read up to there, and the record says how much is missing. What is
+read is as it was written, bit for bit: see chunks.py.
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rcmservo.errors import UnusableFile
+from rcmservo.interfaces import Floats, Image
+from rcmservo.record.layout import (
+    DEFINITIONS,
+    TICK,
+    TOPICS,
+    TRUTH,
+    TRUTH_LAYOUT,
+    WORDS,
+    columns,
+    image_of,
+    words_of,
+)
+from rcmservo.record.mcap_chunks import Message, Messages
+from rcmservo.record.stage import Stage, stage_of
+from rcmservo.tracking import decode_image
+
+RECORD = "record.mcap"
+"""A record's name in the folder of its run."""
+
+LONGEST = 1e9
+"""s from which on what a record tells as its run's length is none."""
+
+Column = NDArray[Any]
+Name = TypeVar("Name", bound=Enum)
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A run as columns: ``time`` (N,) s; ``ticks`` and ``truth`` by name, (N, size) each; names of
+    N ``words`` each, of which ``phase`` and ``cause`` stand out; the ``stages``.
+
+    ``about`` is what the run was told: settings, seed, versions, how long it was ``planned`` to
+    last. ``missing`` tells in one sentence what could not be read, empty where the record is
+    ``complete``; ``unread`` is how many bytes of the file that are.
+    """
+
+    path: Path
+    about: dict[str, Any]
+    time: Floats
+    ticks: dict[str, Column]
+    words: dict[str, list[str]]
+    truth: dict[str, Floats]
+    stages: list[Stage]
+    missing: str
+    unread: int
+
+    @property
+    def planned(self) -> float | None:
+        """s that the run was to last, or None where the record does not tell."""
+        return _planned(self.about)
+
+    @property
+    def phase(self) -> list[str]:
+        """The phase at every tick."""
+        return self.words["phase"]
+
+    @property
+    def cause(self) -> list[str]:
+        """The cause at every tick."""
+        return self.words["cause"]
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing is missing."""
+        return not self.missing
+
+    def named(self, kind: type[Name], column: str, i: int) -> Name:
+        """The member of an enum that a column of words names at tick `i`."""
+        name = self.words[column][i]
+        try:
+            return kind[name]
+        except KeyError as error:
+            why = f"tells a {column} {name!r} that this version of rcmservo does not know"
+            raise UnusableFile(self.path, why) from error
+
+    def new_frames(self, since: float = 0.0) -> NDArray[np.intp]:
+        """The ticks from `since` s on at which a new frame had come."""
+        new = np.diff(self.ticks["frame"][:, 0], prepend=-1) > 0
+        return np.flatnonzero(new & (self.time >= since))
+
+
+def file_of(path: Path) -> Path:
+    """The record's file, given that or the folder of its run."""
+    return path / RECORD if path.is_dir() else path
+
+
+def read(path: Path) -> Record:
+    """A run from its folder or MCAP file, up to its end or to where it was cut or damaged."""
+    path = file_of(path)
+    messages = Messages(path)
+    rows = _Rows(path)
+    for message in messages:
+        rows.add(message)
+    if rows.about is None:
+        raise UnusableFile(path, "is not a record of a run, or its start is damaged")
+    try:
+        return rows.record(messages)
+    except ValueError as error:
+        raise UnusableFile(path, f"is a record that cannot be read: {error}") from error
+
+
+def frames(path: Path) -> Iterator[tuple[int, Image]]:
+    """The exposures (ns on the plant's clock, as in the ticks) and pictures of a record's frames,
+    one at a time."""
+    path = file_of(path)
+    for exposure, data in pictures(path):
+        yield exposure, decode_image(data, path)
+
+
+def pictures(path: Path) -> Iterator[tuple[int, bytes]]:
+    """The exposures of a record's frames, and their pictures as the JPEG files that they are kept
+    as."""
+    path = file_of(path)
+    for message in Messages(path):
+        if message.topic == "image_raw/compressed":
+            try:
+                yield image_of(message.data)
+            except ValueError as error:
+                raise UnusableFile(path, f"holds a frame that cannot be read: {error}") from error
+
+
+class _Rows:
+    """A record's messages as they come."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.about: dict[str, Any] | None = None
+        self.times: list[int] = []
+        self.ticks: list[bytes] = []
+        self.truth: list[bytes] = []
+        self.stages: list[Stage] = []
+        self._tails: dict[bytes, tuple[str, ...]] = {}
+        self._words: list[tuple[str, ...]] = []
+
+    def add(self, message: Message) -> None:
+        """Keep one message."""
+        topic = message.topic
+        if topic in TOPICS and message.definition != DEFINITIONS[TOPICS[topic]]:
+            raise UnusableFile(
+                self.path,
+                f"its {topic} has another form: another version of rcmservo has written it",
+            )
+        try:
+            self._keep(topic, message)
+        except (ValueError, RecursionError) as error:
+            raise UnusableFile(
+                self.path, f"holds a {topic} that cannot be read: {error}"
+            ) from error
+
+    def _keep(self, topic: str, message: Message) -> None:
+        if topic == "rcmservo/tick":
+            self.times.append(message.time)
+            self.ticks.append(message.data)
+            self._words.append(self._tail(message.data))
+        elif topic == "rcmservo/truth":
+            self.truth.append(message.data)
+        elif topic == "rcmservo/stage":
+            self.stages.append(stage_of(_json(message.data), len(self.ticks), len(self.stages)))
+        elif topic == "rcmservo/about":
+            self.about = _json(message.data)
+
+    def _tail(self, data: bytes) -> tuple[str, ...]:
+        tail = data[TICK.itemsize :]
+        words = self._tails.get(tail)
+        if words is None:
+            words = self._tails[tail] = words_of(data, TICK.itemsize, len(WORDS))
+        return words
+
+    def record(self, messages: Messages) -> Record:
+        """All of it as columns."""
+        time = np.array(self.times, dtype=np.float64) * 1e-9
+        return Record(
+            path=self.path,
+            about=self.about or {},
+            time=time,
+            ticks=columns(TICK, self.ticks),
+            words={name: [row[i] for row in self._words] for i, name in enumerate(WORDS)},
+            truth=self._truth(),
+            stages=self.stages,
+            missing=_missing(
+                messages, float(time[-1]) if len(time) else 0.0, _planned(self.about or {})
+            ),
+            unread=messages.unread,
+        )
+
+    def _truth(self) -> dict[str, Floats]:
+        """The truth of every tick, NaN where the record ends between a tick and its truth."""
+        truth = columns(TRUTH_LAYOUT, self.truth)
+        lost = len(self.ticks) - len(self.truth) if self.truth else 0
+        if lost < 0:
+            raise ValueError("it tells the truth of more ticks than it has")
+        return {
+            name: np.concatenate([truth[name], np.full((lost, size), np.nan)])
+            for name, size in TRUTH.items()
+        }
+
+
+def _planned(about: dict[str, Any]) -> float | None:
+    seconds: Any = about.get("duration_s")
+    return float(seconds) if type(seconds) in (int, float) and 0.0 < seconds < LONGEST else None
+
+
+def _missing(messages: Messages, last: float, planned: float | None) -> str:
+    """What is missing of a file, in one sentence; empty if nothing is."""
+    if messages.complete:
+        return ""
+    if messages.summary is not None:
+        until = f"{last:.2f} s of {messages.summary.end * 1e-9:.2f} s"
+        left_out = f"{messages.unread} of its {messages.size} bytes"
+        return f"the record is damaged: it is read up to {until}, {left_out} are left out"
+    until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of the planned {planned:.2f} s"
+    why = "is damaged or cut off" if messages.unread else "was not ended"
+    left_out = f"{messages.unread} bytes that follow are left out, " if messages.unread else ""
+    return (
+        f"the record {why}: it is read up to {until}, {left_out}and how much more there was "
+        f"is not known"
+    )
+
+
+def _json(data: bytes) -> dict[str, Any]:
+    """The object in a std_msgs/String."""
+    value: Any = json.loads(words_of(data, 4, 1)[0])
+    if not isinstance(value, dict):
+        raise ValueError("it is no JSON object")
+    return cast(dict[str, Any], value)

@@ -1,0 +1,179 @@
+"""What happened in a recorded run: the phases and causes one after the other, and the run in a few
+numbers."""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rcmservo.config.servo_json import rebuild_box
+from rcmservo.errors import BadInput
+from rcmservo.guard.faults import LATE_SHARE
+from rcmservo.guard.states import Action, Cause, Mode, Phase, Request
+from rcmservo.interfaces import Dropped, Floats
+from rcmservo.method.kinematics import position
+from rcmservo.record.reader import Record
+from rcmservo.record.verdict import Outcome, judged
+
+USUAL_RATE = 100.0
+
+SLACK = 0.1
+"""s before the planned end of a run within which its last tick may come: a loop in wall time may
+miss some."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of ticks with one phase and one cause, from ``start`` to ``end`` s.
+
+    ``asks`` is the action that was taken in it, and ``request`` what a person asked for at its
+    first tick; a tick at which a person asked for something always begins one.
+    ``stage`` is the number of the run within the record.
+    """
+
+    start: float
+    end: float
+    phase: Phase
+    cause: Cause
+    asks: Action
+    request: Request
+    stage: int
+
+    @property
+    def length(self) -> float:
+        """s from start to end."""
+        return self.end - self.start
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """A record in a few numbers.
+
+    ``duration`` s and number of ``ticks``; ``outcome`` of its last stage. ``latency`` (3,) s is the
+    median, the 99th percentile and the greatest time from a frame's exposure to the tick that uses
+    it. Of the loop: ``late`` ticks, and the ``longest`` time s between two. Of the camera: frames
+    ``seen``, ``skipped`` between them by their numbers, and ``disbelieved``; ``dropped`` counts by
+    reason the ticks at which the frame offered last was not used.
+    """
+
+    duration: float
+    ticks: int
+    outcome: Outcome
+    latency: Floats
+    late: int
+    longest: float
+    seen: int
+    skipped: int
+    disbelieved: int
+    dropped: dict[Dropped, int]
+
+
+def spans(record: Record) -> list[Span]:
+    """The record from beginning to end; a stage always begins a span of its own."""
+    count = len(record.time)
+    rows = list(zip(record.phase, record.cause, stages(record).tolist(), strict=True))
+    asked = [request != Request.NONE.name for request in record.words["request"]]
+    starts = [i for i in range(count) if i == 0 or asked[i] or rows[i] != rows[i - 1]]
+    return [
+        Span(
+            start=float(record.time[i]),
+            end=float(record.time[j]) if j < count else end(record),
+            phase=record.named(Phase, "phase", i),
+            cause=record.named(Cause, "cause", i),
+            asks=record.named(Action, "asks", i),
+            request=record.named(Request, "request", i),
+            stage=int(rows[i][2]),
+        )
+        for i, j in pairwise([*starts, count])
+    ]
+
+
+def stages(record: Record) -> NDArray[np.intp]:
+    """The number (N,) of every tick's stage."""
+    firsts = [stage.first for stage in record.stages]
+    return np.maximum(np.searchsorted(firsts, np.arange(len(record.time)), side="right") - 1, 0)
+
+
+def end(record: Record) -> float:
+    """s at which the last tick ends."""
+    return float(record.time[-1]) + 1.0 / rate(record) if len(record.time) else 0.0
+
+
+def rate(record: Record) -> float:
+    """Ticks a second, as the servo was told."""
+    told: Any = record.stages[-1].servo if record.stages else None
+    value = told.get("rate") if isinstance(told, dict) else None  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+    return float(value) if isinstance(value, float) and value > 0.0 else USUAL_RATE
+
+
+def summary(record: Record) -> Summary:
+    """The record in a few numbers."""
+    ticks = record.ticks
+    number = ticks["frame"][:, 0]
+    new = record.new_frames()
+    stage = stages(record)
+    gaps = (np.diff(ticks["now"][:, 0]) * 1e-9)[np.diff(stage) == 0]
+    latency = ticks["latency"][new, 0] * 1e-9
+    steps = np.diff(number[new])[np.diff(stage[new]) == 0]
+    dropped = Counter(record.named(Dropped, "dropped", i) for i in range(len(record.time)))
+    return Summary(
+        duration=end(record),
+        ticks=len(record.time),
+        outcome=outcome(record),
+        latency=np.array([*np.percentile(latency, [50.0, 99.0]), latency.max()])
+        if len(new)
+        else np.full(3, np.nan),
+        late=int((gaps > (1.0 + LATE_SHARE) / rate(record)).sum()),
+        longest=float(gaps.max(initial=0.0)),
+        seen=len(new),
+        skipped=int((steps[steps > 0] - 1).sum()),
+        disbelieved=int((ticks["believed"][new, 0] != number[new]).sum()),
+        dropped={reason: count for reason, count in dropped.items() if reason is not Dropped.NONE},
+    )
+
+
+def outcome(record: Record) -> Outcome:
+    """The verdict on the record's last stage, judged as a run is while it happens, if the record
+    goes to its end."""
+    first = record.stages[-1].first if record.stages else 0
+    time = record.time[first:]
+    if not len(time):
+        return _unless_short(record, judged(time, np.empty((0, 3)), None, Mode(), 0.0), Mode())
+    mode = Mode(record.named(Phase, "phase", -1), record.named(Cause, "cause", -1))
+    explored = np.flatnonzero(record.ticks["explored"][first:, 0])
+    explored_at = float(time[explored[0]]) if len(explored) else None
+    verdict = judged(time, record.ticks["delta"][first:], explored_at, mode, _away(record))
+    return _unless_short(record, verdict, mode)
+
+
+def _unless_short(record: Record, verdict: Outcome, mode: Mode) -> Outcome:
+    """The verdict, unless the record ends before its run did, and in a mode that does not tell
+    why."""
+    planned, last = record.planned, end(record)
+    whole = record.complete if planned is None else last > planned - SLACK
+    over = mode.cause.action >= Action.HOLD or (mode.phase is Phase.DISABLED and record.complete)
+    if whole or over:
+        return verdict
+    until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of {planned:.2f} s"
+    cause = f"the record ends at {until}: what came after is not in it"
+    return replace(verdict, settled=False, cause=cause, settle_time=None)
+
+
+def _away(record: Record) -> float:
+    """mm at the end between marker 1 and where it was shown; 0 where the record does not tell the
+    arm."""
+    if not record.stages:
+        return 0.0
+    stage = record.stages[-1]
+    try:
+        mechanism, tool = rebuild_box(stage.servo, "mechanism"), rebuild_box(stage.servo, "tool")
+    except BadInput:
+        return 0.0
+    zero = mechanism.insertion_zero + tool.offset
+    now, shown = (
+        position(mechanism.kind, zero, q) for q in (record.ticks["q"][-1], stage.target.q)
+    )
+    return float(np.linalg.norm(now - shown))

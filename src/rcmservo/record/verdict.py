@@ -1,0 +1,122 @@
+"""What became of a run: settled or not, when, and why not. Judged from what the servo measured,
+tick by tick."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmservo.guard.states import Action, Mode, Phase
+from rcmservo.interfaces import Floats, Target
+from rcmservo.loop.run import Tick
+from rcmservo.servo.servo import Servo
+
+TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
+"""|Δs|, |Δr|, |Δd| (rad, px, px) within which a run counts as settled."""
+
+LAST = 1.0
+"""s at the end of a run through which the errors must keep within the tolerance."""
+
+SAME_POSE = 5.0
+"""mm between the tool's end and where it was shown, by its own joints, beyond which it is another
+pose."""
+
+ON_THE_WAY = {
+    Phase.DISABLED: "the arm's drive is off",
+    Phase.IDLE: "time ran out before both markers were seen",
+    Phase.ACQUIRE: "time ran out during exploration",
+}
+"""Why a run ended in a phase that nothing wrong led to."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """``settled``, or the ``cause`` in words why not; ``settle_time`` s after which the errors
+    stayed small, or None.
+
+    ``error`` (3,) rad, px, px is the root mean square of Δy over the last second. ``explored_at``
+    is the time s at which exploration ended, or None.
+    """
+
+    settled: bool
+    cause: str
+    settle_time: float | None
+    error: Floats
+    explored_at: float | None
+
+
+class Judge:
+    """Collects what an outcome needs, one tick at a time."""
+
+    def __init__(self, servo: Servo, target: Target) -> None:
+        self._servo, self._target = servo, target
+        self._times: list[float] = []
+        self._errors: list[Floats] = []
+        self._explored_at: float | None = None
+        self._last: Tick | None = None
+
+    def add(self, tick: Tick) -> None:
+        self._times.append(tick.time / 1e9)
+        self._errors.append(tick.state.delta)
+        if self._explored_at is None and tick.state.explored:
+            self._explored_at = self._times[-1]
+        self._last = tick
+
+    @property
+    def duration(self) -> float:
+        """Time s of the last tick."""
+        return self._times[-1] if self._times else 0.0
+
+    def outcome(self) -> Outcome:
+        """The verdict on the ticks so far."""
+        if self._last is None:
+            return judged(np.empty(0), np.empty((0, 3)), self._explored_at, Mode(), 0.0)
+        away = float(
+            np.linalg.norm(
+                self._servo.marker_1(self._last.seen.q) - self._servo.marker_1(self._target.q)
+            )
+        )
+        return judged(
+            np.array(self._times),
+            np.array(self._errors),
+            self._explored_at,
+            self._last.state.mode,
+            away,
+        )
+
+
+def judged(
+    times: Floats, errors: Floats, explored_at: float | None, mode: Mode, away: float
+) -> Outcome:
+    """The verdict on a run: its ticks' ``times`` (N,) s and ``errors`` Δy (N, 3), and at its end
+    the servo's mode and how many mm marker 1 is ``away`` from where it was shown, by its own
+    joints."""
+    if not len(times):
+        return Outcome(
+            False, "the run was stopped before its first tick", None, np.full(3, np.nan), None
+        )
+    error = np.sqrt(np.mean(errors[times > times[-1] - LAST] ** 2, axis=0))
+    outside = np.flatnonzero(~(np.abs(errors) < TOLERANCE).all(axis=1))
+    since = int(outside[-1]) + 1 if len(outside) else 0
+    settle_time = float(times[since]) if since < len(times) else None
+    cause = _cause(mode, explored_at, settle_time, float(times[-1]), away)
+    return Outcome(cause == "", cause, settle_time, error, explored_at)
+
+
+def _cause(
+    mode: Mode, explored_at: float | None, settle_time: float | None, end: float, away: float
+) -> str:
+    if mode.cause.action >= Action.HOLD:
+        return mode.cause.words
+    if mode.phase is Phase.ACQUIRE and explored_at is not None:
+        return "time ran out on the way back from a hold"
+    if mode.phase in ON_THE_WAY:
+        return ON_THE_WAY[mode.phase]
+    if settle_time is None or end - settle_time < LAST - 1e-6:
+        return "time ran out before the feature errors had settled"
+    if away > SAME_POSE:
+        return (
+            f"the features agree, but marker 1 is {away:.0f} mm from where it was shown: a pose "
+            f"beyond the "
+            "singular surface looks the same"
+        )
+    return ""

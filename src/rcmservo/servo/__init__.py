@@ -1,0 +1,1 @@
+"""The paper's boxes composed into one pure step."""

@@ -1,0 +1,181 @@
+"""A target on disk comes back bit for bit to the setup that saw it, and to nothing else."""
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import rcmservo as rs
+from rcmservo.app.simulated_run.simulate import setup_of
+from rcmservo.config import target_file
+from rcmservo.config.rig_file import Lab
+from rcmservo.config.target_file import Setup, checksum
+from rcmservo.tracking import MarkerLook
+
+SETUP = Setup("one camera", 640, 480, rs.SphericalRcm(), rs.RigidTool(spacing=30.0), MarkerLook())
+TARGET = rs.Target(
+    np.array([[100.1, 50.25], [200.3, 1.0 / 3.0]]), np.array([0.7, 0.1, 120.0 / 7.0 + 100.0])
+)
+OTHERS = {
+    "tool.spacing 30.0, this rig has 50.0": replace(SETUP, tool=rs.RigidTool(spacing=50.0)),
+    "tool.kind 'rigid', this rig has 'scaled'": replace(SETUP, tool=rs.ScaledTool(scale=1.3)),
+    "mechanism.kind 'spherical', this rig has 'pitch-yaw'": replace(
+        SETUP, mechanism=rs.PitchYawRcm()
+    ),
+    "mechanism.insertion_zero 0.0, this rig has 1.0": replace(
+        SETUP, mechanism=rs.SphericalRcm(insertion_zero=1.0)
+    ),
+    "markers.radius_2 4.0, this rig has 5.0": replace(SETUP, markers=MarkerLook(radius_2=5.0)),
+    "camera 'one camera', this rig has 'another'": replace(SETUP, camera="another"),
+    "width 640, this rig has 800": replace(SETUP, width=800),
+}
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    target_file.save(tmp_path / "target.json", TARGET, SETUP)
+    return tmp_path / "target.json"
+
+
+def rewritten(path: Path, **changes: Any) -> Path:
+    """The file with other values and a checksum that is right for them."""
+    content = json.loads(path.read_text()) | changes
+    content = {
+        key: value for key, value in content.items() if value != "left out" and key != "sha256"
+    }
+    path.write_text(json.dumps({**content, "sha256": checksum(content)}))
+    return path
+
+
+pixels = st.tuples(st.floats(-0.5, 639.5), st.floats(-0.5, 479.5))
+
+
+@given(
+    st.tuples(pixels, pixels),
+    st.tuples(st.floats(0.14, 1.48), st.floats(-3.14, 3.14), st.floats(40.0, 220.0)),
+)
+def test_every_number_comes_back_bit_for_bit(
+    tmp_path_factory: pytest.TempPathFactory, points: Any, q: Any
+) -> None:
+    path = tmp_path_factory.mktemp("target") / "target.json"
+    target_file.save(path, rs.Target(np.array(points), np.array(q)), SETUP)
+    loaded = target_file.load(path, SETUP)
+    assert loaded.points.tobytes() == np.array(points).tobytes()
+    assert loaded.q.tobytes() == np.array(q).tobytes()
+
+
+@pytest.mark.parametrize("reason", OTHERS)
+def test_another_setup_refuses_it_and_says_what_differs(reason: str, path: Path) -> None:
+    with pytest.raises(rs.UnusableFile) as refused:
+        target_file.load(path, OTHERS[reason])
+    assert str(refused.value) == f"{path}: was taught with {reason}: show the target again"
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"format": "rcmservo target 2"}, "not a target of this version"),
+        ({"format": "left out"}, "not a target of this version"),
+        ({"joints": "left out"}, "lacks joints"),
+        ({"colour": 1}, "unknown key 'colour'"),
+        ({"taught": "yesterday"}, "'yesterday', which is no time"),
+        ({"taught": 3}, "3, which is no time"),
+        ({"setup": {}}, "lacks setup.camera"),
+        ({"setup": 7}, "was taught with setup 7"),
+        ({"joints": [0.7, 0.1]}, "list of 3 as joints"),
+        ({"joints": [0.7, True, 120.0]}, "3 numbers as joints"),
+        ({"joints": [0.7, 10**400, 120.0]}, "3 numbers as joints"),
+        ({"joints": [0.7, 0.1, 300.0]}, "has rho at 300, beyond its limits 40 and 220"),
+        (
+            {"markers_px": [[1.0, 2.0], [640.0, 2.0]]},
+            "has marker 2 at (640, 2) px, outside the picture",
+        ),
+        ({"markers_px": [[1.0, 2.0], "ab"]}, "list of 2 as markers_px[1]"),
+        ({"markers_px": [[1.0, 2.0], ["a", "b"]]}, "2 numbers as markers_px[1]"),
+    ],
+)
+def test_what_is_wrong_in_it_is_named(changes: dict[str, Any], reason: str, path: Path) -> None:
+    with pytest.raises(rs.UnusableFile) as refused:
+        target_file.load(rewritten(path, **changes), SETUP)
+    assert reason in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "not valid JSON"),
+        (b"7", "is not a target"),
+        (b"\xff\xfe{}", "not valid JSON"),
+        (b'{"a": 1, "a": 1}', "two of the key 'a'"),
+        (b'{"a": NaN}', "NaN, which is not finite"),
+        (b'{"a": 1e999}', "1e999, which is not finite"),
+        (b"9" * 5000, "not valid JSON"),
+        (b"[" * 60_000, "nested too deeply"),
+        (b" " * 65_537, "larger than 65536 bytes"),
+    ],
+)
+def test_what_is_no_target_is_refused(data: bytes, reason: str, tmp_path: Path) -> None:
+    path = tmp_path / "target.json"
+    path.write_bytes(data)
+    with pytest.raises(rs.UnusableFile) as refused:
+        target_file.load(path, SETUP)
+    assert reason in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_repeated_key_among_very_many_is_found_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "target.json"
+    keys = [f'"{i}":1' for i in range(7000)]
+    path.write_text("{" + ",".join([*keys, keys[-1]]) + "}")
+    started = time.process_time()
+    with pytest.raises(rs.UnusableFile, match="two of the key '6999'"):
+        target_file.load(path, SETUP)
+    assert time.process_time() - started < 0.2
+
+
+def test_a_digit_that_changed_is_found_by_the_checksum(path: Path) -> None:
+    path.write_text(path.read_text().replace("50.25", "50.26"))
+    with pytest.raises(rs.UnusableFile, match="checksum is wrong"):
+        target_file.load(path, SETUP)
+
+
+def test_a_target_outside_the_picture_or_the_limits_is_not_written(tmp_path: Path) -> None:
+    for target in (
+        rs.Target(TARGET.points + 600.0, TARGET.q),
+        rs.Target(TARGET.points * np.nan, TARGET.q),
+        rs.Target(TARGET.points, TARGET.q + 200.0),
+    ):
+        with pytest.raises(rs.UnusableFile, match="is not written: the target"):
+            target_file.save(tmp_path / "target.json", target, SETUP)
+        assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(rs.UnusableFile, match=r"nothing\.json: cannot be read: No such file"):
+        target_file.load(tmp_path / "nothing.json", SETUP)
+    with pytest.raises(rs.UnusableFile, match="is not a file"):
+        target_file.load(tmp_path, SETUP)
+
+
+def test_a_simulated_camera_refuses_what_another_or_the_same_elsewhere_has_seen(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "target.json"
+    rig = rs.sim.Rig(3, pictures=False)
+    target = rs.Target(np.array([[300.0, 200.0], [320.0, 260.0]]), rig.scene.target)
+    target_file.save(path, target, setup_of(rig, Lab()))
+    again = target_file.load(path, setup_of(rs.sim.Rig(3, pictures=False), Lab()))
+    assert again.q.tobytes() == rig.scene.target.tobytes()
+    with pytest.raises(
+        rs.UnusableFile, match=r"was taught with camera 'simulation with seed 3, .* with seed 4, "
+    ):
+        target_file.load(path, setup_of(rs.sim.Rig(4, pictures=False), Lab()))
+    rig.relocate_camera()
+    with pytest.raises(rs.UnusableFile, match="was taught with camera"):
+        target_file.load(path, setup_of(rig, Lab()))

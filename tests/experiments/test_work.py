@@ -1,0 +1,144 @@
+"""Tasks of the experiments: done once, whole or not at all, and gone on with where they stopped."""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rcmservo.experiments.harness import work
+from rcmservo.experiments.harness.claims import FAILS, HOLDS, REMARK, Claim, Task
+from rcmservo.experiments.harness.work import PART, RESULT, fingerprint, perform, run_all, used
+
+
+def count(folder: Path, log: Path, name: str) -> dict[str, Any]:
+    """A task that tells how often it ran."""
+    with log.open("a") as file:
+        file.write(name + "\n")
+    (folder / "made.txt").write_text(name)
+    return {"name": name}
+
+
+def fail(folder: Path) -> dict[str, Any]:
+    (folder / "half.txt").write_text("half")
+    raise ValueError("this task fails")
+
+
+def counted(log: Path, *names: str) -> dict[str, list[Task]]:
+    return {"some": [Task(name, count, {"log": log, "name": name}) for name in names]}
+
+
+def runs(log: Path) -> list[str]:
+    return sorted(log.read_text().split())
+
+
+def nothing(task: Task) -> None:
+    del task
+
+
+def test_what_is_done_is_not_repeated_and_what_changed_is(tmp_path: Path) -> None:
+    log, out = tmp_path / "log", tmp_path / "out"
+    first = run_all(counted(log, "a", "b"), out, nothing)
+    assert first["some"]["a"].values == {"name": "a"}
+    assert (first["some"]["b"].folder / "made.txt").read_text() == "b"
+    run_all(counted(log, "a", "b", "c"), out, nothing)
+    assert runs(log) == ["a", "b", "c"]
+    changed = counted(log, "a", "b")
+    changed["some"][0] = replace(changed["some"][0], arguments={"log": log, "name": "other"})
+    assert run_all(changed, out, nothing)["some"]["a"].values == {"name": "other"}
+    assert runs(log) == ["a", "b", "c", "other"]
+
+
+def test_a_run_that_is_stopped_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    log, out = tmp_path / "log", tmp_path / "out"
+
+    def stop(task: Task) -> None:
+        raise KeyboardInterrupt
+
+    names = [f"task-{i}" for i in range(8)]
+    with pytest.raises(KeyboardInterrupt):
+        run_all(counted(log, *names), out, stop)
+    kept = [
+        path.parent.name
+        for path in out.glob(f"some/*/{RESULT}")
+        if not path.parent.name.endswith(PART)
+    ]
+    assert kept
+    assert all(
+        json.loads((out / "some" / name / RESULT).read_text())["values"]["name"] == name
+        for name in kept
+    )
+    before = runs(log)
+    results = run_all(counted(log, *names), out, nothing)
+    assert set(results["some"]) == set(names)
+    assert all(runs(log).count(name) == before.count(name) for name in kept)
+
+
+def test_a_task_that_fails_leaves_no_result(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="this task fails"):
+        run_all({"some": [Task("bad", fail)]}, tmp_path, nothing)
+    assert not (tmp_path / "some" / "bad").exists()
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"fingerprint": 3}', "null"])
+def test_a_damaged_result_is_made_again(text: str, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    tasks = counted(log, "a")
+    run_all(tasks, tmp_path / "out", nothing)
+    (tmp_path / "out" / "some" / "a" / RESULT).write_text(text)
+    assert run_all(tasks, tmp_path / "out", nothing)["some"]["a"].values == {"name": "a"}
+    assert runs(log) == ["a", "a"]
+
+
+def test_what_a_task_left_half_done_is_not_taken_for_its_result(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    task = counted(log, "a")["some"][0]
+    part = tmp_path / ("a" + PART)
+    part.mkdir()
+    (part / "old.txt").write_text("old")
+    perform(task, tmp_path / "a", fingerprint(task))
+    assert not part.exists()
+    assert not (tmp_path / "a" / "old.txt").exists()
+
+
+@dataclass(frozen=True)
+class Setting:
+    number: float = 1.0
+
+
+def test_a_fingerprint_depends_on_every_setting() -> None:
+    one, same, other = (Task("a", count, {"settings": Setting(n)}) for n in (1.0, 1.0, 1.0 + 1e-15))
+    assert fingerprint(one) == fingerprint(same)
+    assert fingerprint(one) != fingerprint(other)
+    assert fingerprint(one) != fingerprint(replace(one, function=fail))
+
+
+def test_a_fingerprint_depends_on_the_experiments_own_and_imported_files_and_on_no_other() -> None:
+    root = Path(work.__file__).parents[2]
+    module = root / "experiments/regulation_flow.py"
+    names = {path.stem for path in used(root, module)}
+    assert names >= {"regulation_flow", "regulation", "closed_loop"}
+    assert not names & {"showing", "potential", "report", "paper"}
+
+
+def claim(measured: float, relation: Any = "<=", remark: str = "") -> Claim:
+    return Claim("it is so", "(1)", measured, "mm", relation, 2.0, [0], remark)
+
+
+@pytest.mark.parametrize(
+    ("given", "verdict"),
+    [
+        (claim(2.0), HOLDS),
+        (claim(2.1), FAILS),
+        (claim(2.1, ">="), HOLDS),
+        (claim(1.9, ">="), FAILS),
+        (claim(1.0, remark="but"), REMARK),
+        (claim(3.0, remark="but"), FAILS),
+        (claim(float("nan")), FAILS),
+        (claim(float("nan"), ">="), FAILS),
+    ],
+)
+def test_a_verdict_follows_from_the_number_and_its_bound(given: Claim, verdict: str) -> None:
+    assert given.verdict == verdict
+    json.dumps(given.row("some"), allow_nan=False)

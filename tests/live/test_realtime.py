@@ -1,0 +1,237 @@
+"""The wall clock, the real-time context and detection beside the loop: what they promise, without
+measuring time."""
+
+import gc
+import os
+import sys
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rcmservo.errors import BadInput
+from rcmservo.interfaces import Dropped, Frame, Markers, Measured
+from rcmservo.live import realtime as module
+from rcmservo.live.realtime import realtime
+from rcmservo.live.tracking_thread import Beside
+from rcmservo.loop.clock import Punctuality, WallClock, ticks
+from rcmservo.loop.plant import Plant
+
+PATIENCE = 20.0
+
+
+class Stepped:
+    """A clock whose waits end `late` ns too late."""
+
+    def __init__(self, late=0):
+        self.time, self.late = 0, late
+
+    def now(self):
+        return self.time
+
+    def wait_until(self, time):
+        self.time = max(time, self.time) + self.late
+
+
+def test_the_wall_clock_never_ends_a_wait_early():
+    clock = WallClock()
+    due = clock.now() + 2_000_000
+    clock.wait_until(due)
+    assert clock.now() >= due
+    clock.wait_until(due - 1_000_000_000)
+
+
+def test_punctuality_notes_how_late_each_wait_ended():
+    clock = Punctuality(Stepped(late=7))
+    assert len(list(ticks(clock, 100.0, 0.05))) == 5
+    assert list(clock.lateness) == [7] * 5
+
+
+def state_of_the_process():
+    policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+    return gc.isenabled(), gc.get_freeze_count(), sys.getswitchinterval(), policy, len(gc.callbacks)
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
+def test_realtime_leaves_the_process_as_it_found_it_even_after_an_error():
+    before = state_of_the_process()
+    with pytest.raises(KeyError), realtime():
+        assert not gc.isenabled()
+        assert gc.get_freeze_count() > 0
+        raise KeyError
+    assert state_of_the_process() == before
+
+
+def test_no_collection_happens_in_it_and_one_that_does_is_counted():
+    with realtime() as got:
+        heap = [[] for _ in range(100_000)]
+        for one in heap:
+            one.append(one)
+        assert got.collections == 0
+        gc.collect()
+        assert got.collections == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
+def test_what_the_system_refuses_is_told_in_words_and_everything_else_is_done(monkeypatch):
+    def refuse(*_):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(module, "_system", refuse)
+    with realtime() as got:
+        assert not gc.isenabled()
+    assert len(got.refused) == 2
+    assert all("Operation not permitted" in sentence for sentence in got.refused)
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
+def test_the_loop_goes_first_then_the_threads_there_are_and_then_all_else():
+    def policy(thread=0):
+        return os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK, os.sched_getparam(
+            thread
+        ).sched_priority
+
+    ended, found = threading.Event(), []
+    beside = threading.Thread(target=ended.wait, args=(PATIENCE,))
+    beside.start()
+    try:
+        with realtime() as got:
+            if got.refused:
+                pytest.skip(got.refused[0])
+            later = threading.Thread(target=lambda: found.append(policy()))
+            later.start()
+            later.join(PATIENCE)
+            assert policy()[0] == policy(beside.native_id)[0] == os.SCHED_FIFO
+            assert policy()[1] > policy(beside.native_id)[1]
+            assert found == [(os.SCHED_OTHER, 0)]
+        assert policy(beside.native_id) == (os.SCHED_OTHER, 0)
+    finally:
+        ended.set()
+        beside.join(PATIENCE)
+
+
+class Scripted:
+    """A camera that gives what it is told to, and a tracker that sees each frame's number."""
+
+    def __init__(self):
+        self.frame = None
+        self.resets = 0
+
+    def latest(self):
+        if isinstance(self.frame, Exception):
+            raise self.frame
+        return self.frame
+
+    def find(self, frame):
+        if frame.image is None:
+            raise BadInput("frame.image", None, "a picture")
+        return Markers(np.full((2, 2), float(frame.number)), np.ones(2), np.ones(2))
+
+    def reset(self):
+        self.resets += 1
+
+
+PICTURE = np.zeros((4, 4, 3), dtype=np.uint8)
+
+
+def picture(number, exposure=0):
+    return Frame(number, exposure, exposure, image=PICTURE)
+
+
+def test_the_loop_gets_the_newest_frame_that_is_ready_together_with_its_own_markers():
+    eye, clock = Scripted(), Stepped()
+    beside = Beside(eye, eye, clock)
+    assert beside.latest() is None
+    for number in (0, 1, 2):
+        eye.frame = picture(number)
+        clock.time = 100 + number
+        beside.look()
+        frame = beside.latest()
+        eye.frame = picture(number + 50)
+        beside.look()
+        assert (frame.number, frame.arrival) == (number, 100 + number)
+        assert np.array_equal(beside.find(frame).points, np.full((2, 2), float(number)))
+    assert beside.latest().number == 52
+
+
+def test_a_frame_is_tracked_once_and_stays_the_same_object():
+    eye = Scripted()
+    beside = Beside(eye, eye, Stepped())
+    eye.frame = picture(1)
+    beside.look()
+    first = beside.latest()
+    beside.look()
+    assert beside.latest() is first
+
+
+def test_a_reset_of_the_loop_reaches_the_tracker_before_the_next_frame():
+    eye = Scripted()
+    beside = Beside(eye, eye, Stepped())
+    beside.reset()
+    assert eye.resets == 0
+    for number in range(3):
+        eye.frame = picture(number)
+        beside.look()
+    assert eye.resets == 1
+
+
+class Still:
+    def enable(self):
+        pass
+
+    def measure(self):
+        return Measured(0, np.zeros(3), True)
+
+    def apply(self, command):
+        return command.rates
+
+
+def test_a_frame_that_the_tracker_refuses_is_damaged_for_the_plant_and_the_next_one_is_not():
+    eye, clock = Scripted(), Stepped()
+    clock.time = 10
+    beside = Beside(eye, eye, clock)
+    plant = Plant(Still(), beside, beside, clock)
+    eye.frame = picture(1)
+    beside.look()
+    assert plant.read().frame == 1
+    eye.frame = replace(picture(2, 1), image=None)
+    beside.look()
+    seen = plant.read()
+    assert (seen.frame, seen.dropped) == (1, Dropped.DAMAGED)
+    eye.frame = picture(3, 2)
+    beside.look()
+    seen = plant.read()
+    assert (seen.frame, seen.dropped) == (3, Dropped.NONE)
+
+
+def test_the_thread_never_makes_the_loop_wait_for_a_slow_tracker():
+    busy, done = threading.Event(), threading.Event()
+
+    class Slow(Scripted):
+        def find(self, frame):
+            busy.set()
+            assert done.wait(PATIENCE)
+            return super().find(frame)
+
+    eye = Slow()
+    eye.frame = picture(1)
+    with Beside(eye, eye, Stepped()) as beside:
+        assert busy.wait(PATIENCE)
+        assert beside.latest() is None
+        done.set()
+
+
+def test_an_error_in_the_thread_stops_the_frames_and_is_raised_at_the_end():
+    failed = threading.Event()
+
+    class Broken(Scripted):
+        def latest(self):
+            failed.set()
+            raise RuntimeError("cable")
+
+    eye = Broken()
+    with pytest.raises(RuntimeError, match="cable"), Beside(eye, eye, Stepped()) as beside:
+        assert failed.wait(PATIENCE)
+        assert beside.latest() is None

@@ -1,0 +1,105 @@
+"""Nothing compiles while a tool moves: a short warm-up has seen every type that a run will ever
+bring."""
+
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CORE = (
+    "method.kinematics method.tool method.projection method.features method.imaged_rcm "
+    "method.estimators.flow method.estimators.broyden method.estimators.projection "
+    "method.controller method.exploration guard.gate guard.faults"
+)
+
+
+def signatures():
+    """What every compiled function of the core is compiled (or loaded) for by now, of those called
+    from Python."""
+    from importlib import import_module
+
+    found = {}
+    for room in CORE.split():
+        module = import_module(f"rcmservo.{room}")
+        for name, value in vars(module).items():
+            if hasattr(value, "signatures") and value.__module__ == module.__name__:
+                found[f"{room}.{name}"] = list(value.signatures)
+    return found
+
+
+def check(path):
+    """In a process of its own, where no other test has compiled anything: warm up, then see all the
+    rest."""
+    with Path(path).open("rb") as file:
+        warm_up, runs = pickle.load(file)
+    if warm_up == "method":
+        runs[0][0].warm_up()
+    else:
+        follow(*runs.pop(0))
+    before = signatures()
+    assert len(before) > 25 and sum(map(len, before.values())) >= 8, before
+    for run in runs:
+        follow(*run)
+    new = {name: seen for name, seen in signatures().items() if seen != before[name]}
+    assert not new, new
+
+
+def follow(servo, stream, target):
+    state = servo.init()
+    for seen in stream:
+        state = servo.step(state, seen, target)
+
+
+def short(lab, servo):
+    """Half a second of servoing after the exploration."""
+    from rcmservo.guard.states import Phase
+
+    stream, count = [], 0
+    for seen, state in lab.run(servo, 6.0):
+        stream.append(seen)
+        count += state.phase is Phase.SERVO
+        if count == 50:
+            break
+    return servo, stream, lab.target
+
+
+def eventful(lab, servo):
+    """A run with a marker lost and found again, and in the end both lost until the servo pauses."""
+    from conftest import without
+    from rcmservo.guard.states import Phase
+
+    stream, state = [], None
+    for seconds, lost in ((5.0, ()), (0.3, (0,)), (0.5, ()), (1.2, (0, 1))):
+        for seen, after in lab.run(
+            servo, seconds, state, lambda seen, lost=lost: without(seen, *lost)
+        ):
+            stream.append(seen)
+            state = after
+    assert state.phase is Phase.PAUSED
+    return servo, stream, lab.target
+
+
+@pytest.mark.parametrize("warm_up", ["method", "short run"])
+@pytest.mark.parametrize(
+    "estimator,tool",
+    [("fast", "rigid"), ("printed", "scaled"), ("flow", "rigid"), ("broyden", "rigid")],
+)
+def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_pauses(
+    tmp_path, warm_up, estimator, tool
+):
+    from conftest import ESTIMATORS, TOOLS, laboratory, with_tests
+    from rcmservo.method.kinematics import PitchYawRcm
+    from rcmservo.sim import RigSettings
+
+    choice = {"estimator": ESTIMATORS[estimator], "tool": TOOLS[tool]}
+    labs = [laboratory(1), laboratory(2), laboratory(3, RigSettings(mechanism=PitchYawRcm()))]
+    first, *others = [(lab, lab.servo(**choice)) for lab in labs]
+    runs = [short(*first), *(eventful(*other) for other in others)]
+    with (tmp_path / "runs").open("wb") as file:
+        pickle.dump((warm_up, runs), file)
+    code = "import sys; import test_compile as t; t.check(sys.argv[1])"
+    command = [sys.executable, "-c", code, str(tmp_path / "runs")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=with_tests())
+    assert done.returncode == 0, done.stderr[-2000:]

@@ -1,0 +1,284 @@
+"""The compiled functions say what the same source says as plain Python: one source, two ways to run
+it."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from conftest import with_tests
+
+TOLERANCE = 1e-9
+
+
+def camera():
+    """A fixed camera before the tool and the RCM; written out so that this file runs without the
+    simulation."""
+    forward, right = np.array([0.6, 0.2, -0.7746]), np.array([0.31623, -0.94868, 0.0])
+    forward = forward / np.linalg.norm(forward)
+    right = right - (right @ forward) * forward
+    right = right / np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    position = np.array([20.0, -10.0, -100.0]) - 260.0 * forward
+    return np.diag([700.0, 700.0, 1.0]) @ np.column_stack([rotation, -rotation @ position])
+
+
+def pixels(C, p1, spacing=30.0):
+    points = np.stack([p1, p1 * (1.0 + spacing / np.linalg.norm(p1))])
+    image = np.column_stack([points, np.ones(2)]) @ C.T
+    return image[:, :2] / image[:, 2:] + np.array([320.0, 240.0])
+
+
+def functions():
+    """Every compiled function of the core on a few inputs: name -> numbers."""
+    from rcmservo.guard import faults, gate
+    from rcmservo.method import (
+        controller,
+        exploration,
+        features,
+        imaged_rcm,
+        kinematics,
+        projection,
+        tool,
+    )
+    from rcmservo.method.estimators import broyden, flow
+    from rcmservo.method.estimators import projection as fit
+
+    random, out = np.random.default_rng(0), {}
+    for kind in (0, 1):
+        q, v = np.array([0.4, -0.3, 90.0]), np.array([10.0, -20.0, 5.0])
+        p = kinematics.position(kind, 2.0, q)
+        lower, upper = np.array([-1.0, -1.0, 40.0]), np.array([1.0, 1.0, 93.0])
+        out[f"axis {kind}"] = kinematics.axis(kind, q)
+        out[f"axis_jacobian {kind}"] = kinematics.axis_jacobian(kind, q)
+        out[f"position {kind}"] = p
+        out[f"position_jacobian {kind}"] = kinematics.position_jacobian(kind, 2.0, q)
+        out[f"joints {kind}"] = kinematics.joints(kind, 2.0, p)
+        out[f"joint_rates {kind}"] = kinematics.joint_rates(kind, 2.0, q, v)
+        out[f"blocked {kind}"] = kinematics.blocked(
+            kind, 2.0, q, 99.0 * p, lower, upper, np.ones(3), 0.1, 0.3
+        )
+        out[f"corners {kind}"] = exploration.corners(
+            kind, 2.0, q, 7.0, lower, upper, exploration.CORNERS
+        )
+        out[f"stretch {kind}"] = tool.stretch(kind, 30.0, p)
+        out[f"second_marker {kind}"] = tool.second_marker(kind, 1.3, p)
+        out[f"second_marker_jacobian {kind}"] = tool.second_marker_jacobian(kind, 1.3, p)
+    out["volume"] = exploration.volume(exploration.CORNERS)
+    out["towards"] = exploration.towards(np.zeros(3), np.array([0.3, 0.2, 0.1]), 35.0, 1.0)
+
+    C = camera()
+    a, o_c = projection.parameters(C)
+    o_c = o_c + np.array([320.0, 240.0])
+    p, n = np.array([20.0, -10.0, -100.0]), 8
+    out["depth"] = projection.depth(a, p)
+    out["project"] = projection.project(a, p)
+    out["project_jacobian"] = projection.project_jacobian(a, p)
+    out["regressor"] = projection.regressor(np.array([10.0, 20.0]), p)
+
+    places = p + random.uniform(-15, 15, (n, 3))
+    rows = np.stack([np.concatenate([place, pixels(C, place).ravel()]) for place in places])
+    rows[:, 3:] += 0.3 * random.standard_normal((n, 4))
+    points, target = rows[0, 3:].reshape(2, 2), rows[1, 3:].reshape(2, 2)
+    m = features.about(points, o_c)
+    y, delta = features.measured(points, target, o_c)
+    J = fit.feature_jacobian(a, places[0], m, 0, 30.0)
+    out |= {"about": m, "y": y, "delta": delta, "features": features.features(m), "J": J}
+    out["features_jacobian"] = features.features_jacobian(m)
+    step = places[1] - places[0]
+    out["misplaced"] = faults.misplaced(target, points, o_c, y, J, step, 1.0)
+    out["leapt"] = faults.leapt(target, points, step, 1.0)
+    out["placed"] = faults.placed(y, -1.0)
+    out["judged"] = faults.judged(target, points, o_c, J, step)
+    out["followed"] = np.concatenate(
+        faults.followed(np.zeros(3), np.ones(3), np.full(3, 0.5), np.full(3, 0.1), 0.01)
+    )
+    out["unexplained"] = exploration.unexplained(rows[:4].copy(), J, o_c)
+
+    lines, count = np.zeros((6, 4)), 0
+    for row in rows:
+        lines, count, seen, condition = imaged_rcm.follow(lines, count, row[3:].reshape(2, 2), 3)
+    out |= {"lines": lines[:count], "imaged rcm": seen, "rcm condition": np.log(condition)}
+    out["least_telling line"] = imaged_rcm.least_telling(lines, count)
+    out["nearest_to_lines"] = imaged_rcm.nearest_to_lines(lines, count)[0]
+
+    for both in (False, True):
+        A, b = fit.normal_equations(rows, n, o_c, both, 0, 30.0)
+        out[f"A {both}"], out[f"b {both}"] = A, b
+    root = fit.inverse_root(A, 1e-3)
+    out["inverse_root"] = root
+    out["least_telling"] = fit.least_telling(rows, n, root, o_c, True, 0, 30.0)
+    out["decay"] = fit.decay(A, b, 0.5 * a, np.diag(np.sqrt(fit.GAMMA_0)), 1.0)
+    out["keep_in_front"] = fit.keep_in_front(
+        0 * a, np.array([1.0] * 6 + [0.1] * 3), rows, n, 0, 30.0
+    )
+    out["markers_jacobian"] = fit.markers_jacobian(a, p, 0, 30.0)
+    out["jacobian_at"] = fit.jacobian_at(a, p, points, o_c, 0, 30.0)
+    out["predict"] = fit.predict(a, p, 0, 30.0)
+    for rate in (0.0, 20.0):
+        memory, filled, a_hat = np.zeros((7, 7)), 0, np.zeros(9)
+        for row in rows:
+            memory, filled, a_hat = fit.update(
+                memory,
+                filled,
+                a_hat,
+                row[:3],
+                row[3:].reshape(2, 2),
+                o_c,
+                0.1,
+                rate,
+                1e-7,
+                True,
+                0,
+                30.0,
+            )
+        out[f"observations {rate}"], out[f"a_hat {rate}"] = memory[:filled], a_hat
+
+    out["learn"] = flow.learn(
+        0.5 * J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0]), 0.02, 0.01
+    )
+    out["flow"] = flow.update(0.5 * J, places[0], points, places[1], target, o_c, 0.02, 0.01)
+    out["learn broyden"] = broyden.learn(
+        0.5 * J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0])
+    )
+    for min_step in (1.0, 1e3):
+        out[f"broyden {min_step}"] = broyden.update(
+            0.5 * J, places[0], points, places[1], target, o_c, min_step
+        )[0]
+    for printed in (False, True):
+        out[f"gradient {printed}"] = controller.potential_gradient(delta, np.full(3, 0.1), printed)
+        out[f"potential {printed}"] = controller.potential(delta, np.full(3, 0.1), printed)
+        v, condition, error = controller.control(
+            J, delta, np.full(3, 0.1), printed, 2.0, 150.0, 40.0
+        )
+        out |= {f"v {printed}": v, f"condition {printed}": condition, f"error {printed}": error}
+    damped = np.diag(features.SCALE) @ np.diag([1.0, 0.2, 0.01])
+    out["damped"] = controller.law(damped, np.ones(3), 2.0, 150.0, 1e6)[0]
+    bounds = np.array([[-1.0, -1.0, 40.0], [1.0, 1.0, 91.0], [1.0, 1.0, 80.0], [8.0, 8.0, 500.0]])
+    wish, last = np.array([0.9, -0.4, 70.0]), np.array([0.85, -0.4, 40.0])
+    out["within"] = gate.within(wish, last, np.array([0.4, -0.3, 90.0]), *bounds, 0.05, 0.01, 0.9)[
+        0
+    ]
+    return {name: np.asarray(value, dtype=float) for name, value in out.items()}
+
+
+def steps():
+    """A few servo steps on exact pictures of a tool that follows its commands: exploring, then
+    servoing."""
+    from rcmservo.guard.states import Phase
+    from rcmservo.interfaces import Observation, Target
+    from rcmservo.method.estimators.broyden import BroydenEstimator
+    from rcmservo.method.estimators.flow import FlowEstimator
+    from rcmservo.method.estimators.projection import ProjectionEstimator
+    from rcmservo.method.exploration import Exploration
+    from rcmservo.method.kinematics import PitchYawRcm
+    from rcmservo.method.tool import RigidTool, ScaledTool
+    from rcmservo.servo.servo import Servo
+
+    C, out, rcm = camera(), {}, PitchYawRcm()
+    choices = {
+        "fast": (ProjectionEstimator(observations=6), RigidTool(30.0)),
+        "printed": (
+            ProjectionEstimator("printed", observations=6, estimator_time=1e3),
+            ScaledTool(1.3),
+        ),
+        "flow": (FlowEstimator(0.05), RigidTool(30.0)),
+        "broyden": (BroydenEstimator(), RigidTool(30.0)),
+    }
+    for name, (estimator, tool) in choices.items():
+        exploration = Exploration(radius=6.0, speed=60.0, tolerance=0.9, reach=2.0)
+        servo = Servo(rcm, tool, estimator, exploration=exploration, rate=50.0)
+        q = rcm.joints(np.array([20.0, -10.0, -100.0]))
+        target = Target(pixels(C, rcm.position(q + np.array([0.05, -0.04, 6.0]))), q)
+        state, phases = servo.init(), []
+        rates, J, delta = [], [], []
+        for k in range(1, 75):
+            time = 20_000_000 * k
+            applied, points = state.command.rates, pixels(C, rcm.position(q))
+            seen = Observation(time, q, time, True, applied, k, time, time, q, points)
+            state = servo.step(state, seen, target)
+            q = q + 0.02 * state.command.rates
+            phases.append(list(Phase).index(state.phase))
+            rates.append(state.command.rates)
+            if k > 16:  # until then modes that are hardly observed enlarge every rounding
+                J.append(state.J_hat / np.array([0.17, 10.0, 10.0])[:, None])
+            delta.append(state.delta)
+        out |= {
+            f"{name} rates": rates,
+            f"{name} J": J,
+            f"{name} delta": delta,
+            f"{name} phase": phases,
+        }
+    return {name: np.asarray(value, dtype=float) for name, value in out.items()}
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """What a process without the compiler computes."""
+    path = tmp_path_factory.mktemp("oracle") / "plain.npz"
+    environment = with_tests(NUMBA_DISABLE_JIT="1")
+    subprocess.run([sys.executable, __file__, path], env=environment, check=True)
+    with np.load(path) as results:
+        return dict(results)
+
+
+def agree(compiled, plain, names):
+    assert names
+    for name in names:
+        got, wanted = compiled[name], plain[name]
+        assert got.shape == wanted.shape, name
+        finite = np.isfinite(wanted)
+        assert np.array_equal(finite, np.isfinite(got)), name
+        size = np.abs(wanted[finite]).max(initial=1e-3)
+        assert np.all(np.abs(got - wanted)[finite] <= TOLERANCE * size), name
+
+
+def test_every_function_gives_the_same_numbers_compiled_and_as_plain_python(plain):
+    results = functions()
+    agree(results, plain, list(results))
+
+
+def test_a_servo_takes_the_same_steps_compiled_and_as_plain_python(plain):
+    results = steps()
+    agree(results, plain, list(results))
+    assert {2.0, 3.0} <= set(results["fast phase"]), "it explores and servoes"
+    assert np.abs(results["fast rates"]).max() > 0.1
+
+
+def test_the_oracle_knows_every_compiled_function_of_the_core():
+    """A function that nothing above calls directly is called by one that is."""
+    called = _called_when_plain()
+    core = (
+        "mechanism tool projection features imaged_rcm controller exploration safety faults "
+        "estimators.flow"
+    )
+    for module in (*core.split(), "estimators.projection", "estimators.broyden"):
+        source = __import__(f"rcmservo.{module}", fromlist=["x"])
+        for name, value in vars(source).items():
+            if hasattr(value, "py_func") and value.__module__ == source.__name__:
+                assert f"{source.__name__}.{name}" in called, (
+                    f"the oracle does not run {module}.{name}"
+                )
+
+
+def _called_when_plain():
+    code = (
+        "import sys; import test_oracle as t, importlib; seen = "
+        "set()\n"
+        "def watch(frame, event, _):\n"
+        "    if event == 'call': seen.add(frame.f_globals.get('__name__', '') + '.' + "
+        "frame.f_code.co_name)\n"
+        "sys.setprofile(watch); t.functions(); sys.setprofile(None); print(*sorted(seen))"
+    )
+    environment = with_tests(NUMBA_DISABLE_JIT="1")
+    command = [sys.executable, "-c", code]
+    return set(
+        subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=True
+        ).stdout.split()
+    )
+
+
+if __name__ == "__main__":
+    np.savez(sys.argv[1], **functions(), **steps())

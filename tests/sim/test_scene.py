@@ -1,0 +1,176 @@
+"""Scenes: the errors that were asked for, a camera in another place, and a run that goes on with
+what it has learnt."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from conftest import laboratory
+from rcmservo.errors import BadInput
+from rcmservo.guard.states import Cause, Phase, Request
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.run import run
+from rcmservo.loop.teach import teach
+from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.projection import ProjectionEstimator
+from rcmservo.method.features import about, difference, features
+from rcmservo.servo.servo import Servo
+from rcmservo.sim import Disturbance, Rig, RigSettings, SceneSettings
+from rcmservo.tracking import PointMarkers
+
+ERRORS = (float(np.radians(40.0)), -80.0, -60.0)
+
+
+def true_error(rig, q):
+    o_c = rig.truth.imaged_rcm()
+    y, y_d = (features(about(rig.truth.pixels(joints), o_c)) for joints in (q, rig.scene.target))
+    return difference(y, y_d)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("errors", [ERRORS, (-0.3, 30.0, -20.0)])
+def test_a_scene_starts_with_exactly_the_errors_that_were_asked_for(seed, errors):
+    rig = Rig(
+        seed,
+        RigSettings(
+            scene=SceneSettings(errors=errors, insertion=(40.0, 70.0), distance=(150.0, 400.0))
+        ),
+    )
+    np.testing.assert_allclose(true_error(rig, rig.scene.start), errors, atol=1e-7)
+    np.testing.assert_allclose(
+        true_error(rig, rig.scene.half_way), np.array(errors) / 2.0, atol=1e-7
+    )
+    sizes = np.abs([true_error(rig, q) for q in rig.scene.way])
+    assert (np.diff(sizes, axis=0) <= 1e-6).all(), "no error grows on the way"
+    assert np.abs(np.diff(rig.scene.way, axis=0))[:, :2].max() < 1.0, (
+        "the way is not cut at the angles' end"
+    )
+
+
+@pytest.mark.parametrize("errors", [(np.nan, 1.0, 1.0), (0.0, 0.0, 0.0)])
+def test_errors_that_make_no_scene_are_refused(errors):
+    with pytest.raises(BadInput, match=r"scene\.errors"):
+        SceneSettings(errors=errors)
+
+
+def test_errors_beside_a_start_of_ones_own_are_refused():
+    with pytest.raises(BadInput, match=r"scene\.errors"):
+        SceneSettings(errors=ERRORS, start=(0.5, 0.3, 100.0))
+
+
+def test_a_relocated_camera_sees_the_tool_from_elsewhere_and_stops_the_servo_until_it_learns():
+    lab = laboratory(seed=2)
+    servo = lab.servo()
+    state = None
+    for tick in run(lab.plant, servo, lab.target, 20.0, done=lambda t: t.state.explored):
+        state = tick.state
+    before = lab.rig.truth.pixels(lab.rig.scene.start)
+    lab.rig.relocate_camera()
+    assert np.abs(lab.rig.truth.pixels(lab.rig.scene.start) - before).max() > 10.0
+    held = list(run(lab.plant, servo, lab.target, 5.0, state=state))
+    assert held[-1].state.phase is Phase.PAUSED
+    assert held[-1].state.cause is Cause.CAMERA_MOVED
+    again = list(run(lab.plant, servo, lab.target, 1.0, state=held[-1].state))
+    assert again[-1].state.cause is Cause.TARGET_OLD, "the target of the old view is refused"
+    assert not any(tick.applied.any() for tick in again)
+    lab.rig.show_target()
+    target = teach(lab.plant)
+    lab.rig.go_home()
+    *_, last = run(lab.plant, servo, target, 12.0, state=again[-1].state)
+    assert last.state.phase is Phase.SERVO
+    assert (np.abs(last.state.delta) < (0.02, 2.0, 2.0)).all()
+
+
+def test_a_camera_bumped_while_the_servo_explores_is_noticed():
+    """The tool moves on, and what one may see of that grows: the new view must not be taken for
+    it."""
+    rig = Rig(
+        498,
+        RigSettings(point_noise=0.1),
+        pictures=False,
+        disturbances=[Disturbance.parse("bump:at=1.828,px=17.1")],
+    )
+    plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    rig.show_target()
+    target = teach(plant)
+    rig.go_home()
+    rig.begin()
+    *_, last = run(plant, Servo(rig.settings.mechanism, rig.settings.tool), target, 4.0)
+    assert last.state.cause is Cause.CAMERA_MOVED and last.time < 1.95e9
+
+
+def test_a_target_shown_anew_during_the_pause_is_not_refused_with_the_old_one():
+    """Even while something else keeps the pause: only what was shown before the camera moved is
+    meaningless."""
+    lab = laboratory(seed=2)
+    servo = lab.servo()
+    *_, there = run(lab.plant, servo, lab.target, 20.0, done=lambda t: t.state.explored)
+    lab.rig.relocate_camera()
+    *_, held = run(lab.plant, servo, lab.target, 1.0, state=there.state)
+    assert held.state.cause is Cause.CAMERA_MOVED
+    fresh = replace(lab.target, points=lab.target.points + 1.0, shown=held.seen.now)
+    state, seen = held.state, held.seen
+    for recorded, request in ((False, Request.NONE), (True, Request.RESUME)):
+        seen = replace(
+            seen,
+            now=seen.now + 10_000_000,
+            q_time=seen.now + 10_000_000,
+            enabled=True,
+            recorded=recorded,
+        )
+        state = servo.step(state, replace(seen, arrival=seen.now), fresh, request)
+    assert state.phase is Phase.ACQUIRE
+
+
+def test_a_run_goes_on_from_an_earlier_one_with_what_was_learnt_and_from_rest():
+    lab = laboratory(seed=3)
+    servo = lab.servo()
+    *_, first = run(
+        lab.plant,
+        servo,
+        lab.target,
+        20.0,
+        done=lambda t: t.state.explored and t.seen.frame % 7 == 0,
+    )
+    ticks = run(lab.plant, servo, lab.target, 1.0, state=first.state)
+    again = next(ticks)
+    assert again.state.explored and again.state.J_hat is not None
+    slew = np.array(servo.gate.slew) * servo.gate.max_period
+    assert (np.abs(again.state.command.rates) <= slew + 1e-12).all()
+
+
+def test_a_new_target_gives_the_stall_rule_a_new_start():
+    lab = laboratory(seed=3)
+    servo = lab.servo()
+    *_, there = run(lab.plant, servo, lab.target, 8.0)
+    lab.rig.go_home()
+    elsewhere = teach(lab.plant)
+    lab.rig.show_target()
+    *_, last = run(lab.plant, servo, elsewhere, 8.0, state=there.state)
+    assert last.state.phase is Phase.SERVO
+    assert (np.abs(last.state.delta) < (0.02, 2.0, 2.0)).all()
+
+
+def test_a_component_that_rises_while_the_potential_falls_is_no_stall():
+    scene = SceneSettings(errors=ERRORS, insertion=(40.0, 70.0), distance=(150.0, 400.0), room=17.0)
+    lab = laboratory(seed=0, settings=RigSettings(scene=scene, point_noise=0.1))
+    printed = SaturatedController(gain=0.1, bounds=(float(np.radians(10.0)), 10.0, 10.0))
+    printed_fit = ProjectionEstimator(
+        gamma="printed", observations=10, both_markers=False, estimator_time=1e4
+    )
+    servo = lab.servo(controller=printed, estimator=printed_fit)
+    *_, last = run(lab.plant, servo, lab.target, 30.0)
+    assert last.state.cause is Cause.NONE
+
+
+def test_after_a_person_moved_the_tool_no_frame_is_given_joints_from_before():
+    lab = laboratory(seed=2)
+    lab.rig.show_target()
+    teach(lab.plant, frames=5)
+    lab.rig.go_home()
+    home = lab.rig.scene.start
+    seen = [
+        tick.seen for tick in run(lab.plant, lab.servo(), lab.target, 0.1) if tick.seen.frame >= 0
+    ]
+    assert seen and all(np.abs(one.q_exposure - home).max() < 0.1 for one in seen)

@@ -1,0 +1,73 @@
+"""Picture files are read whole or not at all."""
+
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from rcmservo.errors import UnusableFile
+from rcmservo.interfaces import Image
+from rcmservo.tracking import read_image
+
+
+@pytest.fixture
+def picture() -> Image:
+    return np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8)
+
+
+def test_a_png_is_read_back_bit_for_bit(tmp_path: Path, picture: Image) -> None:
+    cv2.imwrite(str(tmp_path / "0.png"), picture)
+    again = read_image(tmp_path / "0.png")
+    assert again.dtype == np.uint8
+    np.testing.assert_array_equal(again, picture)
+
+
+def test_a_jpeg_is_read_and_so_is_one_padded_with_zeros(tmp_path: Path, picture: Image) -> None:
+    data = cv2.imencode(".jpg", picture)[1].tobytes()
+    for name, content in (("a.jpg", data), ("b.jpg", data + bytes(100))):
+        (tmp_path / name).write_bytes(content)
+        assert read_image(tmp_path / name).shape == picture.shape
+
+
+@pytest.mark.parametrize("kind", [".jpg", ".png"])
+@pytest.mark.parametrize("kept", [1, 4, 40, 0.1, 0.5, 0.9, 0.99, -12, -2, -1])
+def test_a_truncated_picture_is_refused(
+    tmp_path: Path, picture: Image, kind: str, kept: float
+) -> None:
+    data = cv2.imencode(kind, picture)[1].tobytes()
+    length = int(kept * len(data)) if 0 < kept < 1 else int(kept)
+    path = tmp_path / f"cut{kind}"
+    path.write_bytes(data[:length])
+    with pytest.raises(UnusableFile, match=re.escape(str(path))):
+        read_image(path)
+
+
+def test_a_png_with_one_wrong_byte_is_refused(tmp_path: Path, picture: Image) -> None:
+    data = bytearray(cv2.imencode(".png", picture)[1].tobytes())
+    data[len(data) // 2] ^= 1
+    (tmp_path / "bad.png").write_bytes(data)
+    with pytest.raises(UnusableFile, match="damaged"):
+        read_image(tmp_path / "bad.png")
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (b"", "empty"),
+        (b"frame,u,v\n1,2,3\n", "neither"),
+        (b"\xff\xd8\xff\xe0 nothing \xff\xd9", "damaged|decoded"),
+    ],
+)
+def test_what_is_no_picture_is_refused_with_the_reason(
+    tmp_path: Path, content: bytes, why: str
+) -> None:
+    (tmp_path / "x.jpg").write_bytes(content)
+    with pytest.raises(UnusableFile, match=why):
+        read_image(tmp_path / "x.jpg")
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UnusableFile, match=r"none\.png"):
+        read_image(tmp_path / "none.png")
