@@ -129,7 +129,7 @@ def one(seed: int, kind: str) -> Run:
     rig = rs.sim.Rig(seed, RigSettings(point_noise=0.1), pictures=False, disturbances=disturbances)
     servo = rs.Servo(rig.settings.mechanism, rig.settings.tool)
     plant = rs.Plant(
-        Guarded(rig.mechanism, servo, run.wrong_commands), rig.camera, PointMarkers(), rig.clock
+        Guarded(rig.arm, servo, run.wrong_commands), rig.camera, PointMarkers(), rig.clock
     )
     plant.recorded = lambda: not rig.disk_full()
     rig.show_target()

@@ -56,7 +56,7 @@ def original(folder: Path, duration: float, pictures: bool, stages: int = 1) -> 
     or without."""
     settings = replace(rs.sim.RigSettings(), width=160, height=120)
     rig = rs.sim.Rig(1, settings, pictures=False)
-    plant = rs.Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
     rig.show_target()
     target = rs.teach(plant, frames=5)

@@ -50,7 +50,7 @@ def one(seed: int) -> Run:
         for kind, a, b in zip(("smoke", "stain"), at, lasts, strict=True)
     ]
     rig = rs.sim.Rig(seed, disturbances=disturbances)
-    plant = rs.Plant(rig.mechanism, rig.camera, ColourMarkers(default_markers()), rig.clock)
+    plant = rs.Plant(rig.arm, rig.camera, ColourMarkers(default_markers()), rig.clock)
     servo = rs.Servo(rig.settings.mechanism, rig.settings.tool)
     rig.show_target()
     target = rs.teach(plant)

@@ -102,7 +102,7 @@ def recorded(folder: Path, seed: int, duration: float, names: tuple[str, ...] = 
         random.integers(3)
     ]
     rig = rs.sim.Rig(seed, replace(rs.sim.RigSettings(), mechanism=mechanism), pictures=False)
-    plant = Disturbed(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = Disturbed(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(mechanism=mechanism, tool=tool, estimator=estimator)
     path, state = folder / f"{seed}.mcap", None
     with Recorder(path, {"seed": seed}) as recorder:

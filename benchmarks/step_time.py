@@ -23,7 +23,7 @@ SEEDS = range(3)
 def step_times(estimator: Estimator, seed: int) -> list[float]:
     """Microseconds of every step with a new frame in a 10 s run, after warm-up."""
     rig = rs.sim.Rig(seed, pictures=False)
-    plant = rs.Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(
         mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0), estimator=estimator
     )

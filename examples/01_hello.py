@@ -4,7 +4,7 @@ has calibrated."""
 import rcmservo as rs
 
 rig = rs.sim.Rig(seed=0)  # simulation; a real arm and camera offer the same Protocols
-plant = rs.Plant(rig.mechanism, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
+plant = rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
 servo = rs.Servo(
     mechanism=rs.SphericalRcm(),  # what the robot knows about itself
     tool=rs.RigidTool(spacing=30.0),

@@ -169,7 +169,7 @@ class Laboratory:
 
 def laboratory(seed: int = 1, settings: RigSettings | None = None) -> Laboratory:
     rig = Rig(seed, settings, pictures=False)
-    plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.show_target()
     target = teach(plant, frames=5)
     rig.go_home()

@@ -8,12 +8,24 @@ from rcmservo.errors import BadInput, RcmServoError, UnusableFile
 from rcmservo.guard.faults import Thresholds
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.states import Action, Cause, Mode, Phase, Request
-from rcmservo.interfaces import Command, Frame, Markers, Observation, Target
-from rcmservo.loop.clock import ticks
+from rcmservo.interfaces import (
+    Arm,
+    Camera,
+    Clock,
+    Command,
+    Frame,
+    Markers,
+    Measured,
+    Observation,
+    Target,
+    Tracker,
+)
+from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
 from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.broyden import BroydenEstimator
 from rcmservo.method.estimators.flow import FlowEstimator
 from rcmservo.method.estimators.projection import ProjectionEstimator
@@ -27,10 +39,14 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Action",
+    "Arm",
     "BadInput",
     "BroydenEstimator",
+    "Camera",
     "Cause",
+    "Clock",
     "Command",
+    "Estimator",
     "Exploration",
     "FlowEstimator",
     "Frame",
@@ -38,6 +54,7 @@ __all__ = [
     "ImagedRcm",
     "JointLimits",
     "Markers",
+    "Measured",
     "Mode",
     "Observation",
     "Phase",
@@ -47,6 +64,7 @@ __all__ = [
     "RcmServoError",
     "Request",
     "RigidTool",
+    "Sample",
     "SaturatedController",
     "ScaledTool",
     "Servo",
@@ -55,7 +73,9 @@ __all__ = [
     "Target",
     "Thresholds",
     "Tick",
+    "Tracker",
     "UnusableFile",
+    "WallClock",
     "run",
     "teach",
     "ticks",

@@ -129,7 +129,7 @@ class Measured(NamedTuple):
     enabled: bool
 
 
-class Mechanism(Protocol):
+class Arm(Protocol):
     """An arm with velocity drives and a watchdog of its own.
 
     ``enable`` switches the drive on, at rest: a person's act. ``measure`` gives the last answer at

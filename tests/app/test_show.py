@@ -53,7 +53,7 @@ def lose(seen: rs.Observation) -> rs.Observation:
 @pytest.fixture(scope="module")
 def told(tmp_path_factory: pytest.TempPathFactory) -> Told:
     rig = rs.sim.Rig(1, rs.sim.RigSettings(point_noise=0.1), pictures=False)
-    plant = Disturbed(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = Disturbed(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
     rig.show_target()
     target = rs.teach(plant, frames=5)

@@ -22,7 +22,7 @@ from rcmservo.method.kinematics import (
     position,
     position_jacobian,
 )
-from rcmservo.sim.arm import Arm, Drive
+from rcmservo.sim.arm import Drive, SimulatedArm
 
 angles = st.floats(-np.pi, np.pi)
 rhos = st.floats(1.0, 300.0)
@@ -105,7 +105,7 @@ def test_joint_rates_at_theta_zero_and_at_the_rcm_itself_are_finite_or_nan_never
 @pytest.mark.parametrize("seed", range(3))
 def test_the_physics_puts_the_reference_point_where_equation_2_says(rcm, seed):
     q = random_from(seed).uniform(rcm.limits.lower, rcm.limits.upper)
-    arm = Arm(rcm, Drive())
+    arm = SimulatedArm(rcm, Drive())
     arm.place(q)
     assert np.allclose(arm.p_true, rcm.position(q), atol=1e-6)
 

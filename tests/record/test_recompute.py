@@ -52,7 +52,7 @@ class Recorded:
 def recorded(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Recorded]:
     seed = getattr(request, "param", 1)
     rig = rs.sim.Rig(seed, pictures=False)
-    plant = Disturbed(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = Disturbed(rig.arm, rig.camera, PointMarkers(), rig.clock)
     with Recorder(tmp_path / reader.RECORD, {"seed": seed}) as recorder:
         yield Recorded(tmp_path, seed, plant, rig, recorder)
 

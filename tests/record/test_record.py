@@ -39,7 +39,7 @@ class Written:
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Written:
     rig = rs.sim.Rig(1, pictures=False)
-    plant = rs.Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
     rig.show_target()
     target = rs.teach(plant)
@@ -351,7 +351,7 @@ with Recorder(Path({str(path)!r}), {{"seed": 1}}) as recorder:
 def test_a_run_pauses_when_its_record_can_no_longer_be_written(tmp_path: Path) -> None:
     rig = rs.sim.Rig(1, pictures=False)
     recorder = Recorder(tmp_path / "record.mcap", {}, open_file=lambda path: Full(path, 30_000))
-    plant = rs.Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock, recorder.recorded)
+    plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock, recorder.recorded)
     target = rs.teach(plant, frames=3)
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
     with recorder:

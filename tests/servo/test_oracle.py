@@ -30,7 +30,7 @@ def pixels(C, p1, spacing=30.0):
     return image[:, :2] / image[:, 2:] + np.array([320.0, 240.0])
 
 
-def functions():
+def functions():  # noqa: PLR0915
     """Every compiled function of the core on a few inputs: name -> numbers."""
     from rcmservo.guard import faults, gate
     from rcmservo.method import (

@@ -196,10 +196,10 @@ def test_losing_the_markers_for_more_than_a_second_pauses_for_good_and_nothing_m
     assert all(
         (after.phase is Phase.PAUSED) == (seen.now - start > HOLD_TIME) for seen, after in held
     )
-    q, paused = lab.rig.mechanism.q_true, held[-1][1]
+    q, paused = lab.rig.arm.q_true, held[-1][1]
     for _, after in lab.run(servo, 1.0, paused):
         assert after.phase is Phase.PAUSED and not after.command.rates.any() and not after.v.any()
-    assert np.allclose(lab.rig.mechanism.q_true, q, atol=1e-6)
+    assert np.allclose(lab.rig.arm.q_true, q, atol=1e-6)
     assert after.cause is Cause.MARKERS_LOST
     assert (
         after.frame > paused.frame and np.isfinite(after.y).all()
@@ -220,11 +220,11 @@ def test_short_losses_in_a_row_do_not_add_up_to_a_pause():
 def test_while_the_markers_were_never_seen_it_waits_and_says_why():
     lab = laboratory()
     servo = lab.servo()
-    q = lab.rig.mechanism.q_true
+    q = lab.rig.arm.q_true
     for _, state in lab.run(servo, 1.3, change=lambda seen: without(seen, 0, 1)):
         assert state.phase is Phase.IDLE and not state.command.rates.any()
     assert state.cause is Cause.MARKERS_LOST and state.frame > 0
-    assert np.allclose(lab.rig.mechanism.q_true, q, atol=1e-6)
+    assert np.allclose(lab.rig.arm.q_true, q, atol=1e-6)
 
 
 def test_before_the_first_frame_nothing_moves():
@@ -426,7 +426,7 @@ def test_one_false_marker_in_one_frame_does_not_ruin_the_run(seed, marker):
 
     for _ in lab.run(servo, 8.0, state, change):
         pass
-    reached = lab.rig.body.points(lab.rig.mechanism.q_true)[1]
+    reached = lab.rig.body.points(lab.rig.arm.q_true)[1]
     assert np.linalg.norm(reached - lab.rig.body.points(lab.rig.scene.target)[1]) < 2.0
 
 
@@ -471,7 +471,7 @@ def arrival(delay):
     for seen, state in lab.run(lab.servo(controller=SaturatedController(gain=6.0)), 9.0):
         if state.phase is Phase.SERVO:
             since = seen.now if since is None else since
-            away.append(np.linalg.norm(lab.rig.body.points(lab.rig.mechanism.q_true)[0] - p_d))
+            away.append(np.linalg.norm(lab.rig.body.points(lab.rig.arm.q_true)[0] - p_d))
     return 0.01 * np.flatnonzero(np.array(away) > 0.5)[-1], np.std(away[-200:])
 
 
@@ -508,8 +508,8 @@ def test_only_the_gate_makes_commands():
 
 def test_teach_moves_nothing_and_sends_nothing():
     lab = laboratory()
-    q = lab.rig.mechanism.q_true
-    mechanism = lab.rig.mechanism
+    q = lab.rig.arm.q_true
+    mechanism = lab.rig.arm
 
     class Watched:
         def measure(self):
@@ -522,7 +522,7 @@ def test_teach_moves_nothing_and_sends_nothing():
             raise AssertionError("teach sent a command")
 
     target = teach(Plant(Watched(), lab.rig.camera, PointMarkers(), lab.rig.clock), frames=30)
-    assert np.allclose(lab.rig.mechanism.q_true, q, atol=1e-9)
+    assert np.allclose(lab.rig.arm.q_true, q, atol=1e-9)
     assert target.points.shape == (2, 2)
     assert np.allclose(target.points, lab.rig.truth.pixels(q), atol=0.5)
     assert np.allclose(target.q, q, atol=1e-2)
@@ -536,12 +536,12 @@ def test_a_target_that_is_not_seen_cannot_be_taught():
             return super().find(replace(frame, points=np.full((2, 2), np.nan)))
 
     with pytest.raises(NotShown):
-        teach(Plant(lab.rig.mechanism, lab.rig.camera, Blind(), lab.rig.clock))
+        teach(Plant(lab.rig.arm, lab.rig.camera, Blind(), lab.rig.clock))
 
 
 def test_a_run_that_is_stopped_ramps_its_command_to_zero():
     lab = laboratory()
-    sent, mechanism = [], lab.rig.mechanism
+    sent, mechanism = [], lab.rig.arm
 
     class Watched:
         def enable(self):
@@ -586,9 +586,9 @@ def test_however_a_run_ends_the_arm_is_at_rest(broken):
             )
     ticks.close()
     settle(lab)
-    q = lab.rig.mechanism.q_true
+    q = lab.rig.arm.q_true
     settle(lab)
-    assert np.allclose(lab.rig.mechanism.q_true, q, atol=1e-4)
+    assert np.allclose(lab.rig.arm.q_true, q, atol=1e-4)
 
 
 def settle(lab):
@@ -666,9 +666,7 @@ def test_a_camera_that_counts_anew_is_looked_at_in_the_next_run(shift, same_plan
     *_, last = run(lab.plant, servo, lab.target, duration=5.0)
     assert last.state.phase is Phase.SERVO
     camera = Recounted(lab.rig.camera, shift)
-    plant = (
-        lab.plant if same_plant else Plant(lab.rig.mechanism, camera, PointMarkers(), lab.rig.clock)
-    )
+    plant = lab.plant if same_plant else Plant(lab.rig.arm, camera, PointMarkers(), lab.rig.clock)
     plant.camera = camera
     *_, after = run(plant, servo, lab.target, duration=1.5, state=last.state)
     assert 0 <= after.state.frame < last.state.frame
@@ -683,7 +681,7 @@ def test_a_run_goes_on_only_once_it_has_seen_the_markers_again():
     servo = lab.servo()
     *_, last = run(lab.plant, servo, lab.target, duration=5.0)
     blind = Plant(
-        lab.rig.mechanism,
+        lab.rig.arm,
         Changed(lab.rig.camera, lambda frame: None),
         PointMarkers(),
         lab.rig.clock,
@@ -699,7 +697,7 @@ def test_a_camera_that_counts_anew_in_the_middle_of_a_run_stops_the_tool():
     servo = lab.servo()
     state = servoing(lab, servo)
     recounted = Recounted(lab.rig.camera)
-    lab.plant = Plant(lab.rig.mechanism, recounted, PointMarkers(), lab.rig.clock)
+    lab.plant = Plant(lab.rig.arm, recounted, PointMarkers(), lab.rig.clock)
     *_, (_, state) = lab.run(servo, 0.2, state)
     assert (
         state.phase is Phase.HOLD
@@ -713,7 +711,7 @@ def test_an_arm_that_is_frozen_at_a_time_to_come_is_silent(ahead):
     lab = laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
-    frozen_at = lab.rig.mechanism.measure()
+    frozen_at = lab.rig.arm.measure()
     future = frozen_at._replace(time=frozen_at.time + ahead * 1_000_000_000)
     began = state.command.time
     stuck = {"q": future.q, "q_time": future.time, "q_exposure": future.q}
@@ -761,7 +759,7 @@ def test_a_device_that_cannot_be_read_any_more_leaves_the_drive_off(broken):
             raise OSError("unplugged")
         return answer
 
-    arm = Changed(lab.rig.mechanism, change if broken == "arm" else lambda answer: answer)
+    arm = Changed(lab.rig.arm, change if broken == "arm" else lambda answer: answer)
     camera = Changed(lab.rig.camera, change if broken == "camera" else lambda answer: answer)
     plant = Plant(arm, camera, PointMarkers(), lab.rig.clock)
     with pytest.raises(OSError, match="unplugged"):
@@ -776,7 +774,7 @@ def test_a_run_that_goes_on_from_a_fault_does_not_switch_the_drive_on():
     servo = lab.servo()
     *_, (_, state) = lab.run(servo, 0.5, change=lambda seen: replace(seen, q=np.full(3, np.nan)))
     assert state.phase is Phase.FAULT
-    arm = Changed(lab.rig.mechanism, lambda answer: answer)
+    arm = Changed(lab.rig.arm, lambda answer: answer)
     *_, last = run(
         Plant(arm, lab.rig.camera, PointMarkers(), lab.rig.clock), servo, lab.target, state=state
     )
@@ -870,7 +868,7 @@ def test_a_first_frame_of_another_size_counts_for_nothing_once_the_plant_was_res
     rig = laboratory().rig
     size = [24, 32, 3]
     camera = Changed(rig.camera, lambda frame: replace(frame, image=np.zeros(size, dtype=np.uint8)))
-    plant = Plant(rig.mechanism, camera, PointMarkers(), rig.clock)
+    plant = Plant(rig.arm, camera, PointMarkers(), rig.clock)
 
     def later():
         rig.clock.wait_until(rig.clock.now() + 100_000_000)

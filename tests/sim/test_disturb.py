@@ -69,7 +69,7 @@ class Run:
 @lru_cache(maxsize=64)
 def running(text: str, seed: int = 1, seconds: float = ONSET + 1.5) -> Run:
     rig = rig_with(text, seed)
-    plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock, lambda: not rig.disk_full())
+    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock, lambda: not rig.disk_full())
     rig.show_target()
     target = teach(plant, frames=5)
     rig.go_home()
@@ -239,14 +239,14 @@ def test_when_the_process_is_killed_the_arm_stops_by_itself_within_50_ms_of_its_
 def test_a_silent_arm_hears_nothing_stops_by_itself_and_tells_so_when_it_answers_again() -> None:
     rig = rig_with("arm_silent:at=0.1,for=0.1")
     rig.begin()
-    rig.mechanism.enable()
+    rig.arm.enable()
     told: list[bool] = []
     true: list[bool] = []
     for k in range(25):
         rig.clock.wait_until(rig.clock.now() + 10_000_000)
         now = rig.clock.now()
-        rig.mechanism.apply(Command(k, now, now + 30_000_000, np.array([0.1, 0.0, 0.0]), True))
-        told.append(rig.mechanism.measure().enabled)
+        rig.arm.apply(Command(k, now, now + 30_000_000, np.array([0.1, 0.0, 0.0]), True))
+        told.append(rig.arm.measure().enabled)
         true.append(rig.clock.arm.watchdog.enabled)
     assert true == [True] * 12 + [False] * 13
     assert told == [True] * 19 + [False] * 6
@@ -258,9 +258,9 @@ def test_an_emergency_stop_leaves_the_drive_off_until_it_is_released() -> None:
     enabled: list[bool] = []
     for wait in (50_000_000, 100_000_000, 200_000_000):
         rig.clock.wait_until(rig.clock.now() + wait)
-        rig.mechanism.enable()
+        rig.arm.enable()
         rig.clock.wait_until(rig.clock.now() + 2_000_000)
-        enabled.append(rig.mechanism.measure().enabled)
+        enabled.append(rig.arm.measure().enabled)
     assert enabled == [True, False, True]
 
 
@@ -277,20 +277,20 @@ def test_a_rig_whose_disturbance_never_comes_is_the_same_as_one_without_bit_for_
     )
     late.begin()
     for rig in (plain, late):
-        rig.mechanism.enable()
+        rig.arm.enable()
     for k in range(20 if pictures else 100):
         frames: list[Frame | None] = []
         for rig in (plain, late):
             rig.clock.wait_until(rig.clock.now() + 10_000_000)
             frames.append(rig.camera.latest())
         assert frozen(frames[0]) == frozen(frames[1]), k
-        assert frozen(plain.mechanism.measure()) == frozen(late.mechanism.measure())
+        assert frozen(plain.arm.measure()) == frozen(late.arm.measure())
 
 
 def test_nothing_goes_wrong_before_the_run_begins() -> None:
     rig = rig_with("marker_loss arm_silent encoder_nan disk_full kill")
     rig.show_target()
-    plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     teach(plant, frames=5)
     assert not rig.disk_full()
     rig.begin()
@@ -496,7 +496,7 @@ def test_a_camera_that_was_moved_sees_the_tool_where_its_new_optics_say(text: st
 
 def test_a_person_counts_the_requests_that_led_on_apart_from_those_refused() -> None:
     rig = rig_with("marker_loss:at=2.6,for=3.5")
-    plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.show_target()
     target = teach(plant)
     rig.go_home()

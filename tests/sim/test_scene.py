@@ -91,7 +91,7 @@ def test_a_camera_bumped_while_the_servo_explores_is_noticed():
         pictures=False,
         disturbances=[Disturbance.parse("bump:at=1.828,px=17.1")],
     )
-    plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.show_target()
     target = teach(plant)
     rig.go_home()

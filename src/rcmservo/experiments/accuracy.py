@@ -239,7 +239,7 @@ def stream(rig: Rig, settings: Settings, kind: str) -> Stream:
         (settings.exploration, settings.duration) if kind == "servo" else (tour, settings.touring)
     )
     servo = servo_for(rig, ProjectionEstimator(), exploration, PRINTED_LAW)
-    plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.show_target()
     target = teach(plant)
     rig.go_home()

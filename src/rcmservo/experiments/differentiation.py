@@ -66,7 +66,7 @@ def tour(folder: Path, settings: Settings, seed: int) -> dict[str, Any]:
     del folder
     laboratory = RigSettings(scene=PINHOLE, point_noise=NOISE)
     rig = Rig(seed, laboratory, pictures=False)
-    plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = Servo(
         laboratory.mechanism, laboratory.tool, estimator=FLOW, exploration=TOUR, gate=FAST_ARM
     )

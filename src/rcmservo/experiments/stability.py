@@ -71,7 +71,7 @@ def regulate(folder: Path, settings: Settings, estimator: str, seed: int) -> dic
     """
     del folder
     rig = Rig(seed, RigSettings(scene=PAPER_SCENES, point_noise=NOISE), pictures=False)
-    plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = servo_for(rig, *PAPER_METHODS[estimator])
     servo.warm_up()
     home = teach(plant)

@@ -7,6 +7,7 @@ import numpy as np
 
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import (
+    Arm,
     Camera,
     Clock,
     Command,
@@ -14,7 +15,6 @@ from rcmservo.interfaces import (
     Floats,
     Frame,
     Markers,
-    Mechanism,
     Observation,
     Tracker,
 )
@@ -35,13 +35,13 @@ class Plant:
 
     def __init__(
         self,
-        mechanism: Mechanism,
+        arm: Arm,
         camera: Camera,
         tracker: Tracker,
         clock: Clock,
         recorded: Callable[[], bool] = lambda: True,
     ) -> None:
-        self.mechanism, self.camera, self.tracker, self.clock = mechanism, camera, tracker, clock
+        self.arm, self.camera, self.tracker, self.clock = arm, camera, tracker, clock
         self.recorded = recorded
         self.markers: Markers | None = None
         self.frame: Frame | None = None
@@ -54,11 +54,11 @@ class Plant:
 
     def enable(self) -> None:
         """Switch the arm's drive on: a person's act."""
-        self.mechanism.enable()
+        self.arm.enable()
 
     def read(self) -> Observation:
         """Measure the joints, and track the markers where a new frame has arrived."""
-        time, q, enabled = self.mechanism.measure()
+        time, q, enabled = self.arm.measure()
         if not self._past:
             self._began = time
         if not self._past or time > self._past[-1][0]:
@@ -95,7 +95,7 @@ class Plant:
 
     def send(self, command: Command) -> Floats:
         """Pass a command on to the arm; the joint rates (3,) that the arm took."""
-        self._applied = self.mechanism.apply(command)
+        self._applied = self.arm.apply(command)
         return self._applied
 
     def _look(self, frame: Frame | None) -> None:

@@ -98,7 +98,7 @@ def model_of(kinematics: Kinematics) -> str:
     </mujoco>"""
 
 
-class Arm:
+class SimulatedArm:
     """An RCM mechanism in MuJoCo, driven by joint rates. It moves only when `advance` lets time
     pass.
 

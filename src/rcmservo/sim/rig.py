@@ -10,7 +10,7 @@ from rcmservo.errors import require
 from rcmservo.interfaces import Camera, Floats
 from rcmservo.method.kinematics import Kinematics, SphericalRcm
 from rcmservo.method.tool import RigidTool, Tool
-from rcmservo.sim.arm import Arm, Drive
+from rcmservo.sim.arm import Drive, SimulatedArm
 from rcmservo.sim.cameras import Body, PictureCamera, PointCamera, Timing
 from rcmservo.sim.disturb.arm import DisturbedArm
 from rcmservo.sim.disturb.delivery import Delivery
@@ -76,12 +76,12 @@ class Rig:
             s.scene, self.body, (s.width, s.height), radius, np.random.default_rng(drawing)
         )
         self._elsewhere = np.random.default_rng(elsewhere)
-        arm = Arm(s.mechanism, s.drive)
+        arm = SimulatedArm(s.mechanism, s.drive)
         self.clock = World(arm)
         self._camera = self._new_camera(pictures, np.random.default_rng(noise))
         self.truth = Truth(self.clock, self.body, self.scene.optics)
         self.schedule = Schedule(disturbances, chance)
-        self.mechanism: Arm | DisturbedArm = arm
+        self.arm: SimulatedArm | DisturbedArm = arm
         self.camera: Camera = self._camera
         if disturbances:
             self._disturb(arm)
@@ -98,7 +98,7 @@ class Rig:
             self.clock, self.body, self.scene.optics, s.timing, s.point_noise, random
         )
 
-    def _disturb(self, arm: Arm) -> None:
+    def _disturb(self, arm: SimulatedArm) -> None:
         """Put the disturbances between the software and the devices."""
         for disturbance in self.schedule.disturbances:
             suffers = isinstance(self._camera, PointCamera) or KINDS[disturbance.kind].pictures
@@ -108,7 +108,7 @@ class Rig:
                 disturbance.kind,
                 "one that a camera with pictures can suffer",
             )
-        self.mechanism = DisturbedArm(arm, self.clock, self.schedule)
+        self.arm = DisturbedArm(arm, self.clock, self.schedule)
         view = View(self._camera, self.settings.look, self.schedule, self._touch_camera)
         self.camera = Delivery(view, self.clock.now, self.schedule)
         self.clock.stalls = Stalls(self.schedule)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rcmservo.interfaces import Floats
-from rcmservo.sim.arm import STEP, Arm
+from rcmservo.sim.arm import STEP, SimulatedArm
 
 HISTORY = 1000
 
@@ -18,7 +18,7 @@ class World:
     ``stalls`` tells until when a wait really lasts, where the waiting process is held up.
     """
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: SimulatedArm) -> None:
         self.arm = arm
         self.stalls: Callable[[int], int] | None = None
         self._times: deque[int] = deque(maxlen=HISTORY)

@@ -228,7 +228,7 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
     """
     settings = rig_settings(job.lab)
     rig = Rig(job.seed, settings, disturbances=job.disturbances)
-    plant = Plant(rig.mechanism, rig.camera, ColourMarkers(job.lab.markers), rig.clock)
+    plant = Plant(rig.arm, rig.camera, ColourMarkers(job.lab.markers), rig.clock)
     target = _target(job, rig, plant)
     job.servo.warm_up()
     person, notes, killed = Person(rig, plant, job.resumes), _Notes(job, rig, target), ""

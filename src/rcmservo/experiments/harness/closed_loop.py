@@ -126,7 +126,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
     ) -> None:
         self.rig = Rig(seed, settings, pictures=pictures)
         tracker = ColourMarkers() if pictures else PointMarkers()
-        self.plant = Plant(self.rig.mechanism, self.rig.camera, tracker, self.rig.clock)
+        self.plant = Plant(self.rig.arm, self.rig.camera, tracker, self.rig.clock)
         self.servo = servo(self.rig)
         self.servo.warm_up()
         self.folder = folder

@@ -59,7 +59,7 @@ FLOW_RULE = Learner("the paper's flow rule (28) with γ = 0.001", "flow rule", "
 def laboratory(seed: int, scene: SceneSettings, noise: float) -> tuple[Rig, Plant]:
     """A scene, and its plant with the camera that delivers points with `noise` px."""
     rig = Rig(seed, RigSettings(point_noise=noise, scene=scene), pictures=False)
-    return rig, Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    return rig, Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
 
 
 class Watch:

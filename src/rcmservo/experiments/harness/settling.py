@@ -30,7 +30,7 @@ def settle(
     ``pose`` error mm of marker 2, and the ``cause`` if not. The servo takes its tool as `known`, if
     not as it is."""
     rig = Rig(seed, laboratory, pictures=False)
-    plant = Plant(rig.mechanism, rig.camera, PointMarkers(), rig.clock)
+    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.show_target()
     target, goal = teach(plant), rig.body.points(rig.scene.target)[1]
     rig.go_home()

@@ -4,7 +4,7 @@ stop."""
 import numpy as np
 
 from rcmservo.interfaces import Command, Floats, Measured
-from rcmservo.sim.arm import Arm
+from rcmservo.sim.arm import SimulatedArm
 from rcmservo.sim.disturb.schedule import Event, Schedule
 from rcmservo.sim.world import World
 
@@ -15,7 +15,7 @@ GAINS = {"axis_stuck": 0.0, "axis_reversed": -1.0}
 class DisturbedArm:
     """An arm as the software gets to see it. `arm` is the true one, whose drives suffer with it."""
 
-    def __init__(self, arm: Arm, world: World, schedule: Schedule) -> None:
+    def __init__(self, arm: SimulatedArm, world: World, schedule: Schedule) -> None:
         self.arm, self.world, self.schedule = arm, world, schedule
         self._answer = arm.measure()
         self._applied = np.zeros(3)
