@@ -35,7 +35,7 @@ from rcmservo.method.kinematics import JointLimits, PitchYawRcm, SphericalRcm
 from rcmservo.method.tool import RigidTool, ScaledTool
 from rcmservo.servo.servo import Servo, State
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "Action",

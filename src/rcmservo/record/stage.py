@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from rcmservo.config.decode import decode
 from rcmservo.config.servo_json import describe
+from rcmservo.errors import require
 from rcmservo.interfaces import Target
 from rcmservo.servo.servo import Servo
 
@@ -40,16 +42,28 @@ def text_of(servo: Servo, target: Target, origin: int) -> str:
     return json.dumps({"origin": origin, "target": told, "servo": describe(servo)})
 
 
-def stage_of(table: dict[str, Any], first: int, number: int) -> Stage:
-    """The stage in a JSON object, the `number`-th of its record; ValueError where that is no
+@dataclass(frozen=True)
+class Shown:
+    """A target as a stage's JSON has it."""
+
+    points: tuple[tuple[float, float], tuple[float, float]]
+    q: tuple[float, float, float]
+    shown: int = 0
+
+
+@dataclass(frozen=True)
+class Told:
+    """A stage's JSON."""
+
+    origin: int
+    target: Shown
+    servo: dict[str, Any]
+
+
+def stage_of(table: object, first: int, number: int) -> Stage:
+    """The stage in a JSON object, the `number`-th of its record; BadInput where that is no
     stage."""
-    try:
-        target = table["target"]
-        points, q = np.array(target["points"], dtype=float), np.array(target["q"], dtype=float)
-        origin, servo, shown = table["origin"], table["servo"], target.get("shown", 0)
-    except (AttributeError, KeyError, TypeError) as error:
-        raise ValueError(f"it is no stage ({error})") from error
-    good = type(origin) is int and ELSEWHERE <= origin < number and type(shown) is int
-    if not good or points.shape != (2, 2) or q.shape != (3,):
-        raise ValueError("it is no stage")
-    return Stage(first, servo, Target(points, q, shown), origin)
+    told = decode(Told, table, "stage")
+    require(ELSEWHERE <= told.origin < number, "stage.origin", told.origin, "an earlier stage")
+    target = Target(np.array(told.target.points), np.array(told.target.q), told.target.shown)
+    return Stage(first, told.servo, target, told.origin)

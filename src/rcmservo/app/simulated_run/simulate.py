@@ -24,9 +24,9 @@ import numpy as np
 
 from rcmservo.config import target_file
 from rcmservo.config.files import write_whole
-from rcmservo.config.rig_file import Lab, build
+from rcmservo.config.rig_file import Lab
 from rcmservo.config.target_file import Setup
-from rcmservo.errors import UnusableFile, require
+from rcmservo.errors import UnusableFile
 from rcmservo.figures import charts, plots
 from rcmservo.figures.overlay import Video, draw
 from rcmservo.interfaces import Floats, Frame, Image, Target
@@ -71,23 +71,14 @@ class CameraSection:
 
 def rig_settings(lab: Lab) -> RigSettings:
     """The simulated laboratory of a rig file's [camera], [drive], [look] and [scene]."""
-    camera = build(CameraSection, lab.simulation.get("camera", {}), "camera")
-    paint, table = _paint(lab), lab.simulation.get("look", {})
-    for key in paint:
-        require(
-            key not in table,
-            f"look.{key}",
-            table.get(key),
-            "left out: [markers] tells radii and colours",
-        )
-    look = build(Look, {**table, **paint}, "look")
+    camera = lab.section("camera", CameraSection)
     return RigSettings(
         mechanism=lab.mechanism,
         tool=lab.tool,
-        drive=build(Drive, lab.simulation.get("drive", {}), "drive"),
+        drive=lab.section("drive", Drive),
         timing=Timing(camera.frame_rate, camera.exposure, camera.delay),
-        look=look,
-        scene=build(SceneSettings, lab.simulation.get("scene", {}), "scene"),
+        look=lab.section("look", Look, **_paint(lab)),
+        scene=lab.section("scene", SceneSettings),
         width=camera.width,
         height=camera.height,
         point_noise=camera.point_noise,
