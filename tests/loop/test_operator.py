@@ -16,6 +16,7 @@ from rcmservo.record import reader
 from rcmservo.record.recompute import recompute
 from rcmservo.record.writer import Recorder, ThreadedRecorder
 
+
 class Scripted:
     """An operator that wants things at given ticks."""
 

@@ -135,5 +135,10 @@ def goes_on(before: Servo, after: Servo) -> Servo:
     for name in FIXED:
         value = getattr(after, name)
         kept = getattr(before, name)
-        require(value is kept or value == kept, f"servo.{name}", value, "the same through a run: begin another run for that")
+        require(
+            value is kept or value == kept,
+            f"servo.{name}",
+            value,
+            "the same through a run: begin another run for that",
+        )
     return after

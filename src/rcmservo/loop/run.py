@@ -40,9 +40,9 @@ def run(
     plant.reset()
     state = servo.init() if state is None else servo.again(state)
     course = Course(servo, target, operator)
-    if state.phase is not Phase.FAULT:
-        plant.enable()
     try:
+        if state.phase is not Phase.FAULT:
+            plant.enable()
         for time in ticks(plant.clock, servo.rate, duration):
             seen = plant.read()
             state = course.servo.step(state, seen, course.target, course.request)
