@@ -25,12 +25,12 @@ from typing import Any
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.app.simulated_run.simulate import rig_settings
 from rcmservo.config.rig_file import Lab
 from rcmservo.live.servo_process import Task, serve
 from rcmservo.live.supervisor import Bench, Child, supervise
 from rcmservo.record import reader
 from rcmservo.sim.processes.log import stopped
+from rcmservo.sim.rig_file import rig_settings
 from rcmservo.tracking import ColourMarkers
 
 BOUND = 60.0  # ms from the signal until the drive is off: the watchdog's patience and one period

@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.app.simulated_run.simulate import rig_settings
 from rcmservo.config.rig_file import Lab
 from rcmservo.guard.states import Cause, Mode, Phase, Request, Signs, transition
 from rcmservo.live.servo_process import Report, Task
 from rcmservo.live.supervisor import Bench, supervise
+from rcmservo.sim.rig_file import rig_settings
 
 CALLS = 20_000
 

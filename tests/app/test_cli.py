@@ -97,7 +97,7 @@ def test_the_metrics_follow_from_the_record(finished: tuple[int, Path]) -> None:
 
 
 def record_name() -> str:
-    from rcmservo.app.simulated_run.simulate import RECORD
+    from rcmservo.record.reader import RECORD
 
     return RECORD
 

@@ -20,7 +20,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import with_tests
-from rcmservo.app.simulated_run.simulate import rig_settings
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
 from rcmservo.guard.faults import Thresholds
@@ -49,6 +48,7 @@ from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.sim.processes.device import Device
 from rcmservo.sim.processes.log import Log, stopped
+from rcmservo.sim.rig_file import rig_settings
 
 MS = 1_000_000
 DEADLINE = 300.0

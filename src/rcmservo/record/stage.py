@@ -1,9 +1,9 @@
-"""A run within a record: which servo, which target, and what it goes on from. One record holds one
-or more.
+"""A part of a record in which servo and target stay the same. One record holds one or more.
 
-    {"origin": 0, "target": {"points": [[…], […]], "q": […]}, "servo": {…}}
+    {"origin": 0, "mid_run": false, "target": {"points": [[…], […]], "q": […]}, "servo": {…}}
 
-A stage goes on from the last tick of an earlier one, whose number its ``origin`` is.
+A stage goes on from the last tick of an earlier one, whose number its ``origin`` is. A run begins
+it, or a person who changed target or settings in mid-run.
 """
 
 import json
@@ -14,6 +14,7 @@ import numpy as np
 
 from rcmservo.config.decode import decode
 from rcmservo.config.servo_json import describe
+from rcmservo.config.texts import Table
 from rcmservo.errors import require
 from rcmservo.interfaces import Target
 from rcmservo.servo.servo import Servo
@@ -25,21 +26,25 @@ hold."""
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A run, from the tick with the index ``first`` on.
-
-    ``servo`` is the description that it can be rebuilt from.
-    """
+    """Which servo and target a record's ticks go by, from one of them on."""
 
     first: int
+    """Index of its first tick."""
     servo: Any
+    """The description that its servo can be rebuilt from."""
     target: Target
+    """What was shown."""
     origin: int
+    """Number of the stage that it goes on from, or NOTHING or ELSEWHERE."""
+    mid_run: bool = False
+    """Whether the loop went on from the tick before, without a new start."""
 
 
-def text_of(servo: Servo, target: Target, origin: int) -> str:
+def text_of(servo: Servo, target: Target, origin: int, mid_run: bool) -> str:
     """A stage as JSON."""
     told = {"points": target.points.tolist(), "q": target.q.tolist(), "shown": target.shown}
-    return json.dumps({"origin": origin, "target": told, "servo": describe(servo)})
+    table = {"origin": origin, "mid_run": mid_run, "target": told, "servo": describe(servo)}
+    return json.dumps(table)
 
 
 @dataclass(frozen=True)
@@ -57,13 +62,17 @@ class Told:
 
     origin: int
     target: Shown
-    servo: dict[str, Any]
+    servo: Table
+    mid_run: bool = False
 
 
 def stage_of(table: object, first: int, number: int) -> Stage:
     """The stage in a JSON object, the `number`-th of its record; BadInput where that is no
     stage."""
     told = decode(Told, table, "stage")
-    require(ELSEWHERE <= told.origin < number, "stage.origin", told.origin, "an earlier stage")
+    last = number - 1
+    require(ELSEWHERE <= told.origin <= last, "stage.origin", told.origin, "an earlier stage")
+    follows = not told.mid_run or told.origin == last >= 0
+    require(follows, "stage.origin", told.origin, "the stage before, as it goes on in mid-run")
     target = Target(np.array(told.target.points), np.array(told.target.q), told.target.shown)
-    return Stage(first, told.servo, target, told.origin)
+    return Stage(first, told.servo, target, told.origin, told.mid_run)
