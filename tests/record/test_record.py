@@ -496,5 +496,7 @@ def test_phase_cause_and_way_out_stand_in_the_record_in_words_under_crtk_s_name(
     assert [message.substate for message in told] == changes
     assert {message.state for message in told} == {"ENABLED"}
     assert [message.is_busy for message in told] == [False, True, True]
-    paused = layout.operating_state(5, rs.Mode(rs.Phase.PAUSED, rs.Cause.STALE))
+    paused = layout.operating_state(
+        5, rs.Phase.PAUSED, rs.Mode(rs.Phase.PAUSED, rs.Cause.STALE).words
+    )
     assert b"PAUSED\0" in paused and rs.Cause.STALE.words.encode() in paused

@@ -13,7 +13,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Any, NoReturn, TypeVar, cast, get_type_hints
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from rcmservo.errors import BadInput, told
@@ -47,6 +47,9 @@ def decode(kind: type[Settings], table: object, where: str) -> Settings:
     as the dataclass `kind` has them."""
     try:
         return _reader(kind).validate_json(json.dumps([table], default=str))[0]
+    except PydanticUserError as error:  # of a user's own class
+        right = "a dataclass of numbers, words, and tuples of them"
+        raise BadInput(where, kind.__name__, right) from error
     except ValidationError as error:
         first = min(error.errors(), key=lambda one: one["type"] == "missing")  # a misspelt key
         _refuse(first, kind, where)

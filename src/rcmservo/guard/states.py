@@ -86,6 +86,11 @@ class Cause(Enum):
         Action.FAULT,
         "this is an error in the estimator: keep the record, clear, and enable again",
     )
+    ESTIMATOR_FAILED = (
+        "the estimator raised an error, or gave what is no Jacobian",
+        Action.FAULT,
+        "mend the estimator and begin a new run",
+    )
     JOINTS_NOT_FINITE = (
         "the arm tells joints that are not finite",
         Action.FAULT,

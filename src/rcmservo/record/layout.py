@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.guard.states import Mode, Phase
+from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats
 from rcmservo.loop.tick import Tick
 from rcmservo.method.estimators.projection import ProjectionMemory
@@ -96,6 +96,7 @@ DEFINITIONS = {
     ),
     "sensor_msgs/msg/CompressedImage": _definition("string format", "uint8[] data"),
     "rcmservo_msgs/msg/Truth": _definition(*_arrays(TRUTH)),
+    "rcmservo_msgs/msg/Memory": _definition("float64[] numbers"),
     "rcmservo_msgs/msg/Tick": _definition(
         *(f"int64 {name}" for name in INTEGERS),
         *_arrays(REALS),
@@ -108,6 +109,7 @@ DEFINITIONS = {
 TOPICS = {
     "rcmservo/about": "std_msgs/msg/String",
     "rcmservo/stage": "std_msgs/msg/String",
+    "rcmservo/memory": "rcmservo_msgs/msg/Memory",
     "rcmservo/tick": "rcmservo_msgs/msg/Tick",
     "rcmservo/truth": "rcmservo_msgs/msg/Truth",
     "measured_js": "sensor_msgs/msg/JointState",
@@ -204,7 +206,7 @@ def _parameters(state: State) -> Floats:
 
 
 def _model(state: State, servo: Servo) -> Floats:
-    model = servo.estimator.predict(state.memory, servo.tool, state.p1)
+    model = servo.learner.predict(state.memory, servo.tool, state.p1)
     return UNKNOWN[:4] if model is None else model
 
 
@@ -251,16 +253,12 @@ def text(words: str) -> bytes:
     return ENCAPSULATION + strings([words], 4)
 
 
-def operating_state(now: int, mode: Mode) -> bytes:
+def operating_state(now: int, phase: Phase, words: str) -> bytes:
     """CRTK's operating state: whether the drive is on, and below that phase, cause and way out in
     words."""
     start = header(now) + bytes(4)
-    busy = mode.phase in (Phase.ACQUIRE, Phase.SERVO)
-    return (
-        start
-        + strings((CRTK.get(mode.phase, "ENABLED"), mode.words), len(start))
-        + bytes((True, busy))
-    )
+    busy = phase in (Phase.ACQUIRE, Phase.SERVO)
+    return start + strings((CRTK.get(phase, "ENABLED"), words), len(start)) + bytes((True, busy))
 
 
 def truth(now: int, p1: Floats, p2: Floats, jacobian_error: float) -> bytes:

@@ -1,13 +1,14 @@
 """What became of a run: settled or not, when, and why not. Judged from what the servo measured,
 tick by tick."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rcmservo.guard.states import Action, Mode, Phase
+from rcmservo.guard.states import Action, Cause, Mode, Phase
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.tick import Tick
+from rcmservo.servo.own_estimator import Guard, called
 from rcmservo.servo.servo import Servo
 
 TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
@@ -75,13 +76,20 @@ class Judge:
                 self._servo.marker_1(self._last.seen.q) - self._servo.marker_1(self._target.q)
             )
         )
-        return judged(
-            np.array(self._times),
-            np.array(self._errors),
-            self._explored_at,
-            self._last.state.mode,
-            away,
-        )
+        times, errors = np.array(self._times), np.array(self._errors)
+        outcome = judged(times, errors, self._explored_at, self._last.state.mode, away)
+        return replace(outcome, cause=outcome.cause + _blame(self._last))
+
+
+def _blame(last: Tick) -> str:
+    """What a user's own estimator did that ended a run, as the rest of a sentence; empty where it
+    did nothing."""
+    cause, own = last.state.cause, last.servo.learner
+    if cause is Cause.ESTIMATOR_FAILED:
+        return f": {last.state.failure}"
+    if cause is Cause.OVERRUN and isinstance(own, Guard) and own.slowest > last.servo.period:
+        return f": estimator {called(own.own)} took up to {own.slowest * 1e-6:.1f} ms for a frame"
+    return ""
 
 
 def judged(

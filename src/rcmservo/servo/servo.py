@@ -45,6 +45,7 @@ from rcmservo.method.features import SCALE, difference, measured
 from rcmservo.method.imaged_rcm import ImagedRcm, follow
 from rcmservo.method.kinematics import Kinematics, blocked, joint_rates, position
 from rcmservo.method.tool import Tool
+from rcmservo.servo.own_estimator import examine, failure, learner
 
 STALL_TIME = 6.0
 STALL_GAINS = 3.0
@@ -70,6 +71,7 @@ UNLEARNT = {
     Cause.NOT_EXPLORED,
     Cause.ESTIMATE_LARGE,
     Cause.ESTIMATE_NOT_FINITE,
+    Cause.ESTIMATOR_FAILED,
     Cause.NOT_FINITE,
 }
 """Causes of a pause or fault after which the estimate is learnt anew, beside a camera that was
@@ -122,6 +124,8 @@ class State:
     moved: int
     peak: float
     peak_time: int
+    failure: str = ""
+    """What a user's own estimator did wrong last, until its fault is cleared."""
 
     @property
     def phase(self) -> Phase:
@@ -135,8 +139,9 @@ class State:
 
     @property
     def words(self) -> str:
-        """Phase, cause and way out in words."""
-        return self.mode.words
+        """Phase, cause and way out in words, and what an estimator did wrong."""
+        own = self.cause is Cause.ESTIMATOR_FAILED
+        return f"{self.mode.words}: {self.failure}" if own else self.mode.words
 
     def but(self, **changes: Any) -> "State":
         """The same state with some fields changed: dataclasses.replace, without its cost in every
@@ -168,6 +173,11 @@ class Servo:
     def __post_init__(self) -> None:
         good = self.rate * self.gate.deadline >= 2.0 and self.rate <= 1000.0
         require(good, "rate", self.rate, "at least two ticks in gate.deadline, and at most 1000 Hz")
+
+    @cached_property
+    def learner(self) -> Estimator:
+        """The estimator as a step calls it: a user's own through a guard."""
+        return learner(self.estimator)
 
     @cached_property
     def period(self) -> int:
@@ -210,7 +220,7 @@ class Servo:
             "line_count": count,
             "o_c": np.full(2, np.nan),
             "rcm_condition": np.inf,
-            "memory": self.estimator.init(),
+            "memory": self.learner.init(),
             "tour": None,
             "no_room": False,
             "explored": False,
@@ -240,7 +250,8 @@ class Servo:
 
     def warm_up(self) -> None:
         """Compile all that `step` calls, on made-up observations, so that nothing compiles while an
-        arm moves."""
+        arm moves. A user's own estimator is tried first, and refused if it fails."""
+        examine(self.estimator, self.tool)
         state = self.init()
         q = (np.array(self.mechanism.limits.lower) + np.array(self.mechanism.limits.upper)) / 2.0
         points = np.array([[100.0, 50.0], [200.0, 100.0]])
@@ -336,14 +347,21 @@ class Servo:
     def _learn(self, state: State, seen: Observation, target: Target) -> State:
         dt = (seen.exposure - state.exposure) * 1e-9 if state.exposure >= 0 else 0.0
         sample = Sample(state.p1, seen.points, state.o_c, dt)
-        memory = self.estimator.update(state.memory, self.tool, sample)
-        J_hat = self.estimator.jacobian(memory, self.tool, sample)
+        memory = self.learner.update(state.memory, self.tool, sample)
+        J_hat = self.learner.jacobian(memory, self.tool, sample)
+        before = state.failure if state.phase is Phase.FAULT else ""
         y, delta = measured(seen.points, target.points, state.o_c)
         watch = state.watch
         if state.explored:
             watch = watch_estimate(watch, state.p1, seen.points, state.o_c, J_hat)
         return state.but(
-            exposure=seen.exposure, memory=memory, J_hat=J_hat, y=y, delta=delta, watch=watch
+            exposure=seen.exposure,
+            memory=memory,
+            J_hat=J_hat,
+            y=y,
+            delta=delta,
+            watch=watch,
+            failure=failure(memory) or before,
         )
 
     def _plan(self, state: State, seen: Observation, accepted: bool) -> State:
@@ -406,7 +424,7 @@ class Servo:
         if target.shown < state.moved:
             yield Cause.TARGET_OLD
         if not finite(state.J_hat.ravel()):
-            yield Cause.ESTIMATE_NOT_FINITE
+            yield Cause.ESTIMATOR_FAILED if state.failure else Cause.ESTIMATE_NOT_FINITE
         yield from (
             self._servo_causes(state, seen) if state.explored else self._tour_causes(state, seen)
         )
