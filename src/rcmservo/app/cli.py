@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from tyro.conf import subcommand
 
 from rcmservo.app.export import ExportOptions, export
+from rcmservo.app.live import LiveOptions, live
 from rcmservo.app.paper import PaperOptions, paper
 from rcmservo.app.parse import parse
 from rcmservo.app.replay import ReplayOptions, recompute_run, recorded, replay
@@ -20,6 +21,7 @@ BAD_INPUT, INTERRUPTED = 2, 130
 
 Command = (
     Annotated[RunOptions, subcommand("run")]
+    | Annotated[LiveOptions, subcommand("live")]
     | Annotated[ReplayOptions, subcommand("replay")]
     | Annotated[ShowOptions, subcommand("show")]
     | Annotated[ExportOptions, subcommand("export")]
@@ -28,6 +30,7 @@ Command = (
 
 COMMANDS: dict[type[Any], Callable[[Any], int]] = {
     RunOptions: run,
+    LiveOptions: live,
     ReplayOptions: replay,
     ShowOptions: show,
     ExportOptions: export,
