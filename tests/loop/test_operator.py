@@ -163,9 +163,7 @@ def test_the_same_target_once_more_is_no_change(tmp_path: Path) -> None:
     assert recompute(tmp_path).same
 
 
-def test_a_servo_that_cannot_go_on_with_what_was_learnt_is_refused_and_the_arm_brought_to_rest() -> (
-    None
-):
+def test_a_servo_that_cannot_go_on_with_what_was_learnt_is_refused_and_the_arm_rests() -> None:
     lab = laboratory()
     servo = lab.servo()
     for change in (

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import dataclass, field
-from typing import Any
 
 import tyro
 from rich.console import Console
@@ -13,10 +12,9 @@ from rcmservo.app.folders import new_folder
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.simulator import simulator
-from rcmservo.app.tables import Story, show_live, show_run
+from rcmservo.app.tables import Story, show_run
 from rcmservo.config.rig_file import Lab, load_lab, told_with
 from rcmservo.errors import UnusableFile, require
-from rcmservo.record import reader
 from rcmservo.servo.servo import Servo
 
 UNSETTLED = 1
@@ -50,9 +48,6 @@ class RunOptions:
     """File with the target, as --save-target wrote it; by default the target is shown first."""
     save_target: OptionalPath = None
     """New file to keep the target in that was shown."""
-    live: bool = False
-    """In wall time: the simulated arm, its camera and the servo in processes of their own, and one
-    that watches."""
     resumes: int = 0
     """How often a scripted person resumes after a pause, or shows the target again where that is
     needed."""
@@ -124,48 +119,9 @@ def run(command: RunOptions) -> int:
         )
         console.print(f"[dim]simulated arm and camera, seed {command.seed}; preparing …[/dim]")
         with Live(Text(""), console=console, refresh_per_second=8, transient=True) as live:
-            metrics = (
-                _run_live(command, job, live)
-                if command.live
-                else simulate(job, Story(live, command.duration))
-            )
+            metrics = simulate(job, Story(live, command.duration))
     if command.json:
         print(json.dumps(metrics))
     else:
-        (show_live if command.live else show_run)(console, metrics)
+        show_run(console, metrics)
     return 0 if metrics["settled"] else UNSETTLED
-
-
-def _run_live(command: RunOptions, job: Any, live: Live) -> dict[str, Any]:
-    """A run in wall time; its metrics."""
-    from rcmservo.app.simulated_run.job import about
-    from rcmservo.app.simulated_run.simulate import keep
-    from rcmservo.live.servo_process import Report, Task
-    from rcmservo.live.supervisor import run_live
-    from rcmservo.sim.rig_file import rig_settings
-
-    for name in ("disturb", "frames", "target", "save_target", "resumes"):
-        require(
-            not getattr(command, name),
-            f"--{name.replace('_', '-')}",
-            getattr(command, name),
-            "left out with --live",
-        )
-    said = [""]
-
-    def progress(report: Report) -> None:
-        if report.words != said[0]:
-            said[0] = report.words
-            live.console.print(
-                f"{report.time * 1e-9:6.2f} s  {report.words}", soft_wrap=True, highlight=False
-            )
-        live.update(
-            Text(f"{report.time * 1e-9:6.2f} / {job.duration:g} s  {report.words}"), refresh=False
-        )
-
-    settings = rig_settings(job.lab)
-    task = Task(
-        job.servo, job.lab.markers, job.duration, job.folder / reader.RECORD, about(job, settings)
-    )
-    metrics = {"seed": job.seed, "estimator": job.name, "folder": str(job.folder)}
-    return keep(job, metrics | run_live(job.seed, settings, task, progress))

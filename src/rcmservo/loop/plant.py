@@ -19,7 +19,6 @@ from rcmservo.interfaces import (
     Observation,
     Tracker,
 )
-from rcmservo.loop.clock import ticks
 from rcmservo.loop.first_answer import look_at
 
 JOINT_HISTORY = 256
@@ -31,8 +30,8 @@ OLDEST = 2_000_000_000
 ENABLE_TIME = 2.0
 """s after an arm's first `enable` within which it must tell that its drive is on."""
 
-ENABLE_POLLS = 200.0
-"""How often a second it is asked meanwhile."""
+ENABLE_POLL = 5_000_000
+"""ns from asking to asking meanwhile."""
 
 
 class NotEnabled(RcmServoError):
@@ -137,11 +136,15 @@ class Plant:
         self._new.remove(method)
 
     def _await_drive(self) -> None:
-        for _ in ticks(self.clock, ENABLE_POLLS, ENABLE_TIME):
-            if self._measure().enabled:
-                return
+        end = self.clock.now() + round(ENABLE_TIME * 1e9)
+        while not self._measure().enabled:
+            if self.clock.now() >= end:
+                raise self._not_enabled()
+            self.clock.wait_until(self.clock.now() + ENABLE_POLL)
+
+    def _not_enabled(self) -> NotEnabled:
         name = type(self.arm).__name__
-        raise NotEnabled(
+        return NotEnabled(
             f"{name}.measure() must tell enabled = True within {ENABLE_TIME:g} s after "
             f"{name}.enable(), got False: the drive does not come on"
         )
