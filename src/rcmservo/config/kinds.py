@@ -10,8 +10,8 @@ from typing import Any
 
 from rcmservo.config.decode import decode
 from rcmservo.errors import BadInput
-from rcmservo.guard.faults import Thresholds
 from rcmservo.guard.gate import Gate
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.broyden import BroydenEstimator

@@ -16,8 +16,8 @@ from rcmservo.config.decode import decode, key_of
 from rcmservo.config.files import read_small
 from rcmservo.config.kinds import MECHANISMS, TOOLS, chosen, kind_in
 from rcmservo.errors import BadInput, UnusableFile, one_line
-from rcmservo.guard.faults import Thresholds
 from rcmservo.guard.gate import Gate
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.method.kinematics import JointLimits, Kinematics, SphericalRcm
 from rcmservo.method.tool import RigidTool, Tool
 from rcmservo.tracking import MarkerLook

@@ -22,7 +22,7 @@ from rcmservo.config import texts
 from rcmservo.config.decode import decode
 from rcmservo.config.files import read_small, write_whole
 from rcmservo.errors import BadInput, UnusableFile, one_line, require, told
-from rcmservo.guard.faults import SLACK
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Target
 from rcmservo.method.kinematics import Kinematics
 from rcmservo.method.tool import Tool
@@ -127,7 +127,7 @@ def _target(content: Content, setup: Setup) -> Target:
 def _within(q: tuple[float, float, float], mechanism: Kinematics) -> None:
     """Refuse joints beyond their limits, by more than one may stand beyond them."""
     lower, upper = mechanism.limits.arrays
-    slack = SLACK * (upper - lower)
+    slack = Thresholds.slack * (upper - lower)
     for i, name in enumerate(mechanism.joint_names):
         good = lower[i] - slack[i] <= q[i] <= upper[i] + slack[i]
         right = f"{name} within its limits {lower[i]:.6g} and {upper[i]:.6g}"

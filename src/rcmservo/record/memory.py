@@ -20,7 +20,7 @@ _START = struct.Struct("<20sI4x")
 
 def numbers_of(tick: Tick) -> Floats | None:
     """What the estimator of a tick remembers (n,), or None where it keeps nothing."""
-    return tick.servo.learner.remembered(tick.state.memory)
+    return tick.servo.learner.remembered(tick.state.learnt.memory)
 
 
 def encoded(now: int, numbers: Floats) -> bytes:

@@ -23,7 +23,8 @@ from rcmservo.loop.operator import same
 from rcmservo.loop.tick import Tick
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.record import layout, memory, reader
-from rcmservo.record.layout import TICK, WORDS
+from rcmservo.record.columns import WORDS
+from rcmservo.record.layout import TICK
 from rcmservo.record.reader import Column, Record
 from rcmservo.record.stage import ELSEWHERE, NOTHING, Stage
 from rcmservo.servo.own_estimator import called
@@ -90,7 +91,7 @@ def recompute(
         numbers = memory.numbers_of(tick)
         if numbers is not None:
             kept[len(rows) - 1] = numbers
-    words = {name: [row[i] for row in decided] for i, name in enumerate(WORDS)}
+    words = {one.name: [row[i] for row in decided] for i, one in enumerate(WORDS)}
     ticks = layout.columns(TICK, rows) | memory.column(kept, len(rows))
     now = replace(then, ticks=ticks, words=words)
     other = servo is not None and any(describe(servo) != stage.servo for stage in then.stages)
@@ -176,7 +177,7 @@ def _compared(then: Record, now: Record, open_loop: bool) -> Rerun:
         name: _unlike(then.ticks.get(name, nothing), now.ticks.get(name, nothing))
         for name in {**then.ticks, **now.ticks}
     }
-    for name in WORDS:
+    for name in then.words:
         other[name] = np.array(
             [a != b for a, b in zip(then.words[name], now.words[name], strict=True)], dtype=bool
         )

@@ -82,11 +82,9 @@ class Judge:
 
 
 def _blame(last: Tick) -> str:
-    """What a user's own estimator did that ended a run, as the rest of a sentence; empty where it
-    did nothing."""
+    """The user's own estimator that made the loop run late, as the rest of a sentence; empty where
+    none did."""
     cause, own = last.state.cause, last.servo.learner
-    if cause is Cause.ESTIMATOR_FAILED:
-        return f": {last.state.failure}"
     if cause is Cause.OVERRUN and isinstance(own, Guard) and own.slowest > last.servo.period:
         return f": estimator {called(own.own)} took up to {own.slowest * 1e-6:.1f} ms for a frame"
     return ""
@@ -114,7 +112,7 @@ def _cause(
     mode: Mode, explored_at: float | None, settle_time: float | None, end: float, away: float
 ) -> str:
     if mode.cause.action >= Action.HOLD:
-        return mode.cause.words
+        return mode.why
     if mode.phase is Phase.ACQUIRE and explored_at is not None:
         return "time ran out on the way back from a hold"
     if mode.phase in ON_THE_WAY:

@@ -161,8 +161,7 @@ class Recorder:
         if before is not None and target is not None and _changed(before, tick):
             self._change(before, target, tick)
         if before is None or before.state.words != state.words:
-            told = layout.operating_state(seen.now, state.phase, state.words)
-            self._send("operating_state", told)
+            self._send("operating_state", layout.operating_state(seen.now, state.mode))
         kept = memory.numbers_of(tick)
         if kept is not None:
             self._send(memory.TOPIC, memory.encoded(seen.now, kept))
