@@ -22,7 +22,6 @@ from rcmservo.errors import require
 from rcmservo.live.reports import LiveResult, LoopTiming, Report, Spread
 from rcmservo.live.supervisor import run_live
 from rcmservo.record.reader import RECORD
-from rcmservo.servo.servo import Servo
 
 UNSETTLED = 1
 """Exit code of a run that did not settle."""
@@ -90,7 +89,7 @@ def _run(options: LiveOptions, lab: Lab, folder: Path, console: Console) -> Live
 
     with told_with(options.rig) if options.rig else nullcontext():
         settings = rig_settings(lab)
-    servo, seconds = _servo(options, lab), options.duration
+    servo, seconds = options.boxes.servo(lab, options.estimator), options.duration
     job = Job(options.seed, seconds, options.estimator, servo, lab, folder)
     with (
         Bench(options.seed, settings) as bench,
@@ -103,20 +102,6 @@ def _run(options: LiveOptions, lab: Lab, folder: Path, console: Console) -> Live
     write_whole(folder / METRICS, json.dumps(told(run), indent=2) + "\n")
     draw_figures(folder)
     return run
-
-
-def _servo(options: LiveOptions, lab: Lab) -> Servo:
-    boxes = options.boxes
-    return Servo(
-        mechanism=lab.mechanism,
-        tool=lab.tool,
-        estimator=boxes.estimators[options.estimator],
-        controller=boxes.controller,
-        exploration=boxes.exploration,
-        imaged_rcm=boxes.imaged_rcm,
-        gate=lab.gate,
-        thresholds=lab.thresholds,
-    )
 
 
 class _Progress:

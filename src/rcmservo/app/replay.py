@@ -14,12 +14,15 @@ from rcmservo.app.folders import new_folder
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.tables import show_differences, show_replay
+from rcmservo.config.kinds import ESTIMATORS, name_of
 from rcmservo.config.rig_file import Lab, load_lab
-from rcmservo.config.servo_json import rebuild
 from rcmservo.errors import UnusableFile, require
+from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.projection import PRINTED
+from rcmservo.method.tool import Tool
 from rcmservo.record.reader import Record
-from rcmservo.record.recompute import recompute
+from rcmservo.record.recompute import recompute, servo_of
+from rcmservo.servo.own_estimator import examine, strict
 from rcmservo.servo.servo import Servo
 from rcmservo.tracking import ColourMarkers
 
@@ -59,11 +62,18 @@ def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:
     """
     if not then.stages:
         raise UnusableFile(asked.path, "does not tell the servo of its ticks")
-    servo = rebuild(then.stages[0].servo)
-    boxes = ServoOptions(servo.controller, servo.exploration, servo.imaged_rcm)
-    estimator: dict[str, Any] = {servo.estimator.name: servo.estimator}
+    servo = servo_of(then, then.stages[0], own_kinds(asked.boxes))
+    name = name_of(servo.estimator, ESTIMATORS)
+    boxes = type(asked.boxes)(servo.controller, servo.exploration, servo.imaged_rcm)
+    estimator: dict[str, Any] = {boxes.OWN.get(name, name): servo.estimator}
     other = asked.estimator == "projection" and servo.estimator == PRINTED
-    return ReplayOptions(asked.path, boxes=boxes if other else replace(boxes, **estimator))
+    own = asked.estimator if asked.estimator == name and not other else None
+    return type(asked)(asked.path, own, boxes=boxes if other else replace(boxes, **estimator))
+
+
+def own_kinds(boxes: ServoOptions) -> dict[str, type[Estimator]]:
+    """The classes of the user's own estimators that the command line names."""
+    return {name: type(boxes.estimators[name]) for name in boxes.OWN}
 
 
 def recompute_run(command: ReplayOptions, recorded: ReplayOptions, then: Record) -> int:
@@ -72,9 +82,9 @@ def recompute_run(command: ReplayOptions, recorded: ReplayOptions, then: Record)
         command.rig is None, "--rig", command.rig, "left out for a run: its record tells the rig"
     )
     require(command.out is None, "--out", command.out, "left out for a run: nothing is written")
-    again = recompute(
-        then, None if command == replace(recorded, json=command.json) else _other(command, then)
-    )
+    usual = command == replace(recorded, json=command.json)
+    own = own_kinds(command.boxes)
+    again = recompute(then, None if usual else _other(command, then), own)
     if command.json:
         print(
             json.dumps(
@@ -85,6 +95,7 @@ def recompute_run(command: ReplayOptions, recorded: ReplayOptions, then: Record)
                     "first": again.first,
                     "differs": again.differs,
                     "missing": again.then.missing,
+                    "changed": again.changed,
                 }
             )
         )
@@ -97,12 +108,11 @@ def recompute_run(command: ReplayOptions, recorded: ReplayOptions, then: Record)
 
 def _other(command: ReplayOptions, then: Record) -> Servo:
     """The recorded servo with the settings that the command asks for."""
-    servo = rebuild(then.stages[0].servo)
-    chosen = command.boxes.estimators
-    estimator = chosen[command.estimator or servo.estimator.name]
+    servo = servo_of(then, then.stages[0], own_kinds(command.boxes))
+    name = command.estimator or name_of(servo.estimator, ESTIMATORS)
     return replace(
         servo,
-        estimator=estimator,
+        estimator=command.boxes.estimator(name),
         controller=command.boxes.controller,
         exploration=command.boxes.exploration,
         imaged_rcm=command.boxes.imaged_rcm,
@@ -114,14 +124,8 @@ def replay(command: ReplayOptions) -> int:
 
     if not command.path.exists():
         raise UnusableFile(command.path, "does not exist")
-    require(
-        command.estimator is None,
-        "--estimator",
-        command.estimator,
-        "left out for a recording: all are scored",
-    )
     lab = load_lab(command.rig) if command.rig else Lab()
-    chosen = command.boxes.estimators
+    chosen = _scored(command, lab.tool)
     console = Console(stderr=command.json)
     bar = Progress(
         TextColumn("tracking"),
@@ -150,6 +154,18 @@ def replay(command: ReplayOptions) -> int:
     else:
         show_replay(console, report)
     return 0
+
+
+def _scored(command: ReplayOptions, tool: Tool) -> dict[str, Estimator]:
+    """The estimators to score: all of ours, and the user's own that the command names."""
+    own, boxes = command.estimator, command.boxes
+    right = "left out for a recording, where all of ours are scored, or module:class"
+    require(own is None or own in boxes.OWN, "--estimator", own, right)
+    ours = {name: one for name, one in boxes.estimators.items() if name not in boxes.OWN}
+    if own is None:
+        return ours
+    examine(boxes.estimator(own), tool)
+    return {**ours, own: strict(boxes.estimator(own))}
 
 
 def _report(result: Any) -> dict[str, Any]:

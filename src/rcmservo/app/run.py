@@ -15,7 +15,6 @@ from rcmservo.app.simulator import simulator
 from rcmservo.app.tables import Story, show_run
 from rcmservo.config.rig_file import Lab, load_lab, told_with
 from rcmservo.errors import UnusableFile, require
-from rcmservo.servo.servo import Servo
 
 UNSETTLED = 1
 """Exit code of a run that did not settle."""
@@ -91,16 +90,7 @@ def run(command: RunOptions) -> int:
         raise UnusableFile(
             command.save_target, "is there already, and nothing is overwritten: name a new file"
         )
-    servo = Servo(
-        mechanism=lab.mechanism,
-        tool=lab.tool,
-        estimator=command.boxes.estimators[command.estimator],
-        controller=command.boxes.controller,
-        exploration=command.boxes.exploration,
-        imaged_rcm=command.boxes.imaged_rcm,
-        gate=lab.gate,
-        thresholds=lab.thresholds,
-    )
+    servo = command.boxes.servo(lab, command.estimator)
     console = Console(stderr=command.json)
     with new_folder(command.out, f"run-seed{command.seed}") as folder:
         job = Job(

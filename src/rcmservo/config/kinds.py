@@ -21,6 +21,7 @@ from rcmservo.method.exploration import Exploration
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.method.kinematics import Kinematics, PitchYawRcm, SphericalRcm
 from rcmservo.method.tool import RigidTool, ScaledTool, Tool
+from rcmservo.servo.own_estimator import called
 
 MECHANISMS: Mapping[str, type[Kinematics]] = {
     kind.name: kind for kind in (SphericalRcm, PitchYawRcm)
@@ -48,9 +49,8 @@ KINDS: Mapping[str, Kinds] = {
 
 def name_of(value: object, kinds: Kinds) -> str:
     """What the class of a value is called: its name among `kinds`, or module:class."""
-    cls = type(value)
-    ours = next((name for name, kind in kinds.items() if kind is cls), None)
-    return ours or f"{cls.__module__}:{cls.__qualname__}"
+    ours = (name for name, kind in kinds.items() if kind is type(value))
+    return next(ours, called(value))
 
 
 def chosen(kinds: Kinds, table: Mapping[str, Any], where: str) -> Any:

@@ -4,6 +4,7 @@ line, and never because a file or record does."""
 import hashlib
 import importlib
 import inspect
+import re
 import sys
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -13,13 +14,14 @@ from rcmservo.errors import BadInput, one_line
 from rcmservo.method.estimators.base import Estimator
 
 OPTION = "--estimator"
+NAME = re.compile(r"\w+(\.\w+)*:\w+")
 
 
 def named(name: str) -> type[Estimator]:
     """The estimator class that a person has named; its module is imported, from the Python path or
     the present folder."""
     module, _, cls = name.partition(":")
-    if not all(part.isidentifier() for part in (*module.split("."), cls)):
+    if not NAME.fullmatch(name):
         ours = ", ".join((*ESTIMATORS, *PRESETS))
         raise BadInput(OPTION, name, f"one of {ours}, or module:class such as mylab.rls:RLS")
     kind: object = getattr(_imported(module, name), cls, None)

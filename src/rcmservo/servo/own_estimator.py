@@ -38,9 +38,14 @@ class Guarded(NamedTuple):
     """What it did wrong; empty while all is well."""
 
 
+def name_of_class(kind: type[Any]) -> str:
+    """A class as module:class."""
+    return f"{kind.__module__}:{kind.__qualname__}"
+
+
 def called(estimator: object) -> str:
     """An estimator's class as module:class."""
-    return f"{type(estimator).__module__}:{type(estimator).__qualname__}"
+    return name_of_class(type(estimator))
 
 
 def learner(estimator: Estimator) -> Estimator:
@@ -54,7 +59,6 @@ def failure(memory: object) -> str:
     return memory.failure if isinstance(memory, Guarded) else ""
 
 
-@final
 class Guard(Estimator):
     """Calls a user's estimator, and judges what it gives.
 
@@ -136,6 +140,19 @@ class Guard(Estimator):
 
     def _wrong(self, method: str, what: str) -> UnusableEstimator:
         return UnusableEstimator(f"estimator {called(self.own)}: its {method} {what}")
+
+
+@final
+class Strict(Guard):
+    """The same where nothing moves: what the estimator does wrong is raised."""
+
+    def update(self, memory: Guarded, tool: Tool, sample: Sample) -> Guarded:
+        return self._updated(memory, tool, sample)
+
+
+def strict(estimator: Estimator) -> Estimator:
+    """The estimator with its failures raised; ours as it is."""
+    return Strict(estimator) if isinstance(learner(estimator), Guard) else estimator
 
 
 def examine(estimator: object, tool: Tool) -> None:
