@@ -85,7 +85,8 @@ def _blame(last: Tick) -> str:
     """The user's own estimator that made the loop run late, as the rest of a sentence; empty where
     none did."""
     cause, own = last.state.cause, last.servo.learner
-    if cause is Cause.OVERRUN and isinstance(own, Guard) and own.slowest > last.servo.period:
+    late = cause in (Cause.OVERRUN, Cause.DRIVE_OFF)  # the arm's watchdog may be the first to act
+    if late and isinstance(own, Guard) and own.slowest > last.servo.period:
         return f": estimator {called(own.own)} took up to {own.slowest * 1e-6:.1f} ms for a frame"
     return ""
 

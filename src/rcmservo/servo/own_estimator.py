@@ -165,6 +165,8 @@ def examine(estimator: object, tool: Tool) -> None:
     if not isinstance(own, Guard):
         return
     memory = own.init()
+    if memory.failure:
+        raise UnusableEstimator(memory.failure)
     for sample in _made_up(tool):
         memory, twin = (own.update(memory, tool, sample) for _ in range(2))
         _judge(memory, twin, called(estimator))
