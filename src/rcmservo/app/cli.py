@@ -2,10 +2,9 @@
 
 import sys
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Any
 
-from tyro.conf import subcommand
-
+from rcmservo import __version__
 from rcmservo.app.export import ExportOptions, export
 from rcmservo.app.live import LiveOptions, live
 from rcmservo.app.paper import PaperOptions, paper
@@ -19,35 +18,21 @@ from rcmservo.record import reader
 BAD_INPUT, INTERRUPTED = 2, 130
 """Exit codes beside 0, and 1 where a run did not settle."""
 
-Command = (
-    Annotated[RunOptions, subcommand("run")]
-    | Annotated[LiveOptions, subcommand("live")]
-    | Annotated[ReplayOptions, subcommand("replay")]
-    | Annotated[ShowOptions, subcommand("show")]
-    | Annotated[ExportOptions, subcommand("export")]
-    | Annotated[PaperOptions, subcommand("paper")]
-)
-
-COMMANDS: dict[type[Any], Callable[[Any], int]] = {
-    RunOptions: run,
-    LiveOptions: live,
-    ReplayOptions: replay,
-    ShowOptions: show,
-    ExportOptions: export,
-    PaperOptions: paper,
+COMMANDS: dict[str, tuple[type[Any], Callable[[Any], int]]] = {
+    "run": (RunOptions, run),
+    "live": (LiveOptions, live),
+    "replay": (ReplayOptions, replay),
+    "show": (ShowOptions, show),
+    "export": (ExportOptions, export),
+    "paper": (PaperOptions, paper),
 }
-"""What each command does."""
+"""The options of every command by its name, and what it does."""
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Do what the arguments ask for, and return the exit code."""
     try:
-        command = parse(Command, arguments)
-        if isinstance(command, ReplayOptions) and reader.file_of(command.path).is_file():
-            then = reader.read(command.path)
-            usual = recorded(command, then)
-            return recompute_run(parse(Command, arguments, usual), usual, then)
-        return COMMANDS[type(command)](command)
+        return _do(sys.argv[1:] if arguments is None else arguments)
     except RcmServoError as error:
         return _fail(str(error))
     except OSError as error:
@@ -55,6 +40,19 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("rcmservo: stopped by Ctrl-C", file=sys.stderr)
         return INTERRUPTED
+
+
+def _do(arguments: list[str]) -> int:
+    if arguments[:1] == ["--version"]:
+        print(f"rcmservo {__version__}")
+        return 0
+    options = {name: kind for name, (kind, _) in COMMANDS.items()}
+    command = parse(options, arguments)
+    if isinstance(command, ReplayOptions) and reader.file_of(command.path).is_file():
+        then = reader.read(command.path)
+        usual = recorded(command, then)
+        return recompute_run(parse(options, arguments, usual), usual, then)
+    return COMMANDS[arguments[0]][1](command)
 
 
 def _fail(sentence: str) -> int:

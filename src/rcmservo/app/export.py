@@ -18,6 +18,7 @@ import tyro
 from rich.console import Console
 
 from rcmservo.app.folders import new_folder
+from rcmservo.app.parse import OptionalPath
 from rcmservo.config.servo_json import rebuild_box
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.interfaces import Floats
@@ -74,7 +75,7 @@ class ExportOptions:
 
     record: Annotated[Path, tyro.conf.Positional]
     """A run's folder, or an .mcap file."""
-    out: Path | None = None
+    out: OptionalPath = None
     """Folder to write to, new or empty; by default a new one under runs/."""
 
 

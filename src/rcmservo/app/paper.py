@@ -2,12 +2,12 @@
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from rcmservo.app.folders import dated
+from rcmservo.app.parse import OptionalPath
 from rcmservo.app.simulator import simulator
 from rcmservo.app.tables import show_claims
 
@@ -17,7 +17,7 @@ class PaperOptions:
     """Run every experiment of the paper in simulation, and write one report that judges its
     claims."""
 
-    out: Path | None = None
+    out: OptionalPath = None
     """Folder to write to: new or empty, or that of an earlier run, which then goes on where it
     stopped. By default a new one under runs/."""
     quick: bool = False

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from rcmservo.app.folders import new_folder
+from rcmservo.app.parse import OptionalPath
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.tables import show_differences, show_replay
 from rcmservo.config.rig_file import Lab, load_lab
@@ -39,10 +40,10 @@ class ReplayOptions:
     """Folder with frames/ and poses.csv, or a run's folder or .mcap file."""
     estimator: EstimatorName | None = None
     """Of a run: another estimator than the recorded one. Of a recording all are scored."""
-    rig: Path | None = None
+    rig: OptionalPath = None
     """TOML file that describes the recorded arm: mechanism, tool and markers. By default the
     built-in one."""
-    out: Path | None = None
+    out: OptionalPath = None
     """Folder to write replay.json and centres.csv to, new or empty; by default nothing is
     written."""
     json: bool = False

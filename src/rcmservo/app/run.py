@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import tyro
 from rich.console import Console
@@ -10,6 +9,7 @@ from rich.live import Live
 from rich.text import Text
 
 from rcmservo.app.folders import new_folder
+from rcmservo.app.parse import OptionalPath
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.simulator import simulator
 from rcmservo.app.tables import Story, show_run
@@ -33,9 +33,9 @@ class RunOptions:
     estimator: EstimatorName = "projection"
     """How the Jacobian is learnt: projection is rule (21) with the fast Γ, projection-printed with
     the paper's Γ, flow is rule (28), broyden is the rank-1 update that III-C compares it to."""
-    rig: Path | None = None
+    rig: OptionalPath = None
     """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene."""
-    out: Path | None = None
+    out: OptionalPath = None
     """Folder to write to, new or empty; by default a new one under runs/."""
     video: bool = True
     """Write the overlay video."""
@@ -44,9 +44,9 @@ class RunOptions:
     disturb: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """What goes wrong, as kind:at=5,for=0.5,key=value; may be given several times. --disturb help
     lists all kinds."""
-    target: Path | None = None
+    target: OptionalPath = None
     """File with the target, as --save-target wrote it; by default the target is shown first."""
-    save_target: Path | None = None
+    save_target: OptionalPath = None
     """New file to keep the target in that was shown."""
     resumes: int = 0
     """How often a scripted person resumes after a pause, or shows the target again where that is

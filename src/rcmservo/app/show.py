@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rcmservo.app.folders import new_folder
+from rcmservo.app.parse import OptionalPath
 from rcmservo.config.files import write_whole
 from rcmservo.figures import charts, plots
 from rcmservo.guard.states import Action, Cause, Request
@@ -41,7 +42,7 @@ class ShowOptions:
 
     record: Annotated[Path, tyro.conf.Positional]
     """A run's folder, or an .mcap file."""
-    out: Path | None = None
+    out: OptionalPath = None
     """Folder to write the figures to, new or empty; by default a new one under runs/."""
 
 
