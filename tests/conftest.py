@@ -57,7 +57,8 @@ def with_tests(**variables: str) -> dict[str, str]:
     """The environment of a process that may import the tests' own files."""
     tests = ROOT / "tests"
     folders = [tests, *(path for path in tests.iterdir() if path.is_dir())]
-    return os.environ | {"PYTHONPATH": os.pathsep.join(map(str, folders))} | variables
+    paths = [*map(str, folders), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(paths)} | variables
 
 
 def random_from(seed: int) -> np.random.Generator:

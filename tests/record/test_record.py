@@ -335,7 +335,7 @@ import resource
 from pathlib import Path
 import numpy as np
 import rcmservo as rs
-from rcmservo.recorder import Recorder
+from rcmservo.record.writer import Recorder
 with Recorder(Path({str(path)!r}), {{"seed": 1}}) as recorder:
     room = recorder.path.stat().st_size + 100
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))

@@ -1,4 +1,4 @@
-"""A record as plain tables for other programs: CSV, NumPy, and the frames as a recording.
+"""`rcmservo export`: a record as plain tables for other programs, and its frames as a recording.
 
 ticks.csv     one row for every tick, units in the header; what is not known is left empty
 record.npz    the same numbers as arrays, bit for bit, with the stages and settings
@@ -11,10 +11,14 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
+import tyro
+from rich.console import Console
 
+from rcmservo.app.folders import new_folder
+from rcmservo.app.parse import OptionalPath
 from rcmservo.config.servo_json import rebuild_box
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.interfaces import Floats
@@ -31,6 +35,30 @@ BLOCK = 1000
 
 
 @dataclass(frozen=True)
+class ExportOptions:
+    """Write a recorded run as CSV and NumPy arrays and, if it holds frames, as a recording that
+    `replay` reads."""
+
+    record: Annotated[Path, tyro.conf.Positional]
+    """A run's folder, or an .mcap file."""
+    out: OptionalPath = None
+    """Folder to write to, new or empty; by default a new one under runs/."""
+
+
+def export(command: ExportOptions) -> int:
+    console = Console()
+    with new_folder(command.out, "export") as folder:
+        written = write(command.record, folder)
+    what = f"{written.ticks} ticks" + (f" and {written.frames} frames" if written.frames else "")
+    left = (
+        f"; left out, as no tick tells their joints: {written.left_out}" if written.left_out else ""
+    )
+    missing = f"; {written.missing}" if written.missing else ""
+    console.print(f"{what} written to {folder}{left}{missing}", soft_wrap=True)
+    return 0
+
+
+@dataclass(frozen=True)
 class Exported:
     """How many ``ticks`` and ``frames`` were written, and how many frames were ``left_out``: no
     tick has used them.
@@ -44,7 +72,7 @@ class Exported:
     missing: str
 
 
-def export(path: Path, folder: Path) -> Exported:
+def write(path: Path, folder: Path) -> Exported:
     """Write the record of a run into an empty folder."""
     rows = reader.read(path)
     _write_csv(rows, folder / "ticks.csv")

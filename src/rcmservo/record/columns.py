@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rcmservo.interfaces import Floats
-from rcmservo.loop.run import Tick
+from rcmservo.loop.tick import Tick
 from rcmservo.method.estimators.projection import ProjectionMemory
 from rcmservo.servo.servo import Servo
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rcmservo.guard.states import Mode, Phase
 from rcmservo.interfaces import Floats
-from rcmservo.loop.run import Tick
+from rcmservo.loop.tick import Tick
 from rcmservo.record.columns import FLAGS, INTEGERS, REALS, TRUTH, WORDS, Column
 from rcmservo.servo.servo import Servo
 

@@ -136,9 +136,9 @@ def summary(record: Record) -> Summary:
 
 
 def outcome(record: Record) -> Outcome:
-    """The verdict on the record's last stage, judged as a run is while it happens, if the record
+    """The verdict on the record's last run, judged as a run is while it happens, if the record
     goes to its end."""
-    first = record.stages[-1].first if record.stages else 0
+    first = max((stage.first for stage in record.stages if not stage.mid_run), default=0)
     time = record.time[first:]
     if not len(time):
         return _unless_short(record, judged(time, np.empty((0, 3)), None, Mode(), 0.0), Mode())
