@@ -28,7 +28,8 @@ from rcmservo.config.rig_file import Lab, build
 from rcmservo.config.target_file import Setup
 from rcmservo.errors import UnusableFile, require
 from rcmservo.figures import charts, plots
-from rcmservo.figures.overlay import Video, draw
+from rcmservo.figures.overlay import draw
+from rcmservo.figures.video import Video
 from rcmservo.interfaces import Floats, Frame, Image, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick
