@@ -50,6 +50,8 @@ from rcmservo.sim import Rig, RigSettings
 from rcmservo.sim.processes.device import Device
 from rcmservo.sim.processes.log import Log, stopped
 
+pytestmark = pytest.mark.alone
+
 MS = 1_000_000
 DEADLINE = 300.0
 """s after which a test gives up waiting."""
