@@ -28,7 +28,7 @@ import numpy as np
 from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.live.frame_ring import FrameRing
 from rcmservo.live.servo_process import STANDING, Report, Task, serve
-from rcmservo.sim.cameras import Body
+from rcmservo.sim.body import Body
 from rcmservo.sim.processes.device import emulate
 from rcmservo.sim.processes.filming import film
 from rcmservo.sim.processes.log import Log, stopped
