@@ -1,4 +1,4 @@
-"""The wall clock, the real-time context and detection in a thread beside the loop: what they promise, without
+"""The wall clock, the real-time context and the tracking thread: what they promise, without
 measuring time."""
 
 import gc

@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rcmservo.app.folders import new_folder
+from rcmservo.app.parse import OptionalPath
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.simulator import simulator
 from rcmservo.config.files import write_whole
@@ -38,9 +39,9 @@ class LiveOptions:
     """Length of the run, s."""
     estimator: EstimatorName = "projection"
     """How the Jacobian is learnt; as of `rcmservo run`."""
-    rig: Path | None = None
+    rig: OptionalPath = None
     """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene."""
-    out: Path | None = None
+    out: OptionalPath = None
     """Folder to write to, new or empty; by default a new one under runs/."""
     json: bool = False
     """Print one JSON object on stdout and nothing else."""

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from rcmservo.config.rig_file import Lab
+from rcmservo.sim import Look
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
-from rcmservo.sim.renderer import Look
 from rcmservo.sim.rig import RigSettings
 from rcmservo.sim.scene import SceneSettings
 
