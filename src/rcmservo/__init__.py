@@ -5,9 +5,9 @@ import importlib
 from types import ModuleType
 
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
-from rcmservo.guard.faults import Thresholds
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.states import Action, Cause, Mode, Phase, Request
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import (
     Arm,
     Camera,

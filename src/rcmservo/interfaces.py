@@ -54,6 +54,14 @@ class Dropped(Enum):
     CLOCK = "frames bear times that cannot be right"
     DAMAGED = "frames come damaged"
 
+    @property
+    def place(self) -> int:
+        """Its place among them, counted from 0."""
+        return PLACES[self]
+
+
+PLACES = {kind: place for place, kind in enumerate(Dropped)}
+
 
 @dataclass(frozen=True, eq=False)
 class Observation:

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from conftest import with_tests
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
-from rcmservo.guard.faults import Thresholds
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watchdog import PATIENCE
 from rcmservo.interfaces import Command, Frame
 from rcmservo.live.arm_link import (

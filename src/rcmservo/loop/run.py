@@ -71,9 +71,7 @@ def _rest(plant: Plant, servo: Servo, last: Command) -> None:
             seen = plant.read()
             if not (last.enabled and last.rates.any() and seen.enabled):
                 break
-            last = servo.gate.admit(
-                np.zeros(3), last, seen.q, servo.mechanism.limits, seen.now, 0.0
-            ).command
+            last = servo.gate.admit(np.zeros(3), last, seen.q, servo.rcm, seen.now, 0.0).command
             plant.send(last)
     finally:
         plant.send(servo.gate.stop(last, plant.clock.now()))

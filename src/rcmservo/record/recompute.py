@@ -20,7 +20,8 @@ from rcmservo.interfaces import Dropped, Observation, Target
 from rcmservo.loop.operator import same
 from rcmservo.loop.tick import Tick
 from rcmservo.record import layout, reader
-from rcmservo.record.layout import TICK, WORDS
+from rcmservo.record.columns import WORDS
+from rcmservo.record.layout import TICK
 from rcmservo.record.reader import Column, Record
 from rcmservo.record.stage import ELSEWHERE, NOTHING, Stage
 from rcmservo.servo.servo import Servo, State
@@ -70,9 +71,9 @@ def recompute(run: Path | Record, servo: Servo | None = None) -> Rerun:
     rows: list[bytes] = []
     decided: list[tuple[str, ...]] = []
     for tick in _ticks(then, servo):
-        rows.append(layout.tick(tick, tick.servo))
+        rows.append(layout.tick(tick))
         decided.append(layout.words_of(rows[-1], TICK.itemsize, len(WORDS)))
-    words = {name: [row[i] for row in decided] for i, name in enumerate(WORDS)}
+    words = {one.name: [row[i] for row in decided] for i, one in enumerate(WORDS)}
     now = replace(then, ticks=layout.columns(TICK, rows), words=words)
     other = servo is not None and any(describe(servo) != stage.servo for stage in then.stages)
     return _compared(then, now, other)
@@ -138,7 +139,7 @@ def _observation(then: Record, i: int) -> Observation:
 def _compared(then: Record, now: Record, open_loop: bool) -> Rerun:
     """Both, column by column, down to the bits."""
     other = {name: _unlike(then.ticks[name], now.ticks[name]) for name in then.ticks}
-    for name in WORDS:
+    for name in then.words:
         other[name] = np.array(
             [a != b for a, b in zip(then.words[name], now.words[name], strict=True)], dtype=bool
         )

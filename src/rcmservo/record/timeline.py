@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rcmservo.config.servo_json import rebuild_box
 from rcmservo.errors import BadInput
-from rcmservo.guard.faults import LATE_SHARE
 from rcmservo.guard.states import Action, Cause, Mode, Phase, Request
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Dropped, Floats
 from rcmservo.method.kinematics import position
 from rcmservo.record.reader import Record
@@ -126,7 +126,7 @@ def summary(record: Record) -> Summary:
         latency=np.array([*np.percentile(latency, [50.0, 99.0]), latency.max()])
         if len(new)
         else np.full(3, np.nan),
-        late=int((gaps > (1.0 + LATE_SHARE) / rate(record)).sum()),
+        late=int((gaps > (1.0 + Thresholds.late_share) / rate(record)).sum()),
         longest=float(gaps.max(initial=0.0)),
         seen=len(new),
         skipped=int((steps[steps > 0] - 1).sum()),
@@ -172,8 +172,6 @@ def _away(record: Record) -> float:
         mechanism, tool = rebuild_box(stage.servo, "mechanism"), rebuild_box(stage.servo, "tool")
     except BadInput:
         return 0.0
-    zero = mechanism.insertion_zero + tool.offset
-    now, shown = (
-        position(mechanism.kind, zero, q) for q in (record.ticks["q"][-1], stage.target.q)
-    )
+    rcm = mechanism.rcm(tool.offset)
+    now, shown = (position(rcm, q) for q in (record.ticks["q"][-1], stage.target.q))
     return float(np.linalg.norm(now - shown))
