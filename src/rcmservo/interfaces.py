@@ -7,7 +7,7 @@ pixel, u right, v down.
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ class Frame:
     A camera that makes pictures fills `image` ((height, width, 3) uint8, blue-green-red as in
     OpenCV); one that simulates only the markers fills `points` ((2, 2) px: m1 and m2, NaN where
     unseen). Times in ns:
-    `exposure` is the middle of the exposure, `arrival` the moment at which the computer had the frame.
+    `exposure` is the middle of the exposure, `arrival` is when the computer had the frame.
     """
 
     number: int
@@ -215,3 +215,14 @@ class Tracker(Protocol):
         """Forget where the markers were: a person may have moved the tool. Called when a run or
         teaching begins."""
         ...
+
+
+@runtime_checkable
+class Explains(Protocol):
+    """What a tracker may do beside: say in words why it does not find the markers in a frame.
+
+    `why` is empty where they are found. It changes nothing, may be slow, and is asked only after
+    a failure.
+    """
+
+    def why(self, frame: Frame) -> str: ...

@@ -52,6 +52,8 @@ from rcmservo.sim.processes.bench import Bench
 from rcmservo.sim.processes.motion_log import MotionLog, stopped
 from rcmservo.sim.rig_file import rig_settings
 
+pytestmark = pytest.mark.alone
+
 MS = 1_000_000
 DEADLINE = 300.0
 """s after which a test gives up waiting."""

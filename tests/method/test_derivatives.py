@@ -38,7 +38,7 @@ from rcmservo.method.tool import (
     second_marker,
     second_marker_jacobian,
 )
-from rcmservo.sim.cameras import Body
+from rcmservo.sim.body import Body
 from rcmservo.sim.optics import Optics, look_at
 from rcmservo.sim.truth import feature_jacobian as true_feature_jacobian
 

@@ -129,6 +129,20 @@ def test_limits_that_are_not_finite_or_not_in_order_are_refused_by_name(bad):
         JointLimits(lower=bad, upper=(1.0, 1.0, 100.0))
 
 
+@pytest.mark.parametrize(
+    ("lower", "upper", "unit"),
+    [
+        ((8.0, -3.0, 40.0), (85.0, 3.0, 220.0), "degrees"),
+        ((-1.0, -180.0, 40.0), (1.0, 1.0, 220.0), "degrees"),
+        ((-1.0, -1.0, 40_000.0), (1.0, 1.0, 220_000.0), "µm"),
+        ((-1.0, -1.0, 0.04), (1.0, 1.0, 0.22), "like m"),
+    ],
+)
+def test_limits_of_impossible_size_name_their_likely_unit(lower, upper, unit):
+    with pytest.raises(BadInput, match=rf"(lower|upper) must be .*{unit}"):
+        JointLimits(lower, upper)
+
+
 @pytest.mark.parametrize("zero", [np.nan, np.inf, -40.0, -100.0])
 def test_a_zero_that_would_put_the_marker_at_or_behind_the_rcm_is_refused(zero):
     with pytest.raises(BadInput):

@@ -183,14 +183,14 @@ def steps():
         for k in range(1, 75):
             time = 20_000_000 * k
             applied, points = state.command.rates, pixels(C, rcm.position(q))
-            if k == 60:  # a frame that is not believed
+            if k in (60, 61):  # frames that are not believed
                 points = points + 30.0
             seen = Observation(time, q, time, True, applied, k, time, time, q, points)
             state = servo.step(state, seen, target)
             q = q + 0.02 * state.command.rates
             phases.append(list(Phase).index(state.phase))
             rates.append(state.command.rates)
-            if k > 16:  # until then modes that are hardly observed enlarge every rounding
+            if k > 24:  # until then modes that are hardly observed enlarge every rounding
                 J.append(state.J_hat / np.array([0.17, 10.0, 10.0])[:, None])
             delta.append(state.delta)
         out |= {

@@ -250,7 +250,7 @@ def stream(rig: Rig, settings: Settings, kind: str) -> Stream:
         dt = (exposure - last) * 1e-9 if last >= 0 else 0.0
         last = exposure
         samples.append(Sample(state.p1, tick.seen.points, state.o_c, dt))
-        J = rig.truth.jacobian(rig.clock.joints_at(last), state.o_c)
+        J = rig.truth.jacobian(rig.truth.joints_at(last), state.o_c)
         phase = servo_phase(tick) if kind == "servo" else int(tick.time > settings.learning * 1e9)
         rows.append((tick.time / 1e9, phase, scaled(J), velocity(rig, last)))
     time, phases, Js, vs = (np.array(column) for column in zip(*rows, strict=True))
@@ -267,7 +267,7 @@ def servo_phase(tick: Tick) -> int:
 def velocity(rig: Rig, time: int) -> Floats:
     """True velocity (3,) mm/s of marker 1 about a moment (ns)."""
     before, after = (
-        rig.body.points(rig.clock.joints_at(time + side * WINDOW))[0] for side in (-1, 1)
+        rig.body.points(rig.truth.joints_at(time + side * WINDOW))[0] for side in (-1, 1)
     )
     return (after - before) / (2e-9 * WINDOW)
 
@@ -323,7 +323,7 @@ def near_way(rig: Rig, settings: Settings, seed: int) -> list[Floats]:
     while len(poses) < settings.held_out:
         aside = random.standard_normal(3)
         aside *= settings.around * random.uniform() ** (1.0 / 3.0) / np.linalg.norm(aside)
-        q = rig.body.kinematics.joints(rig.body.points(random.choice(rig.scene.way))[0] + aside)
+        q = rig.body.mechanism.joints(rig.body.points(random.choice(rig.scene.way))[0] + aside)
         if in_picture(rig, q):
             poses.append(q)
     return poses
@@ -332,7 +332,7 @@ def near_way(rig: Rig, settings: Settings, seed: int) -> list[Floats]:
 def workspace(rig: Rig, settings: Settings, seed: int) -> list[Floats]:
     """Joints of poses that the camera sees, anywhere within the joint limits."""
     random = np.random.default_rng(seed)
-    drawn = random.uniform(*rig.body.kinematics.limits.arrays, (DRAWS, 3))
+    drawn = random.uniform(*rig.body.mechanism.limits.arrays, (DRAWS, 3))
     return [q for q in drawn if in_picture(rig, q)][: settings.held_out]
 
 

@@ -71,7 +71,7 @@ def loop_way(rig: Rig, radius: float, step: float) -> Way:
         np.outer(np.cos(turn), t1) + np.outer(np.sin(turn), t2) + np.outer(np.cos(2.0 * turn), n)
     )
     p = p0 + radius * directions
-    joints = [rig.body.kinematics.joints(one) for one in p]
+    joints = [rig.body.mechanism.joints(one) for one in p]
     o_c = rig.truth.imaged_rcm()
     y = [features((rig.truth.pixels(q) - o_c).ravel()) for q in joints]
     J = np.array([rig.truth.jacobian(q, o_c) for q in joints])

@@ -23,6 +23,9 @@ MIN_LEVER = 1e-3
 """Shortest |∂n/∂q_i| that joint rates divide by: below it (2) is singular and the axis direction
 undefined."""
 
+FULL_TURN, LONGEST_TRAVEL, LEAST_TRAVEL = 2.0 * np.pi, 2000.0, 1.0
+"""rad and mm that limits can have: what is beyond was given in another unit."""
+
 
 class Rcm(NamedTuple):
     """What compiled functions know of a mechanism and of one point on its tool.
@@ -128,6 +131,15 @@ def blocked(
     return joint if stops else -1, wanted
 
 
+def _require_units(name: str, values: tuple[float, float, float]) -> None:
+    """Refuse limits of impossible size, and name their likely unit."""
+    widest = max(abs(values[0]), abs(values[1]))
+    right = "within ±2π rad in joints 1 and 2 (this looks like degrees)"
+    require(widest <= FULL_TURN, name, values, right)
+    right = f"within ±{LONGEST_TRAVEL:g} mm in joint 3 (this looks like µm)"
+    require(abs(values[2]) <= LONGEST_TRAVEL, name, values, right)
+
+
 @dataclass(frozen=True)
 class JointLimits:
     """The configurations that the tool may take: lower <= q <= upper, in rad, rad, mm."""
@@ -138,8 +150,12 @@ class JointLimits:
     def __post_init__(self) -> None:
         for name, values in (("lower", self.lower), ("upper", self.upper)):
             require(bool(np.all(np.isfinite(values))), name, values, "three finite numbers")
+            _require_units(name, values)
         above = all(low < high for low, high in zip(self.lower, self.upper, strict=True))
         require(above, "upper", self.upper, f"above lower {self.lower} in every joint")
+        right = f"beyond ±{LEAST_TRAVEL:g} mm in joint 3 (this looks like m)"
+        farthest = max(abs(self.lower[2]), abs(self.upper[2]))
+        require(farthest >= LEAST_TRAVEL, "upper", self.upper, right)
 
     @property
     def arrays(self) -> tuple[Floats, Floats]:

@@ -51,6 +51,15 @@ def second_marker_jacobian(shaft: Shaft, p1: Floats) -> Floats:
     return np.eye(3) + (shaft.value / rho) * (np.eye(3) - np.outer(n, n))
 
 
+SHORTEST, LONGEST = 1.0, 1000.0
+"""mm that a tool's lengths can have: what is beyond was given in another unit."""
+
+
+def _require_offset(offset: float) -> None:
+    right = f"a length of at most {LONGEST:g} mm either way"
+    require(abs(offset) <= LONGEST, "tool.offset", offset, right)
+
+
 class Tool(ABC):
     """The markers' places on the tool's axis.
 
@@ -92,9 +101,11 @@ class RigidTool(Tool):
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        good = bool(np.isfinite(self.spacing)) and self.spacing > 0.0
-        require(good, "tool.spacing", self.spacing, "a positive length in mm")
-        require(bool(np.isfinite(self.offset)), "tool.offset", self.offset, "a finite length in mm")
+        l, name = self.spacing, "tool.spacing"
+        require(bool(np.isfinite(l)) and l > 0.0, name, l, "a positive length in mm")
+        require(l >= SHORTEST, name, l, f"at least {SHORTEST:g} mm (this looks like m)")
+        require(l <= LONGEST, name, l, f"at most {LONGEST:g} mm (this looks like µm)")
+        _require_offset(self.offset)
 
     @property
     def value(self) -> float:
@@ -115,7 +126,7 @@ class ScaledTool(Tool):
     def __post_init__(self) -> None:
         good = bool(np.isfinite(self.scale)) and self.scale > 1.0
         require(good, "tool.scale", self.scale, "a factor λ above 1 (m₂ is beyond m₁)")
-        require(bool(np.isfinite(self.offset)), "tool.offset", self.offset, "a finite length in mm")
+        _require_offset(self.offset)
 
     @property
     def value(self) -> float:

@@ -51,14 +51,14 @@ class ArmDevice:
 
     def __init__(self, rig: Rig, wire: socket.socket, log: MotionLog, now: int) -> None:
         self.rig, self.wire, self.log = rig, wire, log
-        self.arm = rig.clock.arm
+        self.arm = rig.truth.arm
         self.session = 0
         self._callers: dict[str, int] = {}
         self._asked = 0
         self._due: list[tuple[int, str, int]] = []
         self._answered = 0
         self.arm.time = now // STEP * STEP
-        self.rig.clock.place(rig.scene.start)
+        self.arm.place(rig.scene.start)
         self.advance(now)
 
     def turn(self, now: int) -> None:
@@ -118,13 +118,15 @@ class ArmDevice:
             self.arm.enable()
         elif wish in (Wish.SHOW, Wish.HOME):
             scene = self.rig.scene
-            self.rig.clock.place(scene.target if wish is Wish.SHOW else scene.start)
+            self.arm.place(scene.target if wish is Wish.SHOW else scene.start)
             return now + SETTLE
         return now
 
     def _answer(self, now: int) -> None:
         """Tell all who were heard of lately how the arm is."""
-        self._callers = {caller: heard for caller, heard in self._callers.items() if now - heard <= KNOWN}
+        self._callers = {
+            caller: heard for caller, heard in self._callers.items() if now - heard <= KNOWN
+        }
         at, q, enabled = self.arm.measure()
         dog = self.arm.watchdog
         answer = Answer(self.session, at, q, enabled, dog.rates, dog.number)

@@ -22,7 +22,7 @@ from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
-from rcmservo.sim.cameras import Body
+from rcmservo.sim.body import Body
 from rcmservo.sim.processes.arm_process import emulate
 from rcmservo.sim.processes.camera_process import film
 from rcmservo.sim.processes.motion_log import MotionLog, stopped

@@ -11,10 +11,9 @@ import numpy as np
 from rcmservo.interfaces import Frame
 from rcmservo.live.frame_ring import FrameRing
 from rcmservo.loop.clock import sleep_until
-from rcmservo.sim.cameras import BLUR, PictureCamera
+from rcmservo.sim.cameras import BLUR, PictureCamera, moments
 from rcmservo.sim.processes.motion_log import MotionLog
 from rcmservo.sim.rig import Rig, RigSettings
-from rcmservo.sim.world import moments
 
 BEHIND = 2_000_000
 """ns after the end of an exposure at which the arm's log is sure to hold it."""
