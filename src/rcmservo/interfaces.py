@@ -23,7 +23,7 @@ class Frame:
     A camera that makes pictures fills `image` ((height, width, 3) uint8, blue-green-red as in
     OpenCV); one that simulates only the markers fills `points` ((2, 2) px: m1 and m2, NaN where
     unseen). Times in ns:
-    `exposure` is the middle of the exposure, `arrival` the moment at which the host had the frame.
+    `exposure` is the middle of the exposure, `arrival` is when the computer had the frame.
     """
 
     number: int
