@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from conftest import random_from, seeds, tool_positions
 from rcmservo.errors import BadInput
-from rcmservo.method.tool import RIGID, SCALED, RigidTool, ScaledTool, second_marker
+from rcmservo.method.tool import RIGID, SCALED, RigidTool, ScaledTool, Shaft, second_marker
 
 spacings = st.floats(1.0, 100.0)
 
@@ -39,7 +39,7 @@ def test_insertion_shrinks_the_imaged_distance_of_a_receding_rigid_pair_and_grow
 
     def d(kind, value, rho):
         p1 = rho * np.array([np.sin(0.7), 0.0, np.cos(0.7)])
-        pair = np.stack([p1, second_marker(kind, value, p1)])
+        pair = np.stack([p1, second_marker(Shaft(kind, value), p1)])
         image = 800 * pair[:, :2] / (200 + pair[:, 2:])
         return np.linalg.norm(image[1] - image[0])
 

@@ -48,7 +48,5 @@ def feature_jacobian(body: Body, optics: Optics, q: Floats, o_c: Floats) -> Floa
     p1, p2 = body.points(q)[:2]
     markers = np.empty((4, 3))
     markers[:2] = optics.project_jacobian(p1)
-    markers[2:] = optics.project_jacobian(p2) @ second_marker_jacobian(
-        body.tool.kind, body.tool.value, p1
-    )
+    markers[2:] = optics.project_jacobian(p2) @ second_marker_jacobian(body.tool.shaft, p1)
     return features_jacobian(about(optics.project(np.stack([p1, p2])), o_c)) @ markers
