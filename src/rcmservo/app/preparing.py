@@ -2,7 +2,7 @@
 
 from collections.abc import Generator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 from numba.core import event
 from rich.live import Live
@@ -27,7 +27,7 @@ class Compiling(event.Listener):
 
     def on_end(self, event: event.Event) -> None:
         """A part is done; those of other packages are not counted."""
-        data: Any = event.data
+        data = cast(Any, event.data)
         if not data["dispatcher"].__module__.startswith("rcmservo."):
             return
         self._count += 1
