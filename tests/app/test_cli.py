@@ -15,7 +15,7 @@ import pytest
 
 import rcmservo as rs
 from rcmservo.app.cli import main
-from rcmservo.figures.overlay import Video
+from rcmservo.figures.video import Video
 from rcmservo.record import reader
 from rcmservo.record.reader import RECORD
 

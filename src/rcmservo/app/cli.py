@@ -6,6 +6,7 @@ from typing import Any
 
 from rcmservo import __version__
 from rcmservo.app.export import ExportOptions, export
+from rcmservo.app.live import LiveOptions, live
 from rcmservo.app.paper import PaperOptions, paper
 from rcmservo.app.parse import parse
 from rcmservo.app.replay import ReplayOptions, recompute_run, recorded, replay
@@ -20,6 +21,7 @@ BAD_INPUT = 2
 
 COMMANDS: dict[str, tuple[type[Any], Callable[[Any], int]]] = {
     "run": (RunOptions, run),
+    "live": (LiveOptions, live),
     "replay": (ReplayOptions, replay),
     "show": (ShowOptions, show),
     "export": (ExportOptions, export),

@@ -2,19 +2,16 @@
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from rcmservo.app.simulated_run.metrics import RunMetrics
 from rcmservo.app.terminal import result_table, unit
 from rcmservo.guard.states import Action, Cause, Phase
-from rcmservo.loop.run import Tick
-
-if TYPE_CHECKING:
-    from rcmservo.app.simulated_run.metrics import RunMetrics
+from rcmservo.loop.tick import Tick
 
 
 class Story:
@@ -49,7 +46,7 @@ def _line(tick: Tick, duration: float) -> Text:
     return Text(line)
 
 
-def show_run(console: Console, metrics: "RunMetrics") -> None:
+def show_run(console: Console, metrics: RunMetrics) -> None:
     """The result of a simulated run, and where its files are."""
     table = result_table(metrics.settled, metrics.cause)
     table.add_row("settle time", unit(metrics.settle_time_s, "s", 2))
@@ -76,13 +73,13 @@ def show_run(console: Console, metrics: "RunMetrics") -> None:
     console.print(f"files in {metrics.folder}", soft_wrap=True)
 
 
-def _feature_error(metrics: "RunMetrics") -> str:
+def _feature_error(metrics: RunMetrics) -> str:
     error = metrics.feature_error
     s = None if error.s_rad is None else math.degrees(error.s_rad)
     return f"s {unit(s, '°', 3)}, r {unit(error.r_px, 'px', 2)}, d {unit(error.d_px, 'px', 2)}"
 
 
-def _remarks(metrics: "RunMetrics") -> Iterator[tuple[str, str]]:
+def _remarks(metrics: RunMetrics) -> Iterator[tuple[str, str]]:
     """What is told of some runs only: a title, and words that are empty where there is nothing."""
     given = metrics.estimator_time_per_frame_s
     yield "estimator's own time", f"{given:g} s for every frame, not real time" if given else ""
@@ -96,7 +93,7 @@ def _remarks(metrics: "RunMetrics") -> Iterator[tuple[str, str]]:
         yield "latency, exposure to command", f"{spread}; {metrics.late_ticks} late ticks"
 
 
-def _person(metrics: "RunMetrics") -> str:
+def _person(metrics: RunMetrics) -> str:
     if not (metrics.resumed or metrics.refused or metrics.shown_again):
         return ""
     refused = f" (refused {metrics.refused} x)" if metrics.refused else ""

@@ -86,19 +86,15 @@ class RandomFit(Estimator):
         if row < len(kept):
             kept[row] = np.concatenate([sample.p1, sample.points.ravel()])
         count = min(memory.seen + 1, len(kept))
-        A, b = normal_equations(kept, count, sample.o_c, False, tool.kind, tool.value)
+        A, b = normal_equations(kept, count, sample.o_c, False, tool.shaft)
         a_next = decay(A, b, a, np.diag(np.sqrt(GAMMA_0)), self.estimator_time)
-        return Drawn(
-            kept, memory.seen + 1, keep_in_front(a, a_next, kept, count, tool.kind, tool.value)
-        )
+        return Drawn(kept, memory.seen + 1, keep_in_front(a, a_next, kept, count, tool.shaft))
 
     def jacobian(self, memory: Drawn, tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(
-            memory.a_hat, sample.p1, sample.points, sample.o_c, tool.kind, tool.value
-        )
+        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.shaft)
 
     def predict(self, memory: Drawn, tool: Tool, p1: Floats) -> Floats:
-        return predict(memory.a_hat, p1, tool.kind, tool.value)
+        return predict(memory.a_hat, p1, tool.shaft)
 
 
 ESTIMATORS: Mapping[str, Estimator] = {
@@ -248,12 +244,13 @@ def stream(rig: Rig, settings: Settings, kind: str) -> Stream:
     last = -1
     for tick in run(plant, servo, target, duration):
         state = tick.state
-        if state.exposure == last:
+        exposure = state.learnt.estimate.exposure
+        if exposure == last:
             continue
-        dt = (state.exposure - last) * 1e-9 if last >= 0 else 0.0
-        last = state.exposure
+        dt = (exposure - last) * 1e-9 if last >= 0 else 0.0
+        last = exposure
         samples.append(Sample(state.p1, tick.seen.points, state.o_c, dt))
-        J = rig.truth.jacobian(rig.clock.joints_at(last), state.o_c)
+        J = rig.truth.jacobian(rig.truth.joints_at(last), state.o_c)
         phase = servo_phase(tick) if kind == "servo" else int(tick.time > settings.learning * 1e9)
         rows.append((tick.time / 1e9, phase, scaled(J), velocity(rig, last)))
     time, phases, Js, vs = (np.array(column) for column in zip(*rows, strict=True))
@@ -270,7 +267,7 @@ def servo_phase(tick: Tick) -> int:
 def velocity(rig: Rig, time: int) -> Floats:
     """True velocity (3,) mm/s of marker 1 about a moment (ns)."""
     before, after = (
-        rig.body.points(rig.clock.joints_at(time + side * WINDOW))[0] for side in (-1, 1)
+        rig.body.points(rig.truth.joints_at(time + side * WINDOW))[0] for side in (-1, 1)
     )
     return (after - before) / (2e-9 * WINDOW)
 
@@ -326,7 +323,7 @@ def near_way(rig: Rig, settings: Settings, seed: int) -> list[Floats]:
     while len(poses) < settings.held_out:
         aside = random.standard_normal(3)
         aside *= settings.around * random.uniform() ** (1.0 / 3.0) / np.linalg.norm(aside)
-        q = rig.body.kinematics.joints(rig.body.points(random.choice(rig.scene.way))[0] + aside)
+        q = rig.body.mechanism.joints(rig.body.points(random.choice(rig.scene.way))[0] + aside)
         if in_picture(rig, q):
             poses.append(q)
     return poses
@@ -335,7 +332,7 @@ def near_way(rig: Rig, settings: Settings, seed: int) -> list[Floats]:
 def workspace(rig: Rig, settings: Settings, seed: int) -> list[Floats]:
     """Joints of poses that the camera sees, anywhere within the joint limits."""
     random = np.random.default_rng(seed)
-    drawn = random.uniform(*rig.body.kinematics.limits.arrays, (DRAWS, 3))
+    drawn = random.uniform(*rig.body.mechanism.limits.arrays, (DRAWS, 3))
     return [q for q in drawn if in_picture(rig, q)][: settings.held_out]
 
 

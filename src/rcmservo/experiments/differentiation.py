@@ -90,7 +90,7 @@ def tour(folder: Path, settings: Settings, seed: int) -> dict[str, Any]:
         learners["tick"].add(moved, delta_y, tau, true)
         learners["stale"].add(moved, delta_y / period * tau, tau, true)
         if new and tick.time / 1e9 > settings.touring - LAST_TOURS:
-            J = rig.truth.jacobian(rig.clock.joints_at(rig.clock.now()), o_c)
+            J = rig.truth.jacobian(rig.arm.q_true, o_c)
             for learner in learners.values():
                 learner.judge(J)
         last = tick
@@ -108,9 +108,9 @@ def true_flow(rig: Rig, time: int, o_c: Floats) -> Floats:
     """True ẏ (3,) at a moment ns of the last second."""
     half = 5_000_000
     before, after = (
-        rig.body.points(rig.clock.joints_at(time + side * half))[0] for side in (-1, 1)
+        rig.body.points(rig.truth.joints_at(time + side * half))[0] for side in (-1, 1)
     )
-    return rig.truth.jacobian(rig.clock.joints_at(time), o_c) @ (after - before) / (2e-9 * half)
+    return rig.truth.jacobian(rig.truth.joints_at(time), o_c) @ (after - before) / (2e-9 * half)
 
 
 class Differentiated:

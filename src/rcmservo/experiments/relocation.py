@@ -93,7 +93,7 @@ def relocated(folder: Path, seed: int, method: str, settings: Settings) -> dict[
         target, p_d = loop.shown(loop.rig.scene.target)
         loop.rig.go_home()
         values = _until_stopped(loop, target, settings)
-        stopped_at = loop.rig.clock.joints_at(loop.rig.clock.now())
+        stopped_at = loop.rig.arm.q_true
         target, _ = loop.shown(loop.rig.scene.target)
         loop.rig.place(stopped_at)
         values["again"] = loop.elapsed()

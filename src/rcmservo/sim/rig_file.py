@@ -5,9 +5,9 @@ from typing import Any
 
 from rcmservo.config.rig_file import Lab, build
 from rcmservo.errors import require
+from rcmservo.sim import Look
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
-from rcmservo.sim.renderer import Look
 from rcmservo.sim.rig import RigSettings
 from rcmservo.sim.scene import SceneSettings
 

@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rcmservo.app.simulated_run.job import Job
 from rcmservo.interfaces import Floats
 from rcmservo.record.reader import Record
-from rcmservo.record.timeline import Summary, summary
+from rcmservo.record.timeline import Summary, rate, summary
 from rcmservo.record.verdict import LAST
 
 METRICS = "metrics.json"
@@ -108,11 +107,11 @@ class Truth:
     """What ended the run before its time, in words; empty where nothing did."""
 
 
-def measured(metrics: RunMetrics, job: Job, record: Record, truth: Truth) -> RunMetrics:
+def measured(metrics: RunMetrics, record: Record, truth: Truth) -> RunMetrics:
     """The metrics with what the record tells."""
     told = summary(record)
     outcome, p2 = told.outcome, record.truth["p2"]
-    last = round(LAST * job.servo.rate)
+    last = round(LAST * rate(record))
     pose: Floats = np.linalg.norm(p2[-last:] - truth.p_d, axis=1)
     explore, jacobian = _exploration(record)
     return replace(
@@ -120,8 +119,8 @@ def measured(metrics: RunMetrics, job: Job, record: Record, truth: Truth) -> Run
         settled=outcome.settled,
         cause=outcome.cause if outcome.settled else truth.ended or outcome.cause,
         settle_time_s=outcome.settle_time,
-        pose_error_mm=_number(float(np.sqrt(np.mean(pose**2)))) if len(pose) else None,
-        feature_error=FeatureError(*map(_number, outcome.error)),
+        pose_error_mm=number(float(np.sqrt(np.mean(pose**2)))) if len(pose) else None,
+        feature_error=FeatureError(*map(number, outcome.error)),
         jacobian_error=jacobian,
         explore=explore,
         latency_s=_latency(told),
@@ -143,14 +142,14 @@ def _exploration(record: Record) -> tuple[ExplorationCost, JacobianError]:
         float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()),
         float(np.linalg.norm(places - places[0], axis=1).max()),
     )
-    return cost, JacobianError(None if end is None else _number(errors[end]), _number(errors[-1]))
+    return cost, JacobianError(None if end is None else number(errors[end]), number(errors[-1]))
 
 
 def _latency(told: Summary) -> Latency:
     median, p99, _ = told.latency
-    return Latency(_number(median), _number(p99))
+    return Latency(number(median), number(p99))
 
 
-def _number(value: float) -> float | None:
+def number(value: float) -> float | None:
     """A finite number, or None: JSON has no NaN."""
     return float(value) if np.isfinite(value) else None

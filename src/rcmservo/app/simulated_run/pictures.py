@@ -8,10 +8,11 @@ import numpy as np
 
 from rcmservo.app.simulated_run.job import Job
 from rcmservo.figures import charts, plots
-from rcmservo.figures.overlay import Video, draw
+from rcmservo.figures.overlay import draw
+from rcmservo.figures.video import Video
 from rcmservo.interfaces import Frame, Image
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import Tick
+from rcmservo.loop.tick import Tick
 from rcmservo.record.reader import Record
 from rcmservo.record.writer import Recorder
 from rcmservo.sim import RigSettings

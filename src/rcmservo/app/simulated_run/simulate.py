@@ -21,7 +21,7 @@ from rcmservo.config.files import write_whole
 from rcmservo.errors import UnusableFile
 from rcmservo.guard.states import Action
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import Tick
+from rcmservo.loop.tick import Tick
 from rcmservo.record import reader
 from rcmservo.record.reader import RECORD
 from rcmservo.record.writer import Recorder
@@ -107,7 +107,7 @@ def _kept(job: Job, metrics: RunMetrics, truth: Truth) -> RunMetrics:
     """
     with suppress(UnusableFile):  # of a servo that was killed before it recorded anything
         record = reader.read(job.folder)
-        metrics = measured(metrics, job, record, truth)
+        metrics = measured(metrics, record, truth)
         metrics = _told(metrics, lambda: draw_figures(record, job.folder))
     text = json.dumps(asdict(metrics), indent=2) + "\n"
     return _told(metrics, lambda: write_whole(job.folder / METRICS, text))

@@ -52,7 +52,7 @@ def settle(
 
 def within(rig: Rig, tick: Tick, target: Target) -> bool:
     """Whether the true features are within the tolerance of the target now."""
-    seen = rig.truth.pixels(rig.clock.joints_at(rig.clock.now()))
+    seen = rig.truth.pixels(rig.arm.q_true)
     _, delta = measured(seen, target.points, tick.state.o_c)
     return bool(np.all(np.abs(delta) < TOLERANCE))
 

@@ -1,12 +1,11 @@
-"""Disturbances on the way from the camera to the host: late, again, out of order, damaged, or
-never."""
+"""How frames come from the camera: late, again, out of order, damaged, or never."""
 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
 from rcmservo.interfaces import Camera, Frame
-from rcmservo.sim.disturb.damage import damaged
+from rcmservo.sim.disturb.frame_damage import damaged
 from rcmservo.sim.disturb.schedule import Schedule
 
 OVERTAKEN = 5_000_000
@@ -14,8 +13,7 @@ OVERTAKEN = 5_000_000
 
 
 class Delivery:
-    """A camera whose frames pass through a bad connection. What happens to a frame is decided when
-    it would arrive."""
+    """A camera with a bad connection. What happens to a frame is decided when it would arrive."""
 
     def __init__(self, camera: Camera, now: Callable[[], int], schedule: Schedule) -> None:
         self.camera, self.now, self.schedule = camera, now, schedule
@@ -60,14 +58,15 @@ class Delivery:
         return any(drawn) or any(self.schedule.acting(time, "stuck"))
 
     def _send(self, frame: Frame, time: int) -> None:
-        """Send a frame on its way at `time` ns. None overtakes another; each bears the stamps of
-        the camera's clock."""
+        """Send a frame on its way at `time` ns. No frame overtakes another one.
+
+        Its stamps are those of the camera's clock.
+        """
         late = 0.0
         for event in self.schedule.acting(time, "latency", "delay"):
             late += event.number("s") * (event.random.uniform() if event.kind == "delay" else 1.0)
         arrival = max(time + round(late * 1e9), self._coming[-1][0] if self._coming else 0)
-        wrong = sum(
-            round(event.number("s") * 1e9) for event in self.schedule.acting(time, "clock_step")
-        )
+        steps = self.schedule.acting(time, "clock_step")
+        wrong = sum(round(event.number("s") * 1e9) for event in steps)
         frame = replace(frame, exposure=frame.exposure + wrong, arrival=arrival + wrong)
         self._coming.append((arrival, frame))

@@ -1,8 +1,8 @@
-"""Smoke before the camera and blood on its lens: how much of the scene's light they take, and the
-light that they add.
+"""Smoke before the camera and blood on its lens: veils, which take light of the scene and add light
+of their own.
 
-A veil is worked out on a coarse grid and drawn out to the picture's size: neither has a sharp edge.
-Lengths in px, time in s since it came.
+A veil has no sharp edge, so it is worked out on a coarse grid and drawn out to the picture's size.
+Lengths in px, time in s since the veil came.
 
     light = (1 − opacity) · scene + opacity · veil
 """
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from rcmservo.interfaces import Floats
-from rcmservo.sim.renderer import Light
+from rcmservo.sim.rendering import Light
 
 GRID = 4
 """px between the places at which a veil is worked out."""
@@ -24,16 +24,18 @@ FIELD = 256
 """Places across a random field, which repeats."""
 
 COVERED = 0.8
-"""Opacity from which on nothing behind it is found; a camera without pictures loses its markers
+"""Opacity from which on nothing behind it is found. A camera without pictures loses its markers
 there."""
 
 
 class Pane(NamedTuple):
-    """A veil at one moment, on its grid: its ``opacity`` (h, w) from 0 to 1, and its ``colour`` (h,
-    w, 3) in light."""
+    """A veil at one moment, on its grid."""
 
     opacity: Floats
+    """(h, w) from 0 to 1."""
+
     colour: Floats
+    """(h, w, 3) in light."""
 
 
 class Veil(ABC):
@@ -53,10 +55,8 @@ class Veil(ABC):
         """Lay it over the light (H, W, 3) of a scene, in place."""
         width, height = self.size
         opacity, colour = self.pane(time)
-        added = np.concatenate(
-            [opacity[..., None] * colour, 1.0 - opacity[..., None]], axis=-1
-        ).astype(np.float32)
-        fine = _drawn_out(added)[:height, :width]
+        added = np.concatenate([opacity[..., None] * colour, 1.0 - opacity[..., None]], axis=-1)
+        fine = _drawn_out(added.astype(np.float32))[:height, :width]
         light *= fine[..., 3:]
         light += fine[..., :3]
 
@@ -67,8 +67,10 @@ class Veil(ABC):
         return ndimage.map_coordinates(opacity, places, order=1, mode="constant") > COVERED
 
     def present(self, time: float, coming: float, going: float) -> float:
-        """How much of it is there, 0 to 1, if it takes so many s to come and to go: at most a third
-        of its time."""
+        """How much of it is there, 0 to 1, if it takes so many s to come and to go.
+
+        Both take at most a third of its time.
+        """
         longest = self.lasts / 3.0
         share = min(time / min(coming, longest), (self.lasts - time) / min(going, longest), 1.0)
         return max(share, 0.0) ** 2 * (3.0 - 2.0 * max(share, 0.0))
@@ -76,11 +78,14 @@ class Veil(ABC):
 
 @final
 class Smoke(Veil):
-    """Smoke that rises at the tool and drifts before the lamp: bright grey, soft, its billows ever
-    changing."""
+    """Smoke that rises at the tool and drifts before the lamp: bright grey, soft, ever new."""
 
     COMES, GOES = 0.8, 1.0
+    """s that it takes to come and to go."""
+
     DENSITY = 10.0
+    """Its optical depth in the middle."""
+
     REACH = 0.62
     """Of the picture's width: how far the dense part extends."""
 
@@ -124,18 +129,22 @@ class Smoke(Veil):
 
 @final
 class Stain(Veil):
-    """Blood splashed on the lens about the markers: dark red, opaque, its rim thinner, with the
+    """Blood splashed on the lens about the markers: dark red, opaque, thinner at its rim, with the
     lamp's glint on it."""
 
     COMES, GOES = 0.08, 0.15
+    """s that it takes to come and to go."""
+
     FULL = 0.99
+    """Opacity where it is thick."""
+
     EDGE = 0.16
     """Height, as a share of a drop's, over which the rim goes from clear to opaque."""
 
     def __init__(
         self, size: tuple[int, int], lasts: float, drops: Floats, random: np.random.Generator
     ) -> None:
-        """`drops` (n, 3) px: u, v and radius of what must be covered; smaller ones splash
+        """`drops` (n, 3) px: u, v and radius of what must be covered. Smaller ones splash
         around."""
         super().__init__(size, lasts)
         all_drops = np.concatenate([drops, *(self._splashed(drop, random) for drop in drops)])
@@ -150,23 +159,23 @@ class Stain(Veil):
         return Pane(self.present(time, self.COMES, self.GOES) * self._opacity, self._colour)
 
     def _merged(self, drops: Floats) -> Floats:
-        """How high blood stands: 0 about the rim of a drop and 1 in its middle; where drops meet,
-        they merge."""
+        """How high blood stands: 0 about the rim of a drop and 1 in its middle. Drops that meet
+        merge."""
         far = np.stack([np.hypot(self.u - u, self.v - v) / radius for u, v, radius in drops])
         return np.log(np.sum(np.exp(6.0 * (1.25 - np.minimum(far, 20.0))), axis=0)) / 6.0
 
     def _splashed(self, drop: Floats, random: np.random.Generator) -> Floats:
         count = int(random.integers(4, 9))
-        way, far = (
-            random.uniform(0.0, 2.0 * np.pi, count),
-            drop[2] * random.uniform(1.2, 3.0, count),
-        )
+        way = random.uniform(0.0, 2.0 * np.pi, count)
+        far = drop[2] * random.uniform(1.2, 3.0, count)
         radius = drop[2] * random.uniform(0.06, 0.3, count)
         return np.column_stack([drop[0] + far * np.cos(way), drop[1] + far * np.sin(way), radius])
 
     def _shaded(self, height: Floats, rough: Floats) -> Floats:
-        """Thin blood lets red light through, thick blood hardly any; its slope mirrors the lamp, up
-        on the left."""
+        """The colour (h, w, 3). Thin blood lets red light through, thick blood hardly any.
+
+        Its slope mirrors the lamp, which is up on the left.
+        """
         thick = _smooth(height / 0.55)[..., None]
         colour = thick * np.array([17.0, 14.0, 72.0]) + (1.0 - thick) * np.array(
             [32.0, 28.0, 150.0]
@@ -185,8 +194,7 @@ class Stain(Veil):
 
 
 def random_field(random: np.random.Generator, roughness: float) -> Floats:
-    """A random field (FIELD, FIELD) that repeats: mean 0, spread 1, its power falling as
-    1/f^roughness."""
+    """A random field (FIELD, FIELD) that repeats: mean 0, spread 1, power 1/f^roughness."""
     f = np.hypot(np.fft.fftfreq(FIELD, 1.0 / FIELD)[:, None], np.fft.fftfreq(FIELD, 1.0 / FIELD))
     spectrum = np.where(f > 0.0, 1.0 / np.maximum(f, 2.0) ** (roughness / 2.0), 0.0)
     field = np.fft.ifft2(np.fft.fft2(random.standard_normal((FIELD, FIELD))) * spectrum).real
@@ -195,9 +203,9 @@ def random_field(random: np.random.Generator, roughness: float) -> Floats:
 
 def sampled(field: Floats, places: Floats) -> Floats:
     """A field that repeats, at `places` (2, ...) in its own rows and columns."""
-    return np.asarray(
-        ndimage.map_coordinates(field, places, order=1, mode="grid-wrap"), dtype=np.float64
-    )
+    values = np.empty(places.shape[1:])
+    ndimage.map_coordinates(field, places, values, order=1, mode="grid-wrap")
+    return values
 
 
 def _smooth(share: Floats) -> Floats:

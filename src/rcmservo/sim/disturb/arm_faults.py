@@ -1,22 +1,20 @@
-"""Disturbances of the arm: blocked and reversed axes, wrong encoders, silence, the emergency
-stop."""
+"""Faults of the arm: blocked and reversed axes, wrong encoders, silence, the emergency stop."""
 
 import numpy as np
 
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.sim.arm import SimulatedArm
 from rcmservo.sim.disturb.schedule import Event, Schedule
-from rcmservo.sim.world import World
 
 GAINS = {"axis_stuck": 0.0, "axis_reversed": -1.0}
-"""What a motor makes of its rate; of the kind `gain` it is a parameter."""
+"""What a motor makes of its rate. For the kind `gain` that is a parameter."""
 
 
 class DisturbedArm:
-    """An arm as the software gets to see it. `arm` is the true one, whose drives suffer with it."""
+    """An arm as the software sees it, before the true `arm`, whose drives have the faults."""
 
-    def __init__(self, arm: SimulatedArm, world: World, schedule: Schedule) -> None:
-        self.arm, self.world, self.schedule = arm, world, schedule
+    def __init__(self, arm: SimulatedArm, schedule: Schedule) -> None:
+        self.arm, self.schedule = arm, schedule
         self._answer = arm.measure()
         self._applied = np.zeros(3)
         self._overrun: set[Event] = set()
@@ -45,7 +43,7 @@ class DisturbedArm:
         for event in self.schedule.begun(self.arm.time, "overrun"):
             if event not in self._overrun:
                 self._overrun.add(event)
-                self.world.pass_until(self.arm.time + round(event.end - event.start))
+                self.arm.advance_until(self.arm.time + round(event.end - event.start))
         if not self._is("arm_silent") and not self.schedule.killed:
             self._applied = self.arm.apply(command)
         return self._applied
@@ -54,12 +52,11 @@ class DisturbedArm:
         return any(self.schedule.acting(self.arm.time, kind))
 
     def _suffer(self) -> None:
-        """What befalls the arm itself, before each step of the physics."""
+        """Give the true arm its faults, before each step of the physics."""
         self.arm.gains[:] = 1.0
         for event in self.schedule.acting(self.arm.time, "axis_stuck", "axis_reversed", "gain"):
-            self.arm.gains[event.axis] *= (
-                GAINS[event.kind] if event.kind in GAINS else event.number("factor")
-            )
+            fixed = GAINS.get(event.kind)
+            self.arm.gains[event.axis] *= event.number("factor") if fixed is None else fixed
         if self._is("drive_off"):
             self.arm.watchdog.disable()
 
@@ -67,7 +64,7 @@ class DisturbedArm:
         """The joints (3,) as wrong encoders count them."""
         q = q.copy()
         for event in self.schedule.acting(self.arm.time, "encoder_reversed"):
-            turned = self._turned.setdefault(event, self.world.joints_at(event.start)[event.axis])
+            turned = self._turned.setdefault(event, self.arm.joints_at(event.start)[event.axis])
             q[event.axis] = 2.0 * turned - q[event.axis]
         for event in self.schedule.acting(self.arm.time, "encoder_zero"):
             offset = event.number("offset")

@@ -1,4 +1,4 @@
-"""Disturbances of the process: it runs late, is stopped for a while, or is killed."""
+"""The process is held up: it runs late, is stopped for a while, or is killed."""
 
 from rcmservo.errors import RcmServoError
 from rcmservo.sim.disturb.schedule import Schedule
@@ -8,18 +8,18 @@ class Killed(RcmServoError):
     """The simulated process was killed: from here on nothing is sent, and the arm's own watchdog
     must stop it.
 
-    `rig.clock.pass_until` lets time go on without it.
+    `Rig.let_pass` lets time go on without the process.
     """
 
 
 class Stalls:
-    """Until when a wait really lasts."""
+    """Tells until when a wait really lasts."""
 
     def __init__(self, schedule: Schedule) -> None:
         self.schedule = schedule
 
     def __call__(self, time: int) -> int:
-        """When one wakes who waits until `time` ns; a killed one never does."""
+        """When the process wakes that waits until `time` ns. A killed one never does."""
         for event in self.schedule.begun(time, "kill"):
             self.schedule.killed = True
             raise Killed(f"the process was killed {event.disturbance.at:g} s after the start")

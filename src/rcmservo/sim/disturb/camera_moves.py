@@ -1,5 +1,4 @@
-"""The camera as it stands after somebody has touched it: bumped, or rolled about its line of
-sight."""
+"""Where the camera stands after somebody bumped into it or rolled it."""
 
 from dataclasses import replace
 
@@ -9,16 +8,20 @@ from rcmservo.interfaces import Floats
 from rcmservo.sim.optics import Optics
 
 TRIES = 20
+"""Bumps that are tried until both markers stay in the picture."""
+
 BORDER = 15.0
-"""px that both markers keep from the picture's border, if any of TRIES bumps lets them."""
+"""px that both markers keep from the picture's border, if a bump lets them."""
 
 SHAKE = 0.5
-"""mm by which a bumped camera is displaced, beside being turned."""
+"""mm by which a bumped camera is displaced. It is turned as well."""
 
 
 def bumped(optics: Optics, markers: Floats, px: float, random: np.random.Generator) -> Optics:
-    """The camera turned so that the picture about the `markers` (2, 3) mm jumps by about `px`, some
-    way or other."""
+    """The camera turned in some direction, so that the picture jumps by about `px`.
+
+    It goes on showing the `markers` (2, 3) mm if that can be.
+    """
     turned = optics
     for _ in range(TRIES):
         way = random.uniform(-np.pi, np.pi)
@@ -34,8 +37,8 @@ def bumped(optics: Optics, markers: Floats, px: float, random: np.random.Generat
 def rolled(optics: Optics, markers: Floats, angle: float) -> Optics:
     """The camera turned by `angle` rad about its line of sight.
 
-    If that would bring one of the `markers` (2, 3) mm out of the picture, it is the line of sight
-    to their middle.
+    Should one of the `markers` (2, 3) mm leave the picture, it is turned about the line to their
+    middle instead.
     """
     to_tool = optics.rotation @ (markers.mean(axis=0) - optics.position)
     about_axis, about_tool = (

@@ -1,7 +1,7 @@
 """Frames as they are after something has damaged them on the way.
 
-A picture travels as a JPEG file here, the way cheap cameras send it: bits of the file flip, or half
-of it is missing, and a decoder makes a picture of that without complaint.
+A picture travels as a JPEG file here, as cheap cameras send it. Bits of the file flip, or half of
+it is missing, and a decoder makes a picture of that without complaint.
 """
 
 import os
@@ -19,23 +19,24 @@ FLIPS = 8
 """Bits that flip in a file."""
 
 END = np.array([0xFF, 0xD9], dtype=np.uint8)
-"""What a decoder looks for after the last row; it takes all rows that are missing before it for
-grey."""
+"""What a decoder looks for after the last row. Rows that are missing before it become grey."""
 
 HEADER = 0.05
-"""Share of a file, at its beginning, that keeps whole: damage there leaves nothing to decode."""
+"""The share of a file, at its beginning, that stays whole. Damage there leaves nothing to
+decode."""
 
 
 def damaged(frame: Frame, what: str, random: np.random.Generator) -> Frame:
-    """The frame damaged: of another `size`, `half` of it missing, with bits flipped (`noise`), or
-    with `none` left."""
+    """The frame, damaged.
+
+    `what` is "size" (it has another one), "half" (that is missing), "noise" (bits flip) or "none"
+    (nothing is left).
+    """
     if frame.image is not None:
         return replace(frame, image=_picture(frame.image, what, random))
-    return (
-        frame
-        if frame.points is None
-        else replace(frame, points=_points(frame.points, what, random))
-    )
+    if frame.points is not None:
+        return replace(frame, points=_points(frame.points, what, random))
+    return frame
 
 
 def _picture(image: Image, what: str, random: np.random.Generator) -> Image | None:
@@ -74,8 +75,8 @@ def _flip(data: Image, random: np.random.Generator) -> None:
 
 @contextmanager
 def _no_warnings() -> Generator[None]:
-    """Keep the decoder's warnings of damage, which it writes to the process's standard error, from
-    the terminal."""
+    """Keep the decoder's warnings from the terminal. It writes them to the process's standard
+    error."""
     sys.stderr.flush()
     kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -1,8 +1,8 @@
-"""Disturbances of what the camera sees: markers lost, exchanged or mimicked, smoke, blood on the
-lens, a camera moved.
+"""What the camera sees when markers are lost, exchanged or mimicked, in smoke, with blood on its
+lens, or moved.
 
-In pictures they are drawn; from a camera that delivers points, a marker that would be hidden is
-lost. What is seen is decided by the moment of the exposure.
+In pictures such things are drawn. A camera that tells points loses the markers that would be
+hidden. What is seen is decided by the moment of the exposure.
 """
 
 from collections.abc import Callable
@@ -11,11 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from rcmservo.interfaces import Floats, Frame
-from rcmservo.sim.cameras import PictureCamera, PointCamera
+from rcmservo.sim.cameras import PictureCamera, SimulatedCamera
 from rcmservo.sim.disturb.schedule import Event, Schedule
-from rcmservo.sim.disturb.veils import Smoke, Stain, Veil
-from rcmservo.sim.optics import Optics
-from rcmservo.sim.renderer import Colour, Light, Look
+from rcmservo.sim.disturb.smoke_and_blood import Smoke, Stain, Veil
+from rcmservo.sim.rendering import Between, Colour, Light, Look
 
 MOVES = "bump", "roll", "relocate"
 
@@ -26,6 +25,7 @@ DROP = 1.6, 45.0
 """A drop of blood on a marker is so many times as large, and by so many px larger."""
 
 BROKEN = np.array([[np.nan, np.inf], [-np.inf, np.nan]])
+"""Points (2, 2) px of a tracker that is broken."""
 
 
 class View:
@@ -34,7 +34,7 @@ class View:
 
     def __init__(
         self,
-        camera: PictureCamera | PointCamera,
+        camera: SimulatedCamera,
         look: Look,
         schedule: Schedule,
         moved: Callable[[Event], None],
@@ -47,7 +47,7 @@ class View:
         self._frame: Frame | None = None
 
     def latest(self) -> Frame | None:
-        time = self.camera.timing.newest(self.camera.world.now())[1]
+        time = self.camera.timing.newest(self.camera.arm.time)[1]
         for event in self.schedule.begun(time, *MOVES):
             if event not in self._done:
                 self._done.add(event)
@@ -66,7 +66,7 @@ class View:
     # ------------------------------------------------------------ pictures
 
     def _worn(self, time: int) -> Look:
-        """How the markers look: gone if lost or hidden, each like the other if swapped."""
+        """How the markers look: none where lost or hidden, each like the other where swapped."""
         radii, colours = list(self.look.marker_radii), list(self.look.marker_colours)
         if any(self.schedule.acting(time, "swap")):
             radii.reverse()
@@ -76,9 +76,9 @@ class View:
                 radii[i] = 0.0
         return replace(self.look, marker_radii=tuple(radii), marker_colours=tuple(colours))
 
-    def _between(self, time: int) -> Callable[[Light], None] | None:
+    def _between(self, time: int) -> Between | None:
         """What stands between the scene and the sensor."""
-        layers: list[Callable[[Light], None]] = []
+        layers: list[Between] = []
         for event in self.schedule.acting(time, "false_marker"):
             i = int(event.number("marker")) - 1
             u, v = self._seen(time)[i] + self._offset(event, time, i)
@@ -111,26 +111,21 @@ class View:
     # ------------------------------------------------------------ where things are
 
     @property
-    def _optics(self) -> Optics:
-        return (
-            self.camera.renderer.optics
-            if isinstance(self.camera, PictureCamera)
-            else self.camera.optics
-        )
-
-    @property
     def _size(self) -> tuple[int, int]:
-        return self._optics.width, self._optics.height
+        return self.camera.optics.width, self.camera.optics.height
 
     def _markers(self, time: int) -> Floats:
-        return self.camera.body.points(self.camera.world.joints_at(time))[:2]
+        """p₁ and p₂ (2, 3) mm at a moment (ns)."""
+        return self.camera.points_at(time)[:2]
 
     def _seen(self, time: int) -> Floats:
         """Where the markers truly are in the picture, (2, 2) px."""
-        return self._optics.project(self._markers(time))
+        return self.camera.optics.project(self._markers(time))
 
     def _radius(self, time: int, i: int) -> float:
-        return self._optics.silhouette_radius(self._markers(time)[i], self.look.marker_radii[i])
+        return self.camera.optics.silhouette_radius(
+            self._markers(time)[i], self.look.marker_radii[i]
+        )
 
     def _veil(self, event: Event, time: int) -> Veil:
         if event not in self._veils:
@@ -144,8 +139,10 @@ class View:
         return self._veils[event]
 
     def _offset(self, event: Event, time: int, i: int) -> Floats:
-        """How far from the true marker i its likeness appears, (2,) px: within the picture, if that
-        can be."""
+        """How far from the true marker i the false one appears, (2,) px.
+
+        It appears within the picture if that can be.
+        """
         if event not in self._offsets:
             margin = MARGIN + self._radius(time, i)
             ways = event.random.uniform(0.0, 2.0 * np.pi, 16)
@@ -162,18 +159,17 @@ def _which(event: Event) -> list[int]:
     return [0, 1] if marker == 0 else [marker - 1]
 
 
-def _laid(veil: Veil, time: float) -> Callable[[Light], None]:
+def _laid(veil: Veil, time: float) -> Between:
     return lambda light: veil.paint(light, time)
 
 
-def _ball(u: float, v: float, radius: float, colour: Colour) -> Callable[[Light], None]:
-    """Paints a ball lit from before it: brighter in the middle, its edge a pixel wide."""
+def _ball(u: float, v: float, radius: float, colour: Colour) -> Between:
+    """Paints a ball that is lit from the camera: brighter in the middle, its edge a pixel wide."""
 
     def paint(light: Light) -> None:
         height, width = light.shape[:2]
-        distance = np.hypot(
-            np.arange(float(width))[None, :] - u, np.arange(float(height))[:, None] - v
-        )
+        columns, rows = np.arange(float(width)), np.arange(float(height))[:, None]
+        distance = np.hypot(columns - u, rows - v)
         cover = np.clip(radius + 0.5 - distance, 0.0, 1.0)[..., None]
         facing = np.sqrt(np.clip(1.0 - (distance / radius) ** 2, 0.0, 1.0))[..., None]
         light += (cover * ((0.35 + 0.65 * facing) * np.array(colour) - light)).astype(np.float32)
