@@ -15,7 +15,7 @@ import pytest
 
 import rcmservo as rs
 from rcmservo.app.cli import main
-from rcmservo.figures.overlay import Video
+from rcmservo.figures.video import Video
 from rcmservo.record import reader
 
 KEYS = {
@@ -97,7 +97,7 @@ def test_the_metrics_follow_from_the_record(finished: tuple[int, Path]) -> None:
 
 
 def record_name() -> str:
-    from rcmservo.app.simulated_run.simulate import RECORD
+    from rcmservo.record.reader import RECORD
 
     return RECORD
 
@@ -235,7 +235,6 @@ def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
         (["--disturb", "markerloss:at=3"], "did you mean marker_loss?"),
         (["--disturb", "stuck:at=-1"], "stuck: at must be a time in s"),
         (["--resumes", "-1"], "--resumes must be"),
-        (["--live", "--frames"], "--frames must be left out with --live"),
         (
             ["--target", "a.json", "--save-target", "b.json"],
             "--save-target must be left out with --target: no target",

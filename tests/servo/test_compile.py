@@ -11,7 +11,8 @@ import pytest
 CORE = (
     "method.kinematics method.tool method.projection method.features method.imaged_rcm "
     "method.estimators.flow method.estimators.broyden method.estimators.projection "
-    "method.controller method.exploration guard.gate guard.faults"
+    "method.controller method.exploration guard.gate guard.faults guard.plausible guard.watch "
+    "servo.core"
 )
 
 

@@ -23,9 +23,9 @@ from conftest import (
     observation,
     without,
 )
-from rcmservo.guard.faults import Thresholds
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.states import GOOD_TO_RECOVER, GOOD_TO_SERVO, HOLD_TIME, Cause, Phase, Request
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Dropped, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
@@ -33,6 +33,7 @@ from rcmservo.loop.teach import NotShown, teach
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.kinematics import JointLimits, PitchYawRcm
 from rcmservo.servo.servo import Servo
+from rcmservo.servo.state import Estimate
 from rcmservo.sim import RigSettings, Timing
 from rcmservo.tracking import PointMarkers
 
@@ -98,13 +99,13 @@ def test_repeated_frames_teach_nothing(estimator, tool, controller):
         if before is not None and seen.frame == before.frame:
             repeats += 1
             assert (
-                state.memory is before.memory
+                state.learnt.memory is before.learnt.memory
                 and state.J_hat is before.J_hat
-                and state.lines is before.lines
+                and state.learnt.lines is before.learnt.lines
             )
         elif before is not None:
-            learns = state.rcm_condition <= lab.servo().imaged_rcm.max_condition
-            assert (frozen(state.memory) != frozen(before.memory)) == learns
+            learns = state.learnt.estimate.rcm_condition <= lab.servo().imaged_rcm.max_condition
+            assert (frozen(state.learnt.memory) != frozen(before.learnt.memory)) == learns
         before = state
     assert 50 <= repeats <= 70
 
@@ -402,9 +403,12 @@ def test_a_camera_that_sends_nothing_more_stops_the_tool():
 def test_when_the_imaged_rcm_is_lost_the_tool_does_not_go_on_with_the_last_error():
     lab = laboratory()
     servo = lab.servo()
-    forgetful = servoing(lab, servo).but(line_count=0)
+    state = servoing(lab, servo)
+    learnt = replace(state.learnt, estimate=Estimate(state.learnt.estimate.rows.copy()))
+    learnt.estimate.rows["line_count"] = 0
+    forgetful = state.but(learnt=learnt)
     *_, (_, state) = lab.run(servo, 0.04, forgetful)
-    assert state.rcm_condition > servo.imaged_rcm.max_condition
+    assert state.learnt.estimate.rcm_condition > servo.imaged_rcm.max_condition
     assert (state.phase, state.cause) == (Phase.HOLD, Cause.RCM_UNKNOWN)
     assert not state.v.any()
 

@@ -105,35 +105,6 @@ def _unit(value: float | None, unit: str, digits: int) -> str:
     return "–" if value is None else f"{value:.{digits}f} {unit}"
 
 
-def show_live(console: Console, metrics: dict[str, Any]) -> None:
-    table = Table(title="settled" if metrics["settled"] else "not settled", show_header=False)
-    if metrics["cause"]:
-        table.add_row("cause", metrics["cause"])
-    table.add_row("settle time", _unit(metrics.get("settle_time_s"), "s", 2))
-    table.add_row(
-        "pose error ‖p₂ − p_d‖ (simulation's truth)", _unit(metrics["pose_error_mm"], "mm", 3)
-    )
-    loop = metrics.get("loop")
-    if loop:
-        late, latency = loop["lateness_ms"], loop["latency_ms"]
-        table.add_row(
-            "loop",
-            f"{_unit(loop['rate_hz'], 'Hz', 3)}, {loop['missed']} of {loop['ticks']} ticks missed",
-        )
-        spread = ", ".join(
-            f"{name} {_unit(late[name], 'ms', 2)}" for name in ("median", "p99", "max")
-        )
-        table.add_row("lateness of ticks", f"{spread}; {loop['collections']} garbage collections")
-        spread = ", ".join(f"{name} {_unit(latency[name], 'ms', 1)}" for name in ("median", "p99"))
-        table.add_row("latency, exposure to command", spread)
-        for sentence in loop["refused"]:
-            table.add_row("refused", sentence)
-    if metrics.get("not_recorded"):
-        table.add_row("not recorded", metrics["not_recorded"])
-    table.add_row("files", str(metrics["folder"]))
-    console.print(table)
-
-
 def show_claims(console: Console, rows: list[dict[str, Any]], every: bool) -> None:
     """Every claim of one experiment, or how many of each experiment hold."""
     verdicts = ("holds", "holds with a remark", "does not hold")

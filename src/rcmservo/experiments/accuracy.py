@@ -86,19 +86,15 @@ class RandomFit(Estimator):
         if row < len(kept):
             kept[row] = np.concatenate([sample.p1, sample.points.ravel()])
         count = min(memory.seen + 1, len(kept))
-        A, b = normal_equations(kept, count, sample.o_c, False, tool.kind, tool.value)
+        A, b = normal_equations(kept, count, sample.o_c, False, tool.shaft)
         a_next = decay(A, b, a, np.diag(np.sqrt(GAMMA_0)), self.estimator_time)
-        return Drawn(
-            kept, memory.seen + 1, keep_in_front(a, a_next, kept, count, tool.kind, tool.value)
-        )
+        return Drawn(kept, memory.seen + 1, keep_in_front(a, a_next, kept, count, tool.shaft))
 
     def jacobian(self, memory: Drawn, tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(
-            memory.a_hat, sample.p1, sample.points, sample.o_c, tool.kind, tool.value
-        )
+        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.shaft)
 
     def predict(self, memory: Drawn, tool: Tool, p1: Floats) -> Floats:
-        return predict(memory.a_hat, p1, tool.kind, tool.value)
+        return predict(memory.a_hat, p1, tool.shaft)
 
 
 ESTIMATORS: Mapping[str, Estimator] = {
@@ -248,10 +244,11 @@ def stream(rig: Rig, settings: Settings, kind: str) -> Stream:
     last = -1
     for tick in run(plant, servo, target, duration):
         state = tick.state
-        if state.exposure == last:
+        exposure = state.learnt.estimate.exposure
+        if exposure == last:
             continue
-        dt = (state.exposure - last) * 1e-9 if last >= 0 else 0.0
-        last = state.exposure
+        dt = (exposure - last) * 1e-9 if last >= 0 else 0.0
+        last = exposure
         samples.append(Sample(state.p1, tick.seen.points, state.o_c, dt))
         J = rig.truth.jacobian(rig.truth.joints_at(last), state.o_c)
         phase = servo_phase(tick) if kind == "servo" else int(tick.time > settings.learning * 1e9)

@@ -108,7 +108,7 @@ def one_scene(
     q, tool = rig.scene.start, rig.settings.tool
     p1 = rig.body.points(q)[0]
     rows = observed(a, p1, settings, noise, np.random.default_rng(seed))
-    A, b = normal_equations(rows, len(rows), np.zeros(2), False, tool.kind, tool.value)
+    A, b = normal_equations(rows, len(rows), np.zeros(2), False, tool.shaft)
     roots = {
         "printed": np.diag(np.sqrt(GAMMA_0)),
         "fast": np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon),
@@ -117,7 +117,7 @@ def one_scene(
 
     def judged(root: Floats, t: float) -> list[float]:
         a_hat = decay(A, b, np.zeros(len(b)), root, t)
-        return leads(feature_jacobian(a_hat, p1, m, tool.kind, tool.value), J)
+        return leads(feature_jacobian(a_hat, p1, m, tool.shaft), J)
 
     return {name: [judged(root, t) for t in settings.all_times] for name, root in roots.items()}
 

@@ -63,7 +63,7 @@ class Way:
 
 def loop_way(rig: Rig, radius: float, step: float) -> Way:
     """A closed curve in all three directions about the scene's start, through the true camera."""
-    p0, n = rig.body.points(rig.scene.start)[0], axis(rig.settings.mechanism.kind, rig.scene.start)
+    p0, n = rig.body.points(rig.scene.start)[0], axis(rig.settings.mechanism.rcm(), rig.scene.start)
     t1 = np.linalg.svd(n[None])[2][1]
     t2 = np.cross(n, t1)
     turn = np.linspace(0.0, 2.0 * np.pi, round(11.0 * radius / step) + 1)

@@ -83,7 +83,7 @@ def scene(seed: int) -> dict[str, dict[str, float]]:
     n = p1 / np.linalg.norm(p1)
     row = {"true": {"along": float(J[2] @ n)}}
     for name, tool in tools(p1).items():
-        J_hat = feature_jacobian(a, p1, m, tool.kind, tool.value)
+        J_hat = feature_jacobian(a, p1, m, tool.shaft)
         row[name] = {
             "along": float(J_hat[2] @ n),
             "whole": rig.truth.jacobian_error(J_hat, q, o_c),

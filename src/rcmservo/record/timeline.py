@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rcmservo.config.servo_json import rebuild_box
 from rcmservo.errors import BadInput
-from rcmservo.guard.faults import LATE_SHARE
 from rcmservo.guard.states import Action, Cause, Mode, Phase, Request
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Dropped, Floats
 from rcmservo.method.kinematics import position
 from rcmservo.record.reader import Record
@@ -126,7 +126,7 @@ def summary(record: Record) -> Summary:
         latency=np.array([*np.percentile(latency, [50.0, 99.0]), latency.max()])
         if len(new)
         else np.full(3, np.nan),
-        late=int((gaps > (1.0 + LATE_SHARE) / rate(record)).sum()),
+        late=int((gaps > (1.0 + Thresholds.late_share) / rate(record)).sum()),
         longest=float(gaps.max(initial=0.0)),
         seen=len(new),
         skipped=int((steps[steps > 0] - 1).sum()),
@@ -136,9 +136,9 @@ def summary(record: Record) -> Summary:
 
 
 def outcome(record: Record) -> Outcome:
-    """The verdict on the record's last stage, judged as a run is while it happens, if the record
+    """The verdict on the record's last run, judged as a run is while it happens, if the record
     goes to its end."""
-    first = record.stages[-1].first if record.stages else 0
+    first = max((stage.first for stage in record.stages if not stage.mid_run), default=0)
     time = record.time[first:]
     if not len(time):
         return _unless_short(record, judged(time, np.empty((0, 3)), None, Mode(), 0.0), Mode())
@@ -172,8 +172,6 @@ def _away(record: Record) -> float:
         mechanism, tool = rebuild_box(stage.servo, "mechanism"), rebuild_box(stage.servo, "tool")
     except BadInput:
         return 0.0
-    zero = mechanism.insertion_zero + tool.offset
-    now, shown = (
-        position(mechanism.kind, zero, q) for q in (record.ticks["q"][-1], stage.target.q)
-    )
+    rcm = mechanism.rcm(tool.offset)
+    now, shown = (position(rcm, q) for q in (record.ticks["q"][-1], stage.target.q))
     return float(np.linalg.norm(now - shown))

@@ -52,7 +52,7 @@ def feature_jacobian(body: Body, optics: Optics, q: Floats, o_c: Floats) -> Floa
     """J (3, 3) of eq. (15) through the true camera, its distortion included, at the joints q
     (3,)."""
     p1, p2 = body.points(q)[:2]
-    second = second_marker_jacobian(body.tool.kind, body.tool.value, p1)
+    second = second_marker_jacobian(body.tool.shaft, p1)
     markers = np.empty((4, 3))
     markers[:2] = optics.project_jacobian(p1)
     markers[2:] = optics.project_jacobian(p2) @ second

@@ -54,10 +54,10 @@ class Calibration:
         m = about(points, self.o_c)
 
         def left(p1: Floats) -> Floats:
-            return predict(self.a, p1, tool.kind, tool.value) - m
+            return predict(self.a, p1, tool.shaft) - m
 
         def jacobian(p1: Floats) -> Floats:
-            return markers_jacobian(self.a, p1, tool.kind, tool.value)
+            return markers_jacobian(self.a, p1, tool.shaft)
 
         return SCIPY.least_squares(left, guess, jac=jacobian, method="lm").x
 
@@ -108,9 +108,7 @@ class Calibrated(Estimator):
         return None
 
     def jacobian(self, memory: None, tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(
-            self.calibration.a, sample.p1, sample.points, sample.o_c, tool.kind, tool.value
-        )
+        return jacobian_at(self.calibration.a, sample.p1, sample.points, sample.o_c, tool.shaft)
 
 
 @dataclass(frozen=True)
@@ -150,7 +148,7 @@ def pose_based(
                 if p1_d is None:
                     p1_d = calibration.locate(target.points, guess, robot.tool)
                 v = law.velocity(calibration.locate(seen.points, guess, robot.tool) - p1_d)
-        rates = joint_rates(robot.mechanism.kind, robot.zero, seen.q, v)
-        command = robot.gate.admit(rates, command, seen.q, robot.mechanism.limits, seen.now).command
+        rates = joint_rates(robot.rcm, seen.q, v)
+        command = robot.gate.admit(rates, command, seen.q, robot.rcm, seen.now).command
         plant.send(command)
         yield time / 1e9

@@ -12,14 +12,16 @@ from rcmservo.interfaces import Frame
 from rcmservo.live.frame_ring import FrameRing
 from rcmservo.loop.clock import sleep_until
 from rcmservo.sim.cameras import BLUR, PictureCamera, moments
-from rcmservo.sim.processes.log import Log
+from rcmservo.sim.processes.motion_log import MotionLog
 from rcmservo.sim.rig import Rig, RigSettings
 
 BEHIND = 2_000_000
 """ns after the end of an exposure at which the arm's log is sure to hold it."""
 
 
-def film(seed: int, settings: RigSettings, log: Log, ring: FrameRing, control: Connection) -> None:
+def film(
+    seed: int, settings: RigSettings, log: MotionLog, ring: FrameRing, control: Connection
+) -> None:
     """Publish frame after frame at the camera's pace until the other end of `control` speaks or is
     gone.
 

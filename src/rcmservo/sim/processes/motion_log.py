@@ -37,7 +37,7 @@ def stopped(rows: Rows) -> tuple[int, int] | None:
     return (taken, taken + int(off[0])) if len(off) else None
 
 
-class Log:
+class MotionLog:
     """The last rows of one arm, one per step of its physics. One writer; handed to a process when
     that is started."""
 

@@ -30,9 +30,10 @@ from rcmservo.live.arm_link import (
     packed,
     received,
 )
+from rcmservo.live.child import heard
 from rcmservo.live.realtime import realtime
 from rcmservo.sim.arm import STEP
-from rcmservo.sim.processes.log import Log
+from rcmservo.sim.processes.motion_log import MotionLog
 from rcmservo.sim.rig import SETTLE, Rig, RigSettings
 
 PACE = 2_000_000
@@ -45,10 +46,10 @@ FRESH = 1_000_000_000
 """ns after which nobody still wants what was asked."""
 
 
-class Device:
+class ArmDevice:
     """A simulated arm behind a wire; `turn` does all that is due at `now` ns of the wall clock."""
 
-    def __init__(self, rig: Rig, wire: socket.socket, log: Log, now: int) -> None:
+    def __init__(self, rig: Rig, wire: socket.socket, log: MotionLog, now: int) -> None:
         self.rig, self.wire, self.log = rig, wire, log
         self.arm = rig.truth.arm
         self.session = 0
@@ -135,7 +136,9 @@ class Device:
             self.wire.sendto(packed(message), host)
 
 
-def emulate(folder: Path, seed: int, settings: RigSettings, log: Log, control: Connection) -> None:
+def emulate(
+    folder: Path, seed: int, settings: RigSettings, log: MotionLog, control: Connection
+) -> None:
     """Be the arm until the other end of `control` says "end" or is gone; "off" is answered once the
     drive is off.
 
@@ -148,7 +151,7 @@ def emulate(folder: Path, seed: int, settings: RigSettings, log: Log, control: C
         control.send(RcmServoError(str(error)))
         return
     with contextlib.closing(wire), realtime():
-        device = Device(rig, wire, log, time.monotonic_ns())
+        device = ArmDevice(rig, wire, log, time.monotonic_ns())
         control.send(rig.scene.target)
         said: Any = ""
         while said != "end":
@@ -161,11 +164,3 @@ def emulate(folder: Path, seed: int, settings: RigSettings, log: Log, control: C
                 control.send("off")
         device.off()
     shutil.rmtree(folder, ignore_errors=True)
-
-
-def heard(control: Connection) -> Any:
-    """What the other end says; "end" where it is gone."""
-    try:
-        return control.recv()
-    except (EOFError, OSError):
-        return "end"
