@@ -56,7 +56,7 @@ class ServoOptions:
         right = f"one of {', '.join(NAMES)}, or module:class such as mylab.rls:RLS{hint}"
         raise BadInput("--estimator", name, right)
 
-    def servo(self, lab: Lab, name: str) -> Servo:
+    def servo(self, name: str, lab: Lab) -> Servo:
         """A servo for a laboratory, with the estimator of this name, which is tried if it is a
         user's own."""
         estimator = self.estimator(name)

@@ -86,7 +86,7 @@ def recompute(
     kept: dict[int, Floats] = {}
     servos = [servo_of(then, stage, own) if servo is None else servo for stage in then.stages]
     for tick in _ticks(then, servos):
-        rows.append(layout.tick(tick, tick.servo))
+        rows.append(layout.tick(tick))
         decided.append(layout.words_of(rows[-1], TICK.itemsize, len(WORDS)))
         numbers = memory.numbers_of(tick)
         if numbers is not None:

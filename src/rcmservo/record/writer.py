@@ -160,12 +160,12 @@ class Recorder:
         self._time, self._now, self._last = tick.time + self._shift, seen.now, tick
         if before is not None and target is not None and _changed(before, tick):
             self._change(before, target, tick)
-        if before is None or before.state.words != state.words:
+        if before is None or before.state.mode.words != state.mode.words:
             self._send("operating_state", layout.operating_state(seen.now, state.mode))
         kept = memory.numbers_of(tick)
         if kept is not None:
             self._send(memory.TOPIC, memory.encoded(seen.now, kept))
-        self._send("rcmservo/tick", layout.tick(tick, tick.servo))
+        self._send("rcmservo/tick", layout.tick(tick))
         self._send("measured_js", self._joints.positions(seen.q_time, seen.q))
         self._send("servo_jv", self._joints.rates(state.command.time, state.command.rates))
 
