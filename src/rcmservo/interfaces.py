@@ -219,10 +219,11 @@ class Tracker(Protocol):
 
 @runtime_checkable
 class Explains(Protocol):
-    """What a tracker may do beside: say in words why it does not find the markers in a frame.
+    """What a tracker may do beside."""
 
-    `why` is empty where they are found. It changes nothing, may be slow, and is asked only after
-    a failure.
-    """
+    def why(self, frame: Frame) -> str:
+        """Say in words why the markers are not found in a frame; empty where they are.
 
-    def why(self, frame: Frame) -> str: ...
+        It is asked only after a failure, may be slow, and changes nothing.
+        """
+        ...
