@@ -1,30 +1,31 @@
 """`rcmservo live`: what its table and its JSON tell."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from rcmservo.app.cli import main
-from rcmservo.app.live import LiveOptions, LiveRun, show_live, told
+from rcmservo.app.live import LiveMetrics, LiveOptions, metrics_of, show_live
+from rcmservo.app.terminal import console
 from rcmservo.live.reports import LiveResult, LoopTiming, Spread
 from rcmservo.record.verdict import Outcome
 
 CAUSE = "the servo process was killed (SIGKILL)"
 
 
-def fallen(**more: Any) -> LiveRun:
+def fallen(**more: Any) -> LiveMetrics:
     outcome = Outcome(False, CAUSE, None, np.full(3, np.nan), None)
-    return LiveRun(LiveOptions(), Path("runs/[a]"), LiveResult(outcome, **more), 3.0)
+    return metrics_of(LiveOptions(), Path("runs/[a]"), LiveResult(outcome, **more), 3.0)
 
 
 def printed(**more: Any) -> str:
-    console = Console(width=200)
-    with console.capture() as got:
-        show_live(console, fallen(**more))
+    out = console()
+    with out.capture() as got:
+        show_live(out, fallen(**more))
     return got.get()
 
 
@@ -44,11 +45,11 @@ def test_a_live_run_names_its_cause_its_folder_and_how_the_loop_kept_its_time() 
 
 def test_what_is_not_known_is_none_in_json() -> None:
     plain = json.loads(
-        json.dumps(told(fallen(timing=LoopTiming(0, 0, np.nan, Spread(), Spread(), 0))))
+        json.dumps(asdict(fallen(timing=LoopTiming(0, 0, np.nan, Spread(), Spread(), 0))))
     )
     assert plain["loop"]["rate_hz"] is None and plain["loop"]["lateness_ms"]["p99"] is None
     assert plain["feature_error"] == {"s_rad": None, "r_px": None, "d_px": None}
-    assert "NaN" not in json.dumps(told(fallen()))
+    assert "NaN" not in json.dumps(asdict(fallen()))
 
 
 @pytest.mark.parametrize(

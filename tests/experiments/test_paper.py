@@ -35,9 +35,9 @@ KEYS = {
 }
 HEEDING_CTRL_C = """
 import signal, sys
-from rcmservo.cli import main
+from rcmservo.__main__ import main
 signal.signal(signal.SIGINT, signal.default_int_handler)
-sys.exit(main(sys.argv[1:]))
+sys.exit(main())
 """
 """The command, also where a script runs the tests in the background, deaf to Ctrl-C."""
 

@@ -12,11 +12,12 @@ from rcmservo.app.parse import parse
 from rcmservo.app.replay import ReplayOptions, recompute_run, recorded, replay
 from rcmservo.app.run import RunOptions, run
 from rcmservo.app.show import ShowOptions, show
+from rcmservo.app.terminal import print_plainly
 from rcmservo.errors import RcmServoError
 from rcmservo.record import reader
 
-BAD_INPUT, INTERRUPTED = 2, 130
-"""Exit codes beside 0, and 1 where a run did not settle."""
+BAD_INPUT = 2
+"""Exit code; others are 0, and 1 where a run did not settle."""
 
 COMMANDS: dict[str, tuple[type[Any], Callable[[Any], int]]] = {
     "run": (RunOptions, run),
@@ -31,15 +32,13 @@ COMMANDS: dict[str, tuple[type[Any], Callable[[Any], int]]] = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Do what the arguments ask for, and return the exit code."""
+    print_plainly()
     try:
         return _do(sys.argv[1:] if arguments is None else arguments)
     except RcmServoError as error:
         return _fail(str(error))
     except OSError as error:
         return _fail(f"{error.filename or 'output'}: cannot be used: {error.strerror}")
-    except KeyboardInterrupt:
-        print("rcmservo: stopped by Ctrl-C", file=sys.stderr)
-        return INTERRUPTED
 
 
 def _do(arguments: list[str]) -> int:

@@ -15,10 +15,11 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 import tyro
-from rich.console import Console
 
 from rcmservo.app.folders import new_folder
 from rcmservo.app.parse import OptionalPath
+from rcmservo.app.terminal import console
+from rcmservo.config.files import whole
 from rcmservo.config.servo_json import rebuild_box
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.interfaces import Floats
@@ -45,16 +46,16 @@ class ExportOptions:
     """Folder to write to, new or empty; by default a new one under runs/."""
 
 
-def export(command: ExportOptions) -> int:
-    console = Console()
-    with new_folder(command.out, "export") as folder:
-        written = write(command.record, folder)
+def export(options: ExportOptions) -> int:
+    out = console()
+    with new_folder(options.out, "export") as folder:
+        written = write(options.record, folder)
     what = f"{written.ticks} ticks" + (f" and {written.frames} frames" if written.frames else "")
     left = (
         f"; left out, as no tick tells their joints: {written.left_out}" if written.left_out else ""
     )
     missing = f"; {written.missing}" if written.missing else ""
-    console.print(f"{what} written to {folder}{left}{missing}", soft_wrap=True)
+    out.print(f"{what} written to {folder}{left}{missing}", soft_wrap=True)
     return 0
 
 
@@ -76,7 +77,7 @@ def write(path: Path, folder: Path) -> Exported:
     """Write the record of a run into an empty folder."""
     rows = reader.read(path)
     _write_csv(rows, folder / "ticks.csv")
-    with (folder / "record.npz").open("wb") as file:
+    with whole(folder / "record.npz") as part, part.open("wb") as file:
         np.savez_compressed(file, **arrays(rows))
     frames, left_out = _write_frames(rows, folder / "recording")
     return Exported(len(rows.time), frames, left_out, rows.missing)
@@ -108,16 +109,12 @@ def arrays(rows: Record) -> dict[str, Any]:
 
 def _write_csv(rows: Record, path: Path) -> None:
     titles, columns = _columns(rows)
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(titles)
-            for i in range(0, len(rows.time), BLOCK):
-                writer.writerows(
-                    zip(*(_texts(column[i : i + BLOCK]) for column in columns), strict=True)
-                )
-    except OSError as error:
-        raise UnusableFile(path, f"cannot be written: {error.strerror}") from error
+    with whole(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(titles)
+        for i in range(0, len(rows.time), BLOCK):
+            block = (_texts(column[i : i + BLOCK]) for column in columns)
+            writer.writerows(zip(*block, strict=True))
 
 
 def _columns(rows: Record) -> tuple[list[str], list[Any]]:

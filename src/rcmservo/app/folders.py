@@ -18,13 +18,16 @@ def dated(name: str) -> Path:
 def new_folder(out: Path | None, name: str) -> Generator[Path]:
     """The folder to write to: the user's, which must be new or empty, or a fresh one under runs/.
 
-    Where nothing came to be written, all folders that were made for it go again.
+    Where nothing came to be written, all folders that were made for it go again. Ctrl-C is passed
+    on with the folder in which something is.
     """
     folder = out or dated(name)
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         _make_empty(folder)
         yield folder
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(*([folder] if any(folder.iterdir()) else [])) from None
     finally:
         for path in made:
             if path.is_dir() and not any(path.iterdir()):

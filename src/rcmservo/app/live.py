@@ -2,12 +2,10 @@
 own."""
 
 import json
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
@@ -15,15 +13,17 @@ from rich.text import Text
 
 from rcmservo.app.folders import new_folder
 from rcmservo.app.parse import OptionalPath
+from rcmservo.app.preparing import simulator
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
-from rcmservo.app.simulator import simulator
+from rcmservo.app.simulated_run.metrics import METRICS, FeatureError, number
+from rcmservo.app.terminal import console, result_table, unit
 from rcmservo.config.files import write_whole
 from rcmservo.config.rig_file import Lab, load_lab, told_with
-from rcmservo.errors import require
+from rcmservo.errors import UnusableFile, require
 from rcmservo.live.reports import LiveResult, LoopTiming, Report, Spread
 from rcmservo.live.supervisor import run_live
+from rcmservo.record import reader
 from rcmservo.record.reader import RECORD
-from rcmservo.servo.servo import Servo
 
 UNSETTLED = 1
 """Exit code of a run that did not settle."""
@@ -49,18 +49,58 @@ class LiveOptions:
     boxes: Boxes = field(default_factory=ServoOptions)
 
 
-@dataclass(frozen=True, eq=False)
-class LiveRun:
-    """A run that was made, and all that is told of it."""
+@dataclass(frozen=True)
+class SpreadMetrics:
+    """How a time was spread over a run, ms; None where it never came up."""
 
-    options: LiveOptions
-    """What was asked for."""
-    folder: Path
-    """Where it is recorded."""
-    result: LiveResult
-    """What the supervisor says."""
-    pose_error: float
-    """‖p₂ − p_d‖ mm at the end, by the simulation's truth."""
+    median: float | None
+    p99: float | None
+    """The 99th percentile."""
+    max: float | None
+
+
+@dataclass(frozen=True)
+class LoopMetrics:
+    """How the loop kept its time."""
+
+    ticks: int
+    missed: int
+    """Ticks that the loop was not there to begin."""
+    rate_hz: float | None
+    lateness_ms: SpreadMetrics
+    """From when a tick was due until it began."""
+    latency_ms: SpreadMetrics
+    """From a frame's exposure to the command that it led to."""
+    collections: int
+    """How often the collection of garbage stopped the process."""
+    refused: list[str]
+    """What the operating system would not do, in sentences."""
+
+
+@dataclass(frozen=True)
+class LiveMetrics:
+    """A live run in numbers: what metrics.json holds, by the same names."""
+
+    seed: int
+    estimator: str
+    """The estimator's name on the command line."""
+    folder: str
+    """Where record, figures and these metrics are."""
+    settled: bool
+    cause: str
+    """Why it did not settle; empty where it did."""
+    settle_time_s: float | None
+    feature_error: FeatureError
+    explored_s: float | None
+    """When exploration ended; None where it did not."""
+    pose_error_mm: float | None
+    """‖p₂ − p_d‖ at the end, by the simulation's truth."""
+    not_recorded: str
+    """Why the record ends early; empty where it does not."""
+    target_q: list[float] | None
+    """The joints at which the target was shown."""
+    loop: LoopMetrics | None
+    """None where the servo's process came to no end."""
 
 
 def live(options: LiveOptions) -> int:
@@ -69,55 +109,47 @@ def live(options: LiveOptions) -> int:
     good = 1.0 < options.duration <= 3600.0
     require(good, "--duration", options.duration, "more than 1 and at most 3600 s")
     lab = load_lab(options.rig) if options.rig else Lab()
-    console = Console(stderr=options.json)
+    out = console(stderr=options.json)
     with simulator("live"), new_folder(options.out, f"live-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
-        console.print(f"[dim]{words}[/dim]")
-        run = _run(options, lab, folder, console)
+        out.print(words, style="dim", soft_wrap=True)
+        metrics = _run(options, lab, folder, out)
     if options.json:
-        print(json.dumps(told(run)))
+        print(json.dumps(asdict(metrics)))
     else:
-        show_live(console, run)
-    return 0 if run.result.outcome.settled else UNSETTLED
+        show_live(out, metrics)
+    return 0 if metrics.settled else UNSETTLED
 
 
-def _run(options: LiveOptions, lab: Lab, folder: Path, console: Console) -> LiveRun:
+def _run(options: LiveOptions, lab: Lab, folder: Path, out: Console) -> LiveMetrics:
     """Run on the simulated bench, and keep what came of it."""
     from rcmservo.app.simulated_run.job import Job, about
-    from rcmservo.app.simulated_run.metrics import METRICS
-    from rcmservo.app.simulated_run.pictures import draw_figures
     from rcmservo.sim.processes.bench import Bench
     from rcmservo.sim.rig_file import rig_settings
 
     with told_with(options.rig) if options.rig else nullcontext():
         settings = rig_settings(lab)
-    servo, seconds = _servo(options, lab), options.duration
+    servo, seconds = options.boxes.servo(options.estimator, lab), options.duration
     job = Job(options.seed, seconds, options.estimator, servo, lab, folder)
     with (
         Bench(options.seed, settings) as bench,
-        Live(Text(""), console=console, refresh_per_second=8, transient=True) as line,
+        Live(Text(""), console=out, refresh_per_second=8, transient=True) as line,
     ):
         record, words = folder / RECORD, about(job, settings)
         session = bench.session(servo, lab.markers, seconds, record, words)
         result = run_live(session, bench.off, _Progress(line, seconds))
-        run = LiveRun(options, folder, result, bench.error())
-    write_whole(folder / METRICS, json.dumps(told(run), indent=2) + "\n")
-    draw_figures(folder)
-    return run
+        metrics = metrics_of(options, folder, result, bench.error())
+    return _kept(folder, metrics)
 
 
-def _servo(options: LiveOptions, lab: Lab) -> Servo:
-    boxes = options.boxes
-    return Servo(
-        mechanism=lab.mechanism,
-        tool=lab.tool,
-        estimator=boxes.estimators[options.estimator],
-        controller=boxes.controller,
-        exploration=boxes.exploration,
-        imaged_rcm=boxes.imaged_rcm,
-        gate=lab.gate,
-        thresholds=lab.thresholds,
-    )
+def _kept(folder: Path, metrics: LiveMetrics) -> LiveMetrics:
+    """The metrics, written with the figures; of a record that holds nothing there are none."""
+    from rcmservo.app.simulated_run.pictures import draw_figures
+
+    write_whole(folder / METRICS, json.dumps(asdict(metrics), indent=2) + "\n")
+    with suppress(UnusableFile):
+        draw_figures(reader.read(folder), folder)
+    return metrics
 
 
 class _Progress:
@@ -137,81 +169,67 @@ class _Progress:
         )
 
 
-def told(run: LiveRun) -> dict[str, Any]:
-    """A run as plain numbers for JSON; None where there is none."""
-    outcome, target = run.result.outcome, run.result.target
-    error = dict(zip(("s_rad", "r_px", "d_px"), map(_number, outcome.error), strict=True))
-    timing = run.result.timing
-    return {
-        "seed": run.options.seed,
-        "estimator": run.options.estimator,
-        "folder": str(run.folder),
-        "settled": outcome.settled,
-        "cause": outcome.cause,
-        "settle_time_s": outcome.settle_time if outcome.settled else None,
-        "feature_error": error,
-        "explored_s": outcome.explored_at,
-        "pose_error_mm": _number(run.pose_error),
-        "not_recorded": run.result.not_recorded,
-        "target_q": None if target is None else target.q.tolist(),
-        "loop": None if timing is None else _loop(timing),
-    }
-
-
-def _loop(timing: LoopTiming) -> dict[str, Any]:
-    return {
-        "ticks": timing.ticks,
-        "missed": timing.missed,
-        "rate_hz": _number(timing.rate),
-        "lateness_ms": _spread(timing.lateness),
-        "latency_ms": _spread(timing.latency),
-        "collections": timing.collections,
-        "refused": timing.refused,
-    }
-
-
-def _spread(spread: Spread) -> dict[str, float | None]:
-    return {name: _number(value) for name, value in asdict(spread).items()}
-
-
-def _number(value: float) -> float | None:
-    """A finite number, or None: JSON has no NaN."""
-    return float(value) if np.isfinite(value) else None
-
-
-def show_live(console: Console, run: LiveRun) -> None:
-    """The result as a table."""
-    outcome = run.result.outcome
-    table = Table(title="settled" if outcome.settled else "not settled", show_header=False)
-    if outcome.cause:
-        table.add_row("cause", Text(outcome.cause))
-    settle_time = outcome.settle_time if outcome.settled else None
-    table.add_row("settle time", _unit(settle_time, "s", 2))
-    table.add_row(
-        "pose error ‖p₂ − p_d‖ (simulation's truth)", _unit(_number(run.pose_error), "mm", 3)
+def metrics_of(
+    options: LiveOptions, folder: Path, result: LiveResult, pose_error: float
+) -> LiveMetrics:
+    """What the supervisor says of a run, and its pose error by the simulation's truth."""
+    outcome, target, timing = result.outcome, result.target, result.timing
+    return LiveMetrics(
+        seed=options.seed,
+        estimator=options.estimator,
+        folder=str(folder),
+        settled=outcome.settled,
+        cause=outcome.cause,
+        settle_time_s=outcome.settle_time if outcome.settled else None,
+        feature_error=FeatureError(*map(number, outcome.error)),
+        explored_s=outcome.explored_at,
+        pose_error_mm=number(pose_error),
+        not_recorded=result.not_recorded,
+        target_q=None if target is None else target.q.tolist(),
+        loop=None if timing is None else _loop(timing),
     )
-    if run.result.timing is not None:
-        _show_timing(table, run.result.timing)
-    if run.result.not_recorded:
-        table.add_row("not recorded", Text(run.result.not_recorded, overflow="fold"))
-    table.add_row("files", Text(str(run.folder), overflow="fold"))
-    console.print(table)
 
 
-def _show_timing(table: Table, timing: LoopTiming) -> None:
-    missed = f"{timing.missed} of {timing.ticks} ticks missed"
-    table.add_row("loop", f"{_unit(_number(timing.rate), 'Hz', 3)}, {missed}")
-    late = ", ".join(
-        f"{name} {_unit(value, 'ms', 2)}" for name, value in _spread(timing.lateness).items()
+def _loop(timing: LoopTiming) -> LoopMetrics:
+    return LoopMetrics(
+        timing.ticks,
+        timing.missed,
+        number(timing.rate),
+        _spread(timing.lateness),
+        _spread(timing.latency),
+        timing.collections,
+        timing.refused,
     )
-    table.add_row("lateness of ticks", f"{late}; {timing.collections} garbage collections")
-    latency = ", ".join(
-        f"{name} {_unit(value, 'ms', 1)}" for name, value in _spread(timing.latency).items()
-    )
-    table.add_row("latency, exposure to command", latency)
-    for sentence in timing.refused:
-        table.add_row("refused", Text(sentence))
 
 
-def _unit(value: float | None, unit: str, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}f} {unit}"
+def _spread(spread: Spread) -> SpreadMetrics:
+    return SpreadMetrics(number(spread.median), number(spread.p99), number(spread.max))
+
+
+def show_live(out: Console, metrics: LiveMetrics) -> None:
+    """The result as a table, and where its files are."""
+    table = result_table(metrics.settled, metrics.cause)
+    table.add_row("settle time", unit(metrics.settle_time_s, "s", 2))
+    pose = unit(metrics.pose_error_mm, "mm", 3)
+    table.add_row("pose error ‖p₂ − p_d‖ (simulation's truth)", pose)
+    if metrics.loop is not None:
+        _add_loop(table, metrics.loop)
+    if metrics.not_recorded:
+        table.add_row("not recorded", metrics.not_recorded)
+    out.print(table)
+    out.print(f"files in {metrics.folder}", soft_wrap=True)
+
+
+def _add_loop(table: Table, loop: LoopMetrics) -> None:
+    missed = f"{loop.missed} of {loop.ticks} ticks missed"
+    table.add_row("loop", f"{unit(loop.rate_hz, 'Hz', 3)}, {missed}")
+    late = _words(loop.lateness_ms, 2)
+    table.add_row("lateness of ticks", f"{late}; {loop.collections} garbage collections")
+    table.add_row("latency, exposure to command", _words(loop.latency_ms, 1))
+    for sentence in loop.refused:
+        table.add_row("refused", sentence)
+
+
+def _words(spread: SpreadMetrics, digits: int) -> str:
+    parts = ("median", spread.median), ("p99", spread.p99), ("max", spread.max)
+    return ", ".join(f"{name} {unit(value, 'ms', digits)}" for name, value in parts)

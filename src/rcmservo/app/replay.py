@@ -1,7 +1,7 @@
 """`rcmservo replay`: score a recording, or compute the decisions of a recorded run again."""
 
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,17 +9,21 @@ import numpy as np
 import tyro
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
 
 from rcmservo.app.folders import new_folder
 from rcmservo.app.parse import OptionalPath
+from rcmservo.app.score_report import centres, report_of, show_report
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
-from rcmservo.app.tables import show_differences, show_replay
+from rcmservo.app.terminal import console
+from rcmservo.config.files import write_whole
 from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.config.servo_json import rebuild
 from rcmservo.errors import UnusableFile, require
 from rcmservo.method.estimators.projection import PRINTED
+from rcmservo.offline import score
 from rcmservo.record.reader import Record
-from rcmservo.record.recompute import recompute
+from rcmservo.record.recompute import Rerun, recompute
 from rcmservo.servo.servo import Servo
 from rcmservo.tracking import ColourMarkers
 
@@ -66,123 +70,106 @@ def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:
     return ReplayOptions(asked.path, boxes=boxes if other else replace(boxes, **estimator))
 
 
-def recompute_run(command: ReplayOptions, recorded: ReplayOptions, then: Record) -> int:
+@dataclass(frozen=True)
+class Recomputed:
+    """A recorded run that was computed again, as JSON tells it."""
+
+    same: bool
+    """Whether every tick came out the same, bit for bit."""
+    open_loop: bool
+    """Whether other settings than the recorded ones were asked for."""
+    ticks: int
+    first: int | None
+    """The first tick that came out otherwise."""
+    differs: dict[str, int]
+    """By column, how many ticks came out otherwise."""
+    missing: str
+    """What of the record could not be read."""
+
+
+def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) -> int:
     """The decisions of a recorded run once more; the exit code is 1 where they are others."""
-    require(
-        command.rig is None, "--rig", command.rig, "left out for a run: its record tells the rig"
-    )
-    require(command.out is None, "--out", command.out, "left out for a run: nothing is written")
-    again = recompute(
-        then, None if command == replace(recorded, json=command.json) else _other(command, then)
-    )
-    if command.json:
-        print(
-            json.dumps(
-                {
-                    "same": again.same,
-                    "open_loop": again.open_loop,
-                    "ticks": len(again.then.time),
-                    "first": again.first,
-                    "differs": again.differs,
-                    "missing": again.then.missing,
-                }
-            )
-        )
+    right = "left out for a run: its record tells the rig"
+    require(options.rig is None, "--rig", options.rig, right)
+    require(options.out is None, "--out", options.out, "left out for a run: nothing is written")
+    as_recorded = options == replace(usual, json=options.json)
+    again = recompute(then, None if as_recorded else _other(options, then))
+    missing = then.missing
+    if options.json:
+        count = len(then.time)
+        told = Recomputed(again.same, again.open_loop, count, again.first, again.differs, missing)
+        print(json.dumps(asdict(told)))
     else:
-        print(f"{again.words}; {again.then.missing}" if again.then.missing else again.words)
+        print(f"{again.words}; {missing}" if missing else again.words)
         if again.open_loop and not again.same:
-            show_differences(Console(), again)
+            _show_differences(console(), again)
     return 0 if again.same else OTHERWISE
 
 
-def _other(command: ReplayOptions, then: Record) -> Servo:
+def _other(options: ReplayOptions, then: Record) -> Servo:
     """The recorded servo with the settings that the command asks for."""
     servo = rebuild(then.stages[0].servo)
-    chosen = command.boxes.estimators
-    estimator = chosen[command.estimator or servo.estimator.name]
+    chosen = options.boxes.estimators
+    estimator = chosen[options.estimator or servo.estimator.name]
     return replace(
         servo,
         estimator=estimator,
-        controller=command.boxes.controller,
-        exploration=command.boxes.exploration,
-        imaged_rcm=command.boxes.imaged_rcm,
+        controller=options.boxes.controller,
+        exploration=options.boxes.exploration,
+        imaged_rcm=options.boxes.imaged_rcm,
     )
 
 
-def replay(command: ReplayOptions) -> int:
-    from rcmservo.offline import score
+def _show_differences(console: Console, again: Rerun) -> None:
+    """What the other settings would have made of what was seen."""
+    then, now = again.then, again.now
+    table = Table("", "as recorded", "with these settings")
+    speeds = [np.median(np.linalg.norm(rows.ticks["v"], axis=1)) for rows in (then, now)]
+    table.add_row("wanted speed of marker 1, median", *(f"{speed:.2f} mm/s" for speed in speeds))
+    for name in dict.fromkeys((*then.phase, *now.phase)):
+        counts = [rows.phase.count(name) for rows in (then, now)]
+        table.add_row(f"ticks in {name}", *map(str, counts))
+    apart = np.linalg.norm(then.ticks["v"] - now.ticks["v"], axis=1)
+    table.add_row("the wanted velocities differ by, median", "", f"{np.median(apart):.2f} mm/s")
+    console.print(table)
 
-    if not command.path.exists():
-        raise UnusableFile(command.path, "does not exist")
-    require(
-        command.estimator is None,
-        "--estimator",
-        command.estimator,
-        "left out for a recording: all are scored",
-    )
-    lab = load_lab(command.rig) if command.rig else Lab()
-    chosen = command.boxes.estimators
-    console = Console(stderr=command.json)
+
+def replay(options: ReplayOptions) -> int:
+    """Score a recording."""
+    if not options.path.exists():
+        raise UnusableFile(options.path, "does not exist")
+    right = "left out for a recording: all are scored"
+    require(options.estimator is None, "--estimator", options.estimator, right)
+    out = console(stderr=options.json)
+    report = report_of(_scored(options, out))
+    if options.out is not None:
+        with new_folder(options.out, "replay") as folder:
+            write_whole(folder / "replay.json", json.dumps(asdict(report), indent=2) + "\n")
+            write_whole(folder / "centres.csv", centres(report))
+    if options.json:
+        print(json.dumps(asdict(report)))
+    else:
+        show_report(out, report)
+    return 0
+
+
+def _scored(options: ReplayOptions, out: Console) -> score.Replay:
+    """The score of a recording, with a bar while its frames are tracked."""
+    lab = load_lab(options.rig) if options.rig else Lab()
     bar = Progress(
-        TextColumn("tracking"),
+        TextColumn("tracking", markup=False),
         BarColumn(),
-        TextColumn("{task.completed}/{task.total} frames"),
-        console=console,
+        TextColumn("{task.completed}/{task.total} frames", markup=False),
+        console=out,
         transient=True,
     )
     with bar:
         task = bar.add_task("tracking", total=None)
-        result = score.replay(
-            command.path,
+        return score.replay(
+            options.path,
             lab,
             ColourMarkers(lab.markers),
-            chosen,
-            command.boxes.imaged_rcm,
+            options.boxes.estimators,
+            options.boxes.imaged_rcm,
             lambda done, total: bar.update(task, completed=done, total=total),
         )
-    report = _report(result)
-    if command.out is not None:
-        with new_folder(command.out, "replay") as folder:
-            (folder / "replay.json").write_text(json.dumps(report, indent=2) + "\n")
-            (folder / "centres.csv").write_text(_centres(report))
-    if command.json:
-        print(json.dumps(report))
-    else:
-        show_replay(console, report)
-    return 0
-
-
-def _report(result: Any) -> dict[str, Any]:
-    """A replay as plain numbers; None where there is none."""
-    return {
-        "frames": [
-            {"frame": pose.name, "m1": _pair(found.points[0]), "m2": _pair(found.points[1])}
-            for pose, found in zip(result.poses, result.markers, strict=True)
-        ],
-        "imaged_rcm_px": _pair(result.o_c),
-        "imaged_rcm_condition": _finite(result.condition),
-        "reprojection_rms_px": {
-            "m1": _finite(result.reprojection[0]),
-            "m2": _finite(result.reprojection[1]),
-        },
-        "one_step_rms": {
-            name: {"s_deg": _finite(np.degrees(s)), "r_px": _finite(r), "d_px": _finite(d)}
-            for name, (s, r, d) in result.one_step.items()
-        },
-    }
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _pair(point: Any) -> list[float] | None:
-    return [float(point[0]), float(point[1])] if np.isfinite(point).all() else None
-
-
-def _centres(report: dict[str, Any]) -> str:
-    lines = ["frame,m1_u_px,m1_v_px,m2_u_px,m2_v_px"]
-    for row in report["frames"]:
-        numbers = (*(row["m1"] or ("", "")), *(row["m2"] or ("", "")))
-        lines.append(",".join([row["frame"], *(f"{n:.3f}" if n != "" else "" for n in numbers)]))
-    return "\n".join(lines) + "\n"

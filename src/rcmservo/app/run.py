@@ -1,21 +1,25 @@
 """`rcmservo run`: a simulated run from the command line to a folder of results."""
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tyro
-from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
 from rcmservo.app.folders import new_folder
 from rcmservo.app.parse import OptionalPath
+from rcmservo.app.preparing import compiling, simulator
+from rcmservo.app.run_told import Story, show_run
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
-from rcmservo.app.simulator import simulator
-from rcmservo.app.tables import Story, show_run
+from rcmservo.app.terminal import console
 from rcmservo.config.rig_file import Lab, load_lab, told_with
 from rcmservo.errors import UnusableFile, require
-from rcmservo.servo.servo import Servo
+
+if TYPE_CHECKING:
+    from rcmservo.app.simulated_run.job import Job
 
 UNSETTLED = 1
 """Exit code of a run that did not settle."""
@@ -56,72 +60,69 @@ class RunOptions:
     boxes: Boxes = field(default_factory=ServoOptions)
 
 
-def run(command: RunOptions) -> int:
-    require(command.seed >= 0, "--seed", command.seed, "a whole number that is not negative")
-    require(
-        1.0 < command.duration <= 3600.0,
-        "--duration",
-        command.duration,
-        "more than 1 and at most 3600 s",
-    )
-    require(
-        0 <= command.resumes <= 1000, "--resumes", command.resumes, "a whole number from 0 to 1000"
-    )
-    lab = load_lab(command.rig) if command.rig else Lab()
+def run(options: RunOptions) -> int:
+    """Run, write the folder, print the result; the exit code is 0 where it settled."""
+    _check(options)
+    lab = load_lab(options.rig) if options.rig else Lab()
     with simulator("run"):
-        from rcmservo.app.simulated_run.job import Job
-        from rcmservo.app.simulated_run.simulate import simulate
-        from rcmservo.sim.disturb import Disturbance, describe
-        from rcmservo.sim.rig_file import rig_settings
-    if "help" in command.disturb:
+        from rcmservo.sim.disturb import describe
+    if "help" in options.disturb:
         print(describe())
         return 0
-    if command.rig is not None:
-        with told_with(command.rig):
-            rig_settings(lab)  # reads the sections that only a simulation needs
-    disturbances = tuple(Disturbance.parse(text) for text in command.disturb)
-    shown = command.target is None or command.save_target is None
-    require(
-        shown,
-        "--save-target",
-        command.save_target,
-        "left out with --target: no target is shown then",
-    )
-    if command.save_target is not None and command.save_target.exists():
-        raise UnusableFile(
-            command.save_target, "is there already, and nothing is overwritten: name a new file"
-        )
-    servo = Servo(
-        mechanism=lab.mechanism,
-        tool=lab.tool,
-        estimator=command.boxes.estimators[command.estimator],
-        controller=command.boxes.controller,
-        exploration=command.boxes.exploration,
-        imaged_rcm=command.boxes.imaged_rcm,
-        gate=lab.gate,
-        thresholds=lab.thresholds,
-    )
-    console = Console(stderr=command.json)
-    with new_folder(command.out, f"run-seed{command.seed}") as folder:
-        job = Job(
-            command.seed,
-            command.duration,
-            command.estimator,
-            servo,
-            lab,
-            folder,
-            command.video,
-            command.frames,
-            disturbances,
-            command.resumes,
-            command.target,
-            command.save_target,
-        )
-        console.print(f"[dim]simulated arm and camera, seed {command.seed}; preparing …[/dim]")
-        with Live(Text(""), console=console, refresh_per_second=8, transient=True) as live:
-            metrics = simulate(job, Story(live, command.duration))
-    if command.json:
-        print(json.dumps(metrics))
+    out = console(stderr=options.json)
+    with new_folder(options.out, f"run-seed{options.seed}") as folder:
+        job = _job(options, lab, folder)
+        words = f"simulated arm and camera, seed {options.seed}; preparing …"
+        out.print(words, style="dim", soft_wrap=True)
+        with Live(Text(""), console=out, refresh_per_second=8, transient=True) as line:
+            from rcmservo.app.simulated_run.simulate import simulate
+
+            with compiling(line):
+                metrics = simulate(job, Story(line, options.duration))
+    if options.json:
+        print(json.dumps(asdict(metrics)))
     else:
-        show_run(console, metrics)
-    return 0 if metrics["settled"] else UNSETTLED
+        show_run(out, metrics)
+    return 0 if metrics.settled else UNSETTLED
+
+
+def _check(options: RunOptions) -> None:
+    """Refuse what cannot be run."""
+    require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
+    good = 1.0 < options.duration <= 3600.0
+    require(good, "--duration", options.duration, "more than 1 and at most 3600 s")
+    good = 0 <= options.resumes <= 1000
+    require(good, "--resumes", options.resumes, "a whole number from 0 to 1000")
+    if options.save_target is None:
+        return
+    shown = options.target is None
+    right = "left out with --target: no target is shown then"
+    require(shown, "--save-target", options.save_target, right)
+    if options.save_target.exists():
+        why = "is there already, and nothing is overwritten: name a new file"
+        raise UnusableFile(options.save_target, why)
+
+
+def _job(options: RunOptions, lab: Lab, folder: Path) -> "Job":
+    """What the options ask for."""
+    from rcmservo.app.simulated_run.job import Job
+    from rcmservo.sim.disturb import Disturbance
+    from rcmservo.sim.rig_file import rig_settings
+
+    if options.rig is not None:
+        with told_with(options.rig):
+            rig_settings(lab)  # reads the sections that only a simulation needs
+    return Job(
+        options.seed,
+        options.duration,
+        options.estimator,
+        options.boxes.servo(options.estimator, lab),
+        lab,
+        folder,
+        options.video,
+        options.frames,
+        tuple(Disturbance.parse(text) for text in options.disturb),
+        options.resumes,
+        options.target,
+        options.save_target,
+    )

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from rcmservo.config.rig_file import Lab
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.broyden import BroydenEstimator
@@ -12,6 +13,7 @@ from rcmservo.method.estimators.flow import FlowEstimator
 from rcmservo.method.estimators.projection import PRINTED, ProjectionEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.imaged_rcm import ImagedRcm
+from rcmservo.servo.servo import Servo
 
 EstimatorName = Literal["projection", "projection-printed", "flow", "broyden"]
 
@@ -36,6 +38,19 @@ class ServoOptions:
             "flow": self.flow,
             "broyden": self.broyden,
         }
+
+    def servo(self, estimator: EstimatorName, lab: Lab) -> Servo:
+        """A servo with these settings for the arm of a laboratory."""
+        return Servo(
+            mechanism=lab.mechanism,
+            tool=lab.tool,
+            estimator=self.estimators[estimator],
+            controller=self.controller,
+            exploration=self.exploration,
+            imaged_rcm=self.imaged_rcm,
+            gate=lab.gate,
+            thresholds=lab.thresholds,
+        )
 
 
 Boxes = Annotated[ServoOptions, tyro.conf.arg(name="")]

@@ -14,6 +14,7 @@ from rich.text import Text
 
 from rcmservo.app.folders import new_folder
 from rcmservo.app.parse import OptionalPath
+from rcmservo.app.terminal import console
 from rcmservo.config.files import write_whole
 from rcmservo.figures import charts, plots
 from rcmservo.guard.states import Action, Cause, Request
@@ -46,28 +47,28 @@ class ShowOptions:
     """Folder to write the figures to, new or empty; by default a new one under runs/."""
 
 
-def show(command: ShowOptions) -> int:
-    rows = reader.read(command.record)
-    console = Console()
-    with new_folder(command.out, "show") as folder:
+def show(options: ShowOptions) -> int:
+    rows = reader.read(options.record)
+    out = console()
+    with new_folder(options.out, "show") as folder:
         draw(rows, folder)
-    tell(console, rows)
+    tell(out, rows)
     drawn = any(folder.glob("*.png"))
     words = (
         f"figures and timeline.csv in {folder}"
         if drawn
         else f"timeline.csv in {folder}; there was nothing to draw"
     )
-    console.print(words, soft_wrap=True)
+    out.print(words, soft_wrap=True)
     return 0
 
 
-def tell(console: Console, record: Record) -> None:
+def tell(out: Console, record: Record) -> None:
     """Print the summary and the timeline of a record."""
     found = spans(record)
-    console.print(_summary(record, summary(record)))
+    out.print(_summary(record, summary(record)))
     if found:
-        console.print(_timeline(found))
+        out.print(_timeline(found))
 
 
 def draw(record: Record, folder: Path) -> None:

@@ -13,6 +13,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
+from rcmservo.config.files import whole
+
 MAX_POINTS = 500
 """Points of a curve beyond which it is thinned: more cannot be seen."""
 
@@ -175,7 +177,8 @@ def curve(label: str, x: Any, y: Any, style: int = 0, marks: bool = False) -> Cu
 
 def save(figure: Figure, path: Path) -> None:
     """Draw a figure into a PNG file."""
-    _canvas(figure).savefig(path, dpi=130)
+    with whole(path) as part:
+        _canvas(figure).savefig(part, format="png", dpi=130)
 
 
 def svg(figure: Figure) -> str:

@@ -7,15 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.app.simulated_run.job import Job
-from rcmservo.errors import UnusableFile
 from rcmservo.figures import charts, plots
 from rcmservo.figures.overlay import draw
 from rcmservo.figures.video import Video
 from rcmservo.interfaces import Frame, Image
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import Tick
-from rcmservo.record import reader
-from rcmservo.record.reader import RECORD
+from rcmservo.loop.tick import Tick
+from rcmservo.record.reader import Record
 from rcmservo.record.writer import Recorder
 from rcmservo.sim import RigSettings
 
@@ -61,13 +59,8 @@ def _overlay(image: Image, tick: Tick) -> Image:
     return draw(image, tick.seen.points, state.o_c, target, words)
 
 
-def draw_figures(folder: Path) -> None:
+def draw_figures(record: Record, folder: Path) -> None:
     """The figures of a run's record, where it came to hold anything to draw."""
-    try:
-        rows = reader.read(folder / RECORD)
-    except UnusableFile:  # of a servo that was killed before it had one
-        return
-    if not np.isfinite(rows.ticks["delta"]).any():
-        return
-    charts.save(plots.errors(rows), folder / "errors.png")
-    charts.save(plots.estimate(rows), folder / "estimate.png")
+    if np.isfinite(record.ticks["delta"]).any():
+        charts.save(plots.errors(record), folder / "errors.png")
+        charts.save(plots.estimate(record), folder / "estimate.png")

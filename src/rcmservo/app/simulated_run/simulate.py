@@ -7,18 +7,22 @@ record and the verdict only.
 import json
 import signal
 import threading
-from collections.abc import Callable, Generator
-from contextlib import ExitStack, contextmanager
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, replace
 from functools import partial
-from typing import Any
 
 from rcmservo.app.simulated_run.job import Job, about
-from rcmservo.app.simulated_run.metrics import METRICS, Notes
+from rcmservo.app.simulated_run.metrics import METRICS, RunMetrics, Truth, measured
 from rcmservo.app.simulated_run.pictures import draw_figures, pictures, video_of
 from rcmservo.app.simulated_run.target import target_of
 from rcmservo.config.files import write_whole
+from rcmservo.errors import UnusableFile
+from rcmservo.guard.states import Action
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import Tick
+from rcmservo.loop.tick import Tick
+from rcmservo.record import reader
 from rcmservo.record.reader import RECORD
 from rcmservo.record.writer import Recorder
 from rcmservo.sim import Killed, Rig
@@ -28,50 +32,94 @@ from rcmservo.sim.rig_file import rig_settings
 from rcmservo.tracking import ColourMarkers
 
 
-def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> dict[str, Any]:
+def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> RunMetrics:
     """Run the job, write its folder, and return the metrics.
 
     Stopped by Ctrl-C it raises KeyboardInterrupt as usual, after the record so far was ended and
     the arm was at rest.
     """
-    settings = rig_settings(job.lab)
-    rig = Rig(job.seed, settings, disturbances=job.disturbances)
+    rig = Rig(job.seed, rig_settings(job.lab), disturbances=job.disturbances)
     plant = Plant(rig.arm, rig.camera, ColourMarkers(job.lab.markers), rig.clock)
     target = target_of(job, rig, plant)
     job.servo.warm_up()
-    person, notes, killed = Person(rig, plant, job.resumes), Notes(job, rig, target), ""
+    person, started = Person(rig, plant, job.resumes), time.perf_counter()
     with ExitStack() as stack:
         recorder = stack.enter_context(
-            Recorder(job.folder / RECORD, about(job, settings), disk(rig.disk_full))
+            Recorder(job.folder / RECORD, about(job, rig.settings), disk(rig.disk_full))
         )
+        video = video_of(job, rig.settings, stack)
         plant.recorded = recorder.recorded
-        video = video_of(job, settings, stack)
-        picture = pictures(job, plant, video, recorder)
-        stopped = stack.enter_context(_between_ticks())
         begins = partial(recorder.begin, job.servo)
-        rig.begin()
+        ticks = attended(rig, plant, job.servo, target, job.duration, person, begins)
+        shown = pictures(job, plant, video, recorder), progress
+        ended = _follow(ticks, rig, recorder, shown)
+    metrics = RunMetrics(
+        job.seed,
+        job.name,
+        cause=ended or RunMetrics.cause,
+        estimator_time_per_frame_s=getattr(job.servo.estimator, "estimator_time", 0.0) or None,
+        rejected_scenes=rig.scene.rejected,
+        folder=str(job.folder),
+        resumed=person.resumed,
+        refused=person.refused,
+        shown_again=person.shown,
+        not_recorded=recorder.failed,
+        not_filmed=video.failed if video is not None else "",
+    )
+    p_d = rig.body.points(rig.scene.target)[1]
+    return _kept(job, metrics, Truth(p_d, time.perf_counter() - started, ended))
+
+
+def _follow(
+    ticks: Iterator[Tick], rig: Rig, recorder: Recorder, shown: Iterable[Callable[[Tick], None]]
+) -> str:
+    """Record and show every tick of a run; what ended it before its time, in words."""
+    state = None
+    rig.begin()
+    with _between_ticks() as stopped:
         try:
-            for tick in attended(rig, plant, job.servo, target, job.duration, person, begins):
-                notes.add(tick, recorder)
-                picture(tick)
-                progress(tick)
+            for tick in ticks:
+                state = tick.state
+                _write(tick, rig, recorder)
+                for show in shown:
+                    show(tick)
                 stopped()
         except Killed as end:
-            killed = f"{end}; the arm's watchdog stops it"
-    metrics = notes.metrics()
-    metrics |= {"settled": False, "settle_time_s": None, "cause": killed} if killed else {}
-    metrics |= {"resumed": person.resumed, "refused": person.refused, "shown_again": person.shown}
-    metrics |= {
-        "not_recorded": recorder.failed,
-        "not_filmed": video.failed if video is not None else "",
-    }
-    return keep(job, metrics)
+            return f"{end}; the arm's watchdog stops it"
+    held = state is not None and state.cause.action >= Action.HOLD
+    return state.cause.words if state is not None and held else ""
 
 
-def keep(job: Job, metrics: dict[str, Any]) -> dict[str, Any]:
-    """Write the metrics and the figures of a run that was recorded."""
-    write_whole(job.folder / METRICS, json.dumps(metrics, indent=2) + "\n")
-    draw_figures(job.folder)
+def _write(tick: Tick, rig: Rig, recorder: Recorder) -> None:
+    """Record a tick, with the truth beside it."""
+    p1, p2 = rig.truth.markers(rig.clock.now())
+    state = tick.state
+    recorder.write(tick)
+    recorder.write_truth(
+        p1, p2, rig.truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
+    )
+
+
+def _kept(job: Job, metrics: RunMetrics, truth: Truth) -> RunMetrics:
+    """The metrics with what the record tells, written beside it with its figures.
+
+    What cannot be written is told in them: the result is not lost with it.
+    """
+    with suppress(UnusableFile):  # of a servo that was killed before it recorded anything
+        record = reader.read(job.folder)
+        metrics = measured(metrics, record, truth)
+        metrics = _told(metrics, lambda: draw_figures(record, job.folder))
+    text = json.dumps(asdict(metrics), indent=2) + "\n"
+    return _told(metrics, lambda: write_whole(job.folder / METRICS, text))
+
+
+def _told(metrics: RunMetrics, write: Callable[[], None]) -> RunMetrics:
+    """The metrics, with what went wrong with writing if it did."""
+    try:
+        write()
+    except (UnusableFile, OSError) as error:
+        parts = filter(None, (metrics.not_written, str(error)))
+        return replace(metrics, not_written="; ".join(parts))
     return metrics
 
 
