@@ -15,6 +15,11 @@ from rcmservo.guard.states import Cause
 
 README = (ROOT / "README.md").read_text()
 NAMES = re.findall(r"`(rcmservo[\w.]*):([\w.]+)`", (ROOT / "docs/notation.md").read_text())
+WORDS = re.findall(
+    r"^\| (\w+) \| `rcmservo[\w.]*:[\w.]+` \| (\S.*\S) \|$",
+    (ROOT / "docs/notation.md").read_text().partition("## The words of the house")[2],
+    re.M,
+)
 COMMANDS = [
     line for block in re.findall(r"```sh\n(.*?)```", README, re.S) for line in block.splitlines()
 ]
@@ -31,7 +36,16 @@ def test_every_name_in_the_notation_exists(name: tuple[str, str]) -> None:
 
 
 def test_the_notation_names_something() -> None:
-    assert len(NAMES) > 25
+    assert len(NAMES) > 60
+
+
+def test_every_word_of_the_house_means_one_thing() -> None:
+    table = (ROOT / "docs/notation.md").read_text().partition("## The words of the house")[2]
+    words, meanings = zip(*WORDS, strict=True)
+    assert (
+        len(WORDS) == table.count("\n| ") - 1
+    )  # every row but the heading has word, code, meaning
+    assert len(set(words)) == len(set(meanings)) == len(words)
 
 
 def test_hello_world_in_the_readme_is_the_example() -> None:

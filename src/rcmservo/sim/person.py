@@ -1,4 +1,4 @@
-"""A scripted person beside a simulated run, who resumes after a pause and shows the target again."""
+"""A scripted person beside a simulated run: resumes after a pause, shows the target again."""
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
