@@ -1,10 +1,13 @@
 """What the documents say is true: names exist, links lead somewhere, examples and commands run."""
 
+import ast
 import importlib
+import itertools
 import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -24,6 +27,8 @@ COMMANDS = [
     line for block in re.findall(r"```sh\n(.*?)```", README, re.S) for line in block.splitlines()
 ]
 SET_UP = {"make run", "make test"}
+EXPLAINED = "sim", "tracking", "figures"
+"""Folders in which every field of a dataclass or a NamedTuple is explained below it."""
 
 
 @pytest.mark.parametrize("name", NAMES, ids=":".join)
@@ -52,6 +57,26 @@ def test_hello_world_in_the_readme_is_the_example() -> None:
     block = re.search(r"```python\n(.*?)```", README, re.S)
     assert block is not None
     assert block[1] == (ROOT / "examples/01_hello.py").read_text()
+
+
+def unexplained(path: Path) -> Iterator[str]:
+    """The public fields of a file that no string below them explains."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.ClassDef) or node.name.startswith("_"):
+            continue
+        kind = " ".join(map(ast.unparse, [*node.decorator_list, *node.bases]))
+        if "dataclass" in kind or "NamedTuple" in kind:
+            for field, below in itertools.pairwise([*node.body, ast.Pass()]):
+                told = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+                if isinstance(field, ast.AnnAssign) and not told:
+                    yield f"{path.name}: {node.name}.{ast.unparse(field.target)}"
+
+
+@pytest.mark.parametrize("folder", EXPLAINED)
+def test_every_field_is_explained_beside_it(folder: str) -> None:
+    files = sorted((ROOT / "src/rcmservo" / folder).rglob("*.py"))
+    assert len(files) > 3
+    assert [name for path in files for name in unexplained(path)] == []
 
 
 @pytest.mark.parametrize("link", sorted(set(re.findall(r"\]\((?!https?:)([^)#]+)\)", README))))
