@@ -8,13 +8,14 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure as Canvas
 
 from rcmservo.config.files import whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
 
 MAX_POINTS = 500
 """Points of a curve beyond which it is thinned: more cannot be seen."""
@@ -82,7 +83,8 @@ class Panel:
     of x.
 
     With ``categories``, x counts them from 0. With ``lanes``, the first on top, y counts them.
-    ``bands`` lie behind the curves.
+    ``bands`` lie behind the curves. A ``map`` has one scale for x and y; ``downward``, y grows down
+    as in a picture.
     """
 
     x: str
@@ -96,6 +98,8 @@ class Panel:
     categories: list[str] = field(default_factory=list[str])
     lanes: list[Lane] = field(default_factory=list[Lane])
     bands: list[Bar] = field(default_factory=list[Bar])
+    map: bool = False
+    downward: bool = False
 
 
 @dataclass(frozen=True)
@@ -130,19 +134,26 @@ def save(figure: Figure, path: Path) -> None:
 
 def svg(figure: Figure) -> str:
     """Draw a figure as SVG, the same text for the same figure."""
+    import matplotlib as mpl
+
     text = io.StringIO()
     with mpl.rc_context(RC):
         _canvas(figure).savefig(text, format="svg", metadata={"Date": None})
     return text.getvalue()
 
 
-def _canvas(figure: Figure) -> Canvas:
+def _canvas(figure: Figure) -> "Canvas":
+    """The figure as Matplotlib draws it, which is loaded only now: it takes a second."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure as Canvas
+
     rows = -(-len(figure.panels) // figure.columns)
     with mpl.rc_context(RC):
         usual = 1.6 if rows > 1 and figure.columns == 1 else 2.6
-        heights = [max(_height(p, usual) for p in figure.panels[i : i + figure.columns])
-                   for i in range(0, rows * figure.columns, figure.columns)]  # fmt: skip
-        width = 9.6 if any(panel.lanes for panel in figure.panels) else 7.2
+        lines = [figure.panels[i * figure.columns :][: figure.columns] for i in range(rows)]
+        heights = [max(_height(panel, usual) for panel in line) for line in lines]
+        wide = any(panel.lanes or panel.map for panel in figure.panels)
+        width = 9.6 if wide else 7.2
         canvas = Canvas(figsize=(width, 0.7 + sum(heights)), layout="constrained")
         canvas.suptitle(figure.title, fontsize=10)
         share = figure.columns == 1 and len({panel.x for panel in figure.panels}) == 1
@@ -162,7 +173,7 @@ def _height(panel: Panel, usual: float) -> float:
     """Inches that a panel needs."""
     if panel.lanes:
         return 0.25 + 0.15 * sum(_lines(lane) for lane in panel.lanes)
-    return 2.6 if panel.bands else usual
+    return 3.4 if panel.map else 2.6 if panel.bands else usual
 
 
 def _lines(lane: Lane) -> float:
@@ -195,6 +206,10 @@ def _draw(panel: Panel, axis: Any, label_x: bool) -> None:
     axis.set_yscale("log" if panel.log_y else "linear")
     if panel.y_limits is not None:
         axis.set_ylim(*panel.y_limits)
+    if panel.map:
+        axis.set_aspect("equal", adjustable="datalim")
+    if panel.downward:
+        axis.invert_yaxis()
     if panel.categories:
         axis.set_xticks(
             range(len(panel.categories)), panel.categories, rotation=_tilt(panel.categories)
