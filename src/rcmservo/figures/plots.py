@@ -121,14 +121,11 @@ def _two(rows: Floats, i: int, j: int) -> tuple[Floats, Floats]:
 
 
 def _in_picture(record: Record) -> Panel:
-    """m₁, m₂ and the imaged RCM, in pixels."""
-    new = record.new_frames()
-    points, o_c = record.ticks["points"][new], record.ticks["o_c"][new]
-    known = o_c[np.isfinite(o_c).all(axis=1)][-1:]
+    """m₁ and m₂ in pixels."""
+    points = record.ticks["points"][record.new_frames()]
     curves = [
         curve("$\\mathbf{m}_1$", points[:, 0], points[:, 1]),
         curve("$\\mathbf{m}_2$", points[:, 2], points[:, 3], style=2),
-        curve("imaged RCM", known[:, 0], known[:, 1], style=5, marks=True),
     ]
     if record.stages:
         target = record.stages[-1].target.points
