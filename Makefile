@@ -8,6 +8,7 @@
 BIN := .venv/bin
 RUNNING := .venv/.running
 TESTING := .venv/.testing
+PARALLEL := -n 2 --dist loadfile
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile
 
 run: $(RUNNING)
@@ -15,11 +16,11 @@ run: $(RUNNING)
 
 # Tests in wall time want the machine to themselves.
 test: check
-	$(BIN)/pytest -n 2 -m 'not slow and not alone'
+	$(BIN)/pytest $(PARALLEL) -m 'not slow and not alone'
 	$(BIN)/pytest -m 'alone and not slow'
 
 test-all: $(TESTING)
-	$(BIN)/pytest -n 2 -m 'slow and not alone'
+	$(BIN)/pytest $(PARALLEL) -m 'slow and not alone'
 	$(BIN)/pytest -m 'alone and slow'
 	$(BIN)/python benchmarks/soak.py --seconds 10
 	-$(BIN)/python benchmarks/kill.py --count 4

@@ -2,7 +2,7 @@
 camera, comparisons."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -51,6 +51,12 @@ kinds = st.sampled_from([SPHERICAL, PITCH_YAW])
 def rcm_of(kind: int, zero: float = 0.0) -> Rcm:
     """A mechanism without limits."""
     return Rcm(kind, float(zero), *WIDE)
+
+
+def first_quick(values: Iterable[Any]) -> list[Any]:
+    """Values for one claim: `make test` tries it on the first, `make test-all` on the others."""
+    first, *others = values
+    return [first, *(pytest.param(value, marks=pytest.mark.slow) for value in others)]
 
 
 def with_tests(**variables: str) -> dict[str, str]:

@@ -23,7 +23,7 @@ class Frame:
     A camera that makes pictures fills `image` ((height, width, 3) uint8, blue-green-red as in
     OpenCV); one that simulates only the markers fills `points` ((2, 2) px: m1 and m2, NaN where
     unseen). Times in ns:
-    `exposure` is the middle of the exposure, `arrival` the moment at which the host had the frame.
+    `exposure` is the middle of the exposure, `arrival` is when the computer had the frame.
     """
 
     number: int
@@ -219,10 +219,11 @@ class Tracker(Protocol):
 
 @runtime_checkable
 class Explains(Protocol):
-    """What a tracker may do beside: say in words why it does not find the markers in a frame.
+    """What a tracker may do beside."""
 
-    `why` is empty where they are found. It changes nothing, may be slow, and is asked only after
-    a failure.
-    """
+    def why(self, frame: Frame) -> str:
+        """Say in words why the markers are not found in a frame; empty where they are.
 
-    def why(self, frame: Frame) -> str: ...
+        It is asked only after a failure, may be slow, and changes nothing.
+        """
+        ...

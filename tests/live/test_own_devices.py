@@ -6,10 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import rcmservo as rs
 from conftest import ROOT, with_tests
 from rcmservo.record.reader import read
 from rcmservo.record.recompute import recompute
+
+pytestmark = pytest.mark.alone
 
 DEADLINE = 300.0
 """s after which a test gives up waiting."""

@@ -82,7 +82,7 @@ def eventful(lab, servo):
     return servo, stream, lab.target
 
 
-@pytest.mark.parametrize("warm_up", ["method", "short run"])
+@pytest.mark.parametrize("warm_up", ["method", pytest.param("short run", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "estimator,tool",
     [("fast", "rigid"), ("printed", "scaled"), ("flow", "rigid"), ("broyden", "rigid")],

@@ -408,4 +408,5 @@ def _onward(mode: Mode, cause: Cause, signs: Signs, now: int) -> Mode:
         if signs.ready and good >= GOOD_TO_SERVO:
             return Mode(Phase.SERVO, cause, now, asks=cause.action)
         return Mode(Phase.ACQUIRE, cause, mode.since, good if signs.ready else 0, cause.action)
-    return Mode(Phase.SERVO, cause, mode.since, asks=cause.action)
+    same = mode.cause is cause
+    return mode if same else Mode(Phase.SERVO, cause, mode.since, asks=cause.action)

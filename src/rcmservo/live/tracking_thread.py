@@ -10,7 +10,7 @@ from dataclasses import replace
 from types import TracebackType
 
 from rcmservo.errors import BadInput
-from rcmservo.interfaces import Camera, Clock, Frame, Markers, Tracker
+from rcmservo.interfaces import Camera, Clock, Explains, Frame, Markers, Tracker
 from rcmservo.loop.first_answer import look_at
 
 POLL = 0.001
@@ -68,6 +68,10 @@ class TrackingThread:
         if isinstance(found, BadInput):
             raise found
         return found
+
+    def why(self, frame: Frame) -> str:
+        """What the tracker says of a frame, if it can tell why it did not find the markers."""
+        return self._tracker.why(frame) if isinstance(self._tracker, Explains) else ""
 
     def reset(self) -> None:
         """Forget where the markers were, before the next frame."""

@@ -51,10 +51,15 @@ class Showing:
     """The frames of a target that is being taught in mid-run."""
 
     frames: int
+    """How many are wanted."""
     since: int | None = None
+    """When the tool was told to stand still, ns; None while it moves."""
     points: list[Floats] = field(default_factory=list[Floats])
+    """The markers (2, 2) px in each frame so far."""
     joints: list[Floats] = field(default_factory=list[Floats])
+    """The joints (3,) beside it."""
     last: int = -1
+    """Number of the newest frame looked at."""
 
     def add(self, seen: Observation, command: Command) -> Target | None:
         """Take what a tick has seen; the target once there are enough frames of it."""

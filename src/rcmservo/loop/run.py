@@ -1,5 +1,4 @@
-"""The only code that makes anything move: the plant put together, a target taught, and the loop
-run.
+"""The loop, which moves the arm.
 
     plant.read() ─► servo.step() ─► plant.send()
 

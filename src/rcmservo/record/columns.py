@@ -4,7 +4,7 @@ The messages on disk, the exported tables and the comparison of two runs follow 
 """
 
 from collections.abc import Callable
-from operator import attrgetter
+from operator import attrgetter as at
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +12,6 @@ import numpy as np
 from rcmservo.interfaces import Floats
 from rcmservo.loop.tick import Tick
 from rcmservo.method.estimators.projection import ProjectionMemory
-from rcmservo.servo.servo import Servo
 
 JOINTS = ("1 [rad]", "2 [rad]", "3 [mm]")
 RATES = ("1 [rad/s]", "2 [rad/s]", "3 [mm/s]")
@@ -34,30 +33,18 @@ class Column(NamedTuple):
     name: str
     parts: tuple[str, ...]
     """What its numbers are, with their units; as many as it has."""
-    of: Callable[[Tick, Servo], Any]
+    of: Callable[[Tick], Any]
     """Where it is."""
 
 
-def at(path: str) -> Callable[[Tick, Servo], Any]:
-    """What stands under this path of attributes of a tick."""
-    get = attrgetter(path)
-
-    def of(tick: Tick, servo: Servo) -> Any:
-        del servo
-        return get(tick)
-
-    return of
-
-
-def _a_hat(tick: Tick, servo: Servo) -> Floats:
-    del servo
+def _a_hat(tick: Tick) -> Floats:
     memory = tick.state.learnt.memory
     return memory.a_hat if isinstance(memory, ProjectionMemory) else np.full(9, np.nan)
 
 
-def _model(tick: Tick, servo: Servo) -> Floats:
+def _model(tick: Tick) -> Floats:
     """π (34) of both markers from o_c; NaN where the estimator has no such model."""
-    state = tick.state
+    state, servo = tick.state, tick.servo
     model = servo.estimator.predict(state.learnt.memory, servo.tool, state.p1)
     return np.full(4, np.nan) if model is None else model
 

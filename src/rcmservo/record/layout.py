@@ -17,7 +17,6 @@ from rcmservo.guard.states import Mode, Phase
 from rcmservo.interfaces import Floats
 from rcmservo.loop.tick import Tick
 from rcmservo.record.columns import FLAGS, INTEGERS, REALS, TRUTH, WORDS, Column
-from rcmservo.servo.servo import Servo
 
 CRTK = {phase: phase.name for phase in (Phase.DISABLED, Phase.PAUSED, Phase.FAULT)}
 """CRTK's name of a phase; all others are ENABLED."""
@@ -110,14 +109,14 @@ def header(time: int) -> bytes:
     return ANONYMOUS.pack(ENCAPSULATION, *stamp(time), 1)
 
 
-def tick(tick: Tick, servo: Servo) -> bytes:
+def tick(tick: Tick) -> bytes:
     """One tick of the loop; its stamp is the moment of the observation."""
-    whole = _INTEGERS.pack(0, *(column.of(tick, servo) for column in INTEGERS))
-    block = np.concatenate([np.ravel(column.of(tick, servo)) for column in REALS]).tobytes()
+    whole = _INTEGERS.pack(0, *(column.of(tick) for column in INTEGERS))
+    block = np.concatenate([np.ravel(column.of(tick)) for column in REALS]).tobytes()
     if len(block) != _BLOCK:
         raise ValueError("a tick's numbers have another shape than they should")
-    flags = _FLAGS.pack(*(column.of(tick, servo) for column in FLAGS))
-    words = tuple(column.of(tick, servo) for column in WORDS)
+    flags = _FLAGS.pack(*(column.of(tick) for column in FLAGS))
+    words = tuple(column.of(tick) for column in WORDS)
     return b"".join((header(tick.seen.now), whole, block, flags, _tail(words)))
 
 

@@ -71,7 +71,7 @@ def recompute(run: Path | Record, servo: Servo | None = None) -> Rerun:
     rows: list[bytes] = []
     decided: list[tuple[str, ...]] = []
     for tick in _ticks(then, servo):
-        rows.append(layout.tick(tick, tick.servo))
+        rows.append(layout.tick(tick))
         decided.append(layout.words_of(rows[-1], TICK.itemsize, len(WORDS)))
     words = {one.name: [row[i] for row in decided] for i, one in enumerate(WORDS)}
     now = replace(then, ticks=layout.columns(TICK, rows), words=words)

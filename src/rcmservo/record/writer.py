@@ -161,7 +161,7 @@ class Recorder:
             self._change(before, target, tick)
         if before is None or before.state.mode.words != state.mode.words:
             self._send("operating_state", layout.operating_state(seen.now, state.mode))
-        self._send("rcmservo/tick", layout.tick(tick, tick.servo))
+        self._send("rcmservo/tick", layout.tick(tick))
         self._send("measured_js", self._joints.positions(seen.q_time, seen.q))
         self._send("servo_jv", self._joints.rates(state.command.time, state.command.rates))
 

@@ -2,8 +2,7 @@
 
     look    what a new frame shows, whether it is believed, and where the imaged RCM is
     learn   the new Ĵ, the features, and how well the estimate foretold them
-    steer   the law, on the error as the joints' motion since the exposure has changed it
-    check   what is wrong, as a set of causes
+    decide  the law where there is an estimate, and what is wrong, as a set of causes
 
 `look` copies what it changes, the others work on these copies.
 """
@@ -34,8 +33,8 @@ from rcmservo.method.kinematics import Rcm, blocked, position
 from rcmservo.rows import Row, Rows, flag, real, reals, whole
 from rcmservo.servo.state import Course, Estimate
 
-NOTHING, SEEN, LEARN = 0, 1, 2
-"""What a tick brought: nothing new, a frame that teaches nothing, or one to learn from."""
+NOTHING, BELIEVED, LEARN = 0, 1, 2
+"""What a tick brought: no frame to believe, one that is believed, or one to learn from too."""
 
 ESTIMATE_NOT_FINITE, RCM_UNKNOWN = Cause.ESTIMATE_NOT_FINITE.bit, Cause.RCM_UNKNOWN.bit
 ESTIMATE_LARGE, SINGULAR = Cause.ESTIMATE_LARGE.bit, Cause.SINGULAR.bit
@@ -66,10 +65,12 @@ class Settings(Row):
 
 
 class Situation(NamedTuple):
-    """Of the phase: whether the drive should be ``on``, and whether there is an estimate."""
+    """Of the phase: whether the drive should be ``on``, whether there is an estimate to servo
+    with, and whether the servo does."""
 
     on: bool
     explored: bool
+    servoing: bool
 
 
 @compiled
@@ -89,26 +90,29 @@ def look(
     explored: bool,
     settings: Rows[Settings],
     thresholds: Rows[Thresholds],
-) -> tuple[Rows[Watch], Rows[Estimate], Floats, int]:
-    """What this tick shows: copies of watch, estimate and lines with it, and what it brought."""
+) -> tuple[Rows[Watch], Rows[Estimate], Floats, int, float]:
+    """What this tick shows: copies of watch, estimate and lines with it, what it brought, and s
+    since the exposure learnt from before (0 for the first)."""
     watch, estimate = watch.copy(), estimate.copy()
     w, e, c, t = watch[0], estimate[0], settings[0], thresholds[0]
     watch_loop(w, seen, c.period, t)
     if not seen.frame > w.frame:
-        return watch, estimate, lines, NOTHING
+        return watch, estimate, lines, NOTHING, 0.0
     watch_frame(w, seen, t)
     p1 = position(rcm_of(c), seen.q_exposure)
     first, second = lost(seen.points)
     if first or second or not np.all(np.isfinite(p1)):
-        return watch, estimate, lines, SEEN
+        return watch, estimate, lines, NOTHING, 0.0
     doubt(w, e, seen, p1 - e.p1, explored and e.rcm_condition <= c.rcm_condition, t)
     if w.rejected > 0:
-        return watch, estimate, lines, SEEN
+        return watch, estimate, lines, NOTHING, 0.0
     w.believed = seen.frame
     lines, count, o_c, condition = follow(lines, e.line_count, seen.points, c.refinements)
     e.points[:], e.p1[:], e.o_c[:] = seen.points, p1, o_c
     e.line_count, e.rcm_condition = count, condition
-    return watch, estimate, lines, LEARN if condition <= c.rcm_condition else SEEN
+    news = LEARN if condition <= c.rcm_condition else BELIEVED
+    dt = (seen.exposure - e.exposure) * 1e-9 if e.exposure >= 0 else 0.0
+    return watch, estimate, lines, news, dt
 
 
 @compiled
@@ -148,17 +152,34 @@ def learn(
 
 
 @compiled
-def steer(
+def decide(
+    watch: Rows[Watch],
     estimate: Rows[Estimate],
     course: Rows[Course],
     seen: Told,
-    servoing: bool,
+    situation: Situation,
     settings: Rows[Settings],
     thresholds: Rows[Thresholds],
-) -> Rows[Course]:
-    """The law on Δy + Ĵ (p₁(now) − p₁), and how it gets on."""
+) -> tuple[Rows[Course], int]:
+    """A copy of the course as the law wants it, where there is an estimate, and the causes that are
+    there at this tick."""
+    w, e, c, t = watch[0], estimate[0], settings[0], thresholds[0]
+    rcm = rcm_of(c)
+    found = arm_faults(w, seen, situation.on, rcm, t) | loop_faults(w, seen, c.period, t)
+    found |= camera_faults(w, seen, t)
+    if not np.all(np.isfinite(e.J_hat)):
+        found |= ESTIMATE_NOT_FINITE
+    if not situation.explored:
+        return course, found
     course = course.copy()
-    e, d, c, t = estimate[0], course[0], settings[0], thresholds[0]
+    d = course[0]
+    steer(e, d, seen, situation.servoing, c, t)
+    return course, found | estimate_faults(w, e, c, t) | way_faults(d, seen.now, c, t)
+
+
+@compiled
+def steer(e: Estimate, d: Course, seen: Told, servoing: bool, c: Settings, t: Thresholds) -> None:
+    """The law on Δy + Ĵ (p₁(now) − p₁), and how it gets on."""
     rcm = rcm_of(c)
     e.ahead[:] = difference(e.delta, -e.J_hat @ (position(rcm, seen.q) - e.p1))
     v, condition, error = control(
@@ -170,28 +191,6 @@ def steer(
     if error < peak - min(t.stall_fall, t.stall_share * peak) or not servoing:
         peak, d.peak_time = error, seen.now
     d.peak = peak
-    return course
-
-
-@compiled
-def check(
-    watch: Rows[Watch],
-    estimate: Rows[Estimate],
-    course: Rows[Course],
-    seen: Told,
-    situation: Situation,
-    settings: Rows[Settings],
-    thresholds: Rows[Thresholds],
-) -> int:
-    """The causes that are there at this tick."""
-    w, e, c, t = watch[0], estimate[0], settings[0], thresholds[0]
-    found = arm_faults(w, seen, situation.on, rcm_of(c), t)
-    found |= loop_faults(w, seen, c.period, t) | camera_faults(w, seen, t)
-    if not np.all(np.isfinite(e.J_hat)):
-        found |= ESTIMATE_NOT_FINITE
-    if situation.explored:
-        found |= estimate_faults(w, e, c, t) | way_faults(course[0], seen.now, c, t)
-    return found
 
 
 @compiled

@@ -20,7 +20,7 @@ from rcmservo.interfaces import Floats, Observation, Target
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.projection import ProjectionEstimator
-from rcmservo.method.exploration import Exploration, Exploring
+from rcmservo.method.exploration import Exploration
 from rcmservo.method.features import SCALE
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.method.kinematics import Kinematics, Rcm, floats, joint_rates, position
@@ -172,96 +172,70 @@ class Servo:
 
         ``request`` is what a person asks for at this tick.
         """
-        last = state.command
-        gap = seen.now - last.time if last.number > 0 else self.period
-        numbers = told(seen, gap)
-        state = self._aimed(state, target, seen.now)
-        fresh = seen.frame > state.watch.frame
-        state = self._look(state, numbers, target)
-        accepted = fresh and state.watch.believed == seen.frame
-        state = self._plan(state, seen, numbers, accepted)
-        found = self._check(state, numbers, target)
-        ready = state.learnt.explored
-        signs = Signs(seen.enabled, state.watch.believed >= 0, accepted, ready)
-        cause = gravest_of(found)
-        mode = transition(state.mode, (cause,), signs, request, seen.now)
-        return self._send(self._enter(state, mode, cause, seen), seen)
-
-    def _aimed(self, state: State, target: Target, now: int) -> State:
-        """A new target gives the rule on stalls a new start."""
-        if target is state.target:
-            return state
-        course = restarted(state.course, now)
-        return replace(state, target=target, course=course)
-
-    def _look(self, state: State, seen: Told, target: Target) -> State:
-        """What a tick shows: frame, imaged RCM, Ĵ and error."""
-        learnt, explored = state.learnt, state.learnt.explored
-        watch, estimate, lines, news = core.look(
-            state.watch.rows, learnt.estimate.rows, learnt.lines, seen, explored,
-            self.settings, self.bounds,
-        )  # fmt: skip
-        memory = learnt.memory
-        if news == core.LEARN:
-            new = Estimate(estimate)
-            before = new.exposure
-            dt = (seen.exposure - before) * 1e-9 if before >= 0 else 0.0
-            sample = Sample(new.p1, new.points, new.o_c, dt)
-            memory = self.estimator.update(memory, self.tool, sample)
-            J_hat = self.estimator.jacobian(memory, self.tool, sample)
-            core.learn(watch, estimate, J_hat, target.points, seen.exposure, explored, self.bounds)
-        learnt = Learnt(Estimate(estimate), lines, memory, learnt.tour, learnt.no_room, explored)
-        return state.but(watch=Watch(watch), learnt=learnt)
-
-    def _plan(self, state: State, seen: Observation, numbers: Told, accepted: bool) -> State:
-        """The velocity wanted of marker 1: that of exploration, or of the law once there is an
-        estimate."""
-        learnt = state.learnt
-        if learnt.explored:
-            return self._servo(state, numbers)
-        if state.phase is not Phase.ACQUIRE or learnt.no_room:
-            return state.but(course=headed(state.course, STILL, STILL))
-        if learnt.tour is None:
-            tour = self.exploration.begin(self.rcm, seen.q, seen.now)
-            return state.but(learnt=replace(learnt, tour=tour, no_room=tour is None))
-        return self._explore(state, learnt.tour, seen, numbers, accepted)
-
-    def _explore(
-        self, state: State, tour: Exploring, seen: Observation, numbers: Told, accepted: bool
-    ) -> State:
-        p1, learnt = self.marker_1(seen.q), state.learnt
-        if accepted and self.exploration.arrived(tour, p1):
-            estimate = learnt.estimate
-            tour = self.exploration.visit(tour, estimate.p1, estimate.points)
-            if self.exploration.complete(tour, estimate.J_hat, estimate.o_c):
-                done = replace(learnt, tour=tour, explored=True)
-                return self._servo(state.but(learnt=done), numbers)
-        v = self.exploration.velocity(tour, p1)
-        course = headed(state.course, v, joint_rates(self.rcm, seen.q, v))
-        return state.but(learnt=replace(learnt, tour=tour), course=course)
-
-    def _servo(self, state: State, numbers: Told) -> State:
-        """The law."""
-        course = core.steer(
-            state.learnt.estimate.rows, state.course.rows, numbers,
-            state.phase is Phase.SERVO, self.settings, self.bounds,
-        )  # fmt: skip
-        return state.but(course=Course(course))
-
-    def _check(self, state: State, numbers: Told, target: Target) -> int:
-        """All that is wrong at this tick."""
-        on = state.phase not in (Phase.DISABLED, Phase.FAULT)
-        learnt = state.learnt
-        situation = core.Situation(on, learnt.explored)
-        found = core.check(
-            state.watch.rows, learnt.estimate.rows, state.course.rows, numbers, situation,
-            self.settings, self.bounds,
-        )  # fmt: skip
+        last, phase, now = state.command, state.mode.phase, seen.now
+        numbers = told(seen, now - last.time if last.number > 0 else self.period)
+        course = state.course if target is state.target else restarted(state.course, now)
+        watch, learnt, accepted = self._look(state, seen, numbers, target)
+        if not learnt.explored:
+            learnt, course = self._explore(learnt, course, phase, seen, accepted)
+        course, found = self._decide(watch, learnt, course, phase, numbers)
         if target.shown < state.moved:
             found |= Cause.TARGET_OLD.bit
+        cause = gravest_of(found)
+        signs = Signs(seen.enabled, accepted or watch.believed >= 0, accepted, learnt.explored)
+        mode = transition(state.mode, (cause,), signs, request, now)
+        after = State(state.mode, last, watch, learnt, course, target, state.moved)
+        return self._send(self._enter(after, mode, cause, seen), seen)
+
+    def _look(
+        self, state: State, seen: Observation, numbers: Told, target: Target
+    ) -> tuple[Watch, Learnt, bool]:
+        """What a tick shows: frame, imaged RCM, Ĵ and error; and whether its frame is new and
+        believed."""
+        learnt, explored, thresholds = state.learnt, state.learnt.explored, self.bounds
+        before = learnt.estimate.rows
+        watch, rows, lines, news, dt = core.look(
+            state.watch.rows, before, learnt.lines, numbers, explored, self.settings, thresholds
+        )
+        estimate, memory = Estimate(rows), learnt.memory
+        if news == core.LEARN:
+            sample = Sample(estimate.p1, seen.points, estimate.o_c, dt)
+            memory = self.estimator.update(memory, self.tool, sample)
+            J_hat = self.estimator.jacobian(memory, self.tool, sample)
+            core.learn(watch, rows, J_hat, target.points, seen.exposure, explored, thresholds)
+        learnt = Learnt(estimate, lines, memory, learnt.tour, learnt.no_room, explored)
+        return Watch(watch), learnt, news >= core.BELIEVED
+
+    def _explore(
+        self, learnt: Learnt, course: Course, phase: Phase, seen: Observation, accepted: bool
+    ) -> tuple[Learnt, Course]:
+        """The first motion: on the tour, until Ĵ predicts what was seen there."""
+        if phase is not Phase.ACQUIRE or learnt.no_room:
+            return learnt, headed(course, STILL, STILL)
+        if learnt.tour is None:
+            tour = self.exploration.begin(self.rcm, seen.q, seen.now)
+            return replace(learnt, tour=tour, no_room=tour is None), course
+        p1, tour, estimate = self.marker_1(seen.q), learnt.tour, learnt.estimate
+        if accepted and self.exploration.arrived(tour, p1):
+            tour = self.exploration.visit(tour, estimate.p1, estimate.points)
+            if self.exploration.complete(tour, estimate.J_hat, estimate.o_c):
+                return replace(learnt, tour=tour, explored=True), course
+        v = self.exploration.velocity(tour, p1)
+        return replace(learnt, tour=tour), headed(course, v, joint_rates(self.rcm, seen.q, v))
+
+    def _decide(
+        self, watch: Watch, learnt: Learnt, course: Course, phase: Phase, numbers: Told
+    ) -> tuple[Course, int]:
+        """The velocity wanted of marker 1 by the law, and all that is wrong at this tick."""
+        on = phase is not Phase.DISABLED and phase is not Phase.FAULT
+        situation = core.Situation(on, learnt.explored, phase is Phase.SERVO)
+        rows, found = core.decide(
+            watch.rows, learnt.estimate.rows, course.rows, numbers, situation,
+            self.settings, self.bounds,
+        )  # fmt: skip
         if not learnt.explored:
             found |= tour_faults(learnt, self.exploration, self.tool, numbers.now)
-        return found
+        return Course(rows), found
 
     def _enter(self, state: State, mode: Mode, cause: Cause, seen: Observation) -> State:
         """The state in its new mode. A pause or fault forgets what it must not go on with."""
@@ -275,9 +249,8 @@ class Servo:
         if mode.cause is not before.cause:
             words = detail(mode.cause, state.watch, seen, self.mechanism, self.thresholds)
             mode = replace(mode, detail=words) if words else mode
-        if entered:
-            state = state.but(course=restarted(state.course, now))
-        return state.but(mode=mode)
+        course = restarted(state.course, now) if entered else None
+        return state.but(mode=mode, course=course) if mode is not before else state
 
     def _without_filters(self, state: State, cause: Cause, now: int) -> State:
         """The state with its counts begun anew, and without the estimate if the cause spoils it."""

@@ -40,7 +40,7 @@ PACE = 2_000_000
 """ns from answer to answer."""
 
 KNOWN = 1_000_000_000
-"""ns for which a host that sends nothing gets answers."""
+"""ns for which a servo that sends nothing gets answers."""
 
 FRESH = 1_000_000_000
 """ns after which nobody still wants what was asked."""
@@ -53,7 +53,7 @@ class ArmDevice:
         self.rig, self.wire, self.log = rig, wire, log
         self.arm = rig.truth.arm
         self.session = 0
-        self._hosts: dict[str, int] = {}
+        self._callers: dict[str, int] = {}
         self._asked = 0
         self._due: list[tuple[int, str, int]] = []
         self._answered = 0
@@ -103,7 +103,7 @@ class ArmDevice:
                 self._due.append((self._do(wish, session, now), sender, number))
             case _:
                 return
-        self._hosts[sender] = now
+        self._callers[sender] = now
 
     def _obey(self, command: Command, now: int) -> None:
         self.advance(min(command.time, now))
@@ -123,17 +123,19 @@ class ArmDevice:
         return now
 
     def _answer(self, now: int) -> None:
-        """Tell all hosts that were heard of lately how the arm is."""
-        self._hosts = {host: heard for host, heard in self._hosts.items() if now - heard <= KNOWN}
+        """Tell all who were heard of lately how the arm is."""
+        self._callers = {
+            caller: heard for caller, heard in self._callers.items() if now - heard <= KNOWN
+        }
         at, q, enabled = self.arm.measure()
         dog = self.arm.watchdog
         answer = Answer(self.session, at, q, enabled, dog.rates, dog.number)
-        for host in self._hosts:
-            self._send(answer, host)
+        for caller in self._callers:
+            self._send(answer, caller)
 
-    def _send(self, message: Message, host: str) -> None:
+    def _send(self, message: Message, caller: str) -> None:
         with contextlib.suppress(OSError):
-            self.wire.sendto(packed(message), host)
+            self.wire.sendto(packed(message), caller)
 
 
 def emulate(

@@ -1,12 +1,12 @@
 """The tool as four capsules: shaft, jaw, and the balls 1 and 2, which are capsules without length.
 
-`Capsules` is an array (1 + T, 4) of CAPSULE: the exposure's mean pose first, then its T moments.
+`Capsules` is an array (1 + T, 4, 15): the exposure's mean pose first, then its T moments. A row
+holds the numbers of one `Capsule`.
 """
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
@@ -17,22 +17,38 @@ from rcmservo.sim.rendering.vectors import Vector, clip, dot, minus, times
 NEAR = 1.0
 """mm before the camera at which capsules are cut off."""
 
-CAPSULE = np.dtype(
-    [
-        ("A", "f8", (3,)),  # mm, one end of the axis
-        ("n", "f8", (3,)),  # mm, the way from A to the other end B
-        ("radius", "f8"),  # mm, 0 for what is not there or wholly behind the camera
-        ("nn", "f8"),  # mm², n·n
-        ("An", "f8"),  # mm², A·n
-        ("AA", "f8"),  # mm², A·A − radius²
-        ("BB", "f8"),  # mm², B·B − radius²
-        ("colour", "f8", (3,)),  # grey levels: blue, green, red
-        ("highlight", "f8"),  # grey levels
-    ]
-)
+Capsules = Floats
 
-Capsule = np.void
-Capsules = NDArray[Any]
+
+class Capsule(NamedTuple):
+    """One capsule in one pose, with the products that every ray needs."""
+
+    A: Vector
+    """mm, one end of the axis."""
+
+    n: Vector
+    """mm, the way from A to the other end B."""
+
+    radius: float
+    """mm; 0 for what is not there or wholly behind the camera."""
+
+    nn: float
+    """n·n."""
+
+    An: float
+    """A·n."""
+
+    AA: float
+    """A·A − radius²."""
+
+    BB: float
+    """B·B − radius²."""
+
+    colour: Vector
+    """Grey levels: blue, green, red."""
+
+    highlight: float
+    """Grey levels."""
 
 
 def capsules_of(poses: Floats, optics: Optics, look: Look) -> Capsules:
@@ -47,20 +63,13 @@ def capsules_of(poses: Floats, optics: Optics, look: Look) -> Capsules:
     B = np.stack([wrist, tip, m1, m2], axis=1)
     radius = np.broadcast_to([look.shaft_radius, look.jaw_radius, *look.marker_radii], A.shape[:2])
     A, B = _in_front(A, B, radius + NEAR), _in_front(B, A, radius + NEAR)
-    result = np.empty(A.shape[:2], CAPSULE)
-    result["A"], result["n"] = A, B - A
-    result["radius"] = np.where((A[..., 2] > radius) & (B[..., 2] > radius), radius, 0.0)
-    _multiply_out(result, B)
-    result["colour"] = [look.shaft_colour, look.jaw_colour, *look.marker_colours]
-    result["highlight"] = 255 * look.specular
-    return result
-
-
-def _multiply_out(capsules: Capsules, B: Floats) -> None:
-    """Fill in the products that every ray needs."""
-    A, n, r = capsules["A"], capsules["n"], capsules["radius"]
-    capsules["nn"], capsules["An"] = (n * n).sum(-1), (A * n).sum(-1)
-    capsules["AA"], capsules["BB"] = (A * A).sum(-1) - r**2, (B * B).sum(-1) - r**2
+    r = np.where((A[..., 2] > radius) & (B[..., 2] > radius), radius, 0.0)
+    n = B - A
+    products = [(n * n).sum(-1), (A * n).sum(-1), (A * A).sum(-1) - r**2, (B * B).sum(-1) - r**2]
+    colours = np.broadcast_to([look.shaft_colour, look.jaw_colour, *look.marker_colours], A.shape)
+    highlight = np.full_like(r, 255 * look.specular)
+    numbers = np.stack([r, *products], axis=-1)
+    return np.concatenate([A, n, numbers, colours, highlight[..., None]], axis=-1)
 
 
 def _in_front(end: Floats, other: Floats, near: Floats) -> Floats:
@@ -72,26 +81,29 @@ def _in_front(end: Floats, other: Floats, near: Floats) -> Floats:
 
 
 @compiled
-def start(capsule: Capsule) -> Vector:
-    """A, one end of the axis."""
-    A = capsule["A"]
-    return A[0], A[1], A[2]
-
-
-@compiled
-def axis(capsule: Capsule) -> Vector:
-    """n, the way from A to B."""
-    n = capsule["n"]
-    return n[0], n[1], n[2]
+def capsule_in(capsules: Capsules, pose: int, k: int) -> Capsule:
+    """Capsule k in a pose."""
+    row = capsules[pose, k]
+    return Capsule(
+        (row[0], row[1], row[2]),
+        (row[3], row[4], row[5]),
+        row[6],
+        row[7],
+        row[8],
+        row[9],
+        row[10],
+        (row[11], row[12], row[13]),
+        row[14],
+    )
 
 
 @compiled
 def hit(ray: Vector, capsule: Capsule) -> float:
     """The depth at which a ray (x, y, 1) enters a capsule; inf if it passes by."""
-    if capsule["radius"] == 0.0:
+    if capsule.radius == 0.0:
         return np.inf
-    nn, An, AA = capsule["nn"], capsule["An"], capsule["AA"]
-    dd, dA, dn = dot(ray, ray), dot(ray, start(capsule)), dot(ray, axis(capsule))
+    nn, An, AA = capsule.nn, capsule.An, capsule.AA
+    dd, dA, dn = dot(ray, ray), dot(ray, capsule.A), dot(ray, capsule.n)
     along = -1.0
     if nn > 0.0:  # the infinite cylinder
         a, half = nn * dd - dn * dn, An * dn - nn * dA
@@ -103,7 +115,7 @@ def hit(ray: Vector, capsule: Capsule) -> float:
         if 0.0 < along < nn:
             return t if t > 0.0 else np.inf
     if along > 0.0:  # the ball at B, else the one at A
-        dA, AA = dA + dn, capsule["BB"]
+        dA, AA = dA + dn, capsule.BB
     h = dA * dA - dd * AA
     if h < 0.0:
         return np.inf
@@ -120,7 +132,7 @@ def nearest(ray: Vector, capsules: Capsules, pose: int, which: int) -> tuple[int
     first, depth = -1, np.inf
     for k in range(4):
         if which >> k & 1:
-            t = hit(ray, capsules[pose, k])
+            t = hit(ray, capsule_in(capsules, pose, k))
             if t < depth:
                 first, depth = k, t
     return first, depth
@@ -132,8 +144,8 @@ def gap(p: Vector, u: Vector, capsule: Capsule) -> tuple[float, float]:
 
     The second number is where on the segment that is, from 0 to 1.
     """
-    n, nn = axis(capsule), capsule["nn"]
-    r = minus(p, start(capsule))
+    n, nn = capsule.n, capsule.nn
+    r = minus(p, capsule.A)
     uu, un, ur, nr = dot(u, u), dot(u, n), dot(u, r), dot(n, r)
     twist = uu * nn - un * un
     on_u = clip((un * nr - ur * nn) / twist) if twist > 0.0 else 0.0

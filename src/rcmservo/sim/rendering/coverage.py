@@ -9,7 +9,7 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats, Image
 from rcmservo.sim.optics import Optics
-from rcmservo.sim.rendering.capsules import Capsule, Capsules, axis, gap, nearest, start
+from rcmservo.sim.rendering.capsules import Capsule, Capsules, capsule_in, gap, nearest
 from rcmservo.sim.rendering.vectors import dot, minus, plus, times
 
 TILE = 16
@@ -47,14 +47,14 @@ def touch(cones: Floats, capsules: Capsules) -> Image:
     rows, columns = cones.shape[:2]
     touched = np.zeros((rows, columns), dtype=np.uint8)
     for k in range(4):
-        capsule = capsules[0, k]
-        way, moved = capsule["radius"] + far_end(capsule), moved_by(capsules[:, k])
+        capsule = capsule_in(capsules, 0, k)
+        way, aside = capsule.radius + far_end(capsule), moved(capsules, k)
         for i in range(rows):
             for j in range(columns):
                 middle = times(way, (cones[i, j, 0], cones[i, j, 1], cones[i, j, 2]))
                 distance, _ = gap((0.0, 0.0, 0.0), middle, capsule)
-                near = distance < capsule["radius"] + moved + way * cones[i, j, 3]
-                if capsule["radius"] > 0.0 and near:
+                near = distance < capsule.radius + aside + way * cones[i, j, 3]
+                if capsule.radius > 0.0 and near:
                     touched[i, j] |= 1 << k
     return touched
 
@@ -62,18 +62,18 @@ def touch(cones: Floats, capsules: Capsules) -> Image:
 @compiled
 def far_end(capsule: Capsule) -> float:
     """How far the farther end of a capsule's axis is from the camera, mm."""
-    A, B = start(capsule), plus(start(capsule), axis(capsule))
+    A, B = capsule.A, plus(capsule.A, capsule.n)
     return np.sqrt(max(dot(A, A), dot(B, B)))
 
 
 @compiled
-def moved_by(poses: Capsules) -> float:
-    """No point of a capsule's axis moves further than this from its mean pose, the first, mm."""
-    A, B = start(poses[0]), plus(start(poses[0]), axis(poses[0]))
-    most = 0.0
-    for pose in range(1, poses.size):
-        at_a = minus(start(poses[pose]), A)
-        at_b = minus(plus(start(poses[pose]), axis(poses[pose])), B)
+def moved(capsules: Capsules, k: int) -> float:
+    """No point of capsule k's axis moves further than this from its mean pose, mm."""
+    mean, most = capsule_in(capsules, 0, k), 0.0
+    for pose in range(1, capsules.shape[0]):
+        capsule = capsule_in(capsules, pose, k)
+        at_a = minus(capsule.A, mean.A)
+        at_b = minus(plus(capsule.A, capsule.n), plus(mean.A, mean.n))
         for i in range(3):
             most = max(most, at_a[i] ** 2, at_b[i] ** 2)
     return np.sqrt(3.0 * most)
@@ -109,11 +109,11 @@ def identify(seen: Image, touched: Image, rays: Floats, capsules: Capsules) -> N
 def swift(capsules: Capsules) -> bool:
     """Whether a capsule may pass a pixel within the exposure and cover it at neither end."""
     for k in range(4):
-        first, last = capsules[1, k], capsules[capsules.shape[0] - 1, k]
-        at_a = minus(start(first), start(last))
-        at_n = minus(axis(first), axis(last))
+        first, last = capsule_in(capsules, 1, k), capsule_in(capsules, capsules.shape[0] - 1, k)
+        at_a = minus(first.A, last.A)
+        at_n = minus(first.n, last.n)
         way = np.sqrt(dot(at_a, at_a)) + np.sqrt(dot(at_n, at_n))
-        if way > capsules[0, k]["radius"] > 0.0:
+        if way > capsule_in(capsules, 0, k).radius > 0.0:
             return True
     return False
 

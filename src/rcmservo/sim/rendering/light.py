@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.sim.rendering.capsules import Capsule, axis, start
+from rcmservo.sim.rendering.capsules import Capsule
 from rcmservo.sim.rendering.look import Look
 from rcmservo.sim.rendering.vectors import Vector, clip, dot, minus, times
 
@@ -39,9 +39,9 @@ def lamp_of(look: Look) -> Lamp:
 @compiled
 def shade(place: Vector, capsule: Capsule, lamp: Lamp) -> Vector:
     """The light from a `place` on a capsule: Lambert's, the ambient share, Blinn's highlight."""
-    n, r, nn = axis(capsule), capsule["radius"], capsule["nn"]
-    along = clip((dot(place, n) - capsule["An"]) / nn) if nn > 0.0 else 0.0
-    outward = minus(minus(place, start(capsule)), times(along, n))  # of length r
+    n, r, nn = capsule.n, capsule.radius, capsule.nn
+    along = clip((dot(place, n) - capsule.An) / nn) if nn > 0.0 else 0.0
+    outward = minus(minus(place, capsule.A), times(along, n))  # of length r
     to_lamp = minus(lamp.place, place)
     distance = np.sqrt(dot(to_lamp, to_lamp))
     strength = 2.0 / (1.0 + (distance / lamp.reach) ** 2)
@@ -50,7 +50,7 @@ def shade(place: Vector, capsule: Capsule, lamp: Lamp) -> Vector:
     mirror = dot(outward, half) / (r * np.sqrt(dot(half, half)))
     glint = 0.0
     if mirror > 0.0 and lamp.exponent * (mirror - 1.0) > -7.0:  # beyond, it is below a thousandth
-        glint = capsule["highlight"] * strength * mirror**lamp.exponent
+        glint = capsule.highlight * strength * mirror**lamp.exponent
     bright = lamp.ambient + (1.0 - lamp.ambient) * facing * strength
-    blue, green, red = capsule["colour"][0], capsule["colour"][1], capsule["colour"][2]
+    blue, green, red = capsule.colour
     return blue * bright + glint, green * bright + glint, red * bright + glint

@@ -10,7 +10,7 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats, Image
-from rcmservo.sim.rendering.capsules import Capsules, hit, nearest
+from rcmservo.sim.rendering.capsules import Capsules, capsule_in, hit, nearest
 from rcmservo.sim.rendering.coverage import TILE, uniform
 from rcmservo.sim.rendering.light import Lamp, shade
 from rcmservo.sim.rendering.vectors import Light, times
@@ -68,7 +68,7 @@ def paint(canvas: Light, seen: Image, touched: Image, shot: Shot) -> None:
 def paint_inside(pixel: Light, slopes: Floats, k: int, shot: Shot) -> None:
     """Give a `pixel` (3,) the light of capsule k at its centre."""
     ray = (slopes[0], slopes[1], 1.0)
-    capsule = shot.capsules[0, k]
+    capsule = capsule_in(shot.capsules, 0, k)
     depth = hit(ray, capsule)
     if depth < np.inf:
         pixel[0], pixel[1], pixel[2] = shade(times(depth, ray), capsule, shot.lamp)
@@ -85,7 +85,7 @@ def paint_outline(pixel: Light, ray: Floats, which: int, shot: Shot) -> None:
         if k < 0:
             tissue += 1
         else:
-            light = shade(times(depth, sample), shot.capsules[pose, k], shot.lamp)
+            light = shade(times(depth, sample), capsule_in(shot.capsules, pose, k), shot.lamp)
             blue, green, red = blue + light[0], green + light[1], red + light[2]
     pixel[0] = (blue + tissue * pixel[0]) / SAMPLES
     pixel[1] = (green + tissue * pixel[1]) / SAMPLES

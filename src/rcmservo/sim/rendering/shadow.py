@@ -5,7 +5,7 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 from rcmservo.sim.optics import Optics
-from rcmservo.sim.rendering.capsules import Capsules, gap
+from rcmservo.sim.rendering.capsules import Capsules, capsule_in, gap
 from rcmservo.sim.rendering.coverage import TILE
 from rcmservo.sim.rendering.light import Lamp
 from rcmservo.sim.rendering.tissue import Tissue
@@ -63,8 +63,8 @@ def casters(patch: Floats, capsules: Capsules, lamp: Lamp) -> int:
             size = max(size, np.sqrt(dot(across, across)))
     which = 0
     for k in range(4):
-        radius = capsules[0, k]["radius"]
-        distance, _ = gap(middle, minus(lamp.place, middle), capsules[0, k])
+        radius = capsule_in(capsules, 0, k).radius
+        distance, _ = gap(middle, minus(lamp.place, middle), capsule_in(capsules, 0, k))
         if radius > 0.0 and distance < radius + size + lamp.radius:
             which |= 1 << k
     return which
@@ -80,8 +80,8 @@ def eclipse(place: Vector, capsules: Capsules, which: int, lamp: Lamp) -> float:
     most = 0.0
     for k in range(4):
         if which >> k & 1:
-            distance, on = gap(place, minus(lamp.place, place), capsules[0, k])
-            h, r = lamp.radius * max(on, 1e-6), capsules[0, k]["radius"]
+            distance, on = gap(place, minus(lamp.place, place), capsule_in(capsules, 0, k))
+            h, r = lamp.radius * max(on, 1e-6), capsule_in(capsules, 0, k).radius
             inside = clip((r + h - distance) / (2.0 * h))
             most = max(most, inside * inside * (3.0 - 2.0 * inside) * min(r / h, 1.0))
     return most
