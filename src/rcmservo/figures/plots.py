@@ -9,7 +9,7 @@ from rcmservo.figures.charts import Bar, Figure, Lane, Panel, curve
 from rcmservo.guard.states import Action, Cause, Phase, Request
 from rcmservo.interfaces import Floats
 from rcmservo.record.reader import Record
-from rcmservo.record.timeline import spans
+from rcmservo.record.timeline import shown_place, spans
 from rcmservo.record.verdict import TOLERANCE
 
 DEGREES = np.array([180.0 / np.pi, 1.0, 1.0])
@@ -92,6 +92,45 @@ def timeline(record: Record) -> Figure:
         causes.append(Lane("a person pauses, resumes, clears", asked))
     lanes = [Panel("time [s]", "", [], lanes=some) for some in (phases, causes) if some]
     return Figure("Phases and causes", [errors, *lanes])
+
+
+def path(record: Record) -> Figure:
+    """The way of marker 1 through space, seen along two axes, and that of both markers through the
+    picture, with where they were shown."""
+    panels = [_in_space(record, axes) for axes in ((0, 1), (0, 2))]
+    return Figure("Path", [*panels, _in_picture(record)], columns=3)
+
+
+def _in_space(record: Record, axes: tuple[int, int]) -> Panel:
+    """p₁ along two of the axes x, y, z."""
+    i, j = axes
+    p1, shown = record.ticks["p1"], shown_place(record)
+    exploring = (record.ticks["explored"][:, 0] == 0)[:, None]
+    curves = [
+        curve("exploration", *_two(np.where(exploring, p1, np.nan), i, j), style=1),
+        curve("then", *_two(np.where(exploring, np.nan, p1), i, j)),
+    ]
+    if shown is not None:
+        curves.append(curve("shown", [shown[i]], [shown[j]], style=3, marks=True))
+    names = "xyz"
+    return Panel(f"${names[i]}$ of $\\mathbf{{p}}_1$ [mm]", f"${names[j]}$ [mm]", curves, map=True)
+
+
+def _two(rows: Floats, i: int, j: int) -> tuple[Floats, Floats]:
+    return rows[:, i], rows[:, j]
+
+
+def _in_picture(record: Record) -> Panel:
+    """m₁ and m₂ in pixels."""
+    points = record.ticks["points"][record.new_frames()]
+    curves = [
+        curve("$\\mathbf{m}_1$", points[:, 0], points[:, 1]),
+        curve("$\\mathbf{m}_2$", points[:, 2], points[:, 3], style=2),
+    ]
+    if record.stages:
+        target = record.stages[-1].target.points
+        curves.append(curve("shown", target[:, 0], target[:, 1], style=3, marks=True))
+    return Panel("$u$ [px]", "$v$ [px]", curves, map=True, downward=True)
 
 
 def estimate(record: Record) -> Figure:
