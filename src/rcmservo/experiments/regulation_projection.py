@@ -10,6 +10,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
 from rcmservo.experiments.harness.lab.as_printed import RandomObservations
 from rcmservo.experiments.harness.lab.closed_loop import PRINTED_FIT, WIDE, ClosedLoop, recorded
@@ -89,7 +91,7 @@ class Explored:
     explored: bool
     """Whether it ended with a usable estimate."""
     error: float
-    """Scaled, of Ĵ at its end."""
+    """Scaled, of the last Ĵ before the servo gave up and forgot it."""
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -113,8 +115,8 @@ def in_real_time(folder: Path, seed: int, settings: Settings) -> Explored:
         target, _ = loop.shown(loop.rig.scene.target)
         loop.rig.go_home()
         tick = loop.explore(target)
-    error = recorded(folder).truth["jacobian_error"][-1, 0]
-    return Explored(tick.state.explored, float(error))
+    errors = recorded(folder).truth["jacobian_error"][:, 0]
+    return Explored(tick.state.explored, float(errors[np.isfinite(errors)][-1]))
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:

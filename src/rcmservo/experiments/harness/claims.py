@@ -22,8 +22,11 @@ class NotMeasured(RcmServoError):
     """A measurement that is missing or not finite: no verdict can come of it."""
 
     def __init__(self, what: str, value: object) -> None:
-        super().__init__(f"{what}: measured {value}, which is not a finite number")
+        super().__init__(what, value)
         self.what, self.value = what, value
+
+    def __str__(self) -> str:
+        return f"{self.what}: measured {self.value}, which is not a finite number"
 
 
 @dataclass(frozen=True)

@@ -74,10 +74,10 @@ def rows_of(chapters: Mapping[str, Chapter]) -> list[Row]:
     ]
 
 
-def counts(rows: Iterable[Row]) -> dict[str, int]:
-    """How many rows have each verdict."""
+def counts(rows: Iterable[Row]) -> dict[str | None, int]:
+    """How many rows have each verdict, and how many have none."""
     verdicts = [row.verdict for row in rows]
-    return {verdict: verdicts.count(verdict) for verdict in VERDICTS}
+    return {verdict: verdicts.count(verdict) for verdict in (*VERDICTS, None)}
 
 
 @dataclass(frozen=True)

@@ -205,6 +205,7 @@ def _words(when: str, tick: Tick) -> str:
 def measured(rows: Record, began: float, p_d: Floats, settings: Regulation) -> Regulated:
     """The numbers of a run, from its record."""
     error = rows.truth["jacobian_error"][:, 0]
+    judged = np.flatnonzero(np.isfinite(error))
     explored = int(np.argmax([phase not in ("IDLE", "ACQUIRE") for phase in rows.phase]))
     new = rows.new_frames(began + SEEN)
     sizes, time = np.abs(rows.ticks["delta"][new]), rows.time[new] - began
@@ -215,8 +216,8 @@ def measured(rows: Record, began: float, p_d: Floats, settings: Regulation) -> R
         began=began,
         explored_at=float(rows.time[explored]),
         explored=float(error[explored]),
-        at_start=float(error[np.argmax(rows.time >= began)]),
-        at_end=float(error[-1]),
+        at_start=float(error[judged[rows.time[judged] >= began][0]]),
+        at_end=float(error[judged[-1]]),
         initial=np.mean(sizes[:6], axis=0),
         slopes=_slopes(time, sizes, settings),
         left=np.sqrt(np.mean(sizes[time > time[-1] - AT_REST] ** 2, axis=0)) / settings.errors,
