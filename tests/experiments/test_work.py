@@ -12,7 +12,15 @@ from rcmservo.experiments.harness import work
 from rcmservo.experiments.harness.claims import NotMeasured
 from rcmservo.experiments.harness.plain import built, plain
 from rcmservo.experiments.harness.tasks import Task
-from rcmservo.experiments.harness.work import PART, RESULT, Job, fingerprint, perform, run_all, used
+from rcmservo.experiments.harness.work import (
+    PART,
+    RESULT,
+    Assignment,
+    fingerprint,
+    perform,
+    run_all,
+    used,
+)
 from rcmservo.interfaces import Floats
 
 
@@ -106,7 +114,7 @@ def test_what_a_task_left_half_done_is_not_taken_for_its_result(tmp_path: Path) 
     part = tmp_path / ("a" + PART)
     part.mkdir()
     (part / "old.txt").write_text("old")
-    perform(Job(task, tmp_path / "a", fingerprint(task)))
+    perform(Assignment(task, tmp_path / "a", fingerprint(task)))
     assert not part.exists()
     assert not (tmp_path / "a" / "old.txt").exists()
 

@@ -60,7 +60,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Trials:
+class MethodTrials:
     """One method in all scenes of one kind."""
 
     trials: list[Trial]
@@ -92,12 +92,12 @@ def tasks(settings: Settings) -> list[Task]:
 
 def compare(
     folder: Path, settings: Settings, method: str, scenes: Scenes, seeds: Sequence[int]
-) -> Trials:
+) -> MethodTrials:
     """One method in every scene of one kind."""
     del folder
     scene = settings.scene if scenes == "accepted" else settings.unlimited
     chosen, conditions = METHODS[method], settings.conditions
-    return Trials([attempted(chosen, scene, seed, conditions) for seed in seeds])
+    return MethodTrials([attempted(chosen, scene, seed, conditions) for seed in seeds])
 
 
 def draw(folder: Path, settings: Settings) -> Draws:
@@ -133,7 +133,7 @@ def tallies(settings: Settings, results: Results) -> Tallies:
 
     def of(scenes: Scenes) -> dict[str, Tally]:
         return {
-            name: Tally(method.name, results.of(Trials, f"{name}-{scenes}").trials, longest)
+            name: Tally(method.name, results.of(MethodTrials, f"{name}-{scenes}").trials, longest)
             for name, method in METHODS.items()
         }
 

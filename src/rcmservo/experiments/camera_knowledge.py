@@ -173,7 +173,7 @@ def parameter_error(rig: Rig, a_hat: Floats) -> float:
 
 
 @dataclass(frozen=True)
-class Table:
+class KnowledgeTable:
     """All results, and how to ask them."""
 
     settings: Settings
@@ -192,12 +192,12 @@ class Table:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    table = Table(settings, results)
+    table = KnowledgeTable(settings, results)
     claims = [*(knows_camera(table, name) for name in WITH_MODEL), flow_does_not(table)]
     return Chapter(claims, [_poses(table)])
 
 
-def knows_camera(table: Table, name: str) -> Claim:
+def knows_camera(table: KnowledgeTable, name: str) -> Claim:
     """The projection-based method's claim to estimate a: what it predicts at poses held out."""
     settings, noise = table.settings, table.settings.noises[0]
     near = {n: median(table.near(n, name)) for n in settings.noises}
@@ -230,7 +230,7 @@ def short(number: float) -> str:
     return f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
 
 
-def flow_does_not(table: Table) -> Claim:
+def flow_does_not(table: KnowledgeTable) -> Claim:
     """The limit that the paper itself names: flow has no parameters."""
     settings, noise = table.settings, table.settings.noises[0]
     flow, other = (table.near(noise, name) for name in ("flow", "random"))
@@ -249,7 +249,7 @@ def flow_does_not(table: Table) -> Claim:
     )
 
 
-def _poses(table: Table) -> Shown:
+def _poses(table: KnowledgeTable) -> Shown:
     settings = table.settings
     places = {
         f"within {settings.around:g} mm of the way": table.near,

@@ -75,7 +75,7 @@ class Passage:
 
 
 @dataclass(frozen=True)
-class Loops:
+class PoleLoops:
     """The same closed loop with every arm."""
 
     pitch_yaw: Passage
@@ -90,11 +90,11 @@ def tasks(settings: Settings) -> list[Task]:
     ]
 
 
-def loop(folder: Path, settings: Settings, seed: int) -> Loops:
+def loop(folder: Path, settings: Settings, seed: int) -> PoleLoops:
     """The same closed loop past the pole with every arm."""
     del folder
     arms = (PitchYawRcm(), HANGING, KEPT)
-    return Loops(*(past_pole(arm, settings, seed) for arm in arms))
+    return PoleLoops(*(past_pole(arm, settings, seed) for arm in arms))
 
 
 def past_pole(arm: Kinematics, settings: Settings, seed: int) -> Passage:
@@ -154,14 +154,14 @@ def demanded(kinematics: Kinematics, p1: Floats, speed: float) -> float:
 
 
 @dataclass(frozen=True)
-class Found:
+class PoleLoopsFound:
     """The rates demanded near the pole, and all loops."""
 
     settings: Settings
     angles: Floats
     spherical: Floats
     pitch_yaw: Floats
-    loops: list[Loops]
+    loops: list[PoleLoops]
 
     @property
     def degrees(self) -> Floats:
@@ -174,18 +174,18 @@ LIMIT = Gate().speed[0]
 
 def chapter(settings: Settings, results: Results) -> Chapter:
     angles = np.geomspace(*settings.angles, 400)
-    found = Found(
+    found = PoleLoopsFound(
         settings,
         angles,
         rates(settings, SphericalRcm(), 1.0, angles),
         rates(settings, PitchYawRcm(), -1.0, angles),
-        results.all(Loops, "loop", settings.seeds),
+        results.all(PoleLoops, "loop", settings.seeds),
     )
     claims = [spherical_rate(found), keeps_speed(found), settles_as_soon(found), other_rate(found)]
     return Chapter(claims, [_rate_figure(found), _loop_figure(found)])
 
 
-def spherical_rate(found: Found) -> Claim:
+def spherical_rate(found: PoleLoopsFound) -> Claim:
     settings, rates = found.settings, found.spherical
     beyond = float(np.max(found.degrees[rates > LIMIT], initial=0.0))
     return Claim(
@@ -206,7 +206,7 @@ def spherical_rate(found: Found) -> Claim:
     )
 
 
-def other_rate(found: Found) -> Claim:
+def other_rate(found: PoleLoopsFound) -> Claim:
     return Claim(
         f"{found.settings.speed:g} mm/s across the tool stays within {LIMIT:g} rad/s in pitch and "
         "yaw all the way",
@@ -219,7 +219,7 @@ def other_rate(found: Found) -> Claim:
     )
 
 
-def keeps_speed(found: Found) -> Claim:
+def keeps_speed(found: PoleLoopsFound) -> Claim:
     spherical = median(known(one.spherical.kept for one in found.loops))
     other = median(known(one.pitch_yaw.kept for one in found.loops))
     nearest = np.degrees(median([one.spherical.nearest for one in found.loops]))
@@ -242,7 +242,7 @@ def keeps_speed(found: Found) -> Claim:
     )
 
 
-def settles_as_soon(found: Found) -> Claim:
+def settles_as_soon(found: PoleLoopsFound) -> Claim:
     longest = found.settings.duration
     times = [
         [one.settle_time or longest for one in some]
@@ -273,13 +273,13 @@ def settles_as_soon(found: Found) -> Claim:
     )
 
 
-def _settled(found: Found) -> list[int]:
+def _settled(found: PoleLoopsFound) -> list[int]:
     """Runs that settled: pitch and yaw, spherical, and spherical with limits."""
     passages = [(one.pitch_yaw, one.spherical, one.limited) for one in found.loops]
     return [sum(one.trial.settled for one in some) for some in zip(*passages, strict=True)]
 
 
-def _rate_figure(found: Found) -> Shown:
+def _rate_figure(found: PoleLoopsFound) -> Shown:
     settings = found.settings
     curves = [
         curve(LABELS[style], found.degrees, rates, style)
@@ -301,7 +301,7 @@ def _rate_figure(found: Found) -> Shown:
     return Shown("pole-rates", "(1)-(2)", caption, [], figure)
 
 
-def _loop_figure(found: Found) -> Shown:
+def _loop_figure(found: PoleLoopsFound) -> Shown:
     numbers: dict[str, Callable[[Passage], float | None]] = {
         f"share of the speed within {np.degrees(NEAR):g}° [1]": lambda one: one.kept,
         "settled after [s]": lambda one: one.trial.settle_time,

@@ -188,7 +188,7 @@ class Differentiated:
 
 
 @dataclass(frozen=True)
-class Found:
+class ToursFound:
     """All tours, and their medians by the way of taking ẏ."""
 
     settings: Settings
@@ -210,12 +210,12 @@ class Found:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    found = Found(settings, results.all(Tour, "tour", settings.seeds))
+    found = ToursFound(settings, results.all(Tour, "tour", settings.seeds))
     claims = [zeros_between(found), by_tick(found), by_frame(found)]
     return Chapter(claims, [_figure(found)])
 
 
-def zeros_between(found: Found) -> Claim:
+def zeros_between(found: ToursFound) -> Claim:
     stale = found.middle("stale")
     return Claim(
         "ẏ by the frames' interval at every tick, zero where a frame repeats, has its true size: "
@@ -235,7 +235,7 @@ def zeros_between(found: Found) -> Claim:
     )
 
 
-def by_tick(found: Found) -> Claim:
+def by_tick(found: ToursFound) -> Claim:
     tick, frame = found.middle("tick"), found.middle("frame")
     return Claim(
         "ẏ by the tick's interval at every tick does the flow rule no harm: error of its Ĵ over "
@@ -254,7 +254,7 @@ def by_tick(found: Found) -> Claim:
     )
 
 
-def by_frame(found: Found) -> Claim:
+def by_frame(found: ToursFound) -> Claim:
     frame = found.middle("frame")
     return Claim(
         "differentiated once per new frame, with the motion between the exposures, ẏ has its true "
@@ -271,7 +271,7 @@ def by_frame(found: Found) -> Claim:
     )
 
 
-def _figure(found: Found) -> Shown:
+def _figure(found: ToursFound) -> Shown:
     words: dict[str, Callable[[Taken], float]] = {
         "size of $\\dot{y}$ over the true [1]": lambda one: one.ratio,
         "scatter of $\\dot{y}$ over the true [1]": lambda one: one.scatter,

@@ -154,7 +154,7 @@ ERROR, DEFINITE, POSITIVE = 0, 1, 2
 
 
 @dataclass(frozen=True)
-class Found:
+class FitsFound:
     """All scenes, and how to ask them."""
 
     settings: Settings
@@ -171,12 +171,12 @@ class Found:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    found = Found(settings, results.all(Fits, "fits", (0, 1)))
+    found = FitsFound(settings, results.all(Fits, "fits", (0, 1)))
     claims = [leads_right(found, name, time) for name, time in ASKED]
     return Chapter(claims, [_figure(found)])
 
 
-def leads_right(found: Found, name: str, time: float) -> Claim:
+def leads_right(found: FitsFound, name: str, time: float) -> Claim:
     """That Ĵ leads to the target after some estimator time."""
     printed = name == "printed"
     positive = float(np.mean(found.at(name, found.settings.noises[0], time)[:, POSITIVE]))
@@ -202,7 +202,7 @@ def leads_right(found: Found, name: str, time: float) -> Claim:
     )
 
 
-def _detail(found: Found, name: str, time: float) -> str:
+def _detail(found: FitsFound, name: str, time: float) -> str:
     settings = found.settings
     clean, noisy = (found.at(name, noise, time) for noise in settings.noises)
     longest = np.mean(found.of(name, settings.noises[0])[:, -1, POSITIVE])
@@ -215,7 +215,7 @@ def _detail(found: Found, name: str, time: float) -> str:
     )
 
 
-def _figure(found: Found) -> Shown:
+def _figure(found: FitsFound) -> Shown:
     settings = found.settings
     words = {
         ERROR: "median $\\|\\hat{J} - J\\| / \\|J\\|$ [1]",
@@ -234,7 +234,7 @@ def _figure(found: Found) -> Shown:
     return Shown("gammas", "(21)", caption, settings.scenes, figure)
 
 
-def _panel(found: Found, place: int, label: str) -> Panel:
+def _panel(found: FitsFound, place: int, label: str) -> Panel:
     settings, is_error = found.settings, place == ERROR
     middle = np.median if is_error else np.mean
     cases = [(name, noise) for name in GAMMAS for noise in settings.noises]

@@ -48,7 +48,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Way:
+class RcmErrors:
     """The errors of one way to solve for o_c, over values of one field of the lines."""
 
     rms: Floats
@@ -62,8 +62,8 @@ class Accuracy:
     """Both ways over the ``values``."""
 
     values: Floats
-    printed: Way
-    refined: Way
+    printed: RcmErrors
+    refined: RcmErrors
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -84,9 +84,9 @@ def accuracy(folder: Path, settings: Settings, name: str, values: Sequence[float
     points = [replace(settings.typical, **{name: value}) for value in values]
     samples = [sample(lines, settings.draws, settings.seed) for lines in points]
 
-    def way(i: int) -> Way:
+    def way(i: int) -> RcmErrors:
         errors = [sample[:, i] for sample in samples]
-        return Way(
+        return RcmErrors(
             rms=np.array([rms(np.linalg.norm(error, axis=1)) for error in errors]),
             bias=np.array([float(np.mean(error[:, 0])) for error in errors]),
         )
@@ -110,7 +110,7 @@ def sample(lines: Lines, draws: int, seed: int) -> Floats:
 
 
 @dataclass(frozen=True)
-class Found:
+class Accuracies:
     """All accuracies, and how to ask them."""
 
     settings: Settings
@@ -130,7 +130,7 @@ class Found:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    found = Found(
+    found = Accuracies(
         settings, *(results.of(Accuracy, f"over-{name}") for name in ("H", "span", "noise"))
     )
     claims = [
@@ -142,7 +142,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     return Chapter(claims, [_figure(found)])
 
 
-def lines_give_o_c(found: Found) -> Claim:
+def lines_give_o_c(found: Accuracies) -> Claim:
     settings, lines, printed = found.settings, found.settings.typical, found.span.printed
     return Claim(
         f"(16) as printed on H = {lines.H} lines spread over {lines.span / DEGREE:g}° gives the "
@@ -164,7 +164,7 @@ def lines_give_o_c(found: Found) -> Claim:
     )
 
 
-def falls_as_an_average(found: Found) -> Claim:
+def falls_as_an_average(found: Accuracies) -> Claim:
     settings, printed = found.settings, found.H.printed
     far, here = printed.bias[-1], printed.bias[settings.numbers.index(settings.typical.H)]
     return Claim(
@@ -185,7 +185,7 @@ def falls_as_an_average(found: Found) -> Claim:
     )
 
 
-def refined_falls_too(found: Found) -> Claim:
+def refined_falls_too(found: Accuracies) -> Claim:
     return Claim(
         "the error after our refinement falls with the number of lines as an average's does: "
         "exponent",
@@ -200,7 +200,7 @@ def refined_falls_too(found: Found) -> Claim:
     )
 
 
-def refinement_takes_bias_away(found: Found) -> Claim:
+def refinement_takes_bias_away(found: Accuracies) -> Claim:
     before, after = (way.bias[found.narrow] for way in (found.span.printed, found.span.refined))
     return Claim(
         f"our refinement takes away the bias of (16), at a span of {JUDGED_SPAN / DEGREE:g}°",
@@ -223,7 +223,7 @@ def slope(x: Floats, y: Floats) -> float:
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
-def _figure(found: Found) -> Shown:
+def _figure(found: Accuracies) -> Shown:
     settings, lines = found.settings, found.settings.typical
     panels = [
         _panel("number of lines H", found.H, 1.0, labelled=True),

@@ -94,7 +94,7 @@ def slow_motion(folder: Path, settings: Settings, seed: int) -> Turn:
 
 
 @dataclass(frozen=True)
-class Found:
+class TurnsFound:
     """All turns, and how to ask them."""
 
     settings: Settings
@@ -117,12 +117,12 @@ class Found:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    found = Found(settings, results.all(Turn, "slow", settings.seeds))
+    found = TurnsFound(settings, results.all(Turn, "slow", settings.seeds))
     claims = [last_lines(found), chosen_lines(found), chosen_and_refined(found)]
     return Chapter(claims, [_figure(found)])
 
 
-def last_lines(found: Found) -> Claim:
+def last_lines(found: TurnsFound) -> Claim:
     settings, lines, error = found.settings, found.settings.lines, found.late("window")
     span = lines.H / settings.frame_rate * settings.speed / DEGREE
     return Claim(
@@ -144,7 +144,7 @@ def last_lines(found: Found) -> Claim:
     )
 
 
-def chosen_lines(found: Found) -> Claim:
+def chosen_lines(found: TurnsFound) -> Claim:
     settings = found.settings
     return Claim(
         f"{settings.lines.H} lines chosen by what they say of o_c give the imaged RCM in the same "
@@ -160,7 +160,7 @@ def chosen_lines(found: Found) -> Claim:
     )
 
 
-def chosen_and_refined(found: Found) -> Claim:
+def chosen_and_refined(found: TurnsFound) -> Claim:
     settings = found.settings
     gates = known(turn.gate for turn in found.turns)
     low, high = (told(f(gates), ".0f") if gates else "–" for f in (min, max))
@@ -183,7 +183,7 @@ def chosen_and_refined(found: Found) -> Claim:
     )
 
 
-def _figure(found: Found) -> Shown:
+def _figure(found: TurnsFound) -> Shown:
     settings = found.settings
     curves = [
         curve(

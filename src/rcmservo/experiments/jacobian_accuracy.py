@@ -141,7 +141,7 @@ def finite_median(numbers: Floats) -> float:
 
 
 @dataclass(frozen=True)
-class Table:
+class AccuracyTable:
     """All results, and how to ask them."""
 
     settings: Settings
@@ -168,7 +168,7 @@ class Table:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    table = Table(settings, results)
+    table = AccuracyTable(settings, results)
     claims = [
         more_accurate(table, kind, measure, against)
         for against in AGAINST
@@ -184,7 +184,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     return Chapter(claims, figures)
 
 
-def more_accurate(table: Table, kind: Kind, measure: str, against: str) -> Claim:
+def more_accurate(table: AccuracyTable, kind: Kind, measure: str, against: str) -> Claim:
     """Flow's claim of the more accurate Jacobian, on one kind of stream and by one measure."""
     noise = table.settings.noises[0]
     return Claim(
@@ -202,7 +202,7 @@ def more_accurate(table: Table, kind: Kind, measure: str, against: str) -> Claim
     )
 
 
-def _all_errors(table: Table, kind: Kind, measure: str) -> str:
+def _all_errors(table: AccuracyTable, kind: Kind, measure: str) -> str:
     noise = table.settings.noises[0]
     medians = [
         f"{LABELS[name]} {table.error(kind, noise, name, measure):.3f}" for name in ESTIMATORS
@@ -210,7 +210,7 @@ def _all_errors(table: Table, kind: Kind, measure: str) -> str:
     return f"median errors, {PHASES[kind][JUDGED]}: {'; '.join(medians)}"
 
 
-def _how_good(table: Table, kind: Kind, measure: str, against: str) -> str:
+def _how_good(table: AccuracyTable, kind: Kind, measure: str, against: str) -> str:
     """What a reader must know beside a ratio: against what it holds, and how good it is then."""
     noise = table.settings.noises[0]
     flow, other = (table.error(kind, noise, name, measure) for name in ("flow", against))
@@ -223,7 +223,7 @@ def _how_good(table: Table, kind: Kind, measure: str, against: str) -> str:
     return f"{words}; it is the other way round with {others}" if turned else words
 
 
-def _over_time(table: Table, kind: Kind) -> Shown:
+def _over_time(table: AccuracyTable, kind: Kind) -> Shown:
     seed, noise = table.settings.seeds[0], table.settings.noises[0]
     compared = table.of(kind, seed, noise)
 
@@ -262,7 +262,7 @@ def seed_marks(label: str, groups: Sequence[Floats], style: int) -> Curve:
     return curve(label, x, np.concatenate(groups), style, marks=True)
 
 
-def _per_seed(table: Table) -> Shown:
+def _per_seed(table: AccuracyTable) -> Shown:
     settings = table.settings
 
     def curves(kind: Kind, measure: str) -> list[Curve]:
@@ -294,7 +294,7 @@ def _per_seed(table: Table) -> Shown:
     return Shown("accuracy-seeds", "IV-B", caption, settings.seeds, figure)
 
 
-def _phases(table: Table) -> Shown:
+def _phases(table: AccuracyTable) -> Shown:
     noise, phases = table.settings.noises[0], PHASES["servo"]
 
     def middles(name: str, measure: str) -> list[float]:

@@ -42,7 +42,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Camera:
+class NineParameters:
     """How well a and o_c stand for one camera, and what its points tell of a."""
 
     reprojection: float
@@ -56,29 +56,29 @@ class Camera:
 
 
 @dataclass(frozen=True)
-class Cameras:
+class AllCameras:
     """Every camera's numbers."""
 
-    found: list[Camera]
+    found: list[NineParameters]
 
 
 def tasks(settings: Settings) -> list[Task]:
     return [Task("cameras", partial(all_cameras, settings=settings))]
 
 
-def all_cameras(folder: Path, settings: Settings) -> Cameras:
+def all_cameras(folder: Path, settings: Settings) -> AllCameras:
     """What `nine_parameters` finds of every camera."""
     del folder
-    return Cameras([nine_parameters(settings, seed) for seed in settings.cameras])
+    return AllCameras([nine_parameters(settings, seed) for seed in settings.cameras])
 
 
-def nine_parameters(settings: Settings, seed: int) -> Camera:
+def nine_parameters(settings: Settings, seed: int) -> NineParameters:
     """How well a and o_c stand for C, and the scaled singular values of M."""
     C, p0 = drawn(seed)
     a, o_c = parameters(C)
     sets = point_sets(settings, seed, p0)
     away = [np.linalg.norm(project(a, p) + o_c - seen_by(C, p)) for p in sets["generic"]]
-    return Camera(
+    return NineParameters(
         reprojection=float(np.max(away)),
         five=singular_values(C, o_c, sets["generic"][:5]),
         six={name: singular_values(C, o_c, points[:6]) for name, points in sets.items()},
@@ -115,7 +115,7 @@ def rank(sigma: Floats) -> int:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    found = results.of(Cameras, "cameras").found
+    found = results.of(AllCameras, "cameras").found
     claims = [
         nine_are_enough(settings, found),
         nine_are_independent(settings, found),
@@ -125,7 +125,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     return Chapter(claims, [_figure(settings, found)])
 
 
-def nine_are_enough(settings: Settings, found: list[Camera]) -> Claim:
+def nine_are_enough(settings: Settings, found: list[NineParameters]) -> Claim:
     return Claim(
         "nine parameters a and o_c give the pixels of C: largest distance",
         "lemma-1",
@@ -139,7 +139,7 @@ def nine_are_enough(settings: Settings, found: list[Camera]) -> Claim:
     )
 
 
-def nine_are_independent(settings: Settings, found: list[Camera]) -> Claim:
+def nine_are_independent(settings: Settings, found: list[NineParameters]) -> Claim:
     return Claim(
         "the nine are independent: M has rank 9 for six points in general position",
         "lemma-1",
@@ -153,7 +153,7 @@ def nine_are_independent(settings: Settings, found: list[Camera]) -> Claim:
     )
 
 
-def six_are_needed(settings: Settings, found: list[Camera]) -> Claim:
+def six_are_needed(settings: Settings, found: list[NineParameters]) -> Claim:
     five = [rank(one.five) for one in found]
     return Claim(
         "five observations leave the rank of M below 9",
@@ -171,7 +171,7 @@ def six_are_needed(settings: Settings, found: list[Camera]) -> Claim:
     )
 
 
-def six_give_full_rank(settings: Settings, found: list[Camera]) -> Claim:
+def six_give_full_rank(settings: Settings, found: list[NineParameters]) -> Claim:
     six, whole = (
         {name: [rank(sigmas[name]) for sigmas in some] for name in SETS}
         for some in ([one.six for one in found], [one.all for one in found])
@@ -193,7 +193,7 @@ def six_give_full_rank(settings: Settings, found: list[Camera]) -> Claim:
     )
 
 
-def _figure(settings: Settings, found: list[Camera]) -> Shown:
+def _figure(settings: Settings, found: list[NineParameters]) -> Shown:
     seed, first = settings.cameras[0], found[0]
     number = np.arange(1, PARAMETERS + 1)
     rows = {"five generic points": first.five}

@@ -17,7 +17,7 @@ import numpy as np
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
 from rcmservo.experiments.harness.lab.closed_loop import servo_for
 from rcmservo.experiments.harness.lab.methods import DEFAULT, FLOW_RULE, Learner
-from rcmservo.experiments.harness.lab.path import Trace, Way, circle
+from rcmservo.experiments.harness.lab.path import PathWay, Trace, circle
 from rcmservo.experiments.harness.lab.witness import EVERY, laboratory
 from rcmservo.experiments.harness.sentences import OURS
 from rcmservo.experiments.harness.statistics import median
@@ -69,12 +69,12 @@ class Following:
     """One method on one path: its way, or why it did not get round."""
 
     seed: int
-    way: Way | None
+    way: PathWay | None
     cause: str
 
 
 @dataclass(frozen=True)
-class Trials:
+class Followings:
     """One method on the path of every scene."""
 
     trials: list[Following]
@@ -87,10 +87,10 @@ def tasks(settings: Settings) -> list[Task]:
     ]
 
 
-def follow_all(folder: Path, settings: Settings, method: str) -> Trials:
+def follow_all(folder: Path, settings: Settings, method: str) -> Followings:
     """One estimator on the path of every scene."""
     del folder
-    return Trials([follow(settings, METHODS[method], seed) for seed in settings.seeds])
+    return Followings([follow(settings, METHODS[method], seed) for seed in settings.seeds])
 
 
 def follow(settings: Settings, method: Learner, seed: int) -> Following:
@@ -128,7 +128,7 @@ def at_start(state: State) -> bool:
 
 
 @dataclass(frozen=True)
-class Found:
+class PathsFollowed:
     """One method on all paths."""
 
     settings: Settings
@@ -136,7 +136,7 @@ class Found:
     trials: list[Following]
 
     @property
-    def ways(self) -> list[Way]:
+    def ways(self) -> list[PathWay]:
         return [trial.way for trial in self.trials if trial.way is not None]
 
     @property
@@ -148,7 +148,8 @@ class Found:
 
 def chapter(settings: Settings, results: Results) -> Chapter:
     found = [
-        Found(settings, method, results.of(Trials, name).trials) for name, method in METHODS.items()
+        PathsFollowed(settings, method, results.of(Followings, name).trials)
+        for name, method in METHODS.items()
     ]
     claims = [gets_round(one) for one in found]
     claims += [
@@ -157,7 +158,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     return Chapter(claims, [_figure(settings, found)])
 
 
-def gets_round(found: Found) -> Claim:
+def gets_round(found: PathsFollowed) -> Claim:
     settings = found.settings
     return Claim(
         "the tool follows moving reference pixels round the whole path, as in [10], in every scene",
@@ -175,7 +176,7 @@ def gets_round(found: Found) -> Claim:
     )
 
 
-def lags_by_v_over_k(found: Found) -> Claim:
+def lags_by_v_over_k(found: PathsFollowed) -> Claim:
     settings, ways = found.settings, found.ways
     worst = max(way.max for way in ways)
     return Claim(
@@ -195,7 +196,7 @@ def lags_by_v_over_k(found: Found) -> Claim:
     )
 
 
-def keeps_beside(found: Found) -> Claim:
+def keeps_beside(found: PathsFollowed) -> Claim:
     settings, ways = found.settings, found.ways
     beside = median([way.beside for way in ways])
     start = median([float(way.errors[0]) for way in ways])
@@ -216,7 +217,7 @@ def keeps_beside(found: Found) -> Claim:
     )
 
 
-def _figure(settings: Settings, found: list[Found]) -> Shown:
+def _figure(settings: Settings, found: list[PathsFollowed]) -> Shown:
     done = [one for one in found if one.ways]
     first = next((trial for one in done for trial in one.trials if trial.way), None)
     caption = (
@@ -237,7 +238,7 @@ def _figure(settings: Settings, found: list[Found]) -> Shown:
     return Shown("path", "[10]", caption, settings.seeds, figure)
 
 
-def _pictures(done: list[Found]) -> list[Curve]:
+def _pictures(done: list[PathsFollowed]) -> list[Curve]:
     """The reference of the first way, and the first way of every method."""
     references = [_picture("reference", one.ways[0].wanted, -1) for one in done[:1]]
     return references + [
@@ -245,7 +246,7 @@ def _pictures(done: list[Found]) -> list[Curve]:
     ]
 
 
-def _errors(found: Found, style: int) -> Curve:
+def _errors(found: PathsFollowed, style: int) -> Curve:
     """Median over the scenes."""
     shortest = min(len(way.errors) for way in found.ways)
     middle = np.median([way.errors[:shortest] for way in found.ways], axis=0)

@@ -64,7 +64,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Action:
+class PotentialAction:
     """Both readings, at the errors ``deltas``."""
 
     deltas: Floats
@@ -76,11 +76,11 @@ def tasks(settings: Settings) -> list[Task]:
     return [Task("action", partial(action, settings=settings))]
 
 
-def action(folder: Path, settings: Settings) -> Action:
+def action(folder: Path, settings: Settings) -> PotentialAction:
     """Both readings: V, its gradient, their largest steps, and (33) integrated."""
     del folder
     deltas = np.linspace(-settings.reach, settings.reach, 2001)
-    return Action(
+    return PotentialAction(
         deltas, reading(settings, deltas, printed=False), reading(settings, deltas, printed=True)
     )
 
@@ -119,7 +119,7 @@ def fall(settings: Settings, printed: bool) -> Floats:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    found = results.of(Action, "action")
+    found = results.of(PotentialAction, "action")
     claims = [
         action_saturates(settings, found),
         printed_action(settings, found),
@@ -129,7 +129,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     return Chapter(claims, [_figure_5(settings, found), _loop(settings, found)])
 
 
-def action_saturates(settings: Settings, found: Action) -> Claim:
+def action_saturates(settings: Settings, found: PotentialAction) -> Claim:
     return Claim(
         "the action is continuous and saturates at b, as Fig. 5 shows: largest step between "
         f"errors {settings.spacing:g} px apart",
@@ -143,7 +143,7 @@ def action_saturates(settings: Settings, found: Action) -> Claim:
     )
 
 
-def printed_action(settings: Settings, found: Action) -> Claim:
+def printed_action(settings: Settings, found: PotentialAction) -> Claim:
     return Claim(
         "the action of (32) as it is printed is continuous too: largest step",
         "saturated",
@@ -159,7 +159,7 @@ def printed_action(settings: Settings, found: Action) -> Claim:
     )
 
 
-def V_is_continuous(settings: Settings, found: Action) -> Claim:
+def V_is_continuous(settings: Settings, found: PotentialAction) -> Claim:
     return Claim(
         "V of (32) is continuous in both readings: largest step",
         "saturated",
@@ -171,7 +171,7 @@ def V_is_continuous(settings: Settings, found: Action) -> Claim:
     )
 
 
-def takes_its_time(settings: Settings, found: Action) -> Claim:
+def takes_its_time(settings: Settings, found: PotentialAction) -> Claim:
     time = found.continuous.time_to_small
     return Claim(
         f"with k = {settings.gain:g} and b = {settings.bound:g} px an error of "
@@ -190,7 +190,7 @@ def takes_its_time(settings: Settings, found: Action) -> Claim:
     )
 
 
-def _figure_5(settings: Settings, found: Action) -> Shown:
+def _figure_5(settings: Settings, found: PotentialAction) -> Shown:
     readings = (found.continuous, found.printed)
     gradients = [
         curve(LABELS[style], found.deltas, one.gradient, style)
@@ -211,7 +211,7 @@ def _figure_5(settings: Settings, found: Action) -> Shown:
     return Shown("fig-5", "Fig. 5", caption, [], Figure(title, panels, columns=2))
 
 
-def _loop(settings: Settings, found: Action) -> Shown:
+def _loop(settings: Settings, found: PotentialAction) -> Shown:
     time = np.arange(round(settings.duration / settings.step)) * settings.step
     curves = [
         curve(LABELS[style], time, one.error, style)

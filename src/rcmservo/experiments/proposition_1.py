@@ -62,7 +62,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Descent:
+class FallOfU:
     """What rule (21) did with one Γ before one camera."""
 
     time: Floats
@@ -82,25 +82,25 @@ class Descent:
 
 
 @dataclass(frozen=True)
-class Cameras:
+class BothGammas:
     """Both Γ before every camera."""
 
-    printed: list[Descent]
-    fast: list[Descent]
+    printed: list[FallOfU]
+    fast: list[FallOfU]
 
 
 def tasks(settings: Settings) -> list[Task]:
     return [Task("cameras", partial(all_cameras, settings=settings), cost=3.0)]
 
 
-def all_cameras(folder: Path, settings: Settings) -> Cameras:
+def all_cameras(folder: Path, settings: Settings) -> BothGammas:
     """What `one_camera` finds of every camera."""
     del folder
     printed, fast = zip(*(one_camera(settings, seed) for seed in settings.cameras), strict=True)
-    return Cameras(list(printed), list(fast))
+    return BothGammas(list(printed), list(fast))
 
 
-def one_camera(settings: Settings, seed: int) -> tuple[Descent, Descent]:
+def one_camera(settings: Settings, seed: int) -> tuple[FallOfU, FallOfU]:
     """What rule (21) does with the printed and with our fast Γ, on the same observations."""
     C, p0 = drawn(seed)
     a, o_c = parameters(C)
@@ -140,10 +140,10 @@ def fall_of_U(A: Floats, b: Floats, a: Floats, root: Floats, longest: float, lat
     return Fall(time, U, a_late, a_end, slowest)
 
 
-def judged(fall: Fall, a: Floats, p0: Floats, points: Floats) -> Descent:
+def judged(fall: Fall, a: Floats, p0: Floats, points: Floats) -> FallOfU:
     """The errors of Ĵ at p0 and of the projection of the `points`, and how U fell."""
     away = [np.linalg.norm(project(fall.late, p) - project(a, p)) for p in points]
-    return Descent(
+    return FallOfU(
         time=fall.time,
         U=fall.U / fall.U[0],
         rise=float(max(np.max(np.diff(fall.U)) / fall.U[0], 0.0)),
@@ -162,7 +162,7 @@ def jacobian_error(a_hat: Floats, a: Floats, p1: Floats) -> float:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    found = results.of(Cameras, "cameras")
+    found = results.of(BothGammas, "cameras")
     claims = [
         printed_never_rises(settings, found),
         tends_to_a(settings, found),
@@ -173,7 +173,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     return Chapter(claims, [_figure(settings, found)])
 
 
-def printed_never_rises(settings: Settings, found: Cameras) -> Claim:
+def printed_never_rises(settings: Settings, found: BothGammas) -> Claim:
     return Claim(
         "U of (22) never rises along rule (21) with the printed Γ: largest rise",
         "stable-21",
@@ -188,7 +188,7 @@ def printed_never_rises(settings: Settings, found: Cameras) -> Claim:
     )
 
 
-def fast_never_rises(settings: Settings, found: Cameras) -> Claim:
+def fast_never_rises(settings: Settings, found: BothGammas) -> Claim:
     return Claim(
         "U never rises with our fast Γ either: largest rise",
         OURS,
@@ -201,7 +201,7 @@ def fast_never_rises(settings: Settings, found: Cameras) -> Claim:
     )
 
 
-def tends_to_a(settings: Settings, found: Cameras) -> Claim:
+def tends_to_a(settings: Settings, found: BothGammas) -> Claim:
     slowest = [1.0 / one.slowest for one in found.printed]
     return Claim(
         "with the printed Γ and without noise Ĵ tends to J: largest ‖Ĵ − J‖/‖J‖",
@@ -220,7 +220,7 @@ def tends_to_a(settings: Settings, found: Cameras) -> Claim:
     )
 
 
-def printed_in_time(settings: Settings, found: Cameras) -> Claim:
+def printed_in_time(settings: Settings, found: BothGammas) -> Claim:
     late = [one.jacobian for one in found.printed]
     bad = sum(error > NEAR for error in late)
     off = median([one.reprojection for one in found.printed])
@@ -242,7 +242,7 @@ def printed_in_time(settings: Settings, found: Cameras) -> Claim:
     )
 
 
-def fast_in_time(settings: Settings, found: Cameras) -> Claim:
+def fast_in_time(settings: Settings, found: BothGammas) -> Claim:
     return Claim(
         f"with our fast Γ {settings.fast_time:g} s bring Ĵ within {100.0 * NEAR:g} % of J in "
         "every camera",
@@ -257,11 +257,11 @@ def fast_in_time(settings: Settings, found: Cameras) -> Claim:
 
 
 SHOWN = 5
-"""Cameras in the figure."""
+"""BothGammas in the figure."""
 
 
-def _figure(settings: Settings, found: Cameras) -> Shown:
-    falls: dict[str, Sequence[Descent]] = {
+def _figure(settings: Settings, found: BothGammas) -> Shown:
+    falls: dict[str, Sequence[FallOfU]] = {
         "printed Γ": found.printed[:SHOWN],
         "our fast Γ": found.fast[:SHOWN],
     }

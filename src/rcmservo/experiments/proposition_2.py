@@ -32,7 +32,7 @@ do not reach it."""
 
 @dataclass(frozen=True)
 class Settings:
-    """Loops of several sizes at several speeds."""
+    """SceneLoops of several sizes at several speeds."""
 
     seeds: tuple[int, ...] = (0, 1, 2, 3)
     radii: tuple[float, float] = (3.0, 30.0)
@@ -48,7 +48,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Descent:
+class FallOfR:
     """R_i of (29) along the flow rule at one speed."""
 
     path: Floats
@@ -69,14 +69,14 @@ class Loop:
 
     change: float
     """How far J gets from J at the start, of ‖J‖."""
-    speeds: list[Descent]
+    speeds: list[FallOfR]
     """At every speed."""
     constant: float
     """The largest rise were J constant."""
 
 
 @dataclass(frozen=True)
-class Loops:
+class SceneLoops:
     """The small and the large loop of one scene."""
 
     small: Loop
@@ -91,7 +91,7 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 @dataclass(frozen=True)
-class Way:
+class LoopWay:
     """One round of a closed path, step by step."""
 
     dp: Floats
@@ -104,7 +104,7 @@ class Way:
     """(3, 3)."""
 
 
-def loop_way(rig: Rig, radius: float, step: float) -> Way:
+def loop_way(rig: Rig, radius: float, step: float) -> LoopWay:
     """A closed curve in all three directions about the scene's start, through the true camera."""
     p0, n = rig.body.points(rig.scene.start)[0], axis(rig.settings.mechanism.kind, rig.scene.start)
     t1 = np.linalg.svd(n[None])[2][1]
@@ -119,24 +119,24 @@ def loop_way(rig: Rig, radius: float, step: float) -> Way:
     y = [features((rig.truth.pixels(q) - o_c).ravel()) for q in joints]
     J = np.array([rig.truth.jacobian(q, o_c) for q in joints])
     dy = np.array([difference(after, before) for before, after in pairwise(y)])
-    return Way(np.diff(p, axis=0), dy, J[1:], J[0])
+    return LoopWay(np.diff(p, axis=0), dy, J[1:], J[0])
 
 
-def loops(folder: Path, settings: Settings, seed: int) -> Loops:
+def loops(folder: Path, settings: Settings, seed: int) -> SceneLoops:
     """What `on_loop` finds of both loops."""
     del folder
     rig = Rig(seed, RigSettings(), pictures=False)
     small, large = (
         on_loop(loop_way(rig, radius, settings.step), settings) for radius in settings.radii
     )
-    return Loops(small, large)
+    return SceneLoops(small, large)
 
 
-def on_loop(way: Way, settings: Settings) -> Loop:
+def on_loop(way: LoopWay, settings: Settings) -> Loop:
     """The flow rule on one loop, and on the same were J constant."""
     change = np.linalg.norm((way.J - way.J_start) / SCALE[:, None], axis=(1, 2))
     same = np.broadcast_to(way.J_start, way.J.shape)
-    constant = Way(way.dp, way.dp @ way.J_start.T, same, way.J_start)
+    constant = LoopWay(way.dp, way.dp @ way.J_start.T, same, way.J_start)
     return Loop(
         change=float(np.max(change) / np.linalg.norm(scaled(way.J_start))),
         speeds=[fall_of_R(way, settings, speed) for speed in settings.speeds],
@@ -144,7 +144,7 @@ def on_loop(way: Way, settings: Settings) -> Loop:
     )
 
 
-def fall_of_R(way: Way, settings: Settings, speed: float) -> Descent:
+def fall_of_R(way: LoopWay, settings: Settings, speed: float) -> FallOfR:
     """R_i (29) over `path` mm of rounds at a constant speed (mm/s), from Ĵ = 0."""
     lengths: Floats = np.linalg.norm(way.dp, axis=1)
     count = round(settings.path / float(np.mean(lengths)))
@@ -158,10 +158,10 @@ def fall_of_R(way: Way, settings: Settings, speed: float) -> Descent:
     return _descent(np.array(along), np.array(R) / R[0])
 
 
-def _descent(along: Floats, ratio: Floats) -> Descent:
+def _descent(along: Floats, ratio: Floats) -> FallOfR:
     """R_i/R_i(0) (n, 3) in a few numbers, and thinned for the figure."""
     thin = slice(None, None, max(1, len(along) // 400))
-    return Descent(
+    return FallOfR(
         path=along[thin],
         R=ratio.mean(axis=1)[thin],
         rise=float(np.max(ratio - np.minimum.accumulate(ratio, axis=0))),
@@ -171,7 +171,7 @@ def _descent(along: Floats, ratio: Floats) -> Descent:
 
 
 @dataclass(frozen=True)
-class Found:
+class LoopsFound:
     """All scenes, and how to ask them; the speeds are counted from the slowest."""
 
     settings: Settings
@@ -189,8 +189,8 @@ class Found:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    runs = results.all(Loops, "loops", settings.seeds)
-    found = Found(settings, [run.small for run in runs], [run.large for run in runs])
+    runs = results.all(SceneLoops, "loops", settings.seeds)
+    found = LoopsFound(settings, [run.small for run in runs], [run.large for run in runs])
     claims = [
         falls_when_slow(found),
         never_rises_at_constant_J(found),
@@ -201,7 +201,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     return Chapter(claims, [_figure(found)])
 
 
-def falls_when_slow(found: Found) -> Claim:
+def falls_when_slow(found: LoopsFound) -> Claim:
     settings, rises = found.settings, found.rises(found.small)
     slow, change = settings.speeds[0], max(one.change for one in found.small)
     shares = {
@@ -227,7 +227,7 @@ def falls_when_slow(found: Found) -> Claim:
     )
 
 
-def never_rises_at_constant_J(found: Found) -> Claim:
+def never_rises_at_constant_J(found: LoopsFound) -> Claim:
     return Claim(
         "where J is constant, R_i of (29) never rises along the flow rule (28): largest rise",
         "stable-28",
@@ -240,7 +240,7 @@ def never_rises_at_constant_J(found: Found) -> Claim:
     )
 
 
-def slower_is_better(found: Found) -> Claim:
+def slower_is_better(found: LoopsFound) -> Claim:
     rises, wide = found.rises(found.small), found.rises(found.large)
     slow, fast = found.settings.speeds[0], found.settings.speeds[-1]
     return Claim(
@@ -263,7 +263,7 @@ def slower_is_better(found: Found) -> Claim:
     )
 
 
-def change_of_J_matters(found: Found) -> Claim:
+def change_of_J_matters(found: LoopsFound) -> Claim:
     small, large = (f"{radius:g}" for radius in found.settings.radii)
     pairs = zip(found.large, found.small, strict=True)
     change = [max(one.change for one in loops) for loops in (found.large, found.small)]
@@ -282,7 +282,7 @@ def change_of_J_matters(found: Found) -> Claim:
     )
 
 
-def learns_in_real_time(found: Found) -> Claim:
+def learns_in_real_time(found: LoopsFound) -> Claim:
     settings = found.settings
     slow = settings.speeds[0]
     left = {
@@ -307,7 +307,7 @@ def learns_in_real_time(found: Found) -> Claim:
     )
 
 
-def _figure(found: Found) -> Shown:
+def _figure(found: LoopsFound) -> Shown:
     settings = found.settings
     panels = [
         _panel(settings, settings.radii[0], found.small[0], labelled=False),

@@ -15,7 +15,7 @@ from rcmservo.experiments.harness.lab.regulation import (
     ACCURATE,
     SEEN,
     Regulation,
-    Run,
+    RegulationRun,
     begun,
     moving_means,
     regulation_tasks,
@@ -62,8 +62,8 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    runs = results.all(Run, "seed", settings.seeds)
-    other = results.all(Run, "from-start", settings.seeds)
+    runs = results.all(RegulationRun, "seed", settings.seeds)
+    other = results.all(RegulationRun, "from-start", settings.seeds)
     claims = [
         succeeds(settings, runs, "regulation-flow", CASE),
         succeeds(settings, other, "regulation-flow", ("flow-based, explored at the start", "")),
@@ -78,7 +78,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     return Chapter(claims, [*figures, _flows(settings, results)])
 
 
-def at_every_instant(settings: Settings, runs: Sequence[Run]) -> Claim:
+def at_every_instant(settings: Settings, runs: Sequence[RegulationRun]) -> Claim:
     at_end = median([one.at_end for one in begun(runs)])
     return Claim(
         "Ĵ approximates the differential mapping at the end of a regulation: scaled ‖Ĵ − J‖/‖J‖, "
@@ -97,7 +97,7 @@ def at_every_instant(settings: Settings, runs: Sequence[Run]) -> Claim:
     )
 
 
-def omega_follows(settings: Settings, runs: Sequence[Run]) -> Claim:
+def omega_follows(settings: Settings, runs: Sequence[RegulationRun]) -> Claim:
     away = [one.flow_away for one in begun(runs)]
     return Claim(
         "ω of (35) follows the measured flow: rms difference of their means over 1 s, as a share "
@@ -114,7 +114,7 @@ def omega_follows(settings: Settings, runs: Sequence[Run]) -> Claim:
     )
 
 
-def small_gamma_removes_noise(settings: Settings, runs: Sequence[Run]) -> Claim:
+def small_gamma_removes_noise(settings: Settings, runs: Sequence[RegulationRun]) -> Claim:
     noise = [one.flow_noise for one in begun(runs)]
     return Claim(
         "the estimated flow is smoother: change of ω from frame to frame as a share of that of ẏ, "
@@ -132,7 +132,7 @@ def small_gamma_removes_noise(settings: Settings, runs: Sequence[Run]) -> Claim:
     )
 
 
-def success_shows(settings: Settings, other: Sequence[Run]) -> Claim:
+def success_shows(settings: Settings, other: Sequence[RegulationRun]) -> Claim:
     reached = begun(run for run in other if run.small)
     wrong = median([one.at_end for one in reached or begun(other)])
     return Claim(
@@ -158,7 +158,7 @@ def success_shows(settings: Settings, other: Sequence[Run]) -> Claim:
 def _flows(settings: Settings, results: Results) -> Shown:
     """The flows of the run that the figures show, from its start on."""
     task = f"seed-{settings.shown}"
-    rows, run = recorded(results.folder(task)), results.of(Run, task)
+    rows, run = recorded(results.folder(task)), results.of(RegulationRun, task)
     began = (run.regulated.began if run.regulated else 0.0) + SEEN
     new = rows.new_frames(began)
     y_dot, omega = (flow * plots.DEGREES for flow in plots.flows(rows, new))

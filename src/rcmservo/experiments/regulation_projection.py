@@ -18,7 +18,7 @@ from rcmservo.experiments.harness.lab.closed_loop import PRINTED_FIT, WIDE, Clos
 from rcmservo.experiments.harness.lab.regulation import (
     ACCURATE,
     Regulation,
-    Run,
+    RegulationRun,
     begun,
     regulation_tasks,
 )
@@ -120,8 +120,8 @@ def in_real_time(folder: Path, seed: int, settings: Settings) -> Explored:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    runs = results.all(Run, "seed", settings.seeds)
-    random = results.all(Run, "random", settings.seeds)
+    runs = results.all(RegulationRun, "seed", settings.seeds)
+    random = results.all(RegulationRun, "random", settings.seeds)
     claims = [
         succeeds(settings, random, "regulation-projection", RANDOM),
         succeeds(settings, runs, "regulation-projection", CASE),
@@ -130,7 +130,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
         *([approximates(settings, random, RANDOM)] if begun(random) else []),
         falls_by_k_b(settings, runs, CASE),
         model_follows(settings, runs),
-        defaults_are_soon(settings, results.all(Run, "default", settings.by_default)),
+        defaults_are_soon(settings, results.all(RegulationRun, "default", settings.by_default)),
     ]
     figures = [
         *regulation_figures(settings, results, runs, ("Fig. 7", "Fig. 9")),
@@ -160,7 +160,7 @@ def real_time(settings: Settings, slow: Sequence[Explored]) -> Claim:
     )
 
 
-def model_follows(settings: Settings, runs: Sequence[Run]) -> Claim:
+def model_follows(settings: Settings, runs: Sequence[RegulationRun]) -> Claim:
     away = finite_models(runs)
     return Claim(
         "π of (34) follows the measured m₁: rms distance, median",
@@ -175,7 +175,7 @@ def model_follows(settings: Settings, runs: Sequence[Run]) -> Claim:
     )
 
 
-def defaults_are_soon(settings: Settings, runs: Sequence[Run]) -> Claim:
+def defaults_are_soon(settings: Settings, runs: Sequence[RegulationRun]) -> Claim:
     times = [one.time_to_small for one in begun(runs)]
     there = [f"{time:.1f}" for time in times if time is not None]
     return Claim(
@@ -195,7 +195,7 @@ def defaults_are_soon(settings: Settings, runs: Sequence[Run]) -> Claim:
 
 def _default_errors(settings: Settings, results: Results) -> Shown:
     task = f"default-{settings.by_default[0]}"
-    rows, run = recorded(results.folder(task)), results.of(Run, task)
+    rows, run = recorded(results.folder(task)), results.of(RegulationRun, task)
     figure = regulation_errors(rows, run, settings, SOON)
     caption = (
         "The same start with this software's defaults instead of the paper's gains; mind the time "
@@ -206,7 +206,7 @@ def _default_errors(settings: Settings, results: Results) -> Shown:
 
 def _projection(settings: Settings, results: Results) -> Shown:
     task = f"seed-{settings.shown}"
-    run = results.of(Run, task)
+    run = results.of(RegulationRun, task)
     began = run.regulated.began if run.regulated else 0.0
     figure = plots.projection(recorded(results.folder(task)), began)
     caption = "The measured m₁ and the estimate π of (34), both from o_c, from the start on."

@@ -166,7 +166,7 @@ class HalfWay:
 
 
 @dataclass(frozen=True)
-class Found:
+class Relocations:
     """All runs, by name."""
 
     settings: Settings
@@ -179,12 +179,12 @@ class Found:
 
 def chapter(settings: Settings, results: Results) -> Chapter:
     names = [task.name for task in tasks(settings)]
-    found = Found(settings, {name: results.of(Relocation, name) for name in names})
+    found = Relocations(settings, {name: results.of(Relocation, name) for name in names})
     claims = [gets_there(found), is_noticed(found), stands_still(found)]
     return Chapter(claims, _figures(settings, results))
 
 
-def gets_there(found: Found) -> Claim:
+def gets_there(found: Relocations) -> Claim:
     errors = [run.pose_error for run in found.runs.values()]
     failed = [
         f"{name}: {run.end_cause or 'not there'}"
@@ -207,7 +207,7 @@ def gets_there(found: Found) -> Claim:
     )
 
 
-def is_noticed(found: Found) -> Claim:
+def is_noticed(found: Relocations) -> Claim:
     return Claim(
         "a camera that is moved and rolled in mid-run is noticed, and the servo pauses for that "
         "reason",
@@ -222,7 +222,7 @@ def is_noticed(found: Found) -> Claim:
     )
 
 
-def stands_still(found: Found) -> Claim:
+def stands_still(found: Relocations) -> Claim:
     soon = [stop.stopped_after is not None and stop.stopped_after <= STOPS for stop in found.stops]
     after = [f"{stop.stopped_after:.2f}" for stop in found.stops if stop.stopped_after is not None]
     return Claim(

@@ -155,7 +155,7 @@ def _visit(
 
 
 @dataclass(frozen=True)
-class Found:
+class VisitsFound:
     """All scenes with one estimator."""
 
     settings: Settings
@@ -176,10 +176,6 @@ class Found:
         scenes = self.scenes[: len(self.settings.rendered)]
         return [visit.pose_error for scene in scenes for visit in scene.made]
 
-    @property
-    def asked(self) -> int:
-        return self.settings.poses * self.settings.rounds * len(self.scenes)
-
     def on_rendered(self, word: str, of: Callable[[list[float]], float]) -> str:
         rendered = self.rendered
         return f"; on rendered frames {word} {of(rendered):.2f} mm" if rendered else ""
@@ -187,7 +183,7 @@ class Found:
 
 def chapter(settings: Settings, results: Results) -> Chapter:
     found = [
-        Found(settings, method, results.all(Visits, method, settings.seeds))
+        VisitsFound(settings, method, results.all(Visits, method, settings.seeds))
         for method in ("flow", "projection")
     ]
     claims = [claim(one) for claim in (within_4_mm, all_are_made) for one in found]
@@ -195,7 +191,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     return Chapter(claims, _figures(settings, results))
 
 
-def within_4_mm(found: Found) -> Claim:
+def within_4_mm(found: VisitsFound) -> Claim:
     J = [visit.jacobian_error for visit in found.visits]
     return Claim(
         "learning by showing: every visit ends within 4 mm of the pose that was shown, worst visit",
@@ -212,24 +208,25 @@ def within_4_mm(found: Found) -> Claim:
     )
 
 
-def all_are_made(found: Found) -> Claim:
+def all_are_made(found: VisitsFound) -> Claim:
+    asked = found.settings.poses * found.settings.rounds * len(found.scenes)
     causes = sorted({scene.cause for scene in found.scenes if scene.cause})
     return Claim(
         "every visit is made",
         "showing",
-        100.0 * len(found.visits) / found.asked,
+        100.0 * len(found.visits) / asked,
         "% of visits",
         ">=",
         100.0,
         found.settings.seeds,
         follows=True,
         case=(f"{found.method}-based", ""),
-        detail="; ".join([f"{found.asked} asked for", *causes]),
+        detail="; ".join([f"{asked} asked for", *causes]),
         figure="visits",
     )
 
 
-def median_visit(found: Found) -> Claim:
+def median_visit(found: VisitsFound) -> Claim:
     return Claim(
         "the median visit ends within 0.5 mm",
         OURS,
@@ -244,7 +241,7 @@ def median_visit(found: Found) -> Claim:
     )
 
 
-def meaning(found: Found) -> Claim:
+def meaning(found: VisitsFound) -> Claim:
     per_pixel = [mm for scene in found.scenes for mm in scene.per_pixel]
     return Claim(
         "4 mm are fine: one pixel of noise in each marker coordinate displaces the tool by less, "
@@ -335,8 +332,8 @@ def _marks(style: int, scenes: Sequence[Visits], of: Callable[[Visit], float]) -
         for place, scene in enumerate(scenes)
         for visit in scene.made
     ]
-    label = list(PAPER_METHODS)[style]
-    return curve(label, [x for x, _ in points], [y for _, y in points], style, marks=True)
+    x, y = [x for x, _ in points], [y for _, y in points]
+    return curve(list(PAPER_METHODS)[style], x, y, style, marks=True)
 
 
 EXPERIMENT = Experiment(

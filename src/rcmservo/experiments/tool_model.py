@@ -55,7 +55,7 @@ class Modelled:
 
 
 @dataclass(frozen=True)
-class Scene:
+class ToolScene:
     """Both models in one scene; λ is right at the pose itself, so that both predict the same m₂."""
 
     true: float
@@ -65,14 +65,14 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Scenes:
+class ToolScenes:
     """Both models in every scene."""
 
-    found: list[Scene]
+    found: list[ToolScene]
 
 
 @dataclass(frozen=True)
-class Loops:
+class ToolLoops:
     """The same closed loop with either model known to the servo; the real tool is rigid."""
 
     rigid: Trial
@@ -91,13 +91,13 @@ def tools(p1: Floats) -> tuple[Tool, Tool]:
     return RigidTool(SPACING), ScaledTool(1.0 + SPACING / float(np.linalg.norm(p1)))
 
 
-def scenes(folder: Path, settings: Settings) -> Scenes:
+def scenes(folder: Path, settings: Settings) -> ToolScenes:
     """What `scene` finds of every scene."""
     del folder
-    return Scenes([scene(seed) for seed in settings.scenes])
+    return ToolScenes([scene(seed) for seed in settings.scenes])
 
 
-def scene(seed: int) -> Scene:
+def scene(seed: int) -> ToolScene:
     """Ĵ from the true a with either tool model."""
     rig = Rig(seed, RigSettings(scene=PINHOLE), pictures=False)
     a, o_c = true_parameters(rig)
@@ -114,21 +114,21 @@ def scene(seed: int) -> Scene:
             row=float(np.linalg.norm(J_hat[2] - J[2]) / np.linalg.norm(J[2])),
         )
 
-    return Scene(float(J[2] @ n), *(modelled(tool) for tool in tools(p1)))
+    return ToolScene(float(J[2] @ n), *(modelled(tool) for tool in tools(p1)))
 
 
-def loop(folder: Path, settings: Settings, seed: int) -> Loops:
+def loop(folder: Path, settings: Settings, seed: int) -> ToolLoops:
     """The same closed loop with either tool model known to the servo. λ is right at home."""
     del folder
     laboratory = RigSettings(tool=RigidTool(SPACING), point_noise=NOISE)
     home = Rig(seed, laboratory, pictures=False)
     known = tools(home.body.points(home.scene.start)[0])
-    return Loops(*(settle(seed, laboratory, settings.duration, tool)[0] for tool in known))
+    return ToolLoops(*(settle(seed, laboratory, settings.duration, tool)[0] for tool in known))
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    found = results.of(Scenes, "scenes").found
-    loops = results.all(Loops, "loop", settings.loops)
+    found = results.of(ToolScenes, "scenes").found
+    loops = results.all(ToolLoops, "loop", settings.loops)
     claims = [
         right_jacobian(settings, found),
         right_sign(settings, found),
@@ -137,7 +137,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
     return Chapter(claims, [_scene_figure(settings, found), _loop_figure(settings, loops)])
 
 
-def right_jacobian(settings: Settings, found: list[Scene]) -> Claim:
+def right_jacobian(settings: Settings, found: list[ToolScene]) -> Claim:
     rigid, constant = (
         median([one.whole for one in some])
         for some in ([one.rigid for one in found], [one.constant for one in found])
@@ -159,7 +159,7 @@ def right_jacobian(settings: Settings, found: list[Scene]) -> Claim:
     )
 
 
-def right_sign(settings: Settings, found: list[Scene]) -> Claim:
+def right_sign(settings: Settings, found: list[ToolScene]) -> Claim:
     wrong = float(np.mean([one.true * one.constant.along < 0.0 for one in found]))
     return Claim(
         "with λ a known constant and the true a, ∂d/∂ρ has the right sign: share of scenes",
@@ -179,7 +179,7 @@ def right_sign(settings: Settings, found: list[Scene]) -> Claim:
     )
 
 
-def settles(settings: Settings, loops: list[Loops]) -> Claim:
+def settles(settings: Settings, loops: list[ToolLoops]) -> Claim:
     rigid, constant = [one.rigid for one in loops], [one.constant for one in loops]
     settled = [sum(trial.settled for trial in some) for some in (rigid, constant)]
     wrong = [median(known(trial.jacobian for trial in some)) for some in (rigid, constant)]
@@ -208,7 +208,7 @@ def _settled_words(trials: list[Trial]) -> str:
     return f"median after {told(time, '.1f')} s, pose error {told(pose, '.2g')} mm"
 
 
-def _scene_figure(settings: Settings, found: list[Scene]) -> Shown:
+def _scene_figure(settings: Settings, found: list[ToolScene]) -> Shown:
     true = [one.true for one in found]
     ends = [min(true), max(true)]
     models = ([one.rigid for one in found], [one.constant for one in found])
@@ -234,7 +234,7 @@ def _scene_figure(settings: Settings, found: list[Scene]) -> Shown:
     return Shown("tool-model", "II-B", caption, settings.scenes, figure)
 
 
-def _loop_figure(settings: Settings, loops: list[Loops]) -> Shown:
+def _loop_figure(settings: Settings, loops: list[ToolLoops]) -> Shown:
     models = ([one.rigid for one in loops], [one.constant for one in loops])
     numbers = {
         "settled after [s]": [[one.settle_time for one in some] for some in models],

@@ -26,7 +26,7 @@ UNRELATED = ("app", "live", "offline")
 """Folders of the package that no result depends on."""
 
 
-class Job(NamedTuple):
+class Assignment(NamedTuple):
     """A task, its folder, and the fingerprint of all that its result depends on."""
 
     task: Task
@@ -43,10 +43,12 @@ def run_all(
     Ctrl-C the workers are ended and what they were at is lost, nothing else.
     """
     jobs = {
-        experiment: [Job(task, out / experiment / task.name, fingerprint(task)) for task in some]
+        experiment: [
+            Assignment(task, out / experiment / task.name, fingerprint(task)) for task in some
+        ]
         for experiment, some in tasks.items()
     }
-    todo: list[Job] = []
+    todo: list[Assignment] = []
     for job in (job for some in jobs.values() for job in some):
         if _finished(job):
             progress(job.task)
@@ -59,7 +61,7 @@ def run_all(
     }
 
 
-def _run(todo: list[Job], progress: Callable[[Task], None]) -> None:
+def _run(todo: list[Assignment], progress: Callable[[Task], None]) -> None:
     context = multiprocessing.get_context("spawn")
     workers = min(_cores(), max(len(todo), 1))
     with ProcessPoolExecutor(workers, context, initializer=_become_worker) as pool:
@@ -95,7 +97,7 @@ def _end_with_the_first() -> None:
         os._exit(1)
 
 
-def perform(job: Job) -> None:
+def perform(job: Assignment) -> None:
     """Run one task into its folder, which is there whole or not at all."""
     part = job.folder.with_name(job.folder.name + PART)
     for old in (part, job.folder):
@@ -107,14 +109,14 @@ def perform(job: Job) -> None:
     part.rename(job.folder)
 
 
-def _finished(job: Job) -> bool:
+def _finished(job: Assignment) -> bool:
     try:
         return json.loads((job.folder / RESULT).read_text())["fingerprint"] == job.mark
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
 
-def result_of(job: Job) -> object:
+def result_of(job: Assignment) -> object:
     """What a finished task found, as the type that its function gives."""
     values = json.loads((job.folder / RESULT).read_text())["values"]
     return built(get_type_hints(job.task.work.func)["return"], values)

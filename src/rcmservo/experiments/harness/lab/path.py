@@ -53,7 +53,7 @@ def circle(rig: Rig, radius: float, period: float) -> Circle:
 
 
 @dataclass(frozen=True)
-class Way:
+class PathWay:
     """A path gone round to its end."""
 
     rms: float
@@ -94,7 +94,7 @@ class Trace:
         self._points.append(rig.body.points(q)[0])
         self._pixels.append(rig.truth.pixels(q)[0])
 
-    def way(self) -> Way | None:
+    def way(self) -> PathWay | None:
         """The way round, or None if it was not gone to its end."""
         if not self._times or self._times[-1] <= self.path.period - NEAR_END:
             return None
@@ -102,7 +102,7 @@ class Trace:
         seen, errors = np.array(self._pixels), self._behind(0.0)
         lags = np.arange(0.0, LONGEST_LAG, 0.02)
         left = [rms(self._behind(lag)) for lag in lags]
-        return Way(
+        return PathWay(
             rms=rms(errors),
             max=float(errors.max()),
             pixels_rms=rms(np.linalg.norm(seen - wanted, axis=1)),

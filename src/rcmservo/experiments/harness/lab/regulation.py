@@ -133,7 +133,7 @@ class Regulated:
 
 
 @dataclass(frozen=True)
-class Run:
+class RegulationRun:
     """One regulation: why it stopped, if it did, and what was measured, if it began."""
 
     cause: str
@@ -163,7 +163,7 @@ class Run:
         return f"{np.max(one.left):.1%} of an error left"
 
 
-def begun(runs: Iterable[Run]) -> list[Regulated]:
+def begun(runs: Iterable[RegulationRun]) -> list[Regulated]:
     """The runs that left their start."""
     return [run.regulated for run in runs if run.regulated is not None]
 
@@ -177,7 +177,7 @@ def regulation_tasks(settings: Regulation, prefix: str = "seed") -> list[Task]:
     ]
 
 
-def regulate(folder: Path, seed: int, settings: Regulation) -> Run:
+def regulate(folder: Path, seed: int, settings: Regulation) -> RegulationRun:
     """Explore, go back to the start, regulate; what was measured, from the record."""
     with ClosedLoop(folder, seed, settings.rig(), settings.pictures, settings.servo) as loop:
         scene = loop.rig.scene
@@ -186,7 +186,7 @@ def regulate(folder: Path, seed: int, settings: Regulation) -> Run:
         loop.rig.place(scene.half_way if settings.half_way else scene.start)
         tick = loop.explore(home)
         if not tick.state.explored:
-            return Run(tick.state.cause.value or Cause.NOT_EXPLORED.value, None)
+            return RegulationRun(tick.state.cause.value or Cause.NOT_EXPLORED.value, None)
         tick = loop.last(home, settings.back, tick.state, done=Arrived())
         began = loop.elapsed()
         for count, there in enumerate(loop.stage(target, settings.duration, tick.state)):
@@ -194,7 +194,7 @@ def regulate(folder: Path, seed: int, settings: Regulation) -> Run:
             if count == round(100 * SEEN):
                 loop.snapshot("initial.png", target, tick.state, _words("initial", tick))
         loop.snapshot("final.png", target, tick.state, _words("final", tick))
-    return Run(tick.state.cause.value, measured(recorded(folder), began, p_d, settings))
+    return RegulationRun(tick.state.cause.value, measured(recorded(folder), began, p_d, settings))
 
 
 def _words(when: str, tick: Tick) -> str:

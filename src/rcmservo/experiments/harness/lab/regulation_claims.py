@@ -12,7 +12,7 @@ from rcmservo.experiments.harness.lab.regulation import (
     SEEN,
     SLOPE,
     Regulation,
-    Run,
+    RegulationRun,
     begun,
 )
 from rcmservo.experiments.harness.statistics import known, median, share, told
@@ -25,7 +25,9 @@ MOST = 90.0
 """% of the seeds in which an experiment of the paper is to succeed."""
 
 
-def succeeds(settings: Regulation, runs: Sequence[Run], about: str, case: tuple[str, str]) -> Claim:
+def succeeds(
+    settings: Regulation, runs: Sequence[RegulationRun], about: str, case: tuple[str, str]
+) -> Claim:
     """That the errors fall as the paper's do."""
     rest = [
         f"seed {seed}: {run.why_not}"
@@ -46,7 +48,7 @@ def succeeds(settings: Regulation, runs: Sequence[Run], about: str, case: tuple[
     )
 
 
-def _left(runs: Sequence[Run]) -> str:
+def _left(runs: Sequence[RegulationRun]) -> str:
     """What the runs that succeeded leave."""
     good = begun(run for run in runs if run.succeeded)
     left = max((float(np.max(one.left)) for one in good), default=np.nan)
@@ -57,7 +59,7 @@ def _left(runs: Sequence[Run]) -> str:
     )
 
 
-def _starts(settings: Regulation, runs: Sequence[Run]) -> list[str]:
+def _starts(settings: Regulation, runs: Sequence[RegulationRun]) -> list[str]:
     """How near the runs began to the errors that they were to begin with."""
     if not begun(runs):
         return []
@@ -70,7 +72,9 @@ def _starts(settings: Regulation, runs: Sequence[Run]) -> list[str]:
     ]
 
 
-def approximates(settings: Regulation, runs: Sequence[Run], case: tuple[str, str]) -> Claim:
+def approximates(
+    settings: Regulation, runs: Sequence[RegulationRun], case: tuple[str, str]
+) -> Claim:
     """That Ĵ is near J when the exploration is done."""
     some = begun(runs)
     errors = [one.explored for one in some]
@@ -89,7 +93,9 @@ def approximates(settings: Regulation, runs: Sequence[Run], case: tuple[str, str
     )
 
 
-def falls_by_k_b(settings: Regulation, runs: Sequence[Run], case: tuple[str, str]) -> Claim:
+def falls_by_k_b(
+    settings: Regulation, runs: Sequence[RegulationRun], case: tuple[str, str]
+) -> Claim:
     """That the gains mean what they say."""
     slopes = np.array([one.slopes[1] for one in begun(runs)])
     slopes = slopes[np.isfinite(slopes)]
@@ -110,12 +116,12 @@ def falls_by_k_b(settings: Regulation, runs: Sequence[Run], case: tuple[str, str
 
 
 def regulation_figures(
-    settings: Regulation, results: Results, runs: Sequence[Run], paper: tuple[str, str]
+    settings: Regulation, results: Results, runs: Sequence[RegulationRun], paper: tuple[str, str]
 ) -> list[Shown]:
     """Fig. 7 or 8 (pictures) and 9 or 10 (errors) of the seed shown, and all seeds."""
     task = f"seed-{settings.shown}"
     rows = recorded(results.folder(task))
-    errors = regulation_errors(rows, results.of(Run, task), settings)
+    errors = regulation_errors(rows, results.of(RegulationRun, task), settings)
     words = "Magnitude of the error coordinates from the start on."
     caption = (
         "Every run: the error of Ĵ after exploration, the slope of r while saturated, and the "
@@ -140,7 +146,7 @@ def _pictures(settings: Regulation, results: Results, where: str) -> list[Shown]
 
 
 def regulation_errors(
-    rows: Record, run: Run, settings: Regulation, until: float = float("inf")
+    rows: Record, run: RegulationRun, settings: Regulation, until: float = float("inf")
 ) -> Figure:
     """Magnitude of the error coordinates from the start on, for `until` s: Fig. 9 and 10."""
     began = run.regulated.began if run.regulated else 0.0
@@ -159,7 +165,7 @@ def regulation_errors(
     return Figure("Error coordinates", panels)
 
 
-def _seeds(settings: Regulation, runs: Sequence[Run]) -> Figure:
+def _seeds(settings: Regulation, runs: Sequence[RegulationRun]) -> Figure:
     """Three numbers of every run; a gap for one that never began."""
     found = [run.regulated for run in runs]
     names = [str(seed) for seed in settings.seeds]
@@ -188,6 +194,6 @@ def _seeds(settings: Regulation, runs: Sequence[Run]) -> Figure:
     return Figure("All seeds", panels)
 
 
-def finite_models(runs: Sequence[Run]) -> list[float]:
+def finite_models(runs: Sequence[RegulationRun]) -> list[float]:
     """rms px between π and m₁ of every run with a model."""
     return known(one.model for one in begun(runs))
