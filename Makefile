@@ -1,26 +1,37 @@
 # Two commands do everything on a fresh machine with python3 >= 3.11, python3-venv, make and git:
-#   make run    sets up .venv and runs the main job
-#   make test   sets up .venv, checks the code, runs the tests, and reports a short live run
-# and make bench measures everything at length, for about an hour.
-.PHONY: run test check bench
+#   make run       sets up .venv for the main job, and does it
+#   make test      adds what checks the code, and runs the tests but for the slow ones
+# and beyond them
+#   make test-all  runs the slow tests too, and reports a short live run
+#   make bench     measures everything at length, for about an hour
+.PHONY: run test test-all check bench
 BIN := .venv/bin
-READY := .venv/.ready
+RUNNING := .venv/.running
+TESTING := .venv/.testing
+PARALLEL := -n 2 --dist loadfile
+PIP := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile
 
-run: $(READY)
+run: $(RUNNING)
 	$(BIN)/rcmservo run
 
+# Tests in wall time want the machine to themselves.
 test: check
-	$(BIN)/pytest
+	$(BIN)/pytest $(PARALLEL) -m 'not slow and not alone'
+	$(BIN)/pytest -m 'alone and not slow'
+
+test-all: $(TESTING)
+	$(BIN)/pytest $(PARALLEL) -m 'slow and not alone'
+	$(BIN)/pytest -m 'alone and slow'
 	$(BIN)/python benchmarks/soak.py --seconds 10
 	-$(BIN)/python benchmarks/kill.py --count 4
 
-check: $(READY)
+check: $(TESTING)
 	$(BIN)/ruff format --check --quiet src tests benchmarks examples docs
 	$(BIN)/ruff check --quiet src tests benchmarks examples docs
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
 
-bench: $(READY)
+bench: $(TESTING)
 	$(BIN)/python benchmarks/step_time.py
 	$(BIN)/python benchmarks/tracking.py 150
 	$(BIN)/python benchmarks/settle.py
@@ -34,7 +45,11 @@ bench: $(READY)
 	$(BIN)/python benchmarks/soak.py --seconds 600
 	$(BIN)/python benchmarks/kill.py --count 200
 
-$(READY): pyproject.toml
+$(RUNNING): pyproject.toml
 	python3 -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[dev]'
-	touch $(READY)
+	$(PIP) -e '.[sim,video]'
+	touch $(RUNNING)
+
+$(TESTING): $(RUNNING)
+	$(PIP) -e '.[dev]'
+	touch $(TESTING)

@@ -27,11 +27,11 @@ from typing import Any
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.app.simulated_run.simulate import CameraSection, rig_settings
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import MECHANISMS, Lab, load_lab
 from rcmservo.config.target_file import Setup
 from rcmservo.sim import Drive, Look, SceneSettings
+from rcmservo.sim.rig_file import CameraSection, rig_settings
 from rcmservo.tracking import COLOURS
 
 ROOM = 256 * 2**20

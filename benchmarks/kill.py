@@ -25,12 +25,14 @@ from typing import Any
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.app.simulated_run.simulate import rig_settings
 from rcmservo.config.rig_file import Lab
-from rcmservo.live.servo_process import Task, serve
-from rcmservo.live.supervisor import Bench, Child, supervise
+from rcmservo.live.reports import LiveResult
+from rcmservo.live.servo_process import Session
+from rcmservo.live.supervisor import ServoProcess, supervise
 from rcmservo.record import reader
-from rcmservo.sim.processes.log import stopped
+from rcmservo.sim.processes.bench import Bench
+from rcmservo.sim.processes.motion_log import stopped
+from rcmservo.sim.rig_file import rig_settings
 from rcmservo.tracking import ColourMarkers
 
 BOUND = 60.0  # ms from the signal until the drive is off: the watchdog's patience and one period
@@ -76,12 +78,11 @@ def prepare() -> None:
     ColourMarkers(lab.markers).find(rs.Frame(0, 0, 0, image=np.zeros((480, 640, 3), np.uint8)))
 
 
-def trial(bench: Bench, work: Task, kind: str, tick: int) -> Trial:
-    bench.beats.value = -1
+def trial(bench: Bench, session: Session, record: Path, kind: str, tick: int) -> Trial:
     first = bench.log.count
-    child = Child(get_context("forkserver"), serve, bench.folder, bench.ring, bench.beats, work)
+    child = ServoProcess(session, get_context("forkserver"))
     try:
-        until(lambda: bench.beats.value >= tick - 1, child)
+        until(lambda: child.beats.value >= tick - 1, child)
         struck = time.monotonic_ns()
         os.kill(child.process.pid, signal.SIGKILL if kind == "SIGKILL" else signal.SIGSTOP)
         if kind == "SIGCONT":
@@ -90,13 +91,13 @@ def trial(bench: Bench, work: Task, kind: str, tick: int) -> Trial:
             words = awaken(child)
             time.sleep(0.1)
         else:
-            words = supervise(bench, child, lambda report: None)["cause"]
+            words = supervise(child, bench.off).outcome.cause
     finally:
         child.end()
-    return judged(kind, tick, struck, words, bench.log.since(first), work.record)
+    return judged(kind, tick, struck, words, bench.log.since(first), record)
 
 
-def until(good: Any, child: Child) -> None:
+def until(good: Any, child: ServoProcess) -> None:
     """Wait for it, taking what the servo process reports meanwhile."""
     end = time.monotonic() + DEADLINE
     while not good():
@@ -105,16 +106,16 @@ def until(good: Any, child: Child) -> None:
         wait([child.wire], 0.001)
         while child.wire.poll():
             said = child.wire.recv()
-            if isinstance(said, str | dict | Exception):
-                raise NotBegun(said["cause"] if isinstance(said, dict) else str(said))
+            if isinstance(said, str | LiveResult | Exception):
+                raise NotBegun(said.outcome.cause if isinstance(said, LiveResult) else str(said))
 
 
-def awaken(child: Child) -> str:
+def awaken(child: ServoProcess) -> str:
     """What a servo process says of its run that was stopped and goes on."""
     while child.wire.poll(DEADLINE):
         said = child.wire.recv()
-        if isinstance(said, dict):
-            return said["cause"]
+        if isinstance(said, LiveResult):
+            return said.outcome.cause
     raise SystemExit("the servo process that was woken up says nothing")
 
 
@@ -172,14 +173,15 @@ def main() -> int:
     ):
         while len(trials) < chosen.count:
             kind = KINDS[2 if len(trials) % 4 == 3 else len(trials) % 2]
-            work = Task(servo, lab.markers, 60.0, Path(folder) / "record.mcap")
+            record = Path(folder) / "record.mcap"
+            session = bench.session(servo, lab.markers, 60.0, record)
             try:
-                trials.append(trial(bench, work, kind, int(random.integers(1, 300))))
+                trials.append(trial(bench, session, record, kind, int(random.integers(1, 300))))
             except NotBegun as why:
                 print(f"not begun: {why}", flush=True)
                 continue
             finally:
-                work.record.unlink(missing_ok=True)
+                record.unlink(missing_ok=True)
             if not trials[-1].good:
                 print(f"trial {len(trials)}: {trials[-1]}", flush=True)
             if len(trials) % 20 == 0:

@@ -17,7 +17,7 @@ import numpy as np
 
 import rcmservo as rs
 from rcmservo.config.rig_file import default_markers
-from rcmservo.guard.faults import lost
+from rcmservo.guard.plausible import lost
 from rcmservo.interfaces import Floats
 from rcmservo.sim import Disturbance
 from rcmservo.sim.person import Person, attended

@@ -17,16 +17,16 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.app.simulated_run.simulate import rig_settings
 from rcmservo.config.rig_file import Lab
 from rcmservo.guard.states import Cause, Mode, Phase, Request, Signs, transition
-from rcmservo.live.servo_process import Report, Task
-from rcmservo.live.supervisor import Bench, supervise
+from rcmservo.live.reports import LiveResult, Report
+from rcmservo.live.supervisor import run_live
+from rcmservo.sim.processes.bench import Bench
+from rcmservo.sim.rig_file import rig_settings
 
 CALLS = 20_000
 
@@ -78,38 +78,31 @@ def main() -> None:
     left = chosen.seconds
     with tempfile.TemporaryDirectory() as folder, Bench(chosen.seed, rig_settings(lab)) as bench:
         while left >= 1.0:
-            task = Task(servo, lab.markers, left, Path(folder) / f"{left:g}.mcap")
-            worker = bench.servo(task)
-            try:
-                result = supervise(bench, worker, show)
-            finally:
-                worker.end()
+            record = Path(folder) / f"{left:g}.mcap"
+            result = run_live(bench.session(servo, lab.markers, left, record), bench.off, show)
             print(f"load of the machine: {os.getloadavg()[0]:.2f}")
             judge(result, bench)
-            if "loop" not in result:
+            if result.timing is None:
                 return
-            left -= max(result["loop"]["ticks"] / servo.rate, 1.0)
+            left -= max(result.timing.ticks / servo.rate, 1.0)
 
 
-def judge(result: dict[str, Any], bench: Bench) -> None:
+def judge(result: LiveResult, bench: Bench) -> None:
     """How one run went."""
-    print("the run:", "settled" if result["settled"] else result["cause"])
-    if "loop" not in result:
+    print("the run:", "settled" if result.outcome.settled else result.outcome.cause)
+    if result.timing is None:
         return
-    loop = result["loop"]
-    late, latency = loop["lateness_ms"], loop["latency_ms"]
-    for sentence in loop["refused"]:
+    loop, late, latency = result.timing, result.timing.lateness, result.timing.latency
+    for sentence in loop.refused:
         print(sentence)
-    print(f"{'ticks':<22} {loop['ticks']}, missed {loop['missed']}")
-    print(f"{'mean rate':<22} {loop['rate_hz'] or 0.0:.4f} Hz   (bar: 100.00 Hz +- 0.01 %)")
+    print(f"{'ticks':<22} {loop.ticks}, missed {loop.missed}")
+    print(f"{'mean rate':<22} {loop.rate:.4f} Hz   (bar: 100.00 Hz +- 0.01 %)")
     print(
-        f"{'lateness':<22} median {late['median']:.3f}, 99 % {late['p99']:.3f}, max "
-        f"{late['max']:.3f} ms   (bar: 3 ms)"
+        f"{'lateness':<22} median {late.median:.3f}, 99 % {late.p99:.3f}, max "
+        f"{late.max:.3f} ms   (bar: 3 ms)"
     )
-    print(
-        f"{'exposure to command':<22} median {latency['median']:.1f}, 99 % {latency['p99']:.1f} ms"
-    )
-    print(f"{'garbage collections':<22} {loop['collections']}   (bar: 0)")
+    print(f"{'exposure to command':<22} median {latency.median:.1f}, 99 % {latency.p99:.1f} ms")
+    print(f"{'garbage collections':<22} {loop.collections}   (bar: 0)")
     print(f"{'pose error':<22} {bench.error():.2f} mm")
     gap = np.diff(bench.log.since(0)["wall"]).max() * 1e-6
     print(f"{'arm, last half minute':<22} its own process was held up for {gap:.1f} ms at most")

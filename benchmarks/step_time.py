@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.app.cli import estimators
+from rcmservo.app.servo_options import ServoOptions
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.tracking import PointMarkers
 
@@ -59,9 +59,7 @@ def main() -> None:
     print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}")
     yardstick = solve_and_clip()
     print(f"NumPy 3x3 solve and clip: {yardstick:.1f} us (median)")
-    for name, estimator in estimators(
-        rs.ProjectionEstimator(), rs.FlowEstimator(), rs.BroydenEstimator()
-    ).items():
+    for name, estimator in ServoOptions().estimators.items():
         took = np.concatenate([step_times(estimator, seed) for seed in SEEDS])
         p50, p99 = np.percentile(took, [50, 99])
         print(

@@ -15,7 +15,7 @@ import numpy as np
 
 from rcmservo.interfaces import Floats, Frame, Image
 from rcmservo.sim.optics import Optics, look_at
-from rcmservo.sim.renderer import Look, Renderer, Tissue
+from rcmservo.sim.rendering import Look, Renderer, Tissue
 from rcmservo.tracking import ColourMarkers, MarkerLook
 
 SIZE = 640, 480

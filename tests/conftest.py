@@ -2,7 +2,7 @@
 camera, comparisons."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,11 @@ from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.broyden import BroydenEstimator
 from rcmservo.method.estimators.flow import FlowEstimator
 from rcmservo.method.estimators.projection import ProjectionEstimator, normal_equations
-from rcmservo.method.kinematics import PITCH_YAW, SPHERICAL
-from rcmservo.method.tool import RIGID, RigidTool, ScaledTool, second_marker
-from rcmservo.servo.servo import Servo, State
+from rcmservo.method.kinematics import PITCH_YAW, SPHERICAL, Rcm
+from rcmservo.method.tool import RIGID, RigidTool, ScaledTool, Shaft, second_marker
+from rcmservo.rows import Row
+from rcmservo.servo.servo import Servo
+from rcmservo.servo.state import State
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.tracking import PointMarkers
 
@@ -38,15 +40,31 @@ DATA = ROOT.parent / "shared/data/dvrk_two_balls"
 SPACING = 30.0
 """mm between the markers of the tests' rigid tool."""
 
+SHAFT = Shaft(RIGID, SPACING)
+WIDE = (-1e3, -1e3, -1e6), (1e3, 1e3, 1e6)
+"""Limits that nothing meets."""
+
 seeds = st.integers(0, 2**32 - 1)
 kinds = st.sampled_from([SPHERICAL, PITCH_YAW])
+
+
+def rcm_of(kind: int, zero: float = 0.0) -> Rcm:
+    """A mechanism without limits."""
+    return Rcm(kind, float(zero), *WIDE)
+
+
+def first_quick(values: Iterable[Any]) -> list[Any]:
+    """Values for one claim: `make test` tries it on the first, `make test-all` on the others."""
+    first, *others = values
+    return [first, *(pytest.param(value, marks=pytest.mark.slow) for value in others)]
 
 
 def with_tests(**variables: str) -> dict[str, str]:
     """The environment of a process that may import the tests' own files."""
     tests = ROOT / "tests"
     folders = [tests, *(path for path in tests.iterdir() if path.is_dir())]
-    return os.environ | {"PYTHONPATH": os.pathsep.join(map(str, folders))} | variables
+    paths = [*map(str, folders), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(paths)} | variables
 
 
 def random_from(seed: int) -> np.random.Generator:
@@ -77,7 +95,7 @@ def true_camera(random: np.random.Generator, places: Floats) -> Floats:
     """A calibration matrix C (3, 4), at a random scale, of a camera with all `places` and the RCM
     before it."""
     middle = places.mean(axis=0)
-    tips = np.stack([second_marker(RIGID, SPACING, p) for p in places])
+    tips = np.stack([second_marker(SHAFT, p) for p in places])
     while True:
         forward = random.standard_normal(3)
         forward /= np.linalg.norm(forward)
@@ -110,7 +128,7 @@ def seen_by(C: Floats, p: Floats) -> Floats:
 
 def markers_seen(C: Floats, p1: Floats) -> Floats:
     """Raw pixels (2, 2) of both markers of the rigid tool with marker 1 at p₁ (3,) mm."""
-    return seen_by(C, np.stack([p1, second_marker(RIGID, SPACING, p1)]))
+    return seen_by(C, np.stack([p1, second_marker(SHAFT, p1)]))
 
 
 def observed(C: Floats, places: Floats) -> Floats:
@@ -119,7 +137,7 @@ def observed(C: Floats, places: Floats) -> Floats:
 
 
 def equations(rows: Floats, o_c: Floats, both: bool = True) -> tuple[Floats, Floats]:
-    return normal_equations(rows, len(rows), o_c, both, RIGID, SPACING)
+    return normal_equations(rows, len(rows), o_c, both, SHAFT)
 
 
 ESTIMATORS = {
@@ -201,6 +219,8 @@ def without(seen: Observation, *markers: int) -> Observation:
 
 def leaves(value: Any) -> list[Any]:
     """All numbers, arrays and names inside a record, in order."""
+    if isinstance(value, Row):
+        return [value.rows]
     if is_dataclass(value) and not isinstance(value, type):
         return [leaf for f in fields(value) for leaf in leaves(getattr(value, f.name))]
     if isinstance(value, tuple | list):

@@ -71,6 +71,7 @@ def test_the_readme_names_every_experiment() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 @pytest.mark.parametrize("command", [command for command in COMMANDS if command not in SET_UP])
 def test_every_other_command_of_the_readme_runs(command: str, tmp_path: Path) -> None:
     words = shlex.split(command)

@@ -7,8 +7,8 @@ import fuzz
 import pytest
 
 import rcmservo as rs
-from rcmservo.app.simulated_run.simulate import rig_settings
 from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.sim.rig_file import rig_settings
 
 
 def test_no_odd_input_gives_a_traceback_a_hang_or_wrong_data() -> None:

@@ -49,7 +49,7 @@ def test_the_import_contracts_hold():
         ("method/kinematics.py", "from rcmservo.servo.servo import Servo", "siblings"),
         ("tracking/search.py", "from rcmservo.sim.optics import Optics", "siblings"),
         ("servo/servo.py", "import cv2", "OpenCV"),
-        ("sim/renderer.py", "import cv2", "OpenCV"),
+        ("sim/rendering/renderer.py", "import cv2", "OpenCV"),
         ("tracking/ball.py", "import mujoco", "MuJoCo"),
         ("sim/scene.py", "from matplotlib import pyplot", "Matplotlib"),
         ("new_room.py", "", "siblings"),

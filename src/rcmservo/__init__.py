@@ -5,9 +5,9 @@ import importlib
 from types import ModuleType
 
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
-from rcmservo.guard.faults import Thresholds
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.states import Action, Cause, Mode, Phase, Request
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import (
     Arm,
     Camera,
@@ -21,9 +21,11 @@ from rcmservo.interfaces import (
     Tracker,
 )
 from rcmservo.loop.clock import WallClock, ticks
+from rcmservo.loop.operator import Operator, Teach
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import Tick, run
+from rcmservo.loop.run import run
 from rcmservo.loop.teach import teach
+from rcmservo.loop.tick import Tick
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.broyden import BroydenEstimator
@@ -57,6 +59,7 @@ __all__ = [
     "Measured",
     "Mode",
     "Observation",
+    "Operator",
     "Phase",
     "PitchYawRcm",
     "Plant",
@@ -71,6 +74,7 @@ __all__ = [
     "SphericalRcm",
     "State",
     "Target",
+    "Teach",
     "Thresholds",
     "Tick",
     "Tracker",

@@ -25,6 +25,11 @@ def sources() -> list[Path]:
     return [path for path in sorted(PACKAGE.rglob("*.py")) if MARK in path.read_text("utf-8")]
 
 
+def parts() -> int:
+    """How many functions of this package are compiled."""
+    return sum(path.read_text("utf-8").count(MARK) for path in sources())
+
+
 def _source_hash() -> str:
     digest = hashlib.sha256()
     for path in sources():

@@ -7,7 +7,7 @@ pixel, u right, v down.
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ class Frame:
     A camera that makes pictures fills `image` ((height, width, 3) uint8, blue-green-red as in
     OpenCV); one that simulates only the markers fills `points` ((2, 2) px: m1 and m2, NaN where
     unseen). Times in ns:
-    `exposure` is the middle of the exposure, `arrival` the moment at which the host had the frame.
+    `exposure` is the middle of the exposure, `arrival` is when the computer had the frame.
     """
 
     number: int
@@ -53,6 +53,14 @@ class Dropped(Enum):
     NOT_NEW = "frames come repeated or out of order"
     CLOCK = "frames bear times that cannot be right"
     DAMAGED = "frames come damaged"
+
+    @property
+    def place(self) -> int:
+        """Its place among them, counted from 0."""
+        return PLACES[self]
+
+
+PLACES = {kind: place for place, kind in enumerate(Dropped)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,47 +121,109 @@ class Target:
 
 
 class Clock(Protocol):
-    """The plant's time. In simulation it passes only while somebody waits."""
+    """The plant's time, in whole ns. It never goes back, and all times in this file are on it.
 
-    def now(self) -> int: ...
+    In simulation it passes only while somebody waits. On hardware it is `WallClock`, the computer's
+    own time since it was started.
+    """
 
-    def wait_until(self, time: int) -> None: ...
+    def now(self) -> int:
+        """The present, at once."""
+        ...
+
+    def wait_until(self, time: int) -> None:
+        """Wait until a moment; not at all if it is past. Called once a tick."""
+        ...
 
 
 class Measured(NamedTuple):
-    """An arm's last answer: the joints q (3,) at ``time`` ns, and whether its drive is
-    ``enabled``."""
+    """An arm's last answer."""
 
     time: int
+    """When the joints were read, ns on the plant's clock."""
     q: Floats
+    """The joints (3,) rad, rad, mm."""
     enabled: bool
+    """Whether the drive is on."""
 
 
 class Arm(Protocol):
     """An arm with velocity drives and a watchdog of its own.
 
-    ``enable`` switches the drive on, at rest: a person's act. ``measure`` gives the last answer at
-    once, the same until the next. ``apply`` passes a command on and gives the joint rates (3,) that
-    the arm takes of it.
+    The loop calls `measure` and `apply` once in every tick (at `Servo.rate`, 100 Hz), and both must
+    return at once, within a millisecond. An arm that does not answer is no error: give what it told
+    last. Its time then grows old, and the servo stops with the fault "the arm has not answered for
+    too long". An exception ends the run: the arm is told to stop, and the exception goes to the
+    caller.
     """
 
-    def enable(self) -> None: ...
+    def enable(self) -> None:
+        """Switch the drive on, at rest: a person's act, before the first tick of a run.
 
-    def measure(self) -> Measured: ...
+        It may block until the drive is on. `measure` must tell so within 2 s after it returns. If
+        the drive cannot be switched on, raise an error that says why.
+        """
+        ...
 
-    def apply(self, command: Command) -> Floats: ...
+    def measure(self) -> Measured:
+        """The arm's last answer, at once, and the same one until the next has come.
+
+        Its time is the moment at which the joints were read, on the plant's clock. It is also asked
+        while nothing moves: while a target is taught, with the drive off.
+        """
+        ...
+
+    def apply(self, command: Command) -> Floats:
+        """Pass a command on, at once; the joint rates (3,) rad/s, rad/s, mm/s that the arm takes.
+
+        Give what is known: rates that the arm has cut, or zeros where it took nothing. A command
+        that is not ``enabled`` switches the drive off. A command counts until its deadline; the arm
+        itself must stop and switch off where no newer one has come by then, also when this program
+        has died.
+        """
+        ...
 
 
 class Camera(Protocol):
-    """A camera at its own pace: `latest` gives the newest frame that has arrived, the same until
-    the next, or None."""
+    """A camera at its own pace."""
 
-    def latest(self) -> Frame | None: ...
+    def latest(self) -> Frame | None:
+        """The newest frame that has arrived, at once: the same object until the next; None before
+        the first.
+
+        It is called in every tick (100 Hz), or by a `TrackingThread` every millisecond. A camera
+        that does not answer is no error: give the last frame again. It then grows old, and the
+        servo slows down, holds and pauses. Frame numbers rise. Exposure and arrival are on the
+        plant's clock: where the camera has a clock of its own, its driver converts.
+        """
+        ...
 
 
 class Tracker(Protocol):
-    """Frames to marker centres. It may remember where the markers were; `reset` makes it forget."""
+    """Frames to marker centres. It may remember where the markers were."""
 
-    def find(self, frame: Frame) -> Markers: ...
+    def find(self, frame: Frame) -> Markers:
+        """Where the markers are in a frame; NaN for one that is not seen, never a guess.
 
-    def reset(self) -> None: ...
+        It is called once for every new frame. In the loop it must take less than a tick; in a
+        `TrackingThread` it may take a frame's period. A frame that is damaged: raise BadInput, and
+        it is dropped. Any other exception ends the run.
+        """
+        ...
+
+    def reset(self) -> None:
+        """Forget where the markers were: a person may have moved the tool. Called when a run or
+        teaching begins."""
+        ...
+
+
+@runtime_checkable
+class Explains(Protocol):
+    """What a tracker may do beside."""
+
+    def why(self, frame: Frame) -> str:
+        """Say in words why the markers are not found in a frame; empty where they are.
+
+        It is asked only after a failure, may be slow, and changes nothing.
+        """
+        ...

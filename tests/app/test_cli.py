@@ -15,8 +15,9 @@ import pytest
 
 import rcmservo as rs
 from rcmservo.app.cli import main
-from rcmservo.figures.overlay import Video
+from rcmservo.figures.video import Video
 from rcmservo.record import reader
+from rcmservo.record.reader import RECORD
 
 KEYS = {
     "seed",
@@ -84,7 +85,7 @@ def test_the_metrics_follow_from_the_record(finished: tuple[int, Path]) -> None:
     _, folder = finished
     metrics, rows = (
         strict((folder / "metrics.json").read_text()),
-        reader.read(folder / record_name()),
+        reader.read(folder / RECORD),
     )
     last = rows.time > rows.time[-1] - 1.0
     s, r, d = np.sqrt(np.mean(rows.ticks["delta"][last] ** 2, axis=0))
@@ -94,12 +95,6 @@ def test_the_metrics_follow_from_the_record(finished: tuple[int, Path]) -> None:
     assert metrics["jacobian_error"]["final"] == rows.truth["jacobian_error"][-1, 0]
     assert rows.complete
     assert len(rows.time) == 700
-
-
-def record_name() -> str:
-    from rcmservo.app.simulated_run.simulate import RECORD
-
-    return RECORD
 
 
 def test_what_run_recorded_comes_out_the_same_again(
@@ -235,7 +230,6 @@ def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
         (["--disturb", "markerloss:at=3"], "did you mean marker_loss?"),
         (["--disturb", "stuck:at=-1"], "stuck: at must be a time in s"),
         (["--resumes", "-1"], "--resumes must be"),
-        (["--live", "--frames"], "--frames must be left out with --live"),
         (
             ["--target", "a.json", "--save-target", "b.json"],
             "--save-target must be left out with --target: no target",
@@ -270,7 +264,7 @@ def test_a_full_disk_pauses_the_run_and_leaves_what_was_written_readable(
         rs.Cause.NOT_RECORDED.value in metrics["cause"]
         and "No space left" in metrics["not_recorded"]
     )
-    rows = reader.read(tmp_path / record_name())
+    rows = reader.read(tmp_path / RECORD)
     assert 2.5 < rows.time[-1] <= 3.1 and not rows.complete
     monkeypatch.setenv("COLUMNS", "200")
     assert main(["show", str(tmp_path), "--out", str(tmp_path / "shown")]) == 0
@@ -288,7 +282,7 @@ def test_a_video_that_cannot_be_written_is_removed_and_told_and_the_run_goes_on(
         and "overlay.mp4 could not be written" in said
     )
     assert "was removed" in strict((tmp_path / "metrics.json").read_text())["not_filmed"]
-    assert not (tmp_path / "overlay.mp4").exists() and (tmp_path / record_name()).exists()
+    assert not (tmp_path / "overlay.mp4").exists() and (tmp_path / RECORD).exists()
 
 
 def test_the_same_seed_gives_the_same_record(tmp_path: Path) -> None:
@@ -307,27 +301,31 @@ def test_the_same_seed_gives_the_same_record(tmp_path: Path) -> None:
                 str(tmp_path / name),
             ]
         )
-        rows.append(reader.read(tmp_path / name / record_name()))
+        rows.append(reader.read(tmp_path / name / RECORD))
     for name in rows[0].ticks:
         np.testing.assert_array_equal(rows[0].ticks[name], rows[1].ticks[name])
 
 
-def test_ctrl_c_in_the_middle_of_a_run_leaves_a_readable_record_and_130(tmp_path: Path) -> None:
+def test_ctrl_c_in_the_middle_of_a_run_names_the_folder_of_a_readable_record(
+    tmp_path: Path,
+) -> None:
     folder = tmp_path / "run"
     arguments = ["run", "--duration", "600", "--no-video", "--out", str(folder)]
-    program = f"import sys; from rcmservo.cli import main; sys.exit(main({arguments!r}))"
     with subprocess.Popen(
-        [sys.executable, "-c", program], stderr=subprocess.PIPE, stdout=subprocess.PIPE
+        [sys.executable, "-m", "rcmservo", *arguments],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
     ) as run:
-        while run.poll() is None and not (folder / record_name()).exists():
+        while run.poll() is None and not (folder / RECORD).exists():
             pass
-        while run.poll() is None and (folder / record_name()).stat().st_size < 100_000:
+        while run.poll() is None and (folder / RECORD).stat().st_size < 100_000:
             pass
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate()
     assert run.returncode == 130
-    assert b"Traceback" not in errors
-    rows = reader.read(folder / record_name())
+    assert errors == f"rcmservo: stopped by Ctrl-C; what was done until then is in {folder}\n"
+    rows = reader.read(folder / RECORD)
     assert rows.complete
     assert len(rows.time) > 20
     assert not (folder / "metrics.json").exists()

@@ -10,10 +10,11 @@ import pytest
 
 import rcmservo as rs
 from rcmservo.app.cli import main
-from rcmservo.app.export import TRUTH_UNITS, UNITS, arrays
+from rcmservo.app.export import UNITS, arrays
 from rcmservo.offline import frames_folder as recording
 from rcmservo.record import reader
-from rcmservo.record.layout import FLAGS, INTEGERS, REALS, TRUTH
+from rcmservo.record.columns import TRUTH
+from rcmservo.record.layout import TICK, TRUTH_LAYOUT
 from rcmservo.record.writer import Recorder
 from rcmservo.tracking import ColourMarkers
 
@@ -50,9 +51,11 @@ def exported(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_column_of_a_record_has_its_units() -> None:
-    sizes = {**dict.fromkeys((*INTEGERS, *FLAGS), 1), **REALS}
-    assert {name: len(units) for name, units in UNITS.items()} == sizes
-    assert {name: len(units) for name, units in TRUTH_UNITS.items()} == TRUTH
+    for units, layout in ((UNITS, TICK), (TRUTH, TRUTH_LAYOUT)):
+        names = [name for name in layout.names or () if layout[name].shape]
+        assert {name: (len(parts),) for name, parts in units.items()} == {
+            name: layout[name].shape for name in names
+        }
 
 
 def test_the_arrays_are_the_record_bit_for_bit_and_need_no_pickle(

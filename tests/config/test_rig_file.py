@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 import rcmservo as rs
 from conftest import ROOT
-from rcmservo.app.simulated_run.simulate import CameraSection, rig_settings
 from rcmservo.config.rig_file import Lab, build, load_lab
 from rcmservo.sim import Drive, Look, SceneSettings
+from rcmservo.sim.rig_file import CameraSection, rig_settings
 from rcmservo.tracking import MarkerLook
 
 SECTIONS: dict[str, type[Any]] = {

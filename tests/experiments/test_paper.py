@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rcmservo.app.cli import main
+from rcmservo.__main__ import main
 from rcmservo.experiments.harness.paper import EXPERIMENTS
 from rcmservo.experiments.harness.sentences import SENTENCES
 from rcmservo.record import reader
@@ -40,9 +40,9 @@ KEYS = {
 }
 HEEDING_CTRL_C = """
 import signal, sys
-from rcmservo.app.cli import main
+from rcmservo.__main__ import main
 signal.signal(signal.SIGINT, signal.default_int_handler)
-sys.exit(main(sys.argv[1:]))
+sys.exit(main())
 """
 """The command, also where a script runs the tests in the background, deaf to Ctrl-C."""
 

@@ -49,8 +49,8 @@ def test_a_curve_is_thinned_and_what_is_not_finite_is_a_gap() -> None:
 
 
 def test_curves_can_be_told_apart_without_colour() -> None:
-    assert len({str(style["ls"]) for style in STYLES}) == len(STYLES)
-    assert len({style["marker"] for style in STYLES}) == len(STYLES)
+    assert len({str(style.dashes) for style in STYLES}) == len(STYLES)
+    assert len({style.marker for style in STYLES}) == len(STYLES)
 
 
 def test_a_figure_can_be_saved_as_a_picture(tmp_path: Path) -> None:

@@ -10,10 +10,11 @@ from conftest import random_from
 from rcmservo.errors import BadInput
 from rcmservo.guard.gate import Gate
 from rcmservo.interfaces import Command
-from rcmservo.method.kinematics import JointLimits
+from rcmservo.method.kinematics import JointLimits, PitchYawRcm
 
 GATE = Gate()
 LIMITS = JointLimits((-1.0, -0.5, 40.0), (1.0, 0.8, 240.0))
+RCM = PitchYawRcm(LIMITS).rcm()
 LOWER, UPPER, SPEED, SLEW = (
     np.array(x) for x in (LIMITS.lower, LIMITS.upper, GATE.speed, GATE.slew)
 )
@@ -36,7 +37,7 @@ def after(last_rates, milliseconds=10):
 
 
 def admit(rates, last, q, gate=GATE, now=1_000_000_000):
-    return gate.admit(rates, last, q, LIMITS, now)
+    return gate.admit(rates, last, q, RCM, now)
 
 
 @given(any_three, shares, any_three, st.integers(-50, 5000))
@@ -108,7 +109,7 @@ def pressed(seed, delay, ticks=300):
     for k in range(1, ticks + 1):
         if k % 60 == 0:
             wish = random.uniform(-2, 2, 3) * SPEED
-        command = GATE.admit(wish, command, q, LIMITS, k * TICK).command
+        command = GATE.admit(wish, command, q, RCM, k * TICK).command
         pipe.append(command.rates)
         q = q + pipe.pop(0) * 0.01
         way.append(q)
@@ -138,7 +139,7 @@ def test_no_wish_drives_a_joint_past_its_limit_at_all(delay):
 def test_pressed_against_a_limit_a_joint_comes_to_rest_without_chattering():
     q, command, sent = np.array([0.0, 0.0, 200.0]), command_of(0, 0, np.zeros(3)), []
     for k in range(1, 301):
-        command = GATE.admit(SPEED, command, q, LIMITS, k * TICK).command
+        command = GATE.admit(SPEED, command, q, RCM, k * TICK).command
         q = q + command.rates * 0.01
         sent.append(command.rates)
     change = np.diff(np.array(sent)[30:], axis=0)  # it has sped up by then
@@ -150,7 +151,7 @@ def test_a_joint_can_come_close_to_its_limit():
     the limit."""
     q, command = np.array([0.0, 0.0, 200.0]), command_of(0, 0, np.zeros(3))
     for k in range(1, 301):
-        command = GATE.admit(SPEED, command, q, LIMITS, k * TICK).command
+        command = GATE.admit(SPEED, command, q, RCM, k * TICK).command
         q = q + command.rates * 0.01
     assert np.all(UPPER - q < 0.01 * (UPPER - LOWER))
 
@@ -201,13 +202,13 @@ def test_a_share_of_the_speed_bounds_every_new_wish_and_none_at_all_ramps_to_zer
     stopping = [after(last * SPEED)]
     for k in range(1, 11):
         q, now = np.array([0.0, 0.0, 140.0]), 1_000_000_000 + (k - 1) * TICK
-        stopping.append(GATE.admit(np.ones(3), stopping[-1], q, LIMITS, now, 0.0).command)
+        stopping.append(GATE.admit(np.ones(3), stopping[-1], q, RCM, now, 0.0).command)
     assert not stopping[10].rates.any(), "from full speed it stands still within 100 ms"
     assert stopping[10].deadline == stopping[10].time + 50_000_000
 
 
 def admit_share(rates, last, share):
-    return GATE.admit(rates, last, np.array([0.0, 0.0, 140.0]), LIMITS, 1_000_000_000, share)
+    return GATE.admit(rates, last, np.array([0.0, 0.0, 140.0]), RCM, 1_000_000_000, share)
 
 
 @pytest.mark.parametrize(

@@ -20,10 +20,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import with_tests
-from rcmservo.app.simulated_run.simulate import rig_settings
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
-from rcmservo.guard.faults import Thresholds
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watchdog import PATIENCE
 from rcmservo.interfaces import Command, Frame
 from rcmservo.live.arm_link import (
@@ -42,13 +41,18 @@ from rcmservo.live.arm_link import (
     unpacked,
 )
 from rcmservo.live.frame_ring import HEAD, FrameRing, RingCamera
-from rcmservo.live.servo_process import STANDING, Report, Task
-from rcmservo.live.supervisor import LOOK, SILENT, Bench, supervise
+from rcmservo.live.reports import Report
+from rcmservo.live.servo_process import STANDING
+from rcmservo.live.supervisor import LOOK, SILENT, ServoProcess, supervise
 from rcmservo.record.reader import read
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings
-from rcmservo.sim.processes.device import Device
-from rcmservo.sim.processes.log import Log, stopped
+from rcmservo.sim.processes.arm_process import ArmDevice
+from rcmservo.sim.processes.bench import Bench
+from rcmservo.sim.processes.motion_log import MotionLog, stopped
+from rcmservo.sim.rig_file import rig_settings
+
+pytestmark = pytest.mark.alone
 
 MS = 1_000_000
 DEADLINE = 300.0
@@ -150,9 +154,9 @@ class Lone:
 
     def __init__(self, folder):
         self.now = 5_000 * MS
-        self.log = Log(context)
+        self.log = MotionLog(context)
         self.wire = opened(arm_in(folder))
-        self.device = Device(Rig(1, pictures=False), self.wire, self.log, self.now)
+        self.device = ArmDevice(Rig(1, pictures=False), self.wire, self.log, self.now)
         self.host = opened(folder / "host")
         self.host.connect(str(arm_in(folder)))
 
@@ -315,7 +319,7 @@ def test_hosts_that_nobody_has_heard_of_lately_get_no_answers(lone):
 def served(tmp_path):
     """The folder of a device that a thread keeps in wall time."""
     wire, ended = opened(arm_in(tmp_path)), threading.Event()
-    device = Device(Rig(1, pictures=False), wire, Log(context), time.monotonic_ns())
+    device = ArmDevice(Rig(1, pictures=False), wire, MotionLog(context), time.monotonic_ns())
 
     def work():
         while not ended.is_set():
@@ -355,14 +359,10 @@ def test_an_arm_that_is_not_there_is_one_sentence(tmp_path):
 LAB = Lab(simulation={"camera": {"frame_rate": 30.0}})
 
 
-def task(path, seconds):
+def session_of(bench, path, seconds, **choices):
     patient = Thresholds(overrun=1.0, latency=1.0, stale_slow=50.0, stale_hold=50.0, silence=1.0)
-    return Task(
-        Servo(LAB.mechanism, LAB.tool, gate=LAB.gate, thresholds=patient),
-        LAB.markers,
-        seconds,
-        path,
-    )
+    servo = Servo(LAB.mechanism, LAB.tool, **{"gate": LAB.gate, "thresholds": patient} | choices)
+    return bench.session(servo, LAB.markers, seconds, path)
 
 
 @pytest.fixture(scope="module")
@@ -371,11 +371,11 @@ def bench():
         yield bench
 
 
-def started(bench, work):
+def started(session):
     """A servo process whose loop runs."""
-    servo = bench.servo(work)
+    servo = ServoProcess(session)
     end = time.monotonic() + DEADLINE
-    while bench.beats.value < 3:
+    while servo.beats.value < 3:
         assert time.monotonic() < end
         wait([servo.wire], 0.01)
         while servo.wire.poll():
@@ -385,15 +385,15 @@ def started(bench, work):
 
 def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tmp_path):
     before, reports = bench.log.last()["q"], []
-    servo = bench.servo(task(tmp_path / "run.mcap", 1.0))
+    servo = ServoProcess(session_of(bench, tmp_path / "run.mcap", 1.0))
     try:
-        result = supervise(bench, servo, reports.append)
+        result = supervise(servo, bench.off, reports.append)
     finally:
         servo.end()
     record = read(tmp_path / "run.mcap")
     assert record.complete
-    assert len(record.time) == result["loop"]["ticks"] > 0
-    assert result["loop"]["collections"] == 0
+    assert len(record.time) == result.timing.ticks > 0
+    assert result.timing.collections == 0
     assert [report.time for report in reports] == sorted(report.time for report in reports)
     last = bench.log.last()
     assert not last["enabled"]
@@ -401,14 +401,13 @@ def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tm
 
 
 def test_an_arm_that_takes_its_time_to_stop_is_not_taken_for_a_servo_that_hangs(bench, tmp_path):
-    work = task(tmp_path / "run.mcap", 0.8)
-    slow = replace(work.servo.gate, slew=(0.1, 0.1, 8.0))
-    servo = bench.servo(replace(work, servo=replace(work.servo, gate=slow)))
+    slow = replace(LAB.gate, slew=(0.1, 0.1, 8.0))
+    servo = ServoProcess(session_of(bench, tmp_path / "run.mcap", 0.8, gate=slow))
     try:
-        result = supervise(bench, servo, lambda report: None)
+        result = supervise(servo, bench.off)
     finally:
         servo.end()
-    assert "loop" in result, result["cause"]
+    assert result.timing is not None, result.outcome.cause
     record = read(tmp_path / "run.mcap")
     left = np.abs(record.ticks["command"][-1] / np.array(slow.slew)).max()
     assert record.complete and left > 2.0 * SILENT * LOOK * 1e-9
@@ -421,11 +420,11 @@ def test_an_arm_that_takes_its_time_to_stop_is_not_taken_for_a_servo_that_hangs(
 def test_a_servo_process_that_is_killed_or_stopped_is_noticed_and_the_arm_stands_still(
     bench, tmp_path, blow, word
 ):
-    servo = started(bench, task(tmp_path / "run.mcap", 600.0))
+    servo = started(session_of(bench, tmp_path / "run.mcap", 600.0))
     os.kill(servo.process.pid, blow)
-    result = supervise(bench, servo, lambda report: None)
-    assert word in result["cause"]
-    assert "drive went off" in result["cause"]
+    cause = supervise(servo, bench.off).outcome.cause
+    assert word in cause
+    assert "drive went off" in cause
     assert not servo.process.is_alive()
     last = bench.log.last()
     assert not last["enabled"]
@@ -436,11 +435,11 @@ def test_a_servo_process_that_is_killed_or_stopped_is_noticed_and_the_arm_stands
 
 def test_what_a_servo_process_cannot_use_is_said_in_the_supervisor(bench, tmp_path):
     (tmp_path / "run.mcap").write_text("something else")
-    servo = bench.servo(task(tmp_path / "run.mcap", 1.0))
+    servo = ServoProcess(session_of(bench, tmp_path / "run.mcap", 1.0))
     with pytest.raises(RcmServoError, match=r"run\.mcap"):
-        supervise(bench, servo, lambda report: None)
+        supervise(servo, bench.off)
     servo.end()
-    assert bench.beats.value == STANDING
+    assert servo.beats.value == STANDING
 
 
 def test_a_laboratory_that_cannot_be_is_one_sentence_also_from_another_process():
@@ -466,11 +465,12 @@ if __name__ == "__main__":
     # also where a script runs the tests in the background
     signal.signal(signal.SIGINT, signal.default_int_handler)
     from rcmservo.live.supervisor import run_live
-    from test_live import LAB, rig_settings, task
+    from test_live import LAB, Bench, rig_settings, session_of
 
     try:
         told = lambda report: print("tick", flush=True)
-        run_live(1, rig_settings(LAB), task(Path({path!r}), 600.0), told)
+        with Bench(1, rig_settings(LAB)) as bench:
+            run_live(session_of(bench, Path({path!r}), 600.0), bench.off, told)
     except KeyboardInterrupt:
         print("stopped", flush=True)
 """

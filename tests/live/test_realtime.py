@@ -1,4 +1,4 @@
-"""The wall clock, the real-time context and detection beside the loop: what they promise, without
+"""The wall clock, the real-time context and the tracking thread: what they promise, without
 measuring time."""
 
 import gc
@@ -14,7 +14,7 @@ from rcmservo.errors import BadInput
 from rcmservo.interfaces import Dropped, Frame, Markers, Measured
 from rcmservo.live import realtime as module
 from rcmservo.live.realtime import realtime
-from rcmservo.live.tracking_thread import Beside
+from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import Punctuality, WallClock, ticks
 from rcmservo.loop.plant import Plant
 
@@ -94,8 +94,8 @@ def test_the_loop_goes_first_then_the_threads_there_are_and_then_all_else():
         ).sched_priority
 
     ended, found = threading.Event(), []
-    beside = threading.Thread(target=ended.wait, args=(PATIENCE,))
-    beside.start()
+    thread = threading.Thread(target=ended.wait, args=(PATIENCE,))
+    thread.start()
     try:
         with realtime() as got:
             if got.refused:
@@ -103,13 +103,13 @@ def test_the_loop_goes_first_then_the_threads_there_are_and_then_all_else():
             later = threading.Thread(target=lambda: found.append(policy()))
             later.start()
             later.join(PATIENCE)
-            assert policy()[0] == policy(beside.native_id)[0] == os.SCHED_FIFO
-            assert policy()[1] > policy(beside.native_id)[1]
+            assert policy()[0] == policy(thread.native_id)[0] == os.SCHED_FIFO
+            assert policy()[1] > policy(thread.native_id)[1]
             assert found == [(os.SCHED_OTHER, 0)]
-        assert policy(beside.native_id) == (os.SCHED_OTHER, 0)
+        assert policy(thread.native_id) == (os.SCHED_OTHER, 0)
     finally:
         ended.set()
-        beside.join(PATIENCE)
+        thread.join(PATIENCE)
 
 
 class Scripted:
@@ -142,38 +142,38 @@ def picture(number, exposure=0):
 
 def test_the_loop_gets_the_newest_frame_that_is_ready_together_with_its_own_markers():
     eye, clock = Scripted(), Stepped()
-    beside = Beside(eye, eye, clock)
-    assert beside.latest() is None
+    thread = TrackingThread(eye, eye, clock)
+    assert thread.latest() is None
     for number in (0, 1, 2):
         eye.frame = picture(number)
         clock.time = 100 + number
-        beside.look()
-        frame = beside.latest()
+        thread.look()
+        frame = thread.latest()
         eye.frame = picture(number + 50)
-        beside.look()
+        thread.look()
         assert (frame.number, frame.arrival) == (number, 100 + number)
-        assert np.array_equal(beside.find(frame).points, np.full((2, 2), float(number)))
-    assert beside.latest().number == 52
+        assert np.array_equal(thread.find(frame).points, np.full((2, 2), float(number)))
+    assert thread.latest().number == 52
 
 
 def test_a_frame_is_tracked_once_and_stays_the_same_object():
     eye = Scripted()
-    beside = Beside(eye, eye, Stepped())
+    thread = TrackingThread(eye, eye, Stepped())
     eye.frame = picture(1)
-    beside.look()
-    first = beside.latest()
-    beside.look()
-    assert beside.latest() is first
+    thread.look()
+    first = thread.latest()
+    thread.look()
+    assert thread.latest() is first
 
 
 def test_a_reset_of_the_loop_reaches_the_tracker_before_the_next_frame():
     eye = Scripted()
-    beside = Beside(eye, eye, Stepped())
-    beside.reset()
+    thread = TrackingThread(eye, eye, Stepped())
+    thread.reset()
     assert eye.resets == 0
     for number in range(3):
         eye.frame = picture(number)
-        beside.look()
+        thread.look()
     assert eye.resets == 1
 
 
@@ -191,17 +191,17 @@ class Still:
 def test_a_frame_that_the_tracker_refuses_is_damaged_for_the_plant_and_the_next_one_is_not():
     eye, clock = Scripted(), Stepped()
     clock.time = 10
-    beside = Beside(eye, eye, clock)
-    plant = Plant(Still(), beside, beside, clock)
+    thread = TrackingThread(eye, eye, clock)
+    plant = Plant(Still(), thread, thread, clock)
     eye.frame = picture(1)
-    beside.look()
+    thread.look()
     assert plant.read().frame == 1
     eye.frame = replace(picture(2, 1), image=None)
-    beside.look()
+    thread.look()
     seen = plant.read()
     assert (seen.frame, seen.dropped) == (1, Dropped.DAMAGED)
     eye.frame = picture(3, 2)
-    beside.look()
+    thread.look()
     seen = plant.read()
     assert (seen.frame, seen.dropped) == (3, Dropped.NONE)
 
@@ -217,21 +217,51 @@ def test_the_thread_never_makes_the_loop_wait_for_a_slow_tracker():
 
     eye = Slow()
     eye.frame = picture(1)
-    with Beside(eye, eye, Stepped()) as beside:
+    with TrackingThread(eye, eye, Stepped()) as thread:
         assert busy.wait(PATIENCE)
-        assert beside.latest() is None
+        assert thread.latest() is None
         done.set()
 
 
-def test_an_error_in_the_thread_stops_the_frames_and_is_raised_at_the_end():
-    failed = threading.Event()
+class Breaking(Scripted):
+    """A camera that gives so many frames and then fails."""
 
-    class Broken(Scripted):
-        def latest(self):
-            failed.set()
+    def __init__(self, frames):
+        super().__init__()
+        self.frames = frames
+
+    def latest(self):
+        if not self.frames:
             raise RuntimeError("cable")
+        return self.frames.pop(0)
 
-    eye = Broken()
-    with pytest.raises(RuntimeError, match="cable"), Beside(eye, eye, Stepped()) as beside:
-        assert failed.wait(PATIENCE)
-        assert beside.latest() is None
+
+def over(thread):
+    """Wait until the thread has ended by itself."""
+    thread._thread.join(PATIENCE)
+    assert not thread._thread.is_alive()
+
+
+def test_an_error_after_the_first_frame_stops_the_frames_and_is_raised_at_the_end():
+    eye = Breaking([picture(1)])
+    with pytest.raises(RuntimeError, match="cable"), TrackingThread(eye, eye, Stepped()) as thread:
+        over(thread)
+        assert thread.latest().number == thread.latest().number == 1
+
+
+def test_an_error_before_the_first_frame_is_raised_at_once():
+    eye = Breaking([])
+    with pytest.raises(RuntimeError, match="cable"), TrackingThread(eye, eye, Stepped()) as thread:
+        over(thread)
+        thread.latest()
+        raise AssertionError("latest has not raised")
+
+
+def test_a_camera_or_tracker_that_answers_something_else_is_named_by_the_thread():
+    eye = Scripted()
+    eye.frame = [picture(1)]
+    with pytest.raises(BadInput, match=r"Scripted\.latest\(\) must be a Frame"):
+        TrackingThread(eye, eye, Stepped()).look()
+    eye.frame, eye.find = picture(1), lambda frame: None
+    with pytest.raises(BadInput, match=r"Scripted\.find\(\) must be Markers"):
+        TrackingThread(eye, eye, Stepped()).look()

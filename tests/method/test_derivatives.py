@@ -6,11 +6,13 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from conftest import (
+    SHAFT,
     SPACING,
     derivative,
     kinds,
     markers_seen,
     random_from,
+    rcm_of,
     seeds,
     tool_positions,
     true_camera,
@@ -32,10 +34,11 @@ from rcmservo.method.tool import (
     SCALED,
     RigidTool,
     ScaledTool,
+    Shaft,
     second_marker,
     second_marker_jacobian,
 )
-from rcmservo.sim.cameras import Body
+from rcmservo.sim.body import Body
 from rcmservo.sim.optics import Optics, look_at
 from rcmservo.sim.truth import feature_jacobian as true_feature_jacobian
 
@@ -45,17 +48,18 @@ angles = st.one_of(
 points = st.tuples(*[st.floats(-150, 150)] * 3).map(np.array)
 markers = st.tuples(*[st.floats(-400, 400)] * 4).map(np.array)
 tools = st.one_of(
-    st.tuples(st.just(RIGID), st.floats(1, 80)), st.tuples(st.just(SCALED), st.floats(1.01, 3))
+    st.builds(Shaft, st.just(RIGID), st.floats(1, 80)),
+    st.builds(Shaft, st.just(SCALED), st.floats(1.01, 3)),
 )
 
 
 @given(kinds, angles, angles, st.floats(0.01, 300), st.floats(-5, 5))
 def test_of_the_mechanism(kind, first, second, rho, zero):
-    q = np.array([first, second, rho - zero])
-    numeric = derivative(lambda q: position(kind, zero, q), q, [1e-3, 1e-3, 1e-3 * rho])
-    assert np.allclose(position_jacobian(kind, zero, q), numeric, rtol=0, atol=1e-9 * max(rho, 1))
+    q, rcm = np.array([first, second, rho - zero]), rcm_of(kind, zero)
+    numeric = derivative(lambda q: position(rcm, q), q, [1e-3, 1e-3, 1e-3 * rho])
+    assert np.allclose(position_jacobian(rcm, q), numeric, rtol=0, atol=1e-9 * max(rho, 1))
     assert np.allclose(
-        axis_jacobian(kind, q), derivative(lambda q: axis(kind, q), q, 1e-3)[:, :2], atol=1e-10
+        axis_jacobian(rcm, q), derivative(lambda q: axis(rcm, q), q, 1e-3)[:, :2], atol=1e-10
     )
 
 
@@ -63,9 +67,9 @@ def test_of_the_mechanism(kind, first, second, rho, zero):
 def test_of_the_second_marker(tool, p1):
     rho = np.linalg.norm(p1)
     assume(rho > 0.1)  # at the RCM itself a rigid shaft has no direction
-    numeric = derivative(lambda p: second_marker(*tool, p), p1, 1e-3 * rho)
+    numeric = derivative(lambda p: second_marker(tool, p), p1, 1e-3 * rho)
     assert np.allclose(
-        second_marker_jacobian(*tool, p1), numeric, rtol=0, atol=1e-9 * (1 + tool[1] / rho)
+        second_marker_jacobian(tool, p1), numeric, rtol=0, atol=1e-9 * (1 + tool.value / rho)
     )
 
 
@@ -103,19 +107,17 @@ def test_of_the_features_through_given_parameters(seed, tool):
     random = random_from(seed)
     p1 = tool_positions(random, 1)[0]
     a, _ = parameters(true_camera(random, p1[None]))
-    assume(depth(a, second_marker(*tool, p1)) > 0.05)
-    m = predict(a, p1, *tool)
+    assume(depth(a, second_marker(tool, p1)) > 0.05)
+    m = predict(a, p1, tool)
     assume(np.linalg.norm(m[2:] - m[:2]) > 0.5)
     assert np.allclose(
-        markers_jacobian(a, p1, *tool),
-        derivative(lambda p: predict(a, p, *tool), p1, 1e-2),
+        markers_jacobian(a, p1, tool),
+        derivative(lambda p: predict(a, p, tool), p1, 1e-2),
         rtol=1e-6,
         atol=1e-7,
     )
-    J = feature_jacobian(a, p1, m, *tool)
-    numeric = derivative(
-        lambda p: difference(features(predict(a, p, *tool)), features(m)), p1, 1e-2
-    )
+    J = feature_jacobian(a, p1, m, tool)
+    numeric = derivative(lambda p: difference(features(predict(a, p, tool)), features(m)), p1, 1e-2)
     assert np.abs((J - numeric) / SCALE[:, None]).max() < 1e-6 * np.abs(J / SCALE[:, None]).max()
 
 
@@ -128,7 +130,7 @@ def test_of_the_features_through_a_whole_calibration_matrix(seed):
     C = true_camera(random, p1[None])
     a, o_c = parameters(C)
     m = about(markers_seen(C, p1), o_c)
-    J = feature_jacobian(a, p1, m, RIGID, SPACING)
+    J = feature_jacobian(a, p1, m, SHAFT)
     numeric = derivative(
         lambda p: difference(features(about(markers_seen(C, p), o_c)), features(m)), p1, 1e-2
     )
@@ -201,6 +203,6 @@ def test_of_the_features_through_the_simulated_lens(seed, mechanism, tool, k1, k
     numeric = derivative(
         lambda q: difference(features(seen(q)), features(m)), q, [1e-5, 1e-5, 1e-3]
     )
-    marker = position_jacobian(mechanism.kind, mechanism.insertion_zero + tool.offset, q)
+    marker = position_jacobian(mechanism.rcm(tool.offset), q)
     J = true_feature_jacobian(body, optics, q, o_c) @ marker
     assert np.abs((J - numeric) / SCALE[:, None]).max() < 1e-6 * np.abs(J / SCALE[:, None]).max()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from conftest import SPACING, markers_seen, random_from, seeds, tool_positions, true_camera
+from conftest import SHAFT, markers_seen, random_from, seeds, tool_positions, true_camera
 from rcmservo.errors import BadInput
 from rcmservo.method.exploration import (
     CORNERS,
@@ -38,13 +38,13 @@ def somewhere(rcm, seed, margin=0.0):
 
 
 def start_of(rcm, q):
-    return position(rcm.kind, rcm.insertion_zero, q)
+    return position(rcm.rcm(), q)
 
 
 @given(rcms, seeds, st.floats(1.0, 20.0))
 def test_far_from_limits_the_corners_are_a_full_tetrahedron_at_the_radius(rcm, seed, radius):
     q = somewhere(rcm, seed, margin=0.25)
-    tour = Exploration(radius=radius).begin(rcm, rcm.insertion_zero, q, now=5)
+    tour = Exploration(radius=radius).begin(rcm.rcm(), q, now=5)
     assert tour is not None and tour.visits == 0 and tour.start == 5
     away = np.linalg.norm(tour.corners - start_of(rcm, q), axis=1)
     assert np.all(away <= radius * (1 + 1e-6))
@@ -56,9 +56,9 @@ def test_anywhere_the_corners_are_inside_the_limits_and_not_in_a_plane_or_there_
     rcm, seed, radius
 ):
     q = somewhere(rcm, seed)
-    tour = Exploration(radius=radius).begin(rcm, rcm.insertion_zero, q, now=0)
+    tour = Exploration(radius=radius).begin(rcm.rcm(), q, now=0)
     if tour is not None:
-        there = np.stack([joints(rcm.kind, rcm.insertion_zero, p) for p in tour.corners])
+        there = np.stack([joints(rcm.rcm(), p) for p in tour.corners])
         assert np.all(there > np.array(rcm.limits.lower)) and np.all(
             there < np.array(rcm.limits.upper)
         )
@@ -67,7 +67,7 @@ def test_anywhere_the_corners_are_inside_the_limits_and_not_in_a_plane_or_there_
 
 def drive(rcm, exploration, q, dt=0.01):
     """Corners reached by an arm that does just what it is told but stops at its limits."""
-    tour = exploration.begin(rcm, rcm.insertion_zero, q, now=0)
+    tour = exploration.begin(rcm.rcm(), q, now=0)
     reached = 0
     for _ in range(1000):
         if tour is None or reached == 4:
@@ -76,7 +76,7 @@ def drive(rcm, exploration, q, dt=0.01):
         if exploration.arrived(tour, p):
             tour, reached = exploration.visit(tour, p, np.zeros((2, 2))), reached + 1
             continue
-        rates = joint_rates(rcm.kind, rcm.insertion_zero, q, exploration.velocity(tour, p))
+        rates = joint_rates(rcm.rcm(), q, exploration.velocity(tour, p))
         q = np.clip(q + rates * dt, rcm.limits.lower, rcm.limits.upper)
     return None if tour is None else reached
 
@@ -98,14 +98,14 @@ def test_without_room_in_one_joint_there_is_no_tour(joint):
     lower, upper = np.array([-1.0, -0.9, 50.0]), np.array([1.0, 0.9, 200.0])
     lower[joint], upper[joint] = q[joint] - 1e-3, q[joint] + 1e-3
     rcm = PitchYawRcm(JointLimits(tuple(lower), tuple(upper)))
-    assert Exploration().begin(rcm, 0.0, q, now=0) is None
+    assert Exploration().begin(rcm.rcm(), q, now=0) is None
 
 
 def test_next_to_a_limit_the_other_tetrahedron_is_tried():
     """Wherever a corner of one shape is cut off, the mirrored shape may still have its volume."""
     rcm = PitchYawRcm()
     found = sum(
-        Exploration().begin(rcm, 0.0, somewhere(rcm, seed), 0) is not None for seed in range(200)
+        Exploration().begin(rcm.rcm(), somewhere(rcm, seed), 0) is not None for seed in range(200)
     )
     assert found > 180
 
@@ -138,10 +138,9 @@ def seen_at_corners(seed):
 def test_the_true_jacobian_explains_small_moves_and_a_null_one_nothing(seed):
     from rcmservo.method.estimators.projection import feature_jacobian
     from rcmservo.method.features import about
-    from rcmservo.method.tool import RIGID
 
     rows, a, o_c = seen_at_corners(seed)
-    J = feature_jacobian(a, rows[0, :3].copy(), about(rows[0, 3:].copy(), o_c), RIGID, SPACING)
+    J = feature_jacobian(a, rows[0, :3].copy(), about(rows[0, 3:].copy(), o_c), SHAFT)
     assert unexplained(rows, J, o_c) < 0.05
     assert unexplained(rows, np.zeros((3, 3)), o_c) == pytest.approx(1.0)
 
@@ -162,10 +161,9 @@ def test_a_camera_that_sees_no_change_at_all_completes_nothing():
 def test_a_tour_is_not_complete_before_all_its_rounds():
     from rcmservo.method.estimators.projection import feature_jacobian
     from rcmservo.method.features import about
-    from rcmservo.method.tool import RIGID
 
     rows, a, o_c = seen_at_corners(1)
-    J = feature_jacobian(a, rows[0, :3].copy(), about(rows[0, 3:].copy(), o_c), RIGID, SPACING)
+    J = feature_jacobian(a, rows[0, :3].copy(), about(rows[0, 3:].copy(), o_c), SHAFT)
     exploration = Exploration(rounds=2)
     done = [
         exploration.complete(Exploring(rows[:, :3], rows, visits, 0), J, o_c)
@@ -177,7 +175,7 @@ def test_a_tour_is_not_complete_before_all_its_rounds():
 def test_visits_keep_the_last_four_in_order_and_leave_the_tour_before_alone():
     exploration, tour = (
         Exploration(),
-        Exploration().begin(PitchYawRcm(), 0.0, np.array([0.1, 0.2, 100.0]), 0),
+        Exploration().begin(PitchYawRcm().rcm(), np.array([0.1, 0.2, 100.0]), 0),
     )
     before = tour.seen.copy()
     later = tour
@@ -195,7 +193,7 @@ def test_visits_keep_the_last_four_in_order_and_leave_the_tour_before_alone():
 
 def test_a_tour_is_overdue_just_after_its_time():
     exploration = Exploration(max_time=10.0)
-    tour = exploration.begin(PitchYawRcm(), 0.0, np.array([0.1, 0.2, 100.0]), 3_000_000_000)
+    tour = exploration.begin(PitchYawRcm().rcm(), np.array([0.1, 0.2, 100.0]), 3_000_000_000)
     assert not exploration.overdue(tour, 13_000_000_000)
     assert exploration.overdue(tour, 13_000_000_001)
 

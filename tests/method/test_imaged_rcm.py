@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import SPACING, equations, observed, random_from, seeds, tool_positions, true_camera
+from conftest import SHAFT, equations, observed, random_from, seeds, tool_positions, true_camera
 from rcmservo.errors import BadInput
 from rcmservo.method.estimators.flow import update as flow_update
+from rcmservo.method.estimators.projection import ProjectionMemory, Rule
 from rcmservo.method.estimators.projection import update as projection_update
 from rcmservo.method.features import about
 from rcmservo.method.imaged_rcm import (
@@ -20,7 +21,6 @@ from rcmservo.method.imaged_rcm import (
     solve,
 )
 from rcmservo.method.projection import parameters
-from rcmservo.method.tool import RIGID
 
 
 def lines_through(random, o_c, angles, noise=0.0):
@@ -176,23 +176,13 @@ def test_a_move_of_the_imaged_rcm_is_taken_over_by_both_estimators_at_once():
     C = true_camera(random, places)
     rows, (a, o_c) = observed(C, places), parameters(C)
     wrong = o_c + np.array([40.0, -25.0])
-    memory, count, a_hat = np.zeros((21, 7)), 0, np.zeros(9)
+    memory = ProjectionMemory(np.zeros((21, 7)), 0, np.zeros(9))
+    rule = Rule(20.0, 1e-7, True)
     for i, row in enumerate(rows):  # o_c is wrong until the last frame
         known = o_c if i == len(rows) - 1 else wrong
-        memory, count, a_hat = projection_update(
-            memory,
-            count,
-            a_hat,
-            row[:3],
-            row[3:].reshape(2, 2),
-            known,
-            10.0,
-            20.0,
-            1e-7,
-            True,
-            RIGID,
-            SPACING,
-        )
+        points = row[3:].reshape(2, 2)
+        memory = projection_update(memory, row[:3], points, known, 10.0, rule, SHAFT)
+        a_hat = memory.a_hat
     assert np.allclose(a_hat, a, rtol=1e-4, atol=1e-6)
 
     p, points = rows[0, :3], rows[0, 3:].reshape(2, 2)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from conftest import kinds, random_from, seeds
+from conftest import kinds, random_from, rcm_of, seeds
 from rcmservo.errors import BadInput
 from rcmservo.method.kinematics import (
     MIN_LEVER,
@@ -37,20 +37,20 @@ def test_spherical_coordinates_are_equation_2(theta, phi, rho):
     printed = rho * np.array(
         [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]
     )
-    assert np.allclose(position(SPHERICAL, 0.0, np.array([theta, phi, rho])), printed)
+    assert np.allclose(position(rcm_of(SPHERICAL), np.array([theta, phi, rho])), printed)
 
 
 def test_pitch_and_yaw_point_down_at_home_and_turn_to_x_and_against_y():
-    assert np.allclose(axis(PITCH_YAW, np.zeros(3)), [0, 0, -1])
-    assert np.allclose(axis(PITCH_YAW, np.array([np.pi / 2, 0, 0])), [1, 0, 0])
-    assert np.allclose(axis(PITCH_YAW, np.array([0, np.pi / 2, 0])), [0, -1, 0])
+    assert np.allclose(axis(rcm_of(PITCH_YAW), np.zeros(3)), [0, 0, -1])
+    assert np.allclose(axis(rcm_of(PITCH_YAW), np.array([np.pi / 2, 0, 0])), [1, 0, 0])
+    assert np.allclose(axis(rcm_of(PITCH_YAW), np.array([0, np.pi / 2, 0])), [0, -1, 0])
 
 
 @given(kinds, angles, angles, rhos, zeros)
 def test_the_distance_from_the_rcm_is_insertion_plus_zero_at_any_angle(
     kind, first, second, rho, zero
 ):
-    p = position(kind, zero, np.array([first, second, rho - zero]))
+    p = position(rcm_of(kind, zero), np.array([first, second, rho - zero]))
     assert np.linalg.norm(p) == pytest.approx(rho)
 
 
@@ -59,14 +59,14 @@ def test_joints_undo_position(kind, inner, outer, rho, zero):
     q = np.array(
         [inner, outer, rho - zero] if kind == SPHERICAL else [outer, inner - 0.75, rho - zero]
     )
-    assert np.allclose(joints(kind, zero, position(kind, zero, q)), q, atol=1e-9)
+    assert np.allclose(joints(rcm_of(kind, zero), position(rcm_of(kind, zero), q)), q, atol=1e-9)
 
 
 @given(kinds, angles, angles)
 def test_the_axis_turns_orthogonally_to_itself_and_in_orthogonal_ways(kind, first, second):
     """What `joint_rates` rests on: it projects instead of inverting."""
     q = np.array([first, second, 100.0])
-    along = np.column_stack([axis_jacobian(kind, q), axis(kind, q)])
+    along = np.column_stack([axis_jacobian(rcm_of(kind), q), axis(rcm_of(kind), q)])
     products = along.T @ along
     assert np.allclose(products - np.diag(np.diag(products)), 0, atol=1e-12)
 
@@ -80,7 +80,9 @@ def test_joint_rates_move_the_marker_as_wanted_where_the_mechanism_is_regular(
     assume(lever > 2 * MIN_LEVER)
     v = random_from(seed).uniform(-50, 50, 3)
     assert np.allclose(
-        position_jacobian(kind, zero, q) @ joint_rates(kind, zero, q, v), v, atol=1e-8
+        position_jacobian(rcm_of(kind, zero), q) @ joint_rates(rcm_of(kind, zero), q, v),
+        v,
+        atol=1e-8,
     )
 
 
@@ -90,15 +92,16 @@ def test_joint_rates_stay_bounded_at_the_singular_pose_and_never_push_more_than_
 ):
     q = np.array([near, other, rho] if kind == SPHERICAL else [other, np.pi / 2 + near, rho])
     v = random_from(seed).uniform(-50, 50, 3)
-    rates = joint_rates(kind, 0.0, q, v)
+    rcm = rcm_of(kind)
+    rates = joint_rates(rcm, q, v)
     assert np.all(np.abs(rates[:2]) <= np.linalg.norm(v) / (MIN_LEVER * rho) * 1.001)
-    assert np.linalg.norm(position_jacobian(kind, 0.0, q) @ rates) <= np.linalg.norm(v) * (1 + 1e-9)
+    assert np.linalg.norm(position_jacobian(rcm, q) @ rates) <= np.linalg.norm(v) * (1 + 1e-9)
 
 
 def test_joint_rates_at_theta_zero_and_at_the_rcm_itself_are_finite_or_nan_never_raised():
     v = np.array([1.0, 2.0, 3.0])
-    assert np.isfinite(joint_rates(SPHERICAL, 0.0, np.array([0.0, 0.0, 100.0]), v)).all()
-    assert joint_rates(SPHERICAL, 0.0, np.zeros(3), v)[2] == 3.0
+    assert np.isfinite(joint_rates(rcm_of(SPHERICAL), np.array([0.0, 0.0, 100.0]), v)).all()
+    assert joint_rates(rcm_of(SPHERICAL), np.zeros(3), v)[2] == 3.0
 
 
 @rcms
@@ -113,10 +116,8 @@ def test_the_physics_puts_the_reference_point_where_equation_2_says(rcm, seed):
 @rcms
 def test_methods_take_any_memory_order_and_agree_with_the_functions(rcm):
     q = np.array([[0.4, 9], [-0.3, 9], [90.0, 9]])[:, 0]  # not contiguous
-    assert np.array_equal(rcm.position(q), position(rcm.kind, rcm.insertion_zero, q.copy()))
-    assert np.array_equal(
-        rcm.jacobian(q), position_jacobian(rcm.kind, rcm.insertion_zero, q.copy())
-    )
+    assert np.array_equal(rcm.position(q), position(rcm.rcm(), q.copy()))
+    assert np.array_equal(rcm.jacobian(q), position_jacobian(rcm.rcm(), q.copy()))
     assert np.allclose(rcm.position(rcm.joints(rcm.position(q))), rcm.position(q))
 
 
@@ -126,6 +127,20 @@ def test_methods_take_any_memory_order_and_agree_with_the_functions(rcm):
 def test_limits_that_are_not_finite_or_not_in_order_are_refused_by_name(bad):
     with pytest.raises(BadInput, match=r"lower|upper"):
         JointLimits(lower=bad, upper=(1.0, 1.0, 100.0))
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "unit"),
+    [
+        ((8.0, -3.0, 40.0), (85.0, 3.0, 220.0), "degrees"),
+        ((-1.0, -180.0, 40.0), (1.0, 1.0, 220.0), "degrees"),
+        ((-1.0, -1.0, 40_000.0), (1.0, 1.0, 220_000.0), "µm"),
+        ((-1.0, -1.0, 0.04), (1.0, 1.0, 0.22), "like m"),
+    ],
+)
+def test_limits_of_impossible_size_name_their_likely_unit(lower, upper, unit):
+    with pytest.raises(BadInput, match=rf"(lower|upper) must be .*{unit}"):
+        JointLimits(lower, upper)
 
 
 @pytest.mark.parametrize("zero", [np.nan, np.inf, -40.0, -100.0])

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from conftest import (
-    SPACING,
+    SHAFT,
     TOOLS,
     derivative,
     equations,
@@ -25,6 +25,8 @@ from rcmservo.method.estimators.projection import (
     GAMMA_0,
     MIN_DEPTH,
     ProjectionEstimator,
+    ProjectionMemory,
+    Rule,
     decay,
     feature_jacobian,
     inverse_root,
@@ -34,7 +36,7 @@ from rcmservo.method.estimators.projection import (
 )
 from rcmservo.method.features import SCALE, about, difference, features
 from rcmservo.method.projection import depth, parameters, regressor
-from rcmservo.method.tool import RIGID, second_marker
+from rcmservo.method.tool import second_marker
 
 times = st.one_of(st.floats(1e-4, 1e-1), st.floats(1e-1, 1e3), st.sampled_from([1e-9, 1e4]))
 modes = st.booleans()
@@ -54,9 +56,9 @@ def scene(seed, count=12):
 
 def step(memory, count, a_hat, row, o_c, t, rate=20.0, both=True):
     points = row[3:].reshape(2, 2)
-    return update(
-        memory, count, a_hat, row[:3], points, o_c, t, rate, EPSILON, both, RIGID, SPACING
-    )
+    rule = Rule(float(rate), EPSILON, bool(both))
+    before = ProjectionMemory(memory, count, a_hat)
+    return update(before, row[:3], points, o_c, float(t), rule, SHAFT)
 
 
 def energy(a_hat, a):
@@ -139,7 +141,7 @@ def test_the_equations_are_the_sums_over_the_papers_regressors_of_19(seed, both)
     A, b = np.zeros((9, 9)), np.zeros(9)
     for row in rows:
         p1, m = row[:3].copy(), about(row[3:].copy(), o_c)
-        p2 = second_marker(RIGID, SPACING, p1)
+        p2 = second_marker(SHAFT, p1)
         for W, seen in ((regressor(m[:2], p1), m[:2]), (regressor(m[2:], p2), m[2:]))[: 1 + both]:
             A, b = A + W.T @ W, b + W.T @ seen
     got_A, got_b = equations(rows, o_c, both)
@@ -164,9 +166,9 @@ def test_the_observation_that_goes_has_the_least_leverage(seed, both):
     A, _ = equations(rows, o_c, both)
     root = inverse_root(A, EPSILON)
     shares = [np.trace(root.T @ equations(row[None], o_c, both)[0] @ root) for row in rows]
-    assert shares[least_telling(rows, len(rows), root, o_c, both, RIGID, SPACING)] <= min(
-        shares
-    ) * (1 + 1e-6)
+    assert shares[least_telling(rows, len(rows), root, o_c, both, SHAFT)] <= min(shares) * (
+        1 + 1e-6
+    )
 
 
 @given(seeds, times)
@@ -252,12 +254,11 @@ def test_no_step_puts_an_observation_behind_the_floor_of_depth(seed, size):
     random = random_from(seed)
     rows, _, _, a_hat = scene(seed)
     a_next = a_hat + size * random.standard_normal(9) * np.array([1.0] * 6 + [1e-2] * 3)
-    kept = keep_in_front(a_hat, a_next, rows, len(rows), RIGID, SPACING)
+    kept = keep_in_front(a_hat, a_next, rows, len(rows), SHAFT)
 
     def least(a):
         return min(
-            min(depth(a, row[:3]), depth(a, second_marker(RIGID, SPACING, row[:3].copy())))
-            for row in rows
+            min(depth(a, row[:3]), depth(a, second_marker(SHAFT, row[:3].copy()))) for row in rows
         )
 
     assume(least(a_hat) >= MIN_DEPTH)
@@ -281,15 +282,13 @@ def test_an_estimate_that_starts_in_front_of_all_stays_there_whatever_the_camera
     )
     memory, count, a_hat = np.zeros((9, 7)), 0, np.zeros(9)
     for row in rows:
-        ahead = min(
-            depth(a_hat, row[:3]), depth(a_hat, second_marker(RIGID, SPACING, row[:3].copy()))
-        )
+        ahead = min(depth(a_hat, row[:3]), depth(a_hat, second_marker(SHAFT, row[:3].copy())))
         if ahead < MIN_DEPTH:
             continue  # it was wrong about a place before it came there: not its step's doing
         memory, count, a_hat = step(memory, count, a_hat, row, o_c, t)
         for kept in memory[:count]:
             assert depth(a_hat, kept[:3].copy()) >= MIN_DEPTH - 1e-9
-            assert depth(a_hat, second_marker(RIGID, SPACING, kept[:3].copy())) >= MIN_DEPTH - 1e-9
+            assert depth(a_hat, second_marker(SHAFT, kept[:3].copy())) >= MIN_DEPTH - 1e-9
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -321,9 +320,7 @@ def test_with_perfect_pictures_the_estimate_becomes_the_true_jacobian(seed):
 def test_nothing_known_is_a_jacobian_without_rank(seed):
     """â = 0: the picture is expected not to move at all."""
     rows, _, o_c, _ = scene(seed, count=2)
-    J_hat = feature_jacobian(
-        np.zeros(9), rows[0, :3].copy(), about(rows[0, 3:].copy(), o_c), RIGID, SPACING
-    )
+    J_hat = feature_jacobian(np.zeros(9), rows[0, :3].copy(), about(rows[0, 3:].copy(), o_c), SHAFT)
     assert not J_hat.any()
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from conftest import random_from, seeds, tool_positions
 from rcmservo.errors import BadInput
-from rcmservo.method.tool import RIGID, SCALED, RigidTool, ScaledTool, second_marker
+from rcmservo.method.tool import RIGID, SCALED, RigidTool, ScaledTool, Shaft, second_marker
 
 spacings = st.floats(1.0, 100.0)
 
@@ -39,7 +39,7 @@ def test_insertion_shrinks_the_imaged_distance_of_a_receding_rigid_pair_and_grow
 
     def d(kind, value, rho):
         p1 = rho * np.array([np.sin(0.7), 0.0, np.cos(0.7)])
-        pair = np.stack([p1, second_marker(kind, value, p1)])
+        pair = np.stack([p1, second_marker(Shaft(kind, value), p1)])
         image = 800 * pair[:, :2] / (200 + pair[:, 2:])
         return np.linalg.norm(image[1] - image[0])
 
@@ -53,6 +53,14 @@ def test_a_spacing_that_is_no_positive_length_is_refused(bad):
         RigidTool(bad)
 
 
+@pytest.mark.parametrize(("bad", "unit"), [(0.03, "m"), (30_000.0, "µm")])
+def test_a_spacing_of_impossible_size_names_its_likely_unit(bad, unit):
+    with pytest.raises(BadInput, match=rf"spacing must be .*this looks like {unit}\)"):
+        RigidTool(bad)
+    for possible in (1.0, 1000.0):
+        assert RigidTool(possible).spacing == possible
+
+
 @pytest.mark.parametrize("bad", [1.0, 0.5, -2.0, np.nan, np.inf])
 def test_a_factor_that_would_put_marker_2_at_or_before_marker_1_is_refused(bad):
     with pytest.raises(BadInput, match="scale"):
@@ -60,6 +68,7 @@ def test_a_factor_that_would_put_marker_2_at_or_before_marker_1_is_refused(bad):
 
 
 @pytest.mark.parametrize("tool", [RigidTool, ScaledTool])
-def test_an_offset_that_is_not_finite_is_refused(tool):
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -67_000.0])
+def test_an_offset_that_is_not_finite_or_of_impossible_size_is_refused(tool, bad):
     with pytest.raises(BadInput, match="offset"):
-        tool(30.0, offset=np.nan)
+        tool(30.0, offset=bad)

@@ -13,7 +13,7 @@ from replays import NAMES, Disturbed, faults, operator
 from replays import recorded as record_of_a_seed
 
 import rcmservo as rs
-from conftest import CONTROLLERS, ESTIMATORS, TOOLS, random_from
+from conftest import CONTROLLERS, ESTIMATORS, TOOLS, first_quick, random_from
 from rcmservo.config.servo_json import describe, rebuild
 from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.base import Estimator, Sample
@@ -67,7 +67,7 @@ def phases(folder: Path) -> set[str]:
     return set(reader.read(folder).phase)
 
 
-@pytest.mark.parametrize("recorded", range(6), indirect=True)
+@pytest.mark.parametrize("recorded", first_quick(range(6)), indirect=True)
 def test_a_disturbed_run_with_pauses_comes_out_the_same_bit_for_bit(recorded: Recorded) -> None:
     target = recorded.shown()
     recorded.plant.change = faults(
@@ -82,7 +82,7 @@ def test_a_disturbed_run_with_pauses_comes_out_the_same_bit_for_bit(recorded: Re
     assert "RESUME" in again.then.words["request"]
 
 
-@pytest.mark.parametrize("seed", range(20, 28))
+@pytest.mark.parametrize("seed", first_quick(range(20, 28)))
 def test_whatever_goes_wrong_comes_out_the_same(seed: int, tmp_path: Path) -> None:
     assert recompute(record_of_a_seed(tmp_path, seed, 3.0, NAMES)).same
 

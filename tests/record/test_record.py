@@ -76,13 +76,13 @@ def told(tick: rs.Tick) -> dict[str, Any]:
         "o_c": state.o_c,
         "p1": state.p1,
         "y": state.y,
-        "rcm_condition": state.rcm_condition,
+        "rcm_condition": state.learnt.estimate.rcm_condition,
         "delta": state.delta,
-        "ahead": state.ahead,
+        "ahead": state.learnt.estimate.ahead,
         "J_hat": state.J_hat,
         "condition": state.condition,
         "v": state.v,
-        "a_hat": state.memory.a_hat,
+        "a_hat": state.learnt.memory.a_hat,
         "latency": state.watch.latency,
         "period": state.watch.period,
         "command": state.command.rates,
@@ -122,7 +122,7 @@ def test_every_number_and_word_of_a_tick_comes_back_bit_for_bit(written: Written
 
 def test_the_model_of_a_record_is_what_the_estimate_predicts(written: Written) -> None:
     state, rows = written.ticks[200].state, reader.read(written.path)
-    predicted = written.servo.estimator.predict(state.memory, written.servo.tool, state.p1)
+    predicted = written.servo.estimator.predict(state.learnt.memory, written.servo.tool, state.p1)
     np.testing.assert_array_equal(rows.ticks["model"][200], predicted)
 
 
@@ -335,7 +335,7 @@ import resource
 from pathlib import Path
 import numpy as np
 import rcmservo as rs
-from rcmservo.recorder import Recorder
+from rcmservo.record.writer import Recorder
 with Recorder(Path({str(path)!r}), {{"seed": 1}}) as recorder:
     room = recorder.path.stat().st_size + 100
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))

@@ -11,7 +11,8 @@ import pytest
 CORE = (
     "method.kinematics method.tool method.projection method.features method.imaged_rcm "
     "method.estimators.flow method.estimators.broyden method.estimators.projection "
-    "method.controller method.exploration guard.gate guard.faults"
+    "method.controller method.exploration guard.gate guard.faults guard.plausible guard.watch "
+    "servo.core"
 )
 
 
@@ -81,7 +82,7 @@ def eventful(lab, servo):
     return servo, stream, lab.target
 
 
-@pytest.mark.parametrize("warm_up", ["method", "short run"])
+@pytest.mark.parametrize("warm_up", ["method", pytest.param("short run", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "estimator,tool",
     [("fast", "rigid"), ("printed", "scaled"), ("flow", "rigid"), ("broyden", "rigid")],

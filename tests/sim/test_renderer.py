@@ -11,7 +11,7 @@ import pytest
 from conftest import with_tests
 from rcmservo.errors import BadInput
 from rcmservo.sim.optics import Optics, look_at
-from rcmservo.sim.renderer import Look, Renderer, Tissue
+from rcmservo.sim.rendering import Look, Renderer, Tissue
 
 POSITION = np.array([-70.0, -60.0, 20.0])
 TARGET = np.array([0.0, 0.0, -110.0])

@@ -12,7 +12,7 @@ from conftest import DATA
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Floats, Frame, Image
 from rcmservo.sim.optics import Optics, look_at
-from rcmservo.sim.renderer import Look, Renderer, Tissue
+from rcmservo.sim.rendering import Look, Renderer, Tissue
 from rcmservo.tracking import ColourMarkers, MarkerLook, PointMarkers, read_image
 
 SIZE = 320, 240

@@ -1,4 +1,4 @@
-"""A record as plain tables for other programs: CSV, NumPy, and the frames as a recording.
+"""`rcmservo export`: a record as plain tables for other programs, and its frames as a recording.
 
 ticks.csv     one row for every tick, units in the header; what is not known is left empty
 record.npz    the same numbers as arrays, bit for bit, with the stages and settings
@@ -11,57 +11,52 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
+import tyro
 
+from rcmservo.app.folders import new_folder
+from rcmservo.app.parse import OptionalPath
+from rcmservo.app.terminal import console
+from rcmservo.config.files import whole
 from rcmservo.config.servo_json import rebuild_box
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.interfaces import Floats
 from rcmservo.offline.frames_folder import RecordingWriter
 from rcmservo.record import reader
-from rcmservo.record.layout import FLAGS, INTEGERS
+from rcmservo.record.columns import FLAGS, INTEGERS, REALS, TRUTH
 from rcmservo.record.reader import Record
 
-JOINTS = ("1 [rad]", "2 [rad]", "3 [mm]")
-RATES = ("1 [rad/s]", "2 [rad/s]", "3 [mm/s]")
-PLACE = ("x [mm]", "y [mm]", "z [mm]")
-FEATURES = ("s [rad]", "r [px]", "d [px]")
-PIXEL = ("u [px]", "v [px]")
-MARKERS = ("m1_u [px]", "m1_v [px]", "m2_u [px]", "m2_v [px]")
-
-UNITS = {name: ("[ns]",) for name in INTEGERS} | {
-    **dict.fromkeys(("frame", "believed", "good", "command_number"), ("[1]",)),
-    "rcm_condition": ("[1]",),
-    "condition": ("[1]",),
-    "period": ("[ns]",),
-    "q": JOINTS,
-    "q_exposure": JOINTS,
-    "points": MARKERS,
-    "applied_before": RATES,
-    "o_c": PIXEL,
-    "p1": PLACE,
-    "y": FEATURES,
-    "delta": FEATURES,
-    "ahead": FEATURES,
-    "J_hat": tuple(
-        f"{y}_{x} [{unit}/mm]"
-        for y, unit in (("s", "rad"), ("r", "px"), ("d", "px"))
-        for x in "xyz"
-    ),
-    "a_hat": tuple(f"{i} [free scale]" for i in range(1, 10)),
-    "model": MARKERS,
-    "v": ("x [mm/s]", "y [mm/s]", "z [mm/s]"),
-    "command": RATES,
-    "applied": RATES,
-    **dict.fromkeys(FLAGS, ("[0 or 1]",)),
-}
+UNITS = {column.name: column.parts for column in (*INTEGERS, *REALS, *FLAGS)}
 """What every column of a tick holds, with its unit."""
-
-TRUTH_UNITS = {"p1": PLACE, "p2": PLACE, "jacobian_error": ("[1]",)}
 
 BLOCK = 1000
 """Ticks that are turned into text at a time: a long run's would fill the memory."""
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """Write a recorded run as CSV and NumPy arrays and, if it holds frames, as a recording that
+    `replay` reads."""
+
+    record: Annotated[Path, tyro.conf.Positional]
+    """A run's folder, or an .mcap file."""
+    out: OptionalPath = None
+    """Folder to write to, new or empty; by default a new one under runs/."""
+
+
+def export(options: ExportOptions) -> int:
+    out = console()
+    with new_folder(options.out, "export") as folder:
+        written = write(options.record, folder)
+    what = f"{written.ticks} ticks" + (f" and {written.frames} frames" if written.frames else "")
+    left = (
+        f"; left out, as no tick tells their joints: {written.left_out}" if written.left_out else ""
+    )
+    missing = f"; {written.missing}" if written.missing else ""
+    out.print(f"{what} written to {folder}{left}{missing}", soft_wrap=True)
+    return 0
 
 
 @dataclass(frozen=True)
@@ -78,11 +73,11 @@ class Exported:
     missing: str
 
 
-def export(path: Path, folder: Path) -> Exported:
+def write(path: Path, folder: Path) -> Exported:
     """Write the record of a run into an empty folder."""
     rows = reader.read(path)
     _write_csv(rows, folder / "ticks.csv")
-    with (folder / "record.npz").open("wb") as file:
+    with whole(folder / "record.npz") as part, part.open("wb") as file:
         np.savez_compressed(file, **arrays(rows))
     frames, left_out = _write_frames(rows, folder / "recording")
     return Exported(len(rows.time), frames, left_out, rows.missing)
@@ -114,23 +109,19 @@ def arrays(rows: Record) -> dict[str, Any]:
 
 def _write_csv(rows: Record, path: Path) -> None:
     titles, columns = _columns(rows)
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(titles)
-            for i in range(0, len(rows.time), BLOCK):
-                writer.writerows(
-                    zip(*(_texts(column[i : i + BLOCK]) for column in columns), strict=True)
-                )
-    except OSError as error:
-        raise UnusableFile(path, f"cannot be written: {error.strerror}") from error
+    with whole(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(titles)
+        for i in range(0, len(rows.time), BLOCK):
+            block = (_texts(column[i : i + BLOCK]) for column in columns)
+            writer.writerows(zip(*block, strict=True))
 
 
 def _columns(rows: Record) -> tuple[list[str], list[Any]]:
     """The table's titles, and under each its column (N,)."""
     titles: list[str] = ["time [s]"]
     columns: list[Any] = [rows.time]
-    tables = [("", rows.ticks, UNITS), ("truth_", rows.truth, TRUTH_UNITS)]
+    tables = [("", rows.ticks, UNITS), ("truth_", rows.truth, TRUTH)]
     for start, table, units in tables if len(rows.truth["p1"]) else tables[:1]:
         for name, column in table.items():
             for i, unit in enumerate(units[name]):

@@ -1,18 +1,24 @@
-"""A recorded run for a person: a summary, a timeline in words, and figures."""
+"""`rcmservo show`: a recorded run for a person, as a summary, a timeline in words, and figures."""
 
 import csv
 import io
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import tyro
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from rcmservo.app.folders import new_folder
+from rcmservo.app.parse import OptionalPath
+from rcmservo.app.terminal import console
 from rcmservo.config.files import write_whole
 from rcmservo.figures import charts, plots
 from rcmservo.guard.states import Action, Cause, Request
+from rcmservo.record import reader
 from rcmservo.record.reader import Record
 from rcmservo.record.timeline import Span, Summary, spans, summary
 
@@ -30,12 +36,39 @@ LOOKS = {
 }
 
 
-def show(console: Console, record: Record) -> None:
+@dataclass(frozen=True)
+class ShowOptions:
+    """Tell what happened in a recorded run: a summary, a timeline of phases and causes, and
+    figures."""
+
+    record: Annotated[Path, tyro.conf.Positional]
+    """A run's folder, or an .mcap file."""
+    out: OptionalPath = None
+    """Folder to write the figures to, new or empty; by default a new one under runs/."""
+
+
+def show(options: ShowOptions) -> int:
+    rows = reader.read(options.record)
+    out = console()
+    with new_folder(options.out, "show") as folder:
+        draw(rows, folder)
+    tell(out, rows)
+    drawn = any(folder.glob("*.png"))
+    words = (
+        f"figures and timeline.csv in {folder}"
+        if drawn
+        else f"timeline.csv in {folder}; there was nothing to draw"
+    )
+    out.print(words, soft_wrap=True)
+    return 0
+
+
+def tell(out: Console, record: Record) -> None:
     """Print the summary and the timeline of a record."""
     found = spans(record)
-    console.print(_summary(record, summary(record)))
+    out.print(_summary(record, summary(record)))
     if found:
-        console.print(_timeline(found))
+        out.print(_timeline(found))
 
 
 def draw(record: Record, folder: Path) -> None:

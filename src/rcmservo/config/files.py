@@ -1,19 +1,31 @@
 """Files that are there whole or not at all, and files that are read only if they are small."""
 
 import stat
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rcmservo.errors import UnusableFile
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a file so that it is there whole or not at all."""
+@contextmanager
+def whole(path: Path) -> Generator[Path]:
+    """A path to write to. It becomes the file when that went well; otherwise nothing is left."""
     part = path.with_name(path.name + ".part")
     try:
-        part.write_text(text)
+        yield part
         part.replace(path)
     except OSError as error:
         raise UnusableFile(path, f"cannot be written: {error.strerror}") from error
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file so that it is there whole or not at all."""
+    with whole(path) as part:
+        part.write_text(text, "utf-8")
 
 
 def read_small(path: Path, largest: int, what: str) -> bytes:

@@ -19,8 +19,8 @@ from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get
 
 from rcmservo.config.files import read_small
 from rcmservo.errors import BadInput, UnusableFile, one_line, told
-from rcmservo.guard.faults import Thresholds
 from rcmservo.guard.gate import Gate
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.method.kinematics import JointLimits, Kinematics, PitchYawRcm, SphericalRcm
 from rcmservo.method.tool import RigidTool, ScaledTool, Tool
 from rcmservo.tracking import MarkerLook

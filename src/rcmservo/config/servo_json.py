@@ -15,8 +15,8 @@ from typing import Any, cast
 
 from rcmservo.config.rig_file import MECHANISMS, TOOLS, build
 from rcmservo.errors import BadInput, require
-from rcmservo.guard.faults import Thresholds
 from rcmservo.guard.gate import Gate
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.broyden import BroydenEstimator
 from rcmservo.method.estimators.flow import FlowEstimator

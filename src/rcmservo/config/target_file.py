@@ -21,7 +21,7 @@ import numpy as np
 
 from rcmservo.config.files import read_small, write_whole
 from rcmservo.errors import UnusableFile, one_line, told
-from rcmservo.guard.faults import SLACK
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Floats, Target
 from rcmservo.method.kinematics import Kinematics
 from rcmservo.method.tool import Tool
@@ -152,7 +152,7 @@ def _target(content: Mapping[str, Any], setup: Setup) -> Target:
 def _within(q: Floats, mechanism: Kinematics) -> None:
     """Refuse joints beyond their limits, by more than one may stand beyond them."""
     lower, upper = mechanism.limits.arrays
-    slack = SLACK * (upper - lower)
+    slack = Thresholds.slack * (upper - lower)
     for i, name in enumerate(mechanism.joint_names):
         if not lower[i] - slack[i] <= q[i] <= upper[i] + slack[i]:
             raise _Wrong(

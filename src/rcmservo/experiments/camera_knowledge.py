@@ -110,7 +110,7 @@ def near_way(rig: Rig, settings: Settings, seed: int) -> list[Floats]:
     while len(poses) < settings.held_out:
         aside = random.standard_normal(3)
         aside *= settings.around * random.uniform() ** (1.0 / 3.0) / np.linalg.norm(aside)
-        q = rig.body.kinematics.joints(rig.body.points(random.choice(rig.scene.way))[0] + aside)
+        q = rig.body.mechanism.joints(rig.body.points(random.choice(rig.scene.way))[0] + aside)
         if in_picture(rig, q):
             poses.append(q)
     return poses
@@ -119,7 +119,7 @@ def near_way(rig: Rig, settings: Settings, seed: int) -> list[Floats]:
 def workspace(rig: Rig, settings: Settings, seed: int) -> list[Floats]:
     """Joints of poses that the camera sees, anywhere within the joint limits."""
     random = np.random.default_rng(seed)
-    drawn = random.uniform(*rig.body.kinematics.limits.arrays, (DRAWS, 3))
+    drawn = random.uniform(*rig.body.mechanism.limits.arrays, (DRAWS, 3))
     return [q for q in drawn if in_picture(rig, q)][: settings.held_out]
 
 

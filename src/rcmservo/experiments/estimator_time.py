@@ -111,14 +111,14 @@ def one_scene(rig: Rig, settings: Settings, noise: float, name: str) -> list[lis
     q, tool = rig.scene.start, rig.settings.tool
     p1 = rig.body.points(q)[0]
     rows = observed(a, p1, settings, noise, np.random.default_rng(rig.seed))
-    A, b = normal_equations(rows, len(rows), np.zeros(2), False, tool.kind, tool.value)
+    A, b = normal_equations(rows, len(rows), np.zeros(2), False, tool.shaft)
     fast = np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon)
     root = np.diag(np.sqrt(GAMMA_0)) if name == "printed" else fast
     J, m = rig.truth.jacobian(q, o_c), about(rig.truth.pixels(q), o_c)
 
     def judged(t: float) -> list[float]:
         a_hat = decay(A, b, np.zeros(len(b)), root, t)
-        return leads(feature_jacobian(a_hat, p1, m, tool.kind, tool.value), J)
+        return leads(feature_jacobian(a_hat, p1, m, tool.shaft), J)
 
     return [judged(t) for t in settings.all_times]
 

@@ -107,7 +107,7 @@ def one_camera(settings: Settings, seed: int) -> tuple[FallOfU, FallOfU]:
     random = np.random.default_rng([seed, 2])
     points = p0 + settings.spread * random.uniform(-1.0, 1.0, (settings.observations, 3))
     rows = np.array([[*p, *seen_by(C, p), np.nan, np.nan] for p in points])
-    A, b = normal_equations(rows, len(rows), o_c, False, TOOL.kind, TOOL.value)
+    A, b = normal_equations(rows, len(rows), o_c, False, TOOL.shaft)
     printed, fast = np.diag(np.sqrt(GAMMA_0)), np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon)
     slow = fall_of_U(A, b, a, printed, settings.longest, settings.printed_time)
     soon = fall_of_U(A, b, a, fast, MAX_DECAY / FIT.rate, settings.fast_time)
@@ -156,8 +156,8 @@ def judged(fall: Fall, a: Floats, p0: Floats, points: Floats) -> FallOfU:
 
 def jacobian_error(a_hat: Floats, a: Floats, p1: Floats) -> float:
     """‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians at p1, from â and from the true a."""
-    m = predict(a, p1, TOOL.kind, TOOL.value)
-    J_hat, J = (scaled(feature_jacobian(some, p1, m, TOOL.kind, TOOL.value)) for some in (a_hat, a))
+    m = predict(a, p1, TOOL.shaft)
+    J_hat, J = (scaled(feature_jacobian(some, p1, m, TOOL.shaft)) for some in (a_hat, a))
     return float(np.linalg.norm(J_hat - J) / np.linalg.norm(J))
 
 

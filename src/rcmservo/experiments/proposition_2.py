@@ -106,7 +106,7 @@ class LoopWay:
 
 def loop_way(rig: Rig, radius: float, step: float) -> LoopWay:
     """A closed curve in all three directions about the scene's start, through the true camera."""
-    p0, n = rig.body.points(rig.scene.start)[0], axis(rig.settings.mechanism.kind, rig.scene.start)
+    p0, n = rig.body.points(rig.scene.start)[0], axis(rig.settings.mechanism.rcm(), rig.scene.start)
     t1 = np.linalg.svd(n[None])[2][1]
     t2 = np.cross(n, t1)
     turn = np.linspace(0.0, 2.0 * np.pi, round(11.0 * radius / step) + 1)
@@ -114,7 +114,7 @@ def loop_way(rig: Rig, radius: float, step: float) -> LoopWay:
         np.outer(np.cos(turn), t1) + np.outer(np.sin(turn), t2) + np.outer(np.cos(2.0 * turn), n)
     )
     p = p0 + radius * directions
-    joints = [rig.body.kinematics.joints(one) for one in p]
+    joints = [rig.body.mechanism.joints(one) for one in p]
     o_c = rig.truth.imaged_rcm()
     y = [features((rig.truth.pixels(q) - o_c).ravel()) for q in joints]
     J = np.array([rig.truth.jacobian(q, o_c) for q in joints])

@@ -116,7 +116,7 @@ def relocated(folder: Path, seed: int, method: str, settings: Settings) -> Reloc
         target, p_d = loop.shown(loop.rig.scene.target)
         loop.rig.go_home()
         stop = _until_stopped(loop, target, settings)
-        stopped_at = loop.rig.clock.joints_at(loop.rig.clock.now())
+        stopped_at = loop.rig.arm.q_true
         target, _ = loop.shown(loop.rig.scene.target)
         loop.rig.place(stopped_at)
         again = loop.elapsed()

@@ -107,7 +107,7 @@ def scene(seed: int) -> ToolScene:
     n = p1 / np.linalg.norm(p1)
 
     def modelled(tool: Tool) -> Modelled:
-        J_hat = feature_jacobian(a, p1, m, tool.kind, tool.value)
+        J_hat = feature_jacobian(a, p1, m, tool.shaft)
         return Modelled(
             along=float(J_hat[2] @ n),
             whole=rig.truth.jacobian_error(J_hat, q, o_c),

@@ -1,35 +1,56 @@
-"""Figures as data, and how they are drawn: one style for all, told apart in colour, by colour-blind
-eyes and in grey.
+"""Figures as data, and how they are drawn: in one style, for colour-blind eyes and in grey too.
 
-A figure is plain numbers and words, so that it can be kept, compared bit for bit and drawn again.
+A figure is plain numbers and words. It can be kept, compared bit for bit and drawn again.
 """
 
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
+from rcmservo.config.files import whole
+
 MAX_POINTS = 500
 """Points of a curve beyond which it is thinned: more cannot be seen."""
 
-STYLES: tuple[dict[str, Any], ...] = (
-    {"color": "#0072b2", "ls": "-", "lw": 1.5, "marker": "o"},
-    {"color": "#d55e00", "ls": "--", "lw": 1.5, "marker": "s"},
-    {"color": "#009e73", "ls": "-.", "lw": 1.5, "marker": "^"},
-    {"color": "#000000", "ls": ":", "lw": 1.7, "marker": "D"},
-    {"color": "#cc79a7", "ls": (0, (5, 1, 1, 1, 1, 1)), "lw": 1.5, "marker": "v"},
-    {"color": "#e69f00", "ls": (0, (8, 2)), "lw": 1.5, "marker": "P"},
-    {"color": "#56b4e9", "ls": (0, (2, 1)), "lw": 1.5, "marker": "X"},
-)
-"""Colours after Okabe and Ito; every style has its own dashes and marker too."""
+Dashes = str | tuple[int, tuple[int, ...]]
+"""A line's dashes, in Matplotlib's words."""
 
-MEASURED: dict[str, Any] = {"color": "#999999", "ls": "-", "lw": 2.6, "marker": "."}
-"""The measured curve that an estimate is laid upon."""
+
+class Style(NamedTuple):
+    """How a curve is drawn."""
+
+    colour: str
+    """Its colour."""
+
+    dashes: Dashes
+    """The dashes of its line."""
+
+    width: float
+    """Points, that of its line."""
+
+    marker: str
+    """The mark at its points, where it has no line."""
+
+
+STYLES = (
+    Style("#0072b2", "-", 1.5, "o"),
+    Style("#d55e00", "--", 1.5, "s"),
+    Style("#009e73", "-.", 1.5, "^"),
+    Style("#000000", ":", 1.7, "D"),
+    Style("#cc79a7", (0, (5, 1, 1, 1, 1, 1)), 1.5, "v"),
+    Style("#e69f00", (0, (8, 2)), 1.5, "P"),
+    Style("#56b4e9", (0, (2, 1)), 1.5, "X"),
+)
+"""Colours after Okabe and Ito. Every style has its own dashes and its own marker too."""
+
+MEASURED = Style("#999999", "-", 2.6, ".")
+"""Of the measured curve, on which an estimate is laid."""
 
 TONES = ("#999999", "#d0d0d0", "#56b4e9", "#009e73", "#f0e442", "#e69f00", "#d55e00")
 """Colours of bands and bars, from harmless to grave."""
@@ -47,14 +68,22 @@ RC: Any = {
 
 @dataclass(frozen=True)
 class Curve:
-    """A line, or with ``marks`` points. ``style`` is a place in STYLES, -1 that of what was
-    measured."""
+    """A line, or points."""
 
     label: str
+    """What the legend calls it; empty where it does not."""
+
     x: list[float]
+    """Of each point."""
+
     y: list[float | None]
+    """Of each point; None is a gap."""
+
     style: int = 0
+    """A place in STYLES; -1 for what was measured."""
+
     marks: bool = False
+    """Whether its points are marked instead of joined."""
 
 
 @dataclass(frozen=True)
@@ -62,67 +91,94 @@ class Bar:
     """A span of x in one of the TONES."""
 
     start: float
+    """The least x."""
+
     end: float
+    """The greatest x."""
+
     tone: int
+    """A place in TONES."""
 
 
 @dataclass(frozen=True)
 class Lane:
-    """Bars in one line, and a label of one line or more beside them."""
+    """Bars in one line."""
 
     label: str
+    """What stands beside them, in one line or more."""
+
     bars: list[Bar]
+    """They may overlap."""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes: labels with units, curves, dashed ``levels`` (label, y), ``shaded`` spans
-    of x.
-
-    With ``categories``, x counts them from 0. With ``lanes``, the first on top, y counts them.
-    ``bands`` lie behind the curves.
-    """
+    """One pair of axes."""
 
     x: str
+    """The label with its unit."""
+
     y: str
+    """The label with its unit."""
+
     curves: list[Curve]
+    """All that are drawn."""
+
     levels: list[tuple[str, float]] = field(default_factory=list[tuple[str, float]])
+    """Dashed lines: a label and its y."""
+
     shaded: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
+    """Spans of x."""
+
     log_x: bool = False
+    """Whether x is logarithmic."""
+
     log_y: bool = False
+    """Whether y is logarithmic."""
+
     y_limits: tuple[float, float] | None = None
+    """The least and the greatest y that are shown; None for all."""
+
     categories: list[str] = field(default_factory=list[str])
+    """Words along x, which then counts them from 0."""
+
     lanes: list[Lane] = field(default_factory=list[Lane])
+    """Lines of bars, the first on top."""
+
     bands: list[Bar] = field(default_factory=list[Bar])
+    """They lie behind the curves, as high as the panel."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """Panels in rows of ``columns``, under one title."""
+    """Panels in rows, under one title."""
 
     title: str
+    """Above all panels."""
+
     panels: list[Panel]
+    """Row by row."""
+
     columns: int = 1
+    """Panels in a row."""
 
 
 def curve(label: str, x: Any, y: Any, style: int = 0, marks: bool = False) -> Curve:
-    """A curve of two arrays, thinned to what can be seen and rounded to six digits; what is not
-    finite is a gap."""
+    """A curve of two arrays, thinned to what can be seen and rounded to six digits.
+
+    What is not finite is a gap.
+    """
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     step = max(1, -(-len(x) // MAX_POINTS))
     rounded = [[float(f"{value:.6g}") for value in values[::step]] for values in (x, y)]
-    return Curve(
-        label,
-        rounded[0],
-        [value if np.isfinite(value) else None for value in rounded[1]],
-        style,
-        marks,
-    )
+    known = [value if np.isfinite(value) else None for value in rounded[1]]
+    return Curve(label, rounded[0], known, style, marks)
 
 
 def save(figure: Figure, path: Path) -> None:
     """Draw a figure into a PNG file."""
-    _canvas(figure).savefig(path, dpi=130)
+    with whole(path) as part:
+        _canvas(figure).savefig(part, format="png", dpi=130)
 
 
 def svg(figure: Figure) -> str:
@@ -134,17 +190,15 @@ def svg(figure: Figure) -> str:
 
 
 def _canvas(figure: Figure) -> Canvas:
-    rows = -(-len(figure.panels) // figure.columns)
+    """The figure as Matplotlib has it."""
+    heights = _row_heights(figure)
+    width = 9.6 if any(panel.lanes for panel in figure.panels) else 7.2
+    share = figure.columns == 1 and len({panel.x for panel in figure.panels}) == 1
     with mpl.rc_context(RC):
-        usual = 1.6 if rows > 1 and figure.columns == 1 else 2.6
-        heights = [max(_height(p, usual) for p in figure.panels[i : i + figure.columns])
-                   for i in range(0, rows * figure.columns, figure.columns)]  # fmt: skip
-        width = 9.6 if any(panel.lanes for panel in figure.panels) else 7.2
         canvas = Canvas(figsize=(width, 0.7 + sum(heights)), layout="constrained")
         canvas.suptitle(figure.title, fontsize=10)
-        share = figure.columns == 1 and len({panel.x for panel in figure.panels}) == 1
         axes = canvas.subplots(
-            rows, figure.columns, squeeze=False, sharex=share, height_ratios=heights
+            len(heights), figure.columns, squeeze=False, sharex=share, height_ratios=heights
         )
         for i, axis in enumerate(axes.ravel()):
             if i < len(figure.panels):
@@ -153,6 +207,14 @@ def _canvas(figure: Figure) -> Canvas:
             else:
                 axis.set_axis_off()
     return canvas
+
+
+def _row_heights(figure: Figure) -> list[float]:
+    """Inches of each row of panels: as many as its highest panel needs."""
+    rows = -(-len(figure.panels) // figure.columns)
+    usual = 1.6 if rows > 1 and figure.columns == 1 else 2.6
+    first = range(0, rows * figure.columns, figure.columns)
+    return [max(_height(p, usual) for p in figure.panels[i : i + figure.columns]) for i in first]
 
 
 def _height(panel: Panel, usual: float) -> float:
@@ -168,35 +230,16 @@ def _lines(lane: Lane) -> float:
 
 
 def _draw(panel: Panel, axis: Any, label_x: bool) -> None:
+    """Draw a panel on a pair of axes."""
     for one in panel.curves:
-        style = dict(MEASURED if one.style < 0 else STYLES[one.style % len(STYLES)])
-        marker = style.pop("marker")
-        y = [np.nan if value is None else value for value in one.y]
-        look = {"marker": marker, "ms": 4, **style, "ls": ""} if one.marks else style
-        axis.plot(one.x, y, label=one.label or None, **look)
+        _draw_curve(one, axis)
     for start, end in panel.shaded:
         axis.axvspan(start, end, color="#e69f00", alpha=0.18, lw=0)
     for band in panel.bands:
         axis.axvspan(band.start, band.end, color=TONES[band.tone], alpha=0.3, lw=0)
     for label, level in panel.levels:
-        axis.axhline(level, color="#555555", ls=(0, (4, 3)), lw=1)
-        axis.annotate(
-            label,
-            (0.995, level),
-            xycoords=("axes fraction", "data"),
-            ha="right",
-            va="bottom",
-            fontsize=8,
-        )
-    axis.set_xscale("log" if panel.log_x else "linear")
-    axis.set_yscale("log" if panel.log_y else "linear")
-    if panel.y_limits is not None:
-        axis.set_ylim(*panel.y_limits)
-    if panel.categories:
-        axis.set_xticks(
-            range(len(panel.categories)), panel.categories, rotation=_tilt(panel.categories)
-        )
-        axis.set_xlim(-0.6, len(panel.categories) - 0.4)
+        _draw_level(label, level, axis)
+    _draw_scales(panel, axis)
     if label_x:
         axis.set_xlabel(panel.x)
     axis.set_ylabel(panel.y)
@@ -205,8 +248,39 @@ def _draw(panel: Panel, axis: Any, label_x: bool) -> None:
     _draw_lanes(panel.lanes, axis)
 
 
+def _draw_curve(one: Curve, axis: Any) -> None:
+    style = MEASURED if one.style < 0 else STYLES[one.style % len(STYLES)]
+    y = [np.nan if value is None else value for value in one.y]
+    marks = {"marker": style.marker, "ms": 4} if one.marks else {}
+    dashes = "" if one.marks else style.dashes
+    look = {"color": style.colour, "ls": dashes, "lw": style.width, **marks}
+    axis.plot(one.x, y, label=one.label or None, **look)
+
+
+def _draw_level(label: str, level: float, axis: Any) -> None:
+    """A dashed line, with its label at its right end."""
+    axis.axhline(level, color="#555555", ls=(0, (4, 3)), lw=1)
+    place, coordinates = (0.995, level), ("axes fraction", "data")
+    axis.annotate(label, place, xycoords=coordinates, ha="right", va="bottom", fontsize=8)
+
+
+def _draw_scales(panel: Panel, axis: Any) -> None:
+    """Logarithmic or linear, how far they reach, and the words along x."""
+    axis.set_xscale("log" if panel.log_x else "linear")
+    axis.set_yscale("log" if panel.log_y else "linear")
+    if panel.y_limits is not None:
+        axis.set_ylim(*panel.y_limits)
+    if panel.categories:
+        count, tilt = len(panel.categories), _tilt(panel.categories)
+        axis.set_xticks(range(count), panel.categories, rotation=tilt)
+        axis.set_xlim(-0.6, count - 0.4)
+
+
 def _draw_lanes(lanes: Sequence[Lane], axis: Any) -> None:
-    """Bars in a line each, the first on top; a short one is drawn wide enough to be seen."""
+    """Draw each lane's bars in a line, the first lane on top.
+
+    A short bar is drawn wide enough to be seen.
+    """
     if not lanes:
         return
     places: list[float] = []
@@ -215,10 +289,8 @@ def _draw_lanes(lanes: Sequence[Lane], axis: Any) -> None:
         places.append(depth + _lines(lane) / 2.0)
         depth += _lines(lane)
         for bar in lane.bars:
-            colour = TONES[bar.tone]
-            axis.broken_barh(
-                [(bar.start, bar.end - bar.start)], (places[-1] - 0.45, 0.9), color=colour, lw=1.2
-            )
+            span, height = (bar.start, bar.end - bar.start), (places[-1] - 0.45, 0.9)
+            axis.broken_barh([span], height, color=TONES[bar.tone], lw=1.2)
     axis.set_yticks(places, [lane.label for lane in lanes], fontsize=7.5)
     axis.set_ylim(depth, 0.0)
     axis.tick_params(axis="y", length=0)
@@ -226,4 +298,5 @@ def _draw_lanes(lanes: Sequence[Lane], axis: Any) -> None:
 
 
 def _tilt(words: Sequence[str]) -> float:
+    """Degrees by which words along x are turned, so that long ones fit."""
     return 25.0 if max(map(len, words)) * len(words) > 70 else 0.0

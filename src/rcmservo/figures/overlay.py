@@ -2,8 +2,7 @@
 Fig. 7."""
 
 import itertools
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -76,50 +75,3 @@ def write_picture(path: Path, image: Image) -> None:
     """Write a picture to a file; its format is that of the file's name."""
     if not cv2.imwrite(str(path), image):
         raise UnusableFile(path, "cannot be written as a picture")
-
-
-class Video:
-    """An MPEG-4 video that grows frame by frame; `close` ends it.
-
-    A disk that fills up is not noticed while it grows. What cannot be played in the end is removed,
-    and ``failed`` says so; it is empty otherwise.
-    """
-
-    def __init__(self, path: Path, size: tuple[int, int], frame_rate: float) -> None:
-        self.failed = ""
-        self._path = path
-        fourcc = cv2.VideoWriter.fourcc(*"mp4v")
-        self._writer = cv2.VideoWriter(str(path), fourcc, frame_rate, size)
-        if not self._writer.isOpened():
-            raise UnusableFile(path, "cannot be written as a video")
-
-    def write(self, image: Image) -> None:
-        with _quietly():
-            self._writer.write(image)
-
-    def close(self) -> None:
-        self._writer.release()
-        if not _can_be_played(self._path):
-            self._path.unlink(missing_ok=True)
-            self.failed = (
-                f"{self._path.name} could not be written so that it can be played, and was removed"
-            )
-
-
-@contextmanager
-def _quietly() -> Generator[None]:
-    """OpenCV warns of every single frame that it cannot write, but not in here."""
-    usual = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
-    try:
-        yield
-    finally:
-        cv2.utils.logging.setLogLevel(usual)
-
-
-def _can_be_played(path: Path) -> bool:
-    video = cv2.VideoCapture(str(path))
-    try:
-        return video.isOpened() and video.read()[0]
-    finally:
-        video.release()

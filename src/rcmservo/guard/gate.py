@@ -18,10 +18,18 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Command, Floats
-from rcmservo.method.kinematics import JointLimits
+from rcmservo.method.kinematics import Rcm, floats
 
 ROUNDING = 1.0 + 1e-12
 """A rate that the slew brings to zero but for rounding is brought to zero."""
+
+
+class Bounds(NamedTuple):
+    """What compiled functions know of the gate; see Gate."""
+
+    speed: tuple[float, float, float]
+    slew: tuple[float, float, float]
+    latency: float
 
 
 @compiled
@@ -29,31 +37,25 @@ def within(
     rates: Floats,
     last: Floats,
     q: Floats,
-    lower: Floats,
-    upper: Floats,
-    speed: Floats,
-    slew: Floats,
-    latency: float,
+    rcm: Rcm,
+    bounds: Bounds,
     dt: float,
     share: float,
 ) -> tuple[Floats, bool]:
     """The joint rates (3,) that may be sent, and whether all that came in was finite."""
-    if not (
-        np.all(np.isfinite(rates))
-        and np.all(np.isfinite(q))
-        and np.all(np.isfinite(last))
-        and dt > 0.0
-    ):
+    known = np.all(np.isfinite(rates)) and np.all(np.isfinite(q)) and np.all(np.isfinite(last))
+    if not (known and dt > 0.0):
         return np.zeros(3), False
     allowed = np.zeros(3)
     if share > 0.0:
-        allowed = rates / max(1.0, np.max(np.abs(rates) / (share * speed)))
+        allowed = rates / max(1.0, np.max(np.abs(rates) / (share * np.array(bounds.speed))))
     for i in range(3):
-        half = 0.5 * slew[i] * (np.e * latency + dt)
-        up = np.sqrt(half**2 + slew[i] * max(upper[i] - q[i], 0.0)) - half
-        down = half - np.sqrt(half**2 + slew[i] * max(q[i] - lower[i], 0.0))
+        slew = bounds.slew[i]
+        half = 0.5 * slew * (np.e * bounds.latency + dt)
+        up = np.sqrt(half**2 + slew * max(rcm.upper[i] - q[i], 0.0)) - half
+        down = half - np.sqrt(half**2 + slew * max(q[i] - rcm.lower[i], 0.0))
         allowed[i] = min(max(allowed[i], down), up)
-        step = slew[i] * dt * ROUNDING
+        step = slew * dt * ROUNDING
         allowed[i] = min(max(allowed[i], last[i] - step), last[i] + step)
     return allowed, True
 
@@ -103,13 +105,8 @@ class Gate:
         )
 
     @cached_property
-    def fastest(self) -> Floats:
-        """The bounds (3,) on the joint rates."""
-        return np.array(self.speed)
-
-    @cached_property
-    def _bounds(self) -> tuple[Floats, Floats]:
-        return self.fastest, np.array(self.slew)
+    def _bounds(self) -> Bounds:
+        return Bounds(floats(self.speed), floats(self.slew), float(self.latency))
 
     @cached_property
     def _patience(self) -> int:
@@ -126,7 +123,7 @@ class Gate:
         rates: Floats,
         last: Command,
         q: Floats,
-        limits: JointLimits,
+        rcm: Rcm,
         now: int,
         share: float = 1.0,
     ) -> Passed:
@@ -137,9 +134,7 @@ class Gate:
         allows.
         """
         dt = min((now - last.time) * 1e-9, self.max_period)
-        allowed, finite = within(
-            rates, last.rates, q, *limits.arrays, *self._bounds, self.latency, dt, share
-        )
+        allowed, finite = within(rates, last.rates, q, rcm, self._bounds, dt, float(share))
         return Passed(Command(last.number + 1, now, now + self._patience, allowed, True), finite)
 
     def stop(self, last: Command, now: int) -> Command:

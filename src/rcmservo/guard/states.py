@@ -15,6 +15,7 @@ leads out of it. No clock here: the time is an argument.
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
+from functools import cache
 
 HOLD_TIME = 1_000_000_000
 """ns of HOLD after which only a person resumes."""
@@ -257,9 +258,20 @@ class Cause(Enum):
     @property
     def words(self) -> str:
         """The sentence and the way out, as one text."""
-        return f"{self.value} ({self.way_out})" if self.way_out else self.value
+        return self.told("")
+
+    def told(self, detail: str) -> str:
+        """The sentence, what a person should know beside it, and the way out, as one text."""
+        sentence = f"{self.value}: {detail}" if detail else self.value
+        return f"{sentence} ({self.way_out})" if self.way_out else sentence
+
+    @property
+    def bit(self) -> int:
+        """Its bit in a set of causes that is kept as one number; 0 for NONE."""
+        return BITS[self]
 
 
+BITS = {cause: (1 << place) >> 1 for place, cause in enumerate(Cause)}
 ORDER = {cause: (cause.action, -place) for place, cause in enumerate(Cause)}
 
 
@@ -269,27 +281,38 @@ def gravest(causes: Iterable[Cause]) -> Cause:
     return max(causes, key=ORDER.__getitem__, default=Cause.NONE)
 
 
+@cache
+def gravest_of(bits: int) -> Cause:
+    """The gravest of the causes whose bits are set."""
+    return gravest(cause for cause in Cause if cause.bit & bits)
+
+
 @dataclass(frozen=True)
 class Mode:
-    """A phase, why (NONE if all is well), since when (ns), and the good frames counted in it.
-
-    ``asks`` is the action that is being taken: in SERVO and ACQUIRE at most SLOW.
-    """
+    """A phase, and why."""
 
     phase: Phase = Phase.DISABLED
+    """What the servo is doing."""
     cause: Cause = Cause.NONE
+    """Why; NONE if all is well."""
     since: int = 0
+    """Since when, ns."""
     good: int = 0
+    """Good frames counted in it."""
     asks: Action = Action.NONE
+    """The action that is being taken: in SERVO and ACQUIRE at most SLOW."""
+    detail: str = ""
+    """What a person should know beside the cause's sentence, such as which joint it is."""
 
     @property
     def words(self) -> str:
         """Phase, cause and way out in words."""
-        return (
-            self.phase.value
-            if self.cause is Cause.NONE
-            else f"{self.phase.value}: {self.cause.words}"
-        )
+        return self.phase.value if self.cause is Cause.NONE else f"{self.phase.value}: {self.why}"
+
+    @property
+    def why(self) -> str:
+        """Cause, detail and way out in words; empty if all is well."""
+        return self.cause.told(self.detail)
 
     @property
     def share(self) -> float:
@@ -385,4 +408,5 @@ def _onward(mode: Mode, cause: Cause, signs: Signs, now: int) -> Mode:
         if signs.ready and good >= GOOD_TO_SERVO:
             return Mode(Phase.SERVO, cause, now, asks=cause.action)
         return Mode(Phase.ACQUIRE, cause, mode.since, good if signs.ready else 0, cause.action)
-    return Mode(Phase.SERVO, cause, mode.since, asks=cause.action)
+    same = mode.cause is cause
+    return mode if same else Mode(Phase.SERVO, cause, mode.since, asks=cause.action)

@@ -1,1 +1,2 @@
-"""A run in wall time and in several processes."""
+"""A run in wall time and in several processes. It is handed its devices, and does not know where
+they come from."""

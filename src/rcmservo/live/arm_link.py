@@ -1,9 +1,9 @@
-"""The wire between a host and an arm in another process: datagrams that are whole or nothing.
+"""The wire between a servo and an arm in another process: datagrams that are whole or nothing.
 
-    host ─► arm   COMMAND  session, number, time, deadline, rates, enabled
-                  ASK      number, session, what a person wants done
-    arm ─► host   ANSWER   session, time, q, enabled, applied rates, newest command's number
-                  DONE     the number of what was asked and is done
+    servo ─► arm   ORDER   session, number, time, deadline, rates, enabled
+                   ASK     number, session, what a person wants done
+    arm ─► servo   ANSWER  session, time, q, enabled, applied rates, newest command's number
+                   DONE    the number of what was asked and is done
 
 Each begins with a mark and ends with a checksum; anything else is dropped without a word. Whoever
 switches the drive on draws a session at random, and the arm takes motion from that session only: a
@@ -26,7 +26,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rcmservo.errors import RcmServoError, UnusableFile
-from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.interfaces import Command, Floats, Measured, Target
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.teach import teach
 
 MARK = b"RCM1"
 HEAD, SUM = struct.Struct("<4sB"), struct.Struct("<I")
@@ -45,7 +47,7 @@ class NoAnswer(RcmServoError):
 
 
 class Wish(IntEnum):
-    """What a person asks an arm for."""
+    """What a person asks an arm for: an answer, its drive, and where to hold the tool."""
 
     ANSWER = 0
     ENABLE = 1
@@ -174,14 +176,14 @@ def arm_in(folder: Path) -> Path:
 
 
 class RemoteArm:
-    """An arm at the other end of a wire, as a mechanism. Close it when done.
+    """An arm at the other end of a wire. Close it when done.
 
     What it takes of a command is known from its next answer, so that `apply` gives what the newest
     one tells.
     """
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / f"host-{os.getpid()}-{secrets.token_hex(4)}"
+        self._path = folder / f"servo-{os.getpid()}-{secrets.token_hex(4)}"
         self._wire = opened(self._path)
         self._session = 0
         self._answer: Answer | None = None
@@ -200,7 +202,7 @@ class RemoteArm:
         self._path.unlink(missing_ok=True)
 
     def enable(self) -> None:
-        """Switch the drive on for this host alone."""
+        """Switch the drive on for this servo alone."""
         self._session = secrets.randbits(64)
         self.ask(Wish.ENABLE)
 
@@ -250,3 +252,14 @@ class RemoteArm:
             ):
                 self._answer = message
         return done
+
+
+def shown_and_brought_back(plant: Plant) -> Target:
+    """A target that a person shows at the other end of the wire, who then brings the tool back to
+    the start."""
+    arm = plant.arm
+    assert isinstance(arm, RemoteArm)
+    arm.ask(Wish.SHOW)
+    target = teach(plant)
+    arm.ask(Wish.HOME)
+    return target

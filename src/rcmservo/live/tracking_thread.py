@@ -6,12 +6,12 @@ offered once its markers are found, and counts as arrived at that moment.
 """
 
 import threading
-from collections.abc import Callable
 from dataclasses import replace
 from types import TracebackType
 
 from rcmservo.errors import BadInput
-from rcmservo.interfaces import Camera, Clock, Frame, Markers, Tracker
+from rcmservo.interfaces import Camera, Clock, Explains, Frame, Markers, Tracker
+from rcmservo.loop.first_answer import look_at
 
 POLL = 0.001
 """s between looks at the camera."""
@@ -20,11 +20,13 @@ PATIENCE = 2.0
 """s that a thread has to end in."""
 
 
-class Beside:
+class TrackingThread:
     """A camera and a tracker that work in a thread of their own while the context is open.
 
     A frame that the tracker refuses is offered as it is and refused again by `find`. If camera or
-    tracker fail, no more frames are offered, and the error is raised where the context ends.
+    tracker fail before the first frame is offered, `latest` raises the error. If they fail later,
+    no more frames are offered, so that the servo stops in order, and the error is raised where the
+    context ends.
     """
 
     def __init__(self, camera: Camera, tracker: Tracker, clock: Clock) -> None:
@@ -37,7 +39,7 @@ class Beside:
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._work, name="markers", daemon=True)
 
-    def __enter__(self) -> "Beside":
+    def __enter__(self) -> "TrackingThread":
         self._thread.start()
         return self
 
@@ -55,6 +57,8 @@ class Beside:
     def latest(self) -> Frame | None:
         """The newest frame whose markers have been looked for, at once."""
         self._taken = self._offered
+        if self._taken is None and self._error is not None:
+            raise self._error
         return None if self._taken is None else self._taken[0]
 
     def find(self, frame: Frame) -> Markers:
@@ -64,6 +68,10 @@ class Beside:
         if isinstance(found, BadInput):
             raise found
         return found
+
+    def why(self, frame: Frame) -> str:
+        """What the tracker says of a frame, if it can tell why it did not find the markers."""
+        return self._tracker.why(frame) if isinstance(self._tracker, Explains) else ""
 
     def reset(self) -> None:
         """Forget where the markers were, before the next frame."""
@@ -75,12 +83,22 @@ class Beside:
         frame = self._camera.latest()
         if frame is None or frame is self._newest:
             return
+        look_at(self._camera, "latest", frame)
         self._newest = frame
         if self._forget.is_set():
             self._forget.clear()
             self._tracker.reset()
-        found = _found(self._tracker.find, frame)
+        found = self._found(frame)
         self._offered = replace(frame, arrival=self._clock.now()), found
+
+    def _found(self, frame: Frame) -> Markers | BadInput:
+        """The markers in a frame, or why it is refused."""
+        try:
+            found = self._tracker.find(frame)
+        except BadInput as error:
+            return error
+        look_at(self._tracker, "find", found)
+        return found
 
     def _work(self) -> None:
         try:
@@ -88,10 +106,3 @@ class Beside:
                 self.look()
         except Exception as error:
             self._error = error
-
-
-def _found(find: Callable[[Frame], Markers], frame: Frame) -> Markers | BadInput:
-    try:
-        return find(frame)
-    except BadInput as error:
-        return error

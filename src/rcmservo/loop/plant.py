@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rcmservo.errors import BadInput
+from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.interfaces import (
     Arm,
     Camera,
@@ -15,9 +15,11 @@ from rcmservo.interfaces import (
     Floats,
     Frame,
     Markers,
+    Measured,
     Observation,
     Tracker,
 )
+from rcmservo.loop.first_answer import look_at
 
 JOINT_HISTORY = 256
 
@@ -25,12 +27,24 @@ OLDEST = 2_000_000_000
 """ns after its exposure within which a frame must arrive, or its time cannot be right."""
 
 
+ENABLE_TIME = 2.0
+"""s after an arm's first `enable` within which it must tell that its drive is on."""
+
+ENABLE_POLL = 5_000_000
+"""ns from asking to asking meanwhile."""
+
+
+class NotEnabled(RcmServoError):
+    """An arm whose drive does not come on."""
+
+
 class Plant:
-    """A mechanism, a camera and a tracker as one thing that is read and sent to.
+    """An arm, a camera and a tracker as one thing that is read and sent to.
 
     It keeps the joints' recent past, to tell where they were when a frame was exposed, and drops
-    frames that are not new, that bear impossible times or that are damaged. ``recorded`` tells
-    whether a record that was asked for is still written.
+    frames that are not new, that bear impossible times or that are damaged. What a device answers
+    first is looked at: one that answers something else is told so in one sentence. ``recorded``
+    tells whether a record that was asked for is still written.
     """
 
     def __init__(
@@ -45,6 +59,7 @@ class Plant:
         self.recorded = recorded
         self.markers: Markers | None = None
         self.frame: Frame | None = None
+        self._new = {"enable", "measure", "apply", "latest", "find"}
         self._offered: Frame | None = None
         self._dropped = Dropped.NONE
         self._past: deque[tuple[int, Floats]] = deque(maxlen=JOINT_HISTORY)
@@ -53,17 +68,20 @@ class Plant:
         self._applied = np.zeros(3)
 
     def enable(self) -> None:
-        """Switch the arm's drive on: a person's act."""
+        """Switch the arm's drive on: a person's act. The first time, wait until it is on."""
         self.arm.enable()
+        if "enable" in self._new:
+            self._await_drive()
+            self._new.remove("enable")
 
     def read(self) -> Observation:
         """Measure the joints, and track the markers where a new frame has arrived."""
-        time, q, enabled = self.arm.measure()
+        time, q, enabled = self._measure()
         if not self._past:
             self._began = time
         if not self._past or time > self._past[-1][0]:
             self._past.append((time, q))
-        self._look(self.camera.latest())
+        self._look(self._latest())
         frame = self.frame
         return Observation(
             now=self.clock.now(),
@@ -96,7 +114,40 @@ class Plant:
     def send(self, command: Command) -> Floats:
         """Pass a command on to the arm; the joint rates (3,) that the arm took."""
         self._applied = self.arm.apply(command)
+        if "apply" in self._new:
+            self._meet(self.arm, "apply", self._applied)
         return self._applied
+
+    def _measure(self) -> Measured:
+        measured = self.arm.measure()
+        if "measure" in self._new:
+            self._meet(self.arm, "measure", measured)
+        return measured
+
+    def _latest(self) -> Frame | None:
+        frame = self.camera.latest()
+        if "latest" in self._new and frame is not None:
+            self._meet(self.camera, "latest", frame)
+        return frame
+
+    def _meet(self, device: object, method: str, answer: object) -> None:
+        """Look at a device's first answer; the next ones are taken as they are."""
+        look_at(device, method, answer)
+        self._new.remove(method)
+
+    def _await_drive(self) -> None:
+        end = self.clock.now() + round(ENABLE_TIME * 1e9)
+        while not self._measure().enabled:
+            if self.clock.now() >= end:
+                raise self._not_enabled()
+            self.clock.wait_until(self.clock.now() + ENABLE_POLL)
+
+    def _not_enabled(self) -> NotEnabled:
+        name = type(self.arm).__name__
+        return NotEnabled(
+            f"{name}.measure() must tell enabled = True within {ENABLE_TIME:g} s after "
+            f"{name}.enable(), got False: the drive does not come on"
+        )
 
     def _look(self, frame: Frame | None) -> None:
         """Track the markers in a frame that was not offered before, or say why not."""
@@ -107,11 +158,13 @@ class Plant:
         if self._dropped is not Dropped.NONE or frame.exposure < self._began:
             return
         try:
-            self.markers = self.tracker.find(frame)
+            markers = self.tracker.find(frame)
         except BadInput:
             self._dropped = Dropped.DAMAGED
             return
-        self.frame = frame
+        if "find" in self._new:
+            self._meet(self.tracker, "find", markers)
+        self.markers, self.frame = markers, frame
         self._q_exposure = self._joints_at(frame.exposure)
 
     def _wrong(self, frame: Frame) -> Dropped:

@@ -1,5 +1,4 @@
-"""The only code that makes anything move: the plant put together, a target taught, and the loop
-run.
+"""The loop, which moves the arm.
 
     plant.read() ─► servo.step() ─► plant.send()
 
@@ -7,36 +6,16 @@ on every tick of the plant's own clock.
 """
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.guard.states import Phase, Request
-from rcmservo.interfaces import (
-    Command,
-    Floats,
-    Observation,
-    Target,
-)
+from rcmservo.guard.states import Phase
+from rcmservo.interfaces import Command, Target
 from rcmservo.loop.clock import ticks
+from rcmservo.loop.operator import Course, Operator
 from rcmservo.loop.plant import Plant
+from rcmservo.loop.tick import Tick
 from rcmservo.servo.servo import Servo, State
-
-
-@dataclass(frozen=True, eq=False)
-class Tick:
-    """One round of the loop: time ns since its start, what was seen, what a person asked for, what
-    was decided, and the joint rates (3,) that the arm took of it."""
-
-    time: int
-    seen: Observation
-    request: Request
-    state: State
-    applied: Floats
-
-
-Operator = Callable[[Tick], Request]
-"""A person beside the loop, who sees every tick and asks for something at the next."""
 
 
 def run(
@@ -51,27 +30,29 @@ def run(
     """Switch the drive on, servo to the target and yield every tick; to call it is a person's act.
 
     It begins from nothing, or goes on from the `state` of an earlier run, with what was learnt
-    there. It ends after `duration` s, when `done` says so, with a fault, and, where no `operator`
-    stands by to resume, with a pause. However it ends, by itself, by an error or by Ctrl-C, the
-    last thing it does is to bring the arm to rest and switch it off.
+    there. An `operator` is asked after every tick, and may request something, or change target and
+    settings while the loop goes on. The run ends after `duration` s, when `done` says so, with a
+    fault, and, where no `operator` stands by to resume, with a pause. However it ends, by itself,
+    by an error or by Ctrl-C, the last thing it does is to bring the arm to rest and switch it off.
     """
     servo.warm_up()
     plant.reset()
     state = servo.init() if state is None else servo.again(state)
-    request = Request.NONE
-    if state.phase is not Phase.FAULT:
-        plant.enable()
+    course = Course(servo, target, operator)
     try:
+        if state.phase is not Phase.FAULT:
+            plant.enable()
         for time in ticks(plant.clock, servo.rate, duration):
             seen = plant.read()
-            state = servo.step(state, seen, target, request)
-            tick = Tick(time, seen, request, state, plant.send(state.command))
+            state = course.servo.step(state, seen, course.target, course.request)
+            applied = plant.send(state.command)
+            tick = Tick(time, course.servo, seen, course.request, state, applied)
             yield tick
             if done(tick) or _over(state, operator):
                 break
-            request = Request.NONE if operator is None else operator(tick)
+            course.steer(tick)
     finally:
-        _rest(plant, servo, state.command)
+        _rest(plant, course.servo, state.command)
 
 
 def _over(state: State, operator: Operator | None) -> bool:
@@ -89,9 +70,7 @@ def _rest(plant: Plant, servo: Servo, last: Command) -> None:
             seen = plant.read()
             if not (last.enabled and last.rates.any() and seen.enabled):
                 break
-            last = servo.gate.admit(
-                np.zeros(3), last, seen.q, servo.mechanism.limits, seen.now, 0.0
-            ).command
+            last = servo.gate.admit(np.zeros(3), last, seen.q, servo.rcm, seen.now, 0.0).command
             plant.send(last)
     finally:
         plant.send(servo.gate.stop(last, plant.clock.now()))

@@ -17,7 +17,7 @@ from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.method.features import SCALE, about, difference, features
-from rcmservo.method.kinematics import Kinematics, axis, joints, position
+from rcmservo.method.kinematics import Rcm, axis, joints, position
 
 CORNERS = np.array(
     [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]
@@ -27,26 +27,25 @@ LIMIT_MARGIN = 0.02
 
 
 @compiled
-def corners(
-    kind: int, zero: float, q: Floats, radius: float, lower: Floats, upper: Floats, shape: Floats
-) -> Floats:
+def corners(rcm: Rcm, q: Floats, radius: float, shape: Floats) -> Floats:
     """Four positions p₁ (4, 3) mm on a sphere about the present one, moved inside the joint
     limits."""
-    n = axis(kind, q)
+    lower, upper = np.array(rcm.lower), np.array(rcm.upper)
+    n = axis(rcm, q)
     helper = np.zeros(3)
     helper[np.argmin(np.abs(n))] = 1.0
     t1 = np.cross(n, helper)
     t1 /= np.sqrt(np.sum(t1**2))
     t2 = np.cross(n, t1)
-    start = position(kind, zero, q)
+    start = position(rcm, q)
     margin = LIMIT_MARGIN * (upper - lower)
     places = np.empty((4, 3))
     for i in range(4):
         p = start + radius * (shape[i, 0] * t1 + shape[i, 1] * t2 + shape[i, 2] * n)
-        near = joints(kind, zero, p)
+        near = joints(rcm, p)
         near[:2] += 2.0 * np.pi * np.round((q[:2] - near[:2]) / (2.0 * np.pi))
         inside = np.minimum(np.maximum(near, lower + margin), upper - margin)
-        places[i] = position(kind, zero, inside)
+        places[i] = position(rcm, inside)
     return places
 
 
@@ -112,15 +111,14 @@ class Exploration:
         for name in ("radius", "speed", "tolerance", "max_time", "reach"):
             value = getattr(self, name)
             require(0.0 < value < np.inf, f"exploration.{name}", value, "a positive number")
-        require(self.rounds >= 1, "exploration.rounds", self.rounds, "a whole number of at least 1")
+        require(1 <= self.rounds <= 1000, "exploration.rounds", self.rounds, "from 1 to 1000")
 
-    def begin(self, mechanism: Kinematics, zero: float, q: Floats, now: int) -> Exploring | None:
+    def begin(self, rcm: Rcm, q: Floats, now: int) -> Exploring | None:
         """The tour from the configuration q (3,), or None where the joint limits leave too little
         room around it."""
-        lower, upper = mechanism.limits.arrays
         full = volume(self.radius * CORNERS)
         for shape in (CORNERS, -CORNERS):
-            places = corners(mechanism.kind, zero, q, self.radius, lower, upper, shape)
+            places = corners(rcm, q, self.radius, shape)
             if volume(places) > 0.2 * full:
                 return Exploring(places, np.zeros((4, 7)), 0, now)
         return None

@@ -9,6 +9,9 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 
+FEATURES = 3
+"""How many there are."""
+
 SCALE = np.array([np.radians(10.0), 10.0, 10.0])
 """One unit of each feature, the paper's b = 10 (10°, 10 px, 10 px): norms, conditions are those of
 diag(1/SCALE) Ĵ."""

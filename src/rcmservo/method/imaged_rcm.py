@@ -19,6 +19,9 @@ from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 
+MOST = 1000
+"""Lines; each costs time at every new frame."""
+
 
 @compiled
 def normal_equations(lines: Floats, count: int) -> tuple[Floats, Floats]:
@@ -184,13 +187,16 @@ class ImagedRcm:
 
     def __post_init__(self) -> None:
         require(
-            self.lines >= 2, "imaged_rcm.lines", self.lines, "a whole number of at least 2 lines"
+            2 <= self.lines <= MOST,
+            "imaged_rcm.lines",
+            self.lines,
+            f"a whole number of lines from 2 to {MOST}",
         )
         require(
-            self.refinements >= 0,
+            0 <= self.refinements <= 100,
             "imaged_rcm.refinements",
             self.refinements,
-            "a whole number, not negative",
+            "a whole number from 0 to 100",
         )
         require(
             self.max_condition > 1.0,

@@ -8,9 +8,9 @@ orthogonal, which makes joint rates a projection.
 """
 
 from abc import ABC
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -23,11 +23,33 @@ MIN_LEVER = 1e-3
 """Shortest |∂n/∂q_i| that joint rates divide by: below it (2) is singular and the axis direction
 undefined."""
 
+FULL_TURN, LONGEST_TRAVEL, LEAST_TRAVEL = 2.0 * np.pi, 2000.0, 1.0
+"""rad and mm that limits can have: what is beyond was given in another unit."""
+
+
+class Rcm(NamedTuple):
+    """What compiled functions know of a mechanism and of one point on its tool.
+
+    The point is at ρ = q₃ + ``zero`` mm. Its ``kind`` tells the coordinates; the joints stay from
+    ``lower`` to ``upper`` (rad, rad, mm).
+    """
+
+    kind: int
+    zero: float
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+
+
+def floats(numbers: Sequence[float]) -> tuple[float, float, float]:
+    """Three numbers as floats: compiled functions are compiled anew for whole numbers."""
+    one, two, three = map(float, numbers)
+    return one, two, three
+
 
 @compiled
-def axis(kind: int, q: Floats) -> Floats:
+def axis(rcm: Rcm, q: Floats) -> Floats:
     """Unit direction n of the tool from the RCM outwards; eq. (2) divided by ρ."""
-    if kind == SPHERICAL:
+    if rcm.kind == SPHERICAL:
         theta, phi = q[0], q[1]
         return np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
     yaw, pitch = q[0], q[1]
@@ -35,9 +57,9 @@ def axis(kind: int, q: Floats) -> Floats:
 
 
 @compiled
-def axis_jacobian(kind: int, q: Floats) -> Floats:
+def axis_jacobian(rcm: Rcm, q: Floats) -> Floats:
     """∂n/∂(angle, angle), shape (3, 2); its columns are orthogonal to each other and to n."""
-    if kind == SPHERICAL:
+    if rcm.kind == SPHERICAL:
         st, ct, sf, cf = np.sin(q[0]), np.cos(q[0]), np.sin(q[1]), np.cos(q[1])
         return np.array([[ct * cf, -st * sf], [ct * sf, st * cf], [-st, 0.0]])
     sy, cy, sp, cp = np.sin(q[0]), np.cos(q[0]), np.sin(q[1]), np.cos(q[1])
@@ -45,38 +67,37 @@ def axis_jacobian(kind: int, q: Floats) -> Floats:
 
 
 @compiled
-def position(kind: int, zero: float, q: Floats) -> Floats:
-    """p = ρ n(q) in mm, eq. (2), of the point at ρ = q₃ + zero."""
-    return (q[2] + zero) * axis(kind, q)
+def position(rcm: Rcm, q: Floats) -> Floats:
+    """p = ρ n(q) in mm, eq. (2)."""
+    return (q[2] + rcm.zero) * axis(rcm, q)
 
 
 @compiled
-def position_jacobian(kind: int, zero: float, q: Floats) -> Floats:
+def position_jacobian(rcm: Rcm, q: Floats) -> Floats:
     """∂p/∂q, shape (3, 3), mm per rad, rad, mm."""
     jacobian = np.empty((3, 3))
-    jacobian[:, :2] = (q[2] + zero) * axis_jacobian(kind, q)
-    jacobian[:, 2] = axis(kind, q)
+    jacobian[:, :2] = (q[2] + rcm.zero) * axis_jacobian(rcm, q)
+    jacobian[:, 2] = axis(rcm, q)
     return jacobian
 
 
 @compiled
-def joints(kind: int, zero: float, p: Floats) -> Floats:
-    """The configuration q, insertion positive, that brings the point at ρ = q₃ + zero to p: the
-    inverse of (2)."""
+def joints(rcm: Rcm, p: Floats) -> Floats:
+    """The configuration q, insertion positive, that brings the point to p: the inverse of (2)."""
     rho = np.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
-    if kind == SPHERICAL:
+    if rcm.kind == SPHERICAL:
         across = np.sqrt(p[0] ** 2 + p[1] ** 2)
-        return np.array([np.arctan2(across, p[2]), np.arctan2(p[1], p[0]), rho - zero])
+        return np.array([np.arctan2(across, p[2]), np.arctan2(p[1], p[0]), rho - rcm.zero])
     along = np.sqrt(p[0] ** 2 + p[2] ** 2)
-    return np.array([np.arctan2(p[0], -p[2]), np.arctan2(-p[1], along), rho - zero])
+    return np.array([np.arctan2(p[0], -p[2]), np.arctan2(-p[1], along), rho - rcm.zero])
 
 
 @compiled
-def joint_rates(kind: int, zero: float, q: Floats, v: Floats) -> Floats:
-    """q̇ (rad/s, rad/s, mm/s) that moves the point at ρ = q₃ + zero with v mm/s; finite even where
-    (2) is singular."""
-    jacobian = position_jacobian(kind, zero, q)
-    shortest = (MIN_LEVER * (q[2] + zero)) ** 2
+def joint_rates(rcm: Rcm, q: Floats, v: Floats) -> Floats:
+    """q̇ (rad/s, rad/s, mm/s) that moves the point with v mm/s; finite even where (2) is
+    singular."""
+    jacobian = position_jacobian(rcm, q)
+    shortest = (MIN_LEVER * (q[2] + rcm.zero)) ** 2
     rates = np.empty(3)
     for i in range(3):
         column = jacobian[:, i]
@@ -88,34 +109,35 @@ def joint_rates(kind: int, zero: float, q: Floats, v: Floats) -> Floats:
 
 @compiled
 def blocked(
-    kind: int,
-    zero: float,
-    q: Floats,
-    v: Floats,
-    lower: Floats,
-    upper: Floats,
-    fastest: Floats,
-    horizon: float,
-    share: float,
-) -> int:
-    """The joint (or -1) whose limit stands in the way of v (3,) mm/s, at joint rates of at most
-    `fastest` (3,).
+    rcm: Rcm, q: Floats, v: Floats, fastest: Floats, horizon: float, share: float
+) -> tuple[int, Floats]:
+    """The joint (or -1) whose limit stands in the way of v (3,) mm/s, and v's joint rates (3,).
 
-    One that would be passed within `horizon` s, if without it less than `share` of the speed is
-    left.
+    The joints move at `fastest` (3,) at most. One stands in the way if its limit would be passed
+    within `horizon` s, and if without it less than `share` of the speed is left.
     """
-    rates = joint_rates(kind, zero, q, v)
-    slower = max(1.0, np.max(np.abs(rates) / fastest))
-    rates /= slower
+    wanted = joint_rates(rcm, q, v)
+    slower = max(1.0, np.max(np.abs(wanted) / fastest))
+    rates = wanted / slower
     joint = -1
     for i in range(3):
         ahead = q[i] + rates[i] * horizon
-        if ahead > upper[i] or ahead < lower[i]:
+        if ahead > rcm.upper[i] or ahead < rcm.lower[i]:
             joint, rates[i] = i, 0.0
     if joint < 0:
-        return -1
-    left = position_jacobian(kind, zero, q) @ rates
-    return joint if np.sum(left**2) < share**2 * np.sum((v / slower) ** 2) else -1
+        return -1, wanted
+    left = position_jacobian(rcm, q) @ rates
+    stops = np.sum(left**2) < share**2 * np.sum((v / slower) ** 2)
+    return joint if stops else -1, wanted
+
+
+def _require_units(name: str, values: tuple[float, float, float]) -> None:
+    """Refuse limits of impossible size, and name their likely unit."""
+    widest = max(abs(values[0]), abs(values[1]))
+    right = "within ±2π rad in joints 1 and 2 (this looks like degrees)"
+    require(widest <= FULL_TURN, name, values, right)
+    right = f"within ±{LONGEST_TRAVEL:g} mm in joint 3 (this looks like µm)"
+    require(abs(values[2]) <= LONGEST_TRAVEL, name, values, right)
 
 
 @dataclass(frozen=True)
@@ -128,10 +150,14 @@ class JointLimits:
     def __post_init__(self) -> None:
         for name, values in (("lower", self.lower), ("upper", self.upper)):
             require(bool(np.all(np.isfinite(values))), name, values, "three finite numbers")
+            _require_units(name, values)
         above = all(low < high for low, high in zip(self.lower, self.upper, strict=True))
         require(above, "upper", self.upper, f"above lower {self.lower} in every joint")
+        right = f"beyond ±{LEAST_TRAVEL:g} mm in joint 3 (this looks like m)"
+        farthest = max(abs(self.lower[2]), abs(self.upper[2]))
+        require(farthest >= LEAST_TRAVEL, "upper", self.upper, right)
 
-    @cached_property
+    @property
     def arrays(self) -> tuple[Floats, Floats]:
         """lower (3,) and upper (3,)."""
         return np.array(self.lower), np.array(self.upper)
@@ -167,19 +193,27 @@ class Kinematics(ABC):
             f"above {-self.insertion_zero:g} mm, so that ρ > 0",
         )
 
+    def rcm(self, offset: float = 0.0) -> Rcm:
+        """What compiled functions know of it and of the point `offset` mm beyond the reference
+        point."""
+        return Rcm(
+            self.kind,
+            float(self.insertion_zero + offset),
+            floats(self.limits.lower),
+            floats(self.limits.upper),
+        )
+
     def position(self, q: Floats) -> Floats:
         """p (3,) mm of the tool's reference point, eq. (2)."""
-        return position(self.kind, self.insertion_zero, np.ascontiguousarray(q, dtype=float))
+        return position(self.rcm(), np.ascontiguousarray(q, dtype=float))
 
     def jacobian(self, q: Floats) -> Floats:
         """∂p/∂q (3, 3)."""
-        return position_jacobian(
-            self.kind, self.insertion_zero, np.ascontiguousarray(q, dtype=float)
-        )
+        return position_jacobian(self.rcm(), np.ascontiguousarray(q, dtype=float))
 
     def joints(self, p: Floats) -> Floats:
         """q (3,) of the reference point's position p (3,) mm."""
-        return joints(self.kind, self.insertion_zero, np.ascontiguousarray(p, dtype=float))
+        return joints(self.rcm(), np.ascontiguousarray(p, dtype=float))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ Both markers ride on the tool's axis, m₁ nearer the RCM and m₂ nearer the ti
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import cached_property
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -19,28 +20,44 @@ from rcmservo.interfaces import Floats
 RIGID, SCALED = 0, 1
 
 
-@compiled
-def stretch(kind: int, value: float, p1: Floats) -> float:
-    """|p₂|/|p₁|: λ itself, or 1 + l/ρ; `value` is the spacing l in mm (rigid) or λ (scaled)."""
-    if kind == SCALED:
-        return value
-    return 1.0 + value / np.sqrt(p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2)
+class Shaft(NamedTuple):
+    """What compiled functions know of a tool: its ``kind``, and as ``value`` l (mm) or λ."""
+
+    kind: int
+    value: float
 
 
 @compiled
-def second_marker(kind: int, value: float, p1: Floats) -> Floats:
+def stretch(shaft: Shaft, p1: Floats) -> float:
+    """|p₂|/|p₁|: λ itself, or 1 + l/ρ."""
+    if shaft.kind == SCALED:
+        return shaft.value
+    return 1.0 + shaft.value / np.sqrt(p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2)
+
+
+@compiled
+def second_marker(shaft: Shaft, p1: Floats) -> Floats:
     """p₂ (3,) mm from p₁ (3,) mm."""
-    return stretch(kind, value, p1) * p1
+    return stretch(shaft, p1) * p1
 
 
 @compiled
-def second_marker_jacobian(kind: int, value: float, p1: Floats) -> Floats:
+def second_marker_jacobian(shaft: Shaft, p1: Floats) -> Floats:
     """∂p₂/∂p₁ (3, 3): λ I, or I + (l/ρ)(I − n nᵀ) with n = p₁/ρ."""
-    if kind == SCALED:
-        return value * np.eye(3)
+    if shaft.kind == SCALED:
+        return shaft.value * np.eye(3)
     rho = np.sqrt(p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2)
     n = p1 / rho
-    return np.eye(3) + (value / rho) * (np.eye(3) - np.outer(n, n))
+    return np.eye(3) + (shaft.value / rho) * (np.eye(3) - np.outer(n, n))
+
+
+SHORTEST, LONGEST = 1.0, 1000.0
+"""mm that a tool's lengths can have: what is beyond was given in another unit."""
+
+
+def _require_offset(offset: float) -> None:
+    right = f"a length of at most {LONGEST:g} mm either way"
+    require(abs(offset) <= LONGEST, "tool.offset", offset, right)
 
 
 class Tool(ABC):
@@ -56,11 +73,17 @@ class Tool(ABC):
 
     @property
     @abstractmethod
-    def value(self) -> float: ...
+    def value(self) -> float:
+        """l in mm, or λ."""
+
+    @cached_property
+    def shaft(self) -> Shaft:
+        """What compiled functions know of it."""
+        return Shaft(self.kind, float(self.value))
 
     def second_marker(self, p1: Floats) -> Floats:
         """p₂ (3,) mm of the marker nearer the tip."""
-        return second_marker(self.kind, self.value, np.ascontiguousarray(p1, dtype=float))
+        return second_marker(self.shaft, np.ascontiguousarray(p1, dtype=float))
 
 
 @dataclass(frozen=True)
@@ -78,9 +101,11 @@ class RigidTool(Tool):
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        good = bool(np.isfinite(self.spacing)) and self.spacing > 0.0
-        require(good, "tool.spacing", self.spacing, "a positive length in mm")
-        require(bool(np.isfinite(self.offset)), "tool.offset", self.offset, "a finite length in mm")
+        l, name = self.spacing, "tool.spacing"
+        require(bool(np.isfinite(l)) and l > 0.0, name, l, "a positive length in mm")
+        require(l >= SHORTEST, name, l, f"at least {SHORTEST:g} mm (this looks like m)")
+        require(l <= LONGEST, name, l, f"at most {LONGEST:g} mm (this looks like µm)")
+        _require_offset(self.offset)
 
     @property
     def value(self) -> float:
@@ -101,7 +126,7 @@ class ScaledTool(Tool):
     def __post_init__(self) -> None:
         good = bool(np.isfinite(self.scale)) and self.scale > 1.0
         require(good, "tool.scale", self.scale, "a factor λ above 1 (m₂ is beyond m₁)")
-        require(bool(np.isfinite(self.offset)), "tool.offset", self.offset, "a finite length in mm")
+        _require_offset(self.offset)
 
     @property
     def value(self) -> float:

@@ -15,15 +15,19 @@ import numpy as np
 
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import UnusableFile
-from rcmservo.interfaces import Floats, Markers, Tracker
+from rcmservo.interfaces import Explains, Floats, Markers, Tracker
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.features import about, difference, features
 from rcmservo.method.imaged_rcm import ImagedRcm, remember, solve
 from rcmservo.method.tool import Tool
 from rcmservo.offline.frames_folder import Pose, frames, load
+from rcmservo.tracking import PointMarkers
 
 FIRST = 9
 """Index of the first frame from which a step is predicted: the tenth."""
+
+ENOUGH = FIRST + 2
+"""Frames with both markers from which one step at least can be predicted."""
 
 STILL_SPEED = 10.0
 """mm/s at which the tool is taken to have gone from one still to the next, where a recording has no
@@ -32,19 +36,19 @@ times."""
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What a recording gave.
-
-    ``markers`` of every frame; ``o_c`` (2,) px and its ``condition`` (NaN and inf where not
-    observable); ``reprojection`` (2,) px, the root mean square of each marker's 2-D error under the
-    final fit; ``one_step`` by name, (3,) rad, px, px, NaN where no step could be predicted.
-    """
+    """What a recording gave."""
 
     poses: list[Pose]
     markers: list[Markers]
+    """Those of every frame."""
     o_c: Floats
+    """The imaged RCM (2,) px, NaN where it was not observable."""
     condition: float
+    """Its condition, infinite where it was not observable."""
     reprojection: Floats
+    """(2,) px: the root mean square of each marker's 2-D error under the final fit."""
     one_step: dict[str, Floats]
+    """By name, (3,) rad, px, px: NaN where no step could be predicted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,18 +69,17 @@ def replay(
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Replay:
     """Score a recording. `estimators` by name; the first one with a projection model gives the
-    reprojection."""
+    reprojection. A recording of points needs no `tracker`."""
     poses = load(folder, lab.mechanism, lab.tool)
+    if poses and poses[0].points is not None:
+        tracker = PointMarkers()
     markers: list[Markers] = []
     for frame in frames(poses):
         markers.append(tracker.find(frame))
         progress(len(markers), len(poses))
     seen = _found(poses, markers)
-    if not seen:
-        raise UnusableFile(
-            folder,
-            "no frame shows both markers: check the markers' colours and radii in the rig file",
-        )
+    if len(seen) < ENOUGH:
+        raise UnusableFile(folder, _too_few(len(seen), poses, markers, tracker))
     origins = _origins(seen, imaged_rcm)
     one_step = {"no_motion": _no_motion(seen, origins)}
     reprojection = np.full(2, np.nan)
@@ -99,6 +102,17 @@ def _found(poses: list[Pose], markers: list[Markers]) -> list[_Seen]:
             seen.append(_Seen(pose.p1, found.points, _since(before, pose)))
             before = pose
     return seen
+
+
+def _too_few(count: int, poses: list[Pose], markers: list[Markers], tracker: Tracker) -> str:
+    """How many frames show both markers, and why the first of the others does not."""
+    how_many = f"only {count} show both markers" if count else "no frame shows both markers"
+    words = f"{len(poses)} frames, {how_many}, and a score takes {ENOUGH}"
+    for frame, pose, found in zip(frames(poses), poses, markers, strict=True):
+        if not np.isfinite(found.points).all():
+            why = tracker.why(frame) if isinstance(tracker, Explains) else ""
+            return f"{words} (frame {pose.name}: {why})" if why else words
+    return words
 
 
 def _since(before: Pose | None, pose: Pose) -> float:

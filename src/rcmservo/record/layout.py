@@ -7,7 +7,7 @@ moment on the plant's clock.
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,58 +15,12 @@ from numpy.typing import NDArray
 
 from rcmservo.guard.states import Mode, Phase
 from rcmservo.interfaces import Floats
-from rcmservo.loop.run import Tick
-from rcmservo.method.estimators.projection import ProjectionMemory
-from rcmservo.servo.servo import Servo, State
-
-INTEGERS = (
-    "now",
-    "q_time",
-    "frame",
-    "exposure",
-    "arrival",
-    "believed",
-    "since",
-    "good",
-    "command_number",
-    "command_time",
-    "command_deadline",
-    "latency",
-)
-"""A tick's whole numbers; times in ns."""
-
-REALS = {
-    "rcm_condition": 1,
-    "condition": 1,
-    "period": 1,
-    "q": 3,
-    "q_exposure": 3,
-    "points": 4,
-    "applied_before": 3,
-    "o_c": 2,
-    "p1": 3,
-    "y": 3,
-    "delta": 3,
-    "ahead": 3,
-    "J_hat": 9,
-    "a_hat": 9,
-    "model": 4,
-    "v": 3,
-    "command": 3,
-    "applied": 3,
-}
-"""Name and length of a tick's numbers. `model` is π (34) of both markers from o_c; it and `a_hat`
-are NaN where there is none. `applied_before` are the rates that the observation tells, `applied`
-those that the arm took of the command."""
-
-FLAGS = ("enabled", "recorded", "command_enabled", "explored")
-WORDS = ("phase", "cause", "asks", "request", "dropped")
-TRUTH = {"p1": 3, "p2": 3, "jacobian_error": 1}
+from rcmservo.loop.tick import Tick
+from rcmservo.record.columns import FLAGS, INTEGERS, REALS, TRUTH, WORDS, Column
 
 CRTK = {phase: phase.name for phase in (Phase.DISABLED, Phase.PAUSED, Phase.FAULT)}
 """CRTK's name of a phase; all others are ENABLED."""
 
-UNKNOWN = np.full(9, np.nan)
 METRES = np.array([1.0, 1.0, 1e-3])
 """One rad, rad, mm in SI units."""
 
@@ -82,8 +36,8 @@ def _definition(*fields: str) -> str:
     return "\n".join(["std_msgs/Header header", *fields]) + "\n" + STAMPED
 
 
-def _arrays(numbers: dict[str, int]) -> list[str]:
-    return [f"float64[{size}] {name.lower()}" for name, size in numbers.items()]
+def _arrays(numbers: Mapping[str, tuple[str, ...]]) -> list[str]:
+    return [f"float64[{len(parts)}] {name.lower()}" for name, parts in numbers.items()]
 
 
 DEFINITIONS = {
@@ -97,10 +51,10 @@ DEFINITIONS = {
     "sensor_msgs/msg/CompressedImage": _definition("string format", "uint8[] data"),
     "rcmservo_msgs/msg/Truth": _definition(*_arrays(TRUTH)),
     "rcmservo_msgs/msg/Tick": _definition(
-        *(f"int64 {name}" for name in INTEGERS),
-        *_arrays(REALS),
-        *(f"bool {name}" for name in FLAGS),
-        *(f"string {name}" for name in WORDS),
+        *(f"int64 {column.name}" for column in INTEGERS),
+        *_arrays({column.name: column.parts for column in REALS}),
+        *(f"bool {column.name}" for column in FLAGS),
+        *(f"string {column.name}" for column in WORDS),
     ),
 }
 """Every message's definition as ROS 2 writes it, by its type."""
@@ -122,22 +76,24 @@ ANONYMOUS = struct.Struct("<4siII")
 """Encapsulation, stamp in s and ns, and the length of an empty frame_id, whose end and padding are
 four zeros."""
 
+
+def _numbers(columns: Sequence[Column], code: str) -> list[tuple[str, str, tuple[int]]]:
+    return [(column.name, code, (len(column.parts),)) for column in columns]
+
+
+START = [("start", "S4"), ("sec", "<i4"), ("nanosec", "<u4"), ("frame_id", "<u4"), ("end", "<u4")]
 TICK = np.dtype(
-    [("start", "S4"), ("sec", "<i4"), ("nanosec", "<u4"), ("frame_id", "<u4"), ("end", "<u4")]
-    + [(name, "<i8", (1,)) for name in INTEGERS]
-    + [(name, "<f8", (size,)) for name, size in REALS.items()]
-    + [(name, "?", (1,)) for name in FLAGS]
+    [*START, *_numbers(INTEGERS, "<i8"), *_numbers(REALS, "<f8"), *_numbers(FLAGS, "?")]
 )
 """A tick up to its words."""
 
 TRUTH_LAYOUT = np.dtype(
-    [("start", "S20"), *((name, "<f8", (size,)) for name, size in TRUTH.items())]
+    [("start", "S20"), *((name, "<f8", (len(parts),)) for name, parts in TRUTH.items())]
 )
 
 _INTEGERS = struct.Struct(f"<I{len(INTEGERS)}q")
-_SCALARS = struct.Struct("<3d")
 _FLAGS = struct.Struct(f"<{len(FLAGS)}?")
-_BLOCK = 8 * sum(size for size in REALS.values() if size > 1)
+_BLOCK = 8 * sum(len(column.parts) for column in REALS)
 _IMAGE = struct.Struct("<4siII8sI8sI")
 
 
@@ -153,59 +109,15 @@ def header(time: int) -> bytes:
     return ANONYMOUS.pack(ENCAPSULATION, *stamp(time), 1)
 
 
-def tick(tick: Tick, servo: Servo) -> bytes:
+def tick(tick: Tick) -> bytes:
     """One tick of the loop; its stamp is the moment of the observation."""
-    seen, state = tick.seen, tick.state
-    command, watch, mode = state.command, state.watch, state.mode
-    whole = _INTEGERS.pack(
-        0,
-        seen.now,
-        seen.q_time,
-        seen.frame,
-        seen.exposure,
-        seen.arrival,
-        state.believed,
-        mode.since,
-        mode.good,
-        command.number,
-        command.time,
-        command.deadline,
-        watch.latency,
-    )
-    block = np.concatenate(
-        (
-            seen.q,
-            seen.q_exposure,
-            seen.points.ravel(),
-            seen.applied,
-            state.o_c,
-            state.p1,
-            state.y,
-            state.delta,
-            state.ahead,
-            state.J_hat.ravel(),
-            _parameters(state),
-            _model(state, servo),
-            state.v,
-            command.rates,
-            tick.applied,
-        )
-    ).tobytes()
+    whole = _INTEGERS.pack(0, *(column.of(tick) for column in INTEGERS))
+    block = np.concatenate([np.ravel(column.of(tick)) for column in REALS]).tobytes()
     if len(block) != _BLOCK:
         raise ValueError("a tick's numbers have another shape than they should")
-    scalars = _SCALARS.pack(state.rcm_condition, state.condition, watch.period)
-    flags = _FLAGS.pack(seen.enabled, seen.recorded, command.enabled, state.explored)
-    words = (mode.phase.name, mode.cause.name, mode.asks.name, tick.request.name, seen.dropped.name)
-    return b"".join((header(seen.now), whole, scalars, block, flags, _tail(words)))
-
-
-def _parameters(state: State) -> Floats:
-    return state.memory.a_hat if isinstance(state.memory, ProjectionMemory) else UNKNOWN
-
-
-def _model(state: State, servo: Servo) -> Floats:
-    model = servo.estimator.predict(state.memory, servo.tool, state.p1)
-    return UNKNOWN[:4] if model is None else model
+    flags = _FLAGS.pack(*(column.of(tick) for column in FLAGS))
+    words = tuple(column.of(tick) for column in WORDS)
+    return b"".join((header(tick.seen.now), whole, block, flags, _tail(words)))
 
 
 _tails: dict[tuple[str, ...], bytes] = {}

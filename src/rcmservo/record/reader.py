@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 
 from rcmservo.errors import UnusableFile
 from rcmservo.interfaces import Floats, Image
+from rcmservo.record.columns import TRUTH, WORDS
 from rcmservo.record.layout import (
     DEFINITIONS,
     TICK,
     TOPICS,
-    TRUTH,
     TRUTH_LAYOUT,
-    WORDS,
     columns,
     image_of,
     words_of,
@@ -191,7 +190,7 @@ class _Rows:
             about=self.about or {},
             time=time,
             ticks=columns(TICK, self.ticks),
-            words={name: [row[i] for row in self._words] for i, name in enumerate(WORDS)},
+            words={one.name: [row[i] for row in self._words] for i, one in enumerate(WORDS)},
             truth=self._truth(),
             stages=self.stages,
             missing=_missing(
@@ -207,8 +206,8 @@ class _Rows:
         if lost < 0:
             raise ValueError("it tells the truth of more ticks than it has")
         return {
-            name: np.concatenate([truth[name], np.full((lost, size), np.nan)])
-            for name, size in TRUTH.items()
+            name: np.concatenate([truth[name], np.full((lost, len(parts)), np.nan)])
+            for name, parts in TRUTH.items()
         }
 
 

@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 from rcmservo.config.servo_json import describe, rebuild
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.guard.states import Request
-from rcmservo.interfaces import Dropped, Observation
-from rcmservo.loop.run import Tick
+from rcmservo.interfaces import Dropped, Observation, Target
+from rcmservo.loop.operator import same
+from rcmservo.loop.tick import Tick
 from rcmservo.record import layout, reader
-from rcmservo.record.layout import TICK, WORDS
+from rcmservo.record.columns import WORDS
+from rcmservo.record.layout import TICK
 from rcmservo.record.reader import Column, Record
 from rcmservo.record.stage import ELSEWHERE, NOTHING, Stage
 from rcmservo.servo.servo import Servo, State
@@ -68,26 +70,27 @@ def recompute(run: Path | Record, servo: Servo | None = None) -> Rerun:
         raise UnusableFile(then.path, "does not tell the servo of its ticks")
     rows: list[bytes] = []
     decided: list[tuple[str, ...]] = []
-    for tick, used in _ticks(then, servo):
-        rows.append(layout.tick(tick, used))
+    for tick in _ticks(then, servo):
+        rows.append(layout.tick(tick))
         decided.append(layout.words_of(rows[-1], TICK.itemsize, len(WORDS)))
-    words = {name: [row[i] for row in decided] for i, name in enumerate(WORDS)}
+    words = {one.name: [row[i] for row in decided] for i, one in enumerate(WORDS)}
     now = replace(then, ticks=layout.columns(TICK, rows), words=words)
     other = servo is not None and any(describe(servo) != stage.servo for stage in then.stages)
     return _compared(then, now, other)
 
 
-def _ticks(then: Record, given: Servo | None) -> Iterator[tuple[Tick, Servo]]:
-    """Every recorded tick with the state that comes out again, and the servo that it comes from."""
+def _ticks(then: Record, given: Servo | None) -> Iterator[Tick]:
+    """Every recorded tick with the state that comes out again."""
     ends: list[State] = []
     for number, stage in enumerate(then.stages):
         servo = _servo(then, stage) if given is None else given
         state = _begun(then, stage, servo, ends)
+        target = _aim(stage, state)
         last = then.stages[number + 1].first if number + 1 < len(then.stages) else len(then.time)
         for i in range(stage.first, last):
             seen, request = _observation(then, i), then.named(Request, "request", i)
-            state = servo.step(state, seen, stage.target, request)
-            yield Tick(0, seen, request, state, then.ticks["applied"][i]), servo
+            state = servo.step(state, seen, target, request)
+            yield Tick(0, servo, seen, request, state, then.ticks["applied"][i])
         ends.append(state)
 
 
@@ -104,7 +107,14 @@ def _begun(then: Record, stage: Stage, servo: Servo, ends: list[State]) -> State
         return servo.init()
     if stage.origin == ELSEWHERE:
         raise UnusableFile(then.path, "a stage goes on from a state that is not in this record")
-    return servo.again(ends[stage.origin])
+    end = ends[stage.origin]
+    return end if stage.mid_run else servo.again(end)
+
+
+def _aim(stage: Stage, state: State) -> Target:
+    """The stage's target: the state's own where it is the same, as another one begins a new way."""
+    own = state.target
+    return own if own is not None and same(own, stage.target) else stage.target
 
 
 def _observation(then: Record, i: int) -> Observation:
@@ -129,7 +139,7 @@ def _observation(then: Record, i: int) -> Observation:
 def _compared(then: Record, now: Record, open_loop: bool) -> Rerun:
     """Both, column by column, down to the bits."""
     other = {name: _unlike(then.ticks[name], now.ticks[name]) for name in then.ticks}
-    for name in WORDS:
+    for name in then.words:
         other[name] = np.array(
             [a != b for a, b in zip(then.words[name], now.words[name], strict=True)], dtype=bool
         )

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rcmservo.config.servo_json import rebuild_box
 from rcmservo.errors import BadInput
-from rcmservo.guard.faults import LATE_SHARE
 from rcmservo.guard.states import Action, Cause, Mode, Phase, Request
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Dropped, Floats
 from rcmservo.method.kinematics import position
 from rcmservo.record.reader import Record
@@ -27,20 +27,23 @@ miss some."""
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of ticks with one phase and one cause, from ``start`` to ``end`` s.
+    """A stretch of ticks with one phase and one cause.
 
-    ``asks`` is the action that was taken in it, and ``request`` what a person asked for at its
-    first tick; a tick at which a person asked for something always begins one.
-    ``stage`` is the number of the run within the record.
+    A tick at which a person asked for something always begins one.
     """
 
     start: float
+    """s of its first tick."""
     end: float
+    """s at which its last tick ends."""
     phase: Phase
     cause: Cause
     asks: Action
+    """The action that was taken in it."""
     request: Request
+    """What a person asked for at its first tick."""
     stage: int
+    """The number of the run within the record."""
 
     @property
     def length(self) -> float:
@@ -50,25 +53,28 @@ class Span:
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """A record in a few numbers.
-
-    ``duration`` s and number of ``ticks``; ``outcome`` of its last stage. ``latency`` (3,) s is the
-    median, the 99th percentile and the greatest time from a frame's exposure to the tick that uses
-    it. Of the loop: ``late`` ticks, and the ``longest`` time s between two. Of the camera: frames
-    ``seen``, ``skipped`` between them by their numbers, and ``disbelieved``; ``dropped`` counts by
-    reason the ticks at which the frame offered last was not used.
-    """
+    """A record in a few numbers."""
 
     duration: float
+    """s to the end of the last tick."""
     ticks: int
     outcome: Outcome
+    """The verdict on its last stage."""
     latency: Floats
+    """(3,) s from a frame's exposure to the tick that uses it: the median, the 99th percentile and
+    the greatest."""
     late: int
+    """Ticks that came late."""
     longest: float
+    """The longest time s between two ticks."""
     seen: int
+    """Frames used."""
     skipped: int
+    """Frames passed over, by their numbers."""
     disbelieved: int
+    """Frames used that were not believed."""
     dropped: dict[Dropped, int]
+    """By reason, the ticks at which the frame offered last was not used."""
 
 
 def spans(record: Record) -> list[Span]:
@@ -126,7 +132,7 @@ def summary(record: Record) -> Summary:
         latency=np.array([*np.percentile(latency, [50.0, 99.0]), latency.max()])
         if len(new)
         else np.full(3, np.nan),
-        late=int((gaps > (1.0 + LATE_SHARE) / rate(record)).sum()),
+        late=int((gaps > (1.0 + Thresholds.late_share) / rate(record)).sum()),
         longest=float(gaps.max(initial=0.0)),
         seen=len(new),
         skipped=int((steps[steps > 0] - 1).sum()),
@@ -136,9 +142,14 @@ def summary(record: Record) -> Summary:
 
 
 def outcome(record: Record) -> Outcome:
-    """The verdict on the record's last stage, judged as a run is while it happens, if the record
-    goes to its end."""
-    first = record.stages[-1].first if record.stages else 0
+    """The verdict on the record's last run, judged as a run is while it happens, if the record
+    goes to its end. Of what did not settle, no time is told at which it did."""
+    verdict = _verdict(record)
+    return verdict if verdict.settled else replace(verdict, settle_time=None)
+
+
+def _verdict(record: Record) -> Outcome:
+    first = max((stage.first for stage in record.stages if not stage.mid_run), default=0)
     time = record.time[first:]
     if not len(time):
         return _unless_short(record, judged(time, np.empty((0, 3)), None, Mode(), 0.0), Mode())
@@ -159,7 +170,7 @@ def _unless_short(record: Record, verdict: Outcome, mode: Mode) -> Outcome:
         return verdict
     until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of {planned:.2f} s"
     cause = f"the record ends at {until}: what came after is not in it"
-    return replace(verdict, settled=False, cause=cause, settle_time=None)
+    return replace(verdict, settled=False, cause=cause)
 
 
 def _away(record: Record) -> float:
@@ -172,8 +183,6 @@ def _away(record: Record) -> float:
         mechanism, tool = rebuild_box(stage.servo, "mechanism"), rebuild_box(stage.servo, "tool")
     except BadInput:
         return 0.0
-    zero = mechanism.insertion_zero + tool.offset
-    now, shown = (
-        position(mechanism.kind, zero, q) for q in (record.ticks["q"][-1], stage.target.q)
-    )
+    rcm = mechanism.rcm(tool.offset)
+    now, shown = (position(rcm, q) for q in (record.ticks["q"][-1], stage.target.q))
     return float(np.linalg.norm(now - shown))

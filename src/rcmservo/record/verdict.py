@@ -7,7 +7,7 @@ import numpy as np
 
 from rcmservo.guard.states import Action, Mode, Phase
 from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.run import Tick
+from rcmservo.loop.tick import Tick
 from rcmservo.servo.servo import Servo
 
 TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
@@ -67,7 +67,7 @@ class Judge:
         self._errors.append(tick.state.delta)
         if self._explored_at is None and tick.state.explored:
             self._explored_at = self._times[-1]
-        self._last = tick
+        self._last, self._target = tick, tick.state.target or self._target
 
     @property
     def duration(self) -> float:

@@ -29,7 +29,7 @@ from mcap.writer import Writer
 
 from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.interfaces import Floats, Frame, Target
-from rcmservo.loop.run import Tick
+from rcmservo.loop.tick import Tick
 from rcmservo.record import layout
 from rcmservo.record.mcap_chunks import LARGEST
 from rcmservo.record.ros2_bag import write_metadata
@@ -104,7 +104,7 @@ class Recorder:
         self._counts: Counter[str] = Counter()
         self._servo: Servo | None = None
         self._ends: list[State | None] = []
-        self._last: State | None = None
+        self._last: Tick | None = None
         self._time, self._now, self._shift = 0, 0, 0
         self._closed = False
         self._try(self._start, about)
@@ -126,19 +126,27 @@ class Recorder:
 
     def _begin(self, servo: Servo, target: Target, state: State | None) -> None:
         if self._servo is not None:
-            self._ends.append(self._last)
+            self._ends.append(None if self._last is None else self._last.state)
         self._servo, self._last = servo, None
         self._joints = layout.JointStates(servo.mechanism.joint_names)
         origin = NOTHING if state is None else self._origin(state)
-        self._send("rcmservo/stage", layout.text(text_of(servo, target, origin)))
+        self._stage(text_of(servo, target, origin, mid_run=False))
+
+    def _change(self, before: Tick, target: Target, tick: Tick) -> None:
+        """A stage begins in mid-run: another servo or target from this tick on."""
+        self._ends.append(before.state)
+        self._stage(text_of(tick.servo, target, len(self._ends) - 1, mid_run=True))
+
+    def _stage(self, text: str) -> None:
+        self._send("rcmservo/stage", layout.text(text))
         self._writer.flush()
 
     def _origin(self, state: State) -> int:
         return next((i for i, end in enumerate(self._ends) if end is state), ELSEWHERE)
 
     def write(self, tick: Tick) -> None:
-        """Add one tick of the loop. Where ticks' times begin anew in a stage, the record's go
-        on."""
+        """Add one tick of the loop. Another servo or target than at the tick before begins a stage
+        in mid-run. Where ticks' times begin anew in a stage, the record's go on."""
         self._try(self._write, tick)
 
     def _write(self, tick: Tick) -> None:
@@ -147,11 +155,13 @@ class Recorder:
         seen, state = tick.seen, tick.state
         if tick.time + self._shift < self._time:
             self._shift = self._time + max(seen.now - self._now, 0) - tick.time
-        before = self._last
-        self._time, self._now, self._last = tick.time + self._shift, seen.now, state
-        if before is None or before.mode.words != state.mode.words:
+        before, target = self._last, state.target
+        self._time, self._now, self._last = tick.time + self._shift, seen.now, tick
+        if before is not None and target is not None and _changed(before, tick):
+            self._change(before, target, tick)
+        if before is None or before.state.mode.words != state.mode.words:
             self._send("operating_state", layout.operating_state(seen.now, state.mode))
-        self._send("rcmservo/tick", layout.tick(tick, self._servo))
+        self._send("rcmservo/tick", layout.tick(tick))
         self._send("measured_js", self._joints.positions(seen.q_time, seen.q))
         self._send("servo_jv", self._joints.rates(state.command.time, state.command.rates))
 
@@ -229,6 +239,11 @@ class Recorder:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def _changed(before: Tick, tick: Tick) -> bool:
+    """Whether a person changed settings or target between two ticks of a run."""
+    return tick.servo is not before.servo or tick.state.target is not before.state.target
 
 
 def warm(servo: Servo) -> None:

@@ -1,9 +1,9 @@
-"""The simulated arm: a MuJoCo model with velocity drives, and what its ideal drives lack.
+"""The simulated arm: a MuJoCo model with velocity drives, and the faults of real drives.
 
-A command reaches a joint after a delay, through a first-order lag, and not at all inside the
-deadband; the encoders count in steps. A watchdog stands before the drives: without valid commands
-the arm stops by itself. Gravity is compensated, the ends of the joints' ranges are hard. MuJoCo
-counts in m, everything else here in mm.
+A command reaches a joint after a delay and through a first-order lag. A command inside the deadband
+moves nothing. The encoders count in steps. A watchdog stands before the drives: without valid
+commands the arm stops by itself. Gravity is compensated, and the joints' ranges end at hard stops.
+MuJoCo counts in m, everything else here counts in mm.
 """
 
 from collections import deque
@@ -18,6 +18,7 @@ from rcmservo.errors import require
 from rcmservo.guard.watchdog import Watchdog
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.method.kinematics import PITCH_YAW, Kinematics
+from rcmservo.sim.past import Past
 
 PHYSICS: Any = mujoco
 """MuJoCo without types: its names are made at run time."""
@@ -41,96 +42,120 @@ outside pitch."""
 
 @dataclass(frozen=True)
 class Drive:
-    """What stands between a command and a motion.
-
-    ``delay`` s and ``lag`` s (first-order time constant) of each drive; ``deadband`` (rad/s, rad/s,
-    mm/s) below which a joint stays still; ``encoder`` (rad, rad, mm) is one count of each encoder.
-    """
+    """What stands between a command and a motion."""
 
     delay: float = 0.004
+    """s from a command to the moment at which the drives obey it."""
+
     lag: float = 0.02
+    """s, the time constant with which each drive follows (first order)."""
+
     deadband: tuple[float, float, float] = (1e-4, 1e-4, 0.01)
+    """rad/s, rad/s, mm/s below which a joint stays still."""
+
     encoder: tuple[float, float, float] = (2e-5, 2e-5, 2e-3)
+    """rad, rad, mm of one count of each encoder."""
 
     def __post_init__(self) -> None:
         require(0.0 <= self.delay <= 1.0, "drive.delay", self.delay, "a time from 0 to 1 s")
         require(0.001 <= self.lag <= 10.0, "drive.lag", self.lag, "a time from 0.001 to 10 s")
+        right = "three numbers that are not negative (rad, rad, mm)"
         for name in ("deadband", "encoder"):
             values = getattr(self, name)
             good = len(values) == 3 and all(0.0 <= value < np.inf for value in values)
-            require(
-                good, f"drive.{name}", values, "three numbers that are not negative (rad, rad, mm)"
-            )
+            require(good, f"drive.{name}", values, right)
 
 
-def model_of(kinematics: Kinematics) -> str:
-    """The MJCF of an RCM mechanism: two hinges through the origin, a slide along the tool, and the
-    reference point."""
-    outer, inner, slide, order = AXES[kinematics.name]
-    middle = (np.array(kinematics.limits.upper) + kinematics.limits.lower) / 2.0
-    half = (np.array(kinematics.limits.upper) - kinematics.limits.lower) / 2.0
+MODEL = """
+<mujoco>
+  <compiler angle="radian" autolimits="true"/>
+  <option timestep="{timestep}" integrator="implicitfast"/>
+  <worldbody>
+    <body gravcomp="1">
+      <joint name="outer" type="hinge" axis="{outer}" range="{outer_range}" armature="0.01"/>
+      <geom type="sphere" size="0.02" mass="0.5" contype="0" conaffinity="0"/>
+      <body gravcomp="1">
+        <joint name="inner" type="hinge" axis="{inner}" range="{inner_range}" armature="0.01"/>
+        <geom type="sphere" size="0.02" mass="0.5" contype="0" conaffinity="0"/>
+        <body gravcomp="1">
+          <joint name="slide" type="slide" axis="{slide}" range="{slide_range}" armature="0.5"/>
+          <geom type="capsule" fromto="0 0 -0.05 0 0 0.05" size="0.004" mass="0.2"
+                contype="0" conaffinity="0"/>
+          <site name="reference" pos="0 0 {reference:.9g}"/>
+        </body></body></body>
+  </worldbody>
+  <actuator>
+    <velocity joint="outer" kv="20"/><velocity joint="inner" kv="20"/>
+    <velocity joint="slide" kv="1000"/>
+  </actuator>
+</mujoco>"""
+"""Two hinges through the origin, a slide along the tool, and the reference point (MJCF)."""
+
+
+def model_of(mechanism: Kinematics) -> str:
+    """The MJCF of an RCM mechanism."""
+    outer, inner, slide, order = AXES[mechanism.name]
+    lower, upper = np.array(mechanism.limits.lower), np.array(mechanism.limits.upper)
+    middle, half = (upper + lower) / 2.0, (upper - lower) / 2.0
     low, high = UNIT * (middle - HARD_STOP * half), UNIT * (middle + HARD_STOP * half)
     ranges = [f"{low[i]:.9g} {high[i]:.9g}" for i in order]
-    sign = -1.0 if kinematics.kind == PITCH_YAW else 1.0
-    reference = f"0 0 {sign * 1e-3 * kinematics.insertion_zero:.9g}"
-    return f"""
-    <mujoco>
-      <compiler angle="radian" autolimits="true"/>
-      <option timestep="{STEP * 1e-9}" integrator="implicitfast"/>
-      <worldbody>
-        <body gravcomp="1">
-          <joint name="outer" type="hinge" axis="{outer}" range="{ranges[0]}" armature="0.01"/>
-          <geom type="sphere" size="0.02" mass="0.5" contype="0" conaffinity="0"/>
-          <body gravcomp="1">
-            <joint name="inner" type="hinge" axis="{inner}" range="{ranges[1]}" armature="0.01"/>
-            <geom type="sphere" size="0.02" mass="0.5" contype="0" conaffinity="0"/>
-            <body gravcomp="1">
-              <joint name="slide" type="slide" axis="{slide}" range="{ranges[2]}" armature="0.5"/>
-              <geom type="capsule" fromto="0 0 -0.05 0 0 0.05" size="0.004" mass="0.2"
-                    contype="0" conaffinity="0"/>
-              <site name="reference" pos="{reference}"/>
-            </body></body></body>
-      </worldbody>
-      <actuator>
-        <velocity joint="outer" kv="20"/><velocity joint="inner" kv="20"/>
-        <velocity joint="slide" kv="1000"/>
-      </actuator>
-    </mujoco>"""
+    sign = -1.0 if mechanism.kind == PITCH_YAW else 1.0
+    return MODEL.format(
+        timestep=STEP * 1e-9,
+        outer=outer,
+        inner=inner,
+        slide=slide,
+        outer_range=ranges[0],
+        inner_range=ranges[1],
+        slide_range=ranges[2],
+        reference=sign * 1e-3 * mechanism.insertion_zero,
+    )
 
 
 class SimulatedArm:
-    """An RCM mechanism in MuJoCo, driven by joint rates. It moves only when `advance` lets time
-    pass.
+    """An RCM mechanism in MuJoCo, driven by joint rates. It moves only while `advance` lets time
+    pass, and it remembers where it was."""
 
-    ``gains`` (3,) is what each motor makes of its rate: 1, but for one that is blocked or wrongly
-    wired. `before_step` is called before every step.
-    """
+    gains: Floats
+    """(3,) what each motor makes of its rate: 1, but for one that is blocked or wrongly wired."""
 
-    def __init__(self, kinematics: Kinematics, drive: Drive) -> None:
-        self.kinematics, self.drive = kinematics, drive
+    before_step: Callable[[], None] | None
+    """Is called before every step of the physics."""
+
+    def __init__(self, mechanism: Kinematics, drive: Drive) -> None:
+        self.mechanism, self.drive = mechanism, drive
         self.time = 0
         self.watchdog = Watchdog()
-        self._order = np.array(AXES[kinematics.name][3])
-        self._model = PHYSICS.MjModel.from_xml_string(model_of(kinematics))
+        self.gains, self.before_step = np.ones(3), None
+        self._order = np.array(AXES[mechanism.name][3])
+        self._model = PHYSICS.MjModel.from_xml_string(model_of(mechanism))
         self._data = PHYSICS.MjData(self._model)
         self._queue: deque[tuple[int, Floats]] = deque()
-        self._wanted = np.zeros(3)
-        self._rates = np.zeros(3)
-        self.gains = np.ones(3)
-        self.before_step: Callable[[], None] | None = None
+        self._wanted, self._rates = np.zeros(3), np.zeros(3)
         self._follow = 1.0 - np.exp(-STEP * 1e-9 / drive.lag)
         self._deadband = np.array(drive.deadband)
         self._encoder = np.maximum(np.array(drive.encoder), 1e-12)
+        self._past = Past(STEP)
+        self._past.keep(self.time, self.q_true)
 
     def place(self, q: Floats) -> None:
-        """Put the arm at q (3,) at rest, its drives off, as a hand would: simulation's
-        privilege."""
+        """Put the arm at q (3,), at rest and with its drives off, as if it had always been there.
+
+        Only a simulation can do that.
+        """
         self.watchdog.disable()
         self._data.qpos[:] = (q * UNIT)[self._order]
         self._data.qvel[:] = 0.0
         self._queue.clear()
         self._wanted, self._rates = np.zeros(3), np.zeros(3)
         PHYSICS.mj_forward(self._model, self._data)
+        self._past.forget()
+        self._past.keep(self.time, self.q_true)
+
+    def advance_until(self, time: int) -> None:
+        """Let time pass until `time` ns, to the nearest step."""
+        while self.time + STEP // 2 < time:
+            self.advance()
 
     def advance(self) -> None:
         """Let one step of time pass."""
@@ -146,6 +171,11 @@ class SimulatedArm:
         moving = np.where(np.abs(self._rates) > self._deadband, self._rates, 0.0)
         self._data.ctrl[:] = (self.gains * moving * UNIT)[self._order]
         PHYSICS.mj_step(self._model, self._data)
+        self._past.keep(self.time, self.q_true)
+
+    def joints_at(self, time: int) -> Floats:
+        """The joints (3,) as they were at a moment (ns) of the last second."""
+        return self._past.joints_at(time)
 
     @property
     def q_true(self) -> Floats:
@@ -165,15 +195,15 @@ class SimulatedArm:
         self.watchdog.enable(self.time)
 
     def measure(self) -> Measured:
-        """The time ns, the joints (3,) as the encoders count them, and whether the drives are
-        on."""
-        return Measured(
-            self.time, np.round(self.q_true / self._encoder) * self._encoder, self.watchdog.enabled
-        )
+        """The arm's answer: the joints as the encoders count them."""
+        counted = np.round(self.q_true / self._encoder) * self._encoder
+        return Measured(self.time, counted, self.watchdog.enabled)
 
     def apply(self, command: Command) -> Floats:
-        """Take a command if the watchdog lets it; the rates (3,) are those taken, as the drives
-        have no limits."""
+        """Take a command if the watchdog lets it; gives the rates (3,) that were taken.
+
+        The drives have no limits of their own.
+        """
         if self.watchdog.feed(command, self.time):
             self._queue.append((self.time + round(self.drive.delay * 1e9), self.watchdog.rates))
         return self.watchdog.rates

@@ -1,48 +1,47 @@
-"""Simulated cameras: one makes pictures, the other delivers the markers' projected centres with
-noise."""
+"""The simulated cameras: one makes pictures, the other tells where the markers' centres are."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Frame
-from rcmservo.method.kinematics import Kinematics
-from rcmservo.method.tool import Tool
+from rcmservo.sim.arm import SimulatedArm
+from rcmservo.sim.body import Body
 from rcmservo.sim.optics import Optics
-from rcmservo.sim.renderer import Between, Renderer
-from rcmservo.sim.world import World, moments
+from rcmservo.sim.rendering import Between, Renderer
 
 BLUR = 4
 """Moments per exposure at which the tool is drawn."""
 
-TIP = 14.0
-"""mm by which the instrument's tip stands out beyond marker 2."""
-
 
 @dataclass(frozen=True)
 class Timing:
-    """``frame_rate`` 1/s; ``exposure`` s is how long a frame is exposed, ``delay`` s how long after
-    that it arrives."""
+    """When a camera takes its frames, and when they arrive."""
 
     frame_rate: float = 60.0
+    """Frames per s."""
+
     exposure: float = 0.004
+    """s for which a frame is exposed."""
+
     delay: float = 0.02
+    """s from the end of an exposure to the frame's arrival."""
 
     def __post_init__(self) -> None:
-        require(
-            1.0 <= self.frame_rate <= 1000.0,
-            "camera.frame_rate",
-            self.frame_rate,
-            "from 1 to 1000 frames/s",
-        )
-        short = 0.0 <= self.exposure <= 1.0 / self.frame_rate
+        rate = self.frame_rate
+        require(1.0 <= rate <= 1000.0, "camera.frame_rate", rate, "from 1 to 1000 frames/s")
+        short = 0.0 <= self.exposure <= 1.0 / rate
         require(short, "camera.exposure", self.exposure, "a time from 0 s to one frame period")
         require(0.0 <= self.delay <= 0.5, "camera.delay", self.delay, "a time from 0 to 0.5 s")
 
     def newest(self, now: int) -> tuple[int, int, int]:
-        """Number, exposure ns and arrival ns of the newest frame that has arrived; number -1 before
-        the first."""
+        """Number, exposure ns and arrival ns of the newest frame that has arrived.
+
+        The number is -1 before the first frame.
+        """
         period = 1e9 / self.frame_rate
         late = (0.5 * self.exposure + self.delay) * 1e9
         number = int(np.floor((now - late) / period + 1e-6))
@@ -50,67 +49,93 @@ class Timing:
         return number, exposure, exposure + round(late)
 
 
-class Body:
-    """The tool in space: where the joints put its markers, its tip, and the shaft up to the RCM."""
-
-    def __init__(self, kinematics: Kinematics, tool: Tool) -> None:
-        self.kinematics, self.tool = kinematics, tool
-
-    def points(self, q: Floats) -> Floats:
-        """m₁, m₂, the shaft's start at the RCM and the tip, (4, 3) mm, at the joints q (3,)."""
-        reference = self.kinematics.position(q)
-        n = reference / np.linalg.norm(reference)
-        p1 = reference + self.tool.offset * n
-        p2 = self.tool.second_marker(p1)
-        return np.stack([p1, p2, np.zeros(3), p2 + TIP * n])
+def moments(middle: int, length: float, count: int) -> list[int]:
+    """`count` moments (ns), spread evenly over an exposure of `length` s about its `middle`."""
+    return [
+        middle + round(share * length * 1e9) for share in (np.arange(count) + 0.5) / count - 0.5
+    ]
 
 
-class PictureCamera:
-    """A camera that renders what it sees, once per frame, when the frame is asked for.
+class SimulatedCamera(ABC):
+    """A camera before the simulated arm. It takes a frame when somebody asks for the newest one."""
 
-    ``between`` is what changes the light on its way to the sensor, if anything.
-    """
-
-    def __init__(self, world: World, body: Body, renderer: Renderer, timing: Timing) -> None:
-        self.world, self.body, self.renderer, self.timing = world, body, renderer, timing
-        self.between: Between | None = None
+    def __init__(self, arm: SimulatedArm, body: Body, timing: Timing) -> None:
+        self.arm, self.body, self.timing = arm, body, timing
         self._frame: Frame | None = None
 
     def latest(self) -> Frame | None:
-        number, exposure, arrival = self.timing.newest(self.world.now())
+        number, exposure, arrival = self.timing.newest(self.arm.time)
         if number >= 0 and (self._frame is None or number > self._frame.number):
-            times = moments(exposure, self.timing.exposure, BLUR)
-            poses = np.stack([self.body.points(self.world.joints_at(time)) for time in times])
-            self._frame = Frame(
-                number, exposure, arrival, image=self.renderer.render(poses, number, self.between)
-            )
+            self._frame = self.taken(number, exposure, arrival)
         return self._frame
 
+    def points_at(self, time: int) -> Floats:
+        """The points (4, 3) mm of the tool's body at a moment (ns) of the last second."""
+        return self.body.points(self.arm.joints_at(time))
 
-class PointCamera:
-    """A camera without pictures: the centres of both markers with `noise` px (standard deviation),
-    NaN outside."""
+    @abstractmethod
+    def taken(self, number: int, exposure: int, arrival: int) -> Frame:
+        """The frame of this number, exposed about `exposure` ns."""
+
+    @property
+    @abstractmethod
+    def optics(self) -> Optics:
+        """The true camera: where it stands, and its lens."""
+
+
+@final
+class PictureCamera(SimulatedCamera):
+    """A camera that makes pictures."""
+
+    between: Between | None
+    """Changes the light on its way to the sensor, if anything does."""
+
+    def __init__(self, arm: SimulatedArm, body: Body, timing: Timing, renderer: Renderer) -> None:
+        super().__init__(arm, body, timing)
+        self.renderer, self.between = renderer, None
+
+    def taken(self, number: int, exposure: int, arrival: int) -> Frame:
+        times = moments(exposure, self.timing.exposure, BLUR)
+        poses = np.stack([self.points_at(time) for time in times])
+        image = self.renderer.render(poses, number, self.between)
+        return Frame(number, exposure, arrival, image=image)
+
+    @property
+    def optics(self) -> Optics:
+        return self.renderer.optics
+
+
+@final
+class PointCamera(SimulatedCamera):
+    """A camera without pictures: it tells the centres of both markers, with noise."""
+
+    noise: float
+    """px, the standard deviation of each coordinate."""
 
     def __init__(
         self,
-        world: World,
+        arm: SimulatedArm,
         body: Body,
-        optics: Optics,
         timing: Timing,
+        optics: Optics,
         noise: float,
         random: np.random.Generator,
     ) -> None:
-        self.world, self.body, self.optics, self.timing = world, body, optics, timing
-        self.noise, self.random = noise, random
-        self._frame: Frame | None = None
+        super().__init__(arm, body, timing)
+        self.noise, self._optics, self._random = noise, optics, random
 
-    def latest(self) -> Frame | None:
-        number, exposure, arrival = self.timing.newest(self.world.now())
-        if number >= 0 and (self._frame is None or number > self._frame.number):
-            points = self.optics.project(self.body.points(self.world.joints_at(exposure))[:2])
-            points = points + self.noise * self.random.standard_normal((2, 2))
-            size = np.array([self.optics.width, self.optics.height])
-            inside = ((points >= 0.0) & (points <= size - 1.0)).all(axis=1)
-            points[~inside] = np.nan
-            self._frame = Frame(number, exposure, arrival, points=points)
-        return self._frame
+    def taken(self, number: int, exposure: int, arrival: int) -> Frame:
+        points = self.optics.project(self.points_at(exposure)[:2])
+        points = points + self.noise * self._random.standard_normal((2, 2))
+        size = np.array([self.optics.width, self.optics.height])
+        inside = ((points >= 0.0) & (points <= size - 1.0)).all(axis=1)
+        points[~inside] = np.nan
+        return Frame(number, exposure, arrival, points=points)
+
+    @property
+    def optics(self) -> Optics:
+        return self._optics
+
+    def move(self, optics: Optics) -> None:
+        """Stand elsewhere from the next frame on."""
+        self._optics = optics

@@ -17,59 +17,55 @@ import numpy as np
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 
-WIDEST = 100.0  # slope: no lens looks further aside
-OUTLINE = 256  # points on a silhouette: the polygon's centroid is then good to 1e-6 of its radius
+WIDEST = 100.0
+"""The slope beyond which no lens looks aside."""
+
+OUTLINE = 256
+"""Points on a silhouette. The polygon's centroid is then good to 1e-6 of its radius."""
+
+SHAPES = {"centre": (2,), "distortion": (2,), "rotation": (3, 3), "position": (3,)}
 
 
 @dataclass(frozen=True, eq=False)
 class Optics:
-    """What the camera does to light.
-
-    `width`, `height` px of the picture; `focal` px; `centre` (2,) px, the principal point;
-    `distortion` (2,) k1, k2; `rotation` (3, 3) R_c_w, from world axes to camera axes; `position`
-    (3,) mm, the camera's centre in the world.
-    """
+    """What the camera does to light."""
 
     width: int
+    """px of the picture."""
+
     height: int
+    """px of the picture."""
+
     focal: float
+    """px."""
+
     centre: Floats
+    """(2,) px, the principal point."""
+
     distortion: Floats
+    """(2,) k1 and k2."""
+
     rotation: Floats
+    """(3, 3) R_c_w, from world axes to camera axes."""
+
     position: Floats
+    """(3,) mm, the camera's centre in the world."""
 
     def __post_init__(self) -> None:
         require(self.width > 0, "width", self.width, "positive")
         require(self.height > 0, "height", self.height, "positive")
         require(0 < self.focal < np.inf, "focal", self.focal, "positive and finite")
-        for name, shape in (
-            ("centre", (2,)),
-            ("distortion", (2,)),
-            ("rotation", (3, 3)),
-            ("position", (3,)),
-        ):
+        for name, shape in SHAPES.items():
             value = np.array(getattr(self, name), dtype=np.float64)
-            require(
-                value.shape == shape and bool(np.isfinite(value).all()),
-                name,
-                value,
-                f"{shape} finite numbers",
-            )
+            good = value.shape == shape and bool(np.isfinite(value).all())
+            require(good, name, value, f"{shape} finite numbers")
             object.__setattr__(self, name, value)
         proper = np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-9)
-        require(
-            proper and np.linalg.det(self.rotation) > 0,
-            "rotation",
-            self.rotation,
-            "a proper rotation matrix",
-        )
+        proper = proper and np.linalg.det(self.rotation) > 0
+        require(bool(proper), "rotation", self.rotation, "a proper rotation matrix")
         one_to_one = np.isinf(self._fold) or self._corner < self._fold * self._stretch(self._fold)
-        require(
-            bool(one_to_one),
-            "distortion",
-            self.distortion,
-            "so weak that every pixel sees one direction",
-        )
+        right = "so weak that every pixel sees one direction"
+        require(bool(one_to_one), "distortion", self.distortion, right)
 
     def pinhole(self) -> Floats:
         """The calibration matrix C (3, 4) of eq. (4): all of this but the distortion."""
@@ -79,8 +75,10 @@ class Optics:
         return K @ self.rotation @ np.column_stack([np.eye(3), -self.position])
 
     def depth(self, points: Floats) -> Floats:
-        """How far world `points` (N, 3) mm lie before the camera along its z axis, (N,) mm;
-        negative behind it."""
+        """How far world `points` (N, 3) mm lie before the camera along its z axis, (N,) mm.
+
+        Negative behind it.
+        """
         return self._in_camera(points)[:, 2]
 
     def project(self, points: Floats) -> Floats:
@@ -92,8 +90,7 @@ class Optics:
         return self._project_camera(self._in_camera(points))
 
     def project_jacobian(self, point: Floats) -> Floats:
-        """How the image of a world `point` (3,) mm moves with it: the derivative of `project`, (2,
-        3) px/mm."""
+        """The derivative of `project` at a world `point` (3,) mm: (2, 3) px/mm."""
         X = self._in_camera(point[None])[0]
         slope = X[:2] / X[2]
         k1, k2 = self.distortion
@@ -103,8 +100,10 @@ class Optics:
         return self.focal * of_slope @ of_point @ self.rotation
 
     def slopes(self, pixels: Floats) -> Floats:
-        """The undistorted x, y of the ray (x, y, 1), in camera axes, that each of `pixels` (..., 2)
-        px sees."""
+        """x and y of the ray (x, y, 1), in camera axes, that each of `pixels` (..., 2) px sees.
+
+        The lens's distortion is undone.
+        """
         stretched = (pixels - self.centre) / self.focal
         wanted = np.linalg.norm(stretched, axis=-1, keepdims=True)
         k1, k2 = self.distortion
@@ -125,21 +124,20 @@ class Optics:
         return ray / np.linalg.norm(ray, axis=-1, keepdims=True) @ self.rotation
 
     def silhouette_centre(self, centre: Floats, radius: float) -> Floats:
-        """The area centroid (2,) px of an unoccluded sphere's image: what a perfect blob finder
-        would report.
+        """The centroid (2,) px of the image of a sphere that nothing hides.
 
-        It is not the image of the sphere's centre: perspective pulls it outwards by x R^2 / (Z^2 -
-        R^2).
+        A perfect blob finder would report it. It is not the image of the sphere's centre:
+        perspective pulls it outwards by x R^2 / (Z^2 - R^2).
         """
         return _polygon(self._outline(centre, radius))[1]
 
     def silhouette_radius(self, centre: Floats, radius: float) -> float:
-        """The mean radius of a sphere's image, px: that of the disc of the same area."""
+        """The radius of the disc that has the area of a sphere's image, px."""
         return float(np.sqrt(_polygon(self._outline(centre, radius))[0] / np.pi))
 
     def _outline(self, centre: Floats, radius: float) -> Floats:
-        """The image (OUTLINE, 2) px of the circle where the cone from the camera touches the
-        sphere.
+        """The sphere's outline (OUTLINE, 2) px: the image of the circle in which the cone of sight
+        touches it.
 
         NaN where the camera is inside the sphere or the cone reaches behind the camera.
         """
@@ -171,33 +169,29 @@ class Optics:
 
     @cached_property
     def _fold(self) -> float:
-        """The radius (as a slope) beyond which the polynomial falls again and means nothing, or
-        inf."""
+        """The radius (as a slope) beyond which the polynomial falls again and means nothing.
+
+        inf where it never falls. The roots are 1 / r^2 where the distorted radius has its maximum.
+        """
         k1, k2 = self.distortion
-        inverse = np.roots(
-            [1.0, 3 * k1, 5 * k2]
-        )  # 1 / r^2 where the derivative of the distorted radius is 0
-        turning = [
-            root.real for root in inverse if abs(root.imag) < 1e-12 and root.real > WIDEST**-2
-        ]
+        roots = np.roots([1.0, 3 * k1, 5 * k2])
+        turning = [one.real for one in roots if abs(one.imag) < 1e-12 and one.real > WIDEST**-2]
         return float(1 / np.sqrt(max(turning))) if turning else np.inf
 
     @property
     def _corner(self) -> float:
         """The distorted radius (as a slope) of the picture's outermost corner."""
         size = np.array([self.width, self.height])
-        return float(
-            np.linalg.norm(np.maximum(self.centre + 0.5, size - 0.5 - self.centre)) / self.focal
-        )
+        reach = np.maximum(self.centre + 0.5, size - 0.5 - self.centre)
+        return float(np.linalg.norm(reach) / self.focal)
 
 
 def look_at(position: Floats, target: Floats, roll: float = 0.0) -> Floats:
-    """The rotation R_c_w (3, 3) of a camera at `position` that sees `target` at its principal
-    point; both (3,) mm.
+    """The rotation R_c_w (3, 3) of a camera at `position` that looks at `target`, both (3,) mm.
 
-    At `roll` 0 the world's z axis points up in the picture (its y axis if the camera looks along
-    z). `roll` in rad turns the camera clockwise about its line of sight, so that the picture turns
-    anticlockwise.
+    The target is then at the principal point. At `roll` 0 the world's z axis points up in the
+    picture (its y axis if the camera looks along z). `roll` in rad turns the camera clockwise about
+    its line of sight, so the picture turns anticlockwise.
     """
     sight = target - position
     distance = np.linalg.norm(sight)

@@ -11,18 +11,21 @@ from rcmservo.interfaces import Camera, Floats
 from rcmservo.method.kinematics import Kinematics, SphericalRcm
 from rcmservo.method.tool import RigidTool, Tool
 from rcmservo.sim.arm import Drive, SimulatedArm
-from rcmservo.sim.cameras import Body, PictureCamera, PointCamera, Timing
-from rcmservo.sim.disturb.arm import DisturbedArm
-from rcmservo.sim.disturb.delivery import Delivery
-from rcmservo.sim.disturb.elsewhere import bumped, rolled
-from rcmservo.sim.disturb.kinds import KINDS, Disturbance
-from rcmservo.sim.disturb.process import Stalls
+from rcmservo.sim.body import Body
+from rcmservo.sim.cameras import PictureCamera, PointCamera, Timing
+from rcmservo.sim.clock import SimulatedClock
+from rcmservo.sim.disturb.arm_faults import DisturbedArm
+from rcmservo.sim.disturb.camera_moves import bumped, rolled
+from rcmservo.sim.disturb.camera_view import View
+from rcmservo.sim.disturb.disturbance import Disturbance
+from rcmservo.sim.disturb.frame_delivery import Delivery
+from rcmservo.sim.disturb.kinds import KINDS
 from rcmservo.sim.disturb.schedule import Event, Schedule
-from rcmservo.sim.disturb.view import View
-from rcmservo.sim.renderer import Look, Renderer
-from rcmservo.sim.scene import Scene, SceneSettings, draw, relocated
+from rcmservo.sim.disturb.stalls import Stalls
+from rcmservo.sim.rendering import Look, Renderer
+from rcmservo.sim.scene import Scene, SceneSettings
+from rcmservo.sim.scene_drawing import Draws, draw, relocated
 from rcmservo.sim.truth import Truth
-from rcmservo.sim.world import World
 
 SETTLE = 100_000_000
 """ns that pass after the tool was placed by hand, so that every frame in flight shows it there."""
@@ -30,18 +33,34 @@ SETTLE = 100_000_000
 
 @dataclass(frozen=True)
 class RigSettings:
-    """A simulated laboratory. ``width``, ``height`` px; ``point_noise`` px of the camera without
-    pictures."""
+    """What a simulated laboratory is made of."""
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
+    """The arm's kinematics."""
+
     tool: Tool = field(default_factory=lambda: RigidTool(spacing=30.0))
+    """Where the markers are on the tool."""
+
     drive: Drive = field(default_factory=Drive)
+    """What stands between a command and a motion."""
+
     timing: Timing = field(default_factory=Timing)
+    """When the camera takes its frames, and when they arrive."""
+
     look: Look = field(default_factory=Look)
+    """How the scene looks in pictures."""
+
     scene: SceneSettings = field(default_factory=SceneSettings)
+    """What camera, start and target are drawn from."""
+
     width: int = 640
+    """px of the picture."""
+
     height: int = 480
+    """px of the picture."""
+
     point_noise: float = 0.3
+    """px, the noise of the camera without pictures."""
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -52,11 +71,11 @@ class RigSettings:
 
 
 class Rig:
-    """A simulated laboratory at the start of a run: `mechanism`, `camera`, `clock`, and the judge's
-    `truth`.
+    """A simulated laboratory at the start of a run. Everything in it follows from the seed.
 
-    ``pictures=False`` gives the camera that delivers points instead of frames. Everything follows
-    from the seed. ``disturbances`` go wrong in the run that `begin` starts.
+    A plant is made of its `arm`, `camera` and `clock`. `truth` is for the judge of the run.
+    ``pictures=False`` gives the camera that tells points instead of frames. ``disturbances`` happen
+    in the run that `begin` starts.
     """
 
     def __init__(
@@ -71,44 +90,43 @@ class Rig:
         s = self.settings
         drawing, noise, elsewhere, chance = np.random.SeedSequence(seed).spawn(4)
         self.body = Body(s.mechanism, s.tool)
-        radius = max(s.look.marker_radii)
-        self.scene = draw(
-            s.scene, self.body, (s.width, s.height), radius, np.random.default_rng(drawing)
-        )
-        self._elsewhere = np.random.default_rng(elsewhere)
-        arm = SimulatedArm(s.mechanism, s.drive)
-        self.clock = World(arm)
+        self.scene = draw(self._draws(drawing))
+        self._elsewhere = self._draws(elsewhere)
+        self._arm = SimulatedArm(s.mechanism, s.drive)
         self._camera = self._new_camera(pictures, np.random.default_rng(noise))
-        self.truth = Truth(self.clock, self.body, self.scene.optics)
+        self.clock = SimulatedClock(self._arm)
+        self.truth = Truth(self._arm, self.body, self.scene.optics)
         self.schedule = Schedule(disturbances, chance)
-        self.arm: SimulatedArm | DisturbedArm = arm
+        self.arm: SimulatedArm | DisturbedArm = self._arm
         self.camera: Camera = self._camera
         if disturbances:
-            self._disturb(arm)
+            self._disturb()
         self.go_home()
+
+    def _draws(self, seed: np.random.SeedSequence) -> Draws:
+        s = self.settings
+        size, radius = (s.width, s.height), max(s.look.marker_radii)
+        return Draws(s.scene, self.body, size, radius, np.random.default_rng(seed))
 
     def _new_camera(
         self, pictures: bool, random: np.random.Generator
     ) -> PictureCamera | PointCamera:
         s = self.settings
         if pictures:
-            renderer = Renderer(self.scene.optics, s.look, self.scene.tissue, self.seed)
-            return PictureCamera(self.clock, self.body, renderer, s.timing)
-        return PointCamera(
-            self.clock, self.body, self.scene.optics, s.timing, s.point_noise, random
-        )
+            return PictureCamera(self._arm, self.body, s.timing, self._renderer())
+        optics, noise = self.scene.optics, s.point_noise
+        return PointCamera(self._arm, self.body, s.timing, optics, noise, random)
 
-    def _disturb(self, arm: SimulatedArm) -> None:
+    def _renderer(self) -> Renderer:
+        return Renderer(self.scene.optics, self.settings.look, self.scene.tissue, self.seed)
+
+    def _disturb(self) -> None:
         """Put the disturbances between the software and the devices."""
         for disturbance in self.schedule.disturbances:
-            suffers = isinstance(self._camera, PointCamera) or KINDS[disturbance.kind].pictures
-            require(
-                suffers,
-                "disturbance",
-                disturbance.kind,
-                "one that a camera with pictures can suffer",
-            )
-        self.arm = DisturbedArm(arm, self.clock, self.schedule)
+            kind = disturbance.kind
+            suffers = isinstance(self._camera, PointCamera) or KINDS[kind].pictures
+            require(suffers, "disturbance", kind, "one that a camera with pictures can suffer")
+        self.arm = DisturbedArm(self._arm, self.schedule)
         view = View(self._camera, self.settings.look, self.schedule, self._touch_camera)
         self.camera = Delivery(view, self.clock.now, self.schedule)
         self.clock.stalls = Stalls(self.schedule)
@@ -116,6 +134,10 @@ class Rig:
     def begin(self) -> None:
         """The run begins: the disturbances' times count from here."""
         self.schedule.begin(self.clock.now())
+
+    def let_pass(self, until: int) -> None:
+        """Let time pass until a moment (ns), even if the process that would wait was killed."""
+        self._arm.advance_until(until)
 
     def disk_full(self) -> bool:
         """Whether the disk on which the run would be recorded is full now."""
@@ -131,16 +153,13 @@ class Rig:
 
     def place(self, q: Floats) -> None:
         """A person brings the tool to the joints q (3,) and holds it there."""
-        self.clock.place(q)
+        self._arm.place(q)
         self.clock.wait_until(self.clock.now() + SETTLE)
 
     def relocate_camera(self) -> None:
-        """Somebody moves and rolls the camera; from the next frame on it sees the tool from another
-        side."""
-        s = self.settings
-        self._see(
-            relocated(self.scene, self.body, s.scene, max(s.look.marker_radii), self._elsewhere)
-        )
+        """Somebody moves and rolls the camera. It sees the tool from another side from the next
+        frame on."""
+        self._see(relocated(self._elsewhere, self.scene))
 
     def _touch_camera(self, event: Event) -> None:
         """What an event does to where the camera stands."""
@@ -158,8 +177,6 @@ class Rig:
         """From the next frame on the camera sees this scene."""
         self.scene, self.truth.optics = scene, scene.optics
         if isinstance(self._camera, PictureCamera):
-            self._camera.renderer = Renderer(
-                scene.optics, self.settings.look, scene.tissue, self.seed
-            )
+            self._camera.renderer = self._renderer()
         else:
-            self._camera.optics = scene.optics
+            self._camera.move(scene.optics)

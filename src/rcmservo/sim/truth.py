@@ -1,5 +1,5 @@
-"""What the simulation knows and the servo must not: the true pose, the true Jacobian, the true
-imaged RCM."""
+"""What the simulation knows and the servo must not: the true joints, the true pose, the true
+Jacobian, the true imaged RCM."""
 
 import numpy as np
 
@@ -7,33 +7,39 @@ from rcmservo.interfaces import Floats
 from rcmservo.method.controller import scaled
 from rcmservo.method.features import about, features_jacobian
 from rcmservo.method.tool import second_marker_jacobian
-from rcmservo.sim.cameras import Body
+from rcmservo.sim.arm import SimulatedArm
+from rcmservo.sim.body import Body
 from rcmservo.sim.optics import Optics
-from rcmservo.sim.world import World
 
 
 class Truth:
-    """The judge of a simulated run. It reads the world and the true camera, and is handed to no
-    servo."""
+    """The judge of a simulated run. It reads the true arm and the true camera. No servo gets it."""
 
-    def __init__(self, world: World, body: Body, optics: Optics) -> None:
-        self.world, self.body, self.optics = world, body, optics
+    def __init__(self, arm: SimulatedArm, body: Body, optics: Optics) -> None:
+        self.arm, self.body, self.optics = arm, body, optics
+
+    def joints(self) -> Floats:
+        """The joints (3,) as they are now."""
+        return self.arm.q_true
+
+    def joints_at(self, time: int) -> Floats:
+        """The joints (3,) at a moment (ns) of the last second."""
+        return self.arm.joints_at(time)
 
     def markers(self, time: int) -> Floats:
         """p₁ and p₂ (2, 3) mm at a moment (ns) of the last second."""
-        return self.body.points(self.world.joints_at(time))[:2]
+        return self.body.points(self.joints_at(time))[:2]
 
     def pixels(self, q: Floats) -> Floats:
         """Where the true camera sees the markers' centres (2, 2) px at the joints q (3,)."""
         return self.optics.project(self.body.points(q)[:2])
 
     def imaged_rcm(self) -> Floats:
-        """Where the true camera sees the RCM, (2,) px; NaN where its lens model does not reach."""
+        """Where the true camera sees the RCM, (2,) px. NaN where its lens model does not reach."""
         return self.optics.project(np.zeros((1, 3)))[0]
 
     def jacobian(self, q: Floats, o_c: Floats) -> Floats:
-        """J (3, 3) = ∂y/∂p₁ at the joints q, of the features about the origin o_c that the servo
-        uses."""
+        """J (3, 3) = ∂y/∂p₁ at the joints q (3,), about the origin o_c (2,) that the servo uses."""
         return feature_jacobian(self.body, self.optics, q, o_c)
 
     def jacobian_error(self, J_hat: Floats, q: Floats, o_c: Floats) -> float:
@@ -46,9 +52,8 @@ def feature_jacobian(body: Body, optics: Optics, q: Floats, o_c: Floats) -> Floa
     """J (3, 3) of eq. (15) through the true camera, its distortion included, at the joints q
     (3,)."""
     p1, p2 = body.points(q)[:2]
+    second = second_marker_jacobian(body.tool.shaft, p1)
     markers = np.empty((4, 3))
     markers[:2] = optics.project_jacobian(p1)
-    markers[2:] = optics.project_jacobian(p2) @ second_marker_jacobian(
-        body.tool.kind, body.tool.value, p1
-    )
+    markers[2:] = optics.project_jacobian(p2) @ second
     return features_jacobian(about(optics.project(np.stack([p1, p2])), o_c)) @ markers

@@ -1,7 +1,5 @@
-"""From a picture to the two markers: which colours to look for, where they were, and which one is
-which."""
+"""From a picture to the two markers: where they were, where they are, and which one is which."""
 
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -10,51 +8,12 @@ from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Frame, Image, Markers
 from rcmservo.tracking.ball import Ball, ball_near
 from rcmservo.tracking.colours import COLOURS, weights
+from rcmservo.tracking.look import MarkerLook
 from rcmservo.tracking.search import balls
+from rcmservo.tracking.unseen import why_unseen
 
 JUMP = 0.75  # of its radius: a marker that moved further between two frames is looked for afresh
 SWELL = 1.25  # the same for the factor by which its radius changed
-APART = 1.1  # the least ratio of radii that tells markers of one colour apart
-
-
-@dataclass(frozen=True)
-class MarkerLook:
-    """What the two balls look like: their colours and radii in mm (only the ratio of the radii
-    matters).
-
-    Marker 1 is the one nearer the RCM. Two balls of one colour are told apart by their imaged size,
-    so the larger must also be imaged larger: a tool that points its smaller ball steeply at the
-    camera breaks that.
-    """
-
-    colour_1: str = "green"
-    colour_2: str = "blue"
-    radius_1: float = 4.0
-    radius_2: float = 4.0
-
-    def __post_init__(self) -> None:
-        allowed = "one of " + ", ".join(COLOURS)
-        require(self.colour_1 in COLOURS, "colour_1", self.colour_1, allowed)
-        require(self.colour_2 in COLOURS, "colour_2", self.colour_2, allowed)
-        for name in ("radius_1", "radius_2"):
-            radius = getattr(self, name)
-            require(0.01 <= radius <= 1000.0, name, radius, "a length from 0.01 to 1000 mm")
-        ratio = max(self.ratio, 1.0 / self.ratio)
-        right = (
-            f"at least {APART} times larger or smaller than radius_1 where the colours are the same"
-        )
-        require(not self.alike or ratio >= APART, "radius_2", self.radius_2, right)
-
-    @property
-    def alike(self) -> bool:
-        """Whether only their size tells the markers apart."""
-        return self.colour_1 == self.colour_2
-
-    @property
-    def ratio(self) -> float:
-        """The radius of marker 1 over that of marker 2."""
-        return self.radius_1 / self.radius_2
-
 
 Pair = tuple[Ball | None, Ball | None]
 
@@ -80,6 +39,10 @@ class ColourMarkers:
         self._last = pair
         return _markers(pair)
 
+    def why(self, frame: Frame) -> str:
+        """Why the markers are not found in a frame; empty where they are. It takes its time."""
+        return why_unseen(_picture(frame), self.look)
+
     def _follow(self, image: Image) -> Pair:
         """The markers near where they were. Of two alike both or none: one alone might be the
         other."""
@@ -100,7 +63,7 @@ class ColourMarkers:
             for some, c in zip(found, self._colours, strict=True):
                 if c == colour and not some:
                     some.extend(everywhere)
-        pairs = [(a, b) for a in found[0] for b in found[1] if _plausible(a, b, self.look)]
+        pairs = [(a, b) for a in found[0] for b in found[1] if self.look.fits(a, b)]
         if pairs:
             return max(pairs, key=lambda pair: pair[0].quality + pair[1].quality)
         if self.look.alike or (found[0] and found[1]):
@@ -148,18 +111,6 @@ def _continued(before: Pair, now: Pair) -> bool:
     return a.distance(b) > 0.5 * (a.radius + b.radius) and farthest < 0.35 * a0.distance(b0)
 
 
-def _plausible(a: Ball, b: Ball, look: MarkerLook) -> bool:
-    """Whether two balls can be markers 1 and 2 by their sizes, neither twice as near as the
-    other."""
-    ratio = a.radius / b.radius
-    if not 0.5 < ratio / look.ratio < 2.0:
-        return False
-    if not look.alike:
-        return True
-    apart = a.distance(b) > 0.5 * (a.radius + b.radius)
-    return apart and (ratio > 1.04 if look.ratio > 1.0 else ratio < 1.0 / 1.04)
-
-
 def _markers(pair: Pair) -> Markers:
     points, radius, quality = np.full((2, 2), np.nan), np.full(2, np.nan), np.zeros(2)
     for i, ball in enumerate(pair):
@@ -186,3 +137,8 @@ class PointMarkers:
         seen = np.isfinite(points).all(axis=1)
         points[~seen] = np.nan
         return Markers(points, np.full(2, np.nan), np.where(seen, 1.0, 0.0))
+
+    def why(self, frame: Frame) -> str:
+        """Which markers the camera does not tell."""
+        lost = [f"marker {i}" for i, q in enumerate(self.find(frame).quality, 1) if not q]
+        return f"the camera does not see {' and '.join(lost)}" if lost else ""

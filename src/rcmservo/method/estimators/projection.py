@@ -17,6 +17,7 @@ pixels are kept, so that all observations follow the imaged RCM when it moves.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -27,13 +28,16 @@ from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.features import about, features_jacobian
 from rcmservo.method.projection import PARAMETERS, depth, project, project_jacobian
-from rcmservo.method.tool import Tool, second_marker, second_marker_jacobian, stretch
+from rcmservo.method.tool import Shaft, Tool, second_marker, second_marker_jacobian, stretch
 
 GAMMA_0 = np.array([1e-5] * 6 + [1e-8] * 3)
 """Diagonal of the printed Γ, for p in mm and m in px."""
 
 MAX_DECAY = 1e5
 """Largest η t of the fast Γ: far beyond, rounding lets modes that were never observed grow."""
+
+MOST = 1000
+"""Observations; each costs time at every new frame."""
 
 MIN_DEPTH = 0.1
 """Smallest relative depth ẑ that an estimate may give to an observation: behind it the projection
@@ -61,24 +65,24 @@ def add(A: Floats, b: Floats, p: Floats, u: float, v: float) -> None:
 
 @compiled
 def add_observation(
-    A: Floats, b: Floats, seen: Floats, o_c: Floats, both: bool, kind: int, value: float
+    A: Floats, b: Floats, seen: Floats, o_c: Floats, both: bool, shaft: Shaft
 ) -> None:
     """Add one observation [p₁ (3), raw m₁ m₂ (4)]: marker 1, and marker 2 if both are fitted."""
     p1 = seen[:3]
     add(A, b, p1, seen[3] - o_c[0], seen[4] - o_c[1])
     if both:
-        add(A, b, second_marker(kind, value, p1), seen[5] - o_c[0], seen[6] - o_c[1])
+        add(A, b, second_marker(shaft, p1), seen[5] - o_c[0], seen[6] - o_c[1])
 
 
 @compiled
 def normal_equations(
-    observations: Floats, count: int, o_c: Floats, both: bool, kind: int, value: float
+    observations: Floats, count: int, o_c: Floats, both: bool, shaft: Shaft
 ) -> tuple[Floats, Floats]:
     """MᵀM (9, 9) and Mᵀm (9,) of eq. (23)-(24)."""
     A = np.zeros((PARAMETERS, PARAMETERS))
     b = np.zeros(PARAMETERS)
     for i in range(count):
-        add_observation(A, b, observations[i], o_c, both, kind, value)
+        add_observation(A, b, observations[i], o_c, both, shaft)
     return A, b
 
 
@@ -100,7 +104,7 @@ def leverage(inverse: Floats, p: Floats, u: float, v: float) -> float:
 
 @compiled
 def least_telling(
-    observations: Floats, count: int, root: Floats, o_c: Floats, both: bool, kind: int, value: float
+    observations: Floats, count: int, root: Floats, o_c: Floats, both: bool, shaft: Shaft
 ) -> int:
     """The observation with the least leverage tr(W root rootᵀ Wᵀ) on â, where root rootᵀ = (MᵀM +
     εΓ₀⁻¹)⁻¹."""
@@ -111,9 +115,7 @@ def least_telling(
         p1 = seen[:3]
         share = leverage(inverse, p1, seen[3] - o_c[0], seen[4] - o_c[1])
         if both:
-            share += leverage(
-                inverse, second_marker(kind, value, p1), seen[5] - o_c[0], seen[6] - o_c[1]
-            )
+            share += leverage(inverse, second_marker(shaft, p1), seen[5] - o_c[0], seen[6] - o_c[1])
         if share < least:
             least, row = share, i
     return row
@@ -152,7 +154,7 @@ def decay(A: Floats, b: Floats, a: Floats, C: Floats, t: float) -> Floats:
 
 @compiled
 def keep_in_front(
-    a: Floats, a_next: Floats, observations: Floats, count: int, kind: int, value: float
+    a: Floats, a_next: Floats, observations: Floats, count: int, shaft: Shaft
 ) -> Floats:
     """a_next, or the last point on the way to it from a at which every ẑ is at least MIN_DEPTH.
 
@@ -162,75 +164,23 @@ def keep_in_front(
     for i in range(count):
         p1 = observations[i, :3]
         z, z_next = depth(a, p1), depth(a_next, p1)
-        for reach in (1.0, stretch(kind, value, p1)):
+        for reach in (1.0, stretch(shaft, p1)):
             here, there = 1.0 + reach * (z - 1.0), 1.0 + reach * (z_next - 1.0)
             if there < MIN_DEPTH:
                 step = min(step, max((here - MIN_DEPTH) / (here - there), 0.0))
     return a + step * (a_next - a)
 
 
-@compiled
-def update(
-    observations: Floats,
-    count: int,
-    a: Floats,
-    p1: Floats,
-    points: Floats,
-    o_c: Floats,
-    t: float,
-    rate: float,
-    epsilon: float,
-    both: bool,
-    kind: int,
-    value: float,
-) -> tuple[Floats, int, Floats]:
-    """Take in one observation and integrate (21) over t seconds; rate 0 means the printed Γ."""
-    observations = observations.copy()
-    observations[count, :3] = p1
-    observations[count, 3:] = points.reshape(4)
-    count += 1
-    A, b = normal_equations(observations, count, o_c, both, kind, value)
-    root = inverse_root(A, epsilon)
-    C = np.sqrt(rate) * root if rate > 0.0 else np.diag(np.sqrt(GAMMA_0))
-    a_next = keep_in_front(a, decay(A, b, a, C, t), observations, count, kind, value)
-    if count == len(observations):
-        row = least_telling(observations, count, root, o_c, both, kind, value)
-        count -= 1
-        observations[row] = observations[count]
-    return observations, count, a_next
+class Rule(NamedTuple):
+    """What compiled functions know of rule (21).
 
+    ``rate`` is η of the fast Γ in 1/s, 0 for the printed Γ; ``epsilon`` its ε. ``both`` tells
+    whether m₂ is fitted as well as m₁.
+    """
 
-@compiled
-def markers_jacobian(a: Floats, p1: Floats, kind: int, value: float) -> Floats:
-    """∂m/∂p₁ (4, 3), the second factor of eq. (15), of both markers."""
-    p2 = second_marker(kind, value, p1)
-    jacobian = np.empty((4, 3))
-    jacobian[:2] = project_jacobian(a, p1)
-    jacobian[2:] = project_jacobian(a, p2) @ second_marker_jacobian(kind, value, p1)
-    return jacobian
-
-
-@compiled
-def feature_jacobian(a: Floats, p1: Floats, m: Floats, kind: int, value: float) -> Floats:
-    """Ĵ (3, 3) of eq. (15): ∂y/∂m at the measured m, ∂m/∂p₁ from the parameters a."""
-    return features_jacobian(m) @ markers_jacobian(a, p1, kind, value)
-
-
-@compiled
-def jacobian_at(
-    a: Floats, p1: Floats, points: Floats, o_c: Floats, kind: int, value: float
-) -> Floats:
-    """`feature_jacobian` at raw `points` (2, 2) px."""
-    return feature_jacobian(a, p1, about(points, o_c), kind, value)
-
-
-@compiled
-def predict(a: Floats, p1: Floats, kind: int, value: float) -> Floats:
-    """π of eq. (34) for both markers: m (4,) px from the imaged RCM."""
-    m = np.empty(4)
-    m[:2] = project(a, p1)
-    m[2:] = project(a, second_marker(kind, value, p1))
-    return m
+    rate: float
+    epsilon: float
+    both: bool
 
 
 class ProjectionMemory(NamedTuple):
@@ -240,6 +190,62 @@ class ProjectionMemory(NamedTuple):
     observations: Floats
     filled: int
     a_hat: Floats
+
+
+@compiled
+def update(
+    memory: ProjectionMemory,
+    p1: Floats,
+    points: Floats,
+    o_c: Floats,
+    t: float,
+    rule: Rule,
+    shaft: Shaft,
+) -> ProjectionMemory:
+    """Take in one observation and integrate (21) over t seconds."""
+    observations, a, count = memory.observations.copy(), memory.a_hat, memory.filled + 1
+    observations[count - 1, :3] = p1
+    observations[count - 1, 3:] = points.copy().reshape(4)
+    A, b = normal_equations(observations, count, o_c, rule.both, shaft)
+    root = inverse_root(A, rule.epsilon)
+    C = np.sqrt(rule.rate) * root if rule.rate > 0.0 else np.diag(np.sqrt(GAMMA_0))
+    a_next = keep_in_front(a, decay(A, b, a, C, t), observations, count, shaft)
+    if count == len(observations):
+        row = least_telling(observations, count, root, o_c, rule.both, shaft)
+        count -= 1
+        observations[row] = observations[count]
+    return ProjectionMemory(observations, count, a_next)
+
+
+@compiled
+def markers_jacobian(a: Floats, p1: Floats, shaft: Shaft) -> Floats:
+    """∂m/∂p₁ (4, 3), the second factor of eq. (15), of both markers."""
+    p2 = second_marker(shaft, p1)
+    jacobian = np.empty((4, 3))
+    jacobian[:2] = project_jacobian(a, p1)
+    jacobian[2:] = project_jacobian(a, p2) @ second_marker_jacobian(shaft, p1)
+    return jacobian
+
+
+@compiled
+def feature_jacobian(a: Floats, p1: Floats, m: Floats, shaft: Shaft) -> Floats:
+    """Ĵ (3, 3) of eq. (15): ∂y/∂m at the measured m, ∂m/∂p₁ from the parameters a."""
+    return features_jacobian(m) @ markers_jacobian(a, p1, shaft)
+
+
+@compiled
+def jacobian_at(a: Floats, p1: Floats, points: Floats, o_c: Floats, shaft: Shaft) -> Floats:
+    """`feature_jacobian` at raw `points` (2, 2) px."""
+    return feature_jacobian(a, p1, about(points, o_c), shaft)
+
+
+@compiled
+def predict(a: Floats, p1: Floats, shaft: Shaft) -> Floats:
+    """π of eq. (34) for both markers: m (4,) px from the imaged RCM."""
+    m = np.empty(4)
+    m[:2] = project(a, p1)
+    m[2:] = project(a, second_marker(shaft, p1))
+    return m
 
 
 @dataclass(frozen=True)
@@ -270,10 +276,10 @@ class ProjectionEstimator(Estimator):
         require(0.0 < self.rate < np.inf, "estimator.rate", self.rate, "a positive rate in 1/s")
         require(0.0 < self.epsilon < np.inf, "estimator.epsilon", self.epsilon, "a positive number")
         require(
-            self.observations >= 6,
+            6 <= self.observations <= MOST,
             "estimator.observations",
             self.observations,
-            "at least 6 (Proposition 1)",
+            f"a whole number from 6 (Proposition 1) to {MOST}",
         )
         require(
             0.0 <= self.estimator_time < np.inf,
@@ -290,30 +296,21 @@ class ProjectionEstimator(Estimator):
     def init(self) -> ProjectionMemory:
         return ProjectionMemory(np.zeros((self.observations + 1, 7)), 0, np.zeros(PARAMETERS))
 
+    @cached_property
+    def rule(self) -> Rule:
+        """What compiled functions know of it."""
+        rate = float(self.rate) if self.gamma == "fast" else 0.0
+        return Rule(rate, float(self.epsilon), bool(self.both_markers))
+
     def update(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> ProjectionMemory:
-        observations, count, a_hat = update(
-            memory.observations,
-            memory.filled,
-            memory.a_hat,
-            sample.p1,
-            sample.points,
-            sample.o_c,
-            self.estimator_time or sample.dt,
-            self.rate if self.gamma == "fast" else 0.0,
-            self.epsilon,
-            self.both_markers,
-            tool.kind,
-            tool.value,
-        )
-        return ProjectionMemory(observations, count, a_hat)
+        t = float(self.estimator_time) or sample.dt
+        return update(memory, sample.p1, sample.points, sample.o_c, t, self.rule, tool.shaft)
 
     def jacobian(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(
-            memory.a_hat, sample.p1, sample.points, sample.o_c, tool.kind, tool.value
-        )
+        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.shaft)
 
     def predict(self, memory: ProjectionMemory, tool: Tool, p1: Floats) -> Floats:
-        return predict(memory.a_hat, p1, tool.kind, tool.value)
+        return predict(memory.a_hat, p1, tool.shaft)
 
 
 PRINTED = ProjectionEstimator(

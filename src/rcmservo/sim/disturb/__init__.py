@@ -1,9 +1,14 @@
-"""Things that go wrong in a simulated laboratory, each brought about at the interface where it
-would arise."""
+"""Things that go wrong in a simulated laboratory, each brought about where it would arise.
 
-from rcmservo.sim.disturb.kinds import KINDS, Disturbance, causes_of, describe, random_disturbances
-from rcmservo.sim.disturb.process import Killed
+kinds.py lists what can go wrong. What the kinds do is in the file of the place where they arise:
+camera_view.py (what the camera sees), frame_delivery.py (how its frames come), arm_faults.py (the
+arm and its drives) and stalls.py (the process).
+"""
+
+from rcmservo.sim.disturb.disturbance import Disturbance, random_disturbances
+from rcmservo.sim.disturb.kinds import KINDS, causes_of, describe
 from rcmservo.sim.disturb.schedule import Schedule
+from rcmservo.sim.disturb.stalls import Killed
 
 __all__ = [
     "KINDS",

@@ -5,17 +5,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.sim.disturb.kinds import Disturbance
+from rcmservo.sim.disturb.disturbance import Disturbance
 
 
 @dataclass(eq=False)
 class Event:
-    """A disturbance of one run: from ``start`` to ``end`` ns, with chance of its own."""
+    """A disturbance in one run."""
 
     disturbance: Disturbance
+    """What happens."""
+
     start: int
+    """ns."""
+
     end: float
+    """ns; inf if it acts to the end of the run."""
+
     random: np.random.Generator
+    """Chance of its own."""
 
     @property
     def kind(self) -> str:
@@ -31,8 +38,10 @@ class Event:
 
 
 class Schedule:
-    """All disturbances of a rig. Nothing acts before `begin`; a process that is ``killed`` sends
-    nothing any more."""
+    """All disturbances of a rig. Nothing acts before `begin`."""
+
+    killed: bool
+    """Whether the process was killed: it sends nothing any more."""
 
     def __init__(self, disturbances: Sequence[Disturbance], chance: np.random.SeedSequence) -> None:
         self.disturbances = tuple(disturbances)

@@ -64,10 +64,10 @@ class RandomObservations(Estimator):
     def update(self, memory: Drawn, tool: Tool, sample: Sample) -> Drawn:
         kept = self._drawn(memory, sample)
         count = min(memory.seen + 1, len(kept))
-        A, b = normal_equations(kept, count, sample.o_c, False, tool.kind, tool.value)
+        A, b = normal_equations(kept, count, sample.o_c, False, tool.shaft)
         root = np.diag(np.sqrt(GAMMA_0))
         a_next = decay(A, b, memory.a_hat, root, self.estimator_time)
-        a_hat = keep_in_front(memory.a_hat, a_next, kept, count, tool.kind, tool.value)
+        a_hat = keep_in_front(memory.a_hat, a_next, kept, count, tool.shaft)
         return Drawn(kept, memory.seen + 1, a_hat)
 
     def _drawn(self, memory: Drawn, sample: Sample) -> Floats:
@@ -80,9 +80,7 @@ class RandomObservations(Estimator):
         return kept
 
     def jacobian(self, memory: Drawn, tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(
-            memory.a_hat, sample.p1, sample.points, sample.o_c, tool.kind, tool.value
-        )
+        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.shaft)
 
     def predict(self, memory: Drawn, tool: Tool, p1: Floats) -> Floats:
-        return predict(memory.a_hat, p1, tool.kind, tool.value)
+        return predict(memory.a_hat, p1, tool.shaft)

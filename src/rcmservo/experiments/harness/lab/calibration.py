@@ -57,7 +57,7 @@ class Calibration:
         m = about(points, self.o_c)
 
         def left(p1: Floats) -> Floats:
-            return predict(self.a, p1, tool.kind, tool.value) - m
+            return predict(self.a, p1, tool.shaft) - m
 
         def jacobian(p1: Floats) -> Floats:
             return self.points_jacobian(p1, tool)
@@ -66,7 +66,7 @@ class Calibration:
 
     def points_jacobian(self, p1: Floats, tool: Tool) -> Floats:
         """∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
-        return markers_jacobian(self.a, p1, tool.kind, tool.value)
+        return markers_jacobian(self.a, p1, tool.shaft)
 
 
 def exact(optics: Optics) -> Calibration:
@@ -115,6 +115,4 @@ class Calibrated(Estimator):
         return None
 
     def jacobian(self, memory: None, tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(
-            self.calibration.a, sample.p1, sample.points, sample.o_c, tool.kind, tool.value
-        )
+        return jacobian_at(self.calibration.a, sample.p1, sample.points, sample.o_c, tool.shaft)

@@ -89,9 +89,8 @@ def drive(plant: Plant, robot: Servo, law: Law, duration: float) -> Iterator[flo
             seen = plant.read()
             if seen.frame > frame:
                 frame, v = seen.frame, _wanted(law, robot, seen)
-            rates = joint_rates(robot.mechanism.kind, robot.zero, seen.q, v)
-            passed = robot.gate.admit(rates, command, seen.q, robot.mechanism.limits, seen.now)
-            command = passed.command
+            rates = joint_rates(robot.rcm, seen.q, v)
+            command = robot.gate.admit(rates, command, seen.q, robot.rcm, seen.now).command
             plant.send(command)
             yield time / 1e9
     finally:

@@ -89,7 +89,7 @@ class Trace:
     def look(self, time: float) -> None:
         """Take note of where marker 1 is now, `time` s after the start of the path."""
         rig = self.path.rig
-        q = rig.clock.joints_at(rig.clock.now())
+        q = rig.arm.q_true
         self._times.append(time)
         self._points.append(rig.body.points(q)[0])
         self._pixels.append(rig.truth.pixels(q)[0])

@@ -100,10 +100,10 @@ def stream(seed: int, noise: float, settings: StreamSettings, kind: Kind) -> tup
     last = -1
     for tick in run(plant, servo, target, duration):
         state = tick.state
-        if state.exposure == last:
+        if state.learnt.estimate.exposure == last:
             continue
-        dt = (state.exposure - last) * 1e-9 if last >= 0 else 0.0
-        last = state.exposure
+        dt = (state.learnt.estimate.exposure - last) * 1e-9 if last >= 0 else 0.0
+        last = state.learnt.estimate.exposure
         samples.append(Sample(state.p1, tick.seen.points, state.o_c, dt))
         rows.append((tick.time / 1e9, _phase(tick, settings, kind), *_truth(rig, state)))
     time, phases, Js, vs = (np.array(column) for column in zip(*rows, strict=True))
@@ -112,14 +112,14 @@ def stream(seed: int, noise: float, settings: StreamSettings, kind: Kind) -> tup
 
 def _exploration(settings: StreamSettings, kind: Kind) -> Exploration:
     once = settings.exploration
-    tour = Exploration(once.radius, once.speed, rounds=10**6, max_time=1e6)
+    tour = Exploration(once.radius, once.speed, rounds=1000, max_time=1e6)
     return once if kind == "servo" else tour
 
 
 def _truth(rig: Rig, state: State) -> tuple[Floats, Floats]:
     """Scaled J (3, 3), and v (3,) mm/s of marker 1, at the exposure."""
-    J = rig.truth.jacobian(rig.clock.joints_at(state.exposure), state.o_c)
-    return scaled(J), velocity(rig, state.exposure)
+    J = rig.truth.jacobian(rig.truth.joints_at(state.learnt.estimate.exposure), state.o_c)
+    return scaled(J), velocity(rig, state.learnt.estimate.exposure)
 
 
 def _phase(tick: Tick, settings: StreamSettings, kind: Kind) -> int:
@@ -133,7 +133,7 @@ def _phase(tick: Tick, settings: StreamSettings, kind: Kind) -> int:
 def velocity(rig: Rig, time: int) -> Floats:
     """True velocity (3,) mm/s of marker 1 about a moment (ns)."""
     before, after = (
-        rig.body.points(rig.clock.joints_at(time + side * WINDOW))[0] for side in (-1, 1)
+        rig.body.points(rig.truth.joints_at(time + side * WINDOW))[0] for side in (-1, 1)
     )
     return (after - before) / (2e-9 * WINDOW)
 

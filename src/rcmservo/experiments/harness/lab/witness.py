@@ -89,7 +89,7 @@ class Witness:
         self._ticks += 1
         if (self._ticks - 1) % EVERY:
             return False
-        q = self._rig.clock.joints_at(self._rig.clock.now())
+        q = self._rig.arm.q_true
         self._times.append(time)
         self._deltas.append(difference(self._features(q), self._y_d))
         self._poses.append(float(np.linalg.norm(self._rig.body.points(q)[1] - self._p_d)))

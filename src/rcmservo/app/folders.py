@@ -1,0 +1,47 @@
+"""The folder that a command writes to: new or empty, and gone again where nothing came of it."""
+
+import contextlib
+import os
+from collections.abc import Generator
+from datetime import datetime
+from pathlib import Path
+
+from rcmservo.errors import UnusableFile
+
+
+def dated(name: str) -> Path:
+    """A folder under runs/ that nobody has used yet."""
+    return Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S-%f}"
+
+
+@contextlib.contextmanager
+def new_folder(out: Path | None, name: str) -> Generator[Path]:
+    """The folder to write to: the user's, which must be new or empty, or a fresh one under runs/.
+
+    Where nothing came to be written, all folders that were made for it go again. Ctrl-C is passed
+    on with the folder in which something is.
+    """
+    folder = out or dated(name)
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        _make_empty(folder)
+        yield folder
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(*([folder] if any(folder.iterdir()) else [])) from None
+    finally:
+        for path in made:
+            if path.is_dir() and not any(path.iterdir()):
+                path.rmdir()
+
+
+def _make_empty(folder: Path) -> None:
+    """Make the folder if it is not there, and refuse one that is in use or cannot be written to."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        full = any(folder.iterdir())
+    except OSError as error:
+        raise UnusableFile(folder, f"cannot be written to: {error.strerror}") from error
+    if full:
+        raise UnusableFile(folder, "is not empty, and nothing is overwritten: name a new folder")
+    if not os.access(folder, os.W_OK):
+        raise UnusableFile(folder, "cannot be written to")

@@ -1,0 +1,56 @@
+"""What a command needs before it starts: the simulator installed, and the kernels compiled."""
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from typing import Any, cast
+
+from numba.core import event
+from rich.live import Live
+from rich.text import Text
+
+from rcmservo.app.terminal import is_alive
+from rcmservo.compiled import parts
+from rcmservo.errors import RcmServoError
+
+STEP = 20
+"""Parts after which a lasting line is printed where no live line is seen."""
+
+
+class Compiling(event.Listener):
+    """Tells of every part that is compiled; of one that is in the cache, nothing."""
+
+    def __init__(self, line: Live) -> None:
+        self._line, self._count, self._all = line, 0, parts()
+
+    def on_start(self, event: event.Event) -> None:
+        """A part begins; the parts that it calls count for themselves."""
+
+    def on_end(self, event: event.Event) -> None:
+        """A part is done; those of other packages are not counted."""
+        data = cast(Any, event.data)
+        if not data["dispatcher"].__module__.startswith("rcmservo."):
+            return
+        self._count += 1
+        words = f"compiling, {self._count} of about {self._all} parts: the next start is quicker"
+        self._line.update(Text(words, style="dim"), refresh=True)
+        if self._count % STEP == 1 and not is_alive(self._line.console):
+            self._line.console.print(words, soft_wrap=True)
+
+
+@contextmanager
+def compiling(line: Live) -> Generator[None]:
+    """Tell on a live line what is compiled in here."""
+    with event.install_listener("numba:compile", Compiling(line)):
+        yield
+
+
+@contextmanager
+def simulator(command: str) -> Generator[None]:
+    """Import what simulates in here: where it is not installed, that is one sentence."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise RcmServoError(
+            f"{command} needs the simulator, and {error.name} is not installed: pip install "
+            f"'rcmservo[sim]'"
+        ) from error

@@ -1,0 +1,175 @@
+"""`rcmservo replay`: score a recording, or compute the decisions of a recorded run again."""
+
+import json
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from rcmservo.app.folders import new_folder
+from rcmservo.app.parse import OptionalPath
+from rcmservo.app.score_report import centres, report_of, show_report
+from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
+from rcmservo.app.terminal import console
+from rcmservo.config.files import write_whole
+from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.config.servo_json import rebuild
+from rcmservo.errors import UnusableFile, require
+from rcmservo.method.estimators.projection import PRINTED
+from rcmservo.offline import score
+from rcmservo.record.reader import Record
+from rcmservo.record.recompute import Rerun, recompute
+from rcmservo.servo.servo import Servo
+from rcmservo.tracking import ColourMarkers
+
+OTHERWISE = 1
+"""Exit code of a replay in which a decision came out otherwise."""
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """Put recorded frames and joints through tracking, features, imaged RCM and the estimators, and
+    score them.
+
+    Of a recorded run, compute every decision again instead, with its own settings but for those
+    given here: are they the same, bit for bit, and if not, where do they differ?
+    """
+
+    path: Annotated[Path, tyro.conf.Positional]
+    """Folder with frames/ and poses.csv, or a run's folder or .mcap file."""
+    estimator: EstimatorName | None = None
+    """Of a run: another estimator than the recorded one. Of a recording all are scored."""
+    rig: OptionalPath = None
+    """TOML file that describes the recorded arm: mechanism, tool and markers. By default the
+    built-in one."""
+    out: OptionalPath = None
+    """Folder to write replay.json and centres.csv to, new or empty; by default nothing is
+    written."""
+    json: bool = False
+    """Print one JSON object on stdout and nothing else."""
+    boxes: Boxes = field(default_factory=ServoOptions)
+
+
+def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:
+    """The settings that a run was recorded with, as a command that asks for them.
+
+    The recorded estimator takes the place of its class's settings, but not the printed one where
+    the command names `projection`: that would be itself under another name.
+    """
+    if not then.stages:
+        raise UnusableFile(asked.path, "does not tell the servo of its ticks")
+    servo = rebuild(then.stages[0].servo)
+    boxes = ServoOptions(servo.controller, servo.exploration, servo.imaged_rcm)
+    estimator: dict[str, Any] = {servo.estimator.name: servo.estimator}
+    other = asked.estimator == "projection" and servo.estimator == PRINTED
+    return ReplayOptions(asked.path, boxes=boxes if other else replace(boxes, **estimator))
+
+
+@dataclass(frozen=True)
+class Recomputed:
+    """A recorded run that was computed again, as JSON tells it."""
+
+    same: bool
+    """Whether every tick came out the same, bit for bit."""
+    open_loop: bool
+    """Whether other settings than the recorded ones were asked for."""
+    ticks: int
+    first: int | None
+    """The first tick that came out otherwise."""
+    differs: dict[str, int]
+    """By column, how many ticks came out otherwise."""
+    missing: str
+    """What of the record could not be read."""
+
+
+def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) -> int:
+    """The decisions of a recorded run once more; the exit code is 1 where they are others."""
+    right = "left out for a run: its record tells the rig"
+    require(options.rig is None, "--rig", options.rig, right)
+    require(options.out is None, "--out", options.out, "left out for a run: nothing is written")
+    as_recorded = options == replace(usual, json=options.json)
+    again = recompute(then, None if as_recorded else _other(options, then))
+    missing = then.missing
+    if options.json:
+        count = len(then.time)
+        told = Recomputed(again.same, again.open_loop, count, again.first, again.differs, missing)
+        print(json.dumps(asdict(told)))
+    else:
+        print(f"{again.words}; {missing}" if missing else again.words)
+        if again.open_loop and not again.same:
+            _show_differences(console(), again)
+    return 0 if again.same else OTHERWISE
+
+
+def _other(options: ReplayOptions, then: Record) -> Servo:
+    """The recorded servo with the settings that the command asks for."""
+    servo = rebuild(then.stages[0].servo)
+    chosen = options.boxes.estimators
+    estimator = chosen[options.estimator or servo.estimator.name]
+    return replace(
+        servo,
+        estimator=estimator,
+        controller=options.boxes.controller,
+        exploration=options.boxes.exploration,
+        imaged_rcm=options.boxes.imaged_rcm,
+    )
+
+
+def _show_differences(console: Console, again: Rerun) -> None:
+    """What the other settings would have made of what was seen."""
+    then, now = again.then, again.now
+    table = Table("", "as recorded", "with these settings")
+    speeds = [np.median(np.linalg.norm(rows.ticks["v"], axis=1)) for rows in (then, now)]
+    table.add_row("wanted speed of marker 1, median", *(f"{speed:.2f} mm/s" for speed in speeds))
+    for name in dict.fromkeys((*then.phase, *now.phase)):
+        counts = [rows.phase.count(name) for rows in (then, now)]
+        table.add_row(f"ticks in {name}", *map(str, counts))
+    apart = np.linalg.norm(then.ticks["v"] - now.ticks["v"], axis=1)
+    table.add_row("the wanted velocities differ by, median", "", f"{np.median(apart):.2f} mm/s")
+    console.print(table)
+
+
+def replay(options: ReplayOptions) -> int:
+    """Score a recording."""
+    if not options.path.exists():
+        raise UnusableFile(options.path, "does not exist")
+    right = "left out for a recording: all are scored"
+    require(options.estimator is None, "--estimator", options.estimator, right)
+    out = console(stderr=options.json)
+    report = report_of(_scored(options, out))
+    if options.out is not None:
+        with new_folder(options.out, "replay") as folder:
+            write_whole(folder / "replay.json", json.dumps(asdict(report), indent=2) + "\n")
+            write_whole(folder / "centres.csv", centres(report))
+    if options.json:
+        print(json.dumps(asdict(report)))
+    else:
+        show_report(out, report)
+    return 0
+
+
+def _scored(options: ReplayOptions, out: Console) -> score.Replay:
+    """The score of a recording, with a bar while its frames are tracked."""
+    lab = load_lab(options.rig) if options.rig else Lab()
+    bar = Progress(
+        TextColumn("tracking", markup=False),
+        BarColumn(),
+        TextColumn("{task.completed}/{task.total} frames", markup=False),
+        console=out,
+        transient=True,
+    )
+    with bar:
+        task = bar.add_task("tracking", total=None)
+        return score.replay(
+            options.path,
+            lab,
+            ColourMarkers(lab.markers),
+            options.boxes.estimators,
+            options.boxes.imaged_rcm,
+            lambda done, total: bar.update(task, completed=done, total=total),
+        )

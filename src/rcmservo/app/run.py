@@ -1,0 +1,128 @@
+"""`rcmservo run`: a simulated run from the command line to a folder of results."""
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+from rich.live import Live
+from rich.text import Text
+
+from rcmservo.app.folders import new_folder
+from rcmservo.app.parse import OptionalPath
+from rcmservo.app.preparing import compiling, simulator
+from rcmservo.app.run_told import Story, show_run
+from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
+from rcmservo.app.terminal import console
+from rcmservo.config.rig_file import Lab, load_lab, told_with
+from rcmservo.errors import UnusableFile, require
+
+if TYPE_CHECKING:
+    from rcmservo.app.simulated_run.job import Job
+
+UNSETTLED = 1
+"""Exit code of a run that did not settle."""
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Servo a simulated arm to a target that it was shown once, with a camera that nobody has
+    calibrated."""
+
+    seed: int = 0
+    """Draws the camera, the start, the target and the noise."""
+    duration: float = 30.0
+    """Length of the run, s of simulated time."""
+    estimator: EstimatorName = "projection"
+    """How the Jacobian is learnt: projection is rule (21) with the fast Γ, projection-printed with
+    the paper's Γ, flow is rule (28), broyden is the rank-1 update that III-C compares it to."""
+    rig: OptionalPath = None
+    """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene."""
+    out: OptionalPath = None
+    """Folder to write to, new or empty; by default a new one under runs/."""
+    video: bool = True
+    """Write the overlay video."""
+    frames: bool = False
+    """Keep all frames in the record; `export` makes a recording of them."""
+    disturb: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """What goes wrong, as kind:at=5,for=0.5,key=value; may be given several times. --disturb help
+    lists all kinds."""
+    target: OptionalPath = None
+    """File with the target, as --save-target wrote it; by default the target is shown first."""
+    save_target: OptionalPath = None
+    """New file to keep the target in that was shown."""
+    resumes: int = 0
+    """How often a scripted person resumes after a pause, or shows the target again where that is
+    needed."""
+    json: bool = False
+    """Print one JSON object on stdout and nothing else."""
+    boxes: Boxes = field(default_factory=ServoOptions)
+
+
+def run(options: RunOptions) -> int:
+    """Run, write the folder, print the result; the exit code is 0 where it settled."""
+    _check(options)
+    lab = load_lab(options.rig) if options.rig else Lab()
+    with simulator("run"):
+        from rcmservo.sim.disturb import describe
+    if "help" in options.disturb:
+        print(describe())
+        return 0
+    out = console(stderr=options.json)
+    with new_folder(options.out, f"run-seed{options.seed}") as folder:
+        job = _job(options, lab, folder)
+        words = f"simulated arm and camera, seed {options.seed}; preparing …"
+        out.print(words, style="dim", soft_wrap=True)
+        with Live(Text(""), console=out, refresh_per_second=8, transient=True) as line:
+            from rcmservo.app.simulated_run.simulate import simulate
+
+            with compiling(line):
+                metrics = simulate(job, Story(line, options.duration))
+    if options.json:
+        print(json.dumps(asdict(metrics)))
+    else:
+        show_run(out, metrics)
+    return 0 if metrics.settled else UNSETTLED
+
+
+def _check(options: RunOptions) -> None:
+    """Refuse what cannot be run."""
+    require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
+    good = 1.0 < options.duration <= 3600.0
+    require(good, "--duration", options.duration, "more than 1 and at most 3600 s")
+    good = 0 <= options.resumes <= 1000
+    require(good, "--resumes", options.resumes, "a whole number from 0 to 1000")
+    if options.save_target is None:
+        return
+    shown = options.target is None
+    right = "left out with --target: no target is shown then"
+    require(shown, "--save-target", options.save_target, right)
+    if options.save_target.exists():
+        why = "is there already, and nothing is overwritten: name a new file"
+        raise UnusableFile(options.save_target, why)
+
+
+def _job(options: RunOptions, lab: Lab, folder: Path) -> "Job":
+    """What the options ask for."""
+    from rcmservo.app.simulated_run.job import Job
+    from rcmservo.sim.disturb import Disturbance
+    from rcmservo.sim.rig_file import rig_settings
+
+    if options.rig is not None:
+        with told_with(options.rig):
+            rig_settings(lab)  # reads the sections that only a simulation needs
+    return Job(
+        options.seed,
+        options.duration,
+        options.estimator,
+        options.boxes.servo(options.estimator, lab),
+        lab,
+        folder,
+        options.video,
+        options.frames,
+        tuple(Disturbance.parse(text) for text in options.disturb),
+        options.resumes,
+        options.target,
+        options.save_target,
+    )

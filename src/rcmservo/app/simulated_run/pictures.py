@@ -1,0 +1,66 @@
+"""The pictures of a simulated run: the overlay video as it goes, and the figures of its record."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from rcmservo.app.simulated_run.job import Job
+from rcmservo.figures import charts, plots
+from rcmservo.figures.overlay import draw
+from rcmservo.figures.video import Video
+from rcmservo.interfaces import Frame, Image
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.tick import Tick
+from rcmservo.record.reader import Record
+from rcmservo.record.writer import Recorder
+from rcmservo.sim import RigSettings
+
+
+def video_of(job: Job, settings: RigSettings, stack: ExitStack) -> Video | None:
+    """The overlay video, if it is wanted."""
+    if not job.video:
+        return None
+    video = Video(
+        job.folder / "overlay.mp4", (settings.width, settings.height), settings.timing.frame_rate
+    )
+    stack.callback(video.close)
+    return video
+
+
+def pictures(
+    job: Job, plant: Plant, video: Video | None, recorder: Recorder
+) -> Callable[[Tick], None]:
+    """What to do with every new frame: the overlay video, and the record if it is to hold them."""
+    shown: Frame | None = None
+
+    def picture(tick: Tick) -> None:
+        nonlocal shown
+        frame = plant.frame
+        if frame is None or frame.image is None or frame is shown:
+            return
+        shown = frame
+        if video is not None:
+            video.write(_overlay(frame.image, tick))
+        if job.frames:
+            recorder.write_frame(frame)
+
+    return picture
+
+
+def _overlay(image: Image, tick: Tick) -> Image:
+    state = tick.state
+    words = f"{state.cause.value}\n{tick.time * 1e-9:5.2f} s  {state.phase.value}"
+    if np.isfinite(state.delta).all():
+        s, r, d = np.degrees(state.delta[0]), state.delta[1], state.delta[2]
+        words += f"  ds {s:+.2f} deg  dr {r:+.2f} px  dd {d:+.2f} px"
+    target = np.full((2, 2), np.nan) if state.target is None else state.target.points
+    return draw(image, tick.seen.points, state.o_c, target, words)
+
+
+def draw_figures(record: Record, folder: Path) -> None:
+    """The figures of a run's record, where it came to hold anything to draw."""
+    if np.isfinite(record.ticks["delta"]).any():
+        charts.save(plots.errors(record), folder / "errors.png")
+        charts.save(plots.estimate(record), folder / "estimate.png")

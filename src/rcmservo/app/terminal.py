@@ -1,0 +1,77 @@
+"""How the commands print: text as it is, nothing cropped, and readable where only ASCII is."""
+
+import codecs
+import io
+import os
+import sys
+import unicodedata
+
+from rich.console import Console
+from rich.table import Table
+
+PLAIN = str.maketrans(
+    {
+        "°": " deg",
+        "…": "...",
+        "–": "-",
+        "−": "-",
+        "─": "-",
+        "│": "|",
+        "‖": "|",
+        **dict.fromkeys("╭╮╰╯", "+"),
+    }
+)
+"""What stands for signs that ASCII does not have."""
+
+WIDE = 1000
+"""Columns where nobody looks: in a pipe or a file a line is as long as it is."""
+
+
+def console(stderr: bool = False) -> Console:
+    """Where a command prints. Nothing in a text is taken for markup."""
+    shown = (sys.stderr if stderr else sys.stdout).isatty()
+    width = None if shown or "COLUMNS" in os.environ else WIDE
+    return Console(stderr=stderr, markup=False, highlight=False, emoji=False, width=width)
+
+
+def is_alive(console: Console) -> bool:
+    """Whether a line can be written over, so that what goes on is seen while it does."""
+    return console.is_terminal and not console.is_dumb_terminal
+
+
+def print_plainly() -> None:
+    """From now on, print something that ASCII has for a sign that the output cannot show."""
+    codecs.register_error("plain", _plain)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="plain")
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end].translate(PLAIN)
+    return "".join(map(_letter, text)), error.end
+
+
+def _letter(sign: str) -> str:
+    """A letter without its accents, or the name of a Greek one."""
+    words = unicodedata.name(sign, "").split()
+    if words[:1] == ["GREEK"]:
+        return words[-1].capitalize() if "CAPITAL" in words else words[-1].lower()
+    return unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode() or "?"
+
+
+def result_table(settled: bool, cause: str) -> Table:
+    """The table of a run's result, begun with its verdict. Long words are folded, never cropped."""
+    table = Table(title="settled" if settled else "not settled", show_header=False)
+    table.add_column(overflow="fold")
+    table.add_column(overflow="fold")
+    if cause:
+        table.add_row("cause", cause)
+    return table
+
+
+def unit(value: float | None, name: str, digits: int) -> str:
+    """A number with its unit, or a dash where there is none."""
+    return "–" if value is None else f"{value:.{digits}f} {name}"

@@ -1,0 +1,118 @@
+"""From where on something is a fault, a stall or a blocked way: every number that decides it."""
+
+import math
+from dataclasses import dataclass
+
+from rcmservo.errors import require
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """From where on something is a fault."""
+
+    stale_slow: float = 1.5
+    """Age of the newest frame since it arrived, in frame periods, from which on the tool goes
+    slowly."""
+    stale_hold: float = 3.0
+    """The same for standing still."""
+    first_period: float = 0.1
+    """Time between frames that is expected while only one has been seen, s."""
+    latency: float = 0.1
+    """Longest time from a frame's exposure to the command made of it, s; up to it latency is
+    compensated."""
+
+    silence: float = 0.05
+    """Longest time for which the arm may not answer, s."""
+    following: tuple[float, float, float] = (0.008, 0.008, 0.6)
+    """How far each joint may stand from where its commands should have brought it (rad, rad,
+    mm)."""
+    drive_lag: float = 0.025
+    """Time by which a joint is taken to follow its commanded rate, s."""
+    forget: float = 1.0
+    """Time over which the following error forgets, s: a slow drift is no fault of the drive."""
+    slack: float = 0.005
+    """Share of a joint's range by which it may stand beyond its limit."""
+
+    overrun: float = 0.05
+    """Longest time by which one tick may come late, s."""
+    late_share: float = 0.5
+    """Share of its period by which a tick may come late and still count as in time."""
+    late_ticks: int = 3
+    """Late ticks in a row that are an overrun."""
+
+    jump: float = 3.0
+    """How far a marker may be from where the tool's motion puts it, px, beside the predicted motion
+    itself."""
+    nearest: float = 20.0
+    """How far 1 mm of motion may move a marker in the picture, px, where no estimate tells it
+    better."""
+    comparable: float = 10.0
+    """Motion from one frame to the next up to which the markers' places are foretold, mm. By hand a
+    tool moves further."""
+    rejected: int = 3
+    """Frames in a row that were not believed from which on the tool stops."""
+    rejected_for_good: int = 30
+    """Frames in a row after which what seemed mistaken must be the view itself."""
+
+    telling: float = 0.2
+    """Scaled feature change, as predicted, from which on a motion tells whether the estimate is
+    right."""
+    wrong: float = 0.75
+    """Share of the predicted change by which the measured one may differ, beside ``telling``."""
+    disagreements: int = 5
+    """Judgements in a row against the estimate that spoil it."""
+    largest: float = 30.0
+    """Largest entry of the scaled Ĵ, 1/mm: 30 is 300 px a mm, more than any camera sees."""
+
+    limit_horizon: float = 0.1
+    """A joint blocks the way if it would pass its limit within this time, s,"""
+    limit_share: float = 0.3
+    """and if without it less than this share of the speed is left."""
+
+    stall_error: float = 0.5
+    """A scaled error √(2V) above this that does not fall has stalled."""
+    stall_fall: float = 0.2
+    """It falls if it gets smaller by this"""
+    stall_share: float = 0.02
+    """or by this share of itself"""
+    stall_time: float = 6.0
+    """within this time, s,"""
+    stall_gains: float = 3.0
+    """and within this number of the law's time constants 1/k."""
+
+    def __post_init__(self) -> None:
+        self._require(self.stale_slow >= 1.0, "stale_slow", "at least 1 frame period")
+        above = self.stale_slow <= self.stale_hold < math.inf
+        self._require(above, "stale_hold", "a number of frame periods not below stale_slow")
+        for name in ("latency", "silence", "overrun", "first_period", "drive_lag"):
+            good = 0.0 < getattr(self, name) <= 1.0
+            self._require(good, name, "a time above 0 and at most 1 s")
+        good = len(self.following) == 3 and all(0.0 < value < math.inf for value in self.following)
+        self._require(good, "following", "three positive numbers (rad, rad, mm)")
+        self._require(0.0 < self.jump < math.inf, "jump", "a positive number of px")
+        for name in POSITIVE:
+            self._require(0.0 < getattr(self, name) < math.inf, name, "a positive number")
+        for name in SHARES:
+            self._require(0.0 < getattr(self, name) <= 1.0, name, "a share above 0 and at most 1")
+        for name in COUNTS:
+            good = 1 <= getattr(self, name) <= 1000
+            self._require(good, name, "a whole number from 1 to 1000")
+
+    def _require(self, good: bool, name: str, right: str) -> None:
+        require(good, f"thresholds.{name}", getattr(self, name), right)
+
+
+POSITIVE = (
+    "forget",
+    "nearest",
+    "comparable",
+    "telling",
+    "largest",
+    "limit_horizon",
+    "stall_error",
+    "stall_fall",
+    "stall_time",
+    "stall_gains",
+)
+SHARES = ("slack", "late_share", "wrong", "limit_share", "stall_share")
+COUNTS = ("late_ticks", "rejected", "rejected_for_good", "disagreements")

@@ -1,0 +1,149 @@
+"""The person beside the loop: what may be wanted between two ticks, and what the next tick then
+goes by.
+
+Nothing of it restarts the drive. A changed target or setting holds from the next tick on, and
+begins a new stage in the record.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rcmservo.errors import require
+from rcmservo.guard.states import Request
+from rcmservo.interfaces import Command, Floats, Observation, Target
+from rcmservo.loop.tick import Tick
+from rcmservo.servo.servo import Servo
+
+SETTLE = 200_000_000
+"""ns after the first command to stand still from which on a frame shows a tool that does."""
+
+FIXED = ("mechanism", "tool", "estimator", "imaged_rcm", "rate")
+"""What a servo keeps through a run: what was learnt belongs to these."""
+
+
+@dataclass(frozen=True)
+class Teach:
+    """Wanted: the tool pauses, and what the camera then sees becomes the target.
+
+    The tool stands still until enough frames have shown both markers, or until the person wants
+    something else. Then it stays paused until the person resumes.
+    """
+
+    frames: int = 30
+    """Frames to take the mean of."""
+
+    def __post_init__(self) -> None:
+        require(self.frames >= 1, "frames", self.frames, "a whole number of at least 1 frames")
+
+
+Want = Request | Target | Servo | Teach
+"""What a person may want between two ticks: to pause, resume or clear; another target; other
+settings; or that the target be taught now."""
+
+Operator = Callable[[Tick], Want]
+"""A person beside the loop. It is called after every tick and must answer at once."""
+
+
+@dataclass
+class Showing:
+    """The frames of a target that is being taught in mid-run."""
+
+    frames: int
+    """How many are wanted."""
+    since: int | None = None
+    """When the tool was told to stand still, ns; None while it moves."""
+    points: list[Floats] = field(default_factory=list[Floats])
+    """The markers (2, 2) px in each frame so far."""
+    joints: list[Floats] = field(default_factory=list[Floats])
+    """The joints (3,) beside it."""
+    last: int = -1
+    """Number of the newest frame looked at."""
+
+    def add(self, seen: Observation, command: Command) -> Target | None:
+        """Take what a tick has seen; the target once there are enough frames of it."""
+        if command.rates.any():
+            self.since = None
+        elif self.since is None:
+            self.since = seen.now
+        if self.since is None or seen.frame == self.last:
+            return None
+        self.last = seen.frame
+        if seen.exposure >= self.since + SETTLE and np.isfinite(seen.points).all():
+            self.points.append(seen.points)
+            self.joints.append(seen.q)
+        if len(self.points) < self.frames:
+            return None
+        return Target(np.mean(self.points, axis=0), np.mean(self.joints, axis=0), self.since)
+
+
+class Course:
+    """What the loop goes by: a ``servo``, a ``target``, and what a person asks for (``request``).
+
+    An ``operator`` may change it between two ticks.
+    """
+
+    def __init__(self, servo: Servo, target: Target, operator: Operator | None) -> None:
+        self.servo, self.target, self.request = servo, target, Request.NONE
+        self._operator = operator
+        self._showing: Showing | None = None
+
+    def steer(self, tick: Tick) -> None:
+        """Ask the operator after a tick, and set what the next one goes by."""
+        self.request = Request.NONE
+        if self._operator is None:
+            return
+        want = self._operator(tick)
+        if want is not Request.NONE:
+            self._showing = None
+            self._set(want)
+        if self._showing is not None:
+            self._show(self._showing, tick)
+
+    def _set(self, want: Want) -> None:
+        match want:
+            case Request():
+                self.request = want
+            case Target():
+                self._aim(want)
+            case Servo():
+                self.servo = goes_on(self.servo, want)
+            case Teach():
+                self.request, self._showing = Request.PAUSE, Showing(want.frames)
+            case _:
+                require(False, "operator()", want, "a Request, Target, Servo or Teach")
+
+    def _show(self, showing: Showing, tick: Tick) -> None:
+        target = showing.add(tick.seen, tick.state.command)
+        if target is not None:
+            self._showing = None
+            self._aim(target)
+
+    def _aim(self, target: Target) -> None:
+        """Aim at another target; at the same numbers it aims already."""
+        if not same(target, self.target):
+            self.target = target
+
+
+def same(one: Target, other: Target) -> bool:
+    """Whether two targets are the same, down to the bits."""
+    return (
+        one.points.tobytes() == other.points.tobytes()
+        and one.q.tobytes() == other.q.tobytes()
+        and one.shown == other.shown
+    )
+
+
+def goes_on(before: Servo, after: Servo) -> Servo:
+    """The servo with other settings, where what was learnt stays of use; BadInput where not."""
+    for name in FIXED:
+        value = getattr(after, name)
+        kept = getattr(before, name)
+        require(
+            value is kept or value == kept,
+            f"servo.{name}",
+            value,
+            "the same through a run: begin another run for that",
+        )
+    return after

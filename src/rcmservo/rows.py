@@ -1,0 +1,113 @@
+"""Rows of numbers with names: what compiled functions read and write, and what a batch holds.
+
+A class that derives from `Row` declares its fields once, each with shape, unit and meaning:
+
+    class Estimate(Row):
+        o_c: Floats = reals(2, "px", "where the camera sees the RCM")
+        condition: float = real("", "condition number of the scaled Ĵ")
+
+Its numbers lie in a NumPy array of such rows. A compiled function takes the array and reads
+`rows[0].o_c`; a batch is a longer array. Outside of compiled functions `Estimate(rows).o_c` is the
+same number or a view of it.
+"""
+
+from dataclasses import fields
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar, cast, get_type_hints
+
+import numpy as np
+from numba.core import config as numba_config
+from numpy.typing import NDArray
+
+Kind_co = TypeVar("Kind_co", covariant=True)
+Settings = TypeVar("Settings")
+
+
+CODES = {int: "i8", bool: "?"}
+"""How fields that are no real numbers are kept."""
+
+
+def _dtype(layout: np.dtype[Any]) -> np.dtype[Any]:
+    """The layout for compiled functions, or for the same functions as plain Python."""
+    plain = bool(cast(Any, numba_config).DISABLE_JIT)
+    return np.dtype((np.record, layout)) if plain else layout
+
+
+class Rows(Protocol, Generic[Kind_co]):
+    """An array of rows, as a compiled function sees it."""
+
+    def __getitem__(self, index: int, /) -> Kind_co: ...
+
+    def copy(self) -> Self: ...
+
+
+class Field:
+    """One number or array of a row: its shape (empty for a number), unit and meaning."""
+
+    def __init__(self, code: str, shape: tuple[int, ...], unit: str, meaning: str) -> None:
+        self.code, self.shape, self.unit, self.meaning = code, shape, unit, meaning
+        self.name = ""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, row: Any, owner: type) -> Any:
+        if row is None:
+            return self
+        value = row.rows[self.name][0]
+        return value if self.shape else value.item()
+
+
+def real(unit: str, meaning: str) -> Any:
+    """A number."""
+    return Field("f8", (), unit, meaning)
+
+
+def reals(shape: int | tuple[int, ...], unit: str, meaning: str) -> Any:
+    """An array of numbers."""
+    return Field("f8", (shape,) if isinstance(shape, int) else shape, unit, meaning)
+
+
+def whole(unit: str, meaning: str) -> Any:
+    """A whole number."""
+    return Field("i8", (), unit, meaning)
+
+
+def flag(meaning: str) -> Any:
+    """True or False."""
+    return Field("?", (), "", meaning)
+
+
+class Row:
+    """One row of numbers with names; ``rows`` is the array, of length 1, that holds it."""
+
+    fields: ClassVar[tuple[Field, ...]]
+    dtype: ClassVar[np.dtype[Any]]
+
+    def __init_subclass__(cls) -> None:
+        cls.fields = tuple(value for value in vars(cls).values() if isinstance(value, Field))
+        layout = np.dtype([(field.name, field.code, field.shape) for field in cls.fields])
+        cls.dtype = _dtype(layout)
+
+    def __init__(self, rows: Rows[Self]) -> None:
+        self.rows = rows
+
+    @classmethod
+    def of(cls, **numbers: Any) -> Self:
+        """A row with these numbers; zeros where none is given."""
+        table: NDArray[Any] = np.zeros(1, cls.dtype)
+        for name, value in numbers.items():
+            table[name] = value
+        return cls(cast(Any, table))
+
+
+def as_row(settings: Settings) -> Rows[Settings]:
+    """A settings dataclass of numbers as an array of one row, its fields under their own names."""
+    hints = get_type_hints(type(settings))
+    table = {one.name: getattr(settings, one.name) for one in fields(cast(Any, settings))}
+    layout = np.dtype(
+        [(name, CODES.get(hints[name], "f8"), np.shape(value)) for name, value in table.items()]
+    )
+    rows: NDArray[Any] = np.zeros(1, _dtype(layout))
+    for name, value in table.items():
+        rows[name] = value
+    return cast(Any, rows)

@@ -1,0 +1,74 @@
+"""Faults of the arm: blocked and reversed axes, wrong encoders, silence, the emergency stop."""
+
+import numpy as np
+
+from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.sim.arm import SimulatedArm
+from rcmservo.sim.disturb.schedule import Event, Schedule
+
+GAINS = {"axis_stuck": 0.0, "axis_reversed": -1.0}
+"""What a motor makes of its rate. For the kind `gain` that is a parameter."""
+
+
+class DisturbedArm:
+    """An arm as the software sees it, before the true `arm`, whose drives have the faults."""
+
+    def __init__(self, arm: SimulatedArm, schedule: Schedule) -> None:
+        self.arm, self.schedule = arm, schedule
+        self._answer = arm.measure()
+        self._applied = np.zeros(3)
+        self._overrun: set[Event] = set()
+        self._turned: dict[Event, float] = {}
+        arm.before_step = self._suffer
+
+    @property
+    def q_true(self) -> Floats:
+        """The joints (3,) as they are."""
+        return self.arm.q_true
+
+    def enable(self) -> None:
+        """Switch the drives on, at rest, unless the arm hears nothing."""
+        if not self._is("arm_silent"):
+            self.arm.enable()
+
+    def measure(self) -> Measured:
+        """What the arm tells; while it is silent, its last answer."""
+        if not self._is("arm_silent"):
+            time, q, enabled = self.arm.measure()
+            self._answer = Measured(time, self._counted(q), enabled)
+        return self._answer
+
+    def apply(self, command: Command) -> Floats:
+        """Pass a command on, later than it should be in a tick that overruns."""
+        for event in self.schedule.begun(self.arm.time, "overrun"):
+            if event not in self._overrun:
+                self._overrun.add(event)
+                self.arm.advance_until(self.arm.time + round(event.end - event.start))
+        if not self._is("arm_silent") and not self.schedule.killed:
+            self._applied = self.arm.apply(command)
+        return self._applied
+
+    def _is(self, kind: str) -> bool:
+        return any(self.schedule.acting(self.arm.time, kind))
+
+    def _suffer(self) -> None:
+        """Give the true arm its faults, before each step of the physics."""
+        self.arm.gains[:] = 1.0
+        for event in self.schedule.acting(self.arm.time, "axis_stuck", "axis_reversed", "gain"):
+            fixed = GAINS.get(event.kind)
+            self.arm.gains[event.axis] *= event.number("factor") if fixed is None else fixed
+        if self._is("drive_off"):
+            self.arm.watchdog.disable()
+
+    def _counted(self, q: Floats) -> Floats:
+        """The joints (3,) as wrong encoders count them."""
+        q = q.copy()
+        for event in self.schedule.acting(self.arm.time, "encoder_reversed"):
+            turned = self._turned.setdefault(event, self.arm.joints_at(event.start)[event.axis])
+            q[event.axis] = 2.0 * turned - q[event.axis]
+        for event in self.schedule.acting(self.arm.time, "encoder_zero"):
+            offset = event.number("offset")
+            q[event.axis] += offset if event.axis == 2 else np.radians(offset)
+        for event in self.schedule.acting(self.arm.time, "encoder_nan"):
+            q[event.axis] = np.nan
+        return q

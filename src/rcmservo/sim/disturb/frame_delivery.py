@@ -1,0 +1,72 @@
+"""How frames come from the camera: late, again, out of order, damaged, or never."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+from rcmservo.interfaces import Camera, Frame
+from rcmservo.sim.disturb.frame_damage import damaged
+from rcmservo.sim.disturb.schedule import Schedule
+
+OVERTAKEN = 5_000_000
+"""ns by which a frame comes after the one that has overtaken it."""
+
+
+class Delivery:
+    """A camera with a bad connection. What happens to a frame is decided when it would arrive."""
+
+    def __init__(self, camera: Camera, now: Callable[[], int], schedule: Schedule) -> None:
+        self.camera, self.now, self.schedule = camera, now, schedule
+        self._raw: Frame | None = None
+        self._frame: Frame | None = None
+        self._again: Frame | None = None
+        self._held: Frame | None = None
+        self._coming: deque[tuple[int, Frame]] = deque()
+
+    def latest(self) -> Frame | None:
+        raw = self.camera.latest()
+        if raw is not None and raw is not self._raw:
+            self._raw = raw
+            self._pass(raw)
+        while self._coming and self._coming[0][0] <= self.now():
+            self._frame = self._coming.popleft()[1]
+        return self._frame
+
+    def _pass(self, frame: Frame) -> None:
+        """Decide what becomes of a frame, and when it comes."""
+        time = frame.arrival
+        if self._lost(time):
+            return
+        if any(self.schedule.acting(time, "repeat")) and self._again is not None:
+            frame = replace(self._again, arrival=time)
+        self._again = frame
+        for event in self.schedule.acting(time, "corrupt"):
+            frame = damaged(frame, str(event.disturbance.parameters["what"]), event.random)
+        if any(self.schedule.acting(time, "shuffle")) and self._held is None:
+            self._held = frame
+            return
+        self._send(frame, time)
+        if self._held is not None:
+            self._send(self._held, time + OVERTAKEN)
+            self._held = None
+
+    def _lost(self, time: int) -> bool:
+        drawn = [
+            event.random.uniform() < event.number("share")
+            for event in self.schedule.acting(time, "frame_drop")
+        ]
+        return any(drawn) or any(self.schedule.acting(time, "stuck"))
+
+    def _send(self, frame: Frame, time: int) -> None:
+        """Send a frame on its way at `time` ns. No frame overtakes another one.
+
+        Its stamps are those of the camera's clock.
+        """
+        late = 0.0
+        for event in self.schedule.acting(time, "latency", "delay"):
+            late += event.number("s") * (event.random.uniform() if event.kind == "delay" else 1.0)
+        arrival = max(time + round(late * 1e9), self._coming[-1][0] if self._coming else 0)
+        steps = self.schedule.acting(time, "clock_step")
+        wrong = sum(round(event.number("s") * 1e9) for event in steps)
+        frame = replace(frame, exposure=frame.exposure + wrong, arrival=arrival + wrong)
+        self._coming.append((arrival, frame))

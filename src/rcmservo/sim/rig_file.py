@@ -1,0 +1,74 @@
+"""The parts of a rig file that only a simulation reads: [camera], [drive], [look] and [scene]."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from rcmservo.config.rig_file import Lab, build
+from rcmservo.errors import require
+from rcmservo.sim import Look
+from rcmservo.sim.arm import Drive
+from rcmservo.sim.cameras import Timing
+from rcmservo.sim.rig import RigSettings
+from rcmservo.sim.scene import SceneSettings
+
+PAINTS: dict[str, tuple[float, float, float]] = {
+    "red": (40.0, 35.0, 215.0),
+    "green": (60.0, 185.0, 30.0),
+    "blue": (205.0, 80.0, 25.0),
+    "yellow": (30.0, 200.0, 210.0),
+    "cyan": (200.0, 185.0, 30.0),
+    "magenta": (190.0, 40.0, 200.0),
+    "bright": (235.0, 235.0, 235.0),
+}
+"""Paint (blue, green, red) of a simulated ball by the colour that the tracker looks for."""
+
+
+@dataclass(frozen=True)
+class CameraSection:
+    """[camera] of a rig file."""
+
+    width: int = 640
+    """Of the picture, px."""
+    height: int = 480
+    """Of the picture, px."""
+    frame_rate: float = 60.0
+    """Frames a second."""
+    exposure: float = 0.004
+    """s for which a frame is exposed."""
+    delay: float = 0.02
+    """s from the end of the exposure to the frame's arrival."""
+    point_noise: float = 0.3
+    """px, root mean square, of a camera that delivers points."""
+
+
+def rig_settings(lab: Lab) -> RigSettings:
+    """The simulated laboratory of a rig file's [camera], [drive], [look] and [scene]."""
+    camera = build(CameraSection, lab.simulation.get("camera", {}), "camera")
+    paint, table = _paint(lab), lab.simulation.get("look", {})
+    for key in paint:
+        require(
+            key not in table,
+            f"look.{key}",
+            table.get(key),
+            "left out: [markers] tells radii and colours",
+        )
+    look = build(Look, {**table, **paint}, "look")
+    return RigSettings(
+        mechanism=lab.mechanism,
+        tool=lab.tool,
+        drive=build(Drive, lab.simulation.get("drive", {}), "drive"),
+        timing=Timing(camera.frame_rate, camera.exposure, camera.delay),
+        look=look,
+        scene=build(SceneSettings, lab.simulation.get("scene", {}), "scene"),
+        width=camera.width,
+        height=camera.height,
+        point_noise=camera.point_noise,
+    )
+
+
+def _paint(lab: Lab) -> dict[str, Any]:
+    markers = lab.markers
+    return {
+        "marker_radii": (markers.radius_1, markers.radius_2),
+        "marker_colours": (PAINTS[markers.colour_1], PAINTS[markers.colour_2]),
+    }

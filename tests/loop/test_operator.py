@@ -1,0 +1,186 @@
+"""The person beside the loop: what is wanted between two ticks holds from the next one on, and the
+record tells it."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rcmservo as rs
+from conftest import Laboratory, laboratory
+from rcmservo.loop.operator import Teach, Want
+from rcmservo.record import reader
+from rcmservo.record.recompute import recompute
+from rcmservo.record.writer import Recorder, ThreadedRecorder
+
+
+class Scripted:
+    """An operator that wants things at given ticks."""
+
+    def __init__(self, wants: dict[int, Want]) -> None:
+        self.wants, self.tick = wants, -1
+
+    def __call__(self, tick: rs.Tick) -> Want:
+        self.tick += 1
+        return self.wants.get(self.tick, rs.Request.NONE)
+
+
+class Counting:
+    """An arm that counts how often it is switched on."""
+
+    def __init__(self, arm: rs.Arm) -> None:
+        self.arm, self.enabled = arm, 0
+        self.measure, self.apply = arm.measure, arm.apply
+
+    def enable(self) -> None:
+        self.enabled += 1
+        self.arm.enable()
+
+
+def elsewhere(lab: Laboratory) -> rs.Target:
+    """Another target, half-way to the first."""
+    scene = lab.rig.scene
+    lab.rig.place((scene.start + scene.target) / 2.0)
+    target = rs.teach(lab.plant, frames=5)
+    lab.rig.go_home()
+    return target
+
+
+def ticks_of(lab: Laboratory, servo: rs.Servo, seconds: float, wants: Any) -> Iterator[rs.Tick]:
+    return rs.run(lab.plant, servo, lab.target, seconds, operator=Scripted(wants))
+
+
+def slower(servo: rs.Servo) -> rs.Servo:
+    return replace(servo, controller=rs.SaturatedController(gain=0.7))
+
+
+def directly(path: Path) -> Recorder:
+    return Recorder(path, {})
+
+
+def in_a_thread(path: Path) -> ThreadedRecorder:
+    return ThreadedRecorder(Recorder(path, {}))
+
+
+@pytest.mark.parametrize("opened", [directly, in_a_thread])
+def test_teaching_retargeting_and_other_settings_in_mid_run_are_stages_that_come_out_bit_for_bit(
+    opened: Callable[[Path], Any], tmp_path: Path
+) -> None:
+    lab = laboratory()
+    servo, other = lab.servo(), elsewhere(lab)
+    lab.plant.arm = arm = Counting(lab.plant.arm)
+    wants = {
+        250: slower(servo),
+        350: other,
+        450: Teach(frames=5),
+        560: rs.Request.RESUME,
+        620: servo,
+        640: lab.target,
+    }
+    with opened(tmp_path / reader.RECORD) as recorder:
+        recorder.begin(servo, lab.target)
+        ticks = []
+        for tick in ticks_of(lab, servo, 8.0, wants):
+            recorder.write(tick)
+            ticks.append(tick)
+    again = recompute(tmp_path)
+    stages = again.then.stages
+    assert again.same, again.words
+    assert [stage.origin for stage in stages] == [-1, 0, 1, 2, 3, 4]
+    assert [stage.mid_run for stage in stages] == [False] + [True] * 5
+    taught = stages[3].first
+    assert [stage.first for stage in stages] == [0, 251, 351, taught, 621, 641]
+    assert 450 < taught < 560
+    assert arm.enabled == 1 and again.then.ticks["enabled"].all()
+    assert again.then.phase[taught] == "PAUSED" and again.then.phase[-1] == "SERVO"
+    assert again.then.words["request"][451] == "PAUSE"
+    at = [stage.servo["controller"]["gain"] for stage in stages]
+    assert at == [servo.controller.gain, *[0.7] * 3, *[servo.controller.gain] * 2]
+    assert np.abs(ticks[-1].state.delta / (0.02, 1.5, 1.5)).max() < 1.0
+
+
+def test_a_changed_gain_holds_from_the_next_tick_on() -> None:
+    lab = laboratory()
+    servo = lab.servo()
+    plain = list(ticks_of(lab, servo, 4.0, {}))
+    lab = laboratory()
+    changed = list(ticks_of(lab, servo, 4.0, {215: slower(servo)}))
+    speeds = [[np.linalg.norm(tick.state.v) for tick in ticks] for ticks in (plain, changed)]
+    assert plain[215].state.phase is rs.Phase.SERVO
+    assert speeds[0][:216] == speeds[1][:216] and speeds[1][216] < 0.7 * speeds[0][216]
+
+
+def test_a_taught_target_is_what_a_tool_that_stands_still_shows() -> None:
+    lab = laboratory()
+    taught, moved = None, []
+    for tick in ticks_of(lab, lab.servo(), 3.0, {200: Teach(frames=8)}):
+        if tick.state.target is not lab.target:
+            taught = tick.state.target
+            moved.append(tick.state.command.rates.any())
+            assert np.allclose(tick.seen.points, taught.points, atol=1.5)
+            assert np.allclose(tick.seen.q, taught.q, atol=1e-3)
+    assert taught is not None and not any(moved) and len(moved) > 50
+    assert taught.shown > lab.target.shown
+
+
+def test_teaching_ends_where_the_person_wants_something_else() -> None:
+    lab = laboratory()
+    wants = {200: Teach(frames=30), 215: rs.Request.RESUME}
+    *_, last = ticks_of(lab, lab.servo(), 4.0, wants)
+    assert last.state.target is lab.target and last.state.phase is rs.Phase.SERVO
+
+
+def test_teaching_waits_for_frames_that_show_both_markers() -> None:
+    lab = laboratory()
+    find, hidden = lab.plant.tracker.find, [True]
+
+    def blinking(frame: rs.Frame) -> rs.Markers:
+        found = find(frame)
+        points = np.array([found.points[0], [np.nan, np.nan]])
+        return replace(found, points=points) if hidden[0] else found
+
+    targets = []
+    for k, tick in enumerate(ticks_of(lab, lab.servo(), 5.0, {200: Teach(frames=5)})):
+        if k == 200:
+            lab.plant.tracker.find = blinking
+        hidden[0] = k < 400
+        targets.append(tick.state.target)
+    assert all(target is lab.target for target in targets[:401])
+    assert targets[-1] is not lab.target and np.isfinite(targets[-1].points).all()
+
+
+def test_the_same_target_once_more_is_no_change(tmp_path: Path) -> None:
+    lab = laboratory()
+    servo = lab.servo()
+    with Recorder(tmp_path / reader.RECORD, {}) as recorder:
+        recorder.begin(servo, lab.target)
+        for tick in ticks_of(lab, servo, 2.5, {200: replace(lab.target)}):
+            recorder.write(tick)
+    assert len(reader.read(tmp_path).stages) == 1
+    assert recompute(tmp_path).same
+
+
+def test_a_servo_that_cannot_go_on_with_what_was_learnt_is_refused_and_the_arm_rests() -> None:
+    lab = laboratory()
+    servo = lab.servo()
+    for change in (
+        {"estimator": rs.FlowEstimator()},
+        {"tool": rs.RigidTool(spacing=31.0)},
+        {"mechanism": rs.PitchYawRcm()},
+        {"imaged_rcm": rs.ImagedRcm(lines=20)},
+        {"rate": 50.0},
+    ):
+        with pytest.raises(rs.BadInput, match=rf"servo\.{next(iter(change))} must be the same"):
+            list(ticks_of(lab, servo, 2.0, {5: replace(servo, **change)}))
+        assert not lab.rig.arm.measure().enabled
+
+
+@pytest.mark.parametrize("answer", [None, "resume", True, [rs.Request.RESUME]])
+def test_an_operator_that_answers_something_else_is_told_so_in_one_sentence(answer: Any) -> None:
+    lab = laboratory()
+    with pytest.raises(rs.BadInput, match=r"operator\(\) must be a Request, Target, Servo or Tea"):
+        list(ticks_of(lab, lab.servo(), 1.0, {3: answer}))
+    assert not lab.rig.arm.measure().enabled

@@ -1,0 +1,168 @@
+"""A device that answers otherwise than its Protocol says is told so at its first call, in one
+sentence."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rcmservo as rs
+from conftest import Laboratory, laboratory
+from rcmservo.loop.plant import ENABLE_TIME, NotEnabled
+from rcmservo.tracking import PointMarkers
+
+READ_ONLY = np.zeros(3)
+READ_ONLY.flags.writeable = False
+
+
+class OddArm:
+    """The simulated arm, but for what a test has it answer."""
+
+    def __init__(self, lab: Laboratory, **answers: Any) -> None:
+        self.arm, self.answers, self.calls = lab.rig.arm, answers, 0
+
+    def enable(self) -> None:
+        self.arm.enable()
+
+    def measure(self) -> Any:
+        return self.answers.get("measure", self.arm.measure())
+
+    def apply(self, command: rs.Command) -> Any:
+        taken = self.arm.apply(command)
+        return self.answers.get("apply", taken)
+
+
+class OddCamera:
+    def __init__(self, answer: Any) -> None:
+        self.answer = answer
+
+    def latest(self) -> Any:
+        return self.answer
+
+
+class OddTracker:
+    def __init__(self, answer: Any) -> None:
+        self.answer = answer
+
+    def find(self, frame: rs.Frame) -> Any:
+        return self.answer
+
+    def reset(self) -> None:
+        pass
+
+
+def refused(lab: Laboratory) -> str:
+    """What a run on the laboratory's plant is refused with; nothing has moved, and the drive is
+    off."""
+    before = lab.rig.arm.q_true
+    with pytest.raises(rs.BadInput) as error:
+        list(rs.run(lab.plant, lab.servo(), lab.target, 1.0))
+    assert not lab.rig.arm.measure().enabled
+    np.testing.assert_allclose(lab.rig.arm.q_true, before, atol=1e-9)
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        None,
+        [0, np.zeros(3), True],
+        (0, [0.0, 0.0, 0.0], True),
+        (0, np.zeros(3, dtype=np.float32), True),
+        (0, np.zeros(2), True),
+        (0, READ_ONLY, True),
+        (0.5, np.zeros(3), True),
+        (0, np.zeros(3), 1),
+    ],
+)
+def test_an_arm_that_measures_something_else(answer: Any) -> None:
+    lab = laboratory()
+    lab.plant = rs.Plant(OddArm(lab, measure=answer), lab.rig.camera, PointMarkers(), lab.rig.clock)
+    said = refused(lab)
+    assert said.startswith("OddArm.measure() must be Measured(time in whole ns, q as a writable")
+    assert said.endswith(f"got {answer!r}")
+
+
+@pytest.mark.parametrize("answer", [None, [0.0, 0.0, 0.0], np.zeros(2), READ_ONLY])
+def test_an_arm_that_applies_something_else(answer: Any) -> None:
+    lab = laboratory()
+    lab.plant = rs.Plant(OddArm(lab, apply=answer), lab.rig.camera, PointMarkers(), lab.rig.clock)
+    said = refused(lab)
+    assert said.startswith("OddArm.apply() must be the joint rates it takes, a writable float64")
+
+
+@pytest.mark.parametrize(
+    "answer", [[], np.zeros((480, 640, 3), np.uint8), rs.Frame(0, 0.5, 1), rs.Frame(None, 0, 1)]
+)
+def test_a_camera_that_gives_something_else(answer: Any) -> None:
+    lab = laboratory()
+    lab.plant = rs.Plant(lab.rig.arm, OddCamera(answer), PointMarkers(), lab.rig.clock)
+    said = refused(lab)
+    assert said.startswith("OddCamera.latest() must be a Frame with its number and times as whole")
+
+
+@pytest.mark.parametrize(
+    "answer", [None, [], np.zeros((2, 2)), rs.Markers([[0, 0], [1, 1]], np.ones(2), np.ones(2))]
+)
+def test_a_tracker_that_finds_something_else(answer: Any) -> None:
+    lab = laboratory()
+    lab.plant = rs.Plant(lab.rig.arm, lab.rig.camera, OddTracker(answer), lab.rig.clock)
+    said = refused(lab)
+    assert said.startswith("OddTracker.find() must be Markers with points as a writable float64")
+
+
+class LateArm(OddArm):
+    """Its drive is told to be on only some time after it was switched on."""
+
+    late = 0.0
+
+    def enable(self) -> None:
+        self.since = self.arm.measure().time
+
+    def measure(self) -> Any:
+        measured = self.arm.measure()
+        if not measured.enabled and measured.time - self.since >= self.late * 1e9:
+            self.arm.enable()
+        return self.arm.measure()
+
+
+@pytest.mark.parametrize("late", [0.1, 0.9 * ENABLE_TIME])
+def test_a_drive_that_comes_on_late_is_waited_for(late: float) -> None:
+    lab = laboratory()
+    arm = LateArm(lab)
+    arm.late, arm.since = late, 10**18
+    lab.plant = rs.Plant(arm, lab.rig.camera, PointMarkers(), lab.rig.clock)
+    *_, last = rs.run(lab.plant, lab.servo(), lab.target, 3.0)
+    assert last.state.phase is rs.Phase.SERVO
+
+
+def test_a_drive_that_does_not_come_on_in_time_is_told_in_one_sentence_and_left_off() -> None:
+    lab = laboratory()
+    arm = LateArm(lab)
+    arm.late, arm.since = ENABLE_TIME + 0.5, 10**18
+    lab.plant = rs.Plant(arm, lab.rig.camera, PointMarkers(), lab.rig.clock)
+    with pytest.raises(NotEnabled, match=r"LateArm\.measure\(\) must tell enabled = True within 2"):
+        list(rs.run(lab.plant, lab.servo(), lab.target, 3.0))
+    assert not lab.rig.arm.measure().enabled
+
+
+def test_only_the_first_answer_is_looked_at() -> None:
+    lab = laboratory()
+    arm = OddArm(lab)
+    lab.plant = rs.Plant(arm, lab.rig.camera, PointMarkers(), lab.rig.clock)
+    ticks = rs.run(lab.plant, lab.servo(), lab.target, 1.0)
+    next(ticks)
+    time, q, _ = arm.arm.measure()
+    arm.answers = {"measure": (np.float64(time), q, np.True_)}
+    next(ticks)
+    ticks.close()
+
+
+def test_a_frame_without_a_picture_is_a_damaged_frame_and_not_a_wrong_camera() -> None:
+    lab = laboratory()
+    lab.plant.tracker = rs.tracking.ColourMarkers()
+    frame = replace(lab.rig.camera.latest(), points=None)
+    lab.plant.camera = OddCamera(frame)
+    *_, last = rs.run(lab.plant, lab.servo(), lab.target, 0.2)
+    assert last.seen.frame == -1

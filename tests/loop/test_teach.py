@@ -1,0 +1,155 @@
+"""A target that cannot be taught says why: the camera, its clock, the light, or which marker."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from conftest import Laboratory, laboratory
+from rcmservo.interfaces import Frame, Image, Markers, Tracker
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.teach import NotShown, teach
+from rcmservo.tracking import ColourMarkers, MarkerLook, PointMarkers
+
+LOOK = MarkerLook("green", "blue", 3.5, 3.5)
+GROUND = (70, 80, 120)
+PAINT = {"green": (40, 190, 50), "blue": (215, 80, 30), "red": (40, 30, 210)}
+GREEN, BLUE = ("green", 80.0, 100.0, 14.0), ("blue", 200.0, 120.0, 14.0)
+S = 1_000_000_000
+
+Change = Callable[[Frame], Frame | None]
+
+
+class Changed:
+    """The laboratory's camera, with something done to every frame."""
+
+    def __init__(self, lab: Laboratory, change: Change) -> None:
+        self._camera, self._change = lab.rig.camera, change
+        self._taken: Frame | None = None
+        self._shown: Frame | None = None
+
+    def latest(self) -> Frame | None:
+        frame = self._camera.latest()
+        if frame is not self._taken:
+            self._taken = frame
+            self._shown = None if frame is None else self._change(frame)
+        return self._shown
+
+
+def picture(*balls: tuple[str, float, float, float]) -> Image:
+    """Balls of a colour at (u, v) with a radius, on a plain ground."""
+    image = np.full((240, 320, 3), GROUND, dtype=np.uint8)
+    v, u = np.mgrid[:240, :320]
+    for colour, x, y, radius in balls:
+        image[(u - x) ** 2 + (v - y) ** 2 < radius**2] = PAINT[colour]
+    return image
+
+
+def reason(change: Change, tracker: Tracker | None = None) -> str:
+    """What teaching says of a camera whose frames are changed."""
+    lab = laboratory()
+    plant = Plant(lab.rig.arm, Changed(lab, change), tracker or PointMarkers(), lab.rig.clock)
+    with pytest.raises(NotShown) as caught:
+        teach(plant)
+    start, _, why = str(caught.value).partition(": ")
+    assert start == "the target cannot be taught" and "\n" not in why
+    return why
+
+
+def reason_of(image: Image, look: MarkerLook = LOOK) -> str:
+    """What teaching says of a camera that shows always the same picture."""
+    return reason(lambda frame: replace(frame, points=None, image=image), ColourMarkers(look))
+
+
+def test_two_balls_that_are_shown_are_taught() -> None:
+    image, lab = picture(GREEN, BLUE), laboratory()
+    camera = Changed(lab, lambda frame: replace(frame, points=None, image=image))
+    target = teach(Plant(lab.rig.arm, camera, ColourMarkers(LOOK), lab.rig.clock))
+    np.testing.assert_allclose(target.points, [[80.0, 100.0], [200.0, 120.0]], atol=0.3)
+
+
+def test_a_camera_that_sends_nothing_is_told() -> None:
+    assert reason(lambda frame: None) == "no frame has come from the camera for 2.0 s"
+
+
+def test_a_camera_that_falls_silent_is_told_and_not_the_markers() -> None:
+    began: list[int] = []
+
+    def change(frame: Frame) -> Frame | None:
+        began.append(frame.exposure)
+        blind = replace(frame, points=np.full((2, 2), np.nan))
+        return blind if frame.exposure < began[0] + S else None
+
+    why = reason(change)
+    assert why.startswith("no frame has come from the camera for") and why.endswith(" s")
+
+
+@pytest.mark.parametrize(("ahead", "age"), [(10 * S, "-"), (-10 * S, "10.0")])
+def test_a_wrong_clock_is_told_with_the_age_of_its_frames(ahead: int, age: str) -> None:
+    why = reason(lambda frame: replace(frame, exposure=frame.exposure + ahead))
+    assert why.startswith(f"frames bear times that cannot be right: the newest is {age}")
+    assert why.endswith("s old, which must be from 0 to 2 s")
+
+
+def test_pictures_of_another_kind_are_told() -> None:
+    assert "frame.image must be a (height, width, 3) uint8 picture" in reason_of(
+        np.zeros((240, 320), dtype=np.uint8)
+    )
+
+
+def test_a_grey_picture_and_a_dark_one_are_told() -> None:
+    colours = picture(GREEN, BLUE)
+    grey = np.repeat(colours.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
+    assert reason_of(grey) == "the picture is grey, and the markers are known by their colours"
+    assert reason_of((colours * 0.05).astype(np.uint8)) == "the picture is dark"
+
+
+@pytest.mark.parametrize(
+    ("balls", "why"),
+    [
+        ((BLUE,), "no green ball (marker 1)"),
+        ((GREEN,), "no blue ball (marker 2)"),
+        ((), "no green ball (marker 1) and no blue ball (marker 2)"),
+        ((GREEN, ("blue", 318.0, 120.0, 14.0)), "no blue ball (marker 2)"),
+    ],
+)
+def test_a_marker_that_is_not_in_the_picture_is_named(
+    balls: tuple[tuple[str, float, float, float], ...], why: str
+) -> None:
+    assert reason_of(picture(("red", 30.0, 30.0, 9.0), *balls)) == f"the picture shows {why} whole"
+
+
+def test_of_two_alike_it_is_told_how_many_are_seen() -> None:
+    look = MarkerLook("red", "red", 12.0, 10.0)
+    one = picture(("red", 80.0, 100.0, 18.0))
+    assert reason_of(one, look) == "of two red balls the picture shows 1 whole"
+
+
+def test_balls_whose_sizes_do_not_fit_are_told_with_their_sizes() -> None:
+    why = reason_of(picture(("green", 80.0, 100.0, 40.0), BLUE))
+    assert why == (
+        "the green and the blue ball have radii of 40 and 14 px, "
+        "which do not fit radius_1 3.5 mm and radius_2 3.5 mm"
+    )
+
+
+def test_a_camera_of_points_tells_which_marker_it_lost() -> None:
+    def without_second(frame: Frame) -> Frame:
+        assert frame.points is not None
+        return replace(frame, points=np.array([frame.points[0], [np.nan, np.nan]]))
+
+    assert reason(without_second) == "the camera does not see marker 2"
+
+
+def test_a_tracker_that_cannot_tell_gets_a_general_word() -> None:
+    class Blind:
+        def find(self, frame: Frame) -> Markers:
+            return Markers(np.full((2, 2), np.nan), np.full(2, np.nan), np.zeros(2))
+
+        def reset(self) -> None:
+            pass
+
+    assert reason(lambda frame: frame, Blind()) == (
+        "both markers must be in the picture while it is shown"
+    )
