@@ -2,93 +2,22 @@
 camera."""
 
 import importlib
-from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-from rcmservo.errors import BadInput, RcmServoError, UnusableFile
-from rcmservo.guard.gate import Gate
-from rcmservo.guard.states import Action, Cause, Mode, Phase, Request
-from rcmservo.guard.thresholds import Thresholds
-from rcmservo.interfaces import (
-    Arm,
-    Camera,
-    Clock,
-    Command,
-    Frame,
-    Markers,
-    Measured,
-    Observation,
-    Target,
-    Tracker,
-)
-from rcmservo.loop.clock import WallClock, ticks
-from rcmservo.loop.operator import Operator, Teach
-from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import run
-from rcmservo.loop.teach import teach
-from rcmservo.loop.tick import Tick
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.estimators.broyden import BroydenEstimator
-from rcmservo.method.estimators.flow import FlowEstimator
-from rcmservo.method.estimators.projection import ProjectionEstimator
-from rcmservo.method.exploration import Exploration
-from rcmservo.method.imaged_rcm import ImagedRcm
-from rcmservo.method.kinematics import JointLimits, PitchYawRcm, SphericalRcm
-from rcmservo.method.tool import RigidTool, ScaledTool
-from rcmservo.servo.servo import Servo, State
+if TYPE_CHECKING:
+    from rcmservo.public import *  # noqa: F403
 
 __version__ = "0.2.0"
 
-__all__ = [
-    "Action",
-    "Arm",
-    "BadInput",
-    "BroydenEstimator",
-    "Camera",
-    "Cause",
-    "Clock",
-    "Command",
-    "Estimator",
-    "Exploration",
-    "FlowEstimator",
-    "Frame",
-    "Gate",
-    "ImagedRcm",
-    "JointLimits",
-    "Markers",
-    "Measured",
-    "Mode",
-    "Observation",
-    "Operator",
-    "Phase",
-    "PitchYawRcm",
-    "Plant",
-    "ProjectionEstimator",
-    "RcmServoError",
-    "Request",
-    "RigidTool",
-    "Sample",
-    "SaturatedController",
-    "ScaledTool",
-    "Servo",
-    "SphericalRcm",
-    "State",
-    "Target",
-    "Teach",
-    "Thresholds",
-    "Tick",
-    "Tracker",
-    "UnusableFile",
-    "WallClock",
-    "run",
-    "teach",
-    "ticks",
-]
+FOLDERS = "sim", "tracking"
+"""Offered as they are; they need MuJoCo and OpenCV, which the core does not."""
 
 
-def __getattr__(name: str) -> ModuleType:
-    """Load `rcmservo.sim` and `rcmservo.tracking` on first use: the core needs neither MuJoCo nor
-    OpenCV."""
-    if name in ("sim", "tracking"):
+def __getattr__(name: str) -> Any:
+    """Load a public name on its first use, so that the command line starts at once."""
+    if name in FOLDERS:
         return importlib.import_module(f"rcmservo.{name}")
+    public = importlib.import_module("rcmservo.public")
+    if name == "__all__" or name in public.__all__:
+        return getattr(public, name)
     raise AttributeError(f"module 'rcmservo' has no attribute {name!r}")

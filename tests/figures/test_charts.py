@@ -7,8 +7,19 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pytest
 
-from rcmservo.figures.charts import MAX_POINTS, STYLES, Figure, Panel, curve, save, svg
+from rcmservo.errors import UnusableFile
+from rcmservo.figures.charts import (
+    MAX_POINTS,
+    STYLES,
+    Figure,
+    Panel,
+    _canvas,
+    curve,
+    save,
+    svg,
+)
 
 
 def example() -> Figure:
@@ -56,3 +67,16 @@ def test_curves_can_be_told_apart_without_colour() -> None:
 def test_a_figure_can_be_saved_as_a_picture(tmp_path: Path) -> None:
     save(example(), tmp_path / "figure.png")
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_figure_that_cannot_be_saved_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "figure.png.part").mkdir()
+    with pytest.raises(UnusableFile, match=r"figure.png: cannot be written"):
+        save(example(), tmp_path / "figure.png")
+    assert not (tmp_path / "figure.png").exists()
+
+
+def test_a_map_has_one_scale_for_both_axes_and_a_picture_grows_downwards() -> None:
+    panel = Panel("u [px]", "v [px]", [curve("", [0, 400], [0, 100])], map=True, downward=True)
+    (axis,) = _canvas(Figure("", [panel])).axes
+    assert axis.get_aspect() == 1.0 and axis.yaxis_inverted()

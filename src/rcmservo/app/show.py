@@ -76,6 +76,7 @@ def draw(record: Record, folder: Path) -> None:
     write_whole(folder / "timeline.csv", _csv(spans(record)))
     if np.isfinite(record.ticks["delta"]).any():
         charts.save(plots.timeline(record), folder / "timeline.png")
+        charts.save(plots.path(record), folder / "path.png")
         charts.save(plots.errors(record), folder / "errors.png")
         charts.save(plots.estimate(record), folder / "estimate.png")
 
@@ -98,7 +99,8 @@ def _summary(record: Record, told: Summary) -> Table:
         table.add_row("stages", _stages(record))
     if np.isfinite(outcome.error).all():
         s, r, d = np.degrees(outcome.error[0]), outcome.error[1], outcome.error[2]
-        table.add_row("feature error (rms, last second)", f"s {s:.3f}°, r {r:.2f} px, d {d:.2f} px")
+        words = f"s {s:.3f} °, r {r:.2f} px, d {d:.2f} px"
+        table.add_row("feature error (rms, last second)", words)
     if np.isfinite(told.latency).all():
         median, high, worst = told.latency * 1e3
         table.add_row(

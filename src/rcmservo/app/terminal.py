@@ -2,6 +2,7 @@
 
 import codecs
 import io
+import logging
 import os
 import sys
 import unicodedata
@@ -11,7 +12,7 @@ from rich.table import Table
 
 PLAIN = str.maketrans(
     {
-        "°": " deg",
+        "°": "deg",
         "…": "...",
         "–": "-",
         "−": "-",
@@ -41,6 +42,7 @@ def is_alive(console: Console) -> bool:
 
 def print_plainly() -> None:
     """From now on, print something that ASCII has for a sign that the output cannot show."""
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # no word of a cache without a home
     codecs.register_error("plain", _plain)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -7,13 +7,14 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure as Canvas
 
 from rcmservo.config.files import whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
 
 MAX_POINTS = 500
 """Points of a curve beyond which it is thinned: more cannot be seen."""
@@ -148,6 +149,12 @@ class Panel:
     bands: list[Bar] = field(default_factory=list[Bar])
     """They lie behind the curves, as high as the panel."""
 
+    map: bool = False
+    """Whether x and y have one scale."""
+
+    downward: bool = False
+    """Whether y grows down, as in a picture."""
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -183,16 +190,21 @@ def save(figure: Figure, path: Path) -> None:
 
 def svg(figure: Figure) -> str:
     """Draw a figure as SVG, the same text for the same figure."""
+    import matplotlib as mpl
+
     text = io.StringIO()
     with mpl.rc_context(RC):
         _canvas(figure).savefig(text, format="svg", metadata={"Date": None})
     return text.getvalue()
 
 
-def _canvas(figure: Figure) -> Canvas:
-    """The figure as Matplotlib has it."""
+def _canvas(figure: Figure) -> "Canvas":
+    """The figure as Matplotlib has it, which is loaded only now: it takes a second."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure as Canvas
+
     heights = _row_heights(figure)
-    width = 9.6 if any(panel.lanes for panel in figure.panels) else 7.2
+    width = 9.6 if any(panel.lanes or panel.map for panel in figure.panels) else 7.2
     share = figure.columns == 1 and len({panel.x for panel in figure.panels}) == 1
     with mpl.rc_context(RC):
         canvas = Canvas(figsize=(width, 0.7 + sum(heights)), layout="constrained")
@@ -221,7 +233,7 @@ def _height(panel: Panel, usual: float) -> float:
     """Inches that a panel needs."""
     if panel.lanes:
         return 0.25 + 0.15 * sum(_lines(lane) for lane in panel.lanes)
-    return 2.6 if panel.bands else usual
+    return 3.4 if panel.map else 2.6 if panel.bands else usual
 
 
 def _lines(lane: Lane) -> float:
@@ -270,6 +282,10 @@ def _draw_scales(panel: Panel, axis: Any) -> None:
     axis.set_yscale("log" if panel.log_y else "linear")
     if panel.y_limits is not None:
         axis.set_ylim(*panel.y_limits)
+    if panel.map:
+        axis.set_aspect("equal", adjustable="datalim")
+    if panel.downward:
+        axis.invert_yaxis()
     if panel.categories:
         count, tilt = len(panel.categories), _tilt(panel.categories)
         axis.set_xticks(range(count), panel.categories, rotation=tilt)

@@ -1,5 +1,4 @@
-"""Figures from a record, with the paper's symbols: the errors over time, and the estimate beside
-the measurement."""
+"""Figures from a record, with the paper's symbols: the errors, the phases, the estimate."""
 
 from textwrap import fill
 
@@ -10,7 +9,7 @@ from rcmservo.figures.charts import Bar, Figure, Lane, Panel, curve
 from rcmservo.guard.states import Action, Cause, Phase, Request
 from rcmservo.interfaces import Floats
 from rcmservo.record.reader import Record
-from rcmservo.record.timeline import spans
+from rcmservo.record.timeline import shown_place, spans
 from rcmservo.record.verdict import TOLERANCE
 
 DEGREES = np.array([180.0 / np.pi, 1.0, 1.0])
@@ -44,8 +43,7 @@ ASKED = {
 
 
 def errors(record: Record) -> Figure:
-    """|Δs|, |Δr|, |Δd| over time on a logarithmic axis, with tolerances and exploration: Fig. 9 and
-    10."""
+    """|Δs|, |Δr| and |Δd| over time, with tolerances and exploration: Fig. 9 and 10."""
     deltas = np.maximum(np.abs(record.ticks["delta"]) * DEGREES, LEAST)
     panels = [
         Panel(
@@ -62,8 +60,10 @@ def errors(record: Record) -> Figure:
 
 
 def timeline(record: Record) -> Figure:
-    """The phases as bands behind the errors, in units of their tolerances, and every cause in a
-    line of its own."""
+    """The phases as bands behind the errors, and every cause in a line of its own.
+
+    The errors are in units of their tolerances.
+    """
     found = spans(record)
     ratios = np.maximum(np.abs(record.ticks["delta"]) / TOLERANCE, LEAST)
     errors = Panel(
@@ -94,9 +94,51 @@ def timeline(record: Record) -> Figure:
     return Figure("Phases and causes", [errors, *lanes])
 
 
+def path(record: Record) -> Figure:
+    """The way of marker 1 through space, seen along two axes, and that of both markers through the
+    picture, with where they were shown."""
+    panels = [_in_space(record, axes) for axes in ((0, 1), (0, 2))]
+    return Figure("Path", [*panels, _in_picture(record)], columns=3)
+
+
+def _in_space(record: Record, axes: tuple[int, int]) -> Panel:
+    """p₁ along two of the axes x, y, z."""
+    i, j = axes
+    p1, shown = record.ticks["p1"], shown_place(record)
+    exploring = (record.ticks["explored"][:, 0] == 0)[:, None]
+    curves = [
+        curve("exploration", *_two(np.where(exploring, p1, np.nan), i, j), style=1),
+        curve("then", *_two(np.where(exploring, np.nan, p1), i, j)),
+    ]
+    if shown is not None:
+        curves.append(curve("shown", [shown[i]], [shown[j]], style=3, marks=True))
+    names = "xyz"
+    return Panel(f"${names[i]}$ of $\\mathbf{{p}}_1$ [mm]", f"${names[j]}$ [mm]", curves, map=True)
+
+
+def _two(rows: Floats, i: int, j: int) -> tuple[Floats, Floats]:
+    return rows[:, i], rows[:, j]
+
+
+def _in_picture(record: Record) -> Panel:
+    """m₁ and m₂ in pixels."""
+    points = record.ticks["points"][record.new_frames()]
+    curves = [
+        curve("$\\mathbf{m}_1$", points[:, 0], points[:, 1]),
+        curve("$\\mathbf{m}_2$", points[:, 2], points[:, 3], style=2),
+    ]
+    if record.stages:
+        target = record.stages[-1].target.points
+        curves.append(curve("shown", target[:, 0], target[:, 1], style=3, marks=True))
+    return Panel("$u$ [px]", "$v$ [px]", curves, map=True, downward=True)
+
+
 def estimate(record: Record) -> Figure:
-    """What the estimate says beside what was measured: m₁ and π (34), Fig. 11, or ẏ and ω = Ĵ ṗ₁
-    (35), Fig. 12."""
+    """What the estimate says beside what was measured.
+
+    That is m₁ and π (34), Fig. 11, for an estimator with a model of the projection; ẏ and ω = Ĵ ṗ₁
+    (35), Fig. 12, for others.
+    """
     return projection(record) if np.isfinite(record.ticks["model"]).any() else flow(record)
 
 
@@ -127,8 +169,10 @@ def flow(record: Record) -> Figure:
 
 
 def flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
-    """ẏ by differences between new frames, and ω = Ĵ ṗ₁ with the Ĵ before each: both (N - 1, 3)
-    rad/s, px/s, px/s."""
+    """ẏ by differences between new frames, and ω = Ĵ ṗ₁ with the Ĵ before each of them.
+
+    Both are (N - 1, 3), in rad/s, px/s, px/s.
+    """
     dt = np.diff(record.ticks["exposure"][new], axis=0) * 1e-9
     steps = np.diff(record.ticks["y"][new], axis=0)
     steps[:, 0] = (steps[:, 0] + np.pi) % (2.0 * np.pi) - np.pi
@@ -138,8 +182,7 @@ def flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
 
 
 def exploration(record: Record) -> list[tuple[float, float]]:
-    """When the servo explored, as spans of time s: while it acquired and had not yet learnt
-    enough."""
+    """When the servo explored, as spans of time s: it acquired and had not yet learnt enough."""
     acquiring = np.array([phase == Phase.ACQUIRE.name for phase in record.phase], dtype=bool)
     exploring = acquiring & (record.ticks["explored"][:, 0] == 0)
     turns = np.flatnonzero(np.diff(exploring, prepend=False, append=False))

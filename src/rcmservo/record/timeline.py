@@ -20,6 +20,9 @@ from rcmservo.record.verdict import Outcome, judged
 
 USUAL_RATE = 100.0
 
+BOXES = "mechanism", "tool"
+"""What a place by the joints takes."""
+
 SLACK = 0.1
 """s before the planned end of a run within which its last tick may come: a loop in wall time may
 miss some."""
@@ -176,13 +179,21 @@ def _unless_short(record: Record, verdict: Outcome, mode: Mode) -> Outcome:
 def _away(record: Record) -> float:
     """mm at the end between marker 1 and where it was shown; 0 where the record does not tell the
     arm."""
+    place, shown = _place(record, record.ticks["q"][-1]), shown_place(record)
+    return 0.0 if place is None or shown is None else float(np.linalg.norm(place - shown))
+
+
+def shown_place(record: Record) -> Floats | None:
+    """Where marker 1 was shown last, (3,) mm by the joints; None where the record does not tell."""
+    return _place(record, record.stages[-1].target.q) if record.stages else None
+
+
+def _place(record: Record, q: Floats) -> Floats | None:
+    """p₁ (3,) mm at the joints q, if the record tells the arm."""
     if not record.stages:
-        return 0.0
-    stage = record.stages[-1]
+        return None
     try:
-        mechanism, tool = rebuild_box(stage.servo, "mechanism"), rebuild_box(stage.servo, "tool")
+        mechanism, tool = (rebuild_box(record.stages[-1].servo, box) for box in BOXES)
     except BadInput:
-        return 0.0
-    rcm = mechanism.rcm(tool.offset)
-    now, shown = (position(rcm, q) for q in (record.ticks["q"][-1], stage.target.q))
-    return float(np.linalg.norm(now - shown))
+        return None
+    return position(mechanism.rcm(tool.offset), q)

@@ -1,0 +1,80 @@
+"""The public names of rcmservo: what `import rcmservo as rs` offers."""
+
+from rcmservo.errors import BadInput, RcmServoError, UnusableFile
+from rcmservo.guard.gate import Gate
+from rcmservo.guard.states import Action, Cause, Mode, Phase, Request
+from rcmservo.guard.thresholds import Thresholds
+from rcmservo.interfaces import (
+    Arm,
+    Camera,
+    Clock,
+    Command,
+    Frame,
+    Markers,
+    Measured,
+    Observation,
+    Target,
+    Tracker,
+)
+from rcmservo.loop.clock import WallClock, ticks
+from rcmservo.loop.operator import Operator, Teach
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.run import run
+from rcmservo.loop.teach import teach
+from rcmservo.loop.tick import Tick
+from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.estimators.broyden import BroydenEstimator
+from rcmservo.method.estimators.flow import FlowEstimator
+from rcmservo.method.estimators.projection import ProjectionEstimator
+from rcmservo.method.exploration import Exploration
+from rcmservo.method.imaged_rcm import ImagedRcm
+from rcmservo.method.kinematics import JointLimits, PitchYawRcm, SphericalRcm
+from rcmservo.method.tool import RigidTool, ScaledTool
+from rcmservo.servo.servo import Servo, State
+
+__all__ = [
+    "Action",
+    "Arm",
+    "BadInput",
+    "BroydenEstimator",
+    "Camera",
+    "Cause",
+    "Clock",
+    "Command",
+    "Estimator",
+    "Exploration",
+    "FlowEstimator",
+    "Frame",
+    "Gate",
+    "ImagedRcm",
+    "JointLimits",
+    "Markers",
+    "Measured",
+    "Mode",
+    "Observation",
+    "Operator",
+    "Phase",
+    "PitchYawRcm",
+    "Plant",
+    "ProjectionEstimator",
+    "RcmServoError",
+    "Request",
+    "RigidTool",
+    "Sample",
+    "SaturatedController",
+    "ScaledTool",
+    "Servo",
+    "SphericalRcm",
+    "State",
+    "Target",
+    "Teach",
+    "Thresholds",
+    "Tick",
+    "Tracker",
+    "UnusableFile",
+    "WallClock",
+    "run",
+    "teach",
+    "ticks",
+]

@@ -1,0 +1,76 @@
+"""`show` and the metrics of a run tell the same of it, and nothing is lost where writing fails."""
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import pytest
+
+import rcmservo as rs
+from rcmservo.app.simulated_run.job import Job
+from rcmservo.app.simulated_run.metrics import METRICS, RunMetrics
+from rcmservo.app.simulated_run.simulate import simulate
+from rcmservo.config.rig_file import Lab
+from rcmservo.record import reader
+from rcmservo.record.timeline import Summary, summary
+from rcmservo.sim import Disturbance
+
+ENDINGS = {
+    "settles": (5.5, "", ""),
+    "holds": (3.0, "marker_loss:at=2.5,for=9", rs.Cause.MARKERS_LOST.value),
+    "is killed": (3.0, "kill:at=1.5", "killed"),
+    "is killed at its very end": (5.5, "kill:at=5.45", ""),
+    "is recorded in part": (4.0, "disk_full:at=1.5", rs.Cause.NOT_RECORDED.value),
+    "has too little time": (1.5, "", "time ran out during exploration"),
+}
+"""Length s, what goes wrong, and words of the cause that the metrics tell."""
+
+
+def job(folder: Path, duration: float, disturbance: str = "") -> Job:
+    lab = Lab()
+    servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool)
+    wrong = tuple(Disturbance.parse(text) for text in filter(None, [disturbance]))
+    return Job(4, duration, "projection", servo, lab, folder, video=False, disturbances=wrong)
+
+
+def agree(metrics: RunMetrics, told: Summary) -> None:
+    outcome = told.outcome
+    assert metrics.settled == outcome.settled
+    assert metrics.settle_time_s == outcome.settle_time
+    assert metrics.late_ticks == told.late
+    error = metrics.feature_error
+    for one, other in zip((error.s_rad, error.r_px, error.d_px), outcome.error, strict=True):
+        assert one is None or one == other
+    assert metrics.latency_s.median == told.latency[0]
+    assert bool(metrics.cause) == bool(outcome.cause) != metrics.settled
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_show_and_metrics_agree_on_a_run_that(ending: str, tmp_path: Path) -> None:
+    """The metrics tell more only of what the record cannot know: what ended it."""
+    seconds, wrong, words = ENDINGS[ending]
+    metrics = simulate(job(tmp_path, seconds, wrong))
+    told = summary(reader.read(tmp_path))
+    agree(metrics, told)
+    assert words in metrics.cause and metrics.settled == (words == "")
+    assert words in told.outcome.cause or "the record ends" in told.outcome.cause
+    kept = json.loads((tmp_path / METRICS).read_text())
+    assert kept == json.loads(json.dumps(asdict(metrics)))
+
+
+def test_a_result_that_cannot_be_written_is_not_lost_and_nothing_is_half_written(
+    tmp_path: Path,
+) -> None:
+    """A folder where the metrics' file would grow stands for a disk that is full."""
+    whole, part = tmp_path / "whole", tmp_path / "part"
+    for folder in (whole, part):
+        folder.mkdir()
+    for name in (METRICS, "errors.png"):
+        (part / f"{name}.part").mkdir()
+    ours, theirs = (simulate(job(folder, 1.5)) for folder in (part, whole))
+    for name in (METRICS, "errors.png"):
+        assert f"{name}: cannot be written" in ours.not_written
+        assert not (part / name).exists() and (whole / name).exists()
+    same = {"not_written": "", "folder": "", "real_time_factor": 0.0}
+    assert replace(ours, **same) == replace(theirs, **same) and theirs.not_written == ""
+    assert not [path for path in part.iterdir() if path.suffix == ".part" and path.is_file()]
