@@ -28,35 +28,35 @@ def with_own(commands: dict[str, type[Any]], arguments: Sequence[str]) -> dict[s
     if name is None or arguments[0] not in commands:
         return commands
     command = commands[arguments[0]]
-    return commands | {arguments[0]: _extended(command, _boxes(name, named(name)))}
-
-
-def _extended(command: type[Any], boxes: type[ServoOptions]) -> type[Any]:
-    """The options of a command with more boxes, if it has any."""
-    if "boxes" not in (f.name for f in fields(command)):
-        return command
-    more = ("boxes", Annotated[boxes, tyro.conf.arg(name="")], field(default_factory=boxes))
-    return make_dataclass(
-        command.__name__, [more], bases=(command,), frozen=True, namespace=_told(command)
-    )
-
-
-def _boxes(name: str, kind: type[Estimator]) -> type[ServoOptions]:
-    """The boxes with one more, whose settings are the estimator's."""
+    if "estimator" not in _names(command):
+        return commands
+    kind = named(name)
     _try(name, kind)
-    group = _group(kind)
-    names = dict.fromkeys((name, name_of_class(kind)), group)
-    return make_dataclass(
-        "ServoOptions",
-        [(group, kind, field(default_factory=kind))],
-        bases=(ServoOptions,),
-        frozen=True,
-        namespace={**_told(ServoOptions), "OWN": names},
-    )
+    return commands | {arguments[0]: _extended(command, name, kind)}
 
 
-def _told(kind: type[Any]) -> dict[str, str | None]:
-    return {"__doc__": kind.__doc__, "__module__": kind.__module__}
+def _extended(command: type[Any], name: str, kind: type[Estimator]) -> type[Any]:
+    """The options of a command with the estimator's settings, among the servo's boxes if it has
+    them."""
+    names = dict.fromkeys((name, name_of_class(kind)), _group(kind))
+    if "boxes" not in _names(command):
+        return _with(command, _group(kind), kind, OWN=names)
+    boxes = _with(ServoOptions, _group(kind), kind, OWN=names)
+    return _with(command, "boxes", boxes, Annotated[boxes, tyro.conf.arg(name="")])
+
+
+def _with(
+    options: type[Any], name: str, kind: type[Any], hint: object = None, **others: object
+) -> type[Any]:
+    """The options with one field more, which is made of its defaults."""
+    told = {"__doc__": options.__doc__, "__module__": options.__module__, **others}
+    more = (name, hint or kind, field(default_factory=kind))
+    bases = (options,)
+    return make_dataclass(options.__name__, [more], bases=bases, frozen=True, namespace=told)
+
+
+def _names(options: type[Any]) -> set[str]:
+    return {f.name for f in fields(options)}
 
 
 def _try(name: str, kind: type[Estimator]) -> None:
@@ -72,6 +72,6 @@ def _try(name: str, kind: type[Estimator]) -> None:
 
 def _group(kind: type[Estimator]) -> str:
     """What the options of its settings begin with: its name, or else its module's or class's."""
-    taken = {f.name for f in fields(ServoOptions)}
+    taken = _names(ServoOptions)
     wanted = (getattr(kind, "name", ""), kind.__module__.rpartition(".")[2], kind.__name__.lower())
     return next(one for one in (*wanted, "own") if one.isidentifier() and one not in taken)

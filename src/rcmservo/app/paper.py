@@ -1,11 +1,11 @@
 """`rcmservo paper`: every experiment of the paper, and one report that judges its claims."""
 
 import json
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
@@ -14,7 +14,17 @@ from rich.table import Table
 from rcmservo.app.folders import dated
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.preparing import simulator
+from rcmservo.app.servo_options import EstimatorName
 from rcmservo.app.terminal import console, is_alive
+from rcmservo.config.own_code import source
+from rcmservo.config.rig_file import Lab
+from rcmservo.errors import require
+from rcmservo.method.estimators.base import Estimator
+from rcmservo.method.exploration import Exploration
+from rcmservo.servo.own_estimator import examine
+
+if TYPE_CHECKING:
+    from rcmservo.experiments.harness.lab.methods import Own
 
 QUICK = (
     "this was the quick set: one or two runs of a thing (n = 1 or 2) are a first look and no "
@@ -36,6 +46,11 @@ class PaperOptions:
     two runs of a thing give numbers, but no verdict."""
     only: str | None = None
     """One experiment by its name."""
+    estimator: EstimatorName | None = None
+    """A user's own estimator, as module:class, to stand beside the others in `baselines`."""
+
+    OWN: ClassVar[Mapping[str, str]] = {}
+    """The fields that hold users' own estimators, by the estimators' names."""
 
 
 def paper(options: PaperOptions) -> int:
@@ -44,20 +59,34 @@ def paper(options: PaperOptions) -> int:
         from rcmservo.experiments.harness import paper, report
     out = console()
     folder = options.out or dated("paper")
-    tasks = paper.tasks_of(paper.chosen(options.only), options.quick)
+    experiments = paper.chosen(options.only, _own(options))
+    tasks = paper.tasks_of(experiments, options.quick)
     paper.prepare(folder, options.quick)
     count = sum(map(len, tasks.values()))
     words = f"{count} simulated pieces of work on all cores, into {folder}"
     out.print(words, style="dim", soft_wrap=True)
     total = sum(task.cost for some in tasks.values() for task in some)
     with _going_on(folder, out), _progress(out, total) as advance:
-        page = paper.run(folder, options.quick, options.only, lambda task: advance(task.cost))
+        page = paper.run(folder, options.quick, experiments, lambda task: advance(task.cost))
     rows = json.loads((folder / report.CLAIMS).read_text("utf-8"))
     out.print(_claims(rows) if options.only is not None else _counts(rows))
     if options.quick:
         out.print(QUICK, soft_wrap=True)
     out.print(f"report in {page}", soft_wrap=True)
     return 0
+
+
+def _own(options: PaperOptions) -> "Own | None":
+    """The user's own estimator that the options name, as one of the methods; tried first."""
+    from rcmservo.experiments.harness.lab.methods import Own
+
+    name = options.estimator
+    if name is None:
+        return None
+    require(name in options.OWN, "--estimator", name, "a user's own, as module:class")
+    estimator: Estimator = getattr(options, options.OWN[name])
+    examine(estimator, Lab().tool)
+    return Own(name, name.rpartition(":")[2], estimator, Exploration(), source(estimator))
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from rcmservo.experiments import (
     against_pose_based,
 )
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
-from rcmservo.experiments.harness.lab.methods import METHODS, Conditions, attempted
+from rcmservo.experiments.harness.lab.methods import METHODS, Conditions, Method, Own, attempted
 from rcmservo.experiments.harness.lab.tally import SCENES, Scenes, Tallies, Tally
 from rcmservo.experiments.harness.lab.witness import Trial
 from rcmservo.experiments.harness.sentences import OURS
@@ -32,7 +32,8 @@ from rcmservo.method.controller import scaled
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 
 PAPER = "[12], [15]-[17], [20]"
-SHORT = [method.short for method in METHODS.values()]
+OWN = "own"
+"""The name of a user's own estimator among the methods."""
 UNLIMITED = 1e9
 """A condition that no scene is rejected for."""
 
@@ -52,6 +53,13 @@ class Settings:
     """Scenes drawn without our condition, to count those that it rejects."""
     scene: SceneSettings = field(default_factory=lambda: SceneSettings(room=17.0))
     conditions: Conditions = field(default_factory=Conditions)
+    own: Own | None = None
+    """A user's own estimator, to stand beside the others."""
+
+    @property
+    def methods(self) -> dict[str, Method]:
+        """Every method by its name."""
+        return {**METHODS, **({OWN: self.own} if self.own is not None else {})}
 
     @property
     def unlimited(self) -> SceneSettings:
@@ -85,7 +93,7 @@ def tasks(settings: Settings) -> list[Task]:
             cost=1.2 * len(seeds[scenes]),
         )
         for scenes in SCENES
-        for method in METHODS
+        for method in settings.methods
     ]
     return [*compared, Task("draws", partial(draw, settings=settings), cost=0.2 * settings.draws)]
 
@@ -96,7 +104,7 @@ def compare(
     """One method in every scene of one kind."""
     del folder
     scene = settings.scene if scenes == "accepted" else settings.unlimited
-    chosen, conditions = METHODS[method], settings.conditions
+    chosen, conditions = settings.methods[method], settings.conditions
     return MethodTrials([attempted(chosen, scene, seed, conditions) for seed in seeds])
 
 
@@ -120,8 +128,8 @@ def chapter(settings: Settings, results: Results) -> Chapter:
         *against_pose_based.claims(found),
         *against_points.claims(found),
         *against_broyden.claims(found),
-        *(settles(found, name, scenes) for name in METHODS for scenes in SCENES),
-        *(ends_near(found, name, scenes) for name in METHODS for scenes in SCENES),
+        *(settles(found, name, scenes) for name in settings.methods for scenes in SCENES),
+        *(ends_near(found, name, scenes) for name in settings.methods for scenes in SCENES),
         rejected_share(settings, results.of(Draws, "draws")),
     ]
     return Chapter(claims, [_over_time(found), _final(found), _costs(found)])
@@ -131,10 +139,13 @@ def tallies(settings: Settings, results: Results) -> Tallies:
     """Every method in both kinds of scenes."""
     longest = settings.conditions.duration
 
+    def trials(name: str, scenes: Scenes) -> list[Trial]:
+        return results.of(MethodTrials, f"{name}-{scenes}").trials
+
     def of(scenes: Scenes) -> dict[str, Tally]:
         return {
-            name: Tally(method.name, results.of(MethodTrials, f"{name}-{scenes}").trials, longest)
-            for name, method in METHODS.items()
+            name: Tally(method.name, method.short, trials(name, scenes), longest)
+            for name, method in settings.methods.items()
         }
 
     return Tallies(of("accepted"), of("rejected"), settings.seeds, settings.conditions)
@@ -188,17 +199,18 @@ def rejected_share(settings: Settings, draws: Draws) -> Claim:
     )
 
 
-LEARNT = ("ours", "printed", "flow", "broyden", "broyden-1mm", "constant")
+LEARNT = ("ours", "printed", "flow", "broyden", "broyden-1mm", "constant", OWN)
 
 
 def _over_time(found: Tallies) -> Shown:
-    handed_over = [name for name in METHODS if name not in LEARNT]
+    learnt = [name for name in found.accepted if name in LEARNT]
+    handed_over = [name for name in found.accepted if name not in LEARNT]
 
     def panel(names: Sequence[str]) -> Panel:
         curves = [_median_over_time(found, name, style) for style, name in enumerate(names)]
         return Panel("time, exploration included [s]", "$\\|p_2 - p_d\\|$ [mm]", curves, log_y=True)
 
-    panels = [panel(LEARNT), panel(handed_over)]
+    panels = [panel(learnt), panel(handed_over)]
     caption = (
         "Median pose error by the truth over the accepted scenes, those that failed included. "
         "Above, methods without a calibration; below, those with one. C is the calibration matrix."
@@ -213,10 +225,11 @@ def _median_over_time(found: Tallies, name: str, style: int) -> Curve:
     longest = max(len(trial.poses) for trial in trials)
     rows = [[*trial.poses, *[trial.poses[-1]] * (longest - len(trial.poses))] for trial in trials]
     time = trials[0].step * np.arange(longest)
-    return curve(METHODS[name].short, time, np.median(rows, axis=0), style)
+    return curve(found.accepted[name].short, time, np.median(rows, axis=0), style)
 
 
 def _final(found: Tallies) -> Shown:
+    short = found.short
     panels = [
         Panel(
             "",
@@ -224,16 +237,16 @@ def _final(found: Tallies) -> Shown:
             _by_method(found.of(scenes), lambda trial: trial.pose),
             levels=[("4 mm", 4.0)],
             log_y=True,
-            categories=SHORT,
+            categories=short,
         )
         for scenes in SCENES
     ]
     shares = [
-        curve(f"scenes {scenes}", range(len(SHORT)), _settled(found, scenes), style, marks=True)
+        curve(f"scenes {scenes}", range(len(short)), _settled(found, scenes), style, marks=True)
         for style, scenes in enumerate(SCENES)
     ]
     panels.append(
-        Panel("", "settled [% of scenes]", shares, y_limits=(-5.0, 105.0), categories=SHORT)
+        Panel("", "settled [% of scenes]", shares, y_limits=(-5.0, 105.0), categories=short)
     )
     caption = (
         "Root mean square pose error at the end, a point per scene, and how many scenes settled: "
@@ -259,7 +272,7 @@ def _costs(found: Tallies) -> Shown:
             label,
             _by_method(found.accepted, number, legend=i == 0),
             log_y=i == 2,
-            categories=SHORT,
+            categories=found.short,
         )
         for i, (label, number) in enumerate(numbers.items())
     ]
@@ -305,3 +318,9 @@ EXPERIMENT = Experiment(
     tasks=tasks,
     chapter=chapter,
 )
+
+
+def beside(own: Own) -> Experiment[Settings]:
+    """The experiment with a user's own estimator among the methods."""
+    whole, quick = (replace(one, own=own) for one in (EXPERIMENT.whole, EXPERIMENT.quick))
+    return replace(EXPERIMENT, whole=whole, quick=quick)

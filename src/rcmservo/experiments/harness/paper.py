@@ -31,6 +31,7 @@ from rcmservo.experiments import (
 )
 from rcmservo.experiments.harness import report
 from rcmservo.experiments.harness.claims import ENOUGH, Chapter
+from rcmservo.experiments.harness.lab.methods import Own
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.experiments.harness.work import run_all
 
@@ -69,13 +70,15 @@ QUICK = (
 """What a reduced run says of itself."""
 
 
-def chosen(only: str | None) -> dict[str, Experiment[Any]]:
-    """The experiments to run: all, or the one of that name."""
+def chosen(only: str | None, own: Own | None = None) -> dict[str, Experiment[Any]]:
+    """The experiments to run: all, or the one of that name; with a user's `own` estimator among the
+    methods that they compare."""
+    every = EXPERIMENTS if own is None else {**EXPERIMENTS, "baselines": baselines.beside(own)}
     if only is None:
-        return dict(EXPERIMENTS)
-    if only not in EXPERIMENTS:
-        raise BadInput("--only", only, "one of " + ", ".join(EXPERIMENTS))
-    return {only: EXPERIMENTS[only]}
+        return dict(every)
+    if only not in every:
+        raise BadInput("--only", only, "one of " + ", ".join(every))
+    return {only: every[only]}
 
 
 def tasks_of(experiments: Mapping[str, Experiment[Any]], quick: bool) -> dict[str, list[Task]]:
@@ -83,10 +86,14 @@ def tasks_of(experiments: Mapping[str, Experiment[Any]], quick: bool) -> dict[st
     return {name: one.tasks(one.settings(quick)) for name, one in experiments.items()}
 
 
-def run(out: Path, quick: bool, only: str | None, progress: Callable[[Task], None]) -> Path:
+def run(
+    out: Path,
+    quick: bool,
+    experiments: Mapping[str, Experiment[Any]],
+    progress: Callable[[Task], None],
+) -> Path:
     """Run what is not done yet, write the report into `out`, which was prepared, and give its
     path."""
-    experiments = chosen(only)
     results = run_all(tasks_of(experiments, quick), out, progress)
     return report.write(out, chapters(experiments, results, quick), experiments, quick)
 

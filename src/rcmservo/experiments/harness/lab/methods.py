@@ -140,6 +140,14 @@ class Learner(Method):
 
 
 @dataclass(frozen=True)
+class Own(Learner):
+    """A user's own estimator, with our default exploration."""
+
+    source: str
+    """Hash of its file: another one makes other results."""
+
+
+@dataclass(frozen=True)
 class ImageBased(Method):
     """The traditional image-based law [12] on [s r d], with Ĵ from a calibration."""
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from rcmservo.experiments.harness.lab.methods import METHODS, Conditions
+from rcmservo.experiments.harness.lab.methods import Conditions
 from rcmservo.experiments.harness.lab.witness import Trial
 from rcmservo.experiments.harness.statistics import known, median, share, told
 
@@ -19,6 +19,9 @@ class Tally:
     """One method in all scenes of one kind."""
 
     name: str
+    """In sentences."""
+    short: str
+    """In figures and tables."""
     trials: Sequence[Trial]
     longest: float
     """s that count as the time of a run that never settled."""
@@ -81,6 +84,11 @@ class Tallies:
     """Of the accepted scenes, which the claims are about."""
     conditions: Conditions
 
+    @property
+    def short(self) -> list[str]:
+        """The methods as figures call them."""
+        return [tally.short for tally in self.accepted.values()]
+
     def of(self, scenes: Scenes) -> dict[str, Tally]:
         return self.accepted if scenes == "accepted" else self.rejected
 
@@ -88,6 +96,6 @@ class Tallies:
         """In words, how one method ends in either kind of scenes."""
         accepted, rejected = self.accepted[name], self.rejected[name]
         return (
-            f"{METHODS[name].short} {accepted.pose:.2f} mm (in scenes that our condition rejects "
+            f"{accepted.short} {accepted.pose:.2f} mm (in scenes that our condition rejects "
             f"{rejected.pose:.2f} mm)"
         )
