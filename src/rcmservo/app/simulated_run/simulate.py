@@ -19,7 +19,7 @@ from rcmservo.app.simulated_run.pictures import draw_figures, pictures, video_of
 from rcmservo.app.simulated_run.target import target_of
 from rcmservo.config.files import write_whole
 from rcmservo.errors import UnusableFile
-from rcmservo.guard.states import Action
+from rcmservo.guard.causes import Action
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.tick import Tick
 from rcmservo.record import reader
