@@ -1,7 +1,7 @@
 """An estimator of one's own, recursive least squares, beside the default in ten simulated scenes.
 
-    python examples/02_own_estimator.py [SEEDS]
-    rcmservo run --estimator 02_own_estimator:RLS --rls.forgetting 0.99     # in this folder
+python examples/02_own_estimator.py [SEEDS]
+rcmservo run --estimator 02_own_estimator:RLS --rls.forgetting 0.99     # in this folder
 """
 
 import sys

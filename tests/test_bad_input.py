@@ -69,7 +69,7 @@ COMMAND_LINES = {
     "infinite radius": (["run", "--exploration.radius", "inf"], "exploration.radius"),
     "unknown estimator": (["run", "--estimator", "magic"], "magic"),
     "unknown command": (["fly"], "fly"),
-    "no command": ([], "run, replay"),
+    "no command": ([], "run, live, replay"),
     "no folder to replay": (["replay"], "Folder"),
     "a rig that is not there": (["run", "--rig", "nowhere.toml"], "nowhere.toml"),
 }

@@ -56,7 +56,7 @@ def text_of(servo: Servo, target: Target, origin: int, mid_run: bool) -> str:
 
 
 @dataclass(frozen=True)
-class Shown:
+class TargetTable:
     """A target as a stage's JSON has it."""
 
     points: tuple[tuple[float, float], tuple[float, float]]
@@ -65,11 +65,11 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class Told:
+class StageTable:
     """A stage's JSON."""
 
     origin: int
-    target: Shown
+    target: TargetTable
     servo: Table
     mid_run: bool = False
     version: str = ""
@@ -79,7 +79,7 @@ class Told:
 def stage_of(table: object, first: int, number: int) -> Stage:
     """The stage in a JSON object, the `number`-th of its record; BadInput where that is no
     stage."""
-    told = decode(Told, table, "stage")
+    told = decode(StageTable, table, "stage")
     last = number - 1
     require(ELSEWHERE <= told.origin <= last, "stage.origin", told.origin, "an earlier stage")
     follows = not told.mid_run or told.origin == last >= 0

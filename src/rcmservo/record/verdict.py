@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rcmservo.guard.states import Action, Cause, Mode, Phase
+from rcmservo.guard.causes import Action, Cause
+from rcmservo.guard.states import Mode, Phase
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.tick import Tick
 from rcmservo.servo.own_estimator import Guard, called

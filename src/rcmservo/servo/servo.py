@@ -12,8 +12,9 @@ from functools import cached_property
 import numpy as np
 
 from rcmservo.errors import require
+from rcmservo.guard.causes import Action, Cause, gravest_of
 from rcmservo.guard.gate import Gate
-from rcmservo.guard.states import Action, Cause, Mode, Phase, Request, Signs, gravest_of, transition
+from rcmservo.guard.states import Mode, Phase, Request, Signs, transition
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Told, Watch, begin, told, unwatched
 from rcmservo.interfaces import Floats, Observation, Target
