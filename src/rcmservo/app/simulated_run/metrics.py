@@ -7,7 +7,7 @@ import numpy as np
 
 from rcmservo.interfaces import Floats
 from rcmservo.record.reader import Record
-from rcmservo.record.timeline import Summary, rate, summary
+from rcmservo.record.timeline import RunSummary, rate, summary
 from rcmservo.record.verdict import LAST
 
 METRICS = "metrics.json"
@@ -96,7 +96,7 @@ class RunMetrics:
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class Ending:
     """What the record of a simulated run does not tell of it."""
 
     p_d: Floats
@@ -107,17 +107,17 @@ class Truth:
     """What ended the run before its time, in words; empty where nothing did."""
 
 
-def measured(metrics: RunMetrics, record: Record, truth: Truth) -> RunMetrics:
+def measured(metrics: RunMetrics, record: Record, ending: Ending) -> RunMetrics:
     """The metrics with what the record tells."""
     told = summary(record)
     outcome, p2 = told.outcome, record.truth["p2"]
     last = round(LAST * rate(record))
-    pose: Floats = np.linalg.norm(p2[-last:] - truth.p_d, axis=1)
+    pose: Floats = np.linalg.norm(p2[-last:] - ending.p_d, axis=1)
     explore, jacobian = _exploration(record)
     return replace(
         metrics,
         settled=outcome.settled,
-        cause=outcome.cause if outcome.settled else truth.ended or outcome.cause,
+        cause=outcome.cause if outcome.settled else ending.ended or outcome.cause,
         settle_time_s=outcome.settle_time,
         pose_error_mm=number(float(np.sqrt(np.mean(pose**2)))) if len(pose) else None,
         feature_error=FeatureError(*map(number, outcome.error)),
@@ -125,7 +125,7 @@ def measured(metrics: RunMetrics, record: Record, truth: Truth) -> RunMetrics:
         explore=explore,
         latency_s=_latency(told),
         late_ticks=told.late,
-        real_time_factor=told.duration / truth.took,
+        real_time_factor=told.duration / ending.took,
     )
 
 
@@ -145,7 +145,7 @@ def _exploration(record: Record) -> tuple[ExplorationCost, JacobianError]:
     return cost, JacobianError(None if end is None else number(errors[end]), number(errors[-1]))
 
 
-def _latency(told: Summary) -> Latency:
+def _latency(told: RunSummary) -> Latency:
     median, p99, _ = told.latency
     return Latency(number(median), number(p99))
 
