@@ -1,10 +1,13 @@
 """What the documents say is true: names exist, links lead somewhere, examples and commands run."""
 
+import ast
 import importlib
+import itertools
 import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,10 +18,17 @@ from rcmservo.guard.states import Cause
 
 README = (ROOT / "README.md").read_text()
 NAMES = re.findall(r"`(rcmservo[\w.]*):([\w.]+)`", (ROOT / "docs/notation.md").read_text())
+WORDS = re.findall(
+    r"^\| (\w+) \| `rcmservo[\w.]*:[\w.]+` \| (\S.*\S) \|$",
+    (ROOT / "docs/notation.md").read_text().partition("## The words of the house")[2],
+    re.M,
+)
 COMMANDS = [
     line for block in re.findall(r"```sh\n(.*?)```", README, re.S) for line in block.splitlines()
 ]
 SET_UP = {"make run", "make test"}
+EXPLAINED = "sim", "tracking", "figures"
+"""Folders in which every field of a dataclass or a NamedTuple is explained below it."""
 
 
 @pytest.mark.parametrize("name", NAMES, ids=":".join)
@@ -31,13 +41,42 @@ def test_every_name_in_the_notation_exists(name: tuple[str, str]) -> None:
 
 
 def test_the_notation_names_something() -> None:
-    assert len(NAMES) > 25
+    assert len(NAMES) > 60
+
+
+def test_every_word_of_the_house_means_one_thing() -> None:
+    table = (ROOT / "docs/notation.md").read_text().partition("## The words of the house")[2]
+    words, meanings = zip(*WORDS, strict=True)
+    assert (
+        len(WORDS) == table.count("\n| ") - 1
+    )  # every row but the heading has word, code, meaning
+    assert len(set(words)) == len(set(meanings)) == len(words)
 
 
 def test_hello_world_in_the_readme_is_the_example() -> None:
     block = re.search(r"```python\n(.*?)```", README, re.S)
     assert block is not None
     assert block[1] == (ROOT / "examples/01_hello.py").read_text()
+
+
+def unexplained(path: Path) -> Iterator[str]:
+    """The public fields of a file that no string below them explains."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.ClassDef) or node.name.startswith("_"):
+            continue
+        kind = " ".join(map(ast.unparse, [*node.decorator_list, *node.bases]))
+        if "dataclass" in kind or "NamedTuple" in kind:
+            for field, below in itertools.pairwise([*node.body, ast.Pass()]):
+                told = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+                if isinstance(field, ast.AnnAssign) and not told:
+                    yield f"{path.name}: {node.name}.{ast.unparse(field.target)}"
+
+
+@pytest.mark.parametrize("folder", EXPLAINED)
+def test_every_field_is_explained_beside_it(folder: str) -> None:
+    files = sorted((ROOT / "src/rcmservo" / folder).rglob("*.py"))
+    assert len(files) > 3
+    assert [name for path in files for name in unexplained(path)] == []
 
 
 @pytest.mark.parametrize("link", sorted(set(re.findall(r"\]\((?!https?:)([^)#]+)\)", README))))

@@ -2,31 +2,48 @@
 
 import json
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import pytest
 
 from rcmservo.experiments.harness import work
-from rcmservo.experiments.harness.claims import FAILS, HOLDS, REMARK, Claim, Task
-from rcmservo.experiments.harness.work import PART, RESULT, fingerprint, perform, run_all, used
+from rcmservo.experiments.harness.claims import NotMeasured
+from rcmservo.experiments.harness.plain import built, plain
+from rcmservo.experiments.harness.tasks import Task
+from rcmservo.experiments.harness.work import (
+    PART,
+    RESULT,
+    Assignment,
+    fingerprint,
+    perform,
+    run_all,
+    used,
+)
+from rcmservo.interfaces import Floats
 
 
-def count(folder: Path, log: Path, name: str) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Counted:
+    name: str
+
+
+def count(folder: Path, log: Path, name: str) -> Counted:
     """A task that tells how often it ran."""
     with log.open("a") as file:
         file.write(name + "\n")
     (folder / "made.txt").write_text(name)
-    return {"name": name}
+    return Counted(name)
 
 
-def fail(folder: Path) -> dict[str, Any]:
+def fail(folder: Path) -> Counted:
     (folder / "half.txt").write_text("half")
     raise ValueError("this task fails")
 
 
 def counted(log: Path, *names: str) -> dict[str, list[Task]]:
-    return {"some": [Task(name, count, {"log": log, "name": name}) for name in names]}
+    return {"some": [Task(name, partial(count, log=log, name=name)) for name in names]}
 
 
 def runs(log: Path) -> list[str]:
@@ -40,13 +57,13 @@ def nothing(task: Task) -> None:
 def test_what_is_done_is_not_repeated_and_what_changed_is(tmp_path: Path) -> None:
     log, out = tmp_path / "log", tmp_path / "out"
     first = run_all(counted(log, "a", "b"), out, nothing)
-    assert first["some"]["a"].values == {"name": "a"}
-    assert (first["some"]["b"].folder / "made.txt").read_text() == "b"
+    assert first["some"].of(Counted, "a") == Counted("a")
+    assert (first["some"].folder("b") / "made.txt").read_text() == "b"
     run_all(counted(log, "a", "b", "c"), out, nothing)
     assert runs(log) == ["a", "b", "c"]
     changed = counted(log, "a", "b")
-    changed["some"][0] = replace(changed["some"][0], arguments={"log": log, "name": "other"})
-    assert run_all(changed, out, nothing)["some"]["a"].values == {"name": "other"}
+    changed["some"][0] = Task("a", partial(count, log=log, name="other"))
+    assert run_all(changed, out, nothing)["some"].of(Counted, "a") == Counted("other")
     assert runs(log) == ["a", "b", "c", "other"]
 
 
@@ -71,13 +88,13 @@ def test_a_run_that_is_stopped_goes_on_where_it_stopped(tmp_path: Path) -> None:
     )
     before = runs(log)
     results = run_all(counted(log, *names), out, nothing)
-    assert set(results["some"]) == set(names)
+    assert set(results["some"].made) == set(names)
     assert all(runs(log).count(name) == before.count(name) for name in kept)
 
 
 def test_a_task_that_fails_leaves_no_result(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="this task fails"):
-        run_all({"some": [Task("bad", fail)]}, tmp_path, nothing)
+        run_all({"some": [Task("bad", partial(fail))]}, tmp_path, nothing)
     assert not (tmp_path / "some" / "bad").exists()
 
 
@@ -87,7 +104,7 @@ def test_a_damaged_result_is_made_again(text: str, tmp_path: Path) -> None:
     tasks = counted(log, "a")
     run_all(tasks, tmp_path / "out", nothing)
     (tmp_path / "out" / "some" / "a" / RESULT).write_text(text)
-    assert run_all(tasks, tmp_path / "out", nothing)["some"]["a"].values == {"name": "a"}
+    assert run_all(tasks, tmp_path / "out", nothing)["some"].of(Counted, "a") == Counted("a")
     assert runs(log) == ["a", "a"]
 
 
@@ -97,7 +114,7 @@ def test_what_a_task_left_half_done_is_not_taken_for_its_result(tmp_path: Path) 
     part = tmp_path / ("a" + PART)
     part.mkdir()
     (part / "old.txt").write_text("old")
-    perform(task, tmp_path / "a", fingerprint(task))
+    perform(Assignment(task, tmp_path / "a", fingerprint(task)))
     assert not part.exists()
     assert not (tmp_path / "a" / "old.txt").exists()
 
@@ -107,11 +124,17 @@ class Setting:
     number: float = 1.0
 
 
+def settled(folder: Path, settings: Setting) -> Counted:
+    return Counted(repr(settings))
+
+
 def test_a_fingerprint_depends_on_every_setting() -> None:
-    one, same, other = (Task("a", count, {"settings": Setting(n)}) for n in (1.0, 1.0, 1.0 + 1e-15))
+    one, same, other = (
+        Task("a", partial(settled, settings=Setting(n))) for n in (1.0, 1.0, 1.0 + 1e-15)
+    )
     assert fingerprint(one) == fingerprint(same)
     assert fingerprint(one) != fingerprint(other)
-    assert fingerprint(one) != fingerprint(replace(one, function=fail))
+    assert fingerprint(one) != fingerprint(replace(one, work=partial(fail)))
 
 
 def test_a_fingerprint_depends_on_the_experiments_own_and_imported_files_and_on_no_other() -> None:
@@ -122,23 +145,40 @@ def test_a_fingerprint_depends_on_the_experiments_own_and_imported_files_and_on_
     assert not names & {"showing", "potential", "report", "paper"}
 
 
-def claim(measured: float, relation: Any = "<=", remark: str = "") -> Claim:
-    return Claim("it is so", "(1)", measured, "mm", relation, 2.0, [0], remark)
+@dataclass(frozen=True)
+class Everything:
+    number: float
+    word: str
+    maybe: float | None
+    series: Floats
+    pair: tuple[int, str]
+    inner: list[Setting]
+    by_name: dict[str, Setting]
 
 
-@pytest.mark.parametrize(
-    ("given", "verdict"),
-    [
-        (claim(2.0), HOLDS),
-        (claim(2.1), FAILS),
-        (claim(2.1, ">="), HOLDS),
-        (claim(1.9, ">="), FAILS),
-        (claim(1.0, remark="but"), REMARK),
-        (claim(3.0, remark="but"), FAILS),
-        (claim(float("nan")), FAILS),
-        (claim(float("nan"), ">="), FAILS),
-    ],
-)
-def test_a_verdict_follows_from_the_number_and_its_bound(given: Claim, verdict: str) -> None:
-    assert given.verdict == verdict
-    json.dumps(given.row("some"), allow_nan=False)
+def test_a_result_comes_back_from_json_as_it_was() -> None:
+    inner = [Setting(0.1), Setting(2.0)]
+    given = Everything(
+        1.0 / 3.0, "word", None, np.array([1.0, np.nan]), (3, "x"), inner, {"a": Setting(7.0)}
+    )
+    got = built(Everything, json.loads(json.dumps(plain(given), allow_nan=False)))
+    np.testing.assert_array_equal(got.series, given.series)
+    assert replace(got, series=given.series) == given
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), np.float64("nan")])
+def test_a_number_that_is_not_finite_fails_its_task_and_leaves_no_result(
+    value: float, tmp_path: Path
+) -> None:
+    with pytest.raises(NotMeasured, match=r"result.inner\[1\].number: measured (nan|inf)"):
+        plain(Everything(1.0, "", None, np.zeros(1), (1, ""), [Setting(), Setting(value)], {}))
+
+
+def not_measured(folder: Path) -> Setting:
+    return Setting(float("nan"))
+
+
+def test_a_task_that_measured_nothing_fails(tmp_path: Path) -> None:
+    with pytest.raises(NotMeasured, match=r"bad\.number: measured nan"):
+        run_all({"some": [Task("bad", partial(not_measured))]}, tmp_path, nothing)
+    assert not (tmp_path / "some" / "bad").exists()

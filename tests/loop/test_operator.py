@@ -128,9 +128,9 @@ def test_a_taught_target_is_what_a_tool_that_stands_still_shows() -> None:
 
 def test_teaching_ends_where_the_person_wants_something_else() -> None:
     lab = laboratory()
-    wants = {200: Teach(frames=30), 215: rs.Request.RESUME}
+    wants = {200: Teach(frames=30), 215: rs.Request.RESUME, 220: rs.Request.PAUSE}
     *_, last = ticks_of(lab, lab.servo(), 4.0, wants)
-    assert last.state.target is lab.target and last.state.phase is rs.Phase.SERVO
+    assert last.state.target is lab.target and last.state.phase is rs.Phase.PAUSED
 
 
 def test_teaching_waits_for_frames_that_show_both_markers() -> None:

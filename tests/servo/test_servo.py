@@ -101,7 +101,7 @@ def test_repeated_frames_teach_nothing(estimator, tool, controller):
             repeats += 1
             assert (
                 state.learnt.memory is before.learnt.memory
-                and state.J_hat is before.J_hat
+                and np.array_equal(state.J_hat, before.J_hat)
                 and state.learnt.lines is before.learnt.lines
             )
         elif before is not None:
@@ -800,7 +800,8 @@ def test_a_camera_that_is_moved_on_while_paused_does_not_spoil_the_new_explorati
         )
     ]
     paused = next(after for after in states if after.phase is Phase.PAUSED)
-    assert np.isnan([paused.y, paused.delta, paused.ahead]).all(), "these are from the view before"
+    ahead = paused.learnt.estimate.ahead
+    assert np.isnan([paused.y, paused.delta, ahead]).all(), "these are from the view before"
     state = states[-1]
     assert state.phase is Phase.PAUSED and state.cause is Cause.CAMERA_MOVED and not state.explored
     began = state.command.time

@@ -5,26 +5,27 @@ Once as the joint rates that a motion near the pole demands, and once in closed 
 pole.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from rcmservo.experiments.harness.cameras import PINHOLE
-from rcmservo.experiments.harness.claims import Chapter, Claim, Experiment, Results, Shown, Task
-from rcmservo.experiments.harness.closed_loop import NOISE
-from rcmservo.experiments.harness.settling import settle, why_not
-from rcmservo.experiments.harness.ways import Rows, marks, middle, middles, numbers
+from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
+from rcmservo.experiments.harness.lab.cameras import PINHOLE
+from rcmservo.experiments.harness.lab.closed_loop import NOISE
+from rcmservo.experiments.harness.lab.witness import Trial, settle, why_not
+from rcmservo.experiments.harness.sentences import OURS
+from rcmservo.experiments.harness.statistics import known, marks, median, told
+from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures.charts import Figure, Panel, curve
 from rcmservo.guard.gate import Gate
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick
 from rcmservo.method.kinematics import JointLimits, Kinematics, PitchYawRcm, SphericalRcm
-from rcmservo.sim import Rig, RigSettings
+from rcmservo.sim import RigSettings
 
-POLE = {"spherical": SphericalRcm(), "pitch-yaw": PitchYawRcm()}
 HANGING = SphericalRcm(
     JointLimits((0.5 * np.pi, -2.0 * np.pi, 40.0), (1.5 * np.pi, 2.0 * np.pi, 240.0))
 )
@@ -36,8 +37,7 @@ KEPT = replace(
 )
 """The same with limits that leave 8° about the pole out, as the default's do."""
 
-ARMS: Mapping[str, Kinematics] = {"pitch-yaw": PitchYawRcm(), "spherical": HANGING, "kept": KEPT}
-LABELS = {"pitch-yaw": "pitch and yaw", "spherical": "spherical"}
+LABELS = ["pitch and yaw", "spherical"]
 ENDS = (30.0, 32.0, 100.0)
 """mm of marker 1: across the pole on either side, and below the RCM."""
 
@@ -47,54 +47,86 @@ NEAR = float(np.radians(5.0))
 
 @dataclass(frozen=True)
 class Settings:
-    """``angles`` rad between tool and pole, greatest and least, at ``depth`` mm and ``speed`` mm/s;
-    ``seeds`` of loops of ``duration`` s whose straight way passes the pole at ``aside`` mm."""
+    """Rates near the pole, and closed loops whose straight way passes it."""
 
     angles: tuple[float, float] = (float(np.radians(30.0)), float(np.radians(0.1)))
+    """rad between tool and pole, greatest and least."""
     depth: float = 100.0
+    """mm of marker 1 from the RCM."""
     speed: float = 10.0
+    """mm/s across the tool."""
     seeds: tuple[int, ...] = tuple(range(8))
+    """Of loops."""
     aside: float = 1.0
+    """mm at which the straight way passes the pole."""
     duration: float = 20.0
+    """s of a loop."""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """One loop from one side of the pole to the other."""
+
+    trial: Trial
+    nearest: float
+    """rad from the pole."""
+    kept: float | None
+    """Share that the gate left of the law's speed near the pole; None if it never came near."""
+
+
+@dataclass(frozen=True)
+class PoleLoops:
+    """The same closed loop with every arm."""
+
+    pitch_yaw: Passage
+    spherical: Passage
+    limited: Passage
+    """Spherical, with limits that leave the pole out."""
 
 
 def tasks(settings: Settings) -> list[Task]:
     return [
-        Task(f"loop-{seed}", loop, {"settings": settings, "seed": seed}) for seed in settings.seeds
+        Task(f"loop-{seed}", partial(loop, settings=settings, seed=seed)) for seed in settings.seeds
     ]
 
 
-def loop(folder: Path, settings: Settings, seed: int) -> dict[str, Any]:
-    """The same closed loop past the pole with every arm: how near it came, how much of its speed it
-    kept, and when it settled."""
+def loop(folder: Path, settings: Settings, seed: int) -> PoleLoops:
+    """The same closed loop past the pole with every arm."""
     del folder
-    return {name: past_pole(arm, settings, seed) for name, arm in ARMS.items()}
+    arms = (PitchYawRcm(), HANGING, KEPT)
+    return PoleLoops(*(past_pole(arm, settings, seed) for arm in arms))
 
 
-def past_pole(arm: Kinematics, settings: Settings, seed: int) -> dict[str, Any]:
-    """One loop from one side of the pole to the other; ``kept`` is the share that the gate left of
-    the law's speed."""
+def past_pole(arm: Kinematics, settings: Settings, seed: int) -> Passage:
+    """One loop from one side of the pole to the other: how near it came, how much of its speed it
+    kept, and when it settled."""
     start, target = (tuple(float(x) for x in arm.joints(p1)) for p1 in places(settings, seed))
     laboratory = RigSettings(
         mechanism=arm, scene=replace(PINHOLE, start=start, target=target), point_noise=NOISE
     )
-    angles: list[float] = []
-    speeds: list[tuple[float, float]] = []
+    trial, ticks = settle(seed, laboratory, settings.duration)
+    angles = np.array([from_pole(arm, tick) for tick in ticks])
+    near = [
+        tick
+        for tick, angle in zip(ticks, angles, strict=True)
+        if tick.state.explored and angle < NEAR
+    ]
+    return Passage(trial, float(angles.min()), kept_speed(arm, near))
 
-    def watch(rig: Rig, tick: Tick) -> None:
-        p1 = rig.truth.markers(rig.clock.now())[0]
-        angles.append(float(np.arctan2(np.hypot(p1[0], p1[1]), -p1[2])))
-        if tick.state.explored and angles[-1] < NEAR:
-            sent = arm.jacobian(tick.seen.q) @ tick.state.command.rates
-            speeds.append((float(sent @ tick.state.v), float(tick.state.v @ tick.state.v)))
 
-    values = settle(seed, laboratory, settings.duration, watch)
-    sent, wanted = np.sum(speeds, axis=0) if speeds else (0.0, 0.0)
-    return {
-        **values,
-        "nearest": min(angles),
-        "kept": float(sent / wanted) if wanted > 0.0 else None,
-    }
+def from_pole(arm: Kinematics, tick: Tick) -> float:
+    """Angle rad between the tool and the pole below."""
+    p1 = arm.position(tick.seen.q)
+    return float(np.arctan2(np.hypot(p1[0], p1[1]), -p1[2]))
+
+
+def kept_speed(arm: Kinematics, ticks: list[Tick]) -> float | None:
+    """The share of the law's speed that the gate let through."""
+    sent = sum(
+        float(arm.jacobian(tick.seen.q) @ tick.state.command.rates @ tick.state.v) for tick in ticks
+    )
+    wanted = sum(float(tick.state.v @ tick.state.v) for tick in ticks)
+    return sent / wanted if wanted > 0.0 else None
 
 
 def places(settings: Settings, seed: int) -> list[Floats]:
@@ -107,18 +139,11 @@ def places(settings: Settings, seed: int) -> list[Floats]:
     ]
 
 
-def rates(settings: Settings) -> dict[str, Floats]:
-    """What both coordinates demand at angles from the pole of either, rad/s, and the angles."""
-    angles = np.geomspace(*settings.angles, 400)
+def rates(settings: Settings, kinematics: Kinematics, side: float, angles: Floats) -> Floats:
+    """What coordinates demand at angles from their pole, which lies on this side of z, rad/s."""
     across = np.array([np.cos(0.7), np.sin(0.7)])
-    found: dict[str, Floats] = {"angles": angles}
-    for name, kinematics in POLE.items():
-        side = -1.0 if name == "pitch-yaw" else 1.0
-        points = [
-            settings.depth * np.array([*(np.sin(t) * across), side * np.cos(t)]) for t in angles
-        ]
-        found[name] = np.array([demanded(kinematics, p1, settings.speed) for p1 in points])
-    return found
+    points = [settings.depth * np.array([*(np.sin(t) * across), side * np.cos(t)]) for t in angles]
+    return np.array([demanded(kinematics, p1, settings.speed) for p1 in points])
 
 
 def demanded(kinematics: Kinematics, p1: Floats, speed: float) -> float:
@@ -128,137 +153,173 @@ def demanded(kinematics: Kinematics, p1: Floats, speed: float) -> float:
     return float(speed / np.min(np.linalg.norm(jacobian[:, :2], axis=0)))
 
 
+@dataclass(frozen=True)
+class PoleLoopsFound:
+    """The rates demanded near the pole, and all loops."""
+
+    settings: Settings
+    angles: Floats
+    spherical: Floats
+    pitch_yaw: Floats
+    loops: list[PoleLoops]
+
+    @property
+    def degrees(self) -> Floats:
+        return np.degrees(self.angles)
+
+
+LIMIT = Gate().speed[0]
+"""rad/s that the gate lets an angle turn."""
+
+
 def chapter(settings: Settings, results: Results) -> Chapter:
-    limit, found = Gate().speed[0], rates(settings)
-    loops = [results[f"loop-{seed}"].values for seed in settings.seeds]
-    return Chapter(
-        [*_rate_claims(settings, found, limit), *_loop_claims(settings, loops)],
-        [_rate_figure(settings, found, limit), _loop_figure(settings, loops)],
+    angles = np.geomspace(*settings.angles, 400)
+    found = PoleLoopsFound(
+        settings,
+        angles,
+        rates(settings, SphericalRcm(), 1.0, angles),
+        rates(settings, PitchYawRcm(), -1.0, angles),
+        results.all(PoleLoops, "loop", settings.seeds),
+    )
+    claims = [spherical_rate(found), keeps_speed(found), settles_as_soon(found), other_rate(found)]
+    return Chapter(claims, [_rate_figure(found), _loop_figure(found)])
+
+
+def spherical_rate(found: PoleLoopsFound) -> Claim:
+    settings, rates = found.settings, found.spherical
+    beyond = float(np.max(found.degrees[rates > LIMIT], initial=0.0))
+    return Claim(
+        f"{settings.speed:g} mm/s across the tool, {settings.depth:g} mm from the RCM, stays "
+        f"within {LIMIT:g} rad/s in the paper's coordinates down to θ = {found.degrees[-1]:.1f}°",
+        "spherical",
+        float(rates[-1]),
+        "rad/s",
+        "<=",
+        LIMIT,
+        follows=True,
+        remark=f"they are singular at θ = 0, where φ turns without end: beyond {LIMIT:g} rad/s "
+        f"below {beyond:.1f}°",
+        detail=f"{rates[0]:.2g} rad/s at {found.degrees[0]:.0f}°",
+        figure="pole-rates",
+        trap="T4",
+        confirmed=bool(rates[-1] > 100.0 * rates[0]),
     )
 
 
-def _rate_claims(settings: Settings, found: dict[str, Floats], limit: float) -> list[Claim]:
-    degrees, spherical = np.degrees(found["angles"]), found["spherical"]
-    first, last = float(spherical[0]), float(spherical[-1])
-    beyond = float(np.max(degrees[spherical > limit], initial=0.0))
-    return [
-        Claim(
-            f"{settings.speed:g} mm/s across the tool, {settings.depth:g} mm from the RCM, stays "
-            f"within {limit:g} "
-            f"rad/s in the paper's coordinates down to θ = {degrees[-1]:.1f}°",
-            "(1)-(2)",
-            last,
-            "rad/s",
-            "<=",
-            limit,
-            [],
-            remark=f"they are singular at θ = 0, where φ turns without end: beyond {limit:g} "
-            f"rad/s below {beyond:.1f}°",
-            detail=f"{first:.2g} rad/s at {degrees[0]:.0f}°",
-            figure="pole-rates",
-            trap="T4",
-            confirmed=last > 100.0 * first,
-        ),
-        Claim(
-            f"{settings.speed:g} mm/s across the tool stays within {limit:g} rad/s in pitch and "
-            f"yaw all the way",
-            "ours",
-            float(np.max(found["pitch-yaw"])),
-            "rad/s",
-            "<=",
-            limit,
-            [],
-            figure="pole-rates",
-        ),
+def other_rate(found: PoleLoopsFound) -> Claim:
+    return Claim(
+        f"{found.settings.speed:g} mm/s across the tool stays within {LIMIT:g} rad/s in pitch and "
+        "yaw all the way",
+        OURS,
+        float(np.max(found.pitch_yaw)),
+        "rad/s",
+        "<=",
+        LIMIT,
+        figure="pole-rates",
+    )
+
+
+def keeps_speed(found: PoleLoopsFound) -> Claim:
+    spherical = median(known(one.spherical.kept for one in found.loops))
+    other = median(known(one.pitch_yaw.kept for one in found.loops))
+    nearest = np.degrees(median([one.spherical.nearest for one in found.loops]))
+    return Claim(
+        "a servo run past the pole keeps the speed that the law asks for, in the paper's "
+        f"coordinates: share of it within {np.degrees(NEAR):g}° of the pole",
+        "spherical",
+        spherical,
+        "of the speed",
+        ">=",
+        0.9,
+        found.settings.seeds,
+        follows=True,
+        remark="the gate scales the speed down while φ turns; pitch and yaw keep "
+        f"{told(other)} of it",
+        detail=f"nearest {nearest:.1f}° from the pole (median)",
+        figure="pole-loops",
+        trap="T4",
+        confirmed=spherical < 0.9 <= other,
+    )
+
+
+def settles_as_soon(found: PoleLoopsFound) -> Claim:
+    longest = found.settings.duration
+    times = [
+        [one.settle_time or longest for one in some]
+        for some in (
+            [loops.spherical.trial for loops in found.loops],
+            [loops.pitch_yaw.trial for loops in found.loops],
+        )
     ]
+    ratio = median(np.array(times[0]) / np.array(times[1]))
+    settled = _settled(found)
+    return Claim(
+        "a servo run past the pole settles as soon in the paper's coordinates as in pitch and "
+        "yaw: time over time",
+        "spherical",
+        ratio,
+        "x the time",
+        "<=",
+        1.1,
+        found.settings.seeds,
+        follows=True,
+        remark=f"it settles in {settled[1]} of {len(found.loops)} runs, in pitch and yaw in "
+        f"{settled[0]}{why_not([one.spherical.trial for one in found.loops])}",
+        detail=f"a run that never settles counts as {longest:g} s; with limits 8° off the pole it "
+        f"settles in {settled[2]}{why_not([one.limited.trial for one in found.loops])}",
+        figure="pole-loops",
+        trap="T4",
+        confirmed=ratio > 1.1 or settled[1] < settled[0],
+    )
 
 
-def _loop_claims(settings: Settings, loops: Rows) -> list[Claim]:
-    kept = middles(loops, ARMS, "kept")
-    nearest = np.degrees(middle(numbers(loops, "spherical", "nearest")))
-    settled = {name: sum(one[name]["settled"] for one in loops) for name in ARMS}
-    unsettled = {name: why_not([one[name] for one in loops]) for name in ARMS}
-    ratio = middle(numbers(loops, "spherical", "time") / numbers(loops, "pitch-yaw", "time"))
-    return [
-        Claim(
-            "a servo run past the pole keeps the speed that the law asks for, in the paper's "
-            "coordinates: share of it "
-            f"within {np.degrees(NEAR):g}° of the pole",
-            "(1)-(2), (31)",
-            kept["spherical"],
-            "",
-            ">=",
-            0.9,
-            settings.seeds,
-            remark=f"the gate scales the speed down while φ turns; pitch and yaw keep "
-            f"{kept['pitch-yaw']:.2f} of it",
-            detail=f"nearest {nearest:.1f}° from the pole (median)",
-            figure="pole-loops",
-            trap="T4",
-            confirmed=kept["spherical"] < 0.9 <= kept["pitch-yaw"],
-        ),
-        Claim(
-            "a servo run past the pole settles as soon in the paper's coordinates as in pitch "
-            "and yaw: time over time "
-            "where both settle",
-            "(1)-(2), (31)",
-            ratio,
-            "",
-            "<=",
-            1.1,
-            settings.seeds,
-            remark=f"it settles in {settled['spherical']} of {len(loops)} runs, in pitch and yaw "
-            f"in "
-            f"{settled['pitch-yaw']}{unsettled['spherical']}",
-            detail=f"with limits 8° off the pole it settles in "
-            f"{settled['kept']}{unsettled['kept']}",
-            figure="pole-loops",
-            trap="T4",
-            confirmed=ratio > 1.1 or settled["spherical"] < settled["pitch-yaw"],
-        ),
+def _settled(found: PoleLoopsFound) -> list[int]:
+    """Runs that settled: pitch and yaw, spherical, and spherical with limits."""
+    passages = [(one.pitch_yaw, one.spherical, one.limited) for one in found.loops]
+    return [sum(one.trial.settled for one in some) for some in zip(*passages, strict=True)]
+
+
+def _rate_figure(found: PoleLoopsFound) -> Shown:
+    settings = found.settings
+    curves = [
+        curve(LABELS[style], found.degrees, rates, style)
+        for style, rates in enumerate((found.pitch_yaw, found.spherical))
     ]
-
-
-def _rate_figure(settings: Settings, found: dict[str, Floats], limit: float) -> Shown:
-    degrees = np.degrees(found["angles"])
-    curves = [curve(LABELS[name], degrees, found[name], style) for style, name in enumerate(POLE)]
     panel = Panel(
         "angle from θ = 0, or from the home pose of pitch and yaw [°]",
         "largest joint rate demanded [rad/s]",
         curves,
-        levels=[("the gate's limit", limit)],
+        levels=[("the gate's limit", LIMIT)],
         log_x=True,
         log_y=True,
     )
     caption = (
-        f"Joint rates that {settings.speed:g} mm/s of marker 1 across the tool takes in the "
-        f"worst direction, "
-        f"{settings.depth:g} mm from the RCM."
+        f"Joint rates that {settings.speed:g} mm/s of marker 1 across the tool takes in the worst "
+        f"direction, {settings.depth:g} mm from the RCM."
     )
-    return Shown("pole-rates", "(1)-(2)", caption, [], Figure("Joint rates near the pole", [panel]))
+    figure = Figure("Joint rates near the pole", [panel])
+    return Shown("pole-rates", "(1)-(2)", caption, [], figure)
 
 
-def _loop_figure(settings: Settings, loops: Rows) -> Shown:
-    words = {
-        "kept": f"share of the speed within {np.degrees(NEAR):g}° [1]",
-        "time": "settled after [s]",
+def _loop_figure(found: PoleLoopsFound) -> Shown:
+    numbers: dict[str, Callable[[Passage], float | None]] = {
+        f"share of the speed within {np.degrees(NEAR):g}° [1]": lambda one: one.kept,
+        "settled after [s]": lambda one: one.trial.settle_time,
     }
+    arms = ([one.pitch_yaw for one in found.loops], [one.spherical for one in found.loops])
     panels = [
-        Panel("", label, [marks(loops, LABELS, key)], categories=list(LABELS.values()))
-        for key, label in words.items()
+        Panel("", label, [marks([[of(one) for one in some] for some in arms])], categories=LABELS)
+        for label, of in numbers.items()
     ]
     before, after, below = ENDS
     caption = (
-        f"Closed loops with default gains from {before:g} mm on one side of the pole to "
-        f"{after:g} mm on the other, "
-        f"{below:g} mm from the RCM, past it at about {settings.aside:g} mm; the tool hangs "
-        f"down, at θ = 180°, which "
-        "is the same singularity as θ = 0. One mark for each seed; runs that did not settle have "
-        "no time."
+        f"Closed loops with default gains from {before:g} mm on one side of the pole to {after:g} "
+        f"mm on the other, {below:g} mm from the RCM, past it at about {found.settings.aside:g} "
+        "mm; the tool hangs down, at θ = 180°, which is the same singularity as θ = 0. One mark "
+        "for each seed; runs that did not settle have no time."
     )
-    return Shown(
-        "pole-loops", "(1)-(2)", caption, settings.seeds, Figure("Past the pole", panels, columns=2)
-    )
+    figure = Figure("Past the pole", panels, columns=2)
+    return Shown("pole-loops", "(1)-(2)", caption, found.settings.seeds, figure)
 
 
 EXPERIMENT = Experiment(

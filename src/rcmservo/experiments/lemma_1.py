@@ -6,13 +6,14 @@ holds the RCM.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from rcmservo.experiments.harness.cameras import drawn, seen_by
-from rcmservo.experiments.harness.claims import Chapter, Claim, Experiment, Results, Shown, Task
+from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
+from rcmservo.experiments.harness.lab.cameras import drawn, seen_by
+from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures.charts import Figure, Panel, curve
 from rcmservo.interfaces import Floats
 from rcmservo.method.projection import PARAMETERS, parameters, project, regressor
@@ -30,37 +31,59 @@ SETS = {
 
 @dataclass(frozen=True)
 class Settings:
-    """``cameras`` are seeds, ``spread`` mm that of the ``points`` before each."""
+    """Points before several cameras."""
 
     cameras: tuple[int, ...] = tuple(range(20))
+    """Seeds."""
     points: int = 100
+    """Before each camera."""
     spread: float = 20.0
+    """mm about the tool's start within which they lie."""
+
+
+@dataclass(frozen=True)
+class NineParameters:
+    """How well a and o_c stand for one camera, and what its points tell of a."""
+
+    reprojection: float
+    """Largest distance px from the pixels of C."""
+    five: Floats
+    """Scaled singular values of M for five generic points."""
+    six: dict[str, Floats]
+    """The same for six points that lie as SETS say."""
+    all: dict[str, Floats]
+    """The same for all points."""
+
+
+@dataclass(frozen=True)
+class AllCameras:
+    """Every camera's numbers."""
+
+    found: list[NineParameters]
 
 
 def tasks(settings: Settings) -> list[Task]:
-    return [Task("cameras", all_cameras, {"settings": settings})]
+    return [Task("cameras", partial(all_cameras, settings=settings))]
 
 
-def all_cameras(folder: Path, settings: Settings) -> dict[str, Any]:
+def all_cameras(folder: Path, settings: Settings) -> AllCameras:
     """What `nine_parameters` finds of every camera."""
     del folder
-    return {str(seed): nine_parameters(settings, seed) for seed in settings.cameras}
+    return AllCameras([nine_parameters(settings, seed) for seed in settings.cameras])
 
 
-def nine_parameters(settings: Settings, seed: int) -> dict[str, Any]:
-    """How well a and o_c stand for C, and the scaled singular values of M for points that lie as
-    `SETS` say."""
+def nine_parameters(settings: Settings, seed: int) -> NineParameters:
+    """How well a and o_c stand for C, and the scaled singular values of M."""
     C, p0 = drawn(seed)
     a, o_c = parameters(C)
     sets = point_sets(settings, seed, p0)
-    return {
-        "reprojection": max(
-            float(np.linalg.norm(project(a, p) + o_c - seen_by(C, p))) for p in sets["generic"]
-        ),
-        "five": singular_values(C, o_c, sets["generic"][:5]),
-        "six": {name: singular_values(C, o_c, points[:6]) for name, points in sets.items()},
-        "all": {name: singular_values(C, o_c, points) for name, points in sets.items()},
-    }
+    away = [np.linalg.norm(project(a, p) + o_c - seen_by(C, p)) for p in sets["generic"]]
+    return NineParameters(
+        reprojection=float(np.max(away)),
+        five=singular_values(C, o_c, sets["generic"][:5]),
+        six={name: singular_values(C, o_c, points[:6]) for name, points in sets.items()},
+        all={name: singular_values(C, o_c, points) for name, points in sets.items()},
+    )
 
 
 def point_sets(settings: Settings, seed: int, p0: Floats) -> dict[str, Floats]:
@@ -79,94 +102,102 @@ def point_sets(settings: Settings, seed: int, p0: Floats) -> dict[str, Floats]:
     }
 
 
-def singular_values(C: Floats, o_c: Floats, points: Floats) -> list[float]:
+def singular_values(C: Floats, o_c: Floats, points: Floats) -> Floats:
     """Singular values over the largest of M (24), its columns scaled to length 1, for the points
     (n, 3)."""
     M = np.concatenate([regressor(seen_by(C, p) - o_c, p) for p in points])
     sigma = np.linalg.svd(M / np.linalg.norm(M, axis=0), compute_uv=False)
-    return (sigma / sigma[0]).tolist()
+    return sigma / sigma[0]
 
 
-def rank(sigma: list[float]) -> int:
-    return int(np.sum(np.array(sigma) > RANK_TOLERANCE))
+def rank(sigma: Floats) -> int:
+    return int(np.sum(sigma > RANK_TOLERANCE))
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    values = results["cameras"].values
-    return Chapter(_claims(settings, values), [_figure(settings, values)])
-
-
-def _claims(settings: Settings, values: dict[str, Any]) -> list[Claim]:
-    seeds = settings.cameras
-    six, whole = (
-        {name: [rank(one[key][name]) for one in values.values()] for name in SETS}
-        for key in ("six", "all")
-    )
-    five = [rank(one["five"]) for one in values.values()]
-    return [
-        Claim(
-            "a camera that sees an RCM mechanism is known by nine parameters a and o_c: they "
-            "give the pixels of C",
-            "Lemma 1",
-            max(one["reprojection"] for one in values.values()),
-            "px",
-            "<=",
-            1e-6,
-            seeds,
-            detail=f"largest of {settings.points} points each before {len(seeds)} drawn cameras "
-            f"without distortion",
-        ),
-        Claim(
-            "the nine parameters are independent: M has rank 9 for six points in general position",
-            "Lemma 1, (24)",
-            min(six["generic"]),
-            "rank",
-            ">=",
-            PARAMETERS,
-            seeds,
-            detail=f"least over {len(seeds)} cameras, with columns scaled to length 1",
-            figure="rank",
-        ),
-        Claim(
-            "P ≥ 6 observations are needed: five leave the rank of M below 9",
-            "III-B",
-            max(five),
-            "rank",
-            "<=",
-            PARAMETERS - 1,
-            seeds,
-            remark=f"five points in general position give rank {min(five)} in every camera: ten "
-            f"equations for nine "
-            "unknowns",
-            figure="rank",
-            trap="T9",
-            confirmed=min(five) == PARAMETERS,
-        ),
-        Claim(
-            "six non-collinear observations give M full column rank",
-            "Proposition 1, (25)",
-            min(six["coplanar"]),
-            "rank",
-            ">=",
-            PARAMETERS,
-            seeds,
-            remark=f"points of one plane are not collinear and leave rank "
-            f"{max(six['coplanar'])}, and rank "
-            f"{max(six['through'])} if the plane holds the RCM; {settings.points} of them do no "
-            f"better "
-            f"(rank {max(whole['coplanar'])} and {max(whole['through'])})",
-            figure="rank",
-            trap="T9",
-            confirmed=max(six["coplanar"]) < PARAMETERS,
-        ),
+    found = results.of(AllCameras, "cameras").found
+    claims = [
+        nine_are_enough(settings, found),
+        nine_are_independent(settings, found),
+        six_are_needed(settings, found),
+        six_give_full_rank(settings, found),
     ]
+    return Chapter(claims, [_figure(settings, found)])
 
 
-def _figure(settings: Settings, values: dict[str, Any]) -> Shown:
-    seed = settings.cameras[0]
+def nine_are_enough(settings: Settings, found: list[NineParameters]) -> Claim:
+    return Claim(
+        "nine parameters a and o_c give the pixels of C: largest distance",
+        "lemma-1",
+        max(one.reprojection for one in found),
+        "px",
+        "<=",
+        1e-6,
+        settings.cameras,
+        detail=f"largest of {settings.points} points each before {len(found)} drawn cameras "
+        "without distortion",
+    )
+
+
+def nine_are_independent(settings: Settings, found: list[NineParameters]) -> Claim:
+    return Claim(
+        "the nine are independent: M has rank 9 for six points in general position",
+        "lemma-1",
+        min(rank(one.six["generic"]) for one in found),
+        "rank",
+        ">=",
+        PARAMETERS,
+        settings.cameras,
+        detail=f"least over {len(found)} cameras, with columns scaled to length 1",
+        figure="rank",
+    )
+
+
+def six_are_needed(settings: Settings, found: list[NineParameters]) -> Claim:
+    five = [rank(one.five) for one in found]
+    return Claim(
+        "five observations leave the rank of M below 9",
+        "six",
+        max(five),
+        "rank",
+        "<=",
+        PARAMETERS - 1,
+        settings.cameras,
+        remark=f"five points in general position give rank {min(five)} in every camera: ten "
+        "equations for nine unknowns",
+        figure="rank",
+        trap="T9",
+        confirmed=min(five) == PARAMETERS,
+    )
+
+
+def six_give_full_rank(settings: Settings, found: list[NineParameters]) -> Claim:
+    six, whole = (
+        {name: [rank(sigmas[name]) for sigmas in some] for name in SETS}
+        for some in ([one.six for one in found], [one.all for one in found])
+    )
+    return Claim(
+        "six observations that are not collinear give M rank 9, also where they lie in a plane",
+        "rank",
+        min(six["coplanar"]),
+        "rank",
+        ">=",
+        PARAMETERS,
+        settings.cameras,
+        remark=f"points of one plane leave rank {max(six['coplanar'])}, and rank "
+        f"{max(six['through'])} if the plane holds the RCM; {settings.points} of them do no "
+        f"better (rank {max(whole['coplanar'])} and {max(whole['through'])})",
+        figure="rank",
+        trap="T9",
+        confirmed=max(six["coplanar"]) < PARAMETERS,
+    )
+
+
+def _figure(settings: Settings, found: list[NineParameters]) -> Shown:
+    seed, first = settings.cameras[0], found[0]
     number = np.arange(1, PARAMETERS + 1)
-    rows = {"five generic points": values[str(seed)]["five"]}
-    rows |= {f"six {label}": values[str(seed)]["six"][name] for name, label in SETS.items()}
+    rows = {"five generic points": first.five}
+    rows |= {f"six {label}": first.six[name] for name, label in SETS.items()}
     curves = [
         curve(label, number + 0.12 * (style - 1.5), np.maximum(sigma, 1e-18), style, marks=True)
         for style, (label, sigma) in enumerate(rows.items())
@@ -180,17 +211,11 @@ def _figure(settings: Settings, values: dict[str, Any]) -> Shown:
     )
     caption = (
         "Singular values of M (24), its columns scaled to length 1, for points that lie in "
-        "general position, in a "
-        "plane, and in a plane that holds the RCM. Each that is zero is a direction of a that "
-        "was not observed."
+        "general position, in a plane, and in a plane that holds the RCM. Each that is zero is a "
+        "direction of a that was not observed."
     )
-    return Shown(
-        "rank",
-        "Proposition 1, (25)",
-        caption,
-        [seed],
-        Figure("What observations tell of a", [panel]),
-    )
+    figure = Figure("What observations tell of a", [panel])
+    return Shown("rank", "Proposition 1, (25)", caption, [seed], figure)
 
 
 EXPERIMENT = Experiment(

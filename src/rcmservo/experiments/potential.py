@@ -6,56 +6,96 @@ the word "saturated" ask for V = b|Δy| − ½b², whose gradient stays at b.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from rcmservo.experiments.harness.claims import Chapter, Claim, Experiment, Results, Shown, Task
-from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
+from rcmservo.experiments.harness.tasks import Experiment, Results, Task
+from rcmservo.figures.charts import Figure, Panel, curve
 from rcmservo.interfaces import Floats
 from rcmservo.method.controller import potential, potential_gradient
 
-READINGS = {"continuous": False, "printed": True}
+LABELS = ("continuous (Fig. 5)", "as (32) is printed")
+SMALL = 0.02
+"""Share of the first error below which it counts as gone."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """``figure_bound`` b of Fig. 5; ``gain`` k 1/s and ``bound`` b px of the experiments, from
-    ``error`` px."""
+    """The bounds of Fig. 5 and of the experiments."""
 
     figure_bound: float = 40.0
+    """b of Fig. 5."""
     reach: float = 100.0
+    """px on either side that are shown."""
     gain: float = 0.1
+    """k 1/s of the experiments."""
     bound: float = 10.0
+    """b px of the experiments."""
     error: float = 80.0
+    """px at the start of (33)."""
     step: float = 0.01
+    """s."""
     duration: float = 250.0
+    """s."""
+
+    @property
+    def spacing(self) -> float:
+        """px between two errors at which the action is sampled."""
+        return 2.0 * self.reach / 2000.0
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One reading of (32)."""
+
+    V: Floats
+    gradient: Floats
+    jump: float
+    """Largest step of the gradient, px."""
+    V_jump: float
+    """Largest step of V, px²."""
+    error: Floats
+    """px over time under (33)."""
+    time_to_small: float
+    """s."""
+
+
+@dataclass(frozen=True)
+class PotentialAction:
+    """Both readings, at the errors ``deltas``."""
+
+    deltas: Floats
+    continuous: Reading
+    printed: Reading
 
 
 def tasks(settings: Settings) -> list[Task]:
-    return [Task("action", action, {"settings": settings})]
+    return [Task("action", partial(action, settings=settings))]
 
 
-def action(folder: Path, settings: Settings) -> dict[str, Any]:
-    """Both readings: V, its gradient, the gradient's largest jump, V's largest jump, and (33)
-    integrated."""
+def action(folder: Path, settings: Settings) -> PotentialAction:
+    """Both readings: V, its gradient, their largest steps, and (33) integrated."""
     del folder
     deltas = np.linspace(-settings.reach, settings.reach, 2001)
-    values: dict[str, Any] = {"deltas": deltas.tolist()}
-    for name, printed in READINGS.items():
-        V, gradient = sampled(deltas, settings.figure_bound, printed)
-        error = fall(settings, printed)
-        small = error < 0.02 * settings.error
-        values[name] = {
-            "V": V.tolist(),
-            "gradient": gradient.tolist(),
-            "jump": float(np.max(np.abs(np.diff(gradient)))),
-            "V_jump": float(np.max(np.abs(np.diff(V)))),
-            "error": error.tolist(),
-            "time_to_2_percent": float(np.argmax(small) * settings.step) if small.any() else None,
-        }
-    return values
+    return PotentialAction(
+        deltas, reading(settings, deltas, printed=False), reading(settings, deltas, printed=True)
+    )
+
+
+def reading(settings: Settings, deltas: Floats, printed: bool) -> Reading:
+    V, gradient = sampled(deltas, settings.figure_bound, printed)
+    error = fall(settings, printed)
+    return Reading(
+        V=V,
+        gradient=gradient,
+        jump=float(np.max(np.abs(np.diff(gradient)))),
+        V_jump=float(np.max(np.abs(np.diff(V)))),
+        error=error,
+        time_to_small=float(np.argmax(error < SMALL * settings.error) * settings.step),
+    )
 
 
 def sampled(deltas: Floats, bound: float, printed: bool) -> tuple[Floats, Floats]:
@@ -79,109 +119,112 @@ def fall(settings: Settings, printed: bool) -> Floats:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    values = results["action"].values
-    smooth, printed = values["continuous"], values["printed"]
-    sample = 2.0 * settings.reach / 2000.0
-    slow = (
-        "(32) as printed halves the action beyond b, so that the error falls at half the "
-        "speed until there"
-    )
+    found = results.of(PotentialAction, "action")
     claims = [
-        Claim(
-            "the action ∂V/∂y is continuous: it saturates at b, as Fig. 5 shows",
-            "Fig. 5",
-            smooth["jump"],
-            "px",
-            "<=",
-            1.01 * sample,
-            [],
-            detail="largest step between errors 0.1 px apart, of V = b|Δy| − ½b² beyond b (our "
-            "default)",
-            figure="fig-5",
-        ),
-        Claim(
-            "the action of (32) as it is printed is continuous too",
-            "(32)",
-            printed["jump"],
-            "px",
-            "<=",
-            1.01 * sample,
-            [],
-            remark=f"it jumps from b to b/2 at |Δy| = b = {settings.figure_bound:g} px; offered "
-            f"as potential = printed",
-            figure="fig-5",
-            trap="T0",
-            confirmed=printed["jump"] > 0.4 * settings.figure_bound,
-        ),
-        Claim(
-            "V of (32) is continuous in both readings",
-            "(32)",
-            max(smooth["V_jump"], printed["V_jump"]),
-            "px²",
-            "<=",
-            1.01 * sample * settings.figure_bound,
-            [],
-            figure="fig-5",
-        ),
-        Claim(
-            f"with k = {settings.gain:g} and b = {settings.bound:g} px an error of "
-            f"{settings.error:g} px is below 2 % "
-            "after about 90 s",
-            "(33)",
-            smooth["time_to_2_percent"],
-            "s",
-            "<=",
-            90.0,
-            [],
-            detail=f"as printed {printed['time_to_2_percent']:.0f} s: {slow}",
-            figure="potential-loop",
-            trap="T5",
-            confirmed=smooth["time_to_2_percent"] > 80.0,
-        ),
+        action_saturates(settings, found),
+        printed_action(settings, found),
+        V_is_continuous(settings, found),
+        takes_its_time(settings, found),
     ]
-    return Chapter(claims, [_figure_5(settings, values), _loop(settings, values)])
+    return Chapter(claims, [_figure_5(settings, found), _loop(settings, found)])
 
 
-def _figure_5(settings: Settings, values: dict[str, Any]) -> Shown:
-    def curves(key: str) -> list[Curve]:
-        return [
-            curve(label, values["deltas"], values[name][key], style)
-            for style, (name, label) in enumerate(LABELS.items())
-        ]
+def action_saturates(settings: Settings, found: PotentialAction) -> Claim:
+    return Claim(
+        "the action is continuous and saturates at b, as Fig. 5 shows: largest step between "
+        f"errors {settings.spacing:g} px apart",
+        "saturated",
+        found.continuous.jump,
+        "px",
+        "<=",
+        1.01 * settings.spacing,
+        detail="of V = b|Δy| − ½b² beyond b (our default)",
+        figure="fig-5",
+    )
 
+
+def printed_action(settings: Settings, found: PotentialAction) -> Claim:
+    return Claim(
+        "the action of (32) as it is printed is continuous too: largest step",
+        "saturated",
+        found.printed.jump,
+        "px",
+        "<=",
+        1.01 * settings.spacing,
+        remark=f"it jumps from b to b/2 at |Δy| = b = {settings.figure_bound:g} px; offered as "
+        "potential = printed",
+        figure="fig-5",
+        trap="T0",
+        confirmed=found.printed.jump > 0.4 * settings.figure_bound,
+    )
+
+
+def V_is_continuous(settings: Settings, found: PotentialAction) -> Claim:
+    return Claim(
+        "V of (32) is continuous in both readings: largest step",
+        "saturated",
+        max(found.continuous.V_jump, found.printed.V_jump),
+        "px²",
+        "<=",
+        1.01 * settings.spacing * settings.figure_bound,
+        figure="fig-5",
+    )
+
+
+def takes_its_time(settings: Settings, found: PotentialAction) -> Claim:
+    time = found.continuous.time_to_small
+    return Claim(
+        f"with k = {settings.gain:g} and b = {settings.bound:g} px an error of "
+        f"{settings.error:g} px is below 2 % after about 90 s",
+        "gains",
+        time,
+        "s",
+        "<=",
+        90.0,
+        follows=True,
+        detail=f"as printed {found.printed.time_to_small:.0f} s: (32) as printed halves the "
+        "action beyond b, so that the error falls at half the speed until there",
+        figure="potential-loop",
+        trap="T5",
+        confirmed=time > 80.0,
+    )
+
+
+def _figure_5(settings: Settings, found: PotentialAction) -> Shown:
+    readings = (found.continuous, found.printed)
+    gradients = [
+        curve(LABELS[style], found.deltas, one.gradient, style)
+        for style, one in enumerate(readings)
+    ]
+    potentials = [
+        curve(LABELS[style], found.deltas, one.V, style) for style, one in enumerate(readings)
+    ]
     panels = [
-        Panel("$\\Delta y_i$ [px]", "$\\partial V_i / \\partial y_i$ [px]", curves("gradient")),
-        Panel("$\\Delta y_i$ [px]", "$V_i$ [px²]", curves("V")),
+        Panel("$\\Delta y_i$ [px]", "$\\partial V_i / \\partial y_i$ [px]", gradients),
+        Panel("$\\Delta y_i$ [px]", "$V_i$ [px²]", potentials),
     ]
-    figure = Figure(
-        f"Saturated potential action, $b_i$ = {settings.figure_bound:g} px", panels, columns=2
-    )
+    title = f"Saturated potential action, $b_i$ = {settings.figure_bound:g} px"
     caption = (
-        "The action and its potential: continuous, as the figure in the paper shows it, "
-        "and as (32) is printed."
+        "The action and its potential: continuous, as the figure in the paper shows it, and as "
+        "(32) is printed."
     )
-    return Shown("fig-5", "Fig. 5", caption, [], figure)
+    return Shown("fig-5", "Fig. 5", caption, [], Figure(title, panels, columns=2))
 
 
-LABELS = {"continuous": "continuous (Fig. 5)", "printed": "as (32) is printed"}
-
-
-def _loop(settings: Settings, values: dict[str, Any]) -> Shown:
+def _loop(settings: Settings, found: PotentialAction) -> Shown:
     time = np.arange(round(settings.duration / settings.step)) * settings.step
     curves = [
-        curve(label, time, values[name]["error"], style)
-        for style, (name, label) in enumerate(LABELS.items())
+        curve(LABELS[style], time, one.error, style)
+        for style, one in enumerate((found.continuous, found.printed))
     ]
-    panel = Panel(
-        "time [s]", "$|\\Delta y_i|$ [px]", curves, levels=[("2 %", 0.02 * settings.error)]
-    )
+    levels = [("2 %", SMALL * settings.error)]
+    panel = Panel("time [s]", "$|\\Delta y_i|$ [px]", curves, levels=levels)
     caption = (
-        f"(33) with k = {settings.gain:g}, b = {settings.bound:g} px and a perfect "
-        f"Jacobian, in both readings."
+        f"(33) with k = {settings.gain:g}, b = {settings.bound:g} px and a perfect Jacobian, in "
+        "both readings."
     )
-    return Shown(
-        "potential-loop", "(33)", caption, [], Figure("Error under either reading of (32)", [panel])
-    )
+    figure = Figure("Error under either reading of (32)", [panel])
+    return Shown("potential-loop", "(33)", caption, [], figure)
 
 
 EXPERIMENT = Experiment(

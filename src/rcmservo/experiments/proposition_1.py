@@ -4,22 +4,18 @@ J.
 Tried on noiseless observations before pinhole cameras, with the printed Γ and with our fast one.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from rcmservo.experiments.harness.cameras import drawn, seen_by
-from rcmservo.experiments.harness.claims import (
-    Chapter,
-    Claim,
-    Experiment,
-    Results,
-    Shown,
-    Task,
-    median,
-)
+from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
+from rcmservo.experiments.harness.lab.cameras import drawn, seen_by
+from rcmservo.experiments.harness.sentences import OURS
+from rcmservo.experiments.harness.statistics import median
+from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures.charts import Figure, Panel, curve
 from rcmservo.interfaces import Floats
 from rcmservo.method.controller import scaled
@@ -40,7 +36,6 @@ TOOL = RigSettings().tool
 FIT = ProjectionEstimator()
 """Where the fast Γ's η and ε come from."""
 
-GAMMAS = {"printed": "printed Γ", "fast": "our fast Γ"}
 NEAR = 0.1
 """Scaled ‖Ĵ − J‖/‖J‖ up to which a fitted Ĵ counts as near J."""
 
@@ -50,30 +45,63 @@ LONG_ENOUGH = 30.0
 
 @dataclass(frozen=True)
 class Settings:
-    """``cameras`` are seeds, ``spread`` mm that of the P = ``observations`` points before each; the
-    claims are about ``printed_time`` and ``fast_time`` s of estimator time, and ``longest`` s is
-    the most shown."""
+    """Noiseless observations before several cameras, and how long rule (21) has."""
 
     cameras: tuple[int, ...] = tuple(range(20))
+    """Seeds."""
     spread: float = 20.0
+    """mm about the tool's start within which the observed points lie."""
     observations: int = 10
+    """P."""
     printed_time: float = 1e4
+    """s of estimator time after which the printed Γ is judged."""
     fast_time: float = 10.0
+    """The same of our fast Γ."""
     longest: float = 1e5
+    """s of estimator time that are shown."""
+
+
+@dataclass(frozen=True)
+class FallOfU:
+    """What rule (21) did with one Γ before one camera."""
+
+    time: Floats
+    """s."""
+    U: Floats
+    """Over U(0)."""
+    rise: float
+    """Largest between two moments, of U(0)."""
+    reprojection: float
+    """Largest distance px of the observations after the time judged."""
+    jacobian: float
+    """Scaled error of Ĵ then."""
+    end: float
+    """Scaled error of Ĵ after LONG_ENOUGH."""
+    slowest: float
+    """Rate 1/s of the slowest mode."""
+
+
+@dataclass(frozen=True)
+class BothGammas:
+    """Both Γ before every camera."""
+
+    printed: list[FallOfU]
+    fast: list[FallOfU]
 
 
 def tasks(settings: Settings) -> list[Task]:
-    return [Task("cameras", all_cameras, {"settings": settings}, cost=3.0)]
+    return [Task("cameras", partial(all_cameras, settings=settings), cost=3.0)]
 
 
-def all_cameras(folder: Path, settings: Settings) -> dict[str, Any]:
+def all_cameras(folder: Path, settings: Settings) -> BothGammas:
     """What `one_camera` finds of every camera."""
     del folder
-    return {str(seed): one_camera(settings, seed) for seed in settings.cameras}
+    printed, fast = zip(*(one_camera(settings, seed) for seed in settings.cameras), strict=True)
+    return BothGammas(list(printed), list(fast))
 
 
-def one_camera(settings: Settings, seed: int) -> dict[str, Any]:
-    """What rule (21) does with either Γ, on the same observations."""
+def one_camera(settings: Settings, seed: int) -> tuple[FallOfU, FallOfU]:
+    """What rule (21) does with the printed and with our fast Γ, on the same observations."""
     C, p0 = drawn(seed)
     a, o_c = parameters(C)
     random = np.random.default_rng([seed, 2])
@@ -81,23 +109,25 @@ def one_camera(settings: Settings, seed: int) -> dict[str, Any]:
     rows = np.array([[*p, *seen_by(C, p), np.nan, np.nan] for p in points])
     A, b = normal_equations(rows, len(rows), o_c, False, TOOL.shaft)
     printed, fast = np.diag(np.sqrt(GAMMA_0)), np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon)
-    found = {
-        "printed": fall_of_U(A, b, a, printed, settings.longest, settings.printed_time),
-        "fast": fall_of_U(A, b, a, fast, MAX_DECAY / FIT.rate, settings.fast_time),
-    }
-    return {name: judged(fall, a, p0, points) for name, fall in found.items()}
+    slow = fall_of_U(A, b, a, printed, settings.longest, settings.printed_time)
+    soon = fall_of_U(A, b, a, fast, MAX_DECAY / FIT.rate, settings.fast_time)
+    return judged(slow, a, p0, points), judged(soon, a, p0, points)
 
 
 @dataclass(frozen=True)
 class Fall:
-    """U (n,) of (22) at ``time`` (n,) s along rule (21), â ``late`` and at its ``end``, the
-    ``slowest`` rate 1/s."""
+    """Rule (21) over its own time."""
 
     time: Floats
+    """s (n,)."""
     U: Floats
+    """Of (22), (n,)."""
     late: Floats
+    """â (9,) at the time that is judged."""
     end: Floats
+    """â (9,) at its end."""
     slowest: float
+    """Rate 1/s of the slowest mode."""
 
 
 def fall_of_U(A: Floats, b: Floats, a: Floats, root: Floats, longest: float, late: float) -> Fall:
@@ -110,21 +140,18 @@ def fall_of_U(A: Floats, b: Floats, a: Floats, root: Floats, longest: float, lat
     return Fall(time, U, a_late, a_end, slowest)
 
 
-def judged(fall: Fall, a: Floats, p0: Floats, points: Floats) -> dict[str, Any]:
-    """U/U(0) and its largest rise, the errors of Ĵ at p0 and of the projection of the `points`
-    px."""
-    ratio = fall.U / fall.U[0]
-    return {
-        "time": fall.time.tolist(),
-        "U": ratio.tolist(),
-        "rise": float(max(np.max(np.diff(fall.U)) / fall.U[0], 0.0)),
-        "reprojection": max(
-            float(np.linalg.norm(project(fall.late, p) - project(a, p))) for p in points
-        ),
-        "jacobian": jacobian_error(fall.late, a, p0),
-        "end": jacobian_error(fall.end, a, p0),
-        "slowest": fall.slowest,
-    }
+def judged(fall: Fall, a: Floats, p0: Floats, points: Floats) -> FallOfU:
+    """The errors of Ĵ at p0 and of the projection of the `points`, and how U fell."""
+    away = [np.linalg.norm(project(fall.late, p) - project(a, p)) for p in points]
+    return FallOfU(
+        time=fall.time,
+        U=fall.U / fall.U[0],
+        rise=float(max(np.max(np.diff(fall.U)) / fall.U[0], 0.0)),
+        reprojection=float(np.max(away)),
+        jacobian=jacobian_error(fall.late, a, p0),
+        end=jacobian_error(fall.end, a, p0),
+        slowest=fall.slowest,
+    )
 
 
 def jacobian_error(a_hat: Floats, a: Floats, p1: Floats) -> float:
@@ -135,113 +162,125 @@ def jacobian_error(a_hat: Floats, a: Floats, p1: Floats) -> float:
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    values = results["cameras"].values
-    return Chapter(_claims(settings, values), [_figure(settings, values)])
-
-
-def _claims(settings: Settings, values: dict[str, Any]) -> list[Claim]:
-    seeds = settings.cameras
-    printed, fast = ([one[name] for one in values.values()] for name in GAMMAS)
-    late = [one["jacobian"] for one in printed]
-    slowest = [1.0 / one["slowest"] for one in printed]
-    bad = sum(error > NEAR for error in late)
-    about = (
-        f"P = {settings.observations} noiseless observations of marker 1 within "
-        f"±{settings.spread:g} mm before each of "
-        f"{len(seeds)} cameras"
-    )
-    return [
-        Claim(
-            "U of (22) never rises along rule (21), with the printed Γ",
-            "Proposition 1, (23)",
-            max(one["rise"] for one in printed),
-            "of U(0)",
-            "<=",
-            1e-9,
-            seeds,
-            detail=f"largest rise between 200 moments up to {settings.longest:g} s; {about}",
-            figure="U",
-        ),
-        Claim(
-            "U never rises with our fast Γ either",
-            "ours",
-            max(one["rise"] for one in fast),
-            "of U(0)",
-            "<=",
-            1e-9,
-            seeds,
-            figure="U",
-        ),
-        Claim(
-            "rule (21) asymptotically estimates a, so that Ĵ tends to J, with the printed Γ",
-            "Proposition 1",
-            max(one["end"] for one in printed),
-            "‖Ĵ − J‖/‖J‖",
-            "<=",
-            1e-6,
-            seeds,
-            remark=f"very slowly: the slowest mode's time constant is "
-            f"{median(slowest) / 3600.0:.1f} h in the "
-            f"median camera and {max(slowest) / 3600.0:.0f} h in the worst; judged after "
-            f"{LONG_ENOUGH:g} of them",
-            figure="U",
-            trap="T6",
-            confirmed=median(slowest) > 600.0,
-        ),
-        Claim(
-            f"{settings.printed_time:g} s of estimator time, which we give the printed Γ for "
-            f"every frame, bring Ĵ "
-            f"within {100.0 * NEAR:g} % of J",
-            "ours",
-            max(late),
-            "‖Ĵ − J‖/‖J‖",
-            "<=",
-            NEAR,
-            seeds,
-            remark=f"worse in {bad} of {len(late)} cameras" if bad else "",
-            detail=f"{median(late):.3f} in the median, where the projection of the observations "
-            f"is off by "
-            f"{median([one['reprojection'] for one in printed]):.1f} px at most",
-            figure="U",
-            trap="T6",
-            confirmed=max(late) > 10.0 * max(one["jacobian"] for one in fast),
-        ),
-        Claim(
-            f"with our fast Γ {settings.fast_time:g} s bring Ĵ within {100.0 * NEAR:g} % of J",
-            "ours",
-            max(one["jacobian"] for one in fast),
-            "‖Ĵ − J‖/‖J‖",
-            "<=",
-            NEAR,
-            seeds,
-            figure="U",
-        ),
+    found = results.of(BothGammas, "cameras")
+    claims = [
+        printed_never_rises(settings, found),
+        tends_to_a(settings, found),
+        fast_never_rises(settings, found),
+        printed_in_time(settings, found),
+        fast_in_time(settings, found),
     ]
+    return Chapter(claims, [_figure(settings, found)])
 
 
-def _figure(settings: Settings, values: dict[str, Any]) -> Shown:
-    shown = settings.cameras[:5]
+def printed_never_rises(settings: Settings, found: BothGammas) -> Claim:
+    return Claim(
+        "U of (22) never rises along rule (21) with the printed Γ: largest rise",
+        "stable-21",
+        max(one.rise for one in found.printed),
+        "of U(0)",
+        "<=",
+        1e-9,
+        settings.cameras,
+        detail=f"between 200 moments up to {settings.longest:g} s; P = {settings.observations} "
+        f"noiseless observations of marker 1 within ±{settings.spread:g} mm before each camera",
+        figure="U",
+    )
+
+
+def fast_never_rises(settings: Settings, found: BothGammas) -> Claim:
+    return Claim(
+        "U never rises with our fast Γ either: largest rise",
+        OURS,
+        max(one.rise for one in found.fast),
+        "of U(0)",
+        "<=",
+        1e-9,
+        settings.cameras,
+        figure="U",
+    )
+
+
+def tends_to_a(settings: Settings, found: BothGammas) -> Claim:
+    slowest = [1.0 / one.slowest for one in found.printed]
+    return Claim(
+        "with the printed Γ and without noise Ĵ tends to J: largest ‖Ĵ − J‖/‖J‖",
+        "estimates-a",
+        max(one.end for one in found.printed),
+        "of ‖J‖",
+        "<=",
+        1e-6,
+        settings.cameras,
+        remark="very slowly: the slowest mode's time constant is "
+        f"{median(slowest) / 3600.0:.1f} h in the median camera and "
+        f"{max(slowest) / 3600.0:.0f} h in the worst; judged after {LONG_ENOUGH:g} of them",
+        figure="U",
+        trap="T6",
+        confirmed=median(slowest) > 600.0,
+    )
+
+
+def printed_in_time(settings: Settings, found: BothGammas) -> Claim:
+    late = [one.jacobian for one in found.printed]
+    bad = sum(error > NEAR for error in late)
+    off = median([one.reprojection for one in found.printed])
+    return Claim(
+        f"{settings.printed_time:g} s of estimator time, which we give the printed Γ for every "
+        f"frame, bring Ĵ within {100.0 * NEAR:g} % of J in every camera",
+        OURS,
+        max(late),
+        "of ‖J‖",
+        "<=",
+        NEAR,
+        settings.cameras,
+        remark=f"worse in {bad} of {len(late)} cameras" if bad else "",
+        detail=f"{median(late):.3f} in the median, where the projection of the observations is "
+        f"off by {off:.1f} px at most",
+        figure="U",
+        trap="T6",
+        confirmed=max(late) > 10.0 * max(one.jacobian for one in found.fast),
+    )
+
+
+def fast_in_time(settings: Settings, found: BothGammas) -> Claim:
+    return Claim(
+        f"with our fast Γ {settings.fast_time:g} s bring Ĵ within {100.0 * NEAR:g} % of J in "
+        "every camera",
+        OURS,
+        max(one.jacobian for one in found.fast),
+        "of ‖J‖",
+        "<=",
+        NEAR,
+        settings.cameras,
+        figure="U",
+    )
+
+
+SHOWN = 5
+"""BothGammas in the figure."""
+
+
+def _figure(settings: Settings, found: BothGammas) -> Shown:
+    falls: dict[str, Sequence[FallOfU]] = {
+        "printed Γ": found.printed[:SHOWN],
+        "our fast Γ": found.fast[:SHOWN],
+    }
     curves = [
-        curve(
-            label if seed == shown[0] else "",
-            values[str(seed)][name]["time"][1:],
-            np.maximum(values[str(seed)][name]["U"][1:], 1e-12),
-            style,
-        )
-        for style, (name, label) in enumerate(GAMMAS.items())
-        for seed in shown
+        curve(label if i == 0 else "", one.time[1:], np.maximum(one.U[1:], 1e-12), style)
+        for style, (label, some) in enumerate(falls.items())
+        for i, one in enumerate(some)
     ]
     panel = Panel(
         "estimator time [s]", "U(t) / U(0)", curves, log_x=True, log_y=True, y_limits=(1e-9, 3.0)
     )
+    shown = settings.cameras[:SHOWN]
     caption = (
         f"U of (22) along rule (21) from â = 0, P = {settings.observations} noiseless "
-        f"observations of marker 1 before "
-        f"{len(shown)} cameras. Each U is measured by its own Γ, so that only the falls compare."
+        f"observations of marker 1 before {len(shown)} cameras. Each U is measured by its own Γ, "
+        "so that only the falls compare."
     )
-    return Shown(
-        "U", "Proposition 1, (22)-(23)", caption, list(shown), Figure("Proposition 1", [panel])
-    )
+    figure = Figure("Proposition 1", [panel])
+    return Shown("U", "Proposition 1, (22)-(23)", caption, list(shown), figure)
 
 
 EXPERIMENT = Experiment(

@@ -6,36 +6,33 @@ where Ĵ is within 20° of both ends. Beside it stands what becomes of the same 
 explores at its start.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from rcmservo.experiments.harness.claims import (
-    Chapter,
-    Claim,
-    Experiment,
-    Results,
-    Shown,
-    Task,
-    median,
-    rms,
-)
-from rcmservo.experiments.harness.closed_loop import FLOW, LONG, recorded
-from rcmservo.experiments.regulation import (
+from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
+from rcmservo.experiments.harness.lab.closed_loop import FLOW, LONG, recorded
+from rcmservo.experiments.harness.lab.regulation import (
     ACCURATE,
     SEEN,
     Regulation,
-    faithful,
-    regulate,
-    regulation_claims,
-    regulation_figures,
+    RegulationRun,
+    begun,
+    moving_means,
     regulation_tasks,
-    succeeded,
 )
+from rcmservo.experiments.harness.lab.regulation_claims import (
+    approximates,
+    falls_by_k_b,
+    regulation_figures,
+    succeeds,
+)
+from rcmservo.experiments.harness.sentences import OURS
+from rcmservo.experiments.harness.statistics import median
+from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures import plots
 from rcmservo.figures.charts import Figure, Panel, curve
 from rcmservo.interfaces import Floats
-from rcmservo.method.estimators.flow import FlowEstimator
+from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.exploration import Exploration
 
 FLOWS = (
@@ -43,189 +40,155 @@ FLOWS = (
     "$\\dot r, \\omega_2$ [px/s]",
     "$\\dot d, \\omega_3$ [px/s]",
 )
-SMOOTH = 60
-"""Frames, one second, over which a flow is averaged to tell signal from noise."""
+CASE = ("flow-based, explored half-way", "")
 
 
 @dataclass(frozen=True)
 class Settings(Regulation):
-    """As in Regulation; ``from_start`` repeats all seeds with the exploration at the start, with
-    the point camera."""
+    """As in Regulation."""
 
-    seeds: tuple[int, ...] = tuple(range(14))
-    estimator: FlowEstimator = FLOW
+    estimator: Estimator = FLOW
     exploration: Exploration = LONG
     half_way: bool = True
-    from_start: bool = True
+
+    @property
+    def from_start(self) -> Regulation:
+        """The same seeds with the exploration at the start, with the point camera."""
+        return replace(self, half_way=False, pictures=False)
 
 
 def tasks(settings: Settings) -> list[Task]:
-    runs = regulation_tasks(settings)
-    other = replace(settings, half_way=False, pictures=False)
-    return runs + [
-        Task(f"from-start-{seed}", regulate, {"seed": seed, "settings": other}, cost=6.0)
-        for seed in (settings.seeds if settings.from_start else ())
-    ]
+    return [*regulation_tasks(settings), *regulation_tasks(settings.from_start, "from-start")]
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    claims = regulation_claims(settings, results, "Fig. 10", "T5")
-    begun = [
-        run
-        for run in (results[f"seed-{seed}"].values for seed in settings.seeds)
-        if run["began"] is not None
+    runs = results.all(RegulationRun, "seed", settings.seeds)
+    other = results.all(RegulationRun, "from-start", settings.seeds)
+    claims = [
+        succeeds(settings, runs, "regulation-flow", CASE),
+        succeeds(settings, other, "regulation-flow", ("flow-based, explored at the start", "")),
+        approximates(settings, runs, CASE),
+        falls_by_k_b(settings, runs, CASE),
+        at_every_instant(settings, runs),
+        omega_follows(settings, runs),
+        small_gamma_removes_noise(settings, runs),
+        success_shows(settings, other),
     ]
-    flows = _flows(settings, results)
-    at_end = median([run["at_end"] for run in begun])
-    claims += [
-        Claim(
-            "Ĵ approximates the differential mapping at every instant: scaled ‖Ĵ − J‖/‖J‖ at the "
-            "end, median",
-            "Remark 3",
-            at_end,
-            "",
-            "<=",
-            ACCURATE,
-            settings.seeds,
-            remark="J turns with the imaged tool by 40°, and at about 1 mm/s the rule learns "
-            "next to nothing of it",
-            figure="estimate",
-            trap="T7",
-            confirmed=at_end > ACCURATE,
-        ),
-        Claim(
-            "ω of (35) follows the measured flow: rms difference of their means over 1 s, as a "
-            "share of the flow's",
-            "Fig. 12",
-            flows.away,
-            "",
-            "<=",
-            ACCURATE,
-            [settings.shown],
-            figure="estimate",
-            remark=f"as Ĵ is off by {at_end:.0%} (median) at the end"
-            if flows.away > ACCURATE
-            else "",
-        ),
-        Claim(
-            "a small γ removes noise from the estimated flow: change of ω from frame to frame as "
-            "a share of that of ẏ",
-            "Fig. 12",
-            flows.noise,
-            "",
-            "<=",
-            0.5,
-            [settings.shown],
-            figure="estimate",
-            trap="T13",
-            confirmed=flows.noise < 1.0,
-        ),
-    ]
-    if settings.from_start:
-        claims += _from_start(settings, results)
-    figures = regulation_figures(settings, results, ("Fig. 8", "Fig. 10"))
-    return Chapter(claims, [*figures, flows.shown])
+    figures = regulation_figures(settings, results, runs, ("Fig. 8", "Fig. 10"))
+    return Chapter(claims, [*figures, _flows(settings, results)])
 
 
-def _from_start(settings: Settings, results: Results) -> list[Claim]:
-    runs = [results[f"from-start-{seed}"].values for seed in settings.seeds]
-    reached = [run for run in runs if run["began"] is not None and succeeded(run)]
-    good = sum(faithful(run) for run in reached)
-    wrong = median([run["at_end"] for run in reached])
-    few = good < 0.9 * len(runs)
-    return [
-        Claim(
-            "it does not matter where the rule explores: faithful successes when it explores at "
-            "the start",
-            "Proposition 2",
-            good,
-            f"of {len(runs)} seeds",
-            ">=",
-            0.9 * len(runs),
-            settings.seeds,
-            remark="explored at the start, Ĵ is 40° off at the end",
-            detail=f"{len(reached)} of {len(runs)} fell below 2 % at all; point camera",
-            figure="seeds",
-            trap="T7",
-            confirmed=few,
-        ),
-        Claim(
-            "success shows that Ĵ is right: scaled ‖Ĵ − J‖/‖J‖ at the end of those that fell "
-            "below 2 %, median",
-            "IV-B",
-            wrong,
-            "",
-            "<=",
-            ACCURATE,
-            settings.seeds,
-            remark="an error falls wherever J Ĵ⁻¹ is positive definite, so reports give Ĵ's "
-            "error beside it",
-            figure="seeds",
-            trap="T1",
-            confirmed=wrong > ACCURATE,
-        ),
-    ]
+def at_every_instant(settings: Settings, runs: Sequence[RegulationRun]) -> Claim:
+    at_end = median([one.at_end for one in begun(runs)])
+    return Claim(
+        "Ĵ approximates the differential mapping at the end of a regulation: scaled ‖Ĵ − J‖/‖J‖, "
+        "median",
+        "every-instant",
+        at_end,
+        "of ‖J‖",
+        "<=",
+        ACCURATE,
+        settings.seeds,
+        remark="J turns with the imaged tool by 40°, and at about 1 mm/s the rule learns next to "
+        "nothing of it",
+        figure="estimate",
+        trap="T7",
+        confirmed=at_end > ACCURATE,
+    )
 
 
-@dataclass(frozen=True)
-class Flows:
-    """How far ω is ``away`` from ẏ in means over a second, its frame-to-frame ``noise``, both as
-    shares of ẏ's."""
+def omega_follows(settings: Settings, runs: Sequence[RegulationRun]) -> Claim:
+    away = [one.flow_away for one in begun(runs)]
+    return Claim(
+        "ω of (35) follows the measured flow: rms difference of their means over 1 s, as a share "
+        "of the flow's, median",
+        "flow",
+        median(away),
+        "of ẏ",
+        "<=",
+        ACCURATE,
+        settings.seeds,
+        detail=f"from {min(away):.2f} to {max(away):.2f}",
+        figure="estimate",
+        remark="as Ĵ is off at the end" if median(away) > ACCURATE else "",
+    )
 
-    away: float
-    noise: float
-    shown: Shown
+
+def small_gamma_removes_noise(settings: Settings, runs: Sequence[RegulationRun]) -> Claim:
+    noise = [one.flow_noise for one in begun(runs)]
+    return Claim(
+        "the estimated flow is smoother: change of ω from frame to frame as a share of that of ẏ, "
+        "median",
+        "noise",
+        median(noise),
+        "of ẏ's",
+        "<=",
+        0.5,
+        settings.seeds,
+        detail=f"from {min(noise):.2f} to {max(noise):.2f}",
+        figure="estimate",
+        trap="T13",
+        confirmed=median(noise) < 1.0,
+    )
 
 
-def _flows(settings: Settings, results: Results) -> Flows:
+def success_shows(settings: Settings, other: Sequence[RegulationRun]) -> Claim:
+    reached = begun(run for run in other if run.small)
+    wrong = median([one.at_end for one in reached or begun(other)])
+    return Claim(
+        "success shows that Ĵ is right: scaled ‖Ĵ − J‖/‖J‖ at the end of runs that explored at the "
+        "start and fell below 2 %, median",
+        OURS,
+        wrong,
+        "of ‖J‖",
+        "<=",
+        ACCURATE,
+        settings.seeds,
+        trials=len(reached),
+        remark="an error falls wherever J Ĵ⁻¹ is positive definite, so reports give Ĵ's error "
+        "beside it",
+        detail=f"{len(reached)} of {len(other)} fell below 2 %; explored at the start, Ĵ is 40° "
+        "off at the end",
+        figure="seeds",
+        trap="T1",
+        confirmed=wrong > ACCURATE,
+    )
+
+
+def _flows(settings: Settings, results: Results) -> Shown:
     """The flows of the run that the figures show, from its start on."""
-    result = results[f"seed-{settings.shown}"]
-    rows = recorded(result.folder)
-    began = (result.values["began"] or 0.0) + SEEN
+    task = f"seed-{settings.shown}"
+    rows, run = recorded(results.folder(task)), results.of(RegulationRun, task)
+    began = (run.regulated.began if run.regulated else 0.0) + SEEN
     new = rows.new_frames(began)
     y_dot, omega = (flow * plots.DEGREES for flow in plots.flows(rows, new))
-    mean, mean_omega = _means(y_dot), _means(omega)
     time = rows.time[new][1:] - began
-    mean_time = _means(time[:, None])[:, 0]
-    panels: list[Panel] = []
-    for i, name in enumerate(FLOWS):
-        for seconds, measured, estimated, words in (
-            (time, y_dot, omega, ""),
-            (mean_time, mean, mean_omega, ", means over 1 s"),
-        ):
-            labels = (
-                ("measured $\\dot{\\mathbf{y}}$", "estimate $\\mathbf{\\omega}$ (35)")
-                if i == 0
-                else ("", "")
-            )
-            curves = [
-                curve(labels[0], seconds, measured[:, i], -1),
-                curve(labels[1], seconds, estimated[:, i], 1),
-            ]
-            panels.append(Panel("time [s]" + words, name, curves))
+    mean_time = moving_means(time[:, None])[:, 0]
+    panels = list[Panel]()
+    for i in range(3):
+        panels.append(_panel(i, "time [s]", time, y_dot, omega))
+        label = "time [s], means over 1 s"
+        panels.append(_panel(i, label, mean_time, moving_means(y_dot), moving_means(omega)))
     caption = (
-        "The measured flow ẏ and the estimate ω of (35), from the start on: as they are, "
-        "and means over one second."
+        "The measured flow ẏ and the estimate ω of (35), from the start on: as they are, and "
+        "means over one second."
     )
-    shown = Shown(
-        "estimate", "Fig. 12", caption, [settings.shown], Figure("Output flow", panels, columns=2)
-    )
-    noise = rms(np.diff(omega, axis=0)) / rms(np.diff(y_dot, axis=0))
-    return Flows(rms(mean_omega - mean) / rms(mean), noise, shown)
+    figure = Figure("Output flow", panels, columns=2)
+    return Shown("estimate", "Fig. 12", caption, [settings.shown], figure)
 
 
-def _means(flow: Floats) -> Floats:
-    """Moving means over SMOOTH frames of a flow (n, 3)."""
-    window = np.ones(SMOOTH) / SMOOTH
-    return np.stack([np.convolve(column, window, mode="valid") for column in flow.T], axis=1)
+def _panel(i: int, label: str, time: Floats, y_dot: Floats, omega: Floats) -> Panel:
+    names = ("measured $\\dot{\\mathbf{y}}$", "estimate $\\mathbf{\\omega}$ (35)")
+    first, second = names if i == 0 else ("", "")
+    curves = [curve(first, time, y_dot[:, i], -1), curve(second, time, omega[:, i], 1)]
+    return Panel(label, FLOWS[i], curves)
 
 
 EXPERIMENT = Experiment(
     name="regulation-flow",
     title="Regulation with the flow-based estimator",
-    about="Fig. 8, 10 and 12, on rendered frames with noise: k = 0.1, b = 10 (10°, 10 px, 10 "
-    "px), γ = 0.001, Ĵ from "
-    "zero, explored for about 20 s where half of the errors are left.",
+    about="Fig. 8, 10 and 12, on rendered frames with noise: k = 0.1, b = 10 (10°, 10 px, 10 px), "
+    "γ = 0.001, Ĵ from zero, explored for about 20 s where half of the errors are left.",
     whole=Settings(),
     quick=Settings(seeds=(0,), pictures=False),
     tasks=tasks,

@@ -7,22 +7,13 @@ back to where it was, and the servo explores anew and goes on. (The script plays
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from rcmservo.experiments.harness.claims import (
-    Chapter,
-    Claim,
-    Experiment,
-    Result,
-    Results,
-    Shown,
-    Task,
-    median,
-)
-from rcmservo.experiments.harness.closed_loop import (
+from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
+from rcmservo.experiments.harness.lab.closed_loop import (
     FLOW,
     LONG,
     NOISE,
@@ -30,14 +21,19 @@ from rcmservo.experiments.harness.closed_loop import (
     recorded,
     servo_for,
 )
+from rcmservo.experiments.harness.sentences import OURS
+from rcmservo.experiments.harness.statistics import median, share
+from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures.charts import Figure, Panel, curve
 from rcmservo.guard.states import Cause, Phase
+from rcmservo.interfaces import Target
 from rcmservo.loop.run import Tick
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.features import SCALE
+from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 
 PAPER = 4.0
@@ -52,18 +48,46 @@ METHODS: dict[str, tuple[Estimator, Exploration]] = {
 
 @dataclass(frozen=True)
 class Settings:
-    """The camera is relocated when ``share`` of the way in Δy is left; ``duration`` s of each
-    part."""
+    """Runs in which the camera is relocated on the way."""
 
     seeds: Sequence[int] = (0, 1, 2)
     share: float = 0.5
+    """Of the way in Δy that is left when the camera is relocated."""
     duration: float = 50.0
+    """s of each part."""
     controller: SaturatedController = field(default_factory=SaturatedController)
     scene: SceneSettings = field(
         default_factory=lambda: SceneSettings(room=12.0, travel=(30.0, 60.0))
     )
     pictures: bool = True
     noise: float = NOISE
+    """px where there are no pictures."""
+
+
+@dataclass(frozen=True)
+class Stop:
+    """What the servo did when the camera was moved."""
+
+    moved: float | None
+    """s at which it was moved; None if the servo never came so far."""
+    stopped_after: float | None
+    """s until the tool stood still; None if it did not."""
+    travelled: float
+    """mm of marker 2 meanwhile."""
+    noticed: bool
+    """Whether the servo paused for that reason."""
+
+
+@dataclass(frozen=True)
+class Relocation:
+    """One run: the stop, and how it ended with the target shown in the new view."""
+
+    stop: Stop
+    again: float
+    """s at which the servo was started again."""
+    end_cause: str
+    pose_error: float
+    """mm."""
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -71,168 +95,181 @@ def tasks(settings: Settings) -> list[Task]:
     return [
         Task(
             f"{method}-{seed}",
-            relocated,
-            {"seed": seed, "method": method, "settings": settings},
+            partial(relocated, seed=seed, method=method, settings=settings),
             cost,
         )
-        for seed in settings.seeds
         for method in METHODS
+        for seed in settings.seeds
     ]
 
 
-def relocated(folder: Path, seed: int, method: str, settings: Settings) -> dict[str, Any]:
+def relocated(folder: Path, seed: int, method: str, settings: Settings) -> Relocation:
     """Servo, relocate the camera half-way, see the tool stop, show the target anew, and go on from
     nothing."""
-    rig_settings = RigSettings(scene=settings.scene, point_noise=settings.noise)
+    laboratory = RigSettings(scene=settings.scene, point_noise=settings.noise)
     estimator, exploration = METHODS[method]
 
-    def servo(rig: Rig) -> Any:
+    def servo(rig: Rig) -> Servo:
         return servo_for(rig, estimator, exploration, settings.controller)
 
-    with ClosedLoop(folder, seed, rig_settings, settings.pictures, servo) as loop:
+    with ClosedLoop(folder, seed, laboratory, settings.pictures, servo) as loop:
         target, p_d = loop.shown(loop.rig.scene.target)
         loop.rig.go_home()
-        values = _until_stopped(loop, target, settings)
+        stop = _until_stopped(loop, target, settings)
         stopped_at = loop.rig.arm.q_true
         target, _ = loop.shown(loop.rig.scene.target)
         loop.rig.place(stopped_at)
-        values["again"] = loop.elapsed()
+        again = loop.elapsed()
         tick = loop.last(target, settings.duration)
-        loop.snapshot(
-            "after.png", target, tick.state, "after: the target was shown in the new view"
-        )
+        words = "after: the target was shown in the new view"
+        loop.snapshot("after.png", target, tick.state, words)
         error = float(np.linalg.norm(loop.true_p2() - p_d))
-    explored = tick.state.explored
-    return {
-        **values,
-        "explored": explored,
-        "end_cause": tick.state.cause.value,
-        "pose_error": error,
-    }
+    return Relocation(stop, again, tick.state.cause.value, error)
 
 
-def _until_stopped(loop: ClosedLoop, target: Any, settings: Settings) -> dict[str, Any]:
+def _until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> Stop:
     """Servo to the target, move the camera on the way, and see when and why the tool stands
     still."""
-    first, moved, stopped = np.nan, None, None
-    p2 = loop.true_p2()
-    cause = Cause.NONE
+    way = HalfWay(settings.share)
+    moved, stopped, p2 = None, None, loop.true_p2()
     tick: Tick | None = None
     for tick in loop.stage(target, settings.duration):
-        if tick.state.phase is Phase.SERVO and moved is None:
-            size = float(np.linalg.norm(tick.state.delta / SCALE))
-            first = size if np.isnan(first) else first
-            if size < settings.share * first:
-                loop.snapshot("before.png", target, tick.state, "before")
-                loop.rig.relocate_camera()
-                moved, p2 = tick.time / 1e9, loop.true_p2()
+        if moved is None and way.reached(tick):
+            loop.snapshot("before.png", target, tick.state, "before")
+            loop.rig.relocate_camera()
+            moved, p2 = tick.time / 1e9, loop.true_p2()
         elif moved is not None and stopped is None and not tick.state.command.rates.any():
             stopped = tick.time / 1e9
-    if tick is not None:
-        cause = tick.state.cause
-        loop.snapshot(
-            "moved.png",
-            target,
-            tick.state,
-            "the camera was moved and rolled: " + tick.state.phase.value,
-        )
-    return {
-        "moved": moved,
-        "stopped_after": None if moved is None or stopped is None else stopped - moved,
-        "travelled": float(np.linalg.norm(loop.true_p2() - p2)),
-        "cause": cause.value,
-        "noticed": cause is Cause.CAMERA_MOVED,
-    }
+    assert tick is not None
+    words = "the camera was moved and rolled: " + tick.state.phase.value
+    loop.snapshot("moved.png", target, tick.state, words)
+    return Stop(
+        moved=moved,
+        stopped_after=None if moved is None or stopped is None else stopped - moved,
+        travelled=float(np.linalg.norm(loop.true_p2() - p2)),
+        noticed=tick.state.cause is Cause.CAMERA_MOVED,
+    )
+
+
+class HalfWay:
+    """Whether no more than a share of the first error is left."""
+
+    def __init__(self, share: float) -> None:
+        self._share, self._first = share, np.nan
+
+    def reached(self, tick: Tick) -> bool:
+        if tick.state.phase is not Phase.SERVO:
+            return False
+        size = float(np.linalg.norm(tick.state.delta / SCALE))
+        self._first = size if np.isnan(self._first) else self._first
+        return size < self._share * self._first
+
+
+@dataclass(frozen=True)
+class Relocations:
+    """All runs, by name."""
+
+    settings: Settings
+    runs: dict[str, Relocation]
+
+    @property
+    def stops(self) -> list[Stop]:
+        return [run.stop for run in self.runs.values()]
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    runs = {name: result.values for name, result in results.items()}
-    count = f"of {len(runs)} runs"
-    noticed = [run for run in runs.values() if run["noticed"]]
-    after = [run["stopped_after"] for run in runs.values()]
-    slowest = max((np.inf if value is None else value) for value in after)
-    errors = [run["pose_error"] for run in runs.values()]
-    failed = [
-        f"{name}: {run['end_cause'] or 'not there'}"
-        for name, run in runs.items()
-        if run["pose_error"] > PAPER
-    ]
-    claims = [
-        Claim(
-            "a camera that is moved and rolled in mid-run is noticed, and the servo pauses for "
-            "that reason",
-            "V, Remark 2",
-            len(noticed),
-            count,
-            ">=",
-            len(runs),
-            settings.seeds,
-            detail="both estimators, default gains",
-            figure="relocated",
-        ),
-        Claim(
-            "the tool stands still soon after the camera was moved, slowest run",
-            "ours",
-            slowest,
-            "s",
-            "<=",
-            STOPS,
-            settings.seeds,
-            detail=f"it went on by {max(run['travelled'] for run in runs.values()):.1f} mm at most",
-            figure="relocated",
-        ),
-        Claim(
-            "the camera can be relocated arbitrarily: with the target shown in the new view the "
-            "servo explores anew "
-            "and gets there, largest pose error",
-            "V",
-            max(errors),
-            "mm",
-            "<=",
-            PAPER,
-            settings.seeds,
-            remark="a target that was registered in the old view is lost with it and must be "
-            "shown again",
-            detail=f"median {median(errors):.2f} mm" + ("; " + "; ".join(failed) if failed else ""),
-            figure="relocated",
-        ),
-    ]
+    names = [task.name for task in tasks(settings)]
+    found = Relocations(settings, {name: results.of(Relocation, name) for name in names})
+    claims = [gets_there(found), is_noticed(found), stands_still(found)]
     return Chapter(claims, _figures(settings, results))
+
+
+def gets_there(found: Relocations) -> Claim:
+    errors = [run.pose_error for run in found.runs.values()]
+    failed = [
+        f"{name}: {run.end_cause or 'not there'}"
+        for name, run in found.runs.items()
+        if run.pose_error > PAPER
+    ]
+    return Claim(
+        "with the target shown in the new view the servo explores anew and gets there: largest "
+        "pose error",
+        "relocate",
+        max(errors),
+        "mm",
+        "<=",
+        PAPER,
+        found.settings.seeds,
+        remark="a target that was registered in the old view is lost with it and must be shown "
+        "again",
+        detail="; ".join([f"median {median(errors):.2f} mm", *failed]),
+        figure="relocated",
+    )
+
+
+def is_noticed(found: Relocations) -> Claim:
+    return Claim(
+        "a camera that is moved and rolled in mid-run is noticed, and the servo pauses for that "
+        "reason",
+        OURS,
+        100.0 * share(stop.noticed for stop in found.stops),
+        "% of runs",
+        ">=",
+        100.0,
+        found.settings.seeds,
+        detail=f"{len(found.stops)} runs, both estimators, default gains",
+        figure="relocated",
+    )
+
+
+def stands_still(found: Relocations) -> Claim:
+    soon = [stop.stopped_after is not None and stop.stopped_after <= STOPS for stop in found.stops]
+    after = [f"{stop.stopped_after:.2f}" for stop in found.stops if stop.stopped_after is not None]
+    return Claim(
+        f"the tool stands still within {STOPS:g} s after the camera was moved",
+        OURS,
+        100.0 * share(soon),
+        "% of runs",
+        ">=",
+        100.0,
+        found.settings.seeds,
+        detail=f"after {', '.join(after)} s; it went on by "
+        f"{max(stop.travelled for stop in found.stops):.1f} mm at most",
+        figure="relocated",
+    )
 
 
 def _figures(settings: Settings, results: Results) -> list[Shown]:
     seed = settings.seeds[0]
-    shown = results[f"projection-{seed}"]
-    pictures = [
-        path
-        for name in ("before", "moved", "after")
-        if (path := shown.folder / f"{name}.png").exists()
-    ]
-    panels = [_over_time(method, results[f"{method}-{seed}"]) for method in METHODS]
+    figure = Figure(
+        "The camera relocated in mid-run",
+        [_over_time(method, f"{method}-{seed}", results) for method in METHODS],
+    )
     caption = (
         "The feature error as the servo knows it. Shaded: the camera was moved, the servo has "
-        "stopped, and the person "
-        "shows the target anew; then it explores and goes on."
+        "stopped, and the person shows the target anew; then it explores and goes on."
     )
-    figures = [
-        Shown("relocated", "V", caption, [seed], Figure("The camera relocated in mid-run", panels))
-    ]
-    if pictures:
-        caption = (
-            "Before the camera was moved, after it (the old target is meaningless now), "
-            "and at the end."
-        )
-        figures.insert(0, Shown("pictures", "V", caption, [seed], pictures=pictures))
-    return figures
+    return [*_pictures(seed, results), Shown("relocated", "V", caption, [seed], figure)]
 
 
-def _over_time(method: str, result: Result) -> Panel:
-    rows = recorded(result.folder)
+def _pictures(seed: int, results: Results) -> list[Shown]:
+    folder = results.folder(f"projection-{seed}")
+    pictures = [folder / f"{name}.png" for name in ("before", "moved", "after")]
+    if not all(path.exists() for path in pictures):
+        return []
+    caption = (
+        "Before the camera was moved, after it (the old target is meaningless now), and at the end."
+    )
+    return [Shown("pictures", "V", caption, [seed], pictures=pictures)]
+
+
+def _over_time(method: str, task: str, results: Results) -> Panel:
+    rows, run = recorded(results.folder(task)), results.of(Relocation, task)
     new = rows.new_frames()
     size = np.linalg.norm(rows.ticks["delta"][new] / SCALE, axis=1)
     label = f"scaled $|\\Delta y|$\n{method}"
-    moved = result.values["moved"]
-    spans = [(moved, result.values["again"])] if moved is not None else []
+    moved = run.stop.moved
+    spans = [(moved, run.again)] if moved is not None else []
     return Panel("time [s]", label, [curve("", rows.time[new], size)], shaded=spans, log_y=True)
 
 
@@ -240,8 +277,7 @@ EXPERIMENT = Experiment(
     name="relocation",
     title="The camera relocated",
     about="“to arbitrarily relocate the camera to observe different regions of interest” (V): "
-    "the camera is moved and "
-    "rolled in the middle of a run.",
+    "the camera is moved and rolled in the middle of a run.",
     whole=Settings(),
     quick=Settings(seeds=(0,), pictures=False),
     tasks=tasks,

@@ -4,39 +4,35 @@ definite.
 Closed loops with the printed gains and either estimator; the truth judges every frame.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rcmservo.experiments.harness.claims import (
-    Chapter,
-    Claim,
-    Experiment,
-    Results,
-    Shown,
-    Task,
-    median,
-)
-from rcmservo.experiments.harness.closed_loop import (
+from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
+from rcmservo.experiments.harness.lab.closed_loop import (
     NOISE,
     PAPER_METHODS,
     PAPER_SCENES,
     PRINTED_LAW,
     servo_for,
 )
+from rcmservo.experiments.harness.lab.witness import laboratory
+from rcmservo.experiments.harness.sentences import OURS
+from rcmservo.experiments.harness.statistics import median
+from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures.charts import Figure, Panel, curve
 from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats
-from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
 from rcmservo.method.controller import potential_gradient, scaled
 from rcmservo.method.features import SCALE
 from rcmservo.servo.servo import State
-from rcmservo.sim import Rig, RigSettings
-from rcmservo.tracking import PointMarkers
+from rcmservo.sim import Rig
 
 NEAR_UNITY = 0.3
 """‖J Ĵ⁻¹ − I‖₂ up to which J Ĵ⁻¹ counts as about I; 1 would be enough for a positive definite
@@ -45,33 +41,54 @@ symmetric part."""
 
 @dataclass(frozen=True)
 class Settings:
-    """``duration`` s of the way to the target."""
+    """Regulations with the printed gains."""
 
     seeds: tuple[int, ...] = (0, 1, 2, 3)
     duration: float = 150.0
+    """s of the way to the target."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What the truth says of one regulation, frame by frame while it servoes to the target."""
+
+    time: Floats
+    """s."""
+    least: Floats
+    """λ_min of the symmetric part of J Ĵ⁻¹."""
+    V_dot: Floats
+    """Of the velocity commanded, 1/s."""
+    in_noise: Floats
+    """|Δy| over three times its noise."""
+    off: Floats
+    """‖J Ĵ⁻¹ − I‖₂."""
+    cause: str
+    arrived: bool
+
+    @property
+    def wide(self) -> NDArray[np.bool_]:
+        """Which frames show an error above their noise."""
+        return self.in_noise > 1.0
 
 
 def tasks(settings: Settings) -> list[Task]:
+    costs = {"projection": 6.0, "flow": 10.0}
     return [
         Task(
-            f"{name}-{seed}",
-            regulate,
-            {"settings": settings, "estimator": name, "seed": seed},
-            cost=cost,
+            f"{name}-{seed}", partial(regulate, settings=settings, estimator=name, seed=seed), cost
         )
-        for name, cost in (("projection", 6.0), ("flow", 10.0))
+        for name, cost in costs.items()
         for seed in settings.seeds
     ]
 
 
-def regulate(folder: Path, settings: Settings, estimator: str, seed: int) -> dict[str, Any]:
+def regulate(folder: Path, settings: Settings, estimator: str, seed: int) -> Frames:
     """A regulation with the printed gains, judged in every frame while it servoes to the target.
 
     The flow rule explores half-way, is then servoed to the start, and from there to the target.
     """
     del folder
-    rig = Rig(seed, RigSettings(scene=PAPER_SCENES, point_noise=NOISE), pictures=False)
-    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
+    rig, plant = laboratory(seed, PAPER_SCENES, NOISE)
     servo = servo_for(rig, *PAPER_METHODS[estimator])
     servo.warm_up()
     home = teach(plant)
@@ -84,14 +101,19 @@ def regulate(folder: Path, settings: Settings, estimator: str, seed: int) -> dic
             state = tick.state
     else:
         rig.go_home()
-    frames: list[list[float]] = []
+    frames = list[tuple[float, ...]]()
     seen, cause = -1, ""
     for tick in run(plant, servo, target, settings.duration, done=arrived, state=state):
         cause = tick.state.cause.value
         if tick.state.phase is Phase.SERVO and tick.state.frame > seen:
             seen = tick.state.frame
-            frames.append([tick.time / 1e9, *judge(rig, tick.state, tick.seen.q_exposure)])
-    return {"frames": frames, "cause": cause, "arrived": bool(frames) and frames[-1][3] < 1.0}
+            frames.append((tick.time / 1e9, *judge(rig, tick.state, tick.seen.q_exposure)))
+    return _frames(frames, cause)
+
+
+def _frames(rows: list[tuple[float, ...]], cause: str) -> Frames:
+    time, least, V_dot, noisy, off = np.array(rows, dtype=float).reshape(-1, 5).T
+    return Frames(time, least, V_dot, noisy, off, cause, bool(len(noisy)) and noisy[-1] < 1.0)
 
 
 def arrived(tick: Tick) -> bool:
@@ -107,7 +129,7 @@ def in_noise(state: State) -> float:
     return float(np.max(np.abs(state.delta) / (3.0 * noise)))
 
 
-def judge(rig: Rig, state: State, q: Floats) -> list[float]:
+def judge(rig: Rig, state: State, q: Floats) -> tuple[float, float, float, float]:
     """λ_min of the symmetric part of J Ĵ⁻¹, V̇ of the velocity commanded, |Δy| over 3 x its noise,
     and ‖J Ĵ⁻¹ − I‖₂.
 
@@ -117,117 +139,133 @@ def judge(rig: Rig, state: State, q: Floats) -> list[float]:
     closed = J @ np.linalg.inv(J_hat)
     least = np.linalg.eigvalsh(0.5 * (closed + closed.T))[0]
     gradient = potential_gradient(state.delta / SCALE, PRINTED_LAW.b / SCALE, False)
-    return [
-        float(least),
-        float(gradient @ J @ state.v),
-        in_noise(state),
-        float(np.linalg.norm(closed - np.eye(3), 2)),
-    ]
+    off = np.linalg.norm(closed - np.eye(3), 2)
+    return float(least), float(gradient @ J @ state.v), in_noise(state), float(off)
+
+
+@dataclass(frozen=True)
+class Runs:
+    """All regulations with one estimator."""
+
+    name: str
+    frames: list[Frames]
+    seeds: tuple[int, ...]
+
+    @property
+    def falls(self) -> float:
+        """Share of the frames with an error in which V falls, in the worst run."""
+        return min(float(np.mean(one.V_dot[one.wide] <= 0.0)) for one in self.frames)
+
+    @property
+    def least(self) -> float:
+        """The least λ_min of all frames with an error."""
+        return min(float(one.least[one.wide].min()) for one in self.frames)
+
+    @property
+    def there(self) -> int:
+        return sum(one.arrived for one in self.frames)
+
+    @property
+    def words(self) -> str:
+        pairs = zip(self.seeds, self.frames, strict=True)
+        causes = [f"seed {seed}: {one.cause}" for seed, one in pairs if one.cause]
+        count = sum(int(one.wide.sum()) for one in self.frames)
+        about = (
+            f"least over {len(self.frames)} runs, of which {self.there} arrived; {count} frames "
+            "with an error above three times the noise"
+        )
+        return "; ".join([about, *causes])
 
 
 def chapter(settings: Settings, results: Results) -> Chapter:
-    claims = [claim for name in PAPER_METHODS for claim in _claims(settings, results, name)]
-    return Chapter(claims, [_figure(settings, results)])
-
-
-def judged_frames(settings: Settings, results: Results, estimator: str) -> list[Floats]:
-    """Per seed the rows [time, λ_min, V̇, |Δy| over 3 x noise, ‖J Ĵ⁻¹ − I‖₂] of frames that show an
-    error."""
-    runs = [results[f"{estimator}-{seed}"].values["frames"] for seed in settings.seeds]
-    frames = [np.array(run, dtype=float).reshape(-1, 5) for run in runs]
-    return [rows[rows[:, 3] > 1.0] for rows in frames]
-
-
-def _claims(settings: Settings, results: Results, name: str) -> list[Claim]:
-    seeds = settings.seeds
-    runs = judged_frames(settings, results, name)
-    share = min(float(np.mean(rows[:, 2] <= 0.0)) for rows in runs)
-    least = min(float(rows[:, 1].min()) for rows in runs)
-    off = [median(rows[:, 4]) for rows in runs]
-    values = [results[f"{name}-{seed}"].values for seed in seeds]
-    there = sum(one["arrived"] for one in values)
-    causes = [
-        f"seed {seed}: {one['cause']}"
-        for seed, one in zip(seeds, values, strict=True)
-        if one["cause"]
+    runs = [
+        Runs(name, results.all(Frames, name, settings.seeds), settings.seeds)
+        for name in PAPER_METHODS
     ]
-    about = f"{name}-based estimator with the printed gains"
-    detail = (
-        f"least over {len(runs)} runs, of which {there} arrived; {sum(map(len, runs))} frames "
-        f"with an error above "
-        "three times the noise"
+    claims = [claim(one) for claim in (V_falls, about_unity, positive_definite) for one in runs]
+    return Chapter(claims, [_figure(runs)])
+
+
+def V_falls(runs: Runs) -> Claim:
+    return Claim(
+        "V falls: V̇ ≤ 0 in every frame of a regulation, share of the frames",
+        "stable-33",
+        runs.falls,
+        "of the frames",
+        ">=",
+        0.99,
+        runs.seeds,
+        case=(f"{runs.name}-based", ""),
+        detail=runs.words,
+        figure="stability",
     )
-    positive = least > 0.0
-    return [
-        Claim(
-            f"V falls: V̇ ≤ 0 in every frame of a regulation ({about})",
-            "(33)",
-            share,
-            "share of frames",
-            ">=",
-            0.99,
-            seeds,
-            detail="; ".join([detail, *causes]),
-            figure="stability",
-        ),
-        Claim(
-            f"J Ĵ⁻¹ ≈ I, as (33) assumes ({about})",
-            "III-D",
-            max(off),
-            "‖J Ĵ⁻¹ − I‖₂",
-            "<=",
-            NEAR_UNITY,
-            seeds,
-            remark=""
-            if max(off) <= NEAR_UNITY
-            else f"{there} of {len(runs)} runs arrived all the same: positive definite is enough",
-            detail="medians of the runs: " + ", ".join(f"{one:.2f}" for one in off),
-            figure="stability",
-            trap="T15",
-            confirmed=positive and share >= 0.99,
-        ),
-        Claim(
-            f"the symmetric part of J Ĵ⁻¹ is positive definite in every frame ({about})",
-            "ours",
-            least,
-            "λ_min",
-            ">=",
-            0.0,
-            seeds,
-            detail=detail,
-            figure="stability",
-            trap="T15",
-            confirmed=positive,
-        ),
-    ]
 
 
-def _figure(settings: Settings, results: Results) -> Shown:
-    rows = {name: judged_frames(settings, results, name)[0] for name in PAPER_METHODS}
-    parts = {1: "$\\lambda_{min}$, sym. J Ĵ⁻¹", 2: "V̇ [1/s]", 4: "‖J Ĵ⁻¹ − I‖"}
+def about_unity(runs: Runs) -> Claim:
+    off = [median(one.off[one.wide]) for one in runs.frames]
+    return Claim(
+        "J Ĵ⁻¹ ≈ I along a regulation: ‖J Ĵ⁻¹ − I‖₂, largest of the runs' medians",
+        "unity",
+        max(off),
+        "",
+        "<=",
+        NEAR_UNITY,
+        runs.seeds,
+        case=(f"{runs.name}-based", ""),
+        remark=f"{runs.there} of {len(off)} runs arrived all the same: positive definite is enough"
+        if max(off) > NEAR_UNITY
+        else "",
+        detail="medians of the runs: " + ", ".join(f"{one:.2f}" for one in off),
+        figure="stability",
+        trap="T15",
+        confirmed=runs.least > 0.0 and runs.falls >= 0.99,
+    )
+
+
+def positive_definite(runs: Runs) -> Claim:
+    return Claim(
+        "the symmetric part of J Ĵ⁻¹ is positive definite in every frame: least eigenvalue",
+        OURS,
+        runs.least,
+        "",
+        ">=",
+        0.0,
+        runs.seeds,
+        case=(f"{runs.name}-based", ""),
+        detail=runs.words,
+        figure="stability",
+        trap="T15",
+        confirmed=runs.least > 0.0,
+    )
+
+
+def _figure(runs: list[Runs]) -> Shown:
+    shown = [one.frames[0] for one in runs]
+
+    def panel(label: str, of: Callable[[Frames], Floats], level: bool, labelled: bool) -> Panel:
+        curves = [
+            curve(
+                f"{one.name}-based" if labelled else "",
+                frames.time[frames.wide],
+                of(frames)[frames.wide],
+                style,
+            )
+            for style, (one, frames) in enumerate(zip(runs, shown, strict=True))
+        ]
+        return Panel("time [s]", label, curves, levels=[("", 0.0)] if level else [])
+
     panels = [
-        Panel(
-            "time [s]",
-            label,
-            [
-                curve(f"{name}-based" if column == 1 else "", some[:, 0], some[:, column], style)
-                for style, (name, some) in enumerate(rows.items())
-            ],
-            levels=[] if column == 4 else [("", 0.0)],
-        )
-        for column, label in parts.items()
+        panel("$\\lambda_{min}$, sym. J Ĵ⁻¹", lambda one: one.least, True, True),
+        panel("V̇ [1/s]", lambda one: one.V_dot, True, False),
+        panel("‖J Ĵ⁻¹ − I‖", lambda one: one.off, False, False),
     ]
     caption = (
         "The loop on its way to the target, judged with the true J: the smallest eigenvalue of "
-        "the symmetric part of "
-        "J Ĵ⁻¹ (stable if positive), the slope of V under the velocity commanded, and how far J "
-        "Ĵ⁻¹ is from I. "
-        "All scaled to 10°, 10 px, 10 px."
+        "the symmetric part of J Ĵ⁻¹ (stable if positive), the slope of V under the velocity "
+        "commanded, and how far J Ĵ⁻¹ is from I. All scaled to 10°, 10 px, 10 px."
     )
-    seeds = [settings.seeds[0]]
-    return Shown(
-        "stability", "(33)", caption, seeds, Figure("Stability along a regulation", panels)
-    )
+    figure = Figure("Stability along a regulation", panels)
+    return Shown("stability", "(33)", caption, [runs[0].seeds[0]], figure)
 
 
 EXPERIMENT = Experiment(

@@ -1,5 +1,5 @@
-"""The camera's picture with what the servo sees in it: present features blue, target black, as in
-Fig. 7."""
+"""The camera's picture with what the servo sees in it: the tool blue, the target black, as in Fig.
+7."""
 
 import itertools
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ SHIFT = 4
 """Bits of sub-pixel position in OpenCV's drawing."""
 
 FAR = 20_000.0
-"""px: an imaged RCM further away than this is drawn as its direction only."""
+"""px. Of an imaged RCM further away than this only the direction is drawn."""
 
 
 def draw(
@@ -27,8 +27,8 @@ def draw(
     words: str,
     others: Sequence[Floats] = (),
 ) -> Image:
-    """A copy of the picture with markers m₁ m₂ (2, 2), imaged RCM o_c (2,), target (2, 2) px and
-    lines of words.
+    """A copy of the picture with the markers m₁ m₂ (2, 2), the imaged RCM o_c (2,), the target (2,
+    2), all in px, and lines of words.
 
     The lines run from o_c to m₁ (r) and on to m₂ (d); their direction is s. What is NaN is left
     out. Further targets, `others`, are drawn in thin black.

@@ -1,5 +1,4 @@
-"""Figures from a record, with the paper's symbols: the errors over time, and the estimate beside
-the measurement."""
+"""Figures from a record, with the paper's symbols: the errors, the phases, the estimate."""
 
 from textwrap import fill
 
@@ -44,8 +43,7 @@ ASKED = {
 
 
 def errors(record: Record) -> Figure:
-    """|Δs|, |Δr|, |Δd| over time on a logarithmic axis, with tolerances and exploration: Fig. 9 and
-    10."""
+    """|Δs|, |Δr| and |Δd| over time, with tolerances and exploration: Fig. 9 and 10."""
     deltas = np.maximum(np.abs(record.ticks["delta"]) * DEGREES, LEAST)
     panels = [
         Panel(
@@ -62,8 +60,10 @@ def errors(record: Record) -> Figure:
 
 
 def timeline(record: Record) -> Figure:
-    """The phases as bands behind the errors, in units of their tolerances, and every cause in a
-    line of its own."""
+    """The phases as bands behind the errors, and every cause in a line of its own.
+
+    The errors are in units of their tolerances.
+    """
     found = spans(record)
     ratios = np.maximum(np.abs(record.ticks["delta"]) / TOLERANCE, LEAST)
     errors = Panel(
@@ -134,8 +134,11 @@ def _in_picture(record: Record) -> Panel:
 
 
 def estimate(record: Record) -> Figure:
-    """What the estimate says beside what was measured: m₁ and π (34), Fig. 11, or ẏ and ω = Ĵ ṗ₁
-    (35), Fig. 12."""
+    """What the estimate says beside what was measured.
+
+    That is m₁ and π (34), Fig. 11, for an estimator with a model of the projection; ẏ and ω = Ĵ ṗ₁
+    (35), Fig. 12, for others.
+    """
     return projection(record) if np.isfinite(record.ticks["model"]).any() else flow(record)
 
 
@@ -166,8 +169,10 @@ def flow(record: Record) -> Figure:
 
 
 def flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
-    """ẏ by differences between new frames, and ω = Ĵ ṗ₁ with the Ĵ before each: both (N - 1, 3)
-    rad/s, px/s, px/s."""
+    """ẏ by differences between new frames, and ω = Ĵ ṗ₁ with the Ĵ before each of them.
+
+    Both are (N - 1, 3), in rad/s, px/s, px/s.
+    """
     dt = np.diff(record.ticks["exposure"][new], axis=0) * 1e-9
     steps = np.diff(record.ticks["y"][new], axis=0)
     steps[:, 0] = (steps[:, 0] + np.pi) % (2.0 * np.pi) - np.pi
@@ -177,8 +182,7 @@ def flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
 
 
 def exploration(record: Record) -> list[tuple[float, float]]:
-    """When the servo explored, as spans of time s: while it acquired and had not yet learnt
-    enough."""
+    """When the servo explored, as spans of time s: it acquired and had not yet learnt enough."""
     acquiring = np.array([phase == Phase.ACQUIRE.name for phase in record.phase], dtype=bool)
     exploring = acquiring & (record.ticks["explored"][:, 0] == 0)
     turns = np.flatnonzero(np.diff(exploring, prepend=False, append=False))

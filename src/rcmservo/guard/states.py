@@ -82,6 +82,11 @@ class Cause(Enum):
         Action.FAULT,
         "this is an error in the software: keep the record, clear, and enable again",
     )
+    ESTIMATOR_FAILED = (
+        "the estimator raised an error, or gave what is no Jacobian",
+        Action.FAULT,
+        "mend the estimator and begin a new run",
+    )
     ESTIMATE_NOT_FINITE = (
         "the estimator gave a number that is not finite",
         Action.FAULT,

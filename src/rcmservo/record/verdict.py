@@ -1,13 +1,14 @@
 """What became of a run: settled or not, when, and why not. Judged from what the servo measured,
 tick by tick."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rcmservo.guard.states import Action, Mode, Phase
+from rcmservo.guard.states import Action, Cause, Mode, Phase
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.tick import Tick
+from rcmservo.servo.own_estimator import Guard, called
 from rcmservo.servo.servo import Servo
 
 TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
@@ -30,18 +31,26 @@ ON_THE_WAY = {
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """``settled``, or the ``cause`` in words why not; ``settle_time`` s after which the errors
-    stayed small, or None.
-
-    ``error`` (3,) rad, px, px is the root mean square of Δy over the last second. ``explored_at``
-    is the time s at which exploration ended, or None.
-    """
+    """Whether a run settled, and if not why."""
 
     settled: bool
     cause: str
+    """In words, why it did not settle; empty if it did."""
     settle_time: float | None
+    """s after which the errors stayed small to the end, for LAST s or more; None if not."""
     error: Floats
+    """Root mean square (3,) of Δy over the last second, rad, px, px."""
     explored_at: float | None
+    """s at which exploration ended, or None."""
+
+
+def settle_time(times: Floats, errors: Floats) -> float | None:
+    """When the errors Δy (N, 3) came within TOLERANCE for good; None if not, or for less than LAST
+    s before the last of ``times`` (N,) s."""
+    outside = np.flatnonzero(~(np.abs(errors) < TOLERANCE).all(axis=1))
+    since = int(outside[-1]) + 1 if len(outside) else 0
+    stayed = since < len(times) and times[-1] - times[since] >= LAST - 1e-6
+    return float(times[since]) if stayed else None
 
 
 class Judge:
@@ -75,13 +84,19 @@ class Judge:
                 self._servo.marker_1(self._last.seen.q) - self._servo.marker_1(self._target.q)
             )
         )
-        return judged(
-            np.array(self._times),
-            np.array(self._errors),
-            self._explored_at,
-            self._last.state.mode,
-            away,
-        )
+        times, errors = np.array(self._times), np.array(self._errors)
+        outcome = judged(times, errors, self._explored_at, self._last.state.mode, away)
+        return replace(outcome, cause=outcome.cause + _blame(self._last))
+
+
+def _blame(last: Tick) -> str:
+    """The user's own estimator that made the loop run late, as the rest of a sentence; empty where
+    none did."""
+    cause, own = last.state.cause, last.servo.learner
+    late = cause in (Cause.OVERRUN, Cause.DRIVE_OFF)  # the arm's watchdog may be the first to act
+    if late and isinstance(own, Guard) and own.slowest > last.servo.period:
+        return f": estimator {called(own.own)} took up to {own.slowest * 1e-6:.1f} ms for a frame"
+    return ""
 
 
 def judged(
@@ -95,23 +110,19 @@ def judged(
             False, "the run was stopped before its first tick", None, np.full(3, np.nan), None
         )
     error = np.sqrt(np.mean(errors[times > times[-1] - LAST] ** 2, axis=0))
-    outside = np.flatnonzero(~(np.abs(errors) < TOLERANCE).all(axis=1))
-    since = int(outside[-1]) + 1 if len(outside) else 0
-    settle_time = float(times[since]) if since < len(times) else None
-    cause = _cause(mode, explored_at, settle_time, float(times[-1]), away)
-    return Outcome(cause == "", cause, settle_time, error, explored_at)
+    settled_at = settle_time(times, errors)
+    cause = _cause(mode, explored_at, settled_at, away)
+    return Outcome(cause == "", cause, settled_at, error, explored_at)
 
 
-def _cause(
-    mode: Mode, explored_at: float | None, settle_time: float | None, end: float, away: float
-) -> str:
+def _cause(mode: Mode, explored_at: float | None, settled_at: float | None, away: float) -> str:
     if mode.cause.action >= Action.HOLD:
-        return mode.cause.words
+        return mode.why
     if mode.phase is Phase.ACQUIRE and explored_at is not None:
         return "time ran out on the way back from a hold"
     if mode.phase in ON_THE_WAY:
         return ON_THE_WAY[mode.phase]
-    if settle_time is None or end - settle_time < LAST - 1e-6:
+    if settled_at is None:
         return "time ran out before the feature errors had settled"
     if away > SAME_POSE:
         return (

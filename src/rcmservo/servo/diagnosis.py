@@ -17,6 +17,7 @@ UNLEARNT = {
     Cause.DIVERGED,
     Cause.NOT_EXPLORED,
     Cause.ESTIMATE_LARGE,
+    Cause.ESTIMATOR_FAILED,
     Cause.ESTIMATE_NOT_FINITE,
     Cause.NOT_FINITE,
 }

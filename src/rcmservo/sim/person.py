@@ -1,5 +1,4 @@
-"""A scripted person beside a simulated run: resumes after a pause, and shows the target again where
-that is needed."""
+"""A scripted person beside a simulated run: resumes after a pause, shows the target again."""
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -14,28 +13,34 @@ from rcmservo.servo.servo import Servo, State
 from rcmservo.sim.rig import Rig
 
 THINKS = 1_000_000_000
+"""ns that the person takes before resuming."""
+
 LOOKS = 3_000_000_000
-"""ns that the person takes before resuming, and before showing the target again."""
+"""ns that the person takes before showing the target again."""
 
 BY_HAND = {Cause.CAMERA_MOVED, Cause.TARGET_OLD}
 """Causes that ask for the target to be shown again."""
 
 
 class Person:
-    """Acts at most ``patience`` times after a pause: asks to resume, or shows the target again.
+    """Acts after a pause, at most ``patience`` times: asks to resume, or shows the target again."""
 
-    Counted are how often the servo ``resumed`` when asked, how often it ``refused``, and how often
-    the target was ``shown`` again.
-    """
+    resumed: int
+    """How often the servo went on when asked."""
+
+    refused: int
+    """How often it did not."""
+
+    shown: int
+    """How often the target was shown again."""
 
     def __init__(self, rig: Rig, plant: Plant, patience: int) -> None:
         self._rig, self._plant, self._left = rig, plant, patience
-        self.resumed = self.refused = 0
-        self.shown = 0
+        self.resumed = self.refused = self.shown = 0
         self._since: int | None = None
 
     def __call__(self, tick: Tick) -> Request:
-        """What it asks for after a tick: to go on, once the tool has stood paused for a while."""
+        """What the person asks for after a tick: to go on, once the tool was paused for a while."""
         if not self._acts(tick) or tick.state.cause in BY_HAND:
             return Request.NONE
         self._since = None
@@ -43,7 +48,7 @@ class Person:
         return Request.RESUME
 
     def leaves(self, tick: Tick) -> bool:
-        """Whether it ends the run: for good, or to show the target again."""
+        """Whether the person ends the run: for good, or to show the target again."""
         paused = tick.state.phase is Phase.PAUSED
         if tick.request is Request.RESUME:
             went_on = tick.state.phase is Phase.ACQUIRE
@@ -57,13 +62,12 @@ class Person:
         )
 
     def shows_again(self, tick: Tick) -> Target | None:
-        """The target shown once more, with the tool brought back to where it stood; None where that
-        is of no use."""
-        if (
-            tick.state.phase is not Phase.PAUSED
-            or tick.state.cause not in BY_HAND
-            or self._left <= 0
-        ):
+        """The target, shown once more. The tool is brought back to where it stood.
+
+        None where showing it is of no use.
+        """
+        state = tick.state
+        if state.phase is not Phase.PAUSED or state.cause not in BY_HAND or self._left <= 0:
             return None
         self._since = None
         self._left -= 1
@@ -92,8 +96,9 @@ def attended(
     person: Person,
     begins: Callable[[Target, State | None], None] = lambda target, state: None,
 ) -> Iterator[Tick]:
-    """`run` with a person beside it, for `duration` s in all; time goes on while the person is at
-    work.
+    """`run` with a person beside it, for `duration` s in all.
+
+    Time goes on while the person is at work.
 
     ``begins`` is told of every new run: its target, and the state that it goes on from.
     """

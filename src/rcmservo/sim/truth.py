@@ -18,10 +18,6 @@ class Truth:
     def __init__(self, arm: SimulatedArm, body: Body, optics: Optics) -> None:
         self.arm, self.body, self.optics = arm, body, optics
 
-    def joints(self) -> Floats:
-        """The joints (3,) as they are now."""
-        return self.arm.q_true
-
     def joints_at(self, time: int) -> Floats:
         """The joints (3,) at a moment (ns) of the last second."""
         return self.arm.joints_at(time)

@@ -1,4 +1,4 @@
-"""One ball seen in a picture, and whether what was seen is a ball at all."""
+"""One ball in a picture, and whether what was seen is a ball at all."""
 
 from dataclasses import dataclass
 
@@ -8,21 +8,34 @@ from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 from rcmservo.tracking.outline import disc_centre, fit_outline
 
-LEAST_RADIUS = 4.0  # px; below it, half a pixel of noise looks like roundness
-LEAST_SUPPORT = 0.45  # of the outline; a shorter arc fixes the centre too badly
-LEAST_FILLED = 0.35  # of the disc; the shaft hides less, what is emptier is a ring
-LEAST_CONTRAST = 15.0  # grey levels, and four times the picture's noise
+LEAST_RADIUS = 4.0
+"""px. In a smaller ball, half a pixel of noise looks like roundness."""
+
+LEAST_SUPPORT = 0.45
+"""Of the outline. A shorter arc fixes the centre too badly."""
+
+LEAST_FILLED = 0.35
+"""Of the disc. The shaft hides less; what is emptier is a ring."""
+
+LEAST_CONTRAST = 15.0
+"""Grey levels. It must be four times the picture's noise too."""
 
 
 @dataclass(frozen=True)
 class Ball:
-    """Centre and radius [px] of the whole ball's silhouette, and how well it was seen, above 0 to
-    1."""
+    """The silhouette of a whole ball, also where something hides a part of it."""
 
     u: float
+    """px, of the centre."""
+
     v: float
+    """px, of the centre."""
+
     radius: float
+    """px."""
+
     quality: float
+    """How well it was seen: above 0, at most 1."""
 
     def distance(self, other: "Ball") -> float:
         """From centre to centre."""
@@ -36,8 +49,7 @@ class Ball:
 
 @compiled
 def noise(weights: Floats) -> float:
-    """The standard deviation of a weight from pixel to pixel, from the differences of
-    neighbours."""
+    """The standard deviation of a weight, from the differences of neighbouring pixels."""
     stride = max(weights.size // 4000, 1)
     line = weights.ravel()
     return 1.05 * float(np.median(np.abs(line[1::stride] - line[:-1:stride])))
@@ -64,8 +76,10 @@ def ball_near(weights: Floats, u: float, v: float, radius: float) -> Ball | None
 
 
 def ball_about(weights: Floats, u: float, v: float, radius: float, grain: float) -> Ball | None:
-    """The ball about a point inside it, its radius known to a factor of about 1.5; `grain` is the
-    noise."""
+    """The ball about a point inside it, its radius known to a factor of about 1.5.
+
+    `grain` is the noise of the weights.
+    """
     return _judged(weights, fit_outline(weights, u, v, radius, 1.8 * radius), grain)
 
 

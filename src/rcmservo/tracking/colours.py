@@ -1,9 +1,9 @@
 """How much of a marker's colour is in a pixel: a signed weight, linear in the light.
 
-For a primary colour it is the excess of its channel over the larger of the other two, for a mixed
-one the excess of the smaller of its two channels over the third; "bright" is the plain mean. In
+The weight of a primary colour is its channel minus the larger of the other two. The weight of a
+mixed colour is the smaller of its two channels minus the third. "bright" is the plain mean. In
 colours, grey weighs 0 however bright it is. A pixel that the marker covers by half weighs half as
-much: that is what makes edges sub-pixel.
+much; so edges are found to a fraction of a pixel.
 """
 
 import numpy as np
@@ -47,8 +47,10 @@ def weights(image: Image, colour: int) -> Floats:
 
 @compiled
 def halved(fine: Floats) -> Image:
-    """Weights at half the resolution, the means of 2 x 2 pixels, cut to 0..255: specks and noise
-    fade in it."""
+    """Weights at half the resolution, in which specks and noise fade.
+
+    Each is the mean of 2 x 2 pixels, cut to 0..255.
+    """
     height, width = fine.shape[0] // 2, fine.shape[1] // 2
     result = np.empty((height, width), np.uint8)
     for i in range(height):

@@ -1,7 +1,7 @@
-"""Pictures in files, read strictly: a file that was cut off is refused rather than half read.
+"""Pictures in files, read strictly: a file that was cut off is refused, not half read.
 
-Decoders fill the missing rest of a truncated picture with grey and say nothing, so the end is
-checked here.
+A decoder fills the missing rest of a picture with grey and says nothing. So the end is checked
+here.
 """
 
 import struct
@@ -25,8 +25,10 @@ PNG_START, PNG_LAST = b"\x89PNG\r\n\x1a\n", b"IEND"
 
 
 def read_image(path: str | Path) -> Image:
-    """The picture in a JPEG or PNG file as its pixels lie, (height, width, 3) uint8,
-    blue-green-red."""
+    """The picture (height, width, 3) in a JPEG or PNG file: uint8, blue-green-red.
+
+    The picture is not turned, even if the file asks for it.
+    """
     try:
         data = Path(path).read_bytes()
     except OSError as error:
@@ -62,8 +64,10 @@ def _flaw(data: bytes) -> str:
 
 
 def _png_chunks_whole(data: bytes) -> bool:
-    """Whether every chunk (length, name, content, checksum) agrees with its checksum, up to the
-    last one."""
+    """Whether every chunk (length, name, content, checksum) agrees with its checksum.
+
+    The last chunk must be there.
+    """
     place = len(PNG_START)
     while place + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, place)

@@ -12,18 +12,23 @@ APART = 1.1
 
 @dataclass(frozen=True)
 class MarkerLook:
-    """What the two balls look like: their colours and radii in mm (only the ratio of the radii
-    matters).
+    """What the two balls look like. Marker 1 is the one nearer the RCM.
 
-    Marker 1 is the one nearer the RCM. Two balls of one colour are told apart by their imaged size,
-    so the larger must also be imaged larger: a tool that points its smaller ball steeply at the
-    camera breaks that.
+    Two balls of one colour are told apart by their imaged size, so the larger one must look larger
+    too. A tool that points its smaller ball steeply at the camera breaks that.
     """
 
     colour_1: str = "green"
+    """One of COLOURS."""
+
     colour_2: str = "blue"
+    """One of COLOURS."""
+
     radius_1: float = 4.0
+    """mm. Only the ratio of the two radii matters."""
+
     radius_2: float = 4.0
+    """mm."""
 
     def __post_init__(self) -> None:
         allowed = "one of " + ", ".join(COLOURS)
@@ -49,8 +54,10 @@ class MarkerLook:
         return self.radius_1 / self.radius_2
 
     def fits(self, a: Ball, b: Ball) -> bool:
-        """Whether two balls can be markers 1 and 2 by their sizes, neither twice as near as the
-        other."""
+        """Whether two balls can be markers 1 and 2 by their sizes.
+
+        Neither marker is twice as near as the other.
+        """
         ratio = a.radius / b.radius
         if not 0.5 < ratio / self.ratio < 2.0:
             return False

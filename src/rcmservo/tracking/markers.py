@@ -12,16 +12,21 @@ from rcmservo.tracking.look import MarkerLook
 from rcmservo.tracking.search import balls
 from rcmservo.tracking.unseen import why_unseen
 
-JUMP = 0.75  # of its radius: a marker that moved further between two frames is looked for afresh
-SWELL = 1.25  # the same for the factor by which its radius changed
+JUMP = 0.75
+"""Of its radius: a marker that moved further between two frames is looked for afresh."""
+
+SWELL = 1.25
+"""A marker whose radius changed by more than this factor is looked for afresh."""
 
 Pair = tuple[Ball | None, Ball | None]
 
 
 @final
 class ColourMarkers:
-    """Two coloured balls on the shaft, followed from frame to frame, a lost one looked for
-    everywhere."""
+    """Two coloured balls on the shaft, followed from frame to frame.
+
+    A lost one is looked for in the whole picture.
+    """
 
     def __init__(self, look: MarkerLook | None = None) -> None:
         self.look = look or MarkerLook()
@@ -44,8 +49,8 @@ class ColourMarkers:
         return why_unseen(_picture(frame), self.look)
 
     def _follow(self, image: Image) -> Pair:
-        """The markers near where they were. Of two alike both or none: one alone might be the
-        other."""
+        """The markers near where they were. Of two that look alike both or none: one alone might
+        be the other."""
         first, second = (
             _near(image, c, ball) for c, ball in zip(self._colours, self._last, strict=True)
         )
@@ -72,6 +77,7 @@ class ColourMarkers:
 
 
 def _picture(frame: Frame) -> Image:
+    """The frame's picture, if it is one to look for coloured markers in."""
     image = frame.image
     right = "a (height, width, 3) uint8 picture to look for coloured markers in"
     good = image is not None and image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8
@@ -81,7 +87,7 @@ def _picture(frame: Frame) -> Image:
 
 
 def _near(image: Image, colour: int, last: Ball | None) -> Ball | None:
-    """The marker about its last place, unless it jumped or swelled or touches the picture's
+    """The marker about its last place. None if it jumped, swelled or touches the picture's
     border."""
     if last is None:
         return None

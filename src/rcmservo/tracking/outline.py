@@ -1,16 +1,15 @@
 """The outline of a ball in a picture: where it would be if nothing hid a part of it.
 
-Rays leave a point inside the ball; on each, the outermost strong fall of the colour is an outline
-point.
-The shaft, a highlight or a worn patch puts some of them too far inside, never outside. A circle
-through three points that most of the others agree with tells them apart; then a robust least
-squares fit of
+Rays leave a point inside the ball. On each ray, the outermost strong fall of the colour is an
+outline point. The shaft, a highlight or a worn patch puts some of these points too far inside,
+never outside. A circle through three points that most of the others agree with tells them apart.
+Then a robust least squares fit of
 
     radius(phi) = r + dx cos(phi) + dy sin(phi) + e1 cos(2 phi) + e2 sin(2 phi)
 
-gives the centre. A ball off the optical axis is imaged as an ellipse: e1 and e2 carry its
-elongation. A prior keeps them small, without which a short arc could not tell an elongation from a
-shift. All lengths in px.
+gives the centre. The image of a ball off the optical axis is an ellipse: e1 and e2 are its
+elongation. A prior keeps them small, or a short arc could not tell an elongation from a shift. All
+lengths in px.
 """
 
 import numpy as np
@@ -19,25 +18,30 @@ from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 
 RAYS = 64
-ELONGATION = (
-    0.03  # the prior's standard deviation of e1/r, e2/r; a ball 25 degrees off the axis has 0.025
-)
-SHARPEST = 0.08  # px; no outline is trusted to be better than this
+"""From the inside to the outline."""
+
+ELONGATION = 0.03
+"""The prior's standard deviation of e1/r and e2/r. A ball 25 degrees off the axis has 0.025."""
+
+SHARPEST = 0.08
+"""px. No outline is trusted to be better than this."""
+
 TURN = 2.0 * np.pi * np.arange(RAYS) / RAYS
 COS, SIN = np.cos(TURN), np.sin(TURN)
-# the derivative of radius(phi) by (r, dx, dy, e1, e2) in the direction of each ray
+"""The directions of the rays, rad."""
+
 ROWS = np.column_stack([np.ones(RAYS), COS, SIN, np.cos(2.0 * TURN), np.sin(2.0 * TURN)])
+"""The derivative of radius(phi) by (r, dx, dy, e1, e2) in the direction of each ray."""
 
 
 @compiled
 def fit_outline(weights: Floats, u: float, v: float, radius: float, reach: float) -> Floats:
-    """The ball about (u, v) of roughly `radius`: (u, v, radius, support, spread, contrast), NaN
-    where none is.
+    """The ball about (u, v) of roughly `radius`: (u, v, radius, support, spread, contrast).
 
-    The first rays are `reach` long: more than the radius by as much as start and radius are in
-    doubt.
-    `support` is the fraction of the outline that was seen where the ellipse says, `spread` the
-    standard deviation of those points, `contrast` the median fall of the weight across them.
+    NaN where there is none. The first rays are `reach` long: longer than the radius by as much as
+    start and radius are in doubt. `support` is the fraction of the outline that was seen where the
+    ellipse says, `spread` the standard deviation of those points, `contrast` the median fall of the
+    weight across them.
     """
     distance, fall = cast_rays(weights, (u, v), radius, reach)
     du, dv, radius = start_circle(distance, reach)
@@ -55,8 +59,8 @@ def fit_outline(weights: Floats, u: float, v: float, radius: float, reach: float
 
 @compiled
 def disc_centre(weights: Floats, u: float, v: float, radius: float) -> tuple[float, float]:
-    """The colour's centre of mass within a disc that moves along with it: where the first rays may
-    start."""
+    """Where the first rays may start: the colour's centre of mass within a disc that moves along
+    with it."""
     height, width = weights.shape
     for _ in range(3):
         mass, mass_u, mass_v = 0.0, 0.0, 0.0
@@ -79,8 +83,10 @@ def disc_centre(weights: Floats, u: float, v: float, radius: float) -> tuple[flo
 def cast_rays(
     weights: Floats, start: tuple[float, float], radius: float, reach: float
 ) -> tuple[Floats, Floats]:
-    """Distance from `start` to the outline along each ray (NaN: none found), and the colour's fall
-    there."""
+    """The distance from `start` to the outline along each ray, and the colour's fall there.
+
+    NaN where no outline is found.
+    """
     step = 0.5
     half = round(min(max(0.3 * radius, 2.0), 3.0) / step)
     profile = np.empty(int(reach / step) + half + 1)
@@ -99,8 +105,10 @@ def cast_rays(
 def ray_profile(
     weights: Floats, start: tuple[float, float], step: tuple[float, float], profile: Floats
 ) -> int:
-    """Fill `profile` with the weights along a ray; returns how many samples lie within the
-    picture."""
+    """Fill `profile` with the weights along a ray.
+
+    Gives how many samples lie within the picture.
+    """
     height, width = weights.shape
     for k in range(profile.size):
         u, v = start[0] + k * step[0], start[1] + k * step[1]
@@ -116,11 +124,10 @@ def ray_profile(
 
 @compiled
 def outermost_fall(profile: Floats, half: int, falls: Floats) -> int:
-    """The outermost sample where the mean of `half` samples falls a third as much as anywhere; -1:
-    none.
+    """The outermost sample where the mean of `half` samples falls a third as much as anywhere.
 
-    Only a fall from the colour counts: a grey shaft before a background of the opposite colour
-    falls as well.
+    -1 where there is none. Only a fall from the colour counts: a grey shaft before a background of
+    the opposite colour falls as well.
     """
     last = profile.size - half - 1
     if last < half:
@@ -142,8 +149,8 @@ def outermost_fall(profile: Floats, half: int, falls: Floats) -> int:
 
 @compiled
 def half_level(profile: Floats, edge: int, half: int) -> float:
-    """The sub-sample place near `edge` where the profile is midway between its levels inside and
-    outside."""
+    """The place near `edge`, between samples, where the profile is midway between its levels inside
+    and outside."""
     inside = mean(profile, edge - half // 2, edge - half // 4)
     outside = mean(profile, edge + half // 2 + 1, edge + half + 1)
     level = 0.5 * (inside + outside)
@@ -169,8 +176,10 @@ def mean(values: Floats, start: int, stop: int) -> float:
 
 @compiled
 def start_circle(distance: Floats, largest: float) -> tuple[float, float, float]:
-    """The circle (centre from the rays' start, radius) through three points that most of the others
-    agree with."""
+    """The circle through three points that most of the others agree with.
+
+    Its centre from the rays' start, and its radius.
+    """
     x, y = distance * COS, distance * SIN
     best, chosen = 0.0, (np.nan, np.nan, np.nan)
     for gap in (7, 11, 16, 21):
@@ -185,8 +194,10 @@ def start_circle(distance: Floats, largest: float) -> tuple[float, float, float]
 
 @compiled
 def through(x: Floats, y: Floats, three: tuple[int, int, int]) -> tuple[float, float, float]:
-    """The circle (u, v, radius) through three of the points; NaN or infinite if they lie on a
-    line."""
+    """The circle (u, v, radius) through three of the points.
+
+    NaN or infinite if they lie on a line.
+    """
     i, j, k = three
     xj, yj, xk, yk = x[j] - x[i], y[j] - y[i], x[k] - x[i], y[k] - y[i]
     det = 2.0 * (xj * yk - yj * xk)
@@ -197,8 +208,7 @@ def through(x: Floats, y: Floats, three: tuple[int, int, int]) -> tuple[float, f
 
 @compiled
 def agreement(x: Floats, y: Floats, circle: tuple[float, float, float]) -> float:
-    """How many points lie on a circle, near ones counting up to 1; those outside of it count
-    against it."""
+    """How many points lie on a circle. A near one counts up to 1, one outside counts -1."""
     a, b, radius = circle
     tolerance = max(0.04 * radius, 0.7)
     score = 0.0
@@ -244,8 +254,8 @@ def missed(distance: Floats, fit: Floats) -> Floats:
 
 @compiled
 def correction(miss: Floats, fit: Floats, gate: float, prior: float) -> Floats:
-    """The least squares step of the fit: points count the less the more they miss, beyond `gate`
-    nothing."""
+    """The least squares step of the fit. Points count the less the more they miss; beyond `gate`
+    they count nothing."""
     normal = np.zeros((5, 6))
     for k in (3, 4):
         normal[k, k], normal[k, 5] = prior, -prior * fit[k]
@@ -261,11 +271,10 @@ def correction(miss: Floats, fit: Floats, gate: float, prior: float) -> Floats:
 
 @compiled
 def solved(system: Floats) -> Floats:
-    """The solution x of A x = b, A positive definite, from [A b], which is overwritten: Gauss's
-    elimination.
+    """The solution x of A x = b by Gauss's elimination, from [A b], which is overwritten.
 
-    By hand, because compiling the library's takes seconds and calling it longer than all the rest
-    of the fit.
+    A is positive definite. By hand, because compiling the library's takes seconds, and calling it
+    takes longer than all the rest of the fit.
     """
     n = system.shape[0]
     for k in range(n):
@@ -282,8 +291,10 @@ def solved(system: Floats) -> Floats:
 
 @compiled
 def supported(distance: Floats, fall: Floats, fit: Floats) -> tuple[float, float]:
-    """The fraction of rays whose point lies on the ellipse with a fall as large as the others', and
-    that fall."""
+    """The fraction of rays whose point lies on the ellipse, and the median fall there.
+
+    A point counts if its fall is about as large as the others'.
+    """
     on = np.abs(missed(distance, fit)) < 0.4 + 0.02 * fit[0]
     if not on.any():
         return 0.0, 0.0

@@ -1,7 +1,7 @@
 """Balls of one colour anywhere in a picture.
 
 Blobs are cut out at several levels between the picture's own background and its own strongest
-colour, so that no level need be right for every light; each blob proposes a place, and the outline
+colour, so that no level need be right for every light. Each blob proposes a place. The outline
 decides whether a ball is there.
 """
 
@@ -14,9 +14,14 @@ from rcmservo.interfaces import Floats, Image
 from rcmservo.tracking.ball import Ball, ball_about, noise
 from rcmservo.tracking.colours import halved
 
-LEVELS = (0.65, 0.4, 0.22)  # of the way from the background to the strongest colour
-BLOBS = 8  # at most so many a level, the largest ones
-LEAST_AREA = 8  # half-resolution pixels
+LEVELS = (0.65, 0.4, 0.22)
+"""Of the way from the background to the strongest colour."""
+
+BLOBS = 8
+"""At most so many for each level, the largest ones."""
+
+LEAST_AREA = 8
+"""Half-resolution pixels of a blob."""
 
 
 def balls(weights: Floats) -> list[Ball]:
@@ -56,16 +61,20 @@ def _starts(coarse: Image) -> Iterator[tuple[float, float, float]]:
 
 
 def _background(coarse: Image) -> tuple[float, float]:
-    """The median of the picture, and how far its 84th percentile lies above: a spread blind to the
-    markers."""
+    """The median of the picture, and how far above it the 84th percentile lies.
+
+    That spread does not see the markers: they are small.
+    """
     share = np.cumsum(np.bincount(coarse.ravel(), minlength=256)) / coarse.size
     median = int(np.searchsorted(share, 0.5))
     return float(median), float(int(np.searchsorted(share, 0.84)) - median)
 
 
 def _blobs(mask: Image) -> Iterator[tuple[float, float, float]]:
-    """The centre of each of the largest blobs, and then those of its widest parts: two balls may
-    touch."""
+    """The centre and radius of each of the largest blobs, and those of its widest parts.
+
+    Two balls may touch and be one blob.
+    """
     _, labels, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=4)
     areas = stats[1:, cv2.CC_STAT_AREA]
     for k in 1 + np.argsort(-areas, kind="stable")[:BLOBS]:

@@ -96,7 +96,7 @@ class RunMetrics:
 
 
 @dataclass(frozen=True, eq=False)
-class Ending:
+class Unrecorded:
     """What the record of a simulated run does not tell of it."""
 
     p_d: Floats
@@ -107,17 +107,17 @@ class Ending:
     """What ended the run before its time, in words; empty where nothing did."""
 
 
-def measured(metrics: RunMetrics, record: Record, ending: Ending) -> RunMetrics:
+def measured(metrics: RunMetrics, record: Record, beside: Unrecorded) -> RunMetrics:
     """The metrics with what the record tells."""
     told = summary(record)
     outcome, p2 = told.outcome, record.truth["p2"]
     last = round(LAST * rate(record))
-    pose: Floats = np.linalg.norm(p2[-last:] - ending.p_d, axis=1)
+    pose: Floats = np.linalg.norm(p2[-last:] - beside.p_d, axis=1)
     explore, jacobian = _exploration(record)
     return replace(
         metrics,
         settled=outcome.settled,
-        cause=outcome.cause if outcome.settled else ending.ended or outcome.cause,
+        cause=outcome.cause if outcome.settled else beside.ended or outcome.cause,
         settle_time_s=outcome.settle_time,
         pose_error_mm=number(float(np.sqrt(np.mean(pose**2)))) if len(pose) else None,
         feature_error=FeatureError(*map(number, outcome.error)),
@@ -125,7 +125,7 @@ def measured(metrics: RunMetrics, record: Record, ending: Ending) -> RunMetrics:
         explore=explore,
         latency_s=_latency(told),
         late_ticks=told.late,
-        real_time_factor=told.duration / ending.took,
+        real_time_factor=told.duration / beside.took,
     )
 
 

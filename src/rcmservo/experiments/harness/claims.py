@@ -1,78 +1,104 @@
 """What an experiment says: claims with a number, a bound and a verdict, and the figures that show
-it."""
+them."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-import numpy as np
-
+from rcmservo.errors import RcmServoError
+from rcmservo.experiments.harness.sentences import OURS, SENTENCES
 from rcmservo.figures.charts import Figure
-from rcmservo.interfaces import Floats
 
 HOLDS, REMARK, FAILS = "holds", "holds with a remark", "does not hold"
+VERDICTS = (HOLDS, REMARK, FAILS)
+
+ENOUGH = 3
+"""Trials from which on a number is called a verdict."""
+
+
+class NotMeasured(RcmServoError):
+    """A measurement that is missing or not finite: no verdict can come of it."""
+
+    def __init__(self, what: str, value: object) -> None:
+        super().__init__(what, value)
+        self.what, self.value = what, value
+
+    def __str__(self) -> str:
+        return f"{self.what}: measured {self.value}, which is not a finite number"
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One sentence and what was measured of it: it holds if ``measured`` ``relation`` ``bound``.
-
-    ``where`` in the paper it stands (or that it is ours); ``seeds`` the number came from;
-    ``remark`` under which condition it holds, or why it does not; ``detail`` what else was seen;
-    ``figure`` the name of the one that shows it; ``trap`` the number (T1, …) of the paper's pitfall
-    that the number bears on, and whether it ``confirmed`` it.
-    """
+    """One sentence and what was measured of it: it holds if ``measured`` ``relation`` ``bound``."""
 
     claim: str
-    where: str
+    """What is measured, in words that are true or false."""
+    about: str
+    """The sentence of the paper that it bears on, a key of SENTENCES; or OURS."""
     measured: float
     unit: str
     relation: Literal["<=", ">="]
     bound: float
-    seeds: Sequence[int]
+    seeds: Sequence[int] = ()
+    """What the number came from; empty for a computation without chance."""
+    follows: bool = False
+    """Whether it only follows from the paper's sentence, instead of saying the same."""
+    case: tuple[str, str] = ("", "")
+    """Which of several cases of the same words: row and column of their table."""
+    trials: int | None = None
+    """Independent trials behind the number, where they are not the seeds."""
     remark: str = ""
+    """Under which condition it holds, or why it does not."""
     detail: str = ""
+    """What else was seen."""
     figure: str = ""
+    """The name of the figure that shows it."""
     trap: str = ""
+    """The paper's pitfall (T1, ...) that the number bears on."""
     confirmed: bool = True
+    """Whether the number confirms that pitfall."""
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.measured):
+            raise NotMeasured(self.claim, self.measured)
+        if self.about != OURS and self.about not in SENTENCES:
+            raise ValueError(f"no sentence of the paper is called {self.about!r}")
 
     @property
-    def holds(self) -> bool:
-        """Whether the number keeps its bound; NaN never does."""
-        return bool(
-            self.measured <= self.bound if self.relation == "<=" else self.measured >= self.bound
-        )
+    def number(self) -> int:
+        """How many trials the number came from."""
+        return len(self.seeds) if self.trials is None else self.trials
 
     @property
-    def verdict(self) -> str:
-        return FAILS if not self.holds else REMARK if self.remark else HOLDS
+    def verdict(self) -> str | None:
+        """What the number makes of the claim; None where one or two trials cannot tell."""
+        if 0 < self.number < ENOUGH:
+            return None
+        return (REMARK if self.remark else HOLDS) if self._holds else FAILS
 
-    def row(self, experiment: str) -> dict[str, Any]:
-        """The claim as it stands in claims.json."""
-        return {
-            "experiment": experiment,
-            "claim": self.claim,
-            "where": self.where,
-            "measured": float(self.measured) if np.isfinite(self.measured) else None,
-            "unit": self.unit,
-            "relation": self.relation,
-            "bound": float(self.bound),
-            "verdict": self.verdict,
-            "seed": [int(seed) for seed in self.seeds],
-            "remark": self.remark,
-            "detail": self.detail,
-            "figure": self.figure,
-            "trap": self.trap,
-            "trap_confirmed": bool(self.confirmed) if self.trap else None,
-        }
+    @property
+    def _holds(self) -> bool:
+        at_most = self.relation == "<="
+        return self.measured <= self.bound if at_most else self.measured >= self.bound
+
+    @property
+    def whose(self) -> str:
+        """Whose sentence is judged."""
+        if self.about == OURS:
+            return "ours"
+        return "follows from the paper" if self.follows else "the paper's"
+
+    @property
+    def where(self) -> str:
+        """Where in the paper it stands."""
+        return OURS if self.about == OURS else SENTENCES[self.about].where
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A figure in the report: its ``name`` in links, what of the paper it stands for, words, and
-    chart or pictures."""
+    """A figure in the report: its ``name`` in links, what of the paper it stands for, and words."""
 
     name: str
     where: str
@@ -87,53 +113,4 @@ class Chapter:
     """What an experiment found."""
 
     claims: list[Claim]
-    figures: list[Shown]
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a task found, as plain numbers, and the folder with its record and pictures."""
-
-    values: dict[str, Any]
-    folder: Path
-
-
-@dataclass(frozen=True)
-class Task:
-    """A piece of work that needs no other: ``function(folder, **arguments)`` gives plain numbers
-    and fills the folder.
-
-    ``cost`` is about how many seconds it takes; the long ones begin first.
-    """
-
-    name: str
-    function: Callable[..., dict[str, Any]]
-    arguments: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    cost: float = 1.0
-
-
-def rms(values: Floats) -> float:
-    """Root mean square of all numbers."""
-    return math.sqrt(float(np.mean(np.square(values))))
-
-
-def median(values: Sequence[float] | Floats) -> float:
-    """The median; NaN of nothing."""
-    return float(np.median(values)) if len(values) else math.nan
-
-
-Results = Mapping[str, Result]
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """An experiment of the paper: its settings, whole and reduced, the tasks they make, and the
-    chapter they end in."""
-
-    name: str
-    title: str
-    about: str
-    whole: Any
-    quick: Any
-    tasks: Callable[[Any], list[Task]]
-    chapter: Callable[[Any, Results], Chapter]
+    figures: list[Shown] = field(default_factory=list[Shown])

@@ -4,16 +4,19 @@ report."""
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from rcmservo.config.files import write_whole
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.experiments import (
-    accuracy,
     baselines,
+    camera_knowledge,
     coordinates,
     differentiation,
     estimator_time,
-    imaged_rcm_accuracy,
+    imaged_rcm,
+    imaged_rcm_slow,
+    jacobian_accuracy,
     lemma_1,
     path_following,
     potential,
@@ -27,7 +30,8 @@ from rcmservo.experiments import (
     tool_model,
 )
 from rcmservo.experiments.harness import report
-from rcmservo.experiments.harness.claims import Chapter, Experiment, Results, Task
+from rcmservo.experiments.harness.claims import ENOUGH, Chapter
+from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.experiments.harness.work import run_all
 
 MODULES = (
@@ -39,9 +43,11 @@ MODULES = (
     proposition_1,
     proposition_2,
     stability,
-    imaged_rcm_accuracy,
+    imaged_rcm,
+    imaged_rcm_slow,
     relocation,
-    accuracy,
+    jacobian_accuracy,
+    camera_knowledge,
     baselines,
     path_following,
     tool_model,
@@ -49,15 +55,21 @@ MODULES = (
     differentiation,
     estimator_time,
 )
-EXPERIMENTS: dict[str, Experiment] = {
+EXPERIMENTS: dict[str, Experiment[Any]] = {
     module.EXPERIMENT.name: module.EXPERIMENT for module in MODULES
 }
 """All experiments by name, in the order of the report."""
 
 MODE = "paper.json"
 
+QUICK = (
+    f"This is the reduced run: one or two seeds give numbers, but no verdict (that takes {ENOUGH})."
+    " The whole run is the same command without --quick, and takes half an hour on two cores."
+)
+"""What a reduced run says of itself."""
 
-def chosen(only: str | None) -> dict[str, Experiment]:
+
+def chosen(only: str | None) -> dict[str, Experiment[Any]]:
     """The experiments to run: all, or the one of that name."""
     if only is None:
         return dict(EXPERIMENTS)
@@ -66,9 +78,9 @@ def chosen(only: str | None) -> dict[str, Experiment]:
     return {only: EXPERIMENTS[only]}
 
 
-def tasks_of(experiments: Mapping[str, Experiment], quick: bool) -> dict[str, list[Task]]:
+def tasks_of(experiments: Mapping[str, Experiment[Any]], quick: bool) -> dict[str, list[Task]]:
     """The tasks of every experiment."""
-    return {name: one.tasks(one.quick if quick else one.whole) for name, one in experiments.items()}
+    return {name: one.tasks(one.settings(quick)) for name, one in experiments.items()}
 
 
 def run(out: Path, quick: bool, only: str | None, progress: Callable[[Task], None]) -> Path:
@@ -80,12 +92,11 @@ def run(out: Path, quick: bool, only: str | None, progress: Callable[[Task], Non
 
 
 def chapters(
-    experiments: Mapping[str, Experiment], results: Mapping[str, Results], quick: bool
+    experiments: Mapping[str, Experiment[Any]], results: Mapping[str, Results], quick: bool
 ) -> dict[str, Chapter]:
     """What every experiment found."""
     return {
-        name: one.chapter(one.quick if quick else one.whole, results[name])
-        for name, one in experiments.items()
+        name: one.chapter(one.settings(quick), results[name]) for name, one in experiments.items()
     }
 
 

@@ -12,59 +12,61 @@ import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple, get_type_hints
 
 import rcmservo
-from rcmservo.experiments.harness.claims import Result, Task
+from rcmservo.experiments.harness.plain import built, plain
+from rcmservo.experiments.harness.tasks import Result, Results, Task
 
 RESULT = "result.json"
 PART = ".part"
 OWN = "experiments"
 """Their folder: a result depends on those of its files alone that its own module uses."""
-UNRELATED = ("cli", "charts")
-"""Files of the package that no result depends on."""
+UNRELATED = ("app", "live", "offline")
+"""Folders of the package that no result depends on."""
+
+
+class Assignment(NamedTuple):
+    """A task, its folder, and the fingerprint of all that its result depends on."""
+
+    task: Task
+    folder: Path
+    mark: str
 
 
 def run_all(
     tasks: Mapping[str, list[Task]], out: Path, progress: Callable[[Task], None]
-) -> dict[str, dict[str, Result]]:
-    """Run the tasks of every experiment and give their results by experiment and task; what is done
-    is not repeated.
+) -> dict[str, Results]:
+    """Run the tasks of every experiment and give their results; what is done is not repeated.
 
     A task works in a folder whose name ends in .part and gets its own name when it is complete. At
     Ctrl-C the workers are ended and what they were at is lost, nothing else.
     """
-    todo: list[tuple[Task, Path, str]] = []
-    for experiment, some in tasks.items():
-        for task in some:
-            folder, mark = out / experiment / task.name, fingerprint(task)
-            if _finished(folder, mark):
-                progress(task)
-            else:
-                todo.append((task, folder, mark))
-    todo.sort(key=lambda one: -one[0].cost)
-    _run(todo, progress)
-    return {
-        experiment: {
-            task.name: Result(
-                _read(out / experiment / task.name)["values"], out / experiment / task.name
-            )
-            for task in some
-        }
+    jobs = {
+        experiment: [
+            Assignment(task, out / experiment / task.name, fingerprint(task)) for task in some
+        ]
         for experiment, some in tasks.items()
+    }
+    todo: list[Assignment] = []
+    for job in (job for some in jobs.values() for job in some):
+        if _finished(job):
+            progress(job.task)
+        else:
+            todo.append(job)
+    _run(sorted(todo, key=lambda job: -job.task.cost), progress)
+    return {
+        experiment: Results({job.task.name: Result(result_of(job), job.folder) for job in some})
+        for experiment, some in jobs.items()
     }
 
 
-def _run(todo: list[tuple[Task, Path, str]], progress: Callable[[Task], None]) -> None:
-    cores = (
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    )
+def _run(todo: list[Assignment], progress: Callable[[Task], None]) -> None:
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(
-        min(cores, max(len(todo), 1)), context, initializer=_become_worker
-    ) as pool:
+    workers = min(_cores(), max(len(todo), 1))
+    with ProcessPoolExecutor(workers, context, initializer=_become_worker) as pool:
         try:
-            futures = {pool.submit(perform, *one): one[0] for one in todo}
+            futures = {pool.submit(perform, job): job.task for job in todo}
             for future in as_completed(futures):
                 future.result()
                 progress(futures[future])
@@ -73,6 +75,12 @@ def _run(todo: list[tuple[Task, Path, str]], progress: Callable[[Task], None]) -
             for child in multiprocessing.active_children():
                 child.terminate()
             raise
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _become_worker() -> None:
@@ -89,41 +97,42 @@ def _end_with_the_first() -> None:
         os._exit(1)
 
 
-def perform(task: Task, folder: Path, mark: str) -> None:
+def perform(job: Assignment) -> None:
     """Run one task into its folder, which is there whole or not at all."""
-    part = folder.with_name(folder.name + PART)
-    for old in (part, folder):
+    part = job.folder.with_name(job.folder.name + PART)
+    for old in (part, job.folder):
         shutil.rmtree(old, ignore_errors=True)
     part.mkdir(parents=True)
-    values = task.function(part, **task.arguments)
-    (part / RESULT).write_text(json.dumps({"fingerprint": mark, "values": values}))
-    part.rename(folder)
+    found = plain(job.task.work(part), job.task.name)
+    text = json.dumps({"fingerprint": job.mark, "values": found}, allow_nan=False)
+    (part / RESULT).write_text(text)
+    part.rename(job.folder)
 
 
-def _finished(folder: Path, mark: str) -> bool:
+def _finished(job: Assignment) -> bool:
     try:
-        return _read(folder)["fingerprint"] == mark
+        return json.loads((job.folder / RESULT).read_text())["fingerprint"] == job.mark
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
 
-def _read(folder: Path) -> dict[str, Any]:
-    return json.loads((folder / RESULT).read_text())
+def result_of(job: Assignment) -> object:
+    """What a finished task found, as the type that its function gives."""
+    values = json.loads((job.folder / RESULT).read_text())["values"]
+    return built(get_type_hints(job.task.work.func)["return"], values)
 
 
 def fingerprint(task: Task) -> str:
     """What a result depends on: the task's arguments, the package, and of the experiments those
-    that its own uses."""
-    root = Path(rcmservo.__file__).parent
-    text = hashlib.sha256(
-        repr((task.function.__qualname__, sorted(task.arguments.items()))).encode()
-    )
+    files that its own uses."""
+    root, work = Path(rcmservo.__file__).parent, task.work
+    text = hashlib.sha256(repr((work.func.__qualname__, sorted(work.keywords.items()))).encode())
     package = [
         path
         for path in root.rglob("*.py")
-        if OWN not in path.relative_to(root).parts[:1] and path.stem not in UNRELATED
+        if path.relative_to(root).parts[0] not in (OWN, *UNRELATED)
     ]
-    own = root / task.function.__module__.partition(".")[2].replace(".", "/")
+    own = root / work.func.__module__.partition(".")[2].replace(".", "/")
     for path in sorted([*package, *used(root, own.with_suffix(".py"))]):
         text.update(path.read_bytes())
     return text.hexdigest()

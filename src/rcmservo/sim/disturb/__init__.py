@@ -2,7 +2,7 @@
 
 kinds.py lists what can go wrong. What the kinds do is in the file of the place where they arise:
 camera_view.py (what the camera sees), frame_delivery.py (how its frames come), arm_faults.py (the
-arm and its drives) and stalls.py (the process).
+arm and its drives), stalls.py (the process) and disk.py (the disk that fills up).
 """
 
 from rcmservo.sim.disturb.disturbance import Disturbance, random_disturbances

@@ -1,12 +1,9 @@
-"""What needs a calibrated camera: the traditional image-based law [12] and pose-based control [20],
-as baselines.
+"""What a person who calibrated the camera hands over: exact, wrong, or from before it was rolled.
 
-A `Calibration` is handed over from outside, as a person who calibrated the camera would. It is that
-of a pinhole: what distortion the simulated lens has stays unknown to it, as it would to anybody who
-has the matrix C alone.
+It is the calibration of a pinhole: what distortion the simulated lens has stays unknown to it, as
+it would to anybody who has the matrix C alone.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,16 +11,12 @@ import numpy as np
 from scipy import optimize
 from scipy.spatial.transform import Rotation
 
-from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.clock import ticks
-from rcmservo.loop.plant import Plant
+from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.projection import jacobian_at, markers_jacobian, predict
 from rcmservo.method.features import about
-from rcmservo.method.kinematics import joint_rates
 from rcmservo.method.projection import parameters
 from rcmservo.method.tool import Tool
-from rcmservo.servo.servo import Servo
 from rcmservo.sim.optics import Optics
 
 SCIPY: Any = optimize
@@ -32,21 +25,31 @@ SCIPY: Any = optimize
 
 @dataclass(frozen=True)
 class Miscalibration:
-    """How wrong a calibration is: ``focal`` as a share, the camera turned by ``turn`` rad and moved
-    by ``shift`` mm."""
+    """How wrong a calibration is."""
 
     focal: float = 0.05
+    """Share by which the focal length is off."""
     turn: float = float(np.radians(5.0))
+    """rad by which the camera is turned."""
     shift: float = 10.0
+    """mm by which it is moved."""
+
+    @property
+    def words(self) -> str:
+        return (
+            f"f {100 * self.focal:g} % off, the camera turned by {np.degrees(self.turn):g}° and "
+            f"moved by {self.shift:g} mm"
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """The parameters a (9,) of a calibration matrix C (3, 4), and where it puts the RCM, o_c (2,)
-    px: Lemma 1."""
+    """The parameters of a calibration matrix C (3, 4) by Lemma 1."""
 
     a: Floats
+    """The nine parameters (9,)."""
     o_c: Floats
+    """Where it puts the RCM, (2,) px."""
 
     def locate(self, points: Floats, guess: Floats, tool: Tool) -> Floats:
         """p̂₁ (3,) mm from raw pixels (2, 2): least squares over the four coordinates, from a first
@@ -57,9 +60,13 @@ class Calibration:
             return predict(self.a, p1, tool.shaft) - m
 
         def jacobian(p1: Floats) -> Floats:
-            return markers_jacobian(self.a, p1, tool.shaft)
+            return self.points_jacobian(p1, tool)
 
         return SCIPY.least_squares(left, guess, jac=jacobian, method="lm").x
+
+    def points_jacobian(self, p1: Floats, tool: Tool) -> Floats:
+        """∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
+        return markers_jacobian(self.a, p1, tool.shaft)
 
 
 def exact(optics: Optics) -> Calibration:
@@ -109,46 +116,3 @@ class Calibrated(Estimator):
 
     def jacobian(self, memory: None, tool: Tool, sample: Sample) -> Floats:
         return jacobian_at(self.calibration.a, sample.p1, sample.points, sample.o_c, tool.shaft)
-
-
-@dataclass(frozen=True)
-class PoseLaw:
-    """v = −k sat(p̂₁ − p̂₁d) with ``gain`` k 1/s; sat shortens an error to ``bound`` mm and keeps
-    its direction."""
-
-    gain: float = 2.0
-    bound: float = 20.0
-
-    def velocity(self, error: Floats) -> Floats:
-        """v (3,) mm/s of marker 1 for an error (3,) mm."""
-        return -self.gain * error * min(1.0, self.bound / max(float(np.linalg.norm(error)), 1e-9))
-
-
-def pose_based(
-    plant: Plant,
-    robot: Servo,
-    calibration: Calibration,
-    law: PoseLaw,
-    target: Target,
-    duration: float,
-) -> Iterator[float]:
-    """Servo to the pose in which the calibration sees the target, and yield the time s of every
-    tick.
-
-    `robot` lends what the robot knows of itself, and its gate. Its joints give the first guess of
-    every fit; how they were while the target was shown is not used.
-    """
-    command, v, frame, p1_d = robot.gate.rest(), np.zeros(3), -1, None
-    for time in ticks(plant.clock, duration=duration):
-        seen = plant.read()
-        if seen.frame > frame:
-            frame, v = seen.frame, np.zeros(3)
-            if np.isfinite(seen.points).all():
-                guess = robot.marker_1(seen.q)
-                if p1_d is None:
-                    p1_d = calibration.locate(target.points, guess, robot.tool)
-                v = law.velocity(calibration.locate(seen.points, guess, robot.tool) - p1_d)
-        rates = joint_rates(robot.rcm, seen.q, v)
-        command = robot.gate.admit(rates, command, seen.q, robot.rcm, seen.now).command
-        plant.send(command)
-        yield time / 1e9

@@ -1,0 +1,159 @@
+"""The servo's decisions on recorded observations: does a rebuilt servo still decide the same?
+
+    python benchmarks/decisions.py FOLDER            compare with every FOLDER/NNN.npz
+    python benchmarks/decisions.py FOLDER --keep N   first keep what today's servo decides, N runs
+
+A file holds one run of the campaign's faults (`campaign.py`, point camera, 0.1 px) as plain arrays:
+what the servo saw at every tick and what it decided. Those of version 0.1.0, before the house was
+rebuilt, were kept so with the code of that day; a few of them are in tests/data/v0.1.0/decisions.
+"""
+
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import rcmservo as rs
+from rcmservo.interfaces import Dropped
+
+Table = dict[str, np.ndarray[Any, Any]]
+
+
+@dataclass
+class Compared:
+    """How a run came out: ``differs`` is the first tick at which phase, cause or command did."""
+
+    name: str
+    ticks: int
+    differs: int | None
+    worst: float
+    """Largest difference of a joint rate, rad/s or mm/s."""
+
+
+def observations(table: Table) -> Iterator[rs.Observation]:
+    """What was seen at every tick."""
+    rows = zip(table["integers"].tolist(), table["flags"], table["reals"], strict=True)
+    for (whole, flags, r), words in zip(rows, table["words"], strict=True):
+        now, q_time, frame, exposure, arrival = whole
+        yield rs.Observation(
+            now=now,
+            q=r[0:3].copy(),
+            q_time=q_time,
+            enabled=bool(flags[0]),
+            applied=r[3:6].copy(),
+            frame=frame,
+            exposure=exposure,
+            arrival=arrival,
+            q_exposure=r[6:9].copy(),
+            points=r[9:13].copy().reshape(2, 2),
+            dropped=Dropped[words[0]],
+            recorded=bool(flags[1]),
+        )
+
+
+def decided(table: Table) -> Iterator[rs.State]:
+    """What today's servo decides at every tick."""
+    servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0))
+    begins = {int(first): k for k, first in enumerate(table["first"])}
+    state, target = servo.init(), None
+    for i, seen in enumerate(observations(table)):
+        if i in begins:
+            k = begins[i]
+            state = servo.again(state) if table["again"][k] else servo.init()
+            shown = int(table["target_shown"][k])
+            target = rs.Target(table["target_points"][k].copy(), table["target_q"][k].copy(), shown)
+        assert target is not None
+        state = servo.step(state, seen, target, rs.Request[table["words"][i, 1]])
+        yield state
+
+
+def compared(path: Path) -> Compared:
+    """One kept run against today's servo."""
+    with np.load(path) as file:
+        table = dict(file)
+    differs, worst = None, 0.0
+    for i, state in enumerate(decided(table)):
+        off = float(np.abs(state.command.rates - table["rates"][i]).max())
+        same = (state.phase.name, state.cause.name) == tuple(table["words"][i, 2:])
+        differs = i if differs is None and not (same and off <= 1e-9) else differs
+        worst = max(worst, off)
+    return Compared(path.stem, len(table["rates"]), differs, worst)
+
+
+def kept(folder: Path, seed: int) -> None:
+    """Run the campaign's run of this seed and keep it."""
+    import campaign
+
+    from rcmservo.sim import Killed
+    from rcmservo.sim.person import Person, attended
+    from rcmservo.tracking import PointMarkers
+
+    disturbances = campaign.disturbances_of(seed, "faults")
+    settings = rs.sim.RigSettings(point_noise=0.1)
+    rig = rs.sim.Rig(seed, settings, pictures=False, disturbances=disturbances)
+    servo = rs.Servo(settings.mechanism, settings.tool)
+    plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
+    plant.recorded = lambda: not rig.disk_full()
+    rig.show_target()
+    target = rs.teach(plant)
+    rig.go_home()
+    rig.begin()
+    stages: list[tuple[int, bool, rs.Target]] = []
+    ticks: list[rs.Tick] = []
+    begun = lambda target, state: stages.append((len(ticks), state is not None, target))  # noqa: E731
+    person = Person(rig, plant, campaign.PATIENCE)
+    try:
+        for tick in attended(rig, plant, servo, target, campaign.DURATION, person, begun):
+            ticks.append(tick)
+    except Killed:
+        pass
+    np.savez_compressed(folder / f"{seed:03d}.npz", **arrays(ticks, stages))
+
+
+def arrays(ticks: list[rs.Tick], stages: list[tuple[int, bool, rs.Target]]) -> Table:
+    """A run as plain arrays."""
+    seen = [tick.seen for tick in ticks]
+    words = [
+        (t.seen.dropped.name, t.request.name, t.state.phase.name, t.state.cause.name) for t in ticks
+    ]
+    return {
+        "integers": np.array([(o.now, o.q_time, o.frame, o.exposure, o.arrival) for o in seen]),
+        "flags": np.array([(o.enabled, o.recorded) for o in seen]),
+        "reals": np.array(
+            [np.concatenate([o.q, o.applied, o.q_exposure, o.points.ravel()]) for o in seen]
+        ),
+        "rates": np.array([tick.state.command.rates for tick in ticks]),
+        "words": np.array(words),
+        "first": np.array([first for first, _, _ in stages]),
+        "again": np.array([again for _, again, _ in stages]),
+        "target_points": np.array([target.points for _, _, target in stages]),
+        "target_q": np.array([target.q for _, _, target in stages]),
+        "target_shown": np.array([target.shown for _, _, target in stages]),
+    }
+
+
+def main() -> None:
+    folder = Path(sys.argv[1])
+    with ProcessPoolExecutor() as pool:
+        if "--keep" in sys.argv:
+            folder.mkdir(parents=True, exist_ok=True)
+            count = int(sys.argv[sys.argv.index("--keep") + 1])
+            list(pool.map(kept, [folder] * count, range(count)))
+        runs = list(pool.map(compared, sorted(folder.glob("*.npz"))))
+    other = [run for run in runs if run.differs is not None]
+    worst = max((run.worst for run in runs), default=np.nan)
+    print(
+        f"{len(runs)} runs, {sum(run.ticks for run in runs)} ticks: {len(other)} came out otherwise"
+    )
+    print(f"largest difference of a joint rate: {worst:.3g}")
+    for run in other:
+        print(f"  run {run.name} from tick {run.differs} on, by {run.worst:.3g}")
+    sys.exit(bool(other) or not runs)
+
+
+if __name__ == "__main__":
+    main()

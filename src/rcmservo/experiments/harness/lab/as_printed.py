@@ -1,0 +1,86 @@
+"""What the paper chooses where this software chooses otherwise: eq. (16) on the last H lines with
+unit normals, and random observations for rule (21)."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rcmservo.interfaces import Floats
+from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.estimators.projection import (
+    GAMMA_0,
+    decay,
+    jacobian_at,
+    keep_in_front,
+    normal_equations,
+    predict,
+)
+from rcmservo.method.projection import PARAMETERS
+from rcmservo.method.tool import Tool
+
+
+def imaged_rcm(lines: Floats) -> Floats:
+    """o_c (2,) px of eq. (16) as printed, with unit normals n, over rows [u₁ v₁ u₂ v₂] px."""
+    m1, along = lines[:, :2], lines[:, 2:] - lines[:, :2]
+    n: Floats = (
+        np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1)[:, None]
+    )
+    return np.linalg.inv(n.T @ n) @ n.T @ np.sum(n * m1, axis=1)
+
+
+def last(lines: Floats, H: int) -> Floats:
+    """The last H of all lines so far: the paper's H old lines."""
+    return lines[max(len(lines) - H, 0) :]
+
+
+class Drawn(NamedTuple):
+    """What random observations have taught."""
+
+    observations: Floats
+    """Rows (P, 7) [p₁ mm, raw m₁ m₂ px]."""
+    seen: int
+    """Samples that they were drawn from."""
+    a_hat: Floats
+    """The parameters (9,)."""
+
+
+@dataclass(frozen=True)
+class RandomObservations(Estimator):
+    """Rule (21) with the printed Γ as the paper words it, on P random observations: of all samples
+    seen so far each is as likely to be among them."""
+
+    observations: int = 10
+    """P."""
+    estimator_time: float = 1e4
+    """s of its own time that the rule is given at every frame."""
+
+    name = "random"
+    models = True
+
+    def init(self) -> Drawn:
+        return Drawn(np.zeros((self.observations, 7)), 0, np.zeros(PARAMETERS))
+
+    def update(self, memory: Drawn, tool: Tool, sample: Sample) -> Drawn:
+        kept = self._drawn(memory, sample)
+        count = min(memory.seen + 1, len(kept))
+        A, b = normal_equations(kept, count, sample.o_c, False, tool.shaft)
+        root = np.diag(np.sqrt(GAMMA_0))
+        a_next = decay(A, b, memory.a_hat, root, self.estimator_time)
+        a_hat = keep_in_front(memory.a_hat, a_next, kept, count, tool.shaft)
+        return Drawn(kept, memory.seen + 1, a_hat)
+
+    def _drawn(self, memory: Drawn, sample: Sample) -> Floats:
+        """The observations after one more sample: it takes a place, or a drawn one's, or none."""
+        kept, seen = memory.observations.copy(), memory.seen
+        drawn = int(np.random.default_rng(seen).integers(seen + 1))
+        row = seen if seen < len(kept) else drawn
+        if row < len(kept):
+            kept[row] = np.concatenate([sample.p1, sample.points.ravel()])
+        return kept
+
+    def jacobian(self, memory: Drawn, tool: Tool, sample: Sample) -> Floats:
+        return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.shaft)
+
+    def predict(self, memory: Drawn, tool: Tool, p1: Floats) -> Floats:
+        return predict(memory.a_hat, p1, tool.shaft)

@@ -1,0 +1,96 @@
+"""The methods that are compared: each moves, and arrives where it should."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rcmservo.experiments import baselines, differentiation
+from rcmservo.experiments.baselines import worst_condition
+from rcmservo.experiments.harness.lab import as_printed
+from rcmservo.experiments.harness.lab.as_printed import RandomObservations
+from rcmservo.experiments.harness.lab.methods import METHODS, Conditions, attempted
+from rcmservo.method.estimators.base import Sample
+from rcmservo.method.imaged_rcm import nearest_to_lines
+from rcmservo.method.tool import RigidTool
+from rcmservo.sim import SceneSettings
+
+SCENE = SceneSettings(room=17.0)
+CONDITIONS = Conditions(noise=0.1, duration=8.0)
+ARRIVES = [name for name in METHODS if name != "image-rolled"]
+SEED = 3
+
+
+@pytest.mark.parametrize("name", ARRIVES)
+def test_every_method_moves_and_arrives_at_the_target(name: str) -> None:
+    trial = attempted(METHODS[name], SCENE, SEED, CONDITIONS)
+    assert trial.poses[0] > 10.0
+    assert trial.poses[-1] < 1.0
+    assert trial.settled, trial.why_not
+
+
+def test_a_calibration_from_before_a_roll_misleads_the_image_based_law() -> None:
+    trial = attempted(METHODS["image-rolled"], SCENE, SEED, CONDITIONS)
+    assert trial.poses[-1] > 10.0
+    assert not trial.settled
+
+
+@pytest.mark.parametrize("name", ["points-exact", "pose-exact"])
+def test_a_calibrated_law_does_not_explore(name: str) -> None:
+    trial = attempted(METHODS[name], SCENE, SEED, replace(CONDITIONS, duration=3.0))
+    assert trial.explored_at is None
+    assert trial.poses[5] < trial.poses[0] - 5.0
+
+
+def test_the_scenes_said_to_be_rejected_are_rejected_by_our_condition_and_all_of_them_are() -> None:
+    settings = baselines.Settings()
+    limit = settings.scene.max_condition
+    drawn = range(max(settings.rejected) + 1)
+    found = tuple(seed for seed in drawn if worst_condition(settings.unlimited, seed) > limit)
+    assert found == settings.rejected
+
+
+def test_every_way_of_taking_the_flow_gives_numbers(tmp_path: Path) -> None:
+    seconds = differentiation.LAST_TOURS + 1.0
+    tour = differentiation.tour(
+        tmp_path,
+        differentiation.Settings(touring=seconds),
+        seed=0,
+    )
+    for way in differentiation.WAYS:
+        taken = tour.of(way)
+        assert np.isfinite([taken.ratio, taken.scatter, taken.size, taken.error]).all()
+    assert tour.frame.ratio == pytest.approx(1.0, abs=0.05)
+    assert tour.stale.ratio == pytest.approx(0.6, abs=0.05)
+
+
+def test_eq_16_as_printed_weighs_every_line_alike() -> None:
+    random = np.random.default_rng(0)
+    lines = random.uniform(0.0, 600.0, (9, 4))
+    near = lines.copy()
+    near[:, 2:] = near[:, :2] + 0.01 * (near[:, 2:] - near[:, :2])
+    np.testing.assert_allclose(as_printed.imaged_rcm(near), as_printed.imaged_rcm(lines), rtol=1e-6)
+    n = np.stack([lines[:, 1] - lines[:, 3], lines[:, 2] - lines[:, 0]], axis=1)
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    away = np.sum(n * (as_printed.imaged_rcm(lines) - lines[:, :2]), axis=1)
+    np.testing.assert_allclose(n.T @ away, 0.0, atol=1e-9)
+    assert not np.allclose(as_printed.imaged_rcm(lines), nearest_to_lines(lines, 9)[0])
+
+
+def test_the_last_lines_are_the_newest() -> None:
+    lines = np.arange(20.0).reshape(5, 4)
+    np.testing.assert_array_equal(as_printed.last(lines, 2), lines[3:])
+    np.testing.assert_array_equal(as_printed.last(lines, 9), lines)
+
+
+def test_random_observations_are_as_likely_to_be_old_as_new() -> None:
+    estimator, tool = RandomObservations(observations=10), RigidTool(30.0)
+    memory, count = estimator.init(), 400
+    for k in range(count):
+        p1 = np.array([float(k), 10.0, 100.0])
+        memory = estimator.update(memory, tool, Sample(p1, np.zeros((2, 2)), np.zeros(2), 0.016))
+    kept = memory.observations[:, 0]
+    assert len(set(kept)) == 10
+    assert 0.2 * count < np.mean(kept) < 0.8 * count
+    assert np.min(kept) < 0.5 * count < np.max(kept)

@@ -1,0 +1,66 @@
+"""Rows of numbers: declared once, read by compiled functions and outside of them alike."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from rcmservo.guard.thresholds import Thresholds
+from rcmservo.guard.watch import Watch, begin
+from rcmservo.interfaces import Floats
+from rcmservo.rows import Row, as_row, flag, real, reals, whole
+from rcmservo.servo.core import Settings
+from rcmservo.servo.state import Course, Estimate
+
+
+class Pair(Row):
+    """A row to try."""
+
+    place: Floats = reals(2, "mm", "where")
+    size: float = real("mm", "how large")
+    count: int = whole("", "how many")
+    known: bool = flag("whether it is known")
+
+
+def test_a_row_gives_its_numbers_under_their_names_and_lets_arrays_be_changed() -> None:
+    pair = Pair.of(place=[1.0, 2.0], size=3.0, count=4, known=True)
+    pair.place[1] = 5.0
+    assert pair.place.tolist() == [1.0, 5.0]
+    assert (pair.size, pair.count, pair.known) == (3.0, 4, True)
+
+
+def test_a_batch_is_an_array_of_the_same_rows() -> None:
+    batch = np.zeros(7, Pair.dtype)
+    batch["size"] = np.arange(7.0)
+    assert Pair(batch[3:4]).size == 3.0
+
+
+@pytest.mark.parametrize("row", [Watch, Estimate, Course, Settings])
+def test_every_field_of_the_core_has_a_shape_and_a_meaning(row: type[Row]) -> None:
+    assert row.dtype.names == tuple(field.name for field in row.fields)
+    assert all(field.meaning for field in row.fields)
+    assert len(row.fields) > 3
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Settings to try; a whole number given for a real one stays a real one."""
+
+    share: float = 1
+    ends: tuple[float, float, float] = (1, 2, 3)
+    times: int = 5
+    on: bool = True
+
+
+def test_settings_become_a_row_of_the_kinds_that_they_declare() -> None:
+    rows = as_row(Numbers())
+    kinds = {name: rows.dtype[name].base.str for name in rows.dtype.names}
+    assert kinds == {"share": "<f8", "ends": "<f8", "times": "<i8", "on": "|b1"}
+    assert rows["ends"][0].tolist() == [1.0, 2.0, 3.0]
+    assert as_row(Thresholds()).dtype == as_row(Thresholds(stale_slow=2, jump=4)).dtype
+
+
+def test_two_watches_that_begin_share_no_memory() -> None:
+    one, other = begin(), begin()
+    one.reached[:] = 1.0
+    assert np.isnan(other.reached).all()
