@@ -12,7 +12,7 @@ from rcmservo.app.simulated_run.metrics import METRICS, RunMetrics
 from rcmservo.app.simulated_run.simulate import simulate
 from rcmservo.config.rig_file import Lab
 from rcmservo.record import reader
-from rcmservo.record.timeline import Summary, summary
+from rcmservo.record.timeline import RunSummary, summary
 from rcmservo.sim import Disturbance
 
 ENDINGS = {
@@ -33,7 +33,7 @@ def job(folder: Path, duration: float, disturbance: str = "") -> Job:
     return Job(4, duration, "projection", servo, lab, folder, video=False, disturbances=wrong)
 
 
-def agree(metrics: RunMetrics, told: Summary) -> None:
+def agree(metrics: RunMetrics, told: RunSummary) -> None:
     outcome = told.outcome
     assert metrics.settled == outcome.settled
     assert metrics.settle_time_s == outcome.settle_time

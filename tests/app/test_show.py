@@ -306,3 +306,17 @@ def test_every_phase_and_cause_has_its_line_in_the_figure(told: Told) -> None:
         assert span.cause is rs.Cause.NONE or span.cause.value in labels
     assert len(figure.panels[0].bands) == len(spans(rows))
     assert timeline.rate(rows) == 100.0
+
+
+def test_the_path_goes_from_exploration_to_where_the_target_was_shown(told: Told) -> None:
+    front, top, picture = plots.path(reader.read(told.path)).panels
+    place = told.servo.marker_1(told.target.q)
+    for panel, axes in ((front, [0, 1]), (top, [0, 2])):
+        exploring, then, shown = panel.curves
+        assert [*shown.x, *shown.y] == pytest.approx(place[axes], abs=1e-3)
+        assert [then.x[-1], then.y[-1]] == pytest.approx(place[axes], abs=1.0)
+        known = [sum(value is not None for value in one.y) for one in (exploring, then)]
+        assert 0 < known[0] < known[1] and panel.map
+    for i, marker in enumerate(picture.curves[:2]):
+        assert [marker.x[-1], marker.y[-1]] == pytest.approx(told.target.points[i], abs=2.0)
+    assert picture.map and picture.downward

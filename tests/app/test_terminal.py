@@ -10,9 +10,9 @@ import pytest
 from rich.console import Console
 
 from rcmservo.app.cli import main
-from rcmservo.app.run_told import show_run
 from rcmservo.app.score_report import MarkerErrors, ScoreReport, StepErrors, show_report
 from rcmservo.app.simulated_run.metrics import FeatureError, RunMetrics
+from rcmservo.app.simulated_run.told import show_run
 from rcmservo.app.terminal import console, print_plainly
 
 LONG = f"runs/{'a folder with a long name/' * 6}[/y]"

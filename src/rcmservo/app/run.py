@@ -12,8 +12,8 @@ from rich.text import Text
 from rcmservo.app.folders import new_folder
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.preparing import compiling, simulator
-from rcmservo.app.run_told import Story, show_run
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
+from rcmservo.app.simulated_run.told import Story, show_run
 from rcmservo.app.terminal import console
 from rcmservo.config.rig_file import Lab, load_lab, told_with
 from rcmservo.errors import UnusableFile, require

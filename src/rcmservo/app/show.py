@@ -21,7 +21,7 @@ from rcmservo.guard.causes import Action, Cause
 from rcmservo.guard.states import Request
 from rcmservo.record import reader
 from rcmservo.record.reader import Record
-from rcmservo.record.timeline import Span, Summary, spans, summary
+from rcmservo.record.timeline import RunSummary, Span, spans, summary
 
 MOST = 40
 """Spans that the timeline shows from the beginning; of a longer one also the LAST."""
@@ -82,7 +82,7 @@ def draw(record: Record, folder: Path) -> None:
         charts.save(plots.estimate(record), folder / "estimate.png")
 
 
-def _summary(record: Record, told: Summary) -> Table:
+def _summary(record: Record, told: RunSummary) -> Table:
     outcome = told.outcome
     verdict = "settled" if outcome.settled else "not settled"
     so_far = ", as far as the record can be read" if record.missing else ""
@@ -138,7 +138,7 @@ def _stages(record: Record) -> str:
     return f"{len(record.stages)}, begun at {', '.join(begun)}"
 
 
-def _frames(told: Summary) -> str:
+def _frames(told: RunSummary) -> str:
     parts = [f"{told.seen} used"]
     if told.skipped:
         parts.append(f"{told.skipped} passed over")

@@ -56,7 +56,7 @@ class Span:
 
 
 @dataclass(frozen=True, eq=False)
-class Summary:
+class RunSummary:
     """A record in a few numbers."""
 
     duration: float
@@ -119,7 +119,7 @@ def rate(record: Record) -> float:
     return float(value) if isinstance(value, float) and value > 0.0 else USUAL_RATE
 
 
-def summary(record: Record) -> Summary:
+def summary(record: Record) -> RunSummary:
     """The record in a few numbers."""
     ticks = record.ticks
     number = ticks["frame"][:, 0]
@@ -129,7 +129,7 @@ def summary(record: Record) -> Summary:
     latency = ticks["latency"][new, 0] * 1e-9
     steps = np.diff(number[new])[np.diff(stage[new]) == 0]
     dropped = Counter(record.named(Dropped, "dropped", i) for i in range(len(record.time)))
-    return Summary(
+    return RunSummary(
         duration=end(record),
         ticks=len(record.time),
         outcome=outcome(record),

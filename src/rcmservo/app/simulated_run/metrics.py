@@ -7,7 +7,7 @@ import numpy as np
 
 from rcmservo.interfaces import Floats
 from rcmservo.record.reader import Record
-from rcmservo.record.timeline import Summary, rate, summary
+from rcmservo.record.timeline import RunSummary, rate, summary
 from rcmservo.record.verdict import LAST
 
 METRICS = "metrics.json"
@@ -107,17 +107,17 @@ class Unrecorded:
     """What ended the run before its time, in words; empty where nothing did."""
 
 
-def measured(metrics: RunMetrics, record: Record, truth: Unrecorded) -> RunMetrics:
+def measured(metrics: RunMetrics, record: Record, beside: Unrecorded) -> RunMetrics:
     """The metrics with what the record tells."""
     told = summary(record)
     outcome, p2 = told.outcome, record.truth["p2"]
     last = round(LAST * rate(record))
-    pose: Floats = np.linalg.norm(p2[-last:] - truth.p_d, axis=1)
+    pose: Floats = np.linalg.norm(p2[-last:] - beside.p_d, axis=1)
     explore, jacobian = _exploration(record)
     return replace(
         metrics,
         settled=outcome.settled,
-        cause=outcome.cause if outcome.settled else truth.ended or outcome.cause,
+        cause=outcome.cause if outcome.settled else beside.ended or outcome.cause,
         settle_time_s=outcome.settle_time,
         pose_error_mm=number(float(np.sqrt(np.mean(pose**2)))) if len(pose) else None,
         feature_error=FeatureError(*map(number, outcome.error)),
@@ -125,7 +125,7 @@ def measured(metrics: RunMetrics, record: Record, truth: Unrecorded) -> RunMetri
         explore=explore,
         latency_s=_latency(told),
         late_ticks=told.late,
-        real_time_factor=told.duration / truth.took,
+        real_time_factor=told.duration / beside.took,
     )
 
 
@@ -145,7 +145,7 @@ def _exploration(record: Record) -> tuple[ExplorationCost, JacobianError]:
     return cost, JacobianError(None if end is None else number(errors[end]), number(errors[-1]))
 
 
-def _latency(told: Summary) -> Latency:
+def _latency(told: RunSummary) -> Latency:
     median, p99, _ = told.latency
     return Latency(number(median), number(p99))
 

@@ -100,14 +100,14 @@ def _write(tick: Tick, rig: Rig, recorder: Recorder) -> None:
     )
 
 
-def _kept(job: Job, metrics: RunMetrics, truth: Unrecorded) -> RunMetrics:
+def _kept(job: Job, metrics: RunMetrics, beside: Unrecorded) -> RunMetrics:
     """The metrics with what the record tells, written beside it with its figures.
 
     What cannot be written is told in them: the result is not lost with it.
     """
     with suppress(UnusableFile):  # of a servo that was killed before it recorded anything
         record = reader.read(job.folder)
-        metrics = measured(metrics, record, truth)
+        metrics = measured(metrics, record, beside)
         metrics = _told(metrics, lambda: draw_figures(record, job.folder))
     text = json.dumps(asdict(metrics), indent=2) + "\n"
     return _told(metrics, lambda: write_whole(job.folder / METRICS, text))
