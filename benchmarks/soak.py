@@ -22,7 +22,8 @@ import numpy as np
 
 import rcmservo as rs
 from rcmservo.config.rig_file import Lab
-from rcmservo.guard.states import Cause, Mode, Phase, Request, Signs, transition
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import Mode, Phase, Request, Signs, transition
 from rcmservo.live.reports import LiveResult, Report
 from rcmservo.live.supervisor import run_live
 from rcmservo.sim.processes.bench import Bench

@@ -14,7 +14,7 @@ import pytest
 
 from conftest import DATA, ROOT
 from rcmservo.experiments.harness.paper import EXPERIMENTS
-from rcmservo.guard.states import Cause
+from rcmservo.guard.causes import Cause
 
 README = (ROOT / "README.md").read_text()
 NAMES = re.findall(r"`(rcmservo[\w.]*):([\w.]+)`", (ROOT / "docs/notation.md").read_text())

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from rcmservo.app.cli import main
-from rcmservo.guard.states import Cause, Mode, Phase
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import Mode, Phase
 from rcmservo.record import reader
 from rcmservo.record.verdict import judged
 

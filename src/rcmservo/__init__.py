@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rcmservo.public import *  # noqa: F403
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 FOLDERS = "sim", "tracking"
 """Offered as they are; they need MuJoCo and OpenCV, which the core does not."""

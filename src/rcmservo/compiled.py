@@ -1,8 +1,8 @@
 """The one way in which rcmservo compiles a function: Numba, cached, never with fastmath.
 
 Numba's cache looks only at the file of the compiled function. An edit in a file that it calls would
-go unseen. So ours lies in a folder that is named by a hash over all files that hold compiled
-functions: new source, new cache. Whatever a compiled function uses must stand in such a file.
+go unseen. So ours lies in a folder that is named by a hash over all files that compiled functions
+are made of: new source, new cache. Whatever a compiled function uses must stand in such a file.
 """
 
 import hashlib
@@ -18,11 +18,14 @@ from numba.core import config as numba_config
 Function = TypeVar("Function", bound=Callable[..., Any])
 PACKAGE = Path(__file__).parent
 MARK = "\n@compiled\n"
+NUMBERS = ("guard/causes.py",)
+"""Files without compiled functions whose numbers these use."""
 
 
 def sources() -> list[Path]:
-    """The files of this package that hold compiled functions."""
-    return [path for path in sorted(PACKAGE.rglob("*.py")) if MARK in path.read_text("utf-8")]
+    """The files of this package that compiled functions are made of."""
+    compiled = [path for path in sorted(PACKAGE.rglob("*.py")) if MARK in path.read_text("utf-8")]
+    return [*compiled, *(PACKAGE / name for name in NUMBERS)]
 
 
 def parts() -> int:

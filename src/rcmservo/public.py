@@ -1,8 +1,9 @@
 """The public names of rcmservo: what `import rcmservo as rs` offers."""
 
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
+from rcmservo.guard.causes import Action, Cause
 from rcmservo.guard.gate import Gate
-from rcmservo.guard.states import Action, Cause, Mode, Phase, Request
+from rcmservo.guard.states import Mode, Phase, Request
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import (
     Arm,

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 import rcmservo as rs
 from conftest import ROOT
-from rcmservo.config.rig_file import Lab, build, load_lab
+from rcmservo.config.decode import decode
+from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.sim import Drive, Look, SceneSettings
 from rcmservo.sim.rig_file import CameraSection, rig_settings
 from rcmservo.tracking import MarkerLook
@@ -57,7 +58,7 @@ def test_every_key_of_every_section_is_taken(tmp_path: Path) -> None:
         for f in fields(cls):
             value = getattr(cls(), f.name)
             if value is not None:
-                assert build(cls, {f.name: value}, name) == cls()
+                assert decode(cls, {f.name: value}, name) == cls()
 
 
 @given(data=st.data())
@@ -66,7 +67,7 @@ def test_junk_in_any_field_gives_one_sentence_or_settings(data: st.DataObject) -
     key = data.draw(st.sampled_from([f.name for f in fields(SECTIONS[name])]))
     value = data.draw(JUNK)
     try:
-        made = build(SECTIONS[name], {key: value}, name)
+        made = decode(SECTIONS[name], {key: value}, name)
     except rs.RcmServoError as error:
         assert "\n" not in str(error) or isinstance(value, str)
     else:
@@ -88,4 +89,4 @@ def test_any_bytes_are_a_laboratory_or_refused(
 )
 def test_radii_whose_ratio_no_float_can_hold_are_refused(one: float, other: float) -> None:
     with pytest.raises(rs.BadInput, match="radius"):
-        build(MarkerLook, {"radius_1": one, "radius_2": other}, "markers")
+        decode(MarkerLook, {"radius_1": one, "radius_2": other}, "markers")

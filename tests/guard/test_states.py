@@ -7,17 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rcmservo.guard.causes import Action, Cause, gravest
 from rcmservo.guard.states import (
     GOOD_TO_RECOVER,
     GOOD_TO_SERVO,
     HOLD_TIME,
-    Action,
-    Cause,
     Mode,
     Phase,
     Request,
     Signs,
-    gravest,
     transition,
 )
 

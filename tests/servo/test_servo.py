@@ -24,8 +24,9 @@ from conftest import (
     observation,
     without,
 )
+from rcmservo.guard.causes import Cause
 from rcmservo.guard.gate import Gate
-from rcmservo.guard.states import GOOD_TO_RECOVER, GOOD_TO_SERVO, HOLD_TIME, Cause, Phase, Request
+from rcmservo.guard.states import GOOD_TO_RECOVER, GOOD_TO_SERVO, HOLD_TIME, Phase, Request
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Dropped, Target
 from rcmservo.loop.plant import Plant

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from conftest import first_quick, frozen, random_from, seeds
 from rcmservo.errors import BadInput
-from rcmservo.guard.states import Cause, Phase, Request
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import Phase, Request
 from rcmservo.interfaces import Command, Dropped, Frame
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run

@@ -8,7 +8,8 @@ import pytest
 
 from conftest import laboratory
 from rcmservo.errors import BadInput
-from rcmservo.guard.states import Cause, Phase, Request
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import Phase, Request
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import teach

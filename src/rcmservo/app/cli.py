@@ -7,6 +7,7 @@ from typing import Any
 from rcmservo import __version__
 from rcmservo.app.export import ExportOptions, export
 from rcmservo.app.live import LiveOptions, live
+from rcmservo.app.own_options import with_own
 from rcmservo.app.paper import PaperOptions, paper
 from rcmservo.app.parse import parse
 from rcmservo.app.replay import ReplayOptions, recompute_run, recorded, replay
@@ -45,7 +46,7 @@ def _do(arguments: list[str]) -> int:
     if arguments[:1] == ["--version"]:
         print(f"rcmservo {__version__}")
         return 0
-    options = {name: kind for name, (kind, _) in COMMANDS.items()}
+    options = with_own({name: kind for name, (kind, _) in COMMANDS.items()}, arguments)
     command = parse(options, arguments)
     if isinstance(command, ReplayOptions) and reader.file_of(command.path).is_file():
         then = reader.read(command.path)

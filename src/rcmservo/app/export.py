@@ -124,10 +124,15 @@ def _columns(rows: Record) -> tuple[list[str], list[Any]]:
     tables = [("", rows.ticks, UNITS), ("truth_", rows.truth, TRUTH)]
     for start, table, units in tables if len(rows.truth["p1"]) else tables[:1]:
         for name, column in table.items():
-            for i, unit in enumerate(units[name]):
+            for i, unit in enumerate(units.get(name) or _numbered(column)):
                 titles.append(f"{start}{name}{' ' if unit.startswith('[') else '_'}{unit}")
                 columns.append(column[:, i])
     return [*titles, *rows.words], [*columns, *rows.words.values()]
+
+
+def _numbered(column: Any) -> tuple[str, ...]:
+    """Titles for numbers whose meaning only a user's own estimator knows."""
+    return tuple(f"{i + 1} [own]" for i in range(column.shape[1]))
 
 
 def _texts(column: Any) -> Iterable[Any]:

@@ -17,13 +17,16 @@ from rcmservo.app.score_report import centres, report_of, show_report
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.terminal import console
 from rcmservo.config.files import write_whole
+from rcmservo.config.kinds import ESTIMATORS, name_of
 from rcmservo.config.rig_file import Lab, load_lab
-from rcmservo.config.servo_json import rebuild
 from rcmservo.errors import UnusableFile, require
+from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.projection import PRINTED
+from rcmservo.method.tool import Tool
 from rcmservo.offline import score
 from rcmservo.record.reader import Record
-from rcmservo.record.recompute import Rerun, recompute
+from rcmservo.record.recompute import Rerun, recompute, servo_of
+from rcmservo.servo.own_estimator import examine, strict
 from rcmservo.servo.servo import Servo
 from rcmservo.tracking import ColourMarkers
 
@@ -63,11 +66,18 @@ def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:
     """
     if not then.stages:
         raise UnusableFile(asked.path, "does not tell the servo of its ticks")
-    servo = rebuild(then.stages[0].servo)
-    boxes = ServoOptions(servo.controller, servo.exploration, servo.imaged_rcm)
-    estimator: dict[str, Any] = {servo.estimator.name: servo.estimator}
+    servo = servo_of(then, then.stages[0], own_kinds(asked.boxes))
+    name = name_of(servo.estimator, ESTIMATORS)
+    boxes = type(asked.boxes)(servo.controller, servo.exploration, servo.imaged_rcm)
+    estimator: dict[str, Any] = {boxes.OWN.get(name, name): servo.estimator}
     other = asked.estimator == "projection" and servo.estimator == PRINTED
-    return ReplayOptions(asked.path, boxes=boxes if other else replace(boxes, **estimator))
+    own = asked.estimator if asked.estimator == name and not other else None
+    return type(asked)(asked.path, own, boxes=boxes if other else replace(boxes, **estimator))
+
+
+def own_kinds(boxes: ServoOptions) -> dict[str, type[Estimator]]:
+    """The classes of the user's own estimators that the command line names."""
+    return {name: type(boxes.estimators[name]) for name in boxes.OWN}
 
 
 @dataclass(frozen=True)
@@ -85,6 +95,8 @@ class Recomputed:
     """By column, how many ticks came out otherwise."""
     missing: str
     """What of the record could not be read."""
+    changed: str
+    """Which users' own estimators have another source than when they were recorded."""
 
 
 def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) -> int:
@@ -93,11 +105,19 @@ def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) ->
     require(options.rig is None, "--rig", options.rig, right)
     require(options.out is None, "--out", options.out, "left out for a run: nothing is written")
     as_recorded = options == replace(usual, json=options.json)
-    again = recompute(then, None if as_recorded else _other(options, then))
+    other = None if as_recorded else _other(options, then)
+    again = recompute(then, other, own_kinds(options.boxes))
     missing = then.missing
     if options.json:
-        count = len(then.time)
-        told = Recomputed(again.same, again.open_loop, count, again.first, again.differs, missing)
+        told = Recomputed(
+            again.same,
+            again.open_loop,
+            len(then.time),
+            again.first,
+            again.differs,
+            missing,
+            again.changed,
+        )
         print(json.dumps(asdict(told)))
     else:
         print(f"{again.words}; {missing}" if missing else again.words)
@@ -108,12 +128,11 @@ def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) ->
 
 def _other(options: ReplayOptions, then: Record) -> Servo:
     """The recorded servo with the settings that the command asks for."""
-    servo = rebuild(then.stages[0].servo)
-    chosen = options.boxes.estimators
-    estimator = chosen[options.estimator or servo.estimator.name]
+    servo = servo_of(then, then.stages[0], own_kinds(options.boxes))
+    name = options.estimator or name_of(servo.estimator, ESTIMATORS)
     return replace(
         servo,
-        estimator=estimator,
+        estimator=options.boxes.estimator(name),
         controller=options.boxes.controller,
         exploration=options.boxes.exploration,
         imaged_rcm=options.boxes.imaged_rcm,
@@ -138,8 +157,6 @@ def replay(options: ReplayOptions) -> int:
     """Score a recording."""
     if not options.path.exists():
         raise UnusableFile(options.path, "does not exist")
-    right = "left out for a recording: all are scored"
-    require(options.estimator is None, "--estimator", options.estimator, right)
     out = console(stderr=options.json)
     report = report_of(_scored(options, out))
     if options.out is not None:
@@ -156,6 +173,7 @@ def replay(options: ReplayOptions) -> int:
 def _scored(options: ReplayOptions, out: Console) -> score.Replay:
     """The score of a recording, with a bar while its frames are tracked."""
     lab = load_lab(options.rig) if options.rig else Lab()
+    estimators = _estimators(options, lab.tool)
     bar = Progress(
         TextColumn("tracking", markup=False),
         BarColumn(),
@@ -169,7 +187,19 @@ def _scored(options: ReplayOptions, out: Console) -> score.Replay:
             options.path,
             lab,
             ColourMarkers(lab.markers),
-            options.boxes.estimators,
+            estimators,
             options.boxes.imaged_rcm,
             lambda done, total: bar.update(task, completed=done, total=total),
         )
+
+
+def _estimators(options: ReplayOptions, tool: Tool) -> dict[str, Estimator]:
+    """The estimators to score: all of ours, and the user's own that the command names."""
+    own, boxes = options.estimator, options.boxes
+    right = "left out for a recording, where all of ours are scored, or module:class"
+    require(own is None or own in boxes.OWN, "--estimator", own, right)
+    ours = {name: one for name, one in boxes.estimators.items() if name not in boxes.OWN}
+    if own is None:
+        return ours
+    examine(boxes.estimator(own), tool)
+    return {**ours, own: strict(boxes.estimator(own))}

@@ -10,7 +10,8 @@ from rich.text import Text
 
 from rcmservo.app.simulated_run.metrics import RunMetrics
 from rcmservo.app.terminal import result_table, unit
-from rcmservo.guard.states import Action, Cause, Phase
+from rcmservo.guard.causes import Action, Cause
+from rcmservo.guard.states import Phase
 from rcmservo.loop.tick import Tick
 
 

@@ -1,26 +1,38 @@
 """The settings of the servo's boxes as options: the same for every command that makes a servo."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from difflib import get_close_matches
+from typing import Annotated, ClassVar
 
 import tyro
 
+from rcmservo.config.kinds import ESTIMATORS, PRESETS
 from rcmservo.config.rig_file import Lab
+from rcmservo.errors import BadInput
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.broyden import BroydenEstimator
 from rcmservo.method.estimators.flow import FlowEstimator
-from rcmservo.method.estimators.projection import PRINTED, ProjectionEstimator
+from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.imaged_rcm import ImagedRcm
+from rcmservo.servo.own_estimator import examine
 from rcmservo.servo.servo import Servo
 
-EstimatorName = Literal["projection", "projection-printed", "flow", "broyden"]
+NAMES = (*ESTIMATORS, *PRESETS)
+EstimatorName = Annotated[
+    str, tyro.conf.arg(metavar=f"{{{','.join(NAMES)},MODULE:CLASS}}", help_behavior_hint="")
+]
+"""An estimator by its name, or a user's own by that of its class."""
 
 
 @dataclass(frozen=True)
 class ServoOptions:
     """What can be set of a servo on the command line."""
+
+    OWN: ClassVar[Mapping[str, str]] = {}
+    """The fields that hold users' own estimators, by the estimators' names."""
 
     controller: SaturatedController = field(default_factory=SaturatedController)
     exploration: Exploration = field(default_factory=Exploration)
@@ -32,19 +44,27 @@ class ServoOptions:
     @property
     def estimators(self) -> dict[str, Estimator]:
         """The estimators by the names that the command line and the results use."""
-        return {
-            "projection": self.projection,
-            "projection-printed": PRINTED,
-            "flow": self.flow,
-            "broyden": self.broyden,
-        }
+        fields = {name: name for name in ESTIMATORS} | dict(self.OWN)
+        return {**PRESETS, **{name: getattr(self, group) for name, group in fields.items()}}
 
-    def servo(self, estimator: EstimatorName, lab: Lab) -> Servo:
-        """A servo with these settings for the arm of a laboratory."""
+    def estimator(self, name: str) -> Estimator:
+        """The estimator of this name."""
+        if name in self.estimators:
+            return self.estimators[name]
+        near = get_close_matches(name, self.estimators, 1)
+        hint = f" (did you mean {near[0]}?)" if near else ""
+        right = f"one of {', '.join(NAMES)}, or module:class such as mylab.rls:RLS{hint}"
+        raise BadInput("--estimator", name, right)
+
+    def servo(self, name: str, lab: Lab) -> Servo:
+        """A servo for a laboratory, with the estimator of this name, which is tried if it is a
+        user's own."""
+        estimator = self.estimator(name)
+        examine(estimator, lab.tool)
         return Servo(
             mechanism=lab.mechanism,
             tool=lab.tool,
-            estimator=self.estimators[estimator],
+            estimator=estimator,
             controller=self.controller,
             exploration=self.exploration,
             imaged_rcm=self.imaged_rcm,

@@ -17,7 +17,8 @@ from rcmservo.app.parse import OptionalPath
 from rcmservo.app.terminal import console
 from rcmservo.config.files import write_whole
 from rcmservo.figures import charts, plots
-from rcmservo.guard.states import Action, Cause, Request
+from rcmservo.guard.causes import Action, Cause
+from rcmservo.guard.states import Request
 from rcmservo.record import reader
 from rcmservo.record.reader import Record
 from rcmservo.record.timeline import Span, Summary, spans, summary

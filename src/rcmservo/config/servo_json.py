@@ -4,97 +4,68 @@ run again.
     {"mechanism": {"kind": "spherical", "limits": {…}, …}, "tool": {"kind": "rigid", …}, …, "rate":
     100.0}
 
-Numbers come back bit for bit. A box that is not one of ours, such as an estimator that somebody has
-made, is told by its class's name only and cannot be rebuilt.
+Numbers come back bit for bit. An estimator that somebody else has made is told as module:class
+with its settings, and comes back where the caller has named its class.
 """
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, fields
-from typing import Any, cast
+from dataclasses import asdict, fields, is_dataclass, make_dataclass
+from typing import Any
 
-from rcmservo.config.rig_file import MECHANISMS, TOOLS, build
-from rcmservo.errors import BadInput, require
-from rcmservo.guard.gate import Gate
-from rcmservo.guard.thresholds import Thresholds
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.broyden import BroydenEstimator
-from rcmservo.method.estimators.flow import FlowEstimator
-from rcmservo.method.estimators.projection import ProjectionEstimator
-from rcmservo.method.exploration import Exploration
-from rcmservo.method.imaged_rcm import ImagedRcm
-from rcmservo.method.kinematics import JointLimits
+from rcmservo.config.decode import decode
+from rcmservo.config.kinds import ESTIMATORS, KINDS, Kinds, chosen, kind_in, name_of
+from rcmservo.config.texts import Table, is_table
+from rcmservo.errors import BadInput
+from rcmservo.method.estimators.base import Estimator
 from rcmservo.servo.servo import Servo
 
-KINDS: Mapping[str, Mapping[str, type[Any]]] = {
-    "mechanism": MECHANISMS,
-    "tool": TOOLS,
-    "estimator": {
-        "projection": ProjectionEstimator,
-        "flow": FlowEstimator,
-        "broyden": BroydenEstimator,
-    },
-    "controller": {"saturated": SaturatedController},
-    "exploration": {"tour": Exploration},
-    "imaged_rcm": {"lines": ImagedRcm},
-    "gate": {"gate": Gate},
-    "thresholds": {"thresholds": Thresholds},
-}
-"""Every box of a servo, and its classes by the name that a description calls them."""
+Description: type[object] = make_dataclass(
+    "Description", [*((box, Table) for box in KINDS), ("rate", float)]
+)
+"""Every box of a servo as a table, and its ticks a second."""
+
+NOBODY: Mapping[str, type[Estimator]] = {}
 
 
-def describe(servo: Servo) -> dict[str, Any]:
+def describe(servo: Servo) -> Table:
     """The servo as it comes back from JSON."""
     boxes = {box: _described(getattr(servo, box), kinds) for box, kinds in KINDS.items()}
-    return json.loads(json.dumps({**boxes, "rate": servo.rate}))
+    return json.loads(json.dumps({**boxes, "rate": servo.rate}, default=_plain))
 
 
-def _described(value: Any, kinds: Mapping[str, type[Any]]) -> dict[str, Any]:
-    for kind, cls in kinds.items():
-        if type(value) is cls:
-            return {"kind": kind, **asdict(value)}
-    return {"kind": f"{type(value).__module__}.{type(value).__qualname__}"}
+def _described(value: Any, kinds: Kinds) -> dict[str, object]:
+    names = [f.name for f in fields(value)] if is_dataclass(value) else []
+    return {"kind": name_of(value, kinds), **{name: getattr(value, name) for name in names}}
 
 
-def rebuild(description: Any) -> Servo:
-    """The servo that was described; BadInput, naming the field, where that cannot be."""
-    require(isinstance(description, dict), "servo", description, "a table of its settings")
-    table = cast(dict[str, Any], description)
-    wanted = {*KINDS, "rate"}
-    require(set(table) == wanted, "servo", sorted(table), f"a table of {', '.join(sorted(wanted))}")
-    rate = table["rate"]
-    good = isinstance(rate, int | float) and not isinstance(rate, bool)
-    require(good, "servo.rate", rate, "a number of ticks per second")
-    boxes = {box: rebuild_box(table, box) for box in KINDS}
-    return Servo(**boxes, rate=float(rate))
+def _plain(value: Any) -> object:
+    """Settings within settings as a table; what JSON cannot hold in words."""
+    return asdict(value) if is_dataclass(value) and not isinstance(value, type) else repr(value)
 
 
-def rebuild_box(description: Any, box: str) -> Any:
-    """One box of the servo that was described, such as its ``mechanism``; BadInput where that
-    cannot be."""
-    good = isinstance(description, dict) and box in description
-    require(good, "servo", cast(Any, description), f"a table with {box}")
-    return _rebuilt(description[box], KINDS[box], f"servo.{box}")
+def rebuild(description: object, own: Mapping[str, type[Estimator]] = NOBODY) -> Servo:
+    """The servo that was described, with the estimators that are the caller's `own` by their names;
+    BadInput, naming the field, where that cannot be."""
+    tables: Table = vars(decode(Description, description, "servo"))
+    kinds = {**KINDS, "estimator": {**ESTIMATORS, **own}}
+    boxes = {box: _rebuilt(tables[box], kinds[box], f"servo.{box}") for box in KINDS}
+    return Servo(**boxes, rate=tables["rate"])
 
 
-def _rebuilt(table: Any, kinds: Mapping[str, type[Any]], where: str) -> Any:
+def rebuild_box(description: object, box: str) -> Any:
+    """One box of the servo that was described, such as its ``mechanism``, whatever the others hold;
+    BadInput where that cannot be."""
+    table: object = description.get(box) if is_table(description) else None
+    if not is_table(table):
+        raise BadInput(f"servo.{box}", table, "a table of settings")
+    return _rebuilt(table, KINDS[box], f"servo.{box}")
+
+
+def _rebuilt(table: Table, kinds: Kinds, where: str) -> Any:
     """One box, with every one of its settings given: a default may change from version to
     version."""
-    require(isinstance(table, dict), where, table, "a table of settings")
-    rest = dict(cast(dict[str, Any], table))
-    kind = rest.pop("kind", None)
-    if not isinstance(kind, str) or kind not in kinds:
-        raise BadInput(f"{where}.kind", kind, "one of " + ", ".join(kinds))
-    names = [f.name for f in fields(kinds[kind])]
-    require(
-        sorted(rest) == sorted(names), where, sorted(rest), f"a table of kind, {', '.join(names)}"
-    )
-    if "limits" in rest:
-        require(
-            isinstance(rest["limits"], dict),
-            f"{where}.limits",
-            rest["limits"],
-            "a table of lower and upper",
-        )
-        rest["limits"] = build(JointLimits, rest["limits"], f"{where}.limits")
-    return build(kinds[kind], rest, where)
+    for f in fields(kind_in(kinds, table.get("kind"), where)):
+        if f.name not in table:
+            raise BadInput(f"{where}.{f.name}", None, "given")
+    return chosen(kinds, table, where)

@@ -10,7 +10,6 @@ not at all, with the reason in one sentence. The checksum finds accidents; it is
 
 import hashlib
 import json
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -19,17 +18,18 @@ from typing import Any, cast
 
 import numpy as np
 
+from rcmservo.config import texts
+from rcmservo.config.decode import decode
 from rcmservo.config.files import read_small, write_whole
-from rcmservo.errors import UnusableFile, one_line, told
+from rcmservo.errors import BadInput, UnusableFile, one_line, require, told
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.interfaces import Floats, Target
+from rcmservo.interfaces import Target
 from rcmservo.method.kinematics import Kinematics
 from rcmservo.method.tool import Tool
 from rcmservo.tracking import MarkerLook
 
 FORMAT = "rcmservo target 1"
 MAX_SIZE = 64 * 1024
-KEYS = ("format", "sha256", "taught", "markers_px", "joints", "setup")
 TAUGHT = "%Y-%m-%dT%H:%M:%SZ"
 
 
@@ -49,23 +49,35 @@ class Setup:
     markers: MarkerLook
 
 
-class _Wrong(ValueError):
-    """Why a target is refused."""
+@dataclass(frozen=True)
+class Content:
+    """What a file holds beside its format and checksum."""
+
+    taught: str
+    markers_px: tuple[tuple[float, float], tuple[float, float]]
+    joints: tuple[float, float, float]
+    setup: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        try:
+            datetime.strptime(self.taught, TAUGHT)
+        except ValueError as error:
+            raise BadInput("taught", self.taught, "a time like 2026-11-21T11:30:00Z") from error
 
 
 def save(path: Path, target: Target, setup: Setup) -> None:
     """Write a target as it was shown now."""
     content = {
-        "format": FORMAT,
         "taught": datetime.now(UTC).strftime(TAUGHT),
         "markers_px": target.points.tolist(),
         "joints": target.q.tolist(),
         "setup": _told(setup),
     }
     try:
-        _target(content, setup)
-    except _Wrong as wrong:
-        raise UnusableFile(path, f"is not written: the target {wrong}") from wrong
+        _target(decode(Content, content, "target"), setup)
+    except BadInput as error:
+        raise UnusableFile(path, f"is not written: {error}") from error
+    content = {"format": FORMAT, **content}
     first = {"format": FORMAT, "sha256": checksum(content)}
     write_whole(path, json.dumps({**first, **content}, indent=1) + "\n")
 
@@ -74,20 +86,12 @@ def load(path: Path, setup: Setup) -> Target:
     """The target in a file, for the setup that it was shown by."""
     data = read_small(path, MAX_SIZE, "a target")
     try:
-        content = _parsed(data)
-        if content.get("format") != FORMAT:
-            raise _Wrong(f"is not a target of this version: its format must be {FORMAT!r}")
-        _keys(content, KEYS, "")
-        if content.pop("sha256") != checksum(content):
-            raise _Wrong("is damaged or was changed: its checksum is wrong")
-        return _target(content, setup)
-    except _Wrong as wrong:
-        raise UnusableFile(path, str(wrong)) from wrong
+        return _target(_content(texts.from_json(data.decode())), setup)
+    except (BadInput, texts.Refused) as error:
+        raise UnusableFile(path, str(error)) from error
     except RecursionError as error:
         raise UnusableFile(path, "is nested too deeply") from error
-    except (
-        ValueError
-    ) as error:  # of the parser, of the encoding, and of whole numbers with thousands of digits
+    except ValueError as error:  # of the parser, of the encoding, of numbers of thousands of digits
         raise UnusableFile(path, f"is not valid JSON: {one_line(error)}") from error
 
 
@@ -98,96 +102,36 @@ def checksum(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _parsed(data: bytes) -> dict[str, Any]:
-    """Strict JSON: an object without repeated keys, and no numbers that are none."""
-
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        table = dict(pairs)
-        if len(table) < len(pairs):
-            key = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
-            raise _Wrong(f"has two of the key {told(key)}")
-        return table
-
-    def number(text: str) -> float:
-        value = float(text)
-        if not np.isfinite(value):
-            raise _Wrong(f"holds the number {text[:30]}, which is not finite")
-        return value
-
-    content: Any = json.loads(
-        data.decode(), object_pairs_hook=once, parse_constant=number, parse_float=number
-    )
-    if not isinstance(content, dict):
-        raise _Wrong("is not a target")
-    return cast(dict[str, Any], content)
+def _content(table: object) -> Content:
+    """What a file's JSON tells, if it is a target's and whole."""
+    if not texts.is_table(table) or table.get("format") != FORMAT:
+        raise texts.Refused(f"is not a target of this version: its format must be {FORMAT!r}")
+    rest = {key: value for key, value in table.items() if key != "sha256"}
+    if table.get("sha256") != checksum(rest):
+        raise texts.Refused("is damaged or was changed: its checksum is wrong")
+    return decode(Content, {key: rest[key] for key in rest if key != "format"}, "target")
 
 
-def _keys(table: Mapping[str, Any], wanted: tuple[str, ...], where: str) -> None:
-    """Refuse a table that lacks a key, or has one more."""
-    for key in wanted:
-        if key not in table:
-            raise _Wrong(f"lacks {where}{key}")
-    for key in table:
-        if key not in wanted:
-            raise _Wrong(f"has the unknown key {where}{told(key)}")
-
-
-def _target(content: Mapping[str, Any], setup: Setup) -> Target:
+def _target(content: Content, setup: Setup) -> Target:
     """The target in a content, all of it checked."""
-    _time(content["taught"])
-    _same(content["setup"], _told(setup), "")
-    rows = _list(content["markers_px"], 2, "markers_px")
-    points = np.array([_numbers(row, 2, f"markers_px[{i}]") for i, row in enumerate(rows)])
-    q = np.array(_numbers(content["joints"], 3, "joints"))
-    for i, (u, v) in enumerate(points):
-        if not (-0.5 <= u <= setup.width - 0.5 and -0.5 <= v <= setup.height - 0.5):
-            raise _Wrong(
-                f"has marker {i + 1} at ({u:.6g}, {v:.6g}) px, outside the picture of "
-                f"{setup.width} x {setup.height} px"
-            )
-    _within(q, setup.mechanism)
-    return Target(points, q)
+    _same(content.setup, _told(setup), "")
+    right, below = setup.width - 0.5, setup.height - 0.5
+    for i, (u, v) in enumerate(content.markers_px):
+        inside = -0.5 <= u <= right and -0.5 <= v <= below
+        size = f"within the picture of {setup.width} x {setup.height} px"
+        require(inside, f"target.markers_px[{i}]", (u, v), size)
+    _within(content.joints, setup.mechanism)
+    return Target(np.array(content.markers_px), np.array(content.joints))
 
 
-def _within(q: Floats, mechanism: Kinematics) -> None:
+def _within(q: tuple[float, float, float], mechanism: Kinematics) -> None:
     """Refuse joints beyond their limits, by more than one may stand beyond them."""
     lower, upper = mechanism.limits.arrays
     slack = Thresholds.slack * (upper - lower)
     for i, name in enumerate(mechanism.joint_names):
-        if not lower[i] - slack[i] <= q[i] <= upper[i] + slack[i]:
-            raise _Wrong(
-                f"has {name} at {q[i]:.6g}, beyond its limits {lower[i]:.6g} and {upper[i]:.6g}"
-            )
-
-
-def _time(taught: Any) -> None:
-    try:
-        datetime.strptime(taught, TAUGHT)
-    except (TypeError, ValueError) as error:
-        raise _Wrong(
-            f"was taught at {told(taught)}, which is no time like 2026-11-21T11:30:00Z"
-        ) from error
-
-
-def _list(value: Any, length: int, where: str) -> list[Any]:
-    items = cast(list[Any], value)
-    if not isinstance(value, list) or len(items) != length:
-        raise _Wrong(f"must have a list of {length} as {where}, not {told(items)}")
-    return items
-
-
-def _numbers(value: Any, length: int, where: str) -> list[float]:
-    """A list of finite numbers."""
-    numbers: list[float] = []
-    for item in _list(value, length, where):
-        if not _number(item) or not abs(item) < 1e12:
-            raise _Wrong(f"must have {length} numbers as {where}, not {told(value)}")
-        numbers.append(float(item))
-    return numbers
-
-
-def _number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+        good = lower[i] - slack[i] <= q[i] <= upper[i] + slack[i]
+        right = f"{name} within its limits {lower[i]:.6g} and {upper[i]:.6g}"
+        require(bool(good), f"target.joints[{i}]", q[i], right)
 
 
 def _told(setup: Setup) -> dict[str, Any]:
@@ -204,26 +148,14 @@ def _told(setup: Setup) -> dict[str, Any]:
     return json.loads(json.dumps(table))
 
 
-def _same(then: Any, now: Any, where: str) -> None:
+def _same(then: object, now: object, where: str) -> None:
     """Refuse what was taught with another setup, naming the first value that differs and both sides
     of it."""
-    if _table(then) and _table(now):
-        _same_table(then, now, where)
-    elif not (type(then) is type(now) or (_number(then) and _number(now))) or then != now:
-        what = where or "setup"
-        raise _Wrong(
-            f"was taught with {what} {told(then)}, this rig has {told(now)}: show the target again"
+    if texts.is_table(then) and texts.is_table(now):
+        for key in sorted({**now, **then}, key="kind".__ne__):  # the kind says most
+            _same(then.get(key), now.get(key), f"{where}.{key}" if where else key)
+    elif isinstance(then, bool) is not isinstance(now, bool) or then != now:
+        raise texts.Refused(
+            f"was taught with {one_line(where) or 'setup'} {told(then)}, this rig has {told(now)}: "
+            "show the target again"
         )
-
-
-def _table(value: Any) -> bool:
-    return isinstance(value, dict)
-
-
-def _same_table(then: dict[str, Any], now: dict[str, Any], where: str) -> None:
-    start = where + "." if where else ""
-    if "kind" in then and "kind" in now:
-        _same(then["kind"], now["kind"], f"{start}kind")
-    _keys(then, tuple(now), f"setup.{start}")
-    for key, value in now.items():
-        _same(then[key], value, f"{start}{key}")

@@ -67,7 +67,7 @@ class MethodTrials:
 
 
 @dataclass(frozen=True)
-class Draws:
+class DrawnConditions:
     """The largest scaled condition of J along the straight way in every scene drawn."""
 
     conditions: list[float]
@@ -100,10 +100,12 @@ def compare(
     return MethodTrials([attempted(chosen, scene, seed, conditions) for seed in seeds])
 
 
-def draw(folder: Path, settings: Settings) -> Draws:
+def draw(folder: Path, settings: Settings) -> DrawnConditions:
     """The condition of scenes drawn without asking for one."""
     del folder
-    return Draws([worst_condition(settings.unlimited, seed) for seed in range(settings.draws)])
+    return DrawnConditions(
+        [worst_condition(settings.unlimited, seed) for seed in range(settings.draws)]
+    )
 
 
 def worst_condition(scene: SceneSettings, seed: int) -> float:
@@ -122,7 +124,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
         *against_broyden.claims(found),
         *(settles(found, name, scenes) for name in METHODS for scenes in SCENES),
         *(ends_near(found, name, scenes) for name in METHODS for scenes in SCENES),
-        rejected_share(settings, results.of(Draws, "draws")),
+        rejected_share(settings, results.of(DrawnConditions, "draws")),
     ]
     return Chapter(claims, [_over_time(found), _final(found), _costs(found)])
 
@@ -172,7 +174,7 @@ def ends_near(found: Tallies, name: str, scenes: Scenes) -> Claim:
     )
 
 
-def rejected_share(settings: Settings, draws: Draws) -> Claim:
+def rejected_share(settings: Settings, draws: DrawnConditions) -> Claim:
     limit = settings.scene.max_condition
     return Claim(
         f"our condition on scenes (at most {limit:g}) leaves out no more than a fifth of the "

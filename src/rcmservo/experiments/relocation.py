@@ -25,7 +25,8 @@ from rcmservo.experiments.harness.sentences import OURS
 from rcmservo.experiments.harness.statistics import median, share
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures.charts import Figure, Panel, curve
-from rcmservo.guard.states import Cause, Phase
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Target
 from rcmservo.loop.run import Tick
 from rcmservo.method.controller import SaturatedController

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rcmservo.figures.charts import Bar, Figure, Lane, Panel, curve
-from rcmservo.guard.states import Action, Cause, Phase, Request
+from rcmservo.guard.causes import Action, Cause
+from rcmservo.guard.states import Phase, Request
 from rcmservo.interfaces import Floats
 from rcmservo.record.reader import Record
 from rcmservo.record.timeline import Span, shown_place, spans

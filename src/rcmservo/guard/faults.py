@@ -8,8 +8,8 @@ set of causes is a number in which every cause has a bit.
 import numpy as np
 
 from rcmservo.compiled import compiled
+from rcmservo.guard.causes import Cause
 from rcmservo.guard.plausible import lost
-from rcmservo.guard.states import Cause
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Told, Watch
 from rcmservo.interfaces import Dropped

@@ -78,7 +78,7 @@ class Showing:
         return Target(np.mean(self.points, axis=0), np.mean(self.joints, axis=0), self.since)
 
 
-class Course:
+class Agenda:
     """What the loop goes by: a ``servo``, a ``target``, and what a person asks for (``request``).
 
     An ``operator`` may change it between two ticks.

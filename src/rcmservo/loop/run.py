@@ -12,7 +12,7 @@ import numpy as np
 from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Command, Target
 from rcmservo.loop.clock import ticks
-from rcmservo.loop.operator import Course, Operator
+from rcmservo.loop.operator import Agenda, Operator
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.tick import Tick
 from rcmservo.servo.servo import Servo, State
@@ -38,21 +38,21 @@ def run(
     servo.warm_up()
     plant.reset()
     state = servo.init() if state is None else servo.again(state)
-    course = Course(servo, target, operator)
+    agenda = Agenda(servo, target, operator)
     try:
         if state.phase is not Phase.FAULT:
             plant.enable()
         for time in ticks(plant.clock, servo.rate, duration):
             seen = plant.read()
-            state = course.servo.step(state, seen, course.target, course.request)
+            state = agenda.servo.step(state, seen, agenda.target, agenda.request)
             applied = plant.send(state.command)
-            tick = Tick(time, course.servo, seen, course.request, state, applied)
+            tick = Tick(time, agenda.servo, seen, agenda.request, state, applied)
             yield tick
             if done(tick) or _over(state, operator):
                 break
-            course.steer(tick)
+            agenda.steer(tick)
     finally:
-        _rest(plant, course.servo, state.command)
+        _rest(plant, agenda.servo, state.command)
 
 
 def _over(state: State, operator: Operator | None) -> bool:

@@ -21,7 +21,7 @@ from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.interfaces import Floats, Frame
 from rcmservo.method.kinematics import Kinematics
 from rcmservo.method.tool import Tool
-from rcmservo.offline.table import Row, Table, read_table
+from rcmservo.offline.table import Table, TableRow, read_table
 from rcmservo.offline.units import METRES, joints
 from rcmservo.tracking import read_image
 
@@ -114,7 +114,9 @@ def _pictures(folder: Path, table: Path, names: list[str]) -> dict[str, Path]:
     return files
 
 
-def _pose(row: Row, picture: Path | None, q: Floats, mechanism: Kinematics, tool: Tool) -> Pose:
+def _pose(
+    row: TableRow, picture: Path | None, q: Floats, mechanism: Kinematics, tool: Tool
+) -> Pose:
     p = _reference(row, mechanism.position(q))
     p1 = p + tool.offset * p / np.linalg.norm(p)
     points = None if picture else _points(row)
@@ -122,11 +124,11 @@ def _pose(row: Row, picture: Path | None, q: Floats, mechanism: Kinematics, tool
     return Pose(row.cells["frame"], picture, points, q, p1, time)
 
 
-def _points(row: Row) -> Floats:
+def _points(row: TableRow) -> Floats:
     return np.array([row.numbers_or_none(POINT_COLUMNS[i : i + 2]) for i in (0, 2)])
 
 
-def _reference(row: Row, p: Floats) -> Floats:
+def _reference(row: TableRow, p: Floats) -> Floats:
     """The reference point (3,) mm as the row gives it, or else p as its joints do."""
     if POSITION_COLUMNS[0] not in row.cells:
         return p

@@ -14,7 +14,7 @@ SEPARATORS = ",;\t"
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """One row of a table."""
 
     place: str
@@ -51,7 +51,7 @@ class Table:
 
     path: Path
     titles: list[str]
-    rows: list[Row]
+    rows: list[TableRow]
 
     def require(self, columns: tuple[str, ...], needs: str) -> None:
         """Refuse a table without one of the columns; `needs` says who needs them."""
@@ -71,13 +71,13 @@ def read_table(path: Path, key: str) -> Table:
     return Table(path, titles, [_row(path, key, titles, line, decimal) for line in lines[1:]])
 
 
-def _row(path: Path, key: str, titles: list[str], line: list[str], decimal: str) -> Row:
+def _row(path: Path, key: str, titles: list[str], line: list[str], decimal: str) -> TableRow:
     cells = dict(zip(titles, line + [""] * len(titles), strict=False))
     place = f"{path}: {key} {cells.get(key, '')}"
     if len(line) > len(titles):
         why = "has more cells than there are titles; decimal commas need semicolons between columns"
         raise UnusableFile(place, why)
-    return Row(place, cells, decimal)
+    return TableRow(place, cells, decimal)
 
 
 def _lines(path: Path) -> tuple[list[list[str]], str]:

@@ -45,7 +45,7 @@ def _a_hat(tick: Tick) -> Floats:
 def _model(tick: Tick) -> Floats:
     """π (34) of both markers from o_c; NaN where the estimator has no such model."""
     state, servo = tick.state, tick.servo
-    model = servo.estimator.predict(state.learnt.memory, servo.tool, state.p1)
+    model = servo.learner.predict(state.learnt.memory, servo.tool, state.p1)
     return np.full(4, np.nan) if model is None else model
 
 

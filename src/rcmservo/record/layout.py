@@ -50,6 +50,7 @@ DEFINITIONS = {
     ),
     "sensor_msgs/msg/CompressedImage": _definition("string format", "uint8[] data"),
     "rcmservo_msgs/msg/Truth": _definition(*_arrays(TRUTH)),
+    "rcmservo_msgs/msg/Memory": _definition("float64[] numbers"),
     "rcmservo_msgs/msg/Tick": _definition(
         *(f"int64 {column.name}" for column in INTEGERS),
         *_arrays({column.name: column.parts for column in REALS}),
@@ -62,6 +63,7 @@ DEFINITIONS = {
 TOPICS = {
     "rcmservo/about": "std_msgs/msg/String",
     "rcmservo/stage": "std_msgs/msg/String",
+    "rcmservo/memory": "rcmservo_msgs/msg/Memory",
     "rcmservo/tick": "rcmservo_msgs/msg/Tick",
     "rcmservo/truth": "rcmservo_msgs/msg/Truth",
     "measured_js": "sensor_msgs/msg/JointState",

@@ -67,7 +67,7 @@ class Channel:
     read: int = 0
 
 
-class Summary(NamedTuple):
+class FileSummary(NamedTuple):
     """What the end of a file says of the whole: messages by channel, and when the last was logged
     (ns)."""
 
@@ -87,7 +87,7 @@ class Messages:
         self.path = path
         self.size, self.place = 0, 0
         self.complete = False
-        self.summary: Summary | None = None
+        self.summary: FileSummary | None = None
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, Channel] = {}
         self._chunk: Counter[int] = Counter()
@@ -266,7 +266,7 @@ def _decompressed(packed: bytes, size: int) -> bytes:
         raise _Damage from error
 
 
-def _summary(file: BinaryIO, size: int) -> Summary | None:
+def _summary(file: BinaryIO, size: int) -> FileSummary | None:
     """What the end of a file says of the whole, if the file has an end and its checksum holds."""
     end = size - _FOOTER.size - len(MAGIC)
     if end < len(MAGIC):
@@ -285,7 +285,7 @@ def _summary(file: BinaryIO, size: int) -> Summary | None:
     return summary if zlib.crc32(footer[:-4], seen) == checksum else None
 
 
-def _statistics(file: BinaryIO, start: int, end: int) -> tuple[Summary | None, int]:
+def _statistics(file: BinaryIO, start: int, end: int) -> tuple[FileSummary | None, int]:
     """The statistics among the records from start to end, and the checksum of them all."""
     file.seek(start)
     summary, seen, place = None, 0, start
@@ -302,11 +302,11 @@ def _statistics(file: BinaryIO, start: int, end: int) -> tuple[Summary | None, i
     return summary, seen
 
 
-def _counted(body: bytes) -> Summary:
+def _counted(body: bytes) -> FileSummary:
     if len(body) < _STATISTICS.size:
         raise _Damage
     *_, last, length = _STATISTICS.unpack_from(body)
     entries = body[_STATISTICS.size :]
     if len(entries) != length or length % 10:
         raise _Damage
-    return Summary(dict(struct.iter_unpack("<HQ", entries)), last)
+    return FileSummary(dict(struct.iter_unpack("<HQ", entries)), last)

@@ -14,8 +14,10 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from rcmservo.config.texts import is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.interfaces import Floats, Image
+from rcmservo.record import memory
 from rcmservo.record.columns import TRUTH, WORDS
 from rcmservo.record.layout import (
     DEFINITIONS,
@@ -59,6 +61,12 @@ class Record:
     stages: list[Stage]
     missing: str
     unread: int
+
+    @property
+    def version(self) -> str:
+        """Which rcmservo has written it, as the run was told; empty where it does not tell."""
+        versions: object = self.about.get("versions")
+        return str(versions.get("rcmservo", "")) if is_table(versions) else ""
 
     @property
     def planned(self) -> float | None:
@@ -145,6 +153,7 @@ class _Rows:
         self.ticks: list[bytes] = []
         self.truth: list[bytes] = []
         self.stages: list[Stage] = []
+        self.memory: dict[int, Floats] = {}
         self._tails: dict[bytes, tuple[str, ...]] = {}
         self._words: list[tuple[str, ...]] = []
 
@@ -168,6 +177,8 @@ class _Rows:
             self.times.append(message.time)
             self.ticks.append(message.data)
             self._words.append(self._tail(message.data))
+        elif topic == memory.TOPIC:
+            self.memory[len(self.ticks)] = memory.decoded(message.data)
         elif topic == "rcmservo/truth":
             self.truth.append(message.data)
         elif topic == "rcmservo/stage":
@@ -189,7 +200,7 @@ class _Rows:
             path=self.path,
             about=self.about or {},
             time=time,
-            ticks=columns(TICK, self.ticks),
+            ticks=columns(TICK, self.ticks) | memory.column(self.memory, len(self.ticks)),
             words={one.name: [row[i] for row in self._words] for i, one in enumerate(WORDS)},
             truth=self._truth(),
             stages=self.stages,

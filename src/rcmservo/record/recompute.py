@@ -6,24 +6,28 @@ With other settings it is what the servo would have decided on what was seen the
 loop: the arm would have gone elsewhere, and the camera would have seen something else.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.config.servo_json import describe, rebuild
+from rcmservo import __version__
+from rcmservo.config.own_code import source
+from rcmservo.config.servo_json import NOBODY, describe, rebuild
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.guard.states import Request
-from rcmservo.interfaces import Dropped, Observation, Target
+from rcmservo.interfaces import Dropped, Floats, Observation, Target
 from rcmservo.loop.operator import same
 from rcmservo.loop.tick import Tick
-from rcmservo.record import layout, reader
+from rcmservo.method.estimators.base import Estimator
+from rcmservo.record import layout, memory, reader
 from rcmservo.record.columns import WORDS
 from rcmservo.record.layout import TICK
 from rcmservo.record.reader import Column, Record
 from rcmservo.record.stage import ELSEWHERE, NOTHING, Stage
+from rcmservo.servo.own_estimator import called
 from rcmservo.servo.servo import Servo, State
 
 
@@ -34,7 +38,7 @@ class Rerun:
 
     ``differs`` counts by column the ticks at which they are not the same bit for bit, and ``first``
     is the first such tick (None: there is none). ``open_loop`` tells whether other settings than
-    the recorded ones were given.
+    the recorded ones were given, ``changed`` in words what of the code is another than recorded.
     """
 
     then: Record
@@ -42,6 +46,7 @@ class Rerun:
     first: int | None
     differs: dict[str, int]
     open_loop: bool
+    changed: str = ""
 
     @property
     def same(self) -> bool:
@@ -53,37 +58,61 @@ class Rerun:
         """The outcome in one sentence."""
         count = len(self.then.time)
         loop = "open loop, with other settings: " if self.open_loop else ""
+        changed = f"; {self.changed}" if self.changed else ""
         if self.first is None:
-            return f"{loop}all {count} ticks came out the same, bit for bit"
+            return f"{loop}all {count} ticks came out the same, bit for bit{changed}"
         most = max(self.differs.values())
         at = f"tick {self.first} ({self.then.time[self.first]:.2f} s)"
         return (
             f"{loop}from {at} on, {most} of {count} ticks came out otherwise, in "
-            f"{', '.join(self.differs)}"
+            f"{', '.join(self.differs)}{changed}"
         )
 
 
-def recompute(run: Path | Record, servo: Servo | None = None) -> Rerun:
-    """Compute a recorded run again, with the recorded settings or with those of another `servo`."""
+def recompute(
+    run: Path | Record,
+    servo: Servo | None = None,
+    own: Mapping[str, type[Estimator]] = NOBODY,
+) -> Rerun:
+    """Compute a recorded run again, with the recorded settings or with those of another `servo`.
+
+    A recorded estimator that is not ours must be among the caller's `own` by its name.
+    """
     then = run if isinstance(run, Record) else reader.read(run)
     if not then.stages and len(then.time):
         raise UnusableFile(then.path, "does not tell the servo of its ticks")
     rows: list[bytes] = []
     decided: list[tuple[str, ...]] = []
-    for tick in _ticks(then, servo):
+    kept: dict[int, Floats] = {}
+    servos = [servo_of(then, stage, own) if servo is None else servo for stage in then.stages]
+    for tick in _ticks(then, servos):
         rows.append(layout.tick(tick))
         decided.append(layout.words_of(rows[-1], TICK.itemsize, len(WORDS)))
+        numbers = memory.numbers_of(tick)
+        if numbers is not None:
+            kept[len(rows) - 1] = numbers
     words = {one.name: [row[i] for row in decided] for i, one in enumerate(WORDS)}
-    now = replace(then, ticks=layout.columns(TICK, rows), words=words)
+    ticks = layout.columns(TICK, rows) | memory.column(kept, len(rows))
+    now = replace(then, ticks=ticks, words=words)
     other = servo is not None and any(describe(servo) != stage.servo for stage in then.stages)
-    return _compared(then, now, other)
+    return replace(_compared(then, now, other), changed=_changed(then.stages, servos))
 
 
-def _ticks(then: Record, given: Servo | None) -> Iterator[Tick]:
+def _changed(stages: Sequence[Stage], servos: Sequence[Servo]) -> str:
+    """Which users' own estimators have another source now than when they were recorded."""
+    names = {
+        called(servo.estimator)
+        for stage, servo in zip(stages, servos, strict=True)
+        if stage.servo["estimator"].get("kind") == called(servo.estimator)
+        and stage.source != source(servo.estimator)
+    }
+    return ", ".join(f"the source of {name} has changed since" for name in sorted(names))
+
+
+def _ticks(then: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
     """Every recorded tick with the state that comes out again."""
     ends: list[State] = []
-    for number, stage in enumerate(then.stages):
-        servo = _servo(then, stage) if given is None else given
+    for number, (stage, servo) in enumerate(zip(then.stages, servos, strict=True)):
         state = _begun(then, stage, servo, ends)
         target = _aim(stage, state)
         last = then.stages[number + 1].first if number + 1 < len(then.stages) else len(then.time)
@@ -94,11 +123,16 @@ def _ticks(then: Record, given: Servo | None) -> Iterator[Tick]:
         ends.append(state)
 
 
-def _servo(then: Record, stage: Stage) -> Servo:
+def servo_of(then: Record, stage: Stage, own: Mapping[str, type[Estimator]] = NOBODY) -> Servo:
+    """The servo of a stage; UnusableFile, naming the version that can rebuild it, where this one
+    cannot."""
     try:
-        return rebuild(stage.servo)
+        return rebuild(stage.servo, own)
     except BadInput as error:
-        raise UnusableFile(then.path, f"its servo cannot be rebuilt, give one: {error}") from error
+        wrote = stage.version or then.version
+        other = f": replay it with rcmservo {wrote}, which has written it" * (wrote != __version__)
+        why = f"its servo cannot be rebuilt: {error}{other}"
+        raise UnusableFile(then.path, why) from error
 
 
 def _begun(then: Record, stage: Stage, servo: Servo, ends: list[State]) -> State:
@@ -138,7 +172,11 @@ def _observation(then: Record, i: int) -> Observation:
 
 def _compared(then: Record, now: Record, open_loop: bool) -> Rerun:
     """Both, column by column, down to the bits."""
-    other = {name: _unlike(then.ticks[name], now.ticks[name]) for name in then.ticks}
+    nothing = np.empty((len(then.time), 0))
+    other = {
+        name: _unlike(then.ticks.get(name, nothing), now.ticks.get(name, nothing))
+        for name in {**then.ticks, **now.ticks}
+    }
     for name in then.words:
         other[name] = np.array(
             [a != b for a, b in zip(then.words[name], now.words[name], strict=True)], dtype=bool
@@ -150,6 +188,8 @@ def _compared(then: Record, now: Record, open_loop: bool) -> Rerun:
 
 def _unlike(a: Column, b: Column) -> NDArray[np.bool_]:
     """At which rows two columns (N, size) differ in any bit."""
+    if a.shape != b.shape:
+        return np.ones(len(a), dtype=bool)
     width = a.shape[1] * a.itemsize
     bits_a, bits_b = (
         np.ascontiguousarray(column).view(np.uint8).reshape(-1, width) for column in (a, b)

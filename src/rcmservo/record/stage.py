@@ -1,6 +1,7 @@
 """A part of a record in which servo and target stay the same. One record holds one or more.
 
-    {"origin": 0, "mid_run": false, "target": {"points": [[…], […]], "q": […]}, "servo": {…}}
+    {"origin": 0, "mid_run": false, "target": {"points": [[…], […]], "q": […]}, "servo": {…},
+     "version": "0.2.0", "source": ""}
 
 A stage goes on from the last tick of an earlier one, whose number its ``origin`` is. A run begins
 it, or a person who changed target or settings in mid-run.
@@ -12,7 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from rcmservo import __version__
+from rcmservo.config.decode import decode
+from rcmservo.config.own_code import source
 from rcmservo.config.servo_json import describe
+from rcmservo.config.texts import Table
+from rcmservo.errors import require
 from rcmservo.interfaces import Target
 from rcmservo.servo.servo import Servo
 
@@ -35,27 +41,49 @@ class Stage:
     """Number of the stage that it goes on from, or NOTHING or ELSEWHERE."""
     mid_run: bool = False
     """Whether the loop went on from the tick before, without a new start."""
+    version: str = ""
+    """Which rcmservo has written it; empty where it does not tell."""
+    source: str = ""
+    """Hash of the file of a user's own estimator; empty for ours."""
 
 
 def text_of(servo: Servo, target: Target, origin: int, mid_run: bool) -> str:
     """A stage as JSON."""
     told = {"points": target.points.tolist(), "q": target.q.tolist(), "shown": target.shown}
-    table = {"origin": origin, "mid_run": mid_run, "target": told, "servo": describe(servo)}
-    return json.dumps(table)
+    stage = {"origin": origin, "mid_run": mid_run, "target": told, "servo": describe(servo)}
+    by = {"version": __version__, "source": source(servo.estimator)}
+    return json.dumps({**stage, **by})
 
 
-def stage_of(table: dict[str, Any], first: int, number: int) -> Stage:
-    """The stage in a JSON object, the `number`-th of its record; ValueError where that is no
+@dataclass(frozen=True)
+class TargetTable:
+    """A target as a stage's JSON has it."""
+
+    points: tuple[tuple[float, float], tuple[float, float]]
+    q: tuple[float, float, float]
+    shown: int = 0
+
+
+@dataclass(frozen=True)
+class StageTable:
+    """A stage's JSON."""
+
+    origin: int
+    target: TargetTable
+    servo: Table
+    mid_run: bool = False
+    version: str = ""
+    source: str = ""
+
+
+def stage_of(table: object, first: int, number: int) -> Stage:
+    """The stage in a JSON object, the `number`-th of its record; BadInput where that is no
     stage."""
-    try:
-        target = table["target"]
-        points, q = np.array(target["points"], dtype=float), np.array(target["q"], dtype=float)
-        origin, servo, shown = table["origin"], table["servo"], target.get("shown", 0)
-        mid_run = table.get("mid_run", False)
-    except (AttributeError, KeyError, TypeError) as error:
-        raise ValueError(f"it is no stage ({error})") from error
-    good = type(origin) is int and ELSEWHERE <= origin < number and type(shown) is int
-    follows = mid_run is False or (mid_run is True and number > 0 and origin == number - 1)
-    if not (good and follows) or points.shape != (2, 2) or q.shape != (3,):
-        raise ValueError("it is no stage")
-    return Stage(first, servo, Target(points, q, shown), origin, mid_run)
+    told = decode(StageTable, table, "stage")
+    last = number - 1
+    require(ELSEWHERE <= told.origin <= last, "stage.origin", told.origin, "an earlier stage")
+    follows = not told.mid_run or told.origin == last >= 0
+    require(follows, "stage.origin", told.origin, "the stage before, as it goes on in mid-run")
+    target = Target(np.array(told.target.points), np.array(told.target.q), told.target.shown)
+    by = told.version, told.source
+    return Stage(first, told.servo, target, told.origin, told.mid_run, *by)

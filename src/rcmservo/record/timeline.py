@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from rcmservo.config.servo_json import rebuild_box
 from rcmservo.errors import BadInput
-from rcmservo.guard.states import Action, Cause, Mode, Phase, Request
+from rcmservo.guard.causes import Action, Cause
+from rcmservo.guard.states import Mode, Phase, Request
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Dropped, Floats
 from rcmservo.method.kinematics import position

@@ -1,13 +1,15 @@
 """What became of a run: settled or not, when, and why not. Judged from what the servo measured,
 tick by tick."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rcmservo.guard.states import Action, Mode, Phase
+from rcmservo.guard.causes import Action, Cause
+from rcmservo.guard.states import Mode, Phase
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.tick import Tick
+from rcmservo.servo.own_estimator import Guard, called
 from rcmservo.servo.servo import Servo
 
 TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
@@ -83,13 +85,19 @@ class Judge:
                 self._servo.marker_1(self._last.seen.q) - self._servo.marker_1(self._target.q)
             )
         )
-        return judged(
-            np.array(self._times),
-            np.array(self._errors),
-            self._explored_at,
-            self._last.state.mode,
-            away,
-        )
+        times, errors = np.array(self._times), np.array(self._errors)
+        outcome = judged(times, errors, self._explored_at, self._last.state.mode, away)
+        return replace(outcome, cause=outcome.cause + _blame(self._last))
+
+
+def _blame(last: Tick) -> str:
+    """The user's own estimator that made the loop run late, as the rest of a sentence; empty where
+    none did."""
+    cause, own = last.state.cause, last.servo.learner
+    late = cause in (Cause.OVERRUN, Cause.DRIVE_OFF)  # the arm's watchdog may be the first to act
+    if late and isinstance(own, Guard) and own.slowest > last.servo.period:
+        return f": estimator {called(own.own)} took up to {own.slowest * 1e-6:.1f} ms for a frame"
+    return ""
 
 
 def judged(
@@ -110,7 +118,7 @@ def judged(
 
 def _cause(mode: Mode, explored_at: float | None, settled_at: float | None, away: float) -> str:
     if mode.cause.action >= Action.HOLD:
-        return mode.cause.words
+        return mode.why
     if mode.phase is Phase.ACQUIRE and explored_at is not None:
         return "time ran out on the way back from a hold"
     if mode.phase in ON_THE_WAY:

@@ -3,6 +3,7 @@ CRTK has one.
 
     rcmservo/about        std_msgs/String             settings, seed and versions, as JSON
     rcmservo/stage        std_msgs/String             a stage begins: its servo and target, as JSON
+    rcmservo/memory       rcmservo_msgs/Memory        what a user's own estimator remembers
     rcmservo/tick         rcmservo_msgs/Tick          all that the servo saw, knew and decided
     rcmservo/truth        rcmservo_msgs/Truth         simulation only: what the servo must not know
     measured_js           sensor_msgs/JointState      the joints as measured (rad and m, SI)
@@ -30,7 +31,7 @@ from mcap.writer import Writer
 from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.interfaces import Floats, Frame, Target
 from rcmservo.loop.tick import Tick
-from rcmservo.record import layout
+from rcmservo.record import layout, memory
 from rcmservo.record.mcap_chunks import LARGEST
 from rcmservo.record.ros2_bag import write_metadata
 from rcmservo.record.stage import ELSEWHERE, NOTHING, text_of
@@ -161,6 +162,9 @@ class Recorder:
             self._change(before, target, tick)
         if before is None or before.state.mode.words != state.mode.words:
             self._send("operating_state", layout.operating_state(seen.now, state.mode))
+        kept = memory.numbers_of(tick)
+        if kept is not None:
+            self._send(memory.TOPIC, memory.encoded(seen.now, kept))
         self._send("rcmservo/tick", layout.tick(tick))
         self._send("measured_js", self._joints.positions(seen.q_time, seen.q))
         self._send("servo_jv", self._joints.rates(state.command.time, state.command.rates))
@@ -248,7 +252,7 @@ def _changed(before: Tick, tick: Tick) -> bool:
 
 def warm(servo: Servo) -> None:
     """Compile what writing a tick calls."""
-    servo.estimator.predict(servo.estimator.init(), servo.tool, np.zeros(3))
+    servo.learner.predict(servo.learner.init(), servo.tool, np.zeros(3))
 
 
 class ThreadedRecorder:

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rcmservo.compiled import compiled
+from rcmservo.guard.causes import Cause
 from rcmservo.guard.faults import arm_faults, camera_faults, loop_faults
 from rcmservo.guard.plausible import leapt, lost, misplaced
-from rcmservo.guard.states import Cause
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import (
     Told,

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rcmservo.guard.states import Cause
+from rcmservo.guard.causes import Cause
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Watch
 from rcmservo.interfaces import Floats, Observation
@@ -17,6 +17,7 @@ UNLEARNT = {
     Cause.DIVERGED,
     Cause.NOT_EXPLORED,
     Cause.ESTIMATE_LARGE,
+    Cause.ESTIMATOR_FAILED,
     Cause.ESTIMATE_NOT_FINITE,
     Cause.NOT_FINITE,
 }

@@ -12,8 +12,9 @@ from functools import cached_property
 import numpy as np
 
 from rcmservo.errors import require
+from rcmservo.guard.causes import Action, Cause, gravest_of
 from rcmservo.guard.gate import Gate
-from rcmservo.guard.states import Action, Cause, Mode, Phase, Request, Signs, gravest_of, transition
+from rcmservo.guard.states import Mode, Phase, Request, Signs, transition
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Told, Watch, begin, told, unwatched
 from rcmservo.interfaces import Floats, Observation, Target
@@ -28,6 +29,7 @@ from rcmservo.method.tool import Tool
 from rcmservo.rows import Rows, as_row
 from rcmservo.servo import core
 from rcmservo.servo.diagnosis import detail, spoils, tour_faults
+from rcmservo.servo.own_estimator import examine, failure, learner
 from rcmservo.servo.state import (
     Course,
     Estimate,
@@ -70,6 +72,11 @@ class Servo:
         good = self.rate * self.gate.deadline >= 2.0 and self.rate <= 1000.0
         right = "at least two ticks in gate.deadline, and at most 1000 Hz"
         require(good, "rate", self.rate, right)
+
+    @cached_property
+    def learner(self) -> Estimator:
+        """The estimator as a step calls it: a user's own through a guard."""
+        return learner(self.estimator)
 
     @cached_property
     def period(self) -> int:
@@ -116,7 +123,7 @@ class Servo:
         return State(Mode(), self.gate.rest(), begin(), self._ignorance(), course)
 
     def _ignorance(self) -> Learnt:
-        return ignorance(self.imaged_rcm.init()[0], self.estimator.init())
+        return ignorance(self.imaged_rcm.init()[0], self.learner.init())
 
     def _but_places(self, estimate: Estimate) -> Learnt:
         """Nothing learnt, but for where the markers were seen last."""
@@ -141,7 +148,8 @@ class Servo:
 
     def warm_up(self) -> None:
         """Compile all that `step` calls, on made-up observations, so that nothing compiles while an
-        arm moves."""
+        arm moves. A user's own estimator is tried first, and refused if it fails."""
+        examine(self.estimator, self.tool)
         state, q = self.init(), np.mean(self.mechanism.limits.arrays, axis=0)
         points = np.array([[100.0, 50.0], [200.0, 100.0]])
         target = Target(points, q)
@@ -200,8 +208,8 @@ class Servo:
         estimate, memory = Estimate(rows), learnt.memory
         if news == core.LEARN:
             sample = Sample(estimate.p1, seen.points, estimate.o_c, dt)
-            memory = self.estimator.update(memory, self.tool, sample)
-            J_hat = self.estimator.jacobian(memory, self.tool, sample)
+            memory = self.learner.update(memory, self.tool, sample)
+            J_hat = self.learner.jacobian(memory, self.tool, sample)
             core.learn(watch, rows, J_hat, target.points, seen.exposure, explored, thresholds)
         learnt = Learnt(estimate, lines, memory, learnt.tour, learnt.no_room, explored)
         return Watch(watch), learnt, news >= core.BELIEVED
@@ -233,13 +241,15 @@ class Servo:
             watch.rows, learnt.estimate.rows, course.rows, numbers, situation,
             self.settings, self.bounds,
         )  # fmt: skip
+        if failure(learnt.memory):
+            found |= Cause.ESTIMATOR_FAILED.bit
         if not learnt.explored:
             found |= tour_faults(learnt, self.exploration, self.tool, numbers.now)
         return Course(rows), found
 
     def _enter(self, state: State, mode: Mode, cause: Cause, seen: Observation) -> State:
         """The state in its new mode. A pause or fault forgets what it must not go on with."""
-        before, now = state.mode, seen.now
+        before, now, memory = state.mode, seen.now, state.learnt.memory
         entered = mode.phase is not before.phase
         if mode.phase in (Phase.PAUSED, Phase.FAULT) and (entered or cause.action is Action.PAUSE):
             why = cause if cause.action >= Action.PAUSE else mode.cause
@@ -248,6 +258,7 @@ class Servo:
             state = state.but(learnt=self._but_places(state.learnt.estimate))
         if mode.cause is not before.cause:
             words = detail(mode.cause, state.watch, seen, self.mechanism, self.thresholds)
+            words = words or failure(memory)
             mode = replace(mode, detail=words) if words else mode
         course = restarted(state.course, now) if entered else None
         return state.but(mode=mode, course=course) if mode is not before else state

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.guard.states import Cause, Mode, Phase
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import Mode, Phase
 from rcmservo.guard.watch import Watch
 from rcmservo.interfaces import Command, Floats, Target
 from rcmservo.method.exploration import Exploring

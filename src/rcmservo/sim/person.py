@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import replace
 
-from rcmservo.guard.states import Cause, Phase, Request
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import Phase, Request
 from rcmservo.interfaces import Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run

@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from rcmservo.config.rig_file import Lab, build
-from rcmservo.errors import require
+from rcmservo.config.rig_file import Lab
 from rcmservo.sim import Look
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
@@ -43,23 +42,14 @@ class CameraSection:
 
 def rig_settings(lab: Lab) -> RigSettings:
     """The simulated laboratory of a rig file's [camera], [drive], [look] and [scene]."""
-    camera = build(CameraSection, lab.simulation.get("camera", {}), "camera")
-    paint, table = _paint(lab), lab.simulation.get("look", {})
-    for key in paint:
-        require(
-            key not in table,
-            f"look.{key}",
-            table.get(key),
-            "left out: [markers] tells radii and colours",
-        )
-    look = build(Look, {**table, **paint}, "look")
+    camera = lab.section("camera", CameraSection)
     return RigSettings(
         mechanism=lab.mechanism,
         tool=lab.tool,
-        drive=build(Drive, lab.simulation.get("drive", {}), "drive"),
+        drive=lab.section("drive", Drive),
         timing=Timing(camera.frame_rate, camera.exposure, camera.delay),
-        look=look,
-        scene=build(SceneSettings, lab.simulation.get("scene", {}), "scene"),
+        look=lab.section("look", Look, **_paint(lab)),
+        scene=lab.section("scene", SceneSettings),
         width=camera.width,
         height=camera.height,
         point_noise=camera.point_noise,

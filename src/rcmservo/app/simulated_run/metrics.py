@@ -96,7 +96,7 @@ class RunMetrics:
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class Unrecorded:
     """What the record of a simulated run does not tell of it."""
 
     p_d: Floats
@@ -107,7 +107,7 @@ class Truth:
     """What ended the run before its time, in words; empty where nothing did."""
 
 
-def measured(metrics: RunMetrics, record: Record, truth: Truth) -> RunMetrics:
+def measured(metrics: RunMetrics, record: Record, truth: Unrecorded) -> RunMetrics:
     """The metrics with what the record tells."""
     told = summary(record)
     outcome, p2 = told.outcome, record.truth["p2"]

@@ -14,12 +14,12 @@ from dataclasses import asdict, replace
 from functools import partial
 
 from rcmservo.app.simulated_run.job import Job, about
-from rcmservo.app.simulated_run.metrics import METRICS, RunMetrics, Truth, measured
+from rcmservo.app.simulated_run.metrics import METRICS, RunMetrics, Unrecorded, measured
 from rcmservo.app.simulated_run.pictures import draw_figures, pictures, video_of
 from rcmservo.app.simulated_run.target import target_of
 from rcmservo.config.files import write_whole
 from rcmservo.errors import UnusableFile
-from rcmservo.guard.states import Action
+from rcmservo.guard.causes import Action
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.tick import Tick
 from rcmservo.record import reader
@@ -67,7 +67,7 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
         not_filmed=video.failed if video is not None else "",
     )
     p_d = rig.body.points(rig.scene.target)[1]
-    return _kept(job, metrics, Truth(p_d, time.perf_counter() - started, ended))
+    return _kept(job, metrics, Unrecorded(p_d, time.perf_counter() - started, ended))
 
 
 def _follow(
@@ -100,7 +100,7 @@ def _write(tick: Tick, rig: Rig, recorder: Recorder) -> None:
     )
 
 
-def _kept(job: Job, metrics: RunMetrics, truth: Truth) -> RunMetrics:
+def _kept(job: Job, metrics: RunMetrics, truth: Unrecorded) -> RunMetrics:
     """The metrics with what the record tells, written beside it with its figures.
 
     What cannot be written is told in them: the result is not lost with it.

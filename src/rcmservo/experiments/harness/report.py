@@ -13,7 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from rcmservo.config.files import write_whole
 from rcmservo.experiments.harness.claims import FAILS, HOLDS, REMARK, Chapter, Shown
 from rcmservo.experiments.harness.plain import built, plain
-from rcmservo.experiments.harness.rows import Row, counts, first_page, rows_of
+from rcmservo.experiments.harness.rows import ClaimRow, counts, first_page, rows_of
 from rcmservo.experiments.harness.tasks import Experiment
 from rcmservo.experiments.harness.traps import traps_met
 from rcmservo.figures import charts
@@ -43,7 +43,7 @@ class Section:
     about: str
     command: str
     settings: list[tuple[str, str]]
-    rows: list[Row]
+    rows: list[ClaimRow]
     figures: list[Picture]
 
 
@@ -63,9 +63,9 @@ def write(
     return out / REPORT
 
 
-def claims_in(out: Path) -> list[Row]:
+def claims_in(out: Path) -> list[ClaimRow]:
     """The claims of a report that was written."""
-    return built(list[Row], json.loads((out / CLAIMS).read_text()))
+    return built(list[ClaimRow], json.loads((out / CLAIMS).read_text()))
 
 
 def figures_of(chapters: Mapping[str, Chapter]) -> dict[str, Figure]:
@@ -78,7 +78,7 @@ def figures_of(chapters: Mapping[str, Chapter]) -> dict[str, Figure]:
     }
 
 
-def _page(rows: list[Row], sections: list[Section], quick: bool) -> str:
+def _page(rows: list[ClaimRow], sections: list[Section], quick: bool) -> str:
     environment = Environment(
         loader=PackageLoader("rcmservo.experiments.harness", "."),
         autoescape=True,

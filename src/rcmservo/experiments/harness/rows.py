@@ -9,7 +9,7 @@ from rcmservo.experiments.harness.sentences import OURS, SENTENCES
 
 
 @dataclass(frozen=True)
-class Row:
+class ClaimRow:
     """A claim as it stands in claims.json."""
 
     experiment: str
@@ -40,9 +40,9 @@ class Row:
         return f"{self.experiment}/claim-{self.number}"
 
 
-def row_of(experiment: str, number: int, claim: Claim) -> Row:
+def row_of(experiment: str, number: int, claim: Claim) -> ClaimRow:
     """The row of one claim."""
-    return Row(
+    return ClaimRow(
         experiment=experiment,
         number=number,
         claim=claim.claim,
@@ -65,7 +65,7 @@ def row_of(experiment: str, number: int, claim: Claim) -> Row:
     )
 
 
-def rows_of(chapters: Mapping[str, Chapter]) -> list[Row]:
+def rows_of(chapters: Mapping[str, Chapter]) -> list[ClaimRow]:
     """All claims, in the order of the report."""
     return [
         row_of(name, i, claim)
@@ -74,7 +74,7 @@ def rows_of(chapters: Mapping[str, Chapter]) -> list[Row]:
     ]
 
 
-def counts(rows: Iterable[Row]) -> dict[str | None, int]:
+def counts(rows: Iterable[ClaimRow]) -> dict[str | None, int]:
     """How many rows have each verdict, and how many have none."""
     verdicts = [row.verdict for row in rows]
     return {verdict: verdicts.count(verdict) for verdict in (*VERDICTS, None)}
@@ -87,11 +87,11 @@ class Cases:
     claim: str
     rows: list[str]
     columns: list[str]
-    cells: list[list[Row | None]]
+    cells: list[list[ClaimRow | None]]
     """By row and column."""
 
     @property
-    def first(self) -> Row:
+    def first(self) -> ClaimRow:
         return next(row for cells in self.cells for row in cells if row is not None)
 
 
@@ -101,14 +101,14 @@ class Judged:
 
     where: str
     words: str
-    head: Row
+    head: ClaimRow
     """The claim nearest to the words: the first one."""
-    others: list[Row]
+    others: list[ClaimRow]
     """Other wordings."""
     cases: list[Cases]
 
 
-def first_page(rows: list[Row]) -> tuple[list[Judged], list[Judged]]:
+def first_page(rows: list[ClaimRow]) -> tuple[list[Judged], list[Judged]]:
     """What the paper says, in its order, and what is ours."""
     papers = [
         judged(sentence.where, sentence.words, some)
@@ -123,7 +123,7 @@ def first_page(rows: list[Row]) -> tuple[list[Judged], list[Judged]]:
     return papers, ours
 
 
-def judged(where: str, words: str, rows: list[Row]) -> Judged:
+def judged(where: str, words: str, rows: list[ClaimRow]) -> Judged:
     """The rows of one sentence: its head, its other wordings, and tables of cases."""
     wordings = {claim: [row for row in rows if row.claim == claim] for claim in _claims(rows)}
     head = rows[0]
@@ -132,11 +132,11 @@ def judged(where: str, words: str, rows: list[Row]) -> Judged:
     return Judged(where, words, head, singles, tables)
 
 
-def _claims(rows: list[Row]) -> list[str]:
+def _claims(rows: list[ClaimRow]) -> list[str]:
     return list(dict.fromkeys(row.claim for row in rows))
 
 
-def cases(rows: list[Row]) -> Cases:
+def cases(rows: list[ClaimRow]) -> Cases:
     """The cases of one wording by their rows and columns."""
     names, columns = (list(dict.fromkeys(row.case[i] for row in rows)) for i in (0, 1))
     by_case = {row.case: row for row in rows}

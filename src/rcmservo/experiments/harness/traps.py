@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rcmservo.experiments.harness.rows import Row
+from rcmservo.experiments.harness.rows import ClaimRow
 
 TRAPS = {
     "T0": "errata: as printed, the gradient of (32) drops from b to b/2",
@@ -34,7 +34,7 @@ class Trap:
 
     name: str
     words: str
-    rows: list[Row]
+    rows: list[ClaimRow]
 
     @property
     def verdict(self) -> str:
@@ -45,7 +45,7 @@ class Trap:
         return "confirmed" if all(told) else "refuted"
 
 
-def traps_met(rows: list[Row]) -> list[Trap]:
+def traps_met(rows: list[ClaimRow]) -> list[Trap]:
     """The pitfalls that some claim meets, in their order."""
     traps = [Trap(name, TRAPS[name], [r for r in rows if r.trap == name]) for name in TRAPS]
     return [trap for trap in traps if trap.rows]

@@ -27,7 +27,8 @@ class Estimator(ABC):
     opaque to others."""
 
     name: ClassVar[str]
-    models: ClassVar[bool]
+    """What it is called where its settings are options."""
+    models: ClassVar[bool] = False
     """Whether it has a model that predicts where the markers are: `predict`."""
 
     @abstractmethod
@@ -46,4 +47,10 @@ class Estimator(ABC):
         """The markers' pixels m (4,) from o_c that the estimate expects at p1, or None where it has
         no such model."""
         del memory, tool, p1
+        return None
+
+    def remembered(self, memory: Any) -> Floats | None:
+        """The numbers (n,) of its memory that a record keeps beside every tick, always as many;
+        none unless an estimator says so."""
+        del memory
         return None

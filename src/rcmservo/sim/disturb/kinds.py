@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from rcmservo.guard.states import Cause
+from rcmservo.guard.causes import Cause
 from rcmservo.sim.disturb.parameters import Choice, Number, Parameter, written
 
 

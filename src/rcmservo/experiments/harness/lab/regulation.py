@@ -28,7 +28,7 @@ from rcmservo.experiments.harness.lab.closed_loop import (
 from rcmservo.experiments.harness.statistics import rms
 from rcmservo.experiments.harness.tasks import Task
 from rcmservo.figures import plots
-from rcmservo.guard.states import Cause
+from rcmservo.guard.causes import Cause
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick
 from rcmservo.method.controller import SaturatedController

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmservo.experiments.harness.statistics import median, rms
-from rcmservo.guard.states import Cause
+from rcmservo.guard.causes import Cause
 from rcmservo.interfaces import Floats
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run

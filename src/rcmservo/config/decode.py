@@ -1,0 +1,92 @@
+"""A table as TOML and JSON give it becomes settings, strictly, or one sentence of what is wrong.
+
+The settings dataclass is the only description of a table: its fields are the keys, their types what
+the values must be. Unknown keys, wrong types and numbers that are not finite are refused by the
+path of the key, and what a dataclass itself refuses is told with that path too.
+"""
+
+import difflib
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from functools import cache
+from typing import Any, NoReturn, TypeVar, cast, get_type_hints
+
+from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+from rcmservo.errors import BadInput, told
+
+Settings = TypeVar("Settings")
+
+STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+RIGHT = {
+    "missing": "given",
+    "float_type": "a finite number",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "text",
+    "tuple_type": "a list",
+    "too_long": "a list of {max_length}",
+    "literal_error": "{expected}",
+    "dataclass_type": "a table of settings",
+    "dict_type": "a table",
+    "json_invalid": "plain text and numbers",
+}
+"""What would be right, by the kind of error."""
+
+BARE = re.compile(r"[A-Za-z0-9_-]{1,60}")
+"""A key that TOML needs no quotes for."""
+
+
+def decode(kind: type[Settings], table: object, where: str) -> Settings:
+    """The settings in a table, which stands at ``where`` in its file; BadInput where they are not
+    as the dataclass `kind` has them."""
+    try:
+        return _reader(kind).validate_json(json.dumps([table], default=str))[0]
+    except PydanticUserError as error:  # of a user's own class
+        right = "a dataclass of numbers, words, and tuples of them"
+        raise BadInput(where, kind.__name__, right) from error
+    except ValidationError as error:
+        first = min(error.errors(), key=lambda one: one["type"] == "missing")  # a misspelt key
+        _refuse(first, kind, where)
+
+
+@cache
+def _reader(kind: type[Any]) -> TypeAdapter[tuple[Any]]:
+    """What reads a list of one table: of a lone dataclass pydantic takes no configuration."""
+    return TypeAdapter[tuple[Any]](cast(Any, tuple)[kind], config=STRICT)
+
+
+def _refuse(error: ErrorDetails, kind: type[Any], where: str) -> NoReturn:
+    """Say the first thing that is wrong in our words."""
+    way, what, value = error["loc"][1:], error["type"], error["input"]
+    path = where + "".join(f"[{x}]" if isinstance(x, int) else f".{key_of(x)}" for x in way)
+    given = error.get("ctx", {})
+    cause = given.get("error")
+    if isinstance(cause, BadInput):
+        name = cause.field.removeprefix(path.rpartition(".")[2] + ".")
+        raise BadInput(f"{path}.{name}", cause.value, cause.right) from cause
+    if what == "unexpected_keyword_argument":
+        raise BadInput(path, value, _instead(kind, way))
+    right = RIGHT.get(what, error["msg"].removeprefix("Input should be ")).format(**given)
+    raise BadInput(path, None if what == "missing" and isinstance(value, dict) else value, right)
+
+
+def _instead(kind: type[Any], way: Sequence[int | str]) -> str:
+    """What a key that is unknown should be: the keys that its table has, and the one that was
+    probably meant."""
+    for step in way[:-1]:
+        kind = get_type_hints(kind)[str(step)]
+    names = [f.name for f in fields(kind)] if is_dataclass(kind) else []
+    near = difflib.get_close_matches(str(way[-1]), names, 1)
+    hint = f" (did you mean {near[0]}?)" if near else ""
+    return f"left out or one of {', '.join(names)}{hint}"
+
+
+def key_of(name: str) -> str:
+    """A key as a sentence tells it: quoted if it is no plain word, and not all of a long one."""
+    return name if BARE.fullmatch(name) else told(name[:60])

@@ -1,0 +1,56 @@
+"""The texts of TOML and JSON files as tables: repeated keys and numbers that are none are refused.
+
+All refusals are ValueErrors in one line, and RecursionErrors for what is nested too deeply.
+"""
+
+import json
+import math
+import tomllib
+from collections import Counter
+from typing import Any, TypeGuard
+
+from rcmservo.errors import told
+
+MAX_LINE = 1000
+"""Characters of a line of TOML: a key of ten thousand parts keeps the parser busy for minutes."""
+
+
+Table = dict[str, Any]
+"""What TOML calls a table and JSON an object."""
+
+
+class Refused(ValueError):
+    """What is wrong with a text that was read."""
+
+
+def toml(data: bytes) -> Table:
+    """The tables of a TOML file. (TOML itself refuses repeated keys.)"""
+    text = data.decode()
+    if max(map(len, text.split("\n"))) > MAX_LINE:
+        raise Refused(f"has a line of more than {MAX_LINE} characters")
+    return tomllib.loads(text)
+
+
+def from_json(text: str) -> Any:
+    """What a JSON text holds."""
+    return json.loads(text, object_pairs_hook=_once, parse_constant=_number, parse_float=_number)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> Table:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        key = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
+        raise Refused(f"has two of the key {told(key)}")
+    return table
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise Refused(f"holds the number {text[:30]}, which is not finite")
+    return value
+
+
+def is_table(value: object) -> TypeGuard[Table]:
+    """Whether a value that was read is a table."""
+    return isinstance(value, dict)

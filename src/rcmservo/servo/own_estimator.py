@@ -1,0 +1,194 @@
+"""An estimator that a user has made, as the servo calls it: what it does wrong is found, named, and
+never ends the loop.
+
+Before the drive is on it is tried on made-up samples, and refused where it fails. In motion its
+failure becomes a Ĵ that is not finite, and a sentence: a fault in the same tick.
+"""
+
+from collections.abc import Iterator
+from time import perf_counter_ns
+from typing import Any, NamedTuple, final
+
+import numpy as np
+
+from rcmservo.errors import RcmServoError, one_line
+from rcmservo.interfaces import Floats
+from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.tool import Tool
+
+NOTHING = np.empty(0)
+TRIES = 30
+"""Made-up samples that an estimator is tried on."""
+
+
+class UnusableEstimator(RcmServoError):
+    """What an estimator does wrong, in one sentence that names it."""
+
+
+class Guarded(NamedTuple):
+    """What an estimator remembers, and what came of it at the newest frame."""
+
+    memory: Any
+    """Its own."""
+    J_hat: Floats
+    """Ĵ (3, 3) as it gave it; NaN where it failed."""
+    numbers: Floats
+    """What a record keeps of its memory (n,)."""
+    failure: str
+    """What it did wrong; empty while all is well."""
+
+
+def name_of_class(kind: type[Any]) -> str:
+    """A class as module:class."""
+    return f"{kind.__module__}:{kind.__qualname__}"
+
+
+def called(estimator: object) -> str:
+    """An estimator's class as module:class."""
+    return name_of_class(type(estimator))
+
+
+def learner(estimator: Estimator) -> Estimator:
+    """The estimator as the servo calls it: ours as it is, a user's own through a guard."""
+    ours = type(estimator).__module__.startswith("rcmservo.")
+    return estimator if ours else Guard(estimator)
+
+
+def failure(memory: object) -> str:
+    """What the estimator with this memory did wrong at the newest frame; empty if nothing."""
+    return memory.failure if isinstance(memory, Guarded) else ""
+
+
+class Guard(Estimator):
+    """Calls a user's estimator, and judges what it gives.
+
+    ``slowest`` is the longest time, ns, that it has taken for a frame.
+    """
+
+    name = "own"
+
+    def __init__(self, own: Estimator) -> None:
+        self.own, self.slowest = own, 0
+
+    def init(self) -> Guarded:
+        try:
+            memory = self._of("init")
+            return Guarded(memory, np.zeros((3, 3)), self._numbers(memory), "")
+        except UnusableEstimator as error:
+            return Guarded(None, np.full((3, 3), np.nan), NOTHING, str(error))
+
+    def update(self, memory: Guarded, tool: Tool, sample: Sample) -> Guarded:
+        started = perf_counter_ns()
+        try:
+            return self._updated(memory, tool, sample)
+        except UnusableEstimator as error:
+            return memory._replace(J_hat=np.full((3, 3), np.nan), failure=str(error))
+        finally:
+            self.slowest = max(self.slowest, perf_counter_ns() - started)
+
+    def _updated(self, before: Guarded, tool: Tool, sample: Sample) -> Guarded:
+        sample = Sample(sample.p1.copy(), sample.points.copy(), sample.o_c.copy(), sample.dt)
+        memory = self._of("update", before.memory, tool, sample)
+        J_hat = self._array("jacobian", (3, 3), memory, tool, sample)
+        self._model(memory, tool, sample.p1)
+        numbers = self._numbers(memory)
+        if numbers.shape != before.numbers.shape:
+            raise self._wrong(
+                "remembered", f"gave {len(numbers)} numbers after {before.numbers.size}"
+            )
+        return Guarded(memory, J_hat, numbers, "")
+
+    def jacobian(self, memory: Guarded, tool: Tool, sample: Sample) -> Floats:
+        return memory.J_hat
+
+    def predict(self, memory: Guarded, tool: Tool, p1: Floats) -> Floats | None:
+        try:
+            return self._model(memory.memory, tool, p1.copy())
+        except UnusableEstimator:  # update has told it
+            return None
+
+    def remembered(self, memory: Guarded) -> Floats | None:
+        return memory.numbers if memory.numbers.size else None
+
+    def _model(self, memory: Any, tool: Tool, p1: Floats) -> Floats | None:
+        if type(self.own).predict is Estimator.predict:
+            return None
+        return self._array("predict", (4,), memory, tool, p1)
+
+    def _numbers(self, memory: Any) -> Floats:
+        if type(self.own).remembered is Estimator.remembered:
+            return NOTHING
+        return self._array("remembered", (-1,), memory)
+
+    def _array(self, method: str, shape: tuple[int, ...], *given: Any) -> Floats:
+        """What a method gives, as an array of this shape; -1 stands for any length."""
+        value = self._of(method, *given)
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise self._wrong(method, f"gave {one_line(repr(value))} instead of numbers") from error
+        wanted = tuple(array.size if n < 0 else n for n in shape)
+        if array.shape != wanted:
+            raise self._wrong(method, f"gave numbers of shape {array.shape}, not {shape}")
+        return array
+
+    def _of(self, method: str, *given: Any) -> Any:
+        try:
+            return getattr(self.own, method)(*given)
+        except Exception as error:  # whatever it is, the loop goes on to its fault
+            raise self._wrong(method, f"raised {one_line(repr(error))}") from error
+
+    def _wrong(self, method: str, what: str) -> UnusableEstimator:
+        return UnusableEstimator(f"estimator {called(self.own)}: its {method} {what}")
+
+
+@final
+class Strict(Guard):
+    """The same where nothing moves: what the estimator does wrong is raised."""
+
+    def update(self, memory: Guarded, tool: Tool, sample: Sample) -> Guarded:
+        return self._updated(memory, tool, sample)
+
+
+def strict(estimator: Estimator) -> Estimator:
+    """The estimator with its failures raised; ours as it is."""
+    return Strict(estimator) if isinstance(learner(estimator), Guard) else estimator
+
+
+def examine(estimator: object, tool: Tool) -> None:
+    """Try a user's estimator; UnusableEstimator where it is none, or answers wrongly."""
+    if not isinstance(estimator, Estimator):
+        raise UnusableEstimator(
+            f"estimator {called(estimator)}: it must derive from rcmservo.Estimator"
+        )
+    own = learner(estimator)
+    if not isinstance(own, Guard):
+        return
+    memory = own.init()
+    if memory.failure:
+        raise UnusableEstimator(memory.failure)
+    for sample in _made_up(tool):
+        memory, twin = (own.update(memory, tool, sample) for _ in range(2))
+        _judge(memory, twin, called(estimator))
+    own.slowest = 0
+
+
+def _judge(memory: Guarded, twin: Guarded, name: str) -> None:
+    if memory.failure:
+        raise UnusableEstimator(memory.failure)
+    if not np.isfinite(memory.J_hat).all():
+        raise UnusableEstimator(f"estimator {name}: its jacobian is not finite on made-up frames")
+    if memory.J_hat.tobytes() != twin.J_hat.tobytes():
+        raise UnusableEstimator(
+            f"estimator {name}: its update must be pure, but gave two answers to one question"
+        )
+
+
+def _made_up(tool: Tool) -> Iterator[Sample]:
+    """A tool that winds its way before a camera, 100 mm from the RCM."""
+    o_c = np.array([320.0, 100.0])
+    for i in range(TRIES):
+        p1 = np.array([10.0 * np.sin(0.3 * i), 10.0 * np.cos(0.2 * i), 100.0 + 0.5 * i])
+        both = np.stack([p1, tool.second_marker(p1)])
+        points = o_c + 3.0 * both[:, [0, 2]] / (1.0 + 0.002 * both[:, [1]])
+        yield Sample(p1, points, o_c, 1.0 / 60.0 if i else 0.0)

@@ -1,0 +1,97 @@
+"""What version 0.1.0 has written: its rig file and target load, its record shows and exports, and a
+replay that cannot be names the version that can."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rcmservo as rs
+from conftest import ROOT
+from rcmservo.app.cli import main
+from rcmservo.config import target_file
+from rcmservo.config.rig_file import load_lab
+from rcmservo.config.servo_json import describe
+from rcmservo.config.target_file import Setup
+from rcmservo.record import reader
+from rcmservo.record.writer import Recorder
+from rcmservo.sim.rig_file import rig_settings
+from rcmservo.tracking import MarkerLook
+
+OLD = ROOT / "tests/data/v0.1.0"
+
+
+def test_its_rig_file_is_read_as_it_was_meant() -> None:
+    lab = load_lab(OLD / "rig.toml")
+    limits = rs.JointLimits((-1.5, -0.9, 45.0), (1.5, 0.9, 235.0))
+    assert lab.mechanism == rs.PitchYawRcm(limits, 5.0)
+    assert lab.tool == rs.RigidTool(spacing=28.0, offset=-2.0)
+    assert lab.markers == MarkerLook("yellow", "cyan", 3.0, 4.0)
+    assert (lab.gate.speed, lab.gate.latency) == ((0.8, 0.8, 70.0), 0.04)
+    assert (lab.thresholds.jump, lab.thresholds.following) == (3.5, (0.008, 0.008, 0.6))
+    settings = rig_settings(lab)
+    assert (settings.timing.frame_rate, settings.point_noise) == (50.0, 0.2)
+    assert settings.drive.lag == 0.025 and settings.scene.insertion == (60.0, 150.0)
+
+
+def test_its_target_loads_for_the_setup_that_it_was_shown_by() -> None:
+    lab = load_lab(OLD / "rig.toml")
+    name = "simulation with seed 3, view ae914c9f"
+    setup = Setup(name, 640, 480, lab.mechanism, lab.tool, lab.markers)
+    target = target_file.load(OLD / "target.json", setup)
+    assert target.points[0].tolist() == [386.80959824902493, 212.98916869997595]
+    assert target.q.tolist() == [0.48719999999999974, -0.19787999999999992, 110.50599999999996]
+
+
+def test_its_record_shows_and_exports(tmp_path: Path) -> None:
+    shutil.copy(OLD / "record.mcap", tmp_path / "record.mcap")
+    assert main(["show", str(tmp_path / "record.mcap"), "--out", str(tmp_path / "shown")]) == 0
+    assert main(["export", str(tmp_path / "record.mcap"), "--out", str(tmp_path / "out")]) == 0
+    with np.load(tmp_path / "out/record.npz") as arrays:
+        assert arrays["J_hat"].shape == (300, 9) and arrays["stage_first"].tolist() == [0]
+    assert len((tmp_path / "out/ticks.csv").read_text().splitlines()) == 301
+
+
+def test_its_record_names_the_version_that_wrote_it() -> None:
+    assert reader.read(OLD / "record.mcap").version == "0.1.0"
+
+
+def test_a_record_whose_settings_this_version_does_not_know_names_the_version_that_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def before(servo: rs.Servo) -> dict[str, object]:
+        table = describe(servo)
+        del table["thresholds"]["jump"]
+        return table
+
+    monkeypatch.setattr("rcmservo.record.stage.describe", before)
+    monkeypatch.setattr("rcmservo.record.stage.__version__", "0.1.7")
+    servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0))
+    with Recorder(tmp_path / "record.mcap", {}) as recorder:
+        recorder.begin(servo, rs.Target(np.zeros((2, 2)), np.zeros(3)))
+    assert main(["replay", str(tmp_path)]) == 2
+    told = capsys.readouterr().err
+    assert "servo.thresholds.jump must be given" in told
+    assert "replay it with rcmservo 0.1.7, which has written it" in told
+    assert len(told.splitlines()) == 1
+
+
+def test_a_replay_of_its_record_comes_out_the_same_or_names_the_version(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    code = main(["replay", str(OLD / "record.mcap")])
+    said = capsys.readouterr()
+    assert (code == 0 and "the same, bit for bit" in said.out) or (
+        code == 2 and "replay it with rcmservo 0.1.0" in said.err
+    )
+
+
+def test_a_stage_of_today_names_the_version_that_writes_it(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "record.mcap", {}) as recorder:
+        servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0))
+        recorder.begin(servo, rs.Target(np.zeros((2, 2)), np.zeros(3)))
+    stage = reader.read(tmp_path / "record.mcap").stages[0]
+    assert (stage.version, stage.source) == (rs.__version__, "")
+    assert json.dumps(stage.servo) == json.dumps(describe(servo))

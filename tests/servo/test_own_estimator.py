@@ -1,0 +1,188 @@
+"""An estimator of one's own that does something wrong: refused before the drive is on, a fault in
+the same tick in motion, and named in each sentence."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rcmservo as rs
+from conftest import Laboratory, laboratory
+from rcmservo.interfaces import Floats
+from rcmservo.record.verdict import Judge
+from rcmservo.servo import own_estimator
+from rcmservo.servo.own_estimator import Guard, UnusableEstimator, examine
+from rcmservo.servo.servo import Servo
+
+TOOL = rs.RigidTool(spacing=30.0)
+WRONG = {
+    "raises": ("update", lambda: 1 / 0, "raised ZeroDivisionError('division by zero')"),
+    "wrong shape": (
+        "jacobian",
+        lambda: np.zeros((2, 3)),
+        "gave numbers of shape (2, 3), not (3, 3)",
+    ),
+    "nothing": ("jacobian", lambda: None, "gave numbers of shape (), not (3, 3)"),
+    "words": ("jacobian", lambda: "J", "gave 'J' instead of numbers"),
+    "a model of wrong shape": (
+        "predict",
+        lambda: np.zeros(3),
+        "gave numbers of shape (3,), not (4,)",
+    ),
+    "a memory in a table": ("remembered", lambda: np.zeros((2, 2)), "gave numbers of shape (2, 2)"),
+    "init raises": ("init", lambda: {}["x"], "raised KeyError('x')"),
+}
+IN_MOTION = [name for name in WRONG if name != "init raises"]
+
+
+@dataclass(frozen=True)
+class Faulty(rs.Estimator):
+    """The default estimator, but for one method that goes wrong after so many frames."""
+
+    wrong: str = ""
+    after: int = 0
+
+    name = "faulty"
+    models = True
+
+    def _going_wrong(self, method: str, count: int) -> bool:
+        return self.wrong in WRONG and WRONG[self.wrong][0] == method and count > self.after
+
+    def init(self) -> Any:
+        if self._going_wrong("init", 1):
+            return WRONG[self.wrong][1]()
+        return 0, rs.ProjectionEstimator().init()
+
+    def update(self, memory: Any, tool: Any, sample: Any) -> Any:
+        count = memory[0] + 1
+        if self._going_wrong("update", count):
+            return WRONG[self.wrong][1]()
+        return count, rs.ProjectionEstimator().update(memory[1], tool, sample)
+
+    def jacobian(self, memory: Any, tool: Any, sample: Any) -> Any:
+        if self._going_wrong("jacobian", memory[0]):
+            return WRONG[self.wrong][1]()
+        return rs.ProjectionEstimator().jacobian(memory[1], tool, sample)
+
+    def predict(self, memory: Any, tool: Any, p1: Floats) -> Any:
+        if self._going_wrong("predict", memory[0]):
+            return WRONG[self.wrong][1]()
+        return rs.ProjectionEstimator().predict(memory[1], tool, p1)
+
+    def remembered(self, memory: Any) -> Any:
+        if self._going_wrong("remembered", memory[0]):
+            return WRONG[self.wrong][1]()
+        return memory[1].a_hat
+
+
+@dataclass(frozen=True)
+class Impure(Faulty):
+    """It writes into its memory."""
+
+    def init(self) -> Any:
+        return [np.zeros((3, 3))]
+
+    def update(self, memory: Any, tool: Any, sample: Any) -> Any:
+        memory[0] = memory[0] + 1.0
+        return memory
+
+    def jacobian(self, memory: Any, tool: Any, sample: Any) -> Any:
+        return memory[0]
+
+    def remembered(self, memory: Any) -> Any:
+        return memory[0].ravel()
+
+    def predict(self, memory: Any, tool: Any, p1: Floats) -> Any:
+        return np.zeros(4)
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_one_that_is_wrong_from_the_start_is_refused_before_the_drive_is_on(
+    wrong: str, lab: Laboratory
+) -> None:
+    method, _, sentence = WRONG[wrong]
+    servo = lab.servo(estimator=Faulty(wrong))
+    with pytest.raises(UnusableEstimator) as refused:
+        next(rs.run(lab.plant, servo, lab.target, 1.0))
+    assert sentence in str(refused.value)
+    assert f"estimator {__name__}:Faulty: its {method} " in str(refused.value)
+    assert not lab.plant.read().enabled
+
+
+def test_what_is_no_estimator_or_not_pure_or_not_finite_is_refused() -> None:
+    with pytest.raises(UnusableEstimator, match=r"builtins:int: it must derive from rcmservo\.Est"):
+        examine(3, TOOL)
+    with pytest.raises(UnusableEstimator, match=r"Impure: its update must be pure"):
+        examine(Impure(), TOOL)
+    with pytest.MonkeyPatch.context() as other:
+        other.setitem(WRONG, "nan", ("jacobian", lambda: np.full((3, 3), np.nan), ""))
+        with pytest.raises(UnusableEstimator, match=r"Faulty: its jacobian is not finite"):
+            examine(Faulty("nan"), TOOL)
+
+
+def test_a_good_one_and_ours_are_not_refused() -> None:
+    examine(Faulty(), TOOL)
+    examine(rs.FlowEstimator(), TOOL)
+
+
+@pytest.mark.parametrize("wrong", IN_MOTION)
+def test_one_that_goes_wrong_in_motion_is_a_fault_in_the_same_tick(
+    wrong: str, lab: Laboratory
+) -> None:
+    method, _, sentence = WRONG[wrong]
+    servo = lab.servo(estimator=Faulty(wrong, after=130))
+    judge, counts = Judge(servo, lab.target), []
+    for tick in rs.run(lab.plant, servo, lab.target, 6.0):
+        judge.add(tick)
+        counts.append(tick.state.learnt.memory.memory[0])
+    last = tick.state
+    assert (last.phase, last.cause) == (rs.Phase.FAULT, rs.Cause.ESTIMATOR_FAILED)
+    assert counts[-2] == 130 and not last.command.enabled and not last.command.rates.any()
+    for told in (last.words, judge.outcome().cause):
+        assert f"estimator {__name__}:Faulty: its {method} " in told and sentence in told
+
+
+def test_the_same_estimator_behind_the_guard_decides_the_same(lab: Laboratory) -> None:
+    other = laboratory()
+    own = lab.run(lab.servo(estimator=Faulty()), 2.5)
+    ours = other.run(other.servo(estimator=rs.ProjectionEstimator()), 2.5)
+    assert [command_of(one) for one in own] == [command_of(one) for one in ours]
+
+
+def command_of(one: tuple[Any, rs.State]) -> bytes:
+    return one[1].command.rates.tobytes()
+
+
+def test_ours_are_called_without_a_guard(lab: Laboratory) -> None:
+    estimator = rs.ProjectionEstimator()
+    assert lab.servo(estimator=estimator).learner is estimator
+    assert isinstance(lab.servo(estimator=Faulty()).learner, Guard)
+
+
+@pytest.mark.parametrize(
+    ("milliseconds", "cause"), [(20, rs.Cause.OVERRUN), (70, rs.Cause.DRIVE_OFF)]
+)
+def test_a_slow_one_is_stopped_by_the_overrun_rule_or_the_arms_watchdog_and_named(
+    milliseconds: int, cause: rs.Cause, lab: Laboratory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    servo, spent = lab.servo(estimator=Faulty()), [0]
+    servo.warm_up()
+    usual = Faulty.update
+
+    def slow(self: Faulty, memory: Any, tool: Any, sample: Any) -> Any:
+        if memory[0] > 100:
+            spent[0] += milliseconds * 1_000_000
+            lab.plant.clock.wait_until(lab.plant.clock.now() + milliseconds * 1_000_000)
+        return usual(self, memory, tool, sample)
+
+    monkeypatch.setattr(Servo, "warm_up", lambda self: None)
+    monkeypatch.setattr(Faulty, "update", slow)
+    monkeypatch.setattr(own_estimator, "perf_counter_ns", lambda: spent[0])
+    judge = Judge(servo, lab.target)
+    for tick in rs.run(lab.plant, servo, lab.target, 6.0):
+        judge.add(tick)
+    assert tick.state.cause is cause
+    told = judge.outcome().cause
+    assert cause.value in told
+    assert f"estimator {__name__}:Faulty took up to {milliseconds}.0 ms for a frame" in told

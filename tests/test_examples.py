@@ -1,0 +1,15 @@
+"""The examples run as they stand, and show what they say."""
+
+import re
+import subprocess
+import sys
+
+from conftest import ROOT
+
+
+def test_an_estimator_of_ones_own_stands_beside_the_default() -> None:
+    code = [sys.executable, "examples/02_own_estimator.py", "2"]
+    done = subprocess.run(code, cwd=ROOT, capture_output=True, text=True, check=True)
+    rows = re.findall(r"^ +(\d+) +(\d+\.\d\d) +(\d+\.\d\d)$", done.stdout, re.M)
+    assert [row[0] for row in rows] == ["0", "1"]
+    assert all(float(error) < 1.0 for row in rows for error in row[1:])
