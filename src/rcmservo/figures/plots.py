@@ -10,7 +10,7 @@ from rcmservo.guard.causes import Action, Cause
 from rcmservo.guard.states import Phase, Request
 from rcmservo.interfaces import Floats
 from rcmservo.record.reader import Record
-from rcmservo.record.timeline import shown_place, spans
+from rcmservo.record.timeline import Span, shown_place, spans
 from rcmservo.record.verdict import TOLERANCE
 
 DEGREES = np.array([180.0 / np.pi, 1.0, 1.0])
@@ -75,12 +75,23 @@ def timeline(record: Record) -> Figure:
         log_y=True,
         bands=[Bar(span.start, span.end, TONE[span.phase]) for span in found],
     )
-    phases = [
+    groups = _phase_lanes(found), _cause_lanes(found) + _request_lanes(found)
+    lanes = [Panel("time [s]", "", [], lanes=some) for some in groups if some]
+    return Figure("Phases and causes", [errors, *lanes])
+
+
+def _phase_lanes(found: list[Span]) -> list[Lane]:
+    """When the servo was in each phase that occurred."""
+    return [
         Lane(phase.value, [Bar(s.start, s.end, TONE[phase]) for s in found if s.phase is phase])
         for phase in Phase
         if any(span.phase is phase for span in found)
     ]
-    causes = [
+
+
+def _cause_lanes(found: list[Span]) -> list[Lane]:
+    """When each cause that occurred was there."""
+    return [
         Lane(
             fill(cause.value, LABEL),
             [Bar(s.start, s.end, ASKED[s.asks]) for s in found if s.cause is cause],
@@ -88,11 +99,12 @@ def timeline(record: Record) -> Figure:
         for cause in Cause
         if cause is not Cause.NONE and any(span.cause is cause for span in found)
     ]
+
+
+def _request_lanes(found: list[Span]) -> list[Lane]:
+    """When a person asked for something, if ever."""
     asked = [Bar(s.start, s.start, 0) for s in found if s.request is not Request.NONE]
-    if asked:
-        causes.append(Lane("a person pauses, resumes, clears", asked))
-    lanes = [Panel("time [s]", "", [], lanes=some) for some in (phases, causes) if some]
-    return Figure("Phases and causes", [errors, *lanes])
+    return [Lane("a person pauses, resumes, clears", asked)] if asked else []
 
 
 def path(record: Record) -> Figure:

@@ -1,16 +1,16 @@
 """The parts of a rig file that only a simulation reads: [camera], [drive], [look] and [scene]."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from rcmservo.config.rig_file import Lab
 from rcmservo.sim import Look
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
+from rcmservo.sim.rendering import Colour
 from rcmservo.sim.rig import RigSettings
 from rcmservo.sim.scene import SceneSettings
 
-PAINTS: dict[str, tuple[float, float, float]] = {
+PAINTS: dict[str, Colour] = {
     "red": (40.0, 35.0, 215.0),
     "green": (60.0, 185.0, 30.0),
     "blue": (205.0, 80.0, 25.0),
@@ -56,7 +56,8 @@ def rig_settings(lab: Lab) -> RigSettings:
     )
 
 
-def _paint(lab: Lab) -> dict[str, Any]:
+def _paint(lab: Lab) -> dict[str, tuple[float, float] | tuple[Colour, Colour]]:
+    """The part of a Look that [markers] tells."""
     markers = lab.markers
     return {
         "marker_radii": (markers.radius_1, markers.radius_2),
