@@ -1,11 +1,10 @@
 """`rcmservo paper`: every experiment of the paper, and one report that judges its claims."""
 
-import json
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
@@ -25,6 +24,7 @@ from rcmservo.servo.own_estimator import examine
 
 if TYPE_CHECKING:
     from rcmservo.experiments.harness.lab.methods import Own
+    from rcmservo.experiments.harness.rows import ClaimRow
 
 QUICK = (
     "this was the quick set: one or two runs of a thing (n = 1 or 2) are a first look and no "
@@ -68,7 +68,7 @@ def paper(options: PaperOptions) -> int:
     total = sum(task.cost for some in tasks.values() for task in some)
     with _going_on(folder, out), _progress(out, total) as advance:
         page = paper.run(folder, options.quick, experiments, lambda task: advance(task.cost))
-    rows = json.loads((folder / report.CLAIMS).read_text("utf-8"))
+    rows = report.claims_in(folder)
     out.print(_claims(rows) if options.only is not None else _counts(rows))
     if options.quick:
         out.print(QUICK, soft_wrap=True)
@@ -120,19 +120,20 @@ def _progress(out: Console, total: float) -> Generator[Callable[[float], None]]:
         yield advance
 
 
-def _claims(rows: list[dict[str, Any]]) -> Table:
-    """Every claim of one experiment."""
+def _claims(rows: "list[ClaimRow]") -> Table:
+    """Every claim of one experiment; without a verdict where there are one or two trials."""
     table = Table("claim", "where", "measured", "verdict")
     for row in rows:
-        number = "–" if row["measured"] is None else f"{row['measured']:.3g} {row['unit']}"
-        table.add_row(row["claim"], row["where"], number, row["verdict"])
+        claim = ": ".join(filter(None, (row.claim, *row.case)))
+        verdict = row.verdict or f"n = {row.trials}"
+        table.add_row(claim, row.where, f"{row.measured:.3g} {row.unit}", verdict)
     return table
 
 
-def _counts(rows: list[dict[str, Any]]) -> Table:
+def _counts(rows: "list[ClaimRow]") -> Table:
     """How many claims of each experiment hold."""
-    table = Table("experiment", *VERDICTS)
-    for name in dict.fromkeys(row["experiment"] for row in rows):
-        found = [row["verdict"] for row in rows if row["experiment"] == name]
-        table.add_row(name, *(str(found.count(verdict)) for verdict in VERDICTS))
+    table = Table("experiment", *VERDICTS, "no verdict")
+    for name in dict.fromkeys(row.experiment for row in rows):
+        found = [row.verdict for row in rows if row.experiment == name]
+        table.add_row(name, *(str(found.count(verdict)) for verdict in (*VERDICTS, None)))
     return table

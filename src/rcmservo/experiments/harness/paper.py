@@ -30,7 +30,7 @@ from rcmservo.experiments import (
     tool_model,
 )
 from rcmservo.experiments.harness import report
-from rcmservo.experiments.harness.claims import ENOUGH, Chapter
+from rcmservo.experiments.harness.claims import Chapter
 from rcmservo.experiments.harness.lab.methods import Own
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.experiments.harness.work import run_all
@@ -62,12 +62,6 @@ EXPERIMENTS: dict[str, Experiment[Any]] = {
 """All experiments by name, in the order of the report."""
 
 MODE = "paper.json"
-
-QUICK = (
-    f"This is the reduced run: one or two seeds give numbers, but no verdict (that takes {ENOUGH})."
-    " The whole run is the same command without --quick, and takes half an hour on two cores."
-)
-"""What a reduced run says of itself."""
 
 
 def chosen(only: str | None, own: Own | None = None) -> dict[str, Experiment[Any]]:
