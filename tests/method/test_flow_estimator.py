@@ -139,7 +139,7 @@ def straight_motion(gamma):
         )
         if frame == before.frame:
             repeats += 1
-            assert state.J_hat is before.J_hat
+            assert state.learnt.memory is before.learnt.memory
     assert 0.35 < repeats / 149 < 0.45
     step = 1e-3 * way
     y = [features(about(markers_seen(C, p + side * step), o_c)) for side in (-1, 1)]

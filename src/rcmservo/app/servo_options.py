@@ -45,7 +45,7 @@ class ServoOptions:
     def estimators(self) -> dict[str, Estimator]:
         """The estimators by the names that the command line and the results use."""
         fields = {name: name for name in ESTIMATORS} | dict(self.OWN)
-        return {**PRESETS, **{name: getattr(self, group) for name, group in fields.items()}}
+        return {name: getattr(self, group) for name, group in fields.items()} | dict(PRESETS)
 
     def estimator(self, name: str) -> Estimator:
         """The estimator of this name."""
