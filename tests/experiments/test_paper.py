@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rcmservo.__main__ import main
+from rcmservo.app.cli import main
 from rcmservo.experiments.harness.paper import EXPERIMENTS
 from rcmservo.experiments.harness.sentences import SENTENCES
 from rcmservo.record import reader
