@@ -46,12 +46,12 @@ def each(call: Callable[[], object]) -> tuple[float, float]:
 def functions(servo: rs.Servo) -> None:
     """The transition with two causes present, and the gate."""
     causes, signs = [Cause.AGEING, Cause.LATE_TICK], Signs(True, True, True, True)
-    mode, gate, limits = Mode(Phase.SERVO), servo.gate, servo.mechanism.limits
+    mode, gate, rcm = Mode(Phase.SERVO), servo.gate, servo.rcm
     last, q, rates = gate.rest(), np.array([0.5, 0.0, 130.0]), np.array([0.1, 0.2, 3.0])
-    gate.admit(rates, last, q, limits, 0)
+    gate.admit(rates, last, q, rcm, 0)
     for name, call in (
         ("transition", lambda: transition(mode, causes, signs, Request.NONE, 0)),
-        ("gate", lambda: gate.admit(rates, last, q, limits, 0)),
+        ("gate", lambda: gate.admit(rates, last, q, rcm, 0)),
     ):
         median, most = each(call)
         print(f"{name:<22} median {median:6.2f} us, 99 % {most:6.2f} us   (bar: 10 us)")
