@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -70,6 +71,15 @@ def unexplained(path: Path) -> Iterator[str]:
                 told = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
                 if isinstance(field, ast.AnnAssign) and not told:
                     yield f"{path.name}: {node.name}.{ast.unparse(field.target)}"
+
+
+def test_no_two_public_classes_share_a_name() -> None:
+    files = (ROOT / "src/rcmservo").rglob("*.py")
+    trees = [ast.parse(path.read_text()) for path in files]
+    names = [node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef)]
+    public = [name for name in names if not name.startswith("_")]
+    shared = {name for name, count in Counter(public).items() if count > 1}
+    assert shared <= {"Settings"}  # those of the experiments, one in each
 
 
 @pytest.mark.parametrize("folder", EXPLAINED)
