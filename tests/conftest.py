@@ -19,7 +19,7 @@ from rcmservo.loop.teach import teach
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.broyden import BroydenEstimator
 from rcmservo.method.estimators.flow import FlowEstimator
-from rcmservo.method.estimators.projection import ProjectionEstimator, normal_equations
+from rcmservo.method.estimators.projection import ProjectionEstimator, normal_equations, sights
 from rcmservo.method.kinematics import PITCH_YAW, SPHERICAL, Rcm
 from rcmservo.method.tool import RIGID, RigidTool, ScaledTool, Shaft, second_marker
 from rcmservo.rows import Row
@@ -137,7 +137,7 @@ def observed(C: Floats, places: Floats) -> Floats:
 
 
 def equations(rows: Floats, o_c: Floats, both: bool = True) -> tuple[Floats, Floats]:
-    return normal_equations(rows, len(rows), o_c, both, SHAFT)
+    return normal_equations(sights(rows, len(rows), o_c, both, SHAFT))
 
 
 ESTIMATORS = {

@@ -1,8 +1,6 @@
 """The state machine as claims: the greatest action wins, a pause waits for a person, a fault is
 latched."""
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -143,15 +141,15 @@ def test_the_drive_comes_on_by_a_person_and_the_first_frames_lead_to_servo():
         mode = transition(mode, [], GOOD, Request.NONE, now)
         phases.append(mode.phase)
     assert phases == [Phase.IDLE, *[Phase.ACQUIRE] * GOOD_TO_SERVO, Phase.SERVO, Phase.SERVO]
-    off = replace(GOOD, enabled=False)
+    off = GOOD._replace(enabled=False)
     assert transition(Mode(), [], off, Request.NONE, 0).phase is Phase.DISABLED
-    unseen = replace(GOOD, seen=False)
+    unseen = GOOD._replace(seen=False)
     assert transition(Mode(Phase.IDLE), [], unseen, Request.NONE, 0).phase is Phase.IDLE
 
 
 def test_ticks_without_a_new_good_frame_or_without_an_estimate_do_not_count():
     mode = Mode(Phase.ACQUIRE)
-    for sign in (replace(GOOD, good=False), replace(GOOD, ready=False)):
+    for sign in (GOOD._replace(good=False), GOOD._replace(ready=False)):
         for now in range(3 * GOOD_TO_SERVO):
             mode = transition(mode, [], sign, Request.NONE, now)
         assert mode == Mode(Phase.ACQUIRE)

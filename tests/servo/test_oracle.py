@@ -42,8 +42,9 @@ def functions():  # noqa: PLR0915
         projection,
         tool,
     )
-    from rcmservo.method.estimators import broyden, flow
+    from rcmservo.method.estimators import broyden, decay, flow
     from rcmservo.method.estimators import projection as fit
+    from rcmservo.rows import as_row
 
     random, out = np.random.default_rng(0), {}
     limits = (-1.0, -1.0, 40.0), (1.0, 1.0, 93.0)
@@ -104,12 +105,13 @@ def functions():  # noqa: PLR0915
     out["nearest_to_lines"] = imaged_rcm.nearest_to_lines(lines, count)[0]
 
     for both in (False, True):
-        A, b = fit.normal_equations(rows, n, o_c, both, shaft)
+        fitted = fit.sights(rows, n, o_c, both, shaft)
+        A, b = fit.normal_equations(fitted)
         out[f"A {both}"], out[f"b {both}"] = A, b
     root = fit.inverse_root(A, 1e-3)
     out["inverse_root"] = root
-    out["least_telling"] = fit.least_telling(rows, n, root, o_c, True, shaft)
-    out["decay"] = fit.decay(A, b, 0.5 * a, np.diag(np.sqrt(fit.GAMMA_0)), 1.0)
+    out["least_telling"] = fit.least_telling(fitted, n, root)
+    out["decay"] = decay.decay(A, b, 0.5 * a, np.diag(np.sqrt(fit.GAMMA_0)), 1.0)
     out["keep_in_front"] = fit.keep_in_front(0 * a, np.array([1.0] * 6 + [0.1] * 3), rows, n, shaft)
     out["markers_jacobian"] = fit.markers_jacobian(a, p, shaft)
     out["jacobian_at"] = fit.jacobian_at(a, p, points, o_c, shaft)
@@ -145,7 +147,7 @@ def functions():  # noqa: PLR0915
     wish, last = np.array([0.9, -0.4, 70.0]), np.array([0.85, -0.4, 40.0])
     q = np.array([0.4, -0.3, 90.0])
     narrow = kinematics.Rcm(0, 0.0, (-1.0, -1.0, 40.0), (1.0, 1.0, 91.0))
-    bounds = gate.Bounds((1.0, 1.0, 80.0), (8.0, 8.0, 500.0), 0.05)
+    bounds = as_row(gate.Gate((1.0, 1.0, 80.0), (8.0, 8.0, 500.0), 0.05))
     out["within"] = gate.within(wish, last, q, narrow, bounds, 0.01, 0.9)[0]
     return {name: np.asarray(value, dtype=float) for name, value in out.items()}
 

@@ -406,7 +406,7 @@ def test_when_the_imaged_rcm_is_lost_the_tool_does_not_go_on_with_the_last_error
     lab = laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
-    learnt = replace(state.learnt, estimate=Estimate(state.learnt.estimate.rows.copy()))
+    learnt = state.learnt._replace(estimate=Estimate(state.learnt.estimate.rows.copy()))
     learnt.estimate.rows["line_count"] = 0
     forgetful = state.but(learnt=learnt)
     *_, (_, state) = lab.run(servo, 0.04, forgetful)

@@ -20,13 +20,14 @@ from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures.charts import Figure, Panel, curve
 from rcmservo.interfaces import Floats
 from rcmservo.method.controller import scaled
+from rcmservo.method.estimators.decay import decay
 from rcmservo.method.estimators.projection import (
     GAMMA_0,
     ProjectionEstimator,
-    decay,
     feature_jacobian,
     inverse_root,
     normal_equations,
+    sights,
 )
 from rcmservo.method.features import about
 from rcmservo.method.projection import project
@@ -111,7 +112,7 @@ def one_scene(rig: Rig, settings: Settings, noise: float, name: str) -> list[lis
     q, tool = rig.scene.start, rig.settings.tool
     p1 = rig.body.points(q)[0]
     rows = observed(a, p1, settings, noise, np.random.default_rng(rig.seed))
-    A, b = normal_equations(rows, len(rows), np.zeros(2), False, tool.shaft)
+    A, b = normal_equations(sights(rows, len(rows), np.zeros(2), False, tool.shaft))
     fast = np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon)
     root = np.diag(np.sqrt(GAMMA_0)) if name == "printed" else fast
     J, m = rig.truth.jacobian(q, o_c), about(rig.truth.pixels(q), o_c)

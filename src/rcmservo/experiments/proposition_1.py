@@ -19,15 +19,16 @@ from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures.charts import Figure, Panel, curve
 from rcmservo.interfaces import Floats
 from rcmservo.method.controller import scaled
+from rcmservo.method.estimators.decay import decay
 from rcmservo.method.estimators.projection import (
     GAMMA_0,
     MAX_DECAY,
     ProjectionEstimator,
-    decay,
     feature_jacobian,
     inverse_root,
     normal_equations,
     predict,
+    sights,
 )
 from rcmservo.method.projection import PARAMETERS, parameters, project
 from rcmservo.sim import RigSettings
@@ -107,7 +108,7 @@ def one_camera(settings: Settings, seed: int) -> tuple[FallOfU, FallOfU]:
     random = np.random.default_rng([seed, 2])
     points = p0 + settings.spread * random.uniform(-1.0, 1.0, (settings.observations, 3))
     rows = np.array([[*p, *seen_by(C, p), np.nan, np.nan] for p in points])
-    A, b = normal_equations(rows, len(rows), o_c, False, TOOL.shaft)
+    A, b = normal_equations(sights(rows, len(rows), o_c, False, TOOL.shaft))
     printed, fast = np.diag(np.sqrt(GAMMA_0)), np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon)
     slow = fall_of_U(A, b, a, printed, settings.longest, settings.printed_time)
     soon = fall_of_U(A, b, a, fast, MAX_DECAY / FIT.rate, settings.fast_time)

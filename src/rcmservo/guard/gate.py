@@ -18,18 +18,11 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Command, Floats
-from rcmservo.method.kinematics import Rcm, floats
+from rcmservo.method.kinematics import Rcm
+from rcmservo.rows import Rows, as_row
 
 ROUNDING = 1.0 + 1e-12
 """A rate that the slew brings to zero but for rounding is brought to zero."""
-
-
-class Bounds(NamedTuple):
-    """What compiled functions know of the gate; see Gate."""
-
-    speed: tuple[float, float, float]
-    slew: tuple[float, float, float]
-    latency: float
 
 
 @compiled
@@ -38,17 +31,18 @@ def within(
     last: Floats,
     q: Floats,
     rcm: Rcm,
-    bounds: Bounds,
+    gate: "Rows[Gate]",
     dt: float,
     share: float,
 ) -> tuple[Floats, bool]:
     """The joint rates (3,) that may be sent, and whether all that came in was finite."""
+    bounds = gate[0]
     known = np.all(np.isfinite(rates)) and np.all(np.isfinite(q)) and np.all(np.isfinite(last))
     if not (known and dt > 0.0):
         return np.zeros(3), False
     allowed = np.zeros(3)
     if share > 0.0:
-        allowed = rates / max(1.0, np.max(np.abs(rates) / (share * np.array(bounds.speed))))
+        allowed = rates / max(1.0, np.max(np.abs(rates) / (share * np.asarray(bounds.speed))))
     for i in range(3):
         slew = bounds.slew[i]
         half = 0.5 * slew * (np.e * bounds.latency + dt)
@@ -105,8 +99,8 @@ class Gate:
         )
 
     @cached_property
-    def _bounds(self) -> Bounds:
-        return Bounds(floats(self.speed), floats(self.slew), float(self.latency))
+    def _bounds(self) -> "Rows[Gate]":
+        return as_row(self)
 
     @cached_property
     def _patience(self) -> int:

@@ -14,6 +14,7 @@ leads out of it. No clock here: the time is an argument.
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from rcmservo.guard.causes import ORDER, Action, Cause, gravest
 
@@ -86,8 +87,7 @@ class Mode:
         return SLOW_SHARE if self.phase in (Phase.SERVO, Phase.ACQUIRE) else 0.0
 
 
-@dataclass(frozen=True)
-class Signs:
+class Signs(NamedTuple):
     """What a transition depends on beside the causes.
 
     ``enabled``, whether the arm's drive is on; ``seen``, whether both markers have been seen;

@@ -16,6 +16,7 @@ from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.method.features import SCALE
+from rcmservo.method.singular import right_angled
 
 
 @compiled
@@ -65,19 +66,20 @@ def law(
     """
     if not np.all(np.isfinite(J_hat)):
         return np.zeros(3), np.inf
-    U, sigma, Vt = np.linalg.svd(scaled(J_hat))
-    if not sigma[2] * max_condition > sigma[0]:
-        return np.zeros(3), sigma[0] / sigma[2] if sigma[2] > 0.0 else np.inf
-    floor = 2.0 * sigma[0] / max_condition
-    inverse = np.empty(3)
-    for i in range(3):
-        shortfall = max(1.0 - sigma[i] / floor, 0.0)
-        inverse[i] = sigma[i] / (sigma[i] ** 2 + (shortfall * floor) ** 2)
-    v = -gain * (Vt.T @ (inverse * (U.T @ (gradient / SCALE))))
+    B, V = right_angled(scaled(J_hat))
+    sigma = np.sqrt(np.sum(B**2, axis=0))
+    low, high = np.min(sigma), np.max(sigma)
+    condition = high / low if low > 0.0 and high < np.inf else np.inf
+    if not condition < max_condition:
+        return np.zeros(3), condition
+    floor = 2.0 * high / max_condition
+    shortfall = np.maximum(1.0 - sigma / floor, 0.0)
+    inverse = 1.0 / (sigma**2 + (shortfall * floor) ** 2)
+    v = -gain * (V @ (inverse * (B.T @ (gradient / SCALE))))
     speed = np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
     if speed > max_speed:
         v *= max_speed / speed
-    return v, sigma[0] / sigma[2]
+    return v, condition
 
 
 @compiled

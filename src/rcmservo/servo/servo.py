@@ -143,7 +143,7 @@ class Servo:
         if not learnt.explored:
             learnt = self._but_places(learnt.estimate)
         estimate = renewed(learnt.estimate)
-        learnt = replace(learnt, estimate=estimate, tour=None, no_room=False)
+        learnt = learnt._replace(estimate=estimate, tour=None, no_room=False)
         return state.but(mode=mode, command=self.gate.rest(), watch=begin(), learnt=learnt)
 
     def warm_up(self) -> None:
@@ -163,7 +163,7 @@ class Servo:
                 self.exploration.complete(toured, state.J_hat, state.o_c)
             if k > WARM_UP // 2:
                 learnt.estimate.J_hat[:] = np.diag(SCALE)
-                known = replace(learnt, explored=True)
+                known = learnt._replace(explored=True)
                 state = state.but(mode=Mode(Phase.SERVO), learnt=known)
 
     def _made_up(self, k: int, q: Floats, points: Floats) -> Observation:
@@ -222,14 +222,14 @@ class Servo:
             return learnt, headed(course, STILL, STILL)
         if learnt.tour is None:
             tour = self.exploration.begin(self.rcm, seen.q, seen.now)
-            return replace(learnt, tour=tour, no_room=tour is None), course
+            return learnt._replace(tour=tour, no_room=tour is None), course
         p1, tour, estimate = self.marker_1(seen.q), learnt.tour, learnt.estimate
         if accepted and self.exploration.arrived(tour, p1):
             tour = self.exploration.visit(tour, estimate.p1, estimate.points)
             if self.exploration.complete(tour, estimate.J_hat, estimate.o_c):
-                return replace(learnt, tour=tour, explored=True), course
+                return learnt._replace(tour=tour, explored=True), course
         v = self.exploration.velocity(tour, p1)
-        return replace(learnt, tour=tour), headed(course, v, joint_rates(self.rcm, seen.q, v))
+        return learnt._replace(tour=tour), headed(course, v, joint_rates(self.rcm, seen.q, v))
 
     def _decide(
         self, watch: Watch, learnt: Learnt, course: Course, phase: Phase, numbers: Told
@@ -266,7 +266,7 @@ class Servo:
     def _without_filters(self, state: State, cause: Cause, now: int) -> State:
         """The state with its counts begun anew, and without the estimate if the cause spoils it."""
         moved, spoilt = spoils(cause, state.explored)
-        learnt = self._ignorance() if spoilt else replace(state.learnt, tour=None, no_room=False)
+        learnt = self._ignorance() if spoilt else state.learnt._replace(tour=None, no_room=False)
         return state.but(
             watch=unwatched(state.watch, spoilt),
             learnt=learnt,

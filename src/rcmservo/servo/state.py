@@ -1,7 +1,6 @@
 """What the servo remembers from tick to tick, in three parts: watched, learnt, decided."""
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,8 +39,7 @@ class Course(Row):
     peak_time: int = whole("ns", "when that was")
 
 
-@dataclass(frozen=True, eq=False)
-class Learnt:
+class Learnt(NamedTuple):
     """All that is forgotten when the estimate is learnt anew."""
 
     estimate: Estimate
@@ -65,8 +63,7 @@ def ignorance(lines: Floats, memory: Any) -> Learnt:
     return Learnt(estimate, lines, memory)
 
 
-@dataclass(frozen=True, eq=False)
-class State:
+class State(NamedTuple):
     """All that the servo remembers, and what it decided at the last tick."""
 
     mode: Mode

@@ -2,14 +2,9 @@
 build Ĵ from â.
 
 (21) is the linear ODE dâ/dt = −Γ (MᵀM â − Mᵀm), stable for any constant symmetric positive definite
-Γ (Proposition 1), and here it is integrated exactly over any time: with Γ = C Cᵀ and Cᵀ MᵀM C = Q Λ
-Qᵀ,
-
-    â(t) = â(0) − C Q diag((1 − e^{−λt})/λ) Qᵀ Cᵀ (MᵀM â(0) − Mᵀm).
-
-Two choices of Γ. ``printed`` is the paper's Γ₀ = diag(1e-5 I₆, 1e-8 I₃), a slow solver: the slowest
-mode needs hours. ``fast`` is Γ = η (MᵀM + ε Γ₀⁻¹)⁻¹, for which every well-observed mode decays at
-the rate η.
+Γ (Proposition 1), and here it is integrated exactly over any time (decay.py). Two choices of Γ:
+``printed`` is the paper's Γ₀ = diag(1e-5 I₆, 1e-8 I₃), a slow solver: its slowest mode needs hours.
+``fast`` is Γ = η (MᵀM + ε Γ₀⁻¹)⁻¹, for which every well-observed mode decays at the rate η.
 
 Observations are chosen for excitation: of P + 1 the one with the least leverage on â goes, so that
 the path's extremes stay. It goes after the step, so that Γ, M and the choice share one factor. Raw
@@ -26,6 +21,7 @@ from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.estimators.decay import decay
 from rcmservo.method.features import about, features_jacobian
 from rcmservo.method.projection import PARAMETERS, depth, project, project_jacobian
 from rcmservo.method.tool import Shaft, Tool, second_marker, second_marker_jacobian, stretch
@@ -45,80 +41,74 @@ turns over."""
 
 
 @compiled
-def add(A: Floats, b: Floats, p: Floats, u: float, v: float) -> None:
-    """Add one point's WᵀW and Wᵀm, by the blocks that eq. (19) gives them."""
-    far = u * u + v * v
-    for i in range(3):
-        b[i] += u * p[i]
-        b[3 + i] += v * p[i]
-        b[6 + i] -= far * p[i]
-        for j in range(3):
-            pp = p[i] * p[j]
-            A[i, j] += pp
-            A[3 + i, 3 + j] += pp
-            A[i, 6 + j] -= u * pp
-            A[6 + i, j] -= u * pp
-            A[3 + i, 6 + j] -= v * pp
-            A[6 + i, 3 + j] -= v * pp
-            A[6 + i, 6 + j] += far * pp
-
-
-@compiled
-def add_observation(
-    A: Floats, b: Floats, seen: Floats, o_c: Floats, both: bool, shaft: Shaft
-) -> None:
-    """Add one observation [p₁ (3), raw m₁ m₂ (4)]: marker 1, and marker 2 if both are fitted."""
-    p1 = seen[:3]
-    add(A, b, p1, seen[3] - o_c[0], seen[4] - o_c[1])
-    if both:
-        add(A, b, second_marker(shaft, p1), seen[5] - o_c[0], seen[6] - o_c[1])
-
-
-@compiled
-def normal_equations(
-    observations: Floats, count: int, o_c: Floats, both: bool, shaft: Shaft
-) -> tuple[Floats, Floats]:
-    """MᵀM (9, 9) and Mᵀm (9,) of eq. (23)-(24)."""
-    A = np.zeros((PARAMETERS, PARAMETERS))
-    b = np.zeros(PARAMETERS)
+def sights(observations: Floats, count: int, o_c: Floats, both: bool, shaft: Shaft) -> Floats:
+    """What is fitted, one point a row: [p (3) mm, its pixels (2) from o_c]. First marker 1 of all
+    observations, then marker 2 if ``both`` are fitted."""
+    rows = np.empty((2 * count if both else count, 5))
     for i in range(count):
-        add_observation(A, b, observations[i], o_c, both, shaft)
+        seen = observations[i]
+        reach = stretch(shaft, seen[:3])
+        for k in range(3):
+            rows[i, k] = seen[k]
+            if both:
+                rows[count + i, k] = reach * seen[k]
+        for k in range(2):
+            rows[i, 3 + k] = seen[3 + k] - o_c[k]
+            if both:
+                rows[count + i, 3 + k] = seen[5 + k] - o_c[k]
+    return rows
+
+
+@compiled
+def normal_equations(sights: Floats) -> tuple[Floats, Floats]:
+    """MᵀM (9, 9) and Mᵀm (9,) of eq. (23)-(24): sums over the points of p pᵀ and p, each by itself
+    and times u, v and u² + v², put where eq. (19) has them."""
+    squares, firsts = np.zeros((4, 3, 3)), np.zeros((4, 3))
+    for row in range(len(sights)):
+        u, v = sights[row, 3], sights[row, 4]
+        weights = (1.0, u, v, u * u + v * v)
+        for i in range(3):
+            for k in range(4):
+                weighted = weights[k] * sights[row, i]
+                firsts[k, i] += weighted
+                for j in range(3):
+                    squares[k, i, j] += weighted * sights[row, j]
+    A, b = np.zeros((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS)
+    A[:3, :3], A[3:6, 3:6], A[6:, 6:] = squares[0], squares[0], squares[3]
+    A[:3, 6:], A[6:, :3], A[3:6, 6:], A[6:, 3:6] = (
+        -squares[1],
+        -squares[1],
+        -squares[2],
+        -squares[2],
+    )
+    b[:3], b[3:6], b[6:] = firsts[1], firsts[2], -firsts[3]
     return A, b
 
 
 @compiled
-def leverage(inverse: Floats, p: Floats, u: float, v: float) -> float:
-    """tr(W A⁻¹ Wᵀ) of one point, by the blocks of A⁻¹ (9, 9)."""
-    far = u * u + v * v
-    total = 0.0
+def leverage(inverse: Floats, both: Floats, sight: Floats) -> float:
+    """tr(W A⁻¹ Wᵀ) of one point, by the blocks of A⁻¹ (9, 9); ``both`` is the sum of its first two
+    on the diagonal."""
+    u, v = sight[3], sight[4]
+    far, total = u * u + v * v, 0.0
     for i in range(3):
         for j in range(3):
-            block = inverse[i, j] + inverse[3 + i, 3 + j] + far * inverse[6 + i, 6 + j]
-            total += (
-                p[i]
-                * p[j]
-                * (block - 2.0 * u * inverse[i, 6 + j] - 2.0 * v * inverse[3 + i, 6 + j])
-            )
+            block = both[i, j] + far * inverse[6 + i, 6 + j]
+            cross = u * inverse[i, 6 + j] + v * inverse[3 + i, 6 + j]
+            total += sight[i] * sight[j] * (block - 2.0 * cross)
     return total
 
 
 @compiled
-def least_telling(
-    observations: Floats, count: int, root: Floats, o_c: Floats, both: bool, shaft: Shaft
-) -> int:
-    """The observation with the least leverage tr(W root rootᵀ Wᵀ) on â, where root rootᵀ = (MᵀM +
-    εΓ₀⁻¹)⁻¹."""
+def least_telling(sights: Floats, count: int, root: Floats) -> int:
+    """The one of `count` observations with the least leverage tr(W root rootᵀ Wᵀ) on â, where root
+    rootᵀ = (MᵀM + εΓ₀⁻¹)⁻¹."""
     inverse = root @ root.T
-    least, row = np.inf, 0
-    for i in range(count):
-        seen = observations[i]
-        p1 = seen[:3]
-        share = leverage(inverse, p1, seen[3] - o_c[0], seen[4] - o_c[1])
-        if both:
-            share += leverage(inverse, second_marker(shaft, p1), seen[5] - o_c[0], seen[6] - o_c[1])
-        if share < least:
-            least, row = share, i
-    return row
+    both = inverse[:3, :3] + inverse[3:6, 3:6]
+    shares = np.zeros(count)
+    for row in range(len(sights)):
+        shares[row % count] += leverage(inverse, both, sights[row])
+    return int(np.argmin(shares))
 
 
 @compiled
@@ -138,18 +128,6 @@ def inverse_root(A: Floats, epsilon: float) -> Floats:
                 total -= L[i, j] * root[column, j]
             root[column, i] = total / L[i, i]
     return root
-
-
-@compiled
-def decay(A: Floats, b: Floats, a: Floats, C: Floats, t: float) -> Floats:
-    """â after the time t of dâ/dt = −C Cᵀ (A â − b), exactly."""
-    eigenvalues, Q = np.linalg.eigh(C.T @ A @ C)
-    gain = np.empty(PARAMETERS)
-    for i in range(PARAMETERS):
-        rate = max(eigenvalues[i], 0.0)
-        gain[i] = -np.expm1(-rate * t) / rate if rate * t > 1e-12 else t
-    CQ = C @ Q
-    return a - CQ @ (gain * (CQ.T @ (A @ a - b)))
 
 
 @compiled
@@ -206,12 +184,13 @@ def update(
     observations, a, count = memory.observations.copy(), memory.a_hat, memory.filled + 1
     observations[count - 1, :3] = p1
     observations[count - 1, 3:] = points.copy().reshape(4)
-    A, b = normal_equations(observations, count, o_c, rule.both, shaft)
+    fitted = sights(observations, count, o_c, rule.both, shaft)
+    A, b = normal_equations(fitted)
     root = inverse_root(A, rule.epsilon)
     C = np.sqrt(rule.rate) * root if rule.rate > 0.0 else np.diag(np.sqrt(GAMMA_0))
     a_next = keep_in_front(a, decay(A, b, a, C, t), observations, count, shaft)
     if count == len(observations):
-        row = least_telling(observations, count, root, o_c, rule.both, shaft)
+        row = least_telling(fitted, count, root)
         count -= 1
         observations[row] = observations[count]
     return ProjectionMemory(observations, count, a_next)

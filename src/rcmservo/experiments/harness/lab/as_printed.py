@@ -8,13 +8,14 @@ import numpy as np
 
 from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.estimators.decay import decay
 from rcmservo.method.estimators.projection import (
     GAMMA_0,
-    decay,
     jacobian_at,
     keep_in_front,
     normal_equations,
     predict,
+    sights,
 )
 from rcmservo.method.projection import PARAMETERS
 from rcmservo.method.tool import Tool
@@ -64,7 +65,7 @@ class RandomObservations(Estimator):
     def update(self, memory: Drawn, tool: Tool, sample: Sample) -> Drawn:
         kept = self._drawn(memory, sample)
         count = min(memory.seen + 1, len(kept))
-        A, b = normal_equations(kept, count, sample.o_c, False, tool.shaft)
+        A, b = normal_equations(sights(kept, count, sample.o_c, False, tool.shaft))
         root = np.diag(np.sqrt(GAMMA_0))
         a_next = decay(A, b, memory.a_hat, root, self.estimator_time)
         a_hat = keep_in_front(memory.a_hat, a_next, kept, count, tool.shaft)
