@@ -93,9 +93,8 @@ def test_a_turn_across_half_a_turn_is_learnt_as_the_small_turn_it_is():
     )
     J = update(
         np.zeros((3, 3)),
-        np.zeros(3),
-        before,
         np.array([1.0, 0, 0]),
+        before,
         after,
         np.zeros(2),
         0.01,

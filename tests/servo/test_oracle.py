@@ -127,7 +127,7 @@ def functions():  # noqa: PLR0915
     out["learn"] = flow.learn(
         0.5 * J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0]), 0.02, 0.01
     )
-    out["flow"] = flow.update(0.5 * J, places[0], points, places[1], target, o_c, 0.02, 0.01)
+    out["flow"] = flow.update(0.5 * J, places[1] - places[0], points, target, o_c, 0.02, 0.01)
     out["learn broyden"] = broyden.learn(
         0.5 * J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0])
     )

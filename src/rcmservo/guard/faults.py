@@ -5,14 +5,13 @@ Every check is written so that NaN trips it. What must be compared over time is 
 set of causes is a number in which every cause has a bit.
 """
 
-import numpy as np
-
 from rcmservo.compiled import compiled
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.plausible import lost
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Told, Watch
 from rcmservo.interfaces import Dropped
+from rcmservo.loops import all_finite
 from rcmservo.method.kinematics import Rcm
 
 JOINTS_NOT_FINITE, DRIVE_OFF = Cause.JOINTS_NOT_FINITE.bit, Cause.DRIVE_OFF.bit
@@ -40,7 +39,7 @@ DROPPED = tuple(DROPPED_CAUSES[kind].bit for kind in Dropped)
 @compiled
 def arm_faults(w: Watch, seen: Told, on: bool, rcm: Rcm, t: Thresholds) -> int:
     """What is wrong with the arm; `on`, whether its drive should be."""
-    if not np.all(np.isfinite(seen.q)):
+    if not all_finite(seen.q):
         return JOINTS_NOT_FINITE
     found = 0
     if on and not seen.enabled:
@@ -75,7 +74,7 @@ def camera_faults(w: Watch, seen: Told, t: Thresholds) -> int:
         return found
     first, second = lost(seen.points)
     found |= LOST[(1 if first else 0) + (2 if second else 0)]
-    if not np.all(np.isfinite(seen.q_exposure)):
+    if not all_finite(seen.q_exposure):
         found |= JOINTS_UNKNOWN
     if not w.latency <= t.latency * 1e9:
         found |= LATE

@@ -18,6 +18,7 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Command, Floats
+from rcmservo.loops import all_finite
 from rcmservo.method.kinematics import Rcm
 from rcmservo.rows import Rows, as_row
 
@@ -37,13 +38,14 @@ def within(
 ) -> tuple[Floats, bool]:
     """The joint rates (3,) that may be sent, and whether all that came in was finite."""
     bounds = gate[0]
-    known = np.all(np.isfinite(rates)) and np.all(np.isfinite(q)) and np.all(np.isfinite(last))
-    if not (known and dt > 0.0):
-        return np.zeros(3), False
     allowed = np.zeros(3)
-    if share > 0.0:
-        allowed = rates / max(1.0, np.max(np.abs(rates) / (share * np.asarray(bounds.speed))))
+    if not (all_finite(rates) and all_finite(q) and all_finite(last) and dt > 0.0):
+        return allowed, False
+    slower = 1.0
     for i in range(3):
+        slower = max(slower, abs(rates[i]) / (share * bounds.speed[i]))
+    for i in range(3):
+        allowed[i] = rates[i] / slower if share > 0.0 else 0.0
         slew = bounds.slew[i]
         half = 0.5 * slew * (np.e * bounds.latency + dt)
         up = np.sqrt(half**2 + slew * max(rcm.upper[i] - q[i], 0.0)) - half

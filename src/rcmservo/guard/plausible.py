@@ -7,6 +7,7 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
+from rcmservo.loops import largest, length, minus, over, product
 from rcmservo.method.features import SCALE, about, difference, features
 
 NO_PIXEL = 1e6
@@ -48,12 +49,16 @@ def misplaced(
     """
     c, s = np.cos(y[0]), np.sin(y[0])
     toward = 1.0 if (before[0, 0] - o_c[0]) * c + (before[0, 1] - o_c[1]) * s >= 0.0 else -1.0
-    way = (placed(y + J_hat @ delta_p, toward) - placed(y, toward)).reshape(2, 2)
-    there = before + way
-    off = np.empty(2)
-    crossed = np.empty(2)
+    foretold = product(J_hat, delta_p)
+    for i in range(len(y)):
+        foretold[i] += y[i]
+    way = minus(placed(foretold, toward), placed(y, toward))
+    off, crossed, there = np.empty(2), np.empty(2), np.empty((2, 2))
     for i in range(2):
-        allowed = jump + np.sqrt(way[i, 0] ** 2 + way[i, 1] ** 2)
+        for k in range(2):
+            there[i, k] = before[i, k] + way[2 * i + k]
+    for i in range(2):
+        allowed = jump + length(way[2 * i : 2 * i + 2])
         off[i] = apart(points[i], there[i]) - allowed
         crossed[i] = apart(points[i], there[1 - i]) - allowed
     return not off[0] <= 0.0, not off[1] <= 0.0, crossed[0] <= 0.0 and crossed[1] <= 0.0
@@ -65,7 +70,7 @@ def leapt(
 ) -> tuple[bool, bool, bool]:
     """The same without an estimate: whether they moved further than any camera sees a tool move by
     Δp₁ mm, which is `nearest` px a mm."""
-    allowed = jump + nearest * np.sqrt(np.sum(delta_p**2))
+    allowed = jump + nearest * length(delta_p)
     off = np.empty(2)
     crossed = np.empty(2)
     for i in range(2):
@@ -93,9 +98,9 @@ def judged(
 ) -> int:
     """Whether the markers' change bears the estimate out (0) or not (1); −1 while the motion is too
     small to tell."""
-    predicted = (J_hat @ delta_p) / SCALE
-    size = np.max(np.abs(predicted))
+    predicted = over(product(J_hat, delta_p), SCALE)
+    size = largest(predicted)
     if size < telling:
         return -1
     change = difference(features(about(points, o_c)), features(about(before, o_c)))
-    return 0 if np.max(np.abs(change / SCALE - predicted)) <= telling + wrong * size else 1
+    return 0 if largest(minus(over(change, SCALE), predicted)) <= telling + wrong * size else 1

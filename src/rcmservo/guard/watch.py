@@ -12,6 +12,7 @@ from rcmservo.compiled import compiled
 from rcmservo.guard.plausible import judged, leapt
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Floats, Observation
+from rcmservo.loops import all_finite, minus, put
 from rcmservo.rows import Row, real, reals, whole
 
 STILL = np.zeros(3)
@@ -104,9 +105,14 @@ def followed(
 ) -> tuple[Floats, Floats]:
     """Where the joints should be dt s later, and their lagging rates, by the rates that the arm
     took."""
-    left = np.exp(-dt / lag)
-    reached = reached + applied * dt + (rates - applied) * lag * (1.0 - left)
-    return reached + (q - reached) * min(dt / forget, 1.0), applied + (rates - applied) * left
+    left, pulled = np.exp(-dt / lag), min(dt / forget, 1.0)
+    there, lagging = np.empty(3), np.empty(3)
+    for i in range(3):
+        lead = rates[i] - applied[i]
+        there[i] = reached[i] + applied[i] * dt + lead * lag * (1.0 - left)
+        there[i] += (q[i] - there[i]) * pulled
+        lagging[i] = applied[i] + lead * left
+    return there, lagging
 
 
 @compiled
@@ -114,14 +120,16 @@ def watch_loop(w: Watch, seen: Told, period: int, t: Thresholds) -> None:
     """One more tick: how late it came, and where the joints should be."""
     w.gap = seen.gap
     w.late = w.late + 1 if seen.gap > (1.0 + t.late_share) * period else 0
-    if seen.enabled and np.all(np.isfinite(w.reached)):
+    if seen.enabled and all_finite(w.reached):
         dt = max(seen.q_time - w.told, 0) * 1e-9
         reached, rates = followed(
             w.reached, w.rates, seen.applied, seen.q, dt, t.drive_lag, t.forget
         )
-        w.reached[:], w.rates[:] = reached, rates
+        put(w.reached, reached)
+        put(w.rates, rates)
     else:
-        w.reached[:], w.rates[:] = seen.q, 0.0
+        put(w.reached, seen.q)
+        put(w.rates, STILL)
     w.told = seen.q_time
 
 
@@ -158,7 +166,7 @@ def watch_markers(
     w.rejected += 1
     w.jumped = w.jumped + 1 if both and steady else (1 if both else 0)
     w.swapped = w.swapped + 1 if both and crossed else 0
-    w.elsewhere[:] = points
+    put(w.elsewhere, points)
 
 
 @compiled
@@ -166,9 +174,10 @@ def watch_estimate(
     w: Watch, p1: Floats, points: Floats, o_c: Floats, J_hat: Floats, t: Thresholds
 ) -> None:
     """The estimate is judged by what the motion since it was judged last has changed."""
-    if np.all(np.isfinite(w.p1)):
-        verdict = judged(points, w.points, o_c, J_hat, p1 - w.p1, t.telling, t.wrong)
+    if all_finite(w.p1):
+        verdict = judged(points, w.points, o_c, J_hat, minus(p1, w.p1), t.telling, t.wrong)
         if verdict < 0:
             return
         w.wrong = w.wrong + 1 if verdict == 1 else 0
-    w.p1[:], w.points[:] = p1, points
+    put(w.p1, p1)
+    put(w.points, points)

@@ -15,6 +15,7 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
+from rcmservo.loops import all_finite, length, over
 from rcmservo.method.features import SCALE
 from rcmservo.method.singular import right_angled
 
@@ -50,7 +51,11 @@ def potential(delta: Floats, bounds: Floats, printed: bool) -> float:
 @compiled
 def scaled(J: Floats) -> Floats:
     """diag(1/SCALE) J: every norm and condition is judged on this."""
-    return J / SCALE.reshape(3, 1)
+    out = np.empty(J.shape)
+    for i in range(J.shape[0]):
+        for j in range(J.shape[1]):
+            out[i, j] = J[i, j] / SCALE[i]
+    return out
 
 
 @compiled
@@ -64,21 +69,29 @@ def law(
     with the condition. The whole velocity is scaled down where it exceeds max_speed, so that its
     direction stays.
     """
-    if not np.all(np.isfinite(J_hat)):
-        return np.zeros(3), np.inf
+    v = np.zeros(3)
+    if not all_finite(J_hat):
+        return v, np.inf
     B, V = right_angled(scaled(J_hat))
-    sigma = np.sqrt(np.sum(B**2, axis=0))
-    low, high = np.min(sigma), np.max(sigma)
+    low, high = np.inf, 0.0
+    for i in range(3):
+        sigma = length(B[:, i])
+        low, high = min(low, sigma), max(high, sigma)
     condition = high / low if low > 0.0 and high < np.inf else np.inf
     if not condition < max_condition:
-        return np.zeros(3), condition
+        return v, condition
     floor = 2.0 * high / max_condition
-    shortfall = np.maximum(1.0 - sigma / floor, 0.0)
-    inverse = 1.0 / (sigma**2 + (shortfall * floor) ** 2)
-    v = -gain * (V @ (inverse * (B.T @ (gradient / SCALE))))
-    speed = np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
-    if speed > max_speed:
-        v *= max_speed / speed
+    for i in range(3):
+        sigma, along = length(B[:, i]), 0.0
+        for k in range(len(B)):
+            along += B[k, i] * gradient[k] / SCALE[k]
+        shortfall = max(1.0 - sigma / floor, 0.0)
+        share = gain * along / (sigma**2 + (shortfall * floor) ** 2)
+        for k in range(3):
+            v[k] -= V[k, i] * share
+    slower = max(1.0, length(v) / max_speed)
+    for k in range(3):
+        v[k] /= slower
     return v, condition
 
 
@@ -100,7 +113,7 @@ def control(
     """
     gradient = potential_gradient(delta, bounds, printed)
     v, condition = law(J_hat, gradient, gain, max_condition, max_speed)
-    return v, condition, np.sqrt(2.0 * potential(delta / SCALE, bounds / SCALE, printed))
+    return v, condition, np.sqrt(2.0 * potential(over(delta, SCALE), over(bounds, SCALE), printed))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
+from rcmservo.loops import length, minus, product, put
 from rcmservo.method.features import SCALE, about, difference, features
 from rcmservo.method.kinematics import Rcm, axis, joints, position
 
@@ -27,41 +28,62 @@ LIMIT_MARGIN = 0.02
 
 
 @compiled
+def cross(a: Floats, b: Floats) -> Floats:
+    """a × b (3,)."""
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
+
+
+@compiled
+def right_angle(n: Floats) -> Floats:
+    """A unit vector (3,) at right angles to n (3,)."""
+    helper, least = np.zeros(3), 0
+    for k in range(3):
+        if abs(n[k]) < abs(n[least]):
+            least = k
+    helper[least] = 1.0
+    across = cross(n, helper)
+    size = length(across)
+    return np.array([across[0] / size, across[1] / size, across[2] / size])
+
+
+@compiled
 def corners(rcm: Rcm, q: Floats, radius: float, shape: Floats) -> Floats:
     """Four positions p₁ (4, 3) mm on a sphere about the present one, moved inside the joint
     limits."""
-    lower, upper = np.array(rcm.lower), np.array(rcm.upper)
-    n = axis(rcm, q)
-    helper = np.zeros(3)
-    helper[np.argmin(np.abs(n))] = 1.0
-    t1 = np.cross(n, helper)
-    t1 /= np.sqrt(np.sum(t1**2))
-    t2 = np.cross(n, t1)
-    start = position(rcm, q)
-    margin = LIMIT_MARGIN * (upper - lower)
-    places = np.empty((4, 3))
+    n, start, p, places = axis(rcm, q), position(rcm, q), np.empty(3), np.empty((4, 3))
+    t1 = right_angle(n)
+    t2 = cross(n, t1)
     for i in range(4):
-        p = start + radius * (shape[i, 0] * t1 + shape[i, 1] * t2 + shape[i, 2] * n)
+        for k in range(3):
+            way = shape[i, 0] * t1[k] + shape[i, 1] * t2[k] + shape[i, 2] * n[k]
+            p[k] = start[k] + radius * way
         near = joints(rcm, p)
-        near[:2] += 2.0 * np.pi * np.round((q[:2] - near[:2]) / (2.0 * np.pi))
-        inside = np.minimum(np.maximum(near, lower + margin), upper - margin)
-        places[i] = position(rcm, inside)
+        for k in range(3):
+            if k < 2:
+                near[k] += 2.0 * np.pi * np.round((q[k] - near[k]) / (2.0 * np.pi))
+            margin = LIMIT_MARGIN * (rcm.upper[k] - rcm.lower[k])
+            near[k] = min(max(near[k], rcm.lower[k] + margin), rcm.upper[k] - margin)
+        put(places[i], position(rcm, near))
     return places
 
 
 @compiled
 def volume(places: Floats) -> float:
     """Volume (mm³) of the tetrahedron with these corners (4, 3)."""
-    a, b, c = places[1] - places[0], places[2] - places[0], places[3] - places[0]
-    return abs(np.sum(a * np.cross(b, c))) / 6.0
+    a, b = minus(places[1], places[0]), minus(places[2], places[0])
+    normal, c = cross(a, b), minus(places[3], places[0])
+    return abs(normal[0] * c[0] + normal[1] * c[1] + normal[2] * c[2]) / 6.0
 
 
 @compiled
 def towards(p1: Floats, goal: Floats, speed: float, reach: float) -> Floats:
     """Velocity (3,) mm/s from p1 to the goal at `speed`, slower within twice `reach` of it."""
-    way = goal - p1
-    distance = np.sqrt(np.sum(way**2))
-    return way / max(distance, 1e-9) * speed * min(distance / (2.0 * reach), 1.0)
+    way = minus(goal, p1)
+    distance = length(way)
+    share = speed / max(distance, 1e-9) * min(distance / (2.0 * reach), 1.0)
+    return np.array([way[0] * share, way[1] * share, way[2] * share])
 
 
 @compiled
@@ -69,12 +91,14 @@ def unexplained(seen: Floats, J_hat: Floats, o_c: Floats) -> float:
     """Share of the feature changes between successive rows [p₁, raw m₁ m₂] (n, 7) that Ĵ Δp₁ leaves
     open, scaled."""
     left, total = 0.0, 0.0
-    y = features(about(seen[0, 3:].copy(), o_c))
+    y = features(about(seen[0, 3:], o_c))
     for i in range(1, len(seen)):
-        y_next = features(about(seen[i, 3:].copy(), o_c))
+        y_next = features(about(seen[i, 3:], o_c))
         change = difference(y_next, y)
-        left += np.sum(((change - J_hat @ (seen[i, :3] - seen[i - 1, :3])) / SCALE) ** 2)
-        total += np.sum((change / SCALE) ** 2)
+        foretold = product(J_hat, minus(seen[i, :3], seen[i - 1, :3]))
+        for k in range(len(change)):
+            left += ((change[k] - foretold[k]) / SCALE[k]) ** 2
+            total += (change[k] / SCALE[k]) ** 2
         y = y_next
     return np.sqrt(left / total) if total > 0.0 else np.inf
 

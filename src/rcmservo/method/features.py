@@ -8,6 +8,7 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
+from rcmservo.loops import minus
 
 FEATURES = 3
 """How many there are."""
@@ -43,7 +44,7 @@ def features_jacobian(m: Floats) -> Floats:
 @compiled
 def difference(y: Floats, y_d: Floats) -> Floats:
     """Δy = y − y_d (3,) with the angle wrapped to (−π, π]."""
-    delta = y - y_d
+    delta = minus(y, y_d)
     delta[0] = -((np.pi - delta[0]) % (2.0 * np.pi)) + np.pi
     return delta
 
@@ -52,12 +53,10 @@ def difference(y: Floats, y_d: Floats) -> Floats:
 def about(points: Floats, o_c: Floats) -> Floats:
     """m (4,) px from the imaged RCM, of raw marker pixels (2, 2) or (4,): the shift of the origin
     to o_c."""
-    flat = points.copy().reshape(4)
-    flat[0] -= o_c[0]
-    flat[1] -= o_c[1]
-    flat[2] -= o_c[0]
-    flat[3] -= o_c[1]
-    return flat
+    m = np.empty(4)
+    for k, pixel in enumerate(points.flat):
+        m[k] = pixel - o_c[k % 2]
+    return m
 
 
 @compiled

@@ -18,6 +18,7 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
+from rcmservo.loops import put
 
 MOST = 1000
 """Lines; each costs time at every new frame."""
@@ -55,6 +56,17 @@ def condition_of(N: Floats) -> float:
 
 
 @compiled
+def solved(N: Floats, b: Floats) -> Floats:
+    """x (2,) of N x = b, for a symmetric positive definite N (2, 2), by elimination of the larger
+    pivot."""
+    i = 0 if N[0, 0] >= N[1, 1] else 1
+    share, x = N[0, 1] / N[i, i], np.empty(2)
+    x[1 - i] = (b[1 - i] - share * b[i]) / (N[1 - i, 1 - i] - share * N[0, 1])
+    x[i] = (b[i] - N[0, 1] * x[1 - i]) / N[i, i]
+    return x
+
+
+@compiled
 def nearest_to_lines(lines: Floats, count: int) -> tuple[Floats, float]:
     """o_c (2,) px of eq. (16) and the condition number of its matrix, about 1 / var(line angle);
     NaN where singular."""
@@ -62,14 +74,7 @@ def nearest_to_lines(lines: Floats, count: int) -> tuple[Floats, float]:
     condition = condition_of(N)
     if not condition < 1e12:
         return np.full(2, np.nan), np.inf
-    determinant = N[0, 0] * N[1, 1] - N[0, 1] ** 2
-    o_c = np.array(
-        [
-            (N[1, 1] * b[0] - N[0, 1] * b[1]) / determinant,
-            (N[0, 0] * b[1] - N[0, 1] * b[0]) / determinant,
-        ]
-    )
-    return o_c, condition
+    return solved(N, b), condition
 
 
 @compiled
@@ -120,9 +125,10 @@ def nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
         N[1, 1] += weight * tu * tu
         b[0] -= left * tv
         b[1] += left * tu
-    N[1, 0] = N[0, 1]
-    solvable = N[0, 0] * N[1, 1] - N[0, 1] ** 2 > 0.0
-    return o_c + np.linalg.solve(N, b) if solvable else o_c.copy()
+    if not N[0, 0] * N[1, 1] - N[0, 1] ** 2 > 0.0:
+        return o_c
+    step = solved(N, b)
+    return np.array([o_c[0] + step[0], o_c[1] + step[1]])
 
 
 @compiled
@@ -155,11 +161,12 @@ def remember(lines: Floats, count: int, points: Floats) -> tuple[Floats, int]:
     """The lines (H + 1, 4) and their number after the line through raw `points` (2, 2) came; the
     last row is spare."""
     lines = lines.copy()
-    lines[count] = points.reshape(4)
+    for k in range(4):
+        lines[count, k] = points[k // 2, k % 2]
     if count < len(lines) - 1:
         return lines, count + 1
     row = least_telling(lines, count + 1)
-    lines[row] = lines[count]
+    put(lines[row], lines[count])
     return lines, count
 
 

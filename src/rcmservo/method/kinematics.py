@@ -17,6 +17,7 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
+from rcmservo.loops import length, product
 
 SPHERICAL, PITCH_YAW = 0, 1
 MIN_LEVER = 1e-3
@@ -69,15 +70,17 @@ def axis_jacobian(rcm: Rcm, q: Floats) -> Floats:
 @compiled
 def position(rcm: Rcm, q: Floats) -> Floats:
     """p = ρ n(q) in mm, eq. (2)."""
-    return (q[2] + rcm.zero) * axis(rcm, q)
+    n, rho = axis(rcm, q), q[2] + rcm.zero
+    return np.array([rho * n[0], rho * n[1], rho * n[2]])
 
 
 @compiled
 def position_jacobian(rcm: Rcm, q: Floats) -> Floats:
     """∂p/∂q, shape (3, 3), mm per rad, rad, mm."""
     jacobian = np.empty((3, 3))
-    jacobian[:, :2] = (q[2] + rcm.zero) * axis_jacobian(rcm, q)
-    jacobian[:, 2] = axis(rcm, q)
+    n, turn, rho = axis(rcm, q), axis_jacobian(rcm, q), q[2] + rcm.zero
+    for i in range(3):
+        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = rho * turn[i, 0], rho * turn[i, 1], n[i]
     return jacobian
 
 
@@ -100,10 +103,11 @@ def joint_rates(rcm: Rcm, q: Floats, v: Floats) -> Floats:
     shortest = (MIN_LEVER * (q[2] + rcm.zero)) ** 2
     rates = np.empty(3)
     for i in range(3):
-        column = jacobian[:, i]
-        rates[i] = (column[0] * v[0] + column[1] * v[1] + column[2] * v[2]) / max(
-            column[0] ** 2 + column[1] ** 2 + column[2] ** 2, shortest
-        )
+        along, squared = 0.0, 0.0
+        for k in range(3):
+            along += jacobian[k, i] * v[k]
+            squared += jacobian[k, i] ** 2
+        rates[i] = along / max(squared, shortest)
     return rates
 
 
@@ -117,18 +121,19 @@ def blocked(
     within `horizon` s, and if without it less than `share` of the speed is left.
     """
     wanted = joint_rates(rcm, q, v)
-    slower = max(1.0, np.max(np.abs(wanted) / fastest))
-    rates = wanted / slower
-    joint = -1
+    slower = 1.0
     for i in range(3):
+        slower = max(slower, abs(wanted[i]) / fastest[i])
+    joint, rates = -1, np.empty(3)
+    for i in range(3):
+        rates[i] = wanted[i] / slower
         ahead = q[i] + rates[i] * horizon
         if ahead > rcm.upper[i] or ahead < rcm.lower[i]:
             joint, rates[i] = i, 0.0
     if joint < 0:
         return -1, wanted
-    left = position_jacobian(rcm, q) @ rates
-    stops = np.sum(left**2) < share**2 * np.sum((v / slower) ** 2)
-    return joint if stops else -1, wanted
+    left = length(product(position_jacobian(rcm, q), rates))
+    return joint if left < share * length(v) / slower else -1, wanted
 
 
 def _require_units(name: str, values: tuple[float, float, float]) -> None:

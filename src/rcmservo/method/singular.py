@@ -18,7 +18,9 @@ SWEEPS = 30
 def right_angled(A: Floats) -> tuple[Floats, Floats]:
     """B = A V (n, m) with columns at right angles, and the rotation V (m, m). The lengths of the
     columns of B are the singular values of A, in any order."""
-    B, V = A.copy(), np.eye(A.shape[1])
+    B, V = A.copy(), np.zeros((A.shape[1], A.shape[1]))
+    for i in range(len(V)):
+        V[i, i] = 1.0
     for _ in range(SWEEPS):
         turned = False
         for i in range(A.shape[1]):

@@ -38,17 +38,21 @@ def stretch(shaft: Shaft, p1: Floats) -> float:
 @compiled
 def second_marker(shaft: Shaft, p1: Floats) -> Floats:
     """p₂ (3,) mm from p₁ (3,) mm."""
-    return stretch(shaft, p1) * p1
+    reach = stretch(shaft, p1)
+    return np.array([reach * p1[0], reach * p1[1], reach * p1[2]])
 
 
 @compiled
 def second_marker_jacobian(shaft: Shaft, p1: Floats) -> Floats:
     """∂p₂/∂p₁ (3, 3): λ I, or I + (l/ρ)(I − n nᵀ) with n = p₁/ρ."""
-    if shaft.kind == SCALED:
-        return shaft.value * np.eye(3)
-    rho = np.sqrt(p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2)
-    n = p1 / rho
-    return np.eye(3) + (shaft.value / rho) * (np.eye(3) - np.outer(n, n))
+    jacobian = np.zeros((3, 3))
+    reach, squared = stretch(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
+    along = 0.0 if shaft.kind == SCALED else (reach - 1.0) / squared
+    for i in range(3):
+        jacobian[i, i] = reach
+        for j in range(3):
+            jacobian[i, j] -= along * p1[i] * p1[j]
+    return jacobian
 
 
 SHORTEST, LONGEST = 1.0, 1000.0

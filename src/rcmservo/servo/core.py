@@ -9,8 +9,6 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from rcmservo.compiled import compiled
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.faults import arm_faults, camera_faults, loop_faults
@@ -26,6 +24,7 @@ from rcmservo.guard.watch import (
     watch_markers,
 )
 from rcmservo.interfaces import Floats
+from rcmservo.loops import all_finite, largest, length, minus, product, put
 from rcmservo.method.controller import control, scaled
 from rcmservo.method.features import FEATURES, difference, measured
 from rcmservo.method.imaged_rcm import follow
@@ -101,14 +100,16 @@ def look(
     watch_frame(w, seen, t)
     p1 = position(rcm_of(c), seen.q_exposure)
     first, second = lost(seen.points)
-    if first or second or not np.all(np.isfinite(p1)):
+    if first or second or not all_finite(p1):
         return watch, estimate, lines, NOTHING, 0.0
-    doubt(w, e, seen, p1 - e.p1, explored and e.rcm_condition <= c.rcm_condition, t)
+    doubt(w, e, seen, minus(p1, e.p1), explored and e.rcm_condition <= c.rcm_condition, t)
     if w.rejected > 0:
         return watch, estimate, lines, NOTHING, 0.0
     w.believed = seen.frame
     lines, count, o_c, condition = follow(lines, e.line_count, seen.points, c.refinements)
-    e.points[:], e.p1[:], e.o_c[:] = seen.points, p1, o_c
+    put(e.points, seen.points)
+    put(e.p1, p1)
+    put(e.o_c, o_c)
     e.line_count, e.rcm_condition = count, condition
     news = LEARN if condition <= c.rcm_condition else BELIEVED
     dt = (seen.exposure - e.exposure) * 1e-9 if e.exposure >= 0 else 0.0
@@ -119,7 +120,7 @@ def look(
 def doubt(w: Watch, e: Estimate, seen: Told, way: Floats, foretold: bool, t: Thresholds) -> None:
     """Count a frame as rejected if its markers are not where the motion `way` (3,) mm puts them."""
     first, second, crossed = False, False, False
-    if np.sqrt(np.sum(way**2)) < t.comparable:
+    if length(way) < t.comparable:
         if foretold:
             first, second, crossed = misplaced(
                 seen.points, e.points, e.o_c, e.y, e.J_hat, way, t.jump
@@ -144,9 +145,10 @@ def learn(
     """Take in the new Ĵ: features and error about the present o_c, to the `target` (2, 2) px."""
     e = estimate[0]
     e.exposure = exposure
-    e.J_hat[:] = J_hat
+    put(e.J_hat, J_hat)
     y, delta = measured(e.points, target, e.o_c)
-    e.y[:], e.delta[:] = y, delta
+    put(e.y, y)
+    put(e.delta, delta)
     if explored:
         watch_estimate(watch[0], e.p1, e.points, e.o_c, e.J_hat, thresholds[0])
 
@@ -167,7 +169,7 @@ def decide(
     rcm = rcm_of(c)
     found = arm_faults(w, seen, situation.on, rcm, t) | loop_faults(w, seen, c.period, t)
     found |= camera_faults(w, seen, t)
-    if not np.all(np.isfinite(e.J_hat)):
+    if not all_finite(e.J_hat):
         found |= ESTIMATE_NOT_FINITE
     if not situation.explored:
         return course, found
@@ -181,12 +183,14 @@ def decide(
 def steer(e: Estimate, d: Course, seen: Told, servoing: bool, c: Settings, t: Thresholds) -> None:
     """The law on Δy + Ĵ (p₁(now) − p₁), and how it gets on."""
     rcm = rcm_of(c)
-    e.ahead[:] = difference(e.delta, -e.J_hat @ (position(rcm, seen.q) - e.p1))
+    put(e.ahead, difference(e.delta, product(e.J_hat, minus(e.p1, position(rcm, seen.q)))))
     v, condition, error = control(
         e.J_hat, e.ahead, c.bounds, c.printed, c.gain, c.max_condition, c.max_speed
     )
     joint, rates = blocked(rcm, seen.q, v, c.fastest, t.limit_horizon, t.limit_share)
-    e.condition, d.v[:], d.rates[:], d.blocked = condition, v, rates, joint
+    put(d.v, v)
+    put(d.rates, rates)
+    e.condition, d.blocked = condition, joint
     peak = max(d.peak, error)
     if error < peak - min(t.stall_fall, t.stall_share * peak) or not servoing:
         peak, d.peak_time = error, seen.now
@@ -197,7 +201,7 @@ def steer(e: Estimate, d: Course, seen: Told, servoing: bool, c: Settings, t: Th
 def estimate_faults(w: Watch, e: Estimate, c: Settings, t: Thresholds) -> int:
     """What is wrong with the estimate."""
     found = 0 if e.rcm_condition <= c.rcm_condition else RCM_UNKNOWN
-    if not np.max(np.abs(scaled(e.J_hat))) <= t.largest:
+    if not largest(scaled(e.J_hat)) <= t.largest:
         found |= ESTIMATE_LARGE
     if not e.condition < c.max_condition:
         found |= SINGULAR

@@ -19,7 +19,9 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
+from rcmservo.loops import length, minus
 from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.estimators.secant import toward
 from rcmservo.method.features import about, difference, features
 from rcmservo.method.tool import Tool
 
@@ -27,8 +29,7 @@ from rcmservo.method.tool import Tool
 @compiled
 def learn(J: Floats, delta_p: Floats, delta_y: Floats) -> Floats:
     """Ĵ (3, 3) nearest to J of all with Ĵ Δp = Δy; Δp (3,) mm must not be zero."""
-    squared = delta_p[0] ** 2 + delta_p[1] ** 2 + delta_p[2] ** 2
-    return J + np.outer(delta_y - J @ delta_p, delta_p) / squared
+    return toward(J, delta_p, delta_y, 1.0)
 
 
 @compiled
@@ -43,8 +44,8 @@ def update(
 ) -> tuple[Floats, bool]:
     """Ĵ after a new frame, and whether p₁ had gone far enough to learn from; both ends' features
     are about one o_c."""
-    delta_p = p1 - p1_before
-    if not np.sqrt(delta_p[0] ** 2 + delta_p[1] ** 2 + delta_p[2] ** 2) >= min_step:
+    delta_p = minus(p1, p1_before)
+    if not length(delta_p) >= min_step:
         return J.copy(), False
     delta_y = difference(features(about(points, o_c)), features(about(before, o_c)))
     return learn(J, delta_p, delta_y), True

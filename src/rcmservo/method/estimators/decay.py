@@ -12,6 +12,7 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
+from rcmservo.loops import largest, length, minus, product, products
 
 SHORT = 4.0
 """Largest Frobenius norm of H t that is summed as a series: the sum loses one digit at most."""
@@ -20,27 +21,20 @@ SHORT = 4.0
 @compiled
 def decay(A: Floats, b: Floats, a: Floats, C: Floats, t: float) -> Floats:
     """â (n,) after the time t, from a (n,), with A (n, n), b (n,) and C (n, n)."""
-    H = C.T @ A @ C
-    away = C.T @ (A @ a - b)
-    short = t * np.sqrt(np.sum(H**2)) < SHORT
-    return a - C @ (by_series(H, away, t) if short else by_modes(H, away, t))
+    H, away = products(C.T, products(A, C)), product(C.T, minus(product(A, a), b))
+    way = by_series(H, away, t) if t * length(H) < SHORT else by_modes(H, away, t)
+    return minus(a, product(C, way))
 
 
 @compiled
 def by_series(H: Floats, away: Floats, t: float) -> Floats:
     """∫₀ᵗ e^{−Hs} ds `away`, by its Taylor series."""
-    term = t * away
-    total, product = term.copy(), np.empty_like(term)
-    k, largest = 1, 1.0
-    while largest > 1e-17 * np.max(np.abs(total)):
-        k += 1
+    term, total, k = away.copy(), np.zeros(len(away)), 1
+    while largest(term) > 1e-17 * largest(total):
         for i in range(len(term)):
-            product[i] = 0.0
-            for j in range(len(term)):
-                product[i] -= H[i, j] * term[j]
-        term[:] = product * (t / k)
-        total += term
-        largest = np.max(np.abs(term))
+            term[i] *= t / k
+            total[i] += term[i]
+        term, k = product(H, term), -(abs(k) + 1)
     return total
 
 
@@ -48,8 +42,8 @@ def by_series(H: Floats, away: Floats, t: float) -> Floats:
 def by_modes(H: Floats, away: Floats, t: float) -> Floats:
     """∫₀ᵗ e^{−Hs} ds `away`, by the eigenvectors of H."""
     eigenvalues, Q = np.linalg.eigh(H)
-    gain = np.empty(len(away))
+    modes = product(Q.T, away)
     for i in range(len(away)):
         rate = max(eigenvalues[i], 0.0)
-        gain[i] = -np.expm1(-rate * t) / rate if rate * t > 1e-12 else t
-    return Q @ (gain * (Q.T @ away))
+        modes[i] *= -np.expm1(-rate * t) / rate if rate * t > 1e-12 else t
+    return product(Q, modes)

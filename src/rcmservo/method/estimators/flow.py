@@ -14,6 +14,7 @@ from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.estimators.secant import toward
 from rcmservo.method.features import about, difference, features
 from rcmservo.method.tool import Tool
 
@@ -24,16 +25,14 @@ def learn(J: Floats, delta_p: Floats, delta_y: Floats, dt: float, gamma: float) 
     squared = delta_p[0] ** 2 + delta_p[1] ** 2 + delta_p[2] ** 2
     if not (squared > 0.0 and dt > 0.0):
         return J.copy()
-    learnt = -np.expm1(-gamma * squared / dt)
-    return J + (learnt / squared) * np.outer(delta_y - J @ delta_p, delta_p)
+    return toward(J, delta_p, delta_y, -np.expm1(-gamma * squared / dt))
 
 
 @compiled
 def update(
     J: Floats,
-    p1_before: Floats,
+    delta_p: Floats,
     before: Floats,
-    p1: Floats,
     points: Floats,
     o_c: Floats,
     dt: float,
@@ -42,7 +41,7 @@ def update(
     """Ĵ after a new frame; both frames' features are taken about the present o_c, so that its moves
     are no flow."""
     delta_y = difference(features(about(points, o_c)), features(about(before, o_c)))
-    return learn(J, p1 - p1_before, delta_y, dt, gamma)
+    return learn(J, delta_p, delta_y, dt, gamma)
 
 
 class FlowMemory(NamedTuple):
@@ -77,9 +76,8 @@ class FlowEstimator(Estimator):
         if memory.p1 is not None and memory.points is not None:
             J_hat = update(
                 J_hat,
-                memory.p1,
+                sample.p1 - memory.p1,
                 memory.points,
-                sample.p1,
                 sample.points,
                 sample.o_c,
                 sample.dt,

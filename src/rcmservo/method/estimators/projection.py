@@ -20,6 +20,7 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
+from rcmservo.loops import products, put
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.decay import decay
 from rcmservo.method.features import about, features_jacobian
@@ -69,19 +70,19 @@ def normal_equations(sights: Floats) -> tuple[Floats, Floats]:
         weights = (1.0, u, v, u * u + v * v)
         for i in range(3):
             for k in range(4):
-                weighted = weights[k] * sights[row, i]
-                firsts[k, i] += weighted
-                for j in range(3):
-                    squares[k, i, j] += weighted * sights[row, j]
+                firsts[k, i] += weights[k] * sights[row, i]
+            for j in range(3):
+                square = sights[row, i] * sights[row, j]
+                for k in range(4):
+                    squares[k, i, j] += weights[k] * square
     A, b = np.zeros((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS)
-    A[:3, :3], A[3:6, 3:6], A[6:, 6:] = squares[0], squares[0], squares[3]
-    A[:3, 6:], A[6:, :3], A[3:6, 6:], A[6:, 3:6] = (
-        -squares[1],
-        -squares[1],
-        -squares[2],
-        -squares[2],
-    )
-    b[:3], b[3:6], b[6:] = firsts[1], firsts[2], -firsts[3]
+    for i in range(3):
+        b[i], b[3 + i], b[6 + i] = firsts[1, i], firsts[2, i], -firsts[3, i]
+        for j in range(3):
+            A[i, j], A[3 + i, 3 + j] = squares[0, i, j], squares[0, i, j]
+            A[i, 6 + j], A[6 + i, j] = -squares[1, i, j], -squares[1, i, j]
+            A[3 + i, 6 + j], A[6 + i, 3 + j] = -squares[2, i, j], -squares[2, i, j]
+            A[6 + i, 6 + j] = squares[3, i, j]
     return A, b
 
 
@@ -103,12 +104,19 @@ def leverage(inverse: Floats, both: Floats, sight: Floats) -> float:
 def least_telling(sights: Floats, count: int, root: Floats) -> int:
     """The one of `count` observations with the least leverage tr(W root rootᵀ Wᵀ) on â, where root
     rootᵀ = (MᵀM + εΓ₀⁻¹)⁻¹."""
-    inverse = root @ root.T
-    both = inverse[:3, :3] + inverse[3:6, 3:6]
+    inverse = products(root, root.T)
+    both = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            both[i, j] = inverse[i, j] + inverse[3 + i, 3 + j]
     shares = np.zeros(count)
     for row in range(len(sights)):
         shares[row % count] += leverage(inverse, both, sights[row])
-    return int(np.argmin(shares))
+    row = 0
+    for i in range(count):
+        if shares[i] < shares[row]:
+            row = i
+    return row
 
 
 @compiled
@@ -146,7 +154,22 @@ def keep_in_front(
             here, there = 1.0 + reach * (z - 1.0), 1.0 + reach * (z_next - 1.0)
             if there < MIN_DEPTH:
                 step = min(step, max((here - MIN_DEPTH) / (here - there), 0.0))
-    return a + step * (a_next - a)
+    for k in range(len(a)):
+        a_next[k] = a[k] + step * (a_next[k] - a[k])
+    return a_next
+
+
+@compiled
+def root_of_gamma(root: Floats, rate: float) -> Floats:
+    """C (9, 9) with Γ = C Cᵀ: fast by the `root` of the inverse and η = `rate`, printed if that is
+    0."""
+    C = np.zeros((PARAMETERS, PARAMETERS))
+    for i in range(PARAMETERS):
+        C[i, i] = np.sqrt(GAMMA_0[i])
+        for j in range(PARAMETERS):
+            if rate > 0.0:
+                C[i, j] = np.sqrt(rate) * root[i, j]
+    return C
 
 
 class Rule(NamedTuple):
@@ -182,34 +205,34 @@ def update(
 ) -> ProjectionMemory:
     """Take in one observation and integrate (21) over t seconds."""
     observations, a, count = memory.observations.copy(), memory.a_hat, memory.filled + 1
-    observations[count - 1, :3] = p1
-    observations[count - 1, 3:] = points.copy().reshape(4)
+    newest = observations[count - 1]
+    put(newest[:3], p1)
+    put(newest[3:], points.copy().reshape(4))
     fitted = sights(observations, count, o_c, rule.both, shaft)
     A, b = normal_equations(fitted)
     root = inverse_root(A, rule.epsilon)
-    C = np.sqrt(rule.rate) * root if rule.rate > 0.0 else np.diag(np.sqrt(GAMMA_0))
+    C = root_of_gamma(root, rule.rate)
     a_next = keep_in_front(a, decay(A, b, a, C, t), observations, count, shaft)
     if count == len(observations):
         row = least_telling(fitted, count, root)
         count -= 1
-        observations[row] = observations[count]
+        put(observations[row], observations[count])
     return ProjectionMemory(observations, count, a_next)
 
 
 @compiled
 def markers_jacobian(a: Floats, p1: Floats, shaft: Shaft) -> Floats:
     """∂m/∂p₁ (4, 3), the second factor of eq. (15), of both markers."""
-    p2 = second_marker(shaft, p1)
-    jacobian = np.empty((4, 3))
-    jacobian[:2] = project_jacobian(a, p1)
-    jacobian[2:] = project_jacobian(a, p2) @ second_marker_jacobian(shaft, p1)
+    p2, jacobian = second_marker(shaft, p1), np.empty((4, 3))
+    put(jacobian[:2], project_jacobian(a, p1))
+    put(jacobian[2:], products(project_jacobian(a, p2), second_marker_jacobian(shaft, p1)))
     return jacobian
 
 
 @compiled
 def feature_jacobian(a: Floats, p1: Floats, m: Floats, shaft: Shaft) -> Floats:
     """Ĵ (3, 3) of eq. (15): ∂y/∂m at the measured m, ∂m/∂p₁ from the parameters a."""
-    return features_jacobian(m) @ markers_jacobian(a, p1, shaft)
+    return products(features_jacobian(m), markers_jacobian(a, p1, shaft))
 
 
 @compiled
@@ -222,8 +245,8 @@ def jacobian_at(a: Floats, p1: Floats, points: Floats, o_c: Floats, shaft: Shaft
 def predict(a: Floats, p1: Floats, shaft: Shaft) -> Floats:
     """π of eq. (34) for both markers: m (4,) px from the imaged RCM."""
     m = np.empty(4)
-    m[:2] = project(a, p1)
-    m[2:] = project(a, second_marker(shaft, p1))
+    put(m[:2], project(a, p1))
+    put(m[2:], project(a, second_marker(shaft, p1)))
     return m
 
 

@@ -1,0 +1,85 @@
+"""Arithmetic on a few numbers, as loops for compiled functions.
+
+Numba compiles NumPy's way of writing the same to many times the code, as it holds broadcasting and
+the words of its errors: `a[:] = b` alone to nineteen times, in forty times the time.
+"""
+
+import numpy as np
+
+from rcmservo.compiled import compiled
+from rcmservo.interfaces import Floats
+
+
+@compiled
+def put(into: Floats, numbers: Floats) -> None:
+    """Write the numbers over an array of the same shape."""
+    for i in np.ndindex(into.shape):
+        into[i] = numbers[i]
+
+
+@compiled
+def all_finite(numbers: Floats) -> bool:
+    """Whether all numbers are finite."""
+    for number in numbers.flat:  # noqa: SIM110 Numba compiles no generators in `all`
+        if not np.isfinite(number):
+            return False
+    return True
+
+
+@compiled
+def largest(numbers: Floats) -> float:
+    """The largest absolute value; NaN if a number is NaN."""
+    most = 0.0
+    for number in numbers.flat:
+        if np.isnan(number):
+            return np.nan
+        most = max(most, abs(number))
+    return most
+
+
+@compiled
+def length(numbers: Floats) -> float:
+    """The square root of the sum of squares."""
+    total = 0.0
+    for number in numbers.flat:
+        total += number * number
+    return np.sqrt(total)
+
+
+@compiled
+def minus(one: Floats, other: Floats) -> Floats:
+    """one − other, both (n,)."""
+    out = np.empty(len(one))
+    for i in range(len(one)):
+        out[i] = one[i] - other[i]
+    return out
+
+
+@compiled
+def over(one: Floats, other: Floats) -> Floats:
+    """one / other, number by number, both (n,)."""
+    out = np.empty(len(one))
+    for i in range(len(one)):
+        out[i] = one[i] / other[i]
+    return out
+
+
+@compiled
+def product(A: Floats, x: Floats) -> Floats:
+    """A x (n,), of A (n, m) and x (m,)."""
+    out = np.zeros(A.shape[0])
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            out[i] += A[i, j] * x[j]
+    return out
+
+
+@compiled
+def products(A: Floats, B: Floats) -> Floats:
+    """A B (n, k), of A (n, m) and B (m, k)."""
+    out = np.zeros((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            for k in range(B.shape[1]):
+                out[i, k] += A[i, j] * B[j, k]
+    return out
