@@ -45,7 +45,7 @@ def each(call: Callable[[], object]) -> tuple[float, float]:
 
 def functions(servo: rs.Servo) -> None:
     """The transition with two causes present, and the gate."""
-    causes, signs = [Cause.AGEING, Cause.LATE_TICK], Signs(True, True, True, True)
+    causes, signs = Cause.AGEING.bit | Cause.LATE_TICK.bit, Signs(True, True, True, True)
     mode, gate, rcm = Mode(Phase.SERVO), servo.gate, servo.rcm
     last, q, rates = gate.rest(), np.array([0.5, 0.0, 130.0]), np.array([0.1, 0.2, 3.0])
     gate.admit(rates, last, q, rcm, 0)

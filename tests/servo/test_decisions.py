@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from decisions import compared
+from decisions import ROUNDING, compared
 
 from conftest import ROOT
 
@@ -15,7 +15,7 @@ def test_phases_causes_and_commands_are_those_of_the_run_that_was_kept(path: Pat
     run = compared(path)
     assert run.ticks > 0
     assert run.differs is None, f"from tick {run.differs} on"
-    assert run.worst <= 1e-9
+    assert run.worst <= ROUNDING
 
 
 def test_the_kept_runs_hold_many_causes() -> None:

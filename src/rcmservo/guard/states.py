@@ -11,12 +11,11 @@ always into ACQUIRE; FAULT is zero at once with the drive off, and only `CLEAR` 
 leads out of it. No clock here: the time is an argument.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
-from rcmservo.guard.causes import ORDER, Action, Cause, gravest
+from rcmservo.guard.causes import ORDER, Action, Cause, gravest, gravest_of
 
 HOLD_TIME = 1_000_000_000
 """ns of HOLD after which only a person resumes."""
@@ -101,12 +100,10 @@ class Signs(NamedTuple):
     ready: bool
 
 
-def transition(
-    mode: Mode, causes: Iterable[Cause], signs: Signs, request: Request, now: int
-) -> Mode:
-    """The mode after one tick at `now` ns. Pure; whatever the causes, more of them never give a
-    softer answer."""
-    cause = gravest(causes)
+def transition(mode: Mode, causes: int, signs: Signs, request: Request, now: int) -> Mode:
+    """The mode after one tick at `now` ns, with the set of `causes` found. Pure; whatever the
+    causes, more of them never give a softer answer."""
+    cause = gravest_of(causes)
     if mode.phase is Phase.FAULT or cause.action is Action.FAULT:
         return _fault(mode, cause, request, now)
     if mode.phase is Phase.DISABLED:

@@ -189,11 +189,10 @@ class Servo:
         course, found = self._decide(watch, learnt, course, phase, numbers)
         if target.shown < state.moved:
             found |= Cause.TARGET_OLD.bit
-        cause = gravest_of(found)
         signs = Signs(seen.enabled, accepted or watch.believed >= 0, accepted, learnt.explored)
-        mode = transition(state.mode, (cause,), signs, request, now)
+        mode = transition(state.mode, found, signs, request, now)
         after = State(state.mode, last, watch, learnt, course, target, state.moved)
-        return self._send(self._enter(after, mode, cause, seen), seen)
+        return self._send(self._enter(after, mode, gravest_of(found), seen), seen)
 
     def _look(
         self, state: State, seen: Observation, numbers: Told, target: Target
