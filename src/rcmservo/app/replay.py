@@ -69,10 +69,11 @@ def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:
     servo = servo_of(then, then.stages[0], own_kinds(asked.boxes))
     name = name_of(servo.estimator, ESTIMATORS)
     boxes = type(asked.boxes)(servo.controller, servo.exploration, servo.imaged_rcm)
-    estimator: dict[str, Any] = {boxes.OWN.get(name, name): servo.estimator}
+    recorded: Any = servo.estimator
+    with_it = replace(boxes, **{boxes.OWN.get(name, name): recorded})
     other = asked.estimator == "projection" and servo.estimator == PRINTED
     own = asked.estimator if asked.estimator == name and not other else None
-    return type(asked)(asked.path, own, boxes=boxes if other else replace(boxes, **estimator))
+    return type(asked)(asked.path, own, boxes=boxes if other else with_it)
 
 
 def own_kinds(boxes: ServoOptions) -> dict[str, type[Estimator]]:

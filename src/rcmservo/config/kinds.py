@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rcmservo.config.decode import decode
+from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
@@ -53,8 +54,10 @@ def name_of(value: object, kinds: Kinds) -> str:
     return next(ours, called(value))
 
 
-def chosen(kinds: Kinds, table: Mapping[str, Any], where: str) -> Any:
+def chosen(kinds: Kinds, table: object, where: str) -> Any:
     """The settings of the class that the table's `kind` names."""
+    if not is_table(table):
+        raise BadInput(where, table, "a table of settings")
     rest = dict(table)
     kind = kind_in(kinds, rest.pop("kind", None), where)
     return decode(kind, rest, where)

@@ -10,7 +10,6 @@ not at all, with the reason in one sentence. The checksum finds accidents; it is
 
 import hashlib
 import json
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -56,7 +55,7 @@ class Content:
     taught: str
     markers_px: tuple[tuple[float, float], tuple[float, float]]
     joints: tuple[float, float, float]
-    setup: dict[str, Any]
+    setup: object
 
     def __post_init__(self) -> None:
         try:
@@ -95,7 +94,7 @@ def load(path: Path, setup: Setup) -> Target:
         raise UnusableFile(path, f"is not valid JSON: {one_line(error)}") from error
 
 
-def checksum(content: Mapping[str, Any]) -> str:
+def checksum(content: object) -> str:
     """SHA-256 of what a target's file holds beside it, in hexadecimal; the same however the file is
     laid out."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
@@ -134,7 +133,7 @@ def _within(q: tuple[float, float, float], mechanism: Kinematics) -> None:
         require(bool(good), f"target.joints[{i}]", q[i], right)
 
 
-def _told(setup: Setup) -> dict[str, Any]:
+def _told(setup: Setup) -> object:
     """A setup in plain words and numbers, as they come back from JSON."""
     mechanism, tool = setup.mechanism, setup.tool
     table = {

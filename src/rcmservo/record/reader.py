@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,7 +148,7 @@ class _Rows:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.about: dict[str, Any] | None = None
+        self.about: object = None
         self.times: list[int] = []
         self.ticks: list[bytes] = []
         self.truth: list[bytes] = []
@@ -198,15 +198,13 @@ class _Rows:
         time = np.array(self.times, dtype=np.float64) * 1e-9
         return Record(
             path=self.path,
-            about=self.about or {},
+            about=self.about if is_table(self.about) else {},
             time=time,
             ticks=columns(TICK, self.ticks) | memory.column(self.memory, len(self.ticks)),
             words={one.name: [row[i] for row in self._words] for i, one in enumerate(WORDS)},
             truth=self._truth(),
             stages=self.stages,
-            missing=_missing(
-                messages, float(time[-1]) if len(time) else 0.0, _planned(self.about or {})
-            ),
+            missing=_missing(messages, float(time[-1]) if len(time) else 0.0, _planned(self.about)),
             unread=messages.unread,
         )
 
@@ -222,8 +220,8 @@ class _Rows:
         }
 
 
-def _planned(about: dict[str, Any]) -> float | None:
-    seconds: Any = about.get("duration_s")
+def _planned(about: object) -> float | None:
+    seconds: Any = about.get("duration_s") if is_table(about) else None
     return float(seconds) if type(seconds) in (int, float) and 0.0 < seconds < LONGEST else None
 
 
@@ -244,9 +242,9 @@ def _missing(messages: Messages, last: float, planned: float | None) -> str:
     )
 
 
-def _json(data: bytes) -> dict[str, Any]:
+def _json(data: bytes) -> object:
     """The object in a std_msgs/String."""
-    value: Any = json.loads(words_of(data, 4, 1)[0])
-    if not isinstance(value, dict):
+    value: object = json.loads(words_of(data, 4, 1)[0])
+    if not is_table(value):
         raise ValueError("it is no JSON object")
-    return cast(dict[str, Any], value)
+    return value

@@ -10,7 +10,6 @@ Foxglove, Rerun and PlotJuggler open the record itself.
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from rcmservo.config.files import write_whole
 from rcmservo.record.layout import TOPICS
@@ -30,7 +29,7 @@ def write_metadata(record: Path, counts: Mapping[str, int], duration: int) -> No
         "duration": {"nanoseconds": duration},
         "message_count": total,
     }
-    information: dict[str, Any] = {
+    information = {
         "version": VERSION,
         "storage_identifier": "mcap",
         "relative_file_paths": [record.name],

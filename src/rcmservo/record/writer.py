@@ -108,11 +108,11 @@ class Recorder:
         self._last: Tick | None = None
         self._time, self._now, self._shift = 0, 0, 0
         self._closed = False
-        self._try(self._start, about)
+        self._try(self._start, json.dumps(about))
 
-    def _start(self, about: dict[str, Any]) -> None:
+    def _start(self, about: str) -> None:
         self._writer.start(profile="ros2")
-        self._send("rcmservo/about", layout.text(json.dumps(about)))
+        self._send("rcmservo/about", layout.text(about))
         self._writer.flush()
 
     def recorded(self) -> bool:

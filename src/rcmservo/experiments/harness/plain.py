@@ -6,12 +6,13 @@ gaps, which are null in JSON and NaN in memory.
 
 import math
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from rcmservo.config.texts import is_table
 from rcmservo.experiments.harness.claims import NotMeasured
 
 Kind = TypeVar("Kind")
@@ -22,9 +23,8 @@ def plain(value: Any, where: str = "result") -> Any:
     if is_dataclass(value):
         names = [field.name for field in fields(value)]
         return {name: plain(getattr(value, name), f"{where}.{name}") for name in names}
-    if isinstance(value, Mapping):
-        table = cast(Mapping[str, Any], value)
-        return {name: plain(one, f"{where}.{name}") for name, one in table.items()}
+    if is_table(value):
+        return {name: plain(one, f"{where}.{name}") for name, one in value.items()}
     if isinstance(value, np.ndarray):
         return _gaps(cast(Any, value).tolist())
     if isinstance(value, list | tuple):

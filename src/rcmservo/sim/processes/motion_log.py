@@ -46,7 +46,7 @@ class MotionLog:
         self._count: Any = context.RawValue("q", 0)
         self._rows: Rows | None = None
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> object:
         return {**self.__dict__, "_rows": None}
 
     @property
