@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from rcmservo.app.cli import main
-from rcmservo.app.live import LiveMetrics, LiveOptions, metrics_of, show_live
+from rcmservo.app.live import LiveMetrics, LiveOptions, kept, metrics_of, show_live
+from rcmservo.app.simulated_run.metrics import METRICS
 from rcmservo.app.terminal import console
 from rcmservo.live.reports import LiveResult, LoopTiming, Spread
 from rcmservo.record.verdict import Outcome
@@ -33,6 +34,17 @@ def test_a_live_run_tells_what_could_not_be_recorded() -> None:
     text = printed(not_recorded="No space left on [device]")
     assert "not recorded" in text and "No space left on [device]" in text
     assert "not recorded" not in printed()
+
+
+def test_a_live_result_that_cannot_be_written_is_told_and_not_lost(tmp_path: Path) -> None:
+    """A folder where the metrics' file would grow stands for a disk that is full."""
+    (tmp_path / f"{METRICS}.part").mkdir()
+    metrics = kept(tmp_path, fallen())
+    assert f"{METRICS}: cannot be written" in metrics.not_written
+    out = console()
+    with out.capture() as got:
+        show_live(out, metrics)
+    assert "not written" in got.get() and "not written" not in printed()
 
 
 def test_a_live_run_names_its_cause_its_folder_and_how_the_loop_kept_its_time() -> None:

@@ -74,3 +74,18 @@ def test_a_result_that_cannot_be_written_is_not_lost_and_nothing_is_half_written
     same = {"not_written": "", "folder": "", "real_time_factor": 0.0}
     assert replace(ours, **same) == replace(theirs, **same) and theirs.not_written == ""
     assert not [path for path in part.iterdir() if path.suffix == ".part" and path.is_file()]
+
+
+@pytest.mark.parametrize(
+    "disturbance,reason",
+    [
+        ("marker_loss:at=0,for=9", "no green ball (marker 1) and no blue ball (marker 2)"),
+        ("clock_step:at=0,for=9", "times that cannot be right"),
+        ("stuck:at=0,for=9", "no frame has come from the camera"),
+    ],
+)
+def test_a_start_that_never_saw_the_markers_says_why(
+    disturbance: str, reason: str, tmp_path: Path
+) -> None:
+    metrics = simulate(job(tmp_path, 2.0, disturbance))
+    assert not metrics.settled and reason in metrics.cause

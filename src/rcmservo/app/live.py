@@ -13,10 +13,11 @@ from rich.text import Text
 
 from rcmservo.app.folders import new_folder
 from rcmservo.app.parse import OptionalPath
-from rcmservo.app.preparing import simulator
+from rcmservo.app.preparing import compiling, simulator
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.simulated_run.metrics import METRICS, FeatureError, number
 from rcmservo.app.terminal import console, result_table, unit
+from rcmservo.app.unwritten import written
 from rcmservo.config.files import write_whole
 from rcmservo.config.rig_file import Lab, load_lab, told_with
 from rcmservo.errors import UnusableFile, require
@@ -101,6 +102,8 @@ class LiveMetrics:
     """The joints at which the target was shown."""
     loop: LoopMetrics | None
     """None where the servo's process came to no end."""
+    not_written: str = ""
+    """Which of the metrics and figures could not be written, and why."""
 
 
 def live(options: LiveOptions) -> int:
@@ -132,24 +135,27 @@ def _run(options: LiveOptions, lab: Lab, folder: Path, out: Console) -> LiveMetr
     servo, seconds = options.boxes.servo(options.estimator, lab), options.duration
     job = Job(options.seed, seconds, options.estimator, servo, lab, folder)
     with (
-        Bench(options.seed, settings) as bench,
         Live(Text(""), console=out, refresh_per_second=8, transient=True) as line,
+        Bench(options.seed, settings) as bench,
     ):
+        with compiling(line):  # here, so that the servo's process finds it done
+            servo.warm_up()
         record, words = folder / RECORD, about(job, settings)
         session = bench.session(servo, lab.markers, seconds, record, words)
         result = run_live(session, bench.off, _Progress(line, seconds))
         metrics = metrics_of(options, folder, result, bench.error())
-    return _kept(folder, metrics)
+    return kept(folder, metrics)
 
 
-def _kept(folder: Path, metrics: LiveMetrics) -> LiveMetrics:
+def kept(folder: Path, metrics: LiveMetrics) -> LiveMetrics:
     """The metrics, written with the figures; of a record that holds nothing there are none."""
     from rcmservo.app.simulated_run.pictures import draw_figures
 
-    write_whole(folder / METRICS, json.dumps(asdict(metrics), indent=2) + "\n")
     with suppress(UnusableFile):
-        draw_figures(reader.read(folder), folder)
-    return metrics
+        record = reader.read(folder)
+        metrics = written(metrics, lambda: draw_figures(record, folder))
+    text = json.dumps(asdict(metrics), indent=2) + "\n"
+    return written(metrics, lambda: write_whole(folder / METRICS, text))
 
 
 class _Progress:
@@ -216,6 +222,8 @@ def show_live(out: Console, metrics: LiveMetrics) -> None:
         _add_loop(table, metrics.loop)
     if metrics.not_recorded:
         table.add_row("not recorded", metrics.not_recorded)
+    if metrics.not_written:
+        table.add_row("not written", metrics.not_written)
     out.print(table)
     out.print(f"files in {metrics.folder}", soft_wrap=True)
 

@@ -55,7 +55,7 @@ class Content:
     taught: str
     markers_px: tuple[tuple[float, float], tuple[float, float]]
     joints: tuple[float, float, float]
-    setup: object
+    setup: texts.Table
 
     def __post_init__(self) -> None:
         try:

@@ -2,16 +2,14 @@
 
 import numpy as np
 
-from rcmservo.errors import BadInput, RcmServoError, require
-from rcmservo.interfaces import Dropped, Explains, Floats, Observation, Target
+from rcmservo.errors import RcmServoError, require
+from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
+from rcmservo.loop.unseen import unseen
 
 TEACH_TIMEOUT = 2.0
 """s without a frame that shows both markers after which teaching gives up."""
-
-SILENCE = 0.5
-"""s without a frame after which it is the camera that is to blame."""
 
 
 class NotShown(RcmServoError):
@@ -39,29 +37,4 @@ def teach(plant: Plant, frames: int = 30) -> Target:
             return Target(np.mean(points, axis=0), np.mean(joints, axis=0), began)
         if not seen.now - good <= TEACH_TIMEOUT * 1e9:
             break
-    raise NotShown(f"the target cannot be taught: {_why(plant, seen, began)}")
-
-
-def _why(plant: Plant, seen: Observation, began: int) -> str:
-    """What kept the markers from being seen."""
-    silent = (seen.now - max(seen.arrival, began)) * 1e-9
-    if seen.dropped is not Dropped.NONE:
-        return _why_dropped(plant, seen.dropped)
-    if plant.frame is None or silent > SILENCE:
-        return f"no frame has come from the camera for {silent:.1f} s"
-    why = plant.tracker.why(plant.frame) if isinstance(plant.tracker, Explains) else ""
-    return why or "both markers must be in the picture while it is shown"
-
-
-def _why_dropped(plant: Plant, dropped: Dropped) -> str:
-    """Why frames came but were not used."""
-    frame = plant.camera.latest()
-    if dropped is Dropped.CLOCK and frame is not None:
-        age = (plant.clock.now() - frame.exposure) * 1e-9
-        return f"{dropped.value}: the newest is {age:.3f} s old, which must be from 0 to 2 s"
-    try:
-        if frame is not None:
-            plant.tracker.find(frame)
-    except BadInput as error:
-        return str(error)
-    return dropped.value
+    raise NotShown(f"the target cannot be taught: {unseen(plant, seen, began)}")

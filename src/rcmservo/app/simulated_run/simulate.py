@@ -10,20 +10,23 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 
 from rcmservo.app.simulated_run.job import Job, about
 from rcmservo.app.simulated_run.metrics import METRICS, RunMetrics, Unrecorded, measured
 from rcmservo.app.simulated_run.pictures import draw_figures, pictures, video_of
 from rcmservo.app.simulated_run.target import target_of
+from rcmservo.app.unwritten import written
 from rcmservo.config.files import write_whole
 from rcmservo.errors import UnusableFile
 from rcmservo.guard.causes import Action
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.tick import Tick
+from rcmservo.loop.unseen import unseen
 from rcmservo.record import reader
 from rcmservo.record.reader import RECORD
+from rcmservo.record.verdict import ON_THE_WAY
 from rcmservo.record.writer import Recorder
 from rcmservo.sim import Killed, Rig
 from rcmservo.sim.disturb.disk import disk
@@ -52,7 +55,7 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
         begins = partial(recorder.begin, job.servo)
         ticks = attended(rig, plant, job.servo, target, job.duration, person, begins)
         shown = pictures(job, plant, video, recorder), progress
-        ended = _follow(ticks, rig, recorder, shown)
+        ended = _follow(ticks, rig, plant, recorder, shown)
     metrics = RunMetrics(
         job.seed,
         job.name,
@@ -71,23 +74,34 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
 
 
 def _follow(
-    ticks: Iterator[Tick], rig: Rig, recorder: Recorder, shown: Iterable[Callable[[Tick], None]]
+    ticks: Iterator[Tick],
+    rig: Rig,
+    plant: Plant,
+    recorder: Recorder,
+    shown: Iterable[Callable[[Tick], None]],
 ) -> str:
     """Record and show every tick of a run; what ended it before its time, in words."""
-    state = None
+    tick = None
     rig.begin()
     with _between_ticks() as stopped:
         try:
             for tick in ticks:
-                state = tick.state
                 _write(tick, rig, recorder)
                 for show in shown:
                     show(tick)
                 stopped()
         except Killed as end:
             return f"{end}; the arm's watchdog stops it"
-    held = state is not None and state.cause.action >= Action.HOLD
-    return state.cause.words if state is not None and held else ""
+    return "" if tick is None else _held(tick, plant)
+
+
+def _held(tick: Tick, plant: Plant) -> str:
+    """What holds the arm still at the last tick, and why the markers were never seen if so."""
+    mode = tick.state.mode
+    why = unseen(plant, tick.seen) if tick.state.believed < 0 else ""
+    if mode.cause.action >= Action.HOLD:
+        return mode.cause.told(mode.detail or why)
+    return f"{ON_THE_WAY[mode.phase]}: {why}" if why and mode.phase in ON_THE_WAY else ""
 
 
 def _write(tick: Tick, rig: Rig, recorder: Recorder) -> None:
@@ -108,19 +122,9 @@ def _kept(job: Job, metrics: RunMetrics, beside: Unrecorded) -> RunMetrics:
     with suppress(UnusableFile):  # of a servo that was killed before it recorded anything
         record = reader.read(job.folder)
         metrics = measured(metrics, record, beside)
-        metrics = _told(metrics, lambda: draw_figures(record, job.folder))
+        metrics = written(metrics, lambda: draw_figures(record, job.folder))
     text = json.dumps(asdict(metrics), indent=2) + "\n"
-    return _told(metrics, lambda: write_whole(job.folder / METRICS, text))
-
-
-def _told(metrics: RunMetrics, write: Callable[[], None]) -> RunMetrics:
-    """The metrics, with what went wrong with writing if it did."""
-    try:
-        write()
-    except (UnusableFile, OSError) as error:
-        parts = filter(None, (metrics.not_written, str(error)))
-        return replace(metrics, not_written="; ".join(parts))
-    return metrics
+    return written(metrics, lambda: write_whole(job.folder / METRICS, text))
 
 
 @contextmanager

@@ -1,0 +1,34 @@
+"""Why the markers are not seen, in words for a person."""
+
+from rcmservo.errors import BadInput
+from rcmservo.interfaces import Dropped, Explains, Observation
+from rcmservo.loop.plant import Plant
+
+SILENCE = 0.5
+"""s without a frame after which it is the camera that is to blame."""
+
+
+def unseen(plant: Plant, seen: Observation, began: int = 0) -> str:
+    """What has kept the markers from being seen since `began` ns: frames that do not come or cannot
+    be used, or what the tracker says of the newest one."""
+    silent = (seen.now - max(seen.arrival, began)) * 1e-9
+    if seen.dropped is not Dropped.NONE:
+        return _why_dropped(plant, seen.dropped)
+    if plant.frame is None or silent > SILENCE:
+        return f"no frame has come from the camera for {silent:.1f} s"
+    why = plant.tracker.why(plant.frame) if isinstance(plant.tracker, Explains) else ""
+    return why or "both markers must be in the picture while it is shown"
+
+
+def _why_dropped(plant: Plant, dropped: Dropped) -> str:
+    """Why frames came but were not used."""
+    frame = plant.camera.latest()
+    if dropped is Dropped.CLOCK and frame is not None:
+        age = (plant.clock.now() - frame.exposure) * 1e-9
+        return f"{dropped.value}: the newest is {age:.3f} s old, which must be from 0 to 2 s"
+    try:
+        if frame is not None:
+            plant.tracker.find(frame)
+    except BadInput as error:
+        return str(error)
+    return dropped.value
