@@ -21,7 +21,7 @@ from conftest import (
 )
 from rcmservo.errors import BadInput
 from rcmservo.method.estimators.base import Sample
-from rcmservo.method.estimators.decay import decay
+from rcmservo.method.estimators.decay import by_modes, by_series, decay
 from rcmservo.method.estimators.projection import (
     GAMMA_0,
     MIN_DEPTH,
@@ -201,6 +201,16 @@ def test_integration_is_exact(seed, t, fast):
     wanted = unit * (expm(system * t) @ np.append(a_hat / unit, 1.0))[:9]
     got = decay(A, b, a_hat, C, t)
     assert np.allclose(got / unit, wanted / unit, rtol=0, atol=1e-6 * np.abs(a / unit).max())
+
+
+@given(seeds, st.floats(1e-3, 3.9))
+def test_the_series_and_the_modes_give_one_integral(seed, size):
+    random = random_from(seed)
+    root = random.standard_normal((9, 9)) * np.geomspace(1.0, 1e-4, 9)
+    H, away = root @ root.T, random.standard_normal(9)
+    t = size / np.linalg.norm(H)
+    same = 1e-12 * t * np.linalg.norm(away)
+    assert np.allclose(by_series(H, away, t), by_modes(H, away, t), rtol=0, atol=same)
 
 
 @given(seeds, st.floats(1e-3, 10.0), st.floats(1e-3, 10.0), modes)

@@ -65,9 +65,10 @@ def law(
     """v (3,) mm/s of eq. (31) and the condition of the scaled Ĵ; v is zero where the condition is
     above its limit.
 
-    From half the limit on, singular values below 2σ₁/limit are damped, so that |v| stops growing
-    with the condition. The whole velocity is scaled down where it exceeds max_speed, so that its
-    direction stays.
+    v is built along the right-angled columns of B = diag(1/SCALE) Ĵ V, whose lengths σ are the
+    singular values. From half the limit of the condition on, those below 2σ₁/limit are damped, so
+    that |v| stops growing. The whole velocity is scaled down where it exceeds max_speed, so that
+    its direction stays.
     """
     v = np.zeros(3)
     if not all_finite(J_hat):

@@ -29,12 +29,14 @@ def decay(A: Floats, b: Floats, a: Floats, C: Floats, t: float) -> Floats:
 @compiled
 def by_series(H: Floats, away: Floats, t: float) -> Floats:
     """∫₀ᵗ e^{−Hs} ds `away`, by its Taylor series."""
-    term, total, k = away.copy(), np.zeros(len(away)), 1
+    term, total, k = np.empty(len(away)), np.empty(len(away)), 1
+    for i in range(len(away)):
+        term[i] = total[i] = t * away[i]
     while largest(term) > 1e-17 * largest(total):
-        for i in range(len(term)):
-            term[i] *= t / k
+        term, k = product(H, term), k + 1
+        for i in range(len(away)):
+            term[i] *= -t / k
             total[i] += term[i]
-        term, k = product(H, term), -(abs(k) + 1)
     return total
 
 

@@ -154,9 +154,10 @@ def keep_in_front(
             here, there = 1.0 + reach * (z - 1.0), 1.0 + reach * (z_next - 1.0)
             if there < MIN_DEPTH:
                 step = min(step, max((here - MIN_DEPTH) / (here - there), 0.0))
+    kept = np.empty(len(a))
     for k in range(len(a)):
-        a_next[k] = a[k] + step * (a_next[k] - a[k])
-    return a_next
+        kept[k] = a[k] + step * (a_next[k] - a[k])
+    return kept
 
 
 @compiled
