@@ -7,6 +7,7 @@ import pytest
 from campaign import Run, one
 
 RUNS = {"faults": 28, "short": 12, "none": 8}
+ENDS = {"settled", "HOLD", "PAUSED", "FAULT", "killed"}
 
 
 @pytest.fixture(scope="module")
@@ -15,6 +16,14 @@ def runs() -> dict[str, list[Run]]:
         return {
             kind: list(pool.map(one, range(count), [kind] * count)) for kind, count in RUNS.items()
         }
+
+
+@pytest.mark.parametrize("kind", RUNS)
+def test_one_run_of_each_kind_keeps_all_of_it(kind: str) -> None:
+    run = one(1, kind)
+    assert not run.wrong_commands and not run.too_slow, run
+    assert all(stop[3] for stop in run.stops), run
+    assert run.end in ENDS, run
 
 
 @pytest.mark.slow
@@ -37,7 +46,7 @@ def test_every_stop_names_a_fault_that_was_there(runs: dict[str, list[Run]]) -> 
 @pytest.mark.slow
 def test_every_run_ends_well_or_standing_still(runs: dict[str, list[Run]]) -> None:
     ends = {run.end for run in runs["faults"]}
-    assert ends <= {"settled", "HOLD", "PAUSED", "FAULT", "killed"}
+    assert ends <= ENDS
     assert all(run.pose_error < 2.0 for run in runs["faults"] if run.end == "settled")
 
 

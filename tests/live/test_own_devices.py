@@ -63,6 +63,26 @@ def test_the_live_wing_runs_an_arm_and_a_camera_of_ones_own_where_there_is_no_si
     assert recompute(record).same
 
 
+STOPPED = """
+import own_devices
+from multiprocessing import Pipe, Value
+from pathlib import Path
+from rcmservo.live.servo_process import serve
+
+enabled = []
+own_devices.OwnArm.enable = lambda arm: enabled.append(arm)
+supervisor, servo = Pipe()
+supervisor.send("end")
+serve(own_devices.session(Path({path!r}), 8.0), Value("q", 0), servo)
+print(len(enabled), supervisor.recv())
+"""
+
+
+def test_who_stops_it_while_it_prepares_never_sees_the_drive_on(tmp_path: Path) -> None:
+    text = STOPPED.format(path=str(tmp_path / "run.mcap"))
+    assert ran(tmp_path / "script.py", text) == "0 stopped before the drive was on\n"
+
+
 MY_LAB = """
 import numpy as np
 from own_devices import OwnArm, OwnCamera

@@ -135,6 +135,8 @@ def test_a_drive_that_comes_on_late_is_waited_for(late: float) -> None:
     lab.plant = rs.Plant(arm, lab.rig.camera, PointMarkers(), lab.rig.clock)
     *_, last = rs.run(lab.plant, lab.servo(), lab.target, 3.0)
     assert last.state.phase is rs.Phase.SERVO
+    *_, again = rs.run(lab.plant, lab.servo(), lab.target, 1.0, state=last.state)
+    assert again.state.phase is rs.Phase.SERVO  # it went off in between
 
 
 def test_a_drive_that_does_not_come_on_in_time_is_told_in_one_sentence_and_left_off() -> None:

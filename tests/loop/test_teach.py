@@ -151,5 +151,5 @@ def test_a_tracker_that_cannot_tell_gets_a_general_word() -> None:
             pass
 
     assert reason(lambda frame: frame, Blind()) == (
-        "both markers must be in the picture while it is shown"
+        "both markers must be in the picture"
     )

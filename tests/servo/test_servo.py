@@ -241,6 +241,23 @@ def test_before_the_first_frame_nothing_moves():
         assert state.phase is Phase.IDLE and not state.command.rates.any()
 
 
+@pytest.mark.parametrize("explored", [False, True])
+def test_before_the_first_frame_a_resume_is_refused_and_nothing_moves(explored):
+    """After a pause there is nothing to go on from, not even with an estimate of an earlier run."""
+    lab = laboratory()
+    servo = lab.servo()
+    *_, (_, state) = lab.run(servo, 4.0)
+    assert state.explored
+    state, q = servo.again(state) if explored else servo.init(), lab.target.q
+    nan = np.full((2, 2), np.nan)
+    requests = [Request.NONE, Request.NONE, Request.PAUSE, *[Request.RESUME] * 30]
+    for k, request in enumerate(requests, start=1):
+        seen = observation(k * 10_000_000, q, -1, 0, np.full(3, np.nan), nan)
+        state = servo.step(state, seen, lab.target, request)
+        assert state.phase in (Phase.IDLE, Phase.PAUSED) and not state.command.rates.any()
+    assert state.phase is Phase.PAUSED and state.cause is Cause.STALE
+
+
 def test_without_room_to_explore_it_pauses_and_says_so():
     tight = PitchYawRcm(JointLimits((-0.01, -0.01, 99.0), (0.01, 0.01, 101.0)))
     servo = Servo(tight, TOOLS["rigid"])

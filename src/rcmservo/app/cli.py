@@ -14,7 +14,7 @@ from rcmservo.app.replay import ReplayOptions, recompute_run, recorded, replay
 from rcmservo.app.run import RunOptions, run
 from rcmservo.app.show import ShowOptions, show
 from rcmservo.app.terminal import print_plainly
-from rcmservo.errors import RcmServoError
+from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.record import reader
 
 BAD_INPUT = 2
@@ -34,8 +34,12 @@ COMMANDS: dict[str, tuple[type[Any], Callable[[Any], int]]] = {
 def main(arguments: list[str] | None = None) -> int:
     """Do what the arguments ask for, and return the exit code."""
     print_plainly()
+    arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        return _do(sys.argv[1:] if arguments is None else arguments)
+        return _do(arguments)
+    except BadInput as error:
+        option = error.field.startswith("--") and arguments[0] in COMMANDS
+        return _fail(f"{error}; see rcmservo {arguments[0]} --help" if option else str(error))
     except RcmServoError as error:
         return _fail(str(error))
     except OSError as error:

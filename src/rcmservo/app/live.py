@@ -16,8 +16,8 @@ from rcmservo.app.parse import OptionalPath
 from rcmservo.app.preparing import compiling, simulator
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.simulated_run.metrics import METRICS, FeatureError, number
+from rcmservo.app.simulated_run.unwritten import written
 from rcmservo.app.terminal import console, result_table, unit
-from rcmservo.app.unwritten import written
 from rcmservo.config.files import write_whole
 from rcmservo.config.rig_file import Lab, load_lab, told_with
 from rcmservo.errors import UnusableFile, require

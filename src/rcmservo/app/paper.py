@@ -13,7 +13,7 @@ from rich.table import Table
 from rcmservo.app.folders import dated
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.preparing import simulator
-from rcmservo.app.servo_options import EstimatorName
+from rcmservo.app.servo_options import OptionalEstimator
 from rcmservo.app.terminal import console, is_alive
 from rcmservo.config.own_code import source
 from rcmservo.config.rig_file import Lab
@@ -46,7 +46,7 @@ class PaperOptions:
     two runs of a thing give numbers, but no verdict."""
     only: str | None = None
     """One experiment by its name."""
-    estimator: EstimatorName | None = None
+    estimator: OptionalEstimator = None
     """A user's own estimator, as module:class, to stand beside the others in `baselines`."""
 
     OWN: ClassVar[Mapping[str, str]] = {}

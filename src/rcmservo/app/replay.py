@@ -14,7 +14,7 @@ from rich.table import Table
 from rcmservo.app.folders import new_folder
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.score_report import centres, report_of, show_report
-from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
+from rcmservo.app.servo_options import Boxes, OptionalEstimator, ServoOptions
 from rcmservo.app.terminal import console
 from rcmservo.config.files import write_whole
 from rcmservo.config.kinds import ESTIMATORS, name_of
@@ -45,7 +45,7 @@ class ReplayOptions:
 
     path: Annotated[Path, tyro.conf.Positional]
     """Folder with frames/ and poses.csv, or a run's folder or .mcap file."""
-    estimator: EstimatorName | None = None
+    estimator: OptionalEstimator = None
     """Of a run: another estimator than the recorded one. Of a recording all are scored."""
     rig: OptionalPath = None
     """TOML file that describes the recorded arm: mechanism, tool and markers. By default the
@@ -160,14 +160,14 @@ def replay(options: ReplayOptions) -> int:
         raise UnusableFile(options.path, "does not exist")
     out = console(stderr=options.json)
     report = report_of(_scored(options, out))
-    if options.out is not None:
-        with new_folder(options.out, "replay") as folder:
-            write_whole(folder / "replay.json", json.dumps(asdict(report), indent=2) + "\n")
-            write_whole(folder / "centres.csv", centres(report))
     if options.json:
         print(json.dumps(asdict(report)))
     else:
         show_report(out, report)
+    if options.out is not None:
+        with new_folder(options.out, "replay") as folder:
+            write_whole(folder / "replay.json", json.dumps(asdict(report), indent=2) + "\n")
+            write_whole(folder / "centres.csv", centres(report))
     return 0
 
 

@@ -21,10 +21,10 @@ from rcmservo.servo.own_estimator import examine
 from rcmservo.servo.servo import Servo
 
 NAMES = (*ESTIMATORS, *PRESETS)
-EstimatorName = Annotated[
-    str, tyro.conf.arg(metavar=f"{{{','.join(NAMES)},MODULE:CLASS}}", help_behavior_hint="")
-]
+ESTIMATOR = tyro.conf.arg(metavar=f"{{{','.join(NAMES)},MODULE:CLASS}}", help_behavior_hint="")
+EstimatorName = Annotated[str, ESTIMATOR]
 """An estimator by its name, or a user's own by that of its class."""
+OptionalEstimator = Annotated[str | None, ESTIMATOR]
 
 
 @dataclass(frozen=True)

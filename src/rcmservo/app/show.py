@@ -51,9 +51,9 @@ class ShowOptions:
 def show(options: ShowOptions) -> int:
     rows = reader.read(options.record)
     out = console()
+    tell(out, rows)
     with new_folder(options.out, "show") as folder:
         draw(rows, folder)
-    tell(out, rows)
     drawn = any(folder.glob("*.png"))
     words = (
         f"figures and timeline.csv in {folder}"

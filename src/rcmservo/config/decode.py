@@ -72,7 +72,7 @@ def _refuse(error: ErrorDetails, kind: type[Any], where: str) -> NoReturn:
         raise BadInput(f"{path}.{name}", cause.value, cause.right) from cause
     if what == "unexpected_keyword_argument":
         raise BadInput(path, value, _instead(kind, way))
-    right = RIGHT.get(what, error["msg"].removeprefix("Input should be ")).format(**given)
+    right = RIGHT[what].format(**given) if what in RIGHT else f"a value of its kind ({what})"
     raise BadInput(path, None if what == "missing" and isinstance(value, dict) else value, right)
 
 

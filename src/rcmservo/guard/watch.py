@@ -3,7 +3,6 @@
 A new frame is compared with the motion since the last one, and the joints with the commands before.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -92,11 +91,6 @@ def unwatched(watch: Watch, markers: bool) -> Watch:
     if markers:
         rows["rejected"], rows["jumped"], rows["swapped"], rows["believed"] = 0, 0, 0, -1
     return Watch(rows)
-
-
-def finite(numbers: Floats) -> bool:
-    """Whether all are finite; NumPy's own way takes ten times as long on three numbers."""
-    return all(map(math.isfinite, numbers.tolist()))
 
 
 @compiled

@@ -43,6 +43,10 @@ class NoFrames(RcmServoError):
     """A camera that delivers nothing of use."""
 
 
+class Stopped(RcmServoError):
+    """A run that was told to end before it began."""
+
+
 @dataclass(frozen=True)
 class Session:
     """What a live run is made of.
@@ -109,7 +113,7 @@ def _live(session: Session, beats: Any, supervisor: Connection) -> LiveResult:
         operator = None if session.operator is None else _made(session.operator, stack)
         eye = stack.enter_context(TrackingThread(camera, tracker, clock.clock))
         plant = HeartbeatPlant(arm, eye, clock, beats)
-        target = _target(session, plant)
+        target = _target(session, plant, supervisor)
         return _servoed(session, plant, target, operator, supervisor)
 
 
@@ -122,21 +126,28 @@ def _made(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:
     return device
 
 
-def _target(session: Session, plant: Plant) -> Target:
+def _target(session: Session, plant: Plant, supervisor: Connection) -> Target:
     """The target, with everything warm: the first frame is searched, the next is followed, and
     after both nothing needs to be loaded. At the end the newest frame shows the tool as it is."""
     for _ in range(2):
-        _await_frame(plant)
+        _await_frame(plant, supervisor)
     target = session.target(plant)
-    _await_frame(plant)
+    _await_frame(plant, supervisor)
     return target
 
 
-def _await_frame(plant: Plant) -> None:
+def _go_on(supervisor: Connection) -> None:
+    """Stop here if the supervisor has spoken or is gone."""
+    if supervisor.poll():
+        raise Stopped("stopped before the drive was on")
+
+
+def _await_frame(plant: Plant, supervisor: Connection) -> None:
     """Wait for a frame that is exposed from now on."""
     now, why = plant.clock.now(), ""
     for _ in ticks(plant.clock, duration=PATIENCE):
         seen = plant.read()
+        _go_on(supervisor)
         if seen.exposure >= now:
             return
         why = seen.dropped.value
@@ -165,6 +176,7 @@ def _servoed(
             def ended(tick: Tick) -> bool:
                 return supervisor.poll()
 
+            _go_on(supervisor)
             try:
                 for tick in run(plant, servo, target, duration, ended, operator=operator):
                     recorder.write(tick)

@@ -59,7 +59,7 @@ class Plant:
         self.recorded = recorded
         self.markers: Markers | None = None
         self.frame: Frame | None = None
-        self._new = {"enable", "measure", "apply", "latest", "find"}
+        self._new = {"measure", "apply", "latest", "find"}
         self._offered: Frame | None = None
         self._dropped = Dropped.NONE
         self._past: deque[tuple[int, Floats]] = deque(maxlen=JOINT_HISTORY)
@@ -68,11 +68,9 @@ class Plant:
         self._applied = np.zeros(3)
 
     def enable(self) -> None:
-        """Switch the arm's drive on: a person's act. The first time, wait until it is on."""
+        """Switch the arm's drive on: a person's act. Wait until it is on."""
         self.arm.enable()
-        if "enable" in self._new:
-            self._await_drive()
-            self._new.remove("enable")
+        self._await_drive()
 
     def read(self) -> Observation:
         """Measure the joints, and track the markers where a new frame has arrived."""

@@ -8,7 +8,7 @@ SILENCE = 0.5
 """s without a frame after which it is the camera that is to blame."""
 
 
-def unseen(plant: Plant, seen: Observation, began: int = 0) -> str:
+def unseen(plant: Plant, seen: Observation, began: int) -> str:
     """What has kept the markers from being seen since `began` ns: frames that do not come or cannot
     be used, or what the tracker says of the newest one."""
     silent = (seen.now - max(seen.arrival, began)) * 1e-9
@@ -17,7 +17,7 @@ def unseen(plant: Plant, seen: Observation, began: int = 0) -> str:
     if plant.frame is None or silent > SILENCE:
         return f"no frame has come from the camera for {silent:.1f} s"
     why = plant.tracker.why(plant.frame) if isinstance(plant.tracker, Explains) else ""
-    return why or "both markers must be in the picture while it is shown"
+    return why or "both markers must be in the picture"
 
 
 def _why_dropped(plant: Plant, dropped: Dropped) -> str:

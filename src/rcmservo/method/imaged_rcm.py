@@ -206,10 +206,10 @@ class ImagedRcm:
             "a whole number from 0 to 100",
         )
         require(
-            self.max_condition > 1.0,
+            1.0 < self.max_condition <= 1e12,
             "imaged_rcm.max_condition",
             self.max_condition,
-            "a number above 1",
+            "a number above 1, up to 1e12",
         )
 
     def init(self) -> tuple[Floats, int]:

@@ -1,7 +1,7 @@
 """A run as it was recorded, as columns: what the servo saw, knew and decided at every tick.
 
 A file that was cut or damaged is read up to there, and the record says how much is missing. What is
-read is as it was written, bit for bit: see chunks.py.
+read is as it was written, bit for bit: see mcap_chunks.py.
 """
 
 import json

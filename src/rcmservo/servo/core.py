@@ -45,7 +45,7 @@ NEARLY_SINGULAR, DIVERGED, STALLED = (
 LIMITS = (Cause.JOINT_1_LIMIT.bit, Cause.JOINT_2_LIMIT.bit, Cause.JOINT_3_LIMIT.bit)
 
 
-class Settings(Row):
+class Dials(Row):
     """What the compiled parts know of the servo's boxes."""
 
     kind: int = whole("", "the mechanism's coordinates")
@@ -73,7 +73,7 @@ class Situation(NamedTuple):
 
 
 @compiled
-def rcm_of(c: Settings) -> Rcm:
+def rcm_of(c: Dials) -> Rcm:
     """The mechanism and marker 1."""
     lower, upper = c.lower, c.upper
     low, high = (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
@@ -87,7 +87,7 @@ def look(
     lines: Floats,
     seen: Told,
     explored: bool,
-    settings: Rows[Settings],
+    settings: Rows[Dials],
     thresholds: Rows[Thresholds],
 ) -> tuple[Rows[Watch], Rows[Estimate], Floats, int, float]:
     """What this tick shows: copies of watch, estimate and lines with it, what it brought, and s
@@ -160,7 +160,7 @@ def decide(
     course: Rows[Course],
     seen: Told,
     situation: Situation,
-    settings: Rows[Settings],
+    settings: Rows[Dials],
     thresholds: Rows[Thresholds],
 ) -> tuple[Rows[Course], int]:
     """A copy of the course as the law wants it, where there is an estimate, and the causes that are
@@ -180,7 +180,7 @@ def decide(
 
 
 @compiled
-def steer(e: Estimate, d: Course, seen: Told, servoing: bool, c: Settings, t: Thresholds) -> None:
+def steer(e: Estimate, d: Course, seen: Told, servoing: bool, c: Dials, t: Thresholds) -> None:
     """The law on Δy + Ĵ (p₁(now) − p₁), and how it gets on."""
     rcm = rcm_of(c)
     put(e.ahead, difference(e.delta, product(e.J_hat, minus(e.p1, position(rcm, seen.q)))))
@@ -198,7 +198,7 @@ def steer(e: Estimate, d: Course, seen: Told, servoing: bool, c: Settings, t: Th
 
 
 @compiled
-def estimate_faults(w: Watch, e: Estimate, c: Settings, t: Thresholds) -> int:
+def estimate_faults(w: Watch, e: Estimate, c: Dials, t: Thresholds) -> int:
     """What is wrong with the estimate."""
     found = 0 if e.rcm_condition <= c.rcm_condition else RCM_UNKNOWN
     if not largest(scaled(e.J_hat)) <= t.largest:
@@ -213,7 +213,7 @@ def estimate_faults(w: Watch, e: Estimate, c: Settings, t: Thresholds) -> int:
 
 
 @compiled
-def way_faults(d: Course, now: int, c: Settings, t: Thresholds) -> int:
+def way_faults(d: Course, now: int, c: Dials, t: Thresholds) -> int:
     """What stands in the way to the target."""
     found = LIMITS[d.blocked] if d.blocked >= 0 else 0
     patience = max(t.stall_time, t.stall_gains / c.gain)

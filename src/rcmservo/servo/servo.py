@@ -29,7 +29,7 @@ from rcmservo.method.tool import Tool
 from rcmservo.rows import Rows, as_row
 from rcmservo.servo import core
 from rcmservo.servo.diagnosis import detail, spoils, tour_faults
-from rcmservo.servo.own_estimator import examine, failure, learner
+from rcmservo.servo.own_estimator import examine, failure, learner, time_anew
 from rcmservo.servo.state import (
     Course,
     Estimate,
@@ -89,10 +89,10 @@ class Servo:
         return self.mechanism.rcm(self.tool.offset)
 
     @cached_property
-    def settings(self) -> Rows[core.Settings]:
+    def settings(self) -> Rows[core.Dials]:
         """What the compiled parts know of the boxes."""
         law, rcm = self.controller, self.rcm
-        return core.Settings.of(
+        return core.Dials.of(
             kind=rcm.kind,
             zero=rcm.zero,
             lower=rcm.lower,
@@ -165,6 +165,7 @@ class Servo:
                 learnt.estimate.J_hat[:] = np.diag(SCALE)
                 known = learnt._replace(explored=True)
                 state = state.but(mode=Mode(Phase.SERVO), learnt=known)
+        time_anew(self.learner)
 
     def _made_up(self, k: int, q: Floats, points: Floats) -> Observation:
         """The k-th observation of a tool that turns a little."""
@@ -240,6 +241,8 @@ class Servo:
             watch.rows, learnt.estimate.rows, course.rows, numbers, situation,
             self.settings, self.bounds,
         )  # fmt: skip
+        if phase is Phase.PAUSED and numbers.frame < 0:
+            found |= Cause.STALE.bit  # nothing was seen that it could go on from
         if failure(learnt.memory):
             found |= Cause.ESTIMATOR_FAILED.bit
         if not learnt.explored:
@@ -258,6 +261,8 @@ class Servo:
         if mode.cause is not before.cause:
             words = detail(mode.cause, state.watch, seen, self.mechanism, self.thresholds)
             words = words or failure(memory)
+            if mode.cause is Cause.NOT_EXPLORED:
+                words = self.estimator.advice
             mode = replace(mode, detail=words) if words else mode
         course = restarted(state.course, now) if entered else None
         return state.but(mode=mode, course=course) if mode is not before else state

@@ -17,10 +17,11 @@ from rcmservo.app.simulated_run.job import Job, about
 from rcmservo.app.simulated_run.metrics import METRICS, RunMetrics, Unrecorded, measured
 from rcmservo.app.simulated_run.pictures import draw_figures, pictures, video_of
 from rcmservo.app.simulated_run.target import target_of
-from rcmservo.app.unwritten import written
+from rcmservo.app.simulated_run.unwritten import written
 from rcmservo.config.files import write_whole
 from rcmservo.errors import UnusableFile
-from rcmservo.guard.causes import Action
+from rcmservo.guard.causes import Action, Cause
+from rcmservo.guard.states import Mode
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.tick import Tick
 from rcmservo.loop.unseen import unseen
@@ -33,6 +34,17 @@ from rcmservo.sim.disturb.disk import disk
 from rcmservo.sim.person import Person, attended
 from rcmservo.sim.rig_file import rig_settings
 from rcmservo.tracking import ColourMarkers
+
+UNSEEN = {
+    Cause.MARKER_1_LOST,
+    Cause.MARKER_2_LOST,
+    Cause.MARKERS_LOST,
+    Cause.STALE,
+    Cause.FRAMES_NOT_NEW,
+    Cause.FRAMES_CLOCK,
+    Cause.FRAMES_DAMAGED,
+}
+"""Causes that come of markers that are not seen."""
 
 
 def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> RunMetrics:
@@ -81,26 +93,27 @@ def _follow(
     shown: Iterable[Callable[[Tick], None]],
 ) -> str:
     """Record and show every tick of a run; what ended it before its time, in words."""
-    tick = None
+    tick, began, ever = None, rig.clock.now(), False
     rig.begin()
     with _between_ticks() as stopped:
         try:
             for tick in ticks:
+                ever = ever or tick.state.believed >= 0
                 _write(tick, rig, recorder)
                 for show in shown:
                     show(tick)
                 stopped()
         except Killed as end:
             return f"{end}; the arm's watchdog stops it"
-    return "" if tick is None else _held(tick, plant)
+    if tick is None:
+        return ""
+    return _held(tick.state.mode, "" if ever else unseen(plant, tick.seen, began))
 
 
-def _held(tick: Tick, plant: Plant) -> str:
-    """What holds the arm still at the last tick, and why the markers were never seen if so."""
-    mode = tick.state.mode
-    why = unseen(plant, tick.seen) if tick.state.believed < 0 else ""
+def _held(mode: Mode, why: str) -> str:
+    """What holds the arm still at the last tick; `why` tells why the markers were never seen."""
     if mode.cause.action >= Action.HOLD:
-        return mode.cause.told(mode.detail or why)
+        return mode.cause.told(mode.detail or (why if mode.cause in UNSEEN else ""))
     return f"{ON_THE_WAY[mode.phase]}: {why}" if why and mode.phase in ON_THE_WAY else ""
 
 

@@ -30,6 +30,8 @@ class Estimator(ABC):
     """What it is called where its settings are options."""
     models: ClassVar[bool] = False
     """Whether it has a model that predicts where the markers are: `predict`."""
+    advice: ClassVar[str] = ""
+    """What a person may change of it where an exploration ends without a usable estimate."""
 
     @abstractmethod
     def init(self) -> Any:

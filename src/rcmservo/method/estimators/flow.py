@@ -62,6 +62,7 @@ class FlowEstimator(Estimator):
 
     name = "flow"
     models = False
+    advice = "a larger γ (gamma) lets the flow rule learn more from the same motion"
 
     def __post_init__(self) -> None:
         require(

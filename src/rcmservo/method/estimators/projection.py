@@ -36,6 +36,9 @@ MAX_DECAY = 1e5
 MOST = 1000
 """Observations; each costs time at every new frame."""
 
+LEAST_EPSILON = 1e-10
+"""Smallest ε, with which (MᵀM + ε Γ₀⁻¹) still has a root."""
+
 MIN_DEPTH = 0.1
 """Smallest relative depth ẑ that an estimate may give to an observation: behind it the projection
 turns over."""
@@ -277,7 +280,9 @@ class ProjectionEstimator(Estimator):
             self.gamma in ("fast", "printed"), "estimator.gamma", self.gamma, "'fast' or 'printed'"
         )
         require(0.0 < self.rate < np.inf, "estimator.rate", self.rate, "a positive rate in 1/s")
-        require(0.0 < self.epsilon < np.inf, "estimator.epsilon", self.epsilon, "a positive number")
+        good = LEAST_EPSILON <= self.epsilon < np.inf
+        right = f"at least {LEAST_EPSILON:g}: less is lost in rounding"
+        require(good, "estimator.epsilon", self.epsilon, right)
         require(
             6 <= self.observations <= MOST,
             "estimator.observations",
