@@ -122,7 +122,9 @@ def test_with_other_settings_replay_tells_what_would_have_differed_and_that_the_
     for wrong in (["--rig", "examples/davinci.toml"], ["--out", "somewhere"]):
         assert main(["replay", str(folder), *wrong]) == 2
         said = capsys.readouterr().err
-        assert "left out for a run" in said and said.endswith(f", got {wrong[1]!r}\n")
+        assert "left out for a run" in said and said.endswith(
+            f", got {wrong[1]!r}; see rcmservo replay --help\n"
+        )
 
 
 def test_replay_tells_the_two_projection_estimators_apart(

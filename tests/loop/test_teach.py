@@ -150,6 +150,4 @@ def test_a_tracker_that_cannot_tell_gets_a_general_word() -> None:
         def reset(self) -> None:
             pass
 
-    assert reason(lambda frame: frame, Blind()) == (
-        "both markers must be in the picture"
-    )
+    assert reason(lambda frame: frame, Blind()) == ("both markers must be in the picture")
