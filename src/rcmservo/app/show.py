@@ -132,7 +132,7 @@ def _what(record: Record) -> str:
 
 
 def _stages(record: Record) -> str:
-    """How many runs the record holds, and when each of them began."""
+    """How many stages the record holds, and when each of them began."""
     count = len(record.time)
     begun = [f"{record.time[stage.first]:.2f} s" for stage in record.stages if stage.first < count]
     return f"{len(record.stages)}, begun at {', '.join(begun)}"

@@ -81,6 +81,10 @@ class HeartbeatPlant(Plant):
         super().__init__(arm, eye, eye, clock)
         self.lateness, self.beats = clock.lateness, beats
 
+    def enable(self) -> None:
+        super().enable()
+        del self.lateness[:]  # no tick was due while the drive came on
+
     def send(self, command: Command) -> Floats:
         self.beats.value += 1
         return super().send(command)
@@ -171,7 +175,6 @@ def _servoed(
         servo.warm_up()
         plant.recorded = recorder.recorded
         with realtime() as system:
-            del plant.lateness[:]
 
             def ended(tick: Tick) -> bool:
                 return supervisor.poll()

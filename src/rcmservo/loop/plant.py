@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -75,6 +76,7 @@ class Plant:
     def read(self) -> Observation:
         """Measure the joints, and track the markers where a new frame has arrived."""
         time, q, enabled = self._measure()
+        q = q.copy()  # a device may fill one array again and again
         if not self._past:
             self._began = time
         if not self._past or time > self._past[-1][0]:
@@ -114,6 +116,7 @@ class Plant:
         self._applied = self.arm.apply(command)
         if "apply" in self._new:
             self._meet(self.arm, "apply", self._applied)
+        self._applied = self._applied.copy()
         return self._applied
 
     def _measure(self) -> Measured:
@@ -162,7 +165,7 @@ class Plant:
             return
         if "find" in self._new:
             self._meet(self.tracker, "find", markers)
-        self.markers, self.frame = markers, frame
+        self.markers, self.frame = replace(markers, points=markers.points.copy()), frame
         self._q_exposure = self._joints_at(frame.exposure)
 
     def _wrong(self, frame: Frame) -> Dropped:

@@ -47,7 +47,7 @@ class Span:
     request: Request
     """What a person asked for at its first tick."""
     stage: int
-    """The number of the run within the record."""
+    """The number of the stage within the record."""
 
     @property
     def length(self) -> float:
@@ -63,7 +63,7 @@ class RunSummary:
     """s to the end of the last tick."""
     ticks: int
     outcome: Outcome
-    """The verdict on its last stage."""
+    """The verdict on its last run."""
     latency: Floats
     """(3,) s from a frame's exposure to the tick that uses it: the median, the 99th percentile and
     the greatest."""

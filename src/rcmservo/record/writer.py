@@ -94,6 +94,7 @@ class Recorder:
         self, path: Path, about: dict[str, Any], open_file: Callable[[Path], RawFile] = created
     ) -> None:
         self.path, self.failed = path, ""
+        text = json.dumps(about)
         try:
             self._file = open_file(path)
         except OSError as error:
@@ -108,7 +109,7 @@ class Recorder:
         self._last: Tick | None = None
         self._time, self._now, self._shift = 0, 0, 0
         self._closed = False
-        self._try(self._start, json.dumps(about))
+        self._try(self._start, text)
 
     def _start(self, about: str) -> None:
         self._writer.start(profile="ros2")

@@ -1,6 +1,6 @@
 """A scripted person beside a simulated run: resumes after a pause, shows the target again."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import replace
 
@@ -96,7 +96,7 @@ def attended(
     duration: float,
     person: Person,
     begins: Callable[[Target, State | None], None] = lambda target, state: None,
-) -> Iterator[Tick]:
+) -> Generator[Tick]:
     """`run` with a person beside it, for `duration` s in all.
 
     Time goes on while the person is at work.

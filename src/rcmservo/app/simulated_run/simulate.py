@@ -8,8 +8,8 @@ import json
 import signal
 import threading
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Generator, Iterable
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict
 from functools import partial
 
@@ -86,7 +86,7 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
 
 
 def _follow(
-    ticks: Iterator[Tick],
+    ticks: Generator[Tick],
     rig: Rig,
     plant: Plant,
     recorder: Recorder,
@@ -95,7 +95,7 @@ def _follow(
     """Record and show every tick of a run; what ended it before its time, in words."""
     tick, began, ever = None, rig.clock.now(), False
     rig.begin()
-    with _between_ticks() as stopped:
+    with _between_ticks() as stopped, closing(ticks):
         try:
             for tick in ticks:
                 ever = ever or tick.state.believed >= 0

@@ -312,6 +312,8 @@ class ProjectionEstimator(Estimator):
 
     def update(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> ProjectionMemory:
         t = float(self.estimator_time) or sample.dt
+        if self.gamma == "fast":
+            t = min(t, MAX_DECAY / self.rate)
         return update(memory, sample.p1, sample.points, sample.o_c, t, self.rule, tool.shaft)
 
     def jacobian(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
