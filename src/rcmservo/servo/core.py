@@ -87,13 +87,13 @@ def look(
     lines: Floats,
     seen: Told,
     explored: bool,
-    settings: Rows[Dials],
+    dials: Rows[Dials],
     thresholds: Rows[Thresholds],
 ) -> tuple[Rows[Watch], Rows[Estimate], Floats, int, float]:
     """What this tick shows: copies of watch, estimate and lines with it, what it brought, and s
     since the exposure learnt from before (0 for the first)."""
     watch, estimate = watch.copy(), estimate.copy()
-    w, e, c, t = watch[0], estimate[0], settings[0], thresholds[0]
+    w, e, c, t = watch[0], estimate[0], dials[0], thresholds[0]
     watch_loop(w, seen, c.period, t)
     if not seen.frame > w.frame:
         return watch, estimate, lines, NOTHING, 0.0
@@ -160,12 +160,12 @@ def decide(
     course: Rows[Course],
     seen: Told,
     situation: Situation,
-    settings: Rows[Dials],
+    dials: Rows[Dials],
     thresholds: Rows[Thresholds],
 ) -> tuple[Rows[Course], int]:
     """A copy of the course as the law wants it, where there is an estimate, and the causes that are
     there at this tick."""
-    w, e, c, t = watch[0], estimate[0], settings[0], thresholds[0]
+    w, e, c, t = watch[0], estimate[0], dials[0], thresholds[0]
     rcm = rcm_of(c)
     found = arm_faults(w, seen, situation.on, rcm, t) | loop_faults(w, seen, c.period, t)
     found |= camera_faults(w, seen, t)

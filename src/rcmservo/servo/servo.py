@@ -89,7 +89,7 @@ class Servo:
         return self.mechanism.rcm(self.tool.offset)
 
     @cached_property
-    def settings(self) -> Rows[core.Dials]:
+    def dials(self) -> Rows[core.Dials]:
         """What the compiled parts know of the boxes."""
         law, rcm = self.controller, self.rcm
         return core.Dials.of(
@@ -109,7 +109,7 @@ class Servo:
         ).rows
 
     @cached_property
-    def bounds(self) -> Rows[Thresholds]:
+    def threshold_row(self) -> Rows[Thresholds]:
         """The thresholds for the compiled parts."""
         return as_row(self.thresholds)
 
@@ -200,10 +200,10 @@ class Servo:
     ) -> tuple[Watch, Learnt, bool]:
         """What a tick shows: frame, imaged RCM, Ĵ and error; and whether its frame is new and
         believed."""
-        learnt, explored, thresholds = state.learnt, state.learnt.explored, self.bounds
+        learnt, explored, thresholds = state.learnt, state.learnt.explored, self.threshold_row
         before = learnt.estimate.rows
         watch, rows, lines, news, dt = core.look(
-            state.watch.rows, before, learnt.lines, numbers, explored, self.settings, thresholds
+            state.watch.rows, before, learnt.lines, numbers, explored, self.dials, thresholds
         )
         estimate, memory = Estimate(rows), learnt.memory
         if news == core.LEARN:
@@ -239,7 +239,7 @@ class Servo:
         situation = core.Situation(on, learnt.explored, phase is Phase.SERVO)
         rows, found = core.decide(
             watch.rows, learnt.estimate.rows, course.rows, numbers, situation,
-            self.settings, self.bounds,
+            self.dials, self.threshold_row,
         )  # fmt: skip
         if phase is Phase.PAUSED and numbers.frame < 0:
             found |= Cause.STALE.bit  # nothing was seen that it could go on from
