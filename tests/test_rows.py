@@ -9,7 +9,7 @@ from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Watch, begin
 from rcmservo.interfaces import Floats
 from rcmservo.rows import Row, as_row, flag, real, reals, whole
-from rcmservo.servo.core import Settings
+from rcmservo.servo.core import Dials
 from rcmservo.servo.state import Course, Estimate
 
 
@@ -35,7 +35,7 @@ def test_a_batch_is_an_array_of_the_same_rows() -> None:
     assert Pair(batch[3:4]).size == 3.0
 
 
-@pytest.mark.parametrize("row", [Watch, Estimate, Course, Settings])
+@pytest.mark.parametrize("row", [Watch, Estimate, Course, Dials])
 def test_every_field_of_the_core_has_a_shape_and_a_meaning(row: type[Row]) -> None:
     assert row.dtype.names == tuple(field.name for field in row.fields)
     assert all(field.meaning for field in row.fields)
@@ -44,7 +44,7 @@ def test_every_field_of_the_core_has_a_shape_and_a_meaning(row: type[Row]) -> No
 
 @dataclass(frozen=True)
 class Numbers:
-    """Settings to try; a whole number given for a real one stays a real one."""
+    """Dials to try; a whole number given for a real one stays a real one."""
 
     share: float = 1
     ends: tuple[float, float, float] = (1, 2, 3)
