@@ -44,7 +44,7 @@ def test_every_field_of_the_core_has_a_shape_and_a_meaning(row: type[Row]) -> No
 
 @dataclass(frozen=True)
 class Numbers:
-    """Dials to try; a whole number given for a real one stays a real one."""
+    """Settings to try; a whole number given for a real one stays a real one."""
 
     share: float = 1
     ends: tuple[float, float, float] = (1, 2, 3)
