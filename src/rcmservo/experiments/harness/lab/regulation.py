@@ -254,6 +254,8 @@ def _model_distance(rows: Record, began: float) -> float | None:
 def _flows(rows: Record, since: float) -> tuple[float, float]:
     """How far ω is from ẏ in means over a second, and its noise, both as shares of ẏ's."""
     y_dot, omega = (flow * plots.DEGREES for flow in plots.flows(rows, rows.new_frames(since)))
+    known = np.isfinite(y_dot).all(axis=1) & np.isfinite(omega).all(axis=1)
+    y_dot, omega = y_dot[known], omega[known]  # a pause at the end has forgotten the estimate
     mean = moving_means(y_dot)
     return (
         rms(moving_means(omega) - mean) / rms(mean),
