@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from rcmservo.experiments.harness import work
-from rcmservo.experiments.harness.claims import NotMeasured
+from rcmservo.experiments.harness.claims import Chapter, NotMeasured
+from rcmservo.experiments.harness.paper import EXPERIMENTS, run
 from rcmservo.experiments.harness.plain import built, plain
-from rcmservo.experiments.harness.tasks import Task
+from rcmservo.experiments.harness.report import claims_in
+from rcmservo.experiments.harness.tasks import Results, Task
 from rcmservo.experiments.harness.work import (
     PART,
     RESULT,
@@ -56,14 +58,14 @@ def nothing(task: Task) -> None:
 
 def test_what_is_done_is_not_repeated_and_what_changed_is(tmp_path: Path) -> None:
     log, out = tmp_path / "log", tmp_path / "out"
-    first = run_all(counted(log, "a", "b"), out, nothing)
+    first = run_all(counted(log, "a", "b"), out, nothing).results
     assert first["some"].of(Counted, "a") == Counted("a")
     assert (first["some"].folder("b") / "made.txt").read_text() == "b"
     run_all(counted(log, "a", "b", "c"), out, nothing)
     assert runs(log) == ["a", "b", "c"]
     changed = counted(log, "a", "b")
     changed["some"][0] = Task("a", partial(count, log=log, name="other"))
-    assert run_all(changed, out, nothing)["some"].of(Counted, "a") == Counted("other")
+    assert run_all(changed, out, nothing).results["some"].of(Counted, "a") == Counted("other")
     assert runs(log) == ["a", "b", "c", "other"]
 
 
@@ -87,7 +89,7 @@ def test_a_run_that_is_stopped_goes_on_where_it_stopped(tmp_path: Path) -> None:
         for name in kept
     )
     before = runs(log)
-    results = run_all(counted(log, *names), out, nothing)
+    results = run_all(counted(log, *names), out, nothing).results
     assert set(results["some"].made) == set(names)
     assert all(runs(log).count(name) == before.count(name) for name in kept)
 
@@ -104,7 +106,8 @@ def test_a_damaged_result_is_made_again(text: str, tmp_path: Path) -> None:
     tasks = counted(log, "a")
     run_all(tasks, tmp_path / "out", nothing)
     (tmp_path / "out" / "some" / "a" / RESULT).write_text(text)
-    assert run_all(tasks, tmp_path / "out", nothing)["some"].of(Counted, "a") == Counted("a")
+    done = run_all(tasks, tmp_path / "out", nothing)
+    assert done.results["some"].of(Counted, "a") == Counted("a")
     assert runs(log) == ["a", "a"]
 
 
@@ -178,7 +181,28 @@ def not_measured(folder: Path) -> Setting:
     return Setting(float("nan"))
 
 
-def test_a_task_that_measured_nothing_fails(tmp_path: Path) -> None:
-    with pytest.raises(NotMeasured, match=r"bad\.number: measured nan"):
-        run_all({"some": [Task("bad", partial(not_measured))]}, tmp_path, nothing)
-    assert not (tmp_path / "some" / "bad").exists()
+def test_a_task_that_measured_nothing_fails_its_experiment_and_no_other(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    bad = [Task("bad", partial(not_measured)), *counted(log, "c")["some"]]
+    done = run_all({"bad": bad, **counted(log, "a", "b")}, tmp_path, nothing)
+    assert done.unmeasured == {"bad": "bad.number: measured nan, which is not a finite number"}
+    assert not (tmp_path / "bad" / "bad").exists() and (tmp_path / "bad" / "c").exists()
+    assert set(done.results) == {"some"} and set(done.results["some"].made) == {"a", "b"}
+
+
+def unmeasured(settings: object, results: Results) -> Chapter:
+    raise NotMeasured("how far it is", float("nan"))
+
+
+def test_what_could_not_be_measured_is_left_out_of_the_report_which_says_so(tmp_path: Path) -> None:
+    """Whether a task fails or the judging of its results."""
+    good = EXPERIMENTS["potential"]
+    failing = {
+        "tasks": replace(good, name="tasks", tasks=lambda _: [Task("bad", partial(not_measured))]),
+        "judging": replace(good, name="judging", chapter=unmeasured),
+    }
+    written = run(tmp_path, True, {"potential": good, **failing}, nothing)
+    assert set(written.left_out) == {"tasks", "judging"}
+    page = written.page.read_text()
+    assert "Left out: tasks." in page and "how far it is: measured nan" in page
+    assert {row.experiment for row in claims_in(tmp_path)} == {"potential"}

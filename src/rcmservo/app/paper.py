@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from rcmservo.experiments.harness.lab.methods import Own
     from rcmservo.experiments.harness.rows import ClaimRow
 
+UNMEASURED = 1
+"""Exit code of a report that leaves out what could not be measured."""
+
 QUICK = (
     "this was the quick set: one or two runs of a thing (n = 1 or 2) are a first look and no "
     "verdict; the numbers are its own, not those of the whole set"
@@ -54,7 +57,8 @@ class PaperOptions:
 
 
 def paper(options: PaperOptions) -> int:
-    """Run what is not done yet, and write the report."""
+    """Run what is not done yet, and write the report; the exit code is 0 where nothing is missing
+    in it."""
     with simulator("paper"):
         from rcmservo.experiments.harness import paper, report
     out = console()
@@ -67,13 +71,15 @@ def paper(options: PaperOptions) -> int:
     out.print(words, style="dim", soft_wrap=True)
     total = sum(task.cost for some in tasks.values() for task in some)
     with _going_on(folder, out), _progress(out, total) as advance:
-        page = paper.run(folder, options.quick, experiments, lambda task: advance(task.cost))
+        written = paper.run(folder, options.quick, experiments, lambda task: advance(task.cost))
     rows = report.claims_in(folder)
     out.print(_claims(rows) if options.only is not None else _counts(rows))
     if options.quick:
         out.print(QUICK, soft_wrap=True)
-    out.print(f"report in {page}", soft_wrap=True)
-    return 0
+    for name, why in written.left_out.items():
+        out.print(f"{name} is left out: {why}", soft_wrap=True)
+    out.print(f"report in {written.page}", soft_wrap=True)
+    return UNMEASURED if written.left_out else 0
 
 
 def _own(options: PaperOptions) -> "Own | None":

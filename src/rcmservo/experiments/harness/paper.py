@@ -4,7 +4,7 @@ report."""
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rcmservo.config.files import write_whole
 from rcmservo.errors import BadInput, UnusableFile
@@ -30,9 +30,9 @@ from rcmservo.experiments import (
     tool_model,
 )
 from rcmservo.experiments.harness import report
-from rcmservo.experiments.harness.claims import Chapter
+from rcmservo.experiments.harness.claims import Chapter, NotMeasured
 from rcmservo.experiments.harness.lab.methods import Own
-from rcmservo.experiments.harness.tasks import Experiment, Results, Task
+from rcmservo.experiments.harness.tasks import Experiment, Task
 from rcmservo.experiments.harness.work import run_all
 
 MODULES = (
@@ -80,25 +80,30 @@ def tasks_of(experiments: Mapping[str, Experiment[Any]], quick: bool) -> dict[st
     return {name: one.tasks(one.settings(quick)) for name, one in experiments.items()}
 
 
+class Written(NamedTuple):
+    """A report that was written."""
+
+    page: Path
+    left_out: Mapping[str, str]
+    """Experiments that are not in it, each with what could not be measured."""
+
+
 def run(
     out: Path,
     quick: bool,
     experiments: Mapping[str, Experiment[Any]],
     progress: Callable[[Task], None],
-) -> Path:
-    """Run what is not done yet, write the report into `out`, which was prepared, and give its
-    path."""
-    results = run_all(tasks_of(experiments, quick), out, progress)
-    return report.write(out, chapters(experiments, results, quick), experiments, quick)
-
-
-def chapters(
-    experiments: Mapping[str, Experiment[Any]], results: Mapping[str, Results], quick: bool
-) -> dict[str, Chapter]:
-    """What every experiment found."""
-    return {
-        name: one.chapter(one.settings(quick), results[name]) for name, one in experiments.items()
-    }
+) -> Written:
+    """Run what is not done yet, and write the report into `out`, which was prepared."""
+    done = run_all(tasks_of(experiments, quick), out, progress)
+    found, left_out = dict[str, Chapter](), dict(done.unmeasured)
+    for name, results in done.results.items():
+        one = experiments[name]
+        try:
+            found[name] = one.chapter(one.settings(quick), results)
+        except NotMeasured as error:
+            left_out[name] = str(error)
+    return Written(report.write(out, found, experiments, quick, left_out), left_out)
 
 
 def prepare(out: Path, quick: bool) -> None:

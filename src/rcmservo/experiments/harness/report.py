@@ -52,14 +52,16 @@ def write(
     chapters: Mapping[str, Chapter],
     experiments: Mapping[str, Experiment[Any]],
     quick: bool,
+    left_out: Mapping[str, str],
 ) -> Path:
-    """Write the report, the claims and the figures' data; give the report's path."""
+    """Write the report, the claims and the figures' data; give the report's path. What is
+    `left_out`, and why, stands on its first lines."""
     rows = rows_of(chapters)
     write_whole(out / CLAIMS, json.dumps(plain(rows), indent=1, ensure_ascii=False) + "\n")
     figures = plain(figures_of(chapters))
     write_whole(out / FIGURES, json.dumps(figures, ensure_ascii=False) + "\n")
     sections = [_section(experiments[name], chapter, quick) for name, chapter in chapters.items()]
-    write_whole(out / REPORT, _page(rows, sections, quick))
+    write_whole(out / REPORT, _page(rows, sections, quick, left_out))
     return out / REPORT
 
 
@@ -78,7 +80,9 @@ def figures_of(chapters: Mapping[str, Chapter]) -> dict[str, Figure]:
     }
 
 
-def _page(rows: list[ClaimRow], sections: list[Section], quick: bool) -> str:
+def _page(
+    rows: list[ClaimRow], sections: list[Section], quick: bool, left_out: Mapping[str, str]
+) -> str:
     environment = Environment(
         loader=PackageLoader("rcmservo.experiments.harness", "."),
         autoescape=True,
@@ -96,6 +100,7 @@ def _page(rows: list[ClaimRow], sections: list[Section], quick: bool) -> str:
         sections=sections,
         version=version("rcmservo"),
         quick=quick,
+        left_out=left_out,
     )
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple, get_type_hints
 
 import rcmservo
+from rcmservo.experiments.harness.claims import NotMeasured
 from rcmservo.experiments.harness.plain import built, plain
 from rcmservo.experiments.harness.tasks import Result, Results, Task
 
@@ -34,13 +35,21 @@ class Assignment(NamedTuple):
     mark: str
 
 
-def run_all(
-    tasks: Mapping[str, list[Task]], out: Path, progress: Callable[[Task], None]
-) -> dict[str, Results]:
-    """Run the tasks of every experiment and give their results; what is done is not repeated.
+class Done(NamedTuple):
+    """What came of the tasks, by experiment."""
 
-    A task works in a folder whose name ends in .part and gets its own name when it is complete. At
-    Ctrl-C the workers are ended and what they were at is lost, nothing else.
+    results: dict[str, Results]
+    """Of those whose tasks have all been measured."""
+    unmeasured: dict[str, str]
+    """Of the others, in one sentence what could not be measured."""
+
+
+def run_all(tasks: Mapping[str, list[Task]], out: Path, progress: Callable[[Task], None]) -> Done:
+    """Run the tasks of every experiment; what is done is not repeated.
+
+    A measurement that fails costs its own experiment, not the others. A task works in a
+    folder whose name ends in .part and gets its own name when it is complete. At Ctrl-C the workers
+    are ended and what they were at is lost, nothing else.
     """
     jobs = {
         experiment: [
@@ -54,27 +63,36 @@ def run_all(
             progress(job.task)
         else:
             todo.append(job)
-    _run(sorted(todo, key=lambda job: -job.task.cost), progress)
-    return {
+    failed = _run(sorted(todo, key=lambda job: -job.task.cost), progress)
+    results = {
         experiment: Results({job.task.name: Result(result_of(job), job.folder) for job in some})
         for experiment, some in jobs.items()
+        if experiment not in failed
     }
+    return Done(results, failed)
 
 
-def _run(todo: list[Assignment], progress: Callable[[Task], None]) -> None:
+def _run(todo: list[Assignment], progress: Callable[[Task], None]) -> dict[str, str]:
+    """Run what is to be done; by experiment, what could not be measured."""
+    failed: dict[str, str] = {}
     context = multiprocessing.get_context("spawn")
     workers = min(_cores(), max(len(todo), 1))
     with ProcessPoolExecutor(workers, context, initializer=_become_worker) as pool:
         try:
-            futures = {pool.submit(perform, job): job.task for job in todo}
+            futures = {pool.submit(perform, job): job for job in todo}
             for future in as_completed(futures):
-                future.result()
-                progress(futures[future])
+                job = futures[future]
+                try:
+                    future.result()
+                except NotMeasured as error:
+                    failed.setdefault(job.folder.parent.name, str(error))
+                progress(job.task)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
                 child.terminate()
             raise
+    return failed
 
 
 def _cores() -> int:
