@@ -1,6 +1,7 @@
 """`rcmservo replay`: score a recording, or compute the decisions of a recorded run again."""
 
 import json
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -69,8 +70,8 @@ def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:
     servo = servo_of(then, then.stages[0], own_kinds(asked.boxes))
     name = name_of(servo.estimator, ESTIMATORS)
     boxes = type(asked.boxes)(servo.controller, servo.exploration, servo.imaged_rcm)
-    recorded: Any = servo.estimator
-    with_it = replace(boxes, **{boxes.OWN.get(name, name): recorded})
+    estimator: Any = servo.estimator
+    with_it = replace(boxes, **{boxes.OWN.get(name, name): estimator})
     other = asked.estimator == "projection" and servo.estimator == PRINTED
     own = asked.estimator if asked.estimator == name and not other else None
     return type(asked)(asked.path, own, boxes=boxes if other else with_it)
@@ -159,13 +160,13 @@ def replay(options: ReplayOptions) -> int:
     if not options.path.exists():
         raise UnusableFile(options.path, "does not exist")
     out = console(stderr=options.json)
-    report = report_of(_scored(options, out))
-    if options.json:
-        print(json.dumps(asdict(report)))
-    else:
-        show_report(out, report)
-    if options.out is not None:
-        with new_folder(options.out, "replay") as folder:
+    with nullcontext() if options.out is None else new_folder(options.out, "replay") as folder:
+        report = report_of(_scored(options, out))
+        if options.json:
+            print(json.dumps(asdict(report)))
+        else:
+            show_report(out, report)
+        if folder is not None:
             write_whole(folder / "replay.json", json.dumps(asdict(report), indent=2) + "\n")
             write_whole(folder / "centres.csv", centres(report))
     return 0

@@ -51,8 +51,8 @@ class ShowOptions:
 def show(options: ShowOptions) -> int:
     rows = reader.read(options.record)
     out = console()
-    tell(out, rows)
     with new_folder(options.out, "show") as folder:
+        tell(out, rows)
         draw(rows, folder)
     drawn = any(folder.glob("*.png"))
     words = (

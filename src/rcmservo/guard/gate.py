@@ -42,8 +42,9 @@ def within(
     if not (all_finite(rates) and all_finite(q) and all_finite(last) and dt > 0.0):
         return allowed, False
     slower = 1.0
-    for i in range(3):
-        slower = max(slower, abs(rates[i]) / (share * bounds.speed[i]))
+    if share > 0.0:
+        for i in range(3):
+            slower = max(slower, abs(rates[i]) / (share * bounds.speed[i]))
     for i in range(3):
         allowed[i] = rates[i] / slower if share > 0.0 else 0.0
         slew = bounds.slew[i]
