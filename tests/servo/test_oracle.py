@@ -3,6 +3,7 @@ it."""
 
 import subprocess
 import sys
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -30,125 +31,192 @@ def pixels(C, p1, spacing=30.0):
     return image[:, :2] / image[:, 2:] + np.array([320.0, 240.0])
 
 
-def functions():  # noqa: PLR0915
-    """Every compiled function of the core on a few inputs: name -> numbers."""
-    from rcmservo.guard import gate, plausible, watch
-    from rcmservo.method import (
-        controller,
-        exploration,
-        features,
-        imaged_rcm,
-        kinematics,
-        projection,
-        tool,
-    )
-    from rcmservo.method.estimators import broyden, decay, flow
+class Scene(NamedTuple):
+    """A tool in eight places before a camera, seen with a little noise."""
+
+    a: np.ndarray
+    o_c: np.ndarray
+    places: np.ndarray
+    rows: np.ndarray
+    y: np.ndarray
+    delta: np.ndarray
+    J: np.ndarray
+
+    @property
+    def points(self):
+        return self.rows[0, 3:].reshape(2, 2)
+
+    @property
+    def target(self):
+        return self.rows[1, 3:].reshape(2, 2)
+
+    @property
+    def step(self):
+        return self.places[1] - self.places[0]
+
+
+P, N, SPACING = np.array([20.0, -10.0, -100.0]), 8, 30.0
+
+
+def scene():
+    from rcmservo.method import features, projection, tool
     from rcmservo.method.estimators import projection as fit
-    from rcmservo.rows import as_row
 
-    random, out = np.random.default_rng(0), {}
-    limits = (-1.0, -1.0, 40.0), (1.0, 1.0, 93.0)
-    for kind in (0, 1):
-        q, v = np.array([0.4, -0.3, 90.0]), np.array([10.0, -20.0, 5.0])
-        rcm = kinematics.Rcm(kind, 2.0, *limits)
-        p = kinematics.position(rcm, q)
-        out[f"axis {kind}"] = kinematics.axis(rcm, q)
-        out[f"axis_jacobian {kind}"] = kinematics.axis_jacobian(rcm, q)
-        out[f"position {kind}"] = p
-        out[f"position_jacobian {kind}"] = kinematics.position_jacobian(rcm, q)
-        out[f"joints {kind}"] = kinematics.joints(rcm, p)
-        out[f"joint_rates {kind}"] = kinematics.joint_rates(rcm, q, v)
-        joint, rates = kinematics.blocked(rcm, q, 99.0 * p, np.ones(3), 0.1, 0.3)
-        out[f"blocked {kind}"] = np.array([joint, *rates])
-        out[f"corners {kind}"] = exploration.corners(rcm, q, 7.0, exploration.CORNERS)
-        out[f"stretch {kind}"] = tool.stretch(tool.Shaft(kind, 30.0), p)
-        out[f"second_marker {kind}"] = tool.second_marker(tool.Shaft(kind, 1.3), p)
-        out[f"second_marker_jacobian {kind}"] = tool.second_marker_jacobian(
-            tool.Shaft(kind, 1.3), p
-        )
-    out["volume"] = exploration.volume(exploration.CORNERS)
-    out["towards"] = exploration.towards(np.zeros(3), np.array([0.3, 0.2, 0.1]), 35.0, 1.0)
-
-    C = camera()
+    random, C = np.random.default_rng(0), camera()
     a, o_c = projection.parameters(C)
     o_c = o_c + np.array([320.0, 240.0])
-    p, n, shaft = np.array([20.0, -10.0, -100.0]), 8, tool.Shaft(0, 30.0)
-    out["depth"] = projection.depth(a, p)
-    out["project"] = projection.project(a, p)
-    out["project_jacobian"] = projection.project_jacobian(a, p)
-    out["regressor"] = projection.regressor(np.array([10.0, 20.0]), p)
-
-    places = p + random.uniform(-15, 15, (n, 3))
+    places = P + random.uniform(-15, 15, (N, 3))
     rows = np.stack([np.concatenate([place, pixels(C, place).ravel()]) for place in places])
-    rows[:, 3:] += 0.3 * random.standard_normal((n, 4))
+    rows[:, 3:] += 0.3 * random.standard_normal((N, 4))
     points, target = rows[0, 3:].reshape(2, 2), rows[1, 3:].reshape(2, 2)
-    m = features.about(points, o_c)
     y, delta = features.measured(points, target, o_c)
-    J = fit.feature_jacobian(a, places[0], m, shaft)
-    out |= {"about": m, "y": y, "delta": delta, "features": features.features(m), "J": J}
-    out["features_jacobian"] = features.features_jacobian(m)
-    step = places[1] - places[0]
-    out["misplaced"] = plausible.misplaced(target, points, o_c, y, J, step, 1.0)
-    out["leapt"] = plausible.leapt(target, points, step, 1.0, 20.0)
-    out["placed"] = plausible.placed(y, -1.0)
-    out["judged"] = plausible.judged(target, points, o_c, J, step, 0.2, 0.75)
-    out["followed"] = np.concatenate(
-        watch.followed(np.zeros(3), np.ones(3), np.full(3, 0.5), np.full(3, 0.1), 0.01, 0.025, 1.0)
-    )
-    out["unexplained"] = exploration.unexplained(rows[:4].copy(), J, o_c)
+    m = features.about(points, o_c)
+    J = fit.feature_jacobian(a, places[0], m, tool.Shaft(0, SPACING))
+    return Scene(a, o_c, places, rows, y, delta, J)
 
+
+def moving():
+    """Mechanism, tool and exploration."""
+    from rcmservo.method import exploration, kinematics, tool
+
+    out, limits = {}, ((-1.0, -1.0, 40.0), (1.0, 1.0, 93.0))
+    for kind in (0, 1):
+        q, v = np.array([0.4, -0.3, 90.0]), np.array([10.0, -20.0, 5.0])
+        rcm, shaft = kinematics.Rcm(kind, 2.0, *limits), tool.Shaft(kind, 1.3)
+        p = kinematics.position(rcm, q)
+        joint, rates = kinematics.blocked(rcm, q, 99.0 * p, np.ones(3), 0.1, 0.3)
+        out |= {
+            f"axis {kind}": kinematics.axis(rcm, q),
+            f"axis_jacobian {kind}": kinematics.axis_jacobian(rcm, q),
+            f"position {kind}": p,
+            f"position_jacobian {kind}": kinematics.position_jacobian(rcm, q),
+            f"joints {kind}": kinematics.joints(rcm, p),
+            f"joint_rates {kind}": kinematics.joint_rates(rcm, q, v),
+            f"blocked {kind}": np.array([joint, *rates]),
+            f"corners {kind}": exploration.corners(rcm, q, 7.0, exploration.CORNERS),
+            f"stretch {kind}": tool.stretch(tool.Shaft(kind, SPACING), p),
+            f"second_marker {kind}": tool.second_marker(shaft, p),
+            f"second_marker_jacobian {kind}": tool.second_marker_jacobian(shaft, p),
+        }
+    out["volume"] = exploration.volume(exploration.CORNERS)
+    out["towards"] = exploration.towards(np.zeros(3), np.array([0.3, 0.2, 0.1]), 35.0, 1.0)
+    return out
+
+
+def imaging(seen):
+    """Projection, features and imaged RCM."""
+    from rcmservo.method import exploration, features, imaged_rcm, projection
+
+    m = features.about(seen.points, seen.o_c)
+    out = {
+        "depth": projection.depth(seen.a, P),
+        "project": projection.project(seen.a, P),
+        "project_jacobian": projection.project_jacobian(seen.a, P),
+        "regressor": projection.regressor(np.array([10.0, 20.0]), P),
+        "about": m,
+        "y": seen.y,
+        "delta": seen.delta,
+        "features": features.features(m),
+        "features_jacobian": features.features_jacobian(m),
+        "J": seen.J,
+        "unexplained": exploration.unexplained(seen.rows[:4].copy(), seen.J, seen.o_c),
+    }
     lines, count = np.zeros((6, 4)), 0
-    for row in rows:
-        lines, count, seen, condition = imaged_rcm.follow(lines, count, row[3:].reshape(2, 2), 3)
-    out |= {"lines": lines[:count], "imaged rcm": seen, "rcm condition": np.log(condition)}
+    for row in seen.rows:
+        lines, count, o_c, condition = imaged_rcm.follow(lines, count, row[3:].reshape(2, 2), 3)
+    out |= {"lines": lines[:count], "imaged rcm": o_c, "rcm condition": np.log(condition)}
     out["least_telling line"] = imaged_rcm.least_telling(lines, count)
     out["nearest_to_lines"] = imaged_rcm.nearest_to_lines(lines, count)[0]
+    return out
 
+
+def fitting(seen):
+    """The projection estimator, with both Γ."""
+    from rcmservo.method import tool
+    from rcmservo.method.estimators import decay
+    from rcmservo.method.estimators import projection as fit
+
+    a, o_c, rows, shaft, out = seen.a, seen.o_c, seen.rows, tool.Shaft(0, SPACING), {}
     for both in (False, True):
-        fitted = fit.sights(rows, n, o_c, both, shaft)
+        fitted = fit.sights(rows, N, o_c, both, shaft)
         A, b = fit.normal_equations(fitted)
         out[f"A {both}"], out[f"b {both}"] = A, b
-    root = fit.inverse_root(A, 1e-3)
-    out["inverse_root"] = root
-    out["least_telling"] = fit.least_telling(fitted, n, root)
-    out["decay"] = decay.decay(A, b, 0.5 * a, np.diag(np.sqrt(fit.GAMMA_0)), 1.0)
-    out["keep_in_front"] = fit.keep_in_front(0 * a, np.array([1.0] * 6 + [0.1] * 3), rows, n, shaft)
-    out["markers_jacobian"] = fit.markers_jacobian(a, p, shaft)
-    out["jacobian_at"] = fit.jacobian_at(a, p, points, o_c, shaft)
-    out["predict"] = fit.predict(a, p, shaft)
+    root, C = fit.inverse_root(A, 1e-3), np.diag(np.sqrt(fit.GAMMA_0))
+    far = np.array([1.0] * 6 + [0.1] * 3)
+    out |= {
+        "inverse_root": root,
+        "least_telling": fit.least_telling(fitted, N, root),
+        "decay": decay.decay(A, b, 0.5 * a, C, 1.0),
+        "by_series": C @ decay.by_series(C @ A @ C, C @ b, 1e-3),
+        "by_modes": C @ decay.by_modes(C @ A @ C, C @ b, 1.0),
+        "keep_in_front": fit.keep_in_front(0 * a, far, rows, N, shaft),
+        "markers_jacobian": fit.markers_jacobian(a, P, shaft),
+        "jacobian_at": fit.jacobian_at(a, P, seen.points, o_c, shaft),
+        "predict": fit.predict(a, P, shaft),
+    }
     for rate in (0.0, 20.0):
         memory, rule = fit.ProjectionMemory(np.zeros((7, 7)), 0, np.zeros(9)), (rate, 1e-7, True)
         for row in rows:
-            seen = row[3:].reshape(2, 2)
-            memory = fit.update(memory, row[:3], seen, o_c, 0.1, fit.Rule(*rule), shaft)
+            points = row[3:].reshape(2, 2)
+            memory = fit.update(memory, row[:3], points, o_c, 0.1, fit.Rule(*rule), shaft)
         out[f"observations {rate}"] = memory.observations[: memory.filled]
         out[f"a_hat {rate}"] = memory.a_hat
+    return out
 
-    out["learn"] = flow.learn(
-        0.5 * J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0]), 0.02, 0.01
-    )
-    out["flow"] = flow.update(0.5 * J, places[1] - places[0], points, target, o_c, 0.02, 0.01)
-    out["learn broyden"] = broyden.learn(
-        0.5 * J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0])
-    )
-    for min_step in (1.0, 1e3):
-        out[f"broyden {min_step}"] = broyden.update(
-            0.5 * J, places[0], points, places[1], target, o_c, min_step
-        )[0]
+
+def learning(seen):
+    """The flow rule and Broyden's update."""
+    from rcmservo.method.estimators import broyden, flow
+
+    J, delta_p, delta_y = 0.5 * seen.J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0])
+    p1, p2, both = seen.places[0], seen.places[1], (seen.points, seen.target)
+    out = {
+        "learn": flow.learn(J, delta_p, delta_y, 0.02, 0.01),
+        "flow": flow.update(J, seen.step, *both, seen.o_c, 0.02, 0.01),
+        "learn broyden": broyden.learn(J, delta_p, delta_y),
+    }
+    for least in (1.0, 1e3):
+        found, _ = broyden.update(J, p1, both[0], p2, both[1], seen.o_c, least)
+        out[f"broyden {least}"] = found
+    return out
+
+
+def guarding(seen):
+    """What is believed, the law and the gate."""
+    from rcmservo.guard import gate, plausible, watch
+    from rcmservo.method import controller, features, kinematics
+    from rcmservo.rows import as_row
+
+    J, delta, o_c, both = seen.J, seen.delta, seen.o_c, (seen.target, seen.points)
+    still, one, half, q = np.zeros(3), np.ones(3), np.full(3, 0.5), np.full(3, 0.1)
+    out = {
+        "misplaced": plausible.misplaced(*both, o_c, seen.y, J, seen.step, 1.0),
+        "leapt": plausible.leapt(*both, seen.step, 1.0, 20.0),
+        "placed": plausible.placed(seen.y, -1.0),
+        "judged": plausible.judged(*both, o_c, J, seen.step, 0.2, 0.75),
+        "followed": np.concatenate(watch.followed(still, one, half, q, 0.01, 0.025, 1.0)),
+    }
+    b = np.full(3, 0.1)
     for printed in (False, True):
-        out[f"gradient {printed}"] = controller.potential_gradient(delta, np.full(3, 0.1), printed)
-        out[f"potential {printed}"] = controller.potential(delta, np.full(3, 0.1), printed)
-        v, condition, error = controller.control(
-            J, delta, np.full(3, 0.1), printed, 2.0, 150.0, 40.0
-        )
+        v, condition, error = controller.control(J, delta, b, printed, 2.0, 150.0, 40.0)
         out |= {f"v {printed}": v, f"condition {printed}": condition, f"error {printed}": error}
+        out[f"gradient {printed}"] = controller.potential_gradient(delta, b, printed)
+        out[f"potential {printed}"] = controller.potential(delta, b, printed)
     damped = np.diag(features.SCALE) @ np.diag([1.0, 0.2, 0.01])
     out["damped"] = controller.law(damped, np.ones(3), 2.0, 150.0, 1e6)[0]
     wish, last = np.array([0.9, -0.4, 70.0]), np.array([0.85, -0.4, 40.0])
-    q = np.array([0.4, -0.3, 90.0])
-    narrow = kinematics.Rcm(0, 0.0, (-1.0, -1.0, 40.0), (1.0, 1.0, 91.0))
+    rcm = kinematics.Rcm(0, 0.0, (-1.0, -1.0, 40.0), (1.0, 1.0, 91.0))
     bounds = as_row(gate.Gate((1.0, 1.0, 80.0), (8.0, 8.0, 500.0), 0.05))
-    out["within"] = gate.within(wish, last, q, narrow, bounds, 0.01, 0.9)[0]
+    for share in (0.0, 0.9):
+        near = np.array([0.4, -0.3, 90.0])
+        out[f"within {share}"] = gate.within(wish, last, near, rcm, bounds, 0.01, share)[0]
+    return out
+
+
+def functions():
+    """Every compiled function of the core on a few inputs: name -> numbers."""
+    seen = scene()
+    out = moving() | imaging(seen) | fitting(seen) | learning(seen) | guarding(seen)
     return {name: np.asarray(value, dtype=float) for name, value in out.items()}
 
 
@@ -241,9 +309,10 @@ def test_the_oracle_knows_every_compiled_function_of_the_core():
     """A function that nothing above calls directly is called by one that is."""
     called = _called_when_plain()
     core = (
-        "method.kinematics method.tool method.projection method.features method.imaged_rcm "
-        "method.controller method.exploration method.estimators.flow "
-        "method.estimators.projection method.estimators.broyden "
+        "loops method.singular method.kinematics method.tool method.projection method.features "
+        "method.imaged_rcm method.controller method.exploration method.estimators.flow "
+        "method.estimators.projection method.estimators.decay method.estimators.secant "
+        "method.estimators.broyden "
         "guard.gate guard.plausible guard.watch guard.faults servo.core"
     )
     for module in core.split():

@@ -35,7 +35,7 @@ class Assignment(NamedTuple):
     mark: str
 
 
-class Done(NamedTuple):
+class Findings(NamedTuple):
     """What came of the tasks, by experiment."""
 
     results: dict[str, Results]
@@ -44,7 +44,9 @@ class Done(NamedTuple):
     """Of the others, in one sentence what could not be measured."""
 
 
-def run_all(tasks: Mapping[str, list[Task]], out: Path, progress: Callable[[Task], None]) -> Done:
+def run_all(
+    tasks: Mapping[str, list[Task]], out: Path, progress: Callable[[Task], None]
+) -> Findings:
     """Run the tasks of every experiment; what is done is not repeated.
 
     A measurement that fails costs its own experiment, not the others. A task works in a
@@ -69,7 +71,7 @@ def run_all(tasks: Mapping[str, list[Task]], out: Path, progress: Callable[[Task
         for experiment, some in jobs.items()
         if experiment not in failed
     }
-    return Done(results, failed)
+    return Findings(results, failed)
 
 
 def _run(todo: list[Assignment], progress: Callable[[Task], None]) -> dict[str, str]:
