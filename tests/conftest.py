@@ -44,6 +44,16 @@ SHAFT = Shaft(RIGID, SPACING)
 WIDE = (-1e3, -1e3, -1e6), (1e3, 1e3, 1e6)
 """Limits that nothing meets."""
 
+SMALL = """\
+[camera]
+width = 320
+height = 240
+[scene]
+focal = [300.0, 400.0]
+"""
+"""A rig file for tests in which nothing depends on the size of the pictures: they are drawn
+sooner."""
+
 seeds = st.integers(0, 2**32 - 1)
 kinds = st.sampled_from([SPHERICAL, PITCH_YAW])
 

@@ -9,6 +9,7 @@ import pytest
 
 from conftest import ROOT
 from rcmservo.app.cli import main
+from rcmservo.sim import scene_drawing
 
 RIGS = {
     "negative spacing": ('[tool]\nkind = "rigid"\nspacing = -3.0', "spacing", "-3"),
@@ -93,8 +94,12 @@ def test_a_bad_command_line_is_refused(case: str, capsys: pytest.CaptureFixture[
 
 @pytest.mark.parametrize("case", RIGS)
 def test_a_bad_rig_file_is_refused_and_nothing_is_written(
-    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    case: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(scene_drawing, "MAX_DRAWS", 100)
     text, *names = RIGS[case]
     rig, out = tmp_path / "rig.toml", tmp_path / "out"
     rig.write_text(text)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
+from conftest import SMALL
 from rcmservo.app.cli import main
 from rcmservo.figures.video import Video
 from rcmservo.record import reader
@@ -45,12 +46,18 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
     return main(["run", "--seed", "4", "--duration", "7", "--frames", "--out", str(folder)]), folder
 
 
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """`run` with small pictures, no video, and JSON."""
+    rig = tmp_path_factory.mktemp("rig") / "small.toml"
+    rig.write_text(SMALL)
+    return ["run", "--rig", str(rig), "--no-video", "--json"]
+
+
 def test_run_prints_one_json_object_and_nothing_else(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = main(
-        ["run", "--seed", "2", "--duration", "7", "--no-video", "--json", "--out", str(tmp_path)]
-    )
+    code = main([*small, "--seed", "2", "--duration", "7", "--out", str(tmp_path)])
     out = capsys.readouterr().out
     metrics = strict(out)
     assert code == 0
@@ -128,25 +135,13 @@ def test_with_other_settings_replay_tells_what_would_have_differed_and_that_the_
 
 
 def test_replay_tells_the_two_projection_estimators_apart(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A record made with one of them comes out otherwise with the other only; what is changed is
     the recorded one's."""
     names = "projection", "projection-printed"
     for name in names:
-        main(
-            [
-                "run",
-                "--duration",
-                "2",
-                "--no-video",
-                "--estimator",
-                name,
-                "--json",
-                "--out",
-                str(tmp_path / name),
-            ]
-        )
+        main([*small, "--duration", "2", "--estimator", name, "--out", str(tmp_path / name)])
         for given, same in (((), True), *(((other,), other == name) for other in names)):
             capsys.readouterr()
             words = ["--estimator", *given] if given else []
@@ -176,53 +171,26 @@ def test_the_frames_of_a_record_make_a_recording_that_can_be_replayed(
 
 
 def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A marker is lost, the camera is moved, the target is shown again; the target of the old view
     is refused later."""
-    target, rest = tmp_path / "target.json", ["--seed", "4", "--no-video", "--json"]
-    words = [
-        "--disturb",
-        "marker_loss:at=3,for=0.3",
-        "--disturb",
-        "relocate:at=4.5",
-        "--resumes",
-        "3",
-    ]
-    arguments = [
-        "run",
-        "--duration",
-        "13",
-        *words,
-        "--save-target",
-        str(target),
-        *rest,
-        "--out",
-        str(tmp_path / "a"),
-    ]
-    assert main(arguments) == 0
+    target = str(tmp_path / "target.json")
+    faults = ["--disturb", "marker_loss:at=3,for=0.3", "--disturb", "relocate:at=4.5"]
+    saving = [*faults, "--resumes", "3", "--duration", "13", "--save-target", target]
+    assert main([*small, "--seed", "1", *saving, "--out", str(tmp_path / "a")]) == 0
     captured = capsys.readouterr()
     metrics = strict(captured.out)
     assert metrics["shown_again"] == 1 and metrics["pose_error_mm"] < 1.0
     for cause in (rs.Cause.MARKERS_LOST, rs.Cause.CAMERA_MOVED):
         assert cause.value in captured.err and cause.way_out in captured.err
-    assert (
-        main(
-            ["run", "--duration", "6", "--target", str(target), *rest, "--out", str(tmp_path / "b")]
-        )
-        == 0
-    )
+    again = ["--duration", "6", "--target", target]
+    assert main([*small, "--seed", "1", *again, "--out", str(tmp_path / "b")]) == 0
     capsys.readouterr()
-    rest[1] = "5"
-    assert (
-        main(
-            ["run", "--duration", "6", "--target", str(target), *rest, "--out", str(tmp_path / "c")]
-        )
-        == 2
-    )
+    assert main([*small, "--seed", "5", *again, "--out", str(tmp_path / "c")]) == 2
     assert "was taught with camera" in capsys.readouterr().err
     assert not (tmp_path / "c").exists()
-    assert main(["run", "--save-target", str(target), *rest, "--out", str(tmp_path / "c")]) == 2
+    assert main([*small, "--save-target", target, "--out", str(tmp_path / "c")]) == 2
     assert "nothing is overwritten" in capsys.readouterr().err
 
 
@@ -248,19 +216,13 @@ def test_what_cannot_be_done_is_one_sentence(
 
 
 def test_a_full_disk_pauses_the_run_and_leaves_what_was_written_readable(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    small: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    arguments = [
-        "--seed",
-        "4",
-        "--duration",
-        "6",
-        "--no-video",
-        "--json",
-        "--disturb",
-        "disk_full:at=3",
-    ]
-    assert main(["run", *arguments, "--out", str(tmp_path)]) == 1
+    full = ["--seed", "4", "--duration", "6", "--disturb", "disk_full:at=3"]
+    assert main([*small, *full, "--out", str(tmp_path)]) == 1
     metrics = strict(capsys.readouterr().out)
     assert (
         rs.Cause.NOT_RECORDED.value in metrics["cause"]
@@ -287,22 +249,10 @@ def test_a_video_that_cannot_be_written_is_removed_and_told_and_the_run_goes_on(
     assert not (tmp_path / "overlay.mp4").exists() and (tmp_path / RECORD).exists()
 
 
-def test_the_same_seed_gives_the_same_record(tmp_path: Path) -> None:
+def test_the_same_seed_gives_the_same_record(small: list[str], tmp_path: Path) -> None:
     rows = []
     for name in "ab":
-        main(
-            [
-                "run",
-                "--seed",
-                "5",
-                "--duration",
-                "2",
-                "--no-video",
-                "--json",
-                "--out",
-                str(tmp_path / name),
-            ]
-        )
+        main([*small, "--seed", "5", "--duration", "2", "--out", str(tmp_path / name)])
         rows.append(reader.read(tmp_path / name / RECORD))
     for name in rows[0].ticks:
         np.testing.assert_array_equal(rows[0].ticks[name], rows[1].ticks[name])

@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 
 import rcmservo as rs
+from conftest import SMALL
 from rcmservo.app.simulated_run.job import Job
 from rcmservo.app.simulated_run.metrics import METRICS, RunMetrics
 from rcmservo.app.simulated_run.simulate import simulate
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.record import reader
 from rcmservo.record.timeline import RunSummary, summary
 from rcmservo.sim import Disturbance
@@ -27,10 +28,16 @@ ENDINGS = {
 
 
 def job(folder: Path, duration: float, disturbance: str = "") -> Job:
-    lab = Lab()
+    lab = small_lab(folder)
     servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool)
     wrong = tuple(Disturbance.parse(text) for text in filter(None, [disturbance]))
     return Job(4, duration, "projection", servo, lab, folder, video=False, disturbances=wrong)
+
+
+def small_lab(folder: Path) -> Lab:
+    rig = folder.with_name(f"{folder.name}.toml")
+    rig.write_text(SMALL)
+    return load_lab(rig)
 
 
 def agree(metrics: RunMetrics, told: RunSummary) -> None:

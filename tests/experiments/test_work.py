@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from small_tasks import Counted, Setting, count, counted, fail, not_measured, settled
 
 from rcmservo.experiments.harness import work
 from rcmservo.experiments.harness.claims import Chapter, NotMeasured
@@ -24,28 +25,6 @@ from rcmservo.experiments.harness.work import (
     used,
 )
 from rcmservo.interfaces import Floats
-
-
-@dataclass(frozen=True)
-class Counted:
-    name: str
-
-
-def count(folder: Path, log: Path, name: str) -> Counted:
-    """A task that tells how often it ran."""
-    with log.open("a") as file:
-        file.write(name + "\n")
-    (folder / "made.txt").write_text(name)
-    return Counted(name)
-
-
-def fail(folder: Path) -> Counted:
-    (folder / "half.txt").write_text("half")
-    raise ValueError("this task fails")
-
-
-def counted(log: Path, *names: str) -> dict[str, list[Task]]:
-    return {"some": [Task(name, partial(count, log=log, name=name)) for name in names]}
 
 
 def runs(log: Path) -> list[str]:
@@ -100,15 +79,16 @@ def test_a_task_that_fails_leaves_no_result(tmp_path: Path) -> None:
     assert not (tmp_path / "some" / "bad").exists()
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"fingerprint": 3}', "null"])
-def test_a_damaged_result_is_made_again(text: str, tmp_path: Path) -> None:
+def test_a_damaged_result_is_made_again_and_no_other(tmp_path: Path) -> None:
     log = tmp_path / "log"
-    tasks = counted(log, "a")
+    damage = dict(zip("abcde", ["", "{", "[]", '{"fingerprint": 3}', "null"], strict=True))
+    tasks = counted(log, *damage, "whole")
     run_all(tasks, tmp_path / "out", nothing)
-    (tmp_path / "out" / "some" / "a" / RESULT).write_text(text)
-    done = run_all(tasks, tmp_path / "out", nothing)
-    assert done.results["some"].of(Counted, "a") == Counted("a")
-    assert runs(log) == ["a", "a"]
+    for name, text in damage.items():
+        (tmp_path / "out" / "some" / name / RESULT).write_text(text)
+    done = run_all(tasks, tmp_path / "out", nothing).results["some"]
+    assert all(done.of(Counted, name) == Counted(name) for name in damage)
+    assert runs(log) == sorted([*damage, *damage, "whole"])
 
 
 def test_what_a_task_left_half_done_is_not_taken_for_its_result(tmp_path: Path) -> None:
@@ -120,15 +100,6 @@ def test_what_a_task_left_half_done_is_not_taken_for_its_result(tmp_path: Path) 
     perform(Assignment(task, tmp_path / "a", fingerprint(task)))
     assert not part.exists()
     assert not (tmp_path / "a" / "old.txt").exists()
-
-
-@dataclass(frozen=True)
-class Setting:
-    number: float = 1.0
-
-
-def settled(folder: Path, settings: Setting) -> Counted:
-    return Counted(repr(settings))
 
 
 def test_a_fingerprint_depends_on_every_setting() -> None:
@@ -175,10 +146,6 @@ def test_a_number_that_is_not_finite_fails_its_task_and_leaves_no_result(
 ) -> None:
     with pytest.raises(NotMeasured, match=r"result.inner\[1\].number: measured (nan|inf)"):
         plain(Everything(1.0, "", None, np.zeros(1), (1, ""), [Setting(), Setting(value)], {}))
-
-
-def not_measured(folder: Path) -> Setting:
-    return Setting(float("nan"))
 
 
 def test_a_task_that_measured_nothing_fails_its_experiment_and_no_other(tmp_path: Path) -> None:
