@@ -46,11 +46,11 @@ def each(call: Callable[[], object]) -> tuple[float, float]:
 def functions(servo: rs.Servo) -> None:
     """The transition with two causes present, and the gate."""
     causes, signs = Cause.AGEING.bit | Cause.LATE_TICK.bit, Signs(True, True, True, True)
-    mode, gate, rcm = Mode(Phase.SERVO), servo.gate, servo.rcm
+    mode, gate, rcm, t = Mode(Phase.SERVO), servo.gate, servo.rcm, servo.thresholds
     last, q, rates = gate.rest(), np.array([0.5, 0.0, 130.0]), np.array([0.1, 0.2, 3.0])
     gate.admit(rates, last, q, rcm, 0)
     for name, call in (
-        ("transition", lambda: transition(mode, causes, signs, Request.NONE, 0)),
+        ("transition", lambda: transition(mode, causes, signs, Request.NONE, 0, t)),
         ("gate", lambda: gate.admit(rates, last, q, rcm, 0)),
     ):
         median, most = each(call)

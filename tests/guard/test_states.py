@@ -10,21 +10,18 @@ from hypothesis import strategies as st
 
 from rcmservo.guard import states
 from rcmservo.guard.causes import Action, Cause, gravest
-from rcmservo.guard.states import (
-    GOOD_TO_RECOVER,
-    GOOD_TO_SERVO,
-    HOLD_TIME,
-    Mode,
-    Phase,
-    Request,
-    Signs,
-)
+from rcmservo.guard.states import Mode, Phase, Request, Signs
+from rcmservo.guard.thresholds import Thresholds
+
+USUAL = Thresholds()
+HOLD_TIME = round(1e9 * USUAL.hold_time)
+GOOD_TO_RECOVER, GOOD_TO_SERVO = USUAL.good_to_recover, USUAL.good_to_servo
 
 
 def transition(mode, present, sign, request, now):
     """The same with the causes as a list."""
     causes = functools.reduce(operator.or_, (cause.bit for cause in present), 0)
-    return states.transition(mode, causes, sign, request, now)
+    return states.transition(mode, causes, sign, request, now, USUAL)
 
 
 GOOD = Signs(enabled=True, seen=True, good=True, ready=True)

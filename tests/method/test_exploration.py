@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from conftest import SHAFT, markers_seen, random_from, seeds, tool_positions, true_camera
 from rcmservo.errors import BadInput
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.method.exploration import (
     CORNERS,
     Exploration,
@@ -26,6 +27,7 @@ from rcmservo.method.kinematics import (
 )
 from rcmservo.method.projection import parameters
 
+LEAST_ROOM = Thresholds.least_room
 RCMS = [SphericalRcm(), PitchYawRcm(), PitchYawRcm(insertion_zero=-7.0)]
 rcms = st.sampled_from(RCMS)
 
@@ -44,7 +46,7 @@ def start_of(rcm, q):
 @given(rcms, seeds, st.floats(1.0, 20.0))
 def test_far_from_limits_the_corners_are_a_full_tetrahedron_at_the_radius(rcm, seed, radius):
     q = somewhere(rcm, seed, margin=0.25)
-    tour = Exploration(radius=radius).begin(rcm.rcm(), q, now=5)
+    tour = Exploration(radius=radius).begin(rcm.rcm(), q, now=5, least_room=LEAST_ROOM)
     assert tour is not None and tour.visits == 0 and tour.start == 5
     away = np.linalg.norm(tour.corners - start_of(rcm, q), axis=1)
     assert np.all(away <= radius * (1 + 1e-6))
@@ -56,7 +58,7 @@ def test_anywhere_the_corners_are_inside_the_limits_and_not_in_a_plane_or_there_
     rcm, seed, radius
 ):
     q = somewhere(rcm, seed)
-    tour = Exploration(radius=radius).begin(rcm.rcm(), q, now=0)
+    tour = Exploration(radius=radius).begin(rcm.rcm(), q, now=0, least_room=LEAST_ROOM)
     if tour is not None:
         there = np.stack([joints(rcm.rcm(), p) for p in tour.corners])
         assert np.all(there > np.array(rcm.limits.lower)) and np.all(
@@ -67,7 +69,7 @@ def test_anywhere_the_corners_are_inside_the_limits_and_not_in_a_plane_or_there_
 
 def drive(rcm, exploration, q, dt=0.01):
     """Corners reached by an arm that does just what it is told but stops at its limits."""
-    tour = exploration.begin(rcm.rcm(), q, now=0)
+    tour = exploration.begin(rcm.rcm(), q, now=0, least_room=LEAST_ROOM)
     reached = 0
     for _ in range(1000):
         if tour is None or reached == 4:
@@ -98,14 +100,21 @@ def test_without_room_in_one_joint_there_is_no_tour(joint):
     lower, upper = np.array([-1.0, -0.9, 50.0]), np.array([1.0, 0.9, 200.0])
     lower[joint], upper[joint] = q[joint] - 1e-3, q[joint] + 1e-3
     rcm = PitchYawRcm(JointLimits(tuple(lower), tuple(upper)))
-    assert Exploration().begin(rcm.rcm(), q, now=0) is None
+    assert Exploration().begin(rcm.rcm(), q, now=0, least_room=LEAST_ROOM) is None
+
+
+def test_how_much_room_a_tour_needs_is_a_threshold():
+    rcm, q = PitchYawRcm(), np.array([0.1, 0.2, 100.0])
+    begun = [Exploration().begin(rcm.rcm(), q, 0, share) is not None for share in (0.2, 0.9, 1.1)]
+    assert begun == [True, True, False]
 
 
 def test_next_to_a_limit_the_other_tetrahedron_is_tried():
     """Wherever a corner of one shape is cut off, the mirrored shape may still have its volume."""
     rcm = PitchYawRcm()
     found = sum(
-        Exploration().begin(rcm.rcm(), somewhere(rcm, seed), 0) is not None for seed in range(200)
+        Exploration().begin(rcm.rcm(), somewhere(rcm, seed), 0, LEAST_ROOM) is not None
+        for seed in range(200)
     )
     assert found > 180
 
@@ -175,7 +184,7 @@ def test_a_tour_is_not_complete_before_all_its_rounds():
 def test_visits_keep_the_last_four_in_order_and_leave_the_tour_before_alone():
     exploration, tour = (
         Exploration(),
-        Exploration().begin(PitchYawRcm().rcm(), np.array([0.1, 0.2, 100.0]), 0),
+        Exploration().begin(PitchYawRcm().rcm(), np.array([0.1, 0.2, 100.0]), 0, LEAST_ROOM),
     )
     before = tour.seen.copy()
     later = tour
@@ -193,7 +202,9 @@ def test_visits_keep_the_last_four_in_order_and_leave_the_tour_before_alone():
 
 def test_a_tour_is_overdue_just_after_its_time():
     exploration = Exploration(max_time=10.0)
-    tour = exploration.begin(PitchYawRcm().rcm(), np.array([0.1, 0.2, 100.0]), 3_000_000_000)
+    tour = exploration.begin(
+        PitchYawRcm().rcm(), np.array([0.1, 0.2, 100.0]), 3_000_000_000, LEAST_ROOM
+    )
     assert not exploration.overdue(tour, 13_000_000_000)
     assert exploration.overdue(tour, 13_000_000_001)
 

@@ -26,7 +26,7 @@ from conftest import (
 )
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.gate import Gate
-from rcmservo.guard.states import GOOD_TO_RECOVER, GOOD_TO_SERVO, HOLD_TIME, Phase, Request
+from rcmservo.guard.states import SLOW_SHARE, Phase, Request
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Dropped, Target
 from rcmservo.loop.plant import Plant
@@ -154,9 +154,13 @@ def test_a_marker_lost_while_exploring_holds_too_and_exploring_goes_on_after_it(
     assert state.phase is Phase.ACQUIRE and state.command.rates.any()
 
 
-def test_a_hold_ends_after_five_good_frames_in_acquire_and_ten_more_lead_to_servo():
+OTHER = Thresholds(hold_time=0.4, good_to_recover=3, good_to_servo=6)
+
+
+@pytest.mark.parametrize("t", [Thresholds(), OTHER])
+def test_a_hold_ends_after_good_frames_in_acquire_and_some_more_lead_to_servo(t):
     lab = laboratory()
-    servo = lab.servo()
+    servo = lab.servo(thresholds=t)
     state = servoing(lab, servo)
     *_, (_, state) = lab.run(servo, 0.3, state, lambda seen: without(seen, 0))
     hidden, entered = state.frame, {}
@@ -166,8 +170,8 @@ def test_a_hold_ends_after_five_good_frames_in_acquire_and_ten_more_lead_to_serv
         entered.setdefault(after.phase, after.frame)
     assert entered == {
         Phase.HOLD: entered[Phase.HOLD],
-        Phase.ACQUIRE: hidden + GOOD_TO_RECOVER,
-        Phase.SERVO: hidden + GOOD_TO_RECOVER + GOOD_TO_SERVO,
+        Phase.ACQUIRE: hidden + t.good_to_recover,
+        Phase.SERVO: hidden + t.good_to_recover + t.good_to_servo,
     }
     assert after.cause is Cause.NONE and after.command.rates.any()
 
@@ -187,17 +191,28 @@ def test_one_bad_frame_in_between_starts_the_count_again():
         for _, after in lab.run(servo, 0.5, state, change)
         if after.phase is not Phase.HOLD
     )
-    assert left == bad + GOOD_TO_RECOVER
+    assert left == bad + Thresholds.good_to_recover
 
 
-def test_losing_the_markers_for_more_than_a_second_pauses_for_good_and_nothing_moves_from_there():
+@pytest.mark.parametrize("share,slow", [(1.0, False), (1e-6, True)])
+def test_near_which_singularity_the_tool_goes_slowly_is_a_threshold(share, slow):
     lab = laboratory()
-    servo = lab.servo()
+    servo = lab.servo(thresholds=Thresholds(nearly_singular=share))
+    state = servoing(lab, servo)
+    assert (state.cause is Cause.NEARLY_SINGULAR) == slow
+    assert state.mode.share == (SLOW_SHARE if slow else 1.0)
+
+
+@pytest.mark.parametrize("t", [Thresholds(), OTHER])
+def test_losing_the_markers_for_too_long_pauses_for_good_and_nothing_moves_from_there(t):
+    lab = laboratory()
+    servo = lab.servo(thresholds=t)
     state = servoing(lab, servo)
     held = list(lab.run(servo, 1.5, state, lambda seen: without(seen, 0, 1)))
     start = held[0][0].now
     assert all(
-        (after.phase is Phase.PAUSED) == (seen.now - start > HOLD_TIME) for seen, after in held
+        (after.phase is Phase.PAUSED) == (seen.now - start > t.hold_time * 1e9)
+        for seen, after in held
     )
     q, paused = lab.rig.arm.q_true, held[-1][1]
     for _, after in lab.run(servo, 1.0, paused):

@@ -34,18 +34,23 @@ TAUGHT = "%Y-%m-%dT%H:%M:%SZ"
 
 @dataclass(frozen=True)
 class Setup:
-    """What a target is bound to.
-
-    ``camera`` names the camera in its place, and a place that it is brought to anew has another
-    name; ``width`` and ``height`` px are those of its picture.
-    """
+    """What a target is bound to."""
 
     camera: str
+    """The camera in its place; a place that it is brought to anew has another name."""
     width: int
+    """Of its picture, px."""
     height: int
+    """Of its picture, px."""
     mechanism: Kinematics
+    """The arm's."""
     tool: Tool
+    """Where the markers are on it."""
     markers: MarkerLook
+    """How they look."""
+    slack: float = Thresholds.slack
+    """Share of a joint's range by which it may stand beyond its limit. A target is not bound to
+    it."""
 
 
 @dataclass(frozen=True)
@@ -119,15 +124,15 @@ def _target(content: Content, setup: Setup) -> Target:
         inside = -0.5 <= u <= right and -0.5 <= v <= below
         size = f"within the picture of {setup.width} x {setup.height} px"
         require(inside, f"target.markers_px[{i}]", (u, v), size)
-    _within(content.joints, setup.mechanism)
+    _within(content.joints, setup)
     return Target(np.array(content.markers_px), np.array(content.joints))
 
 
-def _within(q: tuple[float, float, float], mechanism: Kinematics) -> None:
+def _within(q: tuple[float, float, float], setup: Setup) -> None:
     """Refuse joints beyond their limits, by more than one may stand beyond them."""
-    lower, upper = mechanism.limits.arrays
-    slack = Thresholds.slack * (upper - lower)
-    for i, name in enumerate(mechanism.joint_names):
+    lower, upper = setup.mechanism.limits.arrays
+    slack = setup.slack * (upper - lower)
+    for i, name in enumerate(setup.mechanism.joint_names):
         good = lower[i] - slack[i] <= q[i] <= upper[i] + slack[i]
         right = f"{name} within its limits {lower[i]:.6g} and {upper[i]:.6g}"
         require(bool(good), f"target.joints[{i}]", q[i], right)

@@ -16,15 +16,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from rcmservo.guard.causes import ORDER, Action, Cause, gravest, gravest_of
-
-HOLD_TIME = 1_000_000_000
-"""ns of HOLD after which only a person resumes."""
-
-GOOD_TO_RECOVER = 5
-"""New good frames that end a HOLD."""
-
-GOOD_TO_SERVO = 10
-"""New good frames in ACQUIRE, with the estimate at hand, before SERVO."""
+from rcmservo.guard.thresholds import Thresholds
 
 SLOW_SHARE = 0.2
 """Share of the full speed in ACQUIRE, and while a cause asks for SLOW."""
@@ -87,20 +79,21 @@ class Mode:
 
 
 class Signs(NamedTuple):
-    """What a transition depends on beside the causes.
-
-    ``enabled``, whether the arm's drive is on; ``seen``, whether both markers have been seen;
-    ``good``, whether a new frame came and was accepted in this tick; ``ready``, whether there is an
-    estimate to servo with.
-    """
+    """What a transition depends on beside the causes."""
 
     enabled: bool
+    """Whether the arm's drive is on."""
     seen: bool
+    """Whether both markers have been seen."""
     good: bool
+    """Whether a new frame came and was accepted in this tick."""
     ready: bool
+    """Whether there is an estimate to servo with."""
 
 
-def transition(mode: Mode, causes: int, signs: Signs, request: Request, now: int) -> Mode:
+def transition(
+    mode: Mode, causes: int, signs: Signs, request: Request, now: int, t: Thresholds
+) -> Mode:
     """The mode after one tick at `now` ns, with the set of `causes` found. Pure; whatever the
     causes, more of them never give a softer answer."""
     cause = gravest_of(causes)
@@ -112,9 +105,9 @@ def transition(mode: Mode, causes: int, signs: Signs, request: Request, now: int
         return _paused(mode, cause, request, now)
     if mode.phase is Phase.IDLE:
         return _waiting(mode, cause, signs, now)
-    return (
-        _held(mode, cause, now) if cause.action is Action.HOLD else _onward(mode, cause, signs, now)
-    )
+    if cause.action is Action.HOLD:
+        return _held(mode, cause, now, t)
+    return _onward(mode, cause, signs, now, t)
 
 
 def _fault(mode: Mode, cause: Cause, request: Request, now: int) -> Mode:
@@ -149,24 +142,24 @@ def _paused(mode: Mode, cause: Cause, request: Request, now: int) -> Mode:
     )
 
 
-def _held(mode: Mode, cause: Cause, now: int) -> Mode:
+def _held(mode: Mode, cause: Cause, now: int, t: Thresholds) -> Mode:
     since = mode.since if mode.phase is Phase.HOLD else now
-    if now - since > HOLD_TIME:
+    if now - since > t.hold_time * 1e9:
         return Mode(Phase.PAUSED, cause, now, asks=Action.PAUSE)
     return Mode(Phase.HOLD, cause, since, asks=Action.HOLD)
 
 
-def _onward(mode: Mode, cause: Cause, signs: Signs, now: int) -> Mode:
+def _onward(mode: Mode, cause: Cause, signs: Signs, now: int, t: Thresholds) -> Mode:
     """From HOLD through ACQUIRE to SERVO, by good frames."""
     good = mode.good + signs.good
     if mode.phase is Phase.HOLD:
-        if now - mode.since > HOLD_TIME:
+        if now - mode.since > t.hold_time * 1e9:
             return Mode(Phase.PAUSED, mode.cause, now, asks=Action.PAUSE)
-        if good < GOOD_TO_RECOVER:
+        if good < t.good_to_recover:
             return Mode(Phase.HOLD, mode.cause, mode.since, good, Action.HOLD)
         return Mode(Phase.ACQUIRE, cause, now, asks=cause.action)
     if mode.phase is Phase.ACQUIRE:
-        if signs.ready and good >= GOOD_TO_SERVO:
+        if signs.ready and good >= t.good_to_servo:
             return Mode(Phase.SERVO, cause, now, asks=cause.action)
         return Mode(Phase.ACQUIRE, cause, mode.since, good if signs.ready else 0, cause.action)
     same = mode.cause is cause

@@ -49,6 +49,8 @@ class Thresholds:
     comparable: float = 10.0
     """Motion from one frame to the next up to which the markers' places are foretold, mm. By hand a
     tool moves further."""
+    agreement: float = 2.0
+    """How far apart markers may be that jumped to the same new place, in ``jump``."""
     rejected: int = 3
     """Frames in a row that were not believed from which on the tool stops."""
     rejected_for_good: int = 30
@@ -61,8 +63,19 @@ class Thresholds:
     """Share of the predicted change by which the measured one may differ, beside ``telling``."""
     disagreements: int = 5
     """Judgements in a row against the estimate that spoil it."""
+    nearly_singular: float = 0.5
+    """Share of the controller's ``max_condition`` from which on the tool goes slowly."""
+    least_room: float = 0.2
+    """Share of the exploration's full volume that the joint limits must leave."""
     largest: float = 30.0
     """Largest entry of the scaled Ĵ, 1/mm: 30 is 300 px a mm, more than any camera sees."""
+
+    hold_time: float = 1.0
+    """Time of standing still after which only a person resumes, s."""
+    good_to_recover: int = 5
+    """New good frames that end a HOLD."""
+    good_to_servo: int = 10
+    """New good frames in ACQUIRE, with the estimate at hand, before SERVO."""
 
     limit_horizon: float = 0.1
     """A joint blocks the way if it would pass its limit within this time, s,"""
@@ -106,13 +119,30 @@ POSITIVE = (
     "forget",
     "nearest",
     "comparable",
+    "agreement",
     "telling",
     "largest",
+    "hold_time",
     "limit_horizon",
     "stall_error",
     "stall_fall",
     "stall_time",
     "stall_gains",
 )
-SHARES = ("slack", "late_share", "wrong", "limit_share", "stall_share")
-COUNTS = ("late_ticks", "rejected", "rejected_for_good", "disagreements")
+SHARES = (
+    "slack",
+    "late_share",
+    "wrong",
+    "nearly_singular",
+    "least_room",
+    "limit_share",
+    "stall_share",
+)
+COUNTS = (
+    "late_ticks",
+    "rejected",
+    "rejected_for_good",
+    "disagreements",
+    "good_to_recover",
+    "good_to_servo",
+)

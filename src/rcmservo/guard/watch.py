@@ -140,7 +140,7 @@ def watch_frame(w: Watch, seen: Told, t: Thresholds) -> None:
 @compiled
 def stays(w: Watch, points: Floats, t: Thresholds) -> bool:
     """Whether the markers are still where the frame before was rejected for showing them."""
-    first, second, _ = leapt(points, w.elsewhere, STILL, 2.0 * t.jump, t.nearest)
+    first, second, _ = leapt(points, w.elsewhere, STILL, t.agreement * t.jump, t.nearest)
     return w.rejected > 0 and not (first or second)
 
 

@@ -137,13 +137,13 @@ class Exploration:
             require(0.0 < value < np.inf, f"exploration.{name}", value, "a positive number")
         require(1 <= self.rounds <= 1000, "exploration.rounds", self.rounds, "from 1 to 1000")
 
-    def begin(self, rcm: Rcm, q: Floats, now: int) -> Exploring | None:
-        """The tour from the configuration q (3,), or None where the joint limits leave too little
-        room around it."""
+    def begin(self, rcm: Rcm, q: Floats, now: int, least_room: float) -> Exploring | None:
+        """The tour from the configuration q (3,), or None where the joint limits leave less than
+        this share of its volume."""
         full = volume(self.radius * CORNERS)
         for shape in (CORNERS, -CORNERS):
             places = corners(rcm, q, self.radius, shape)
-            if volume(places) > 0.2 * full:
+            if volume(places) > least_room * full:
                 return Exploring(places, np.zeros((4, 7)), 0, now)
         return None
 

@@ -1,6 +1,7 @@
 """What happened in a recorded run: the phases and causes one after the other, and the run in a few
 numbers."""
 
+import math
 from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -114,9 +115,22 @@ def end(record: Record) -> float:
 
 def rate(record: Record) -> float:
     """Ticks a second, as the servo was told."""
+    value = _setting(record, "rate")
+    return value if value > 0.0 else USUAL_RATE
+
+
+def _late_share(record: Record) -> float:
+    """Share of its period by which a tick could come late and count as in time."""
+    value = _setting(record, "thresholds", "late_share")
+    return value if value > 0.0 else Thresholds.late_share
+
+
+def _setting(record: Record, *names: str) -> float:
+    """A setting of the last stage's servo; NaN where the record does not tell it as a number."""
     told: Any = record.stages[-1].servo if record.stages else None
-    value = told.get("rate") if isinstance(told, dict) else None  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
-    return float(value) if isinstance(value, float) and value > 0.0 else USUAL_RATE
+    for name in names:
+        told = told.get(name) if isinstance(told, dict) else None  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+    return float(told) if isinstance(told, float) else math.nan
 
 
 def summary(record: Record) -> RunSummary:
@@ -136,7 +150,7 @@ def summary(record: Record) -> RunSummary:
         latency=np.array([*np.percentile(latency, [50.0, 99.0]), latency.max()])
         if len(new)
         else np.full(3, np.nan),
-        late=int((gaps > (1.0 + Thresholds.late_share) / rate(record)).sum()),
+        late=int((gaps > (1.0 + _late_share(record)) / rate(record)).sum()),
         longest=float(gaps.max(initial=0.0)),
         seen=len(new),
         skipped=int((steps[steps > 0] - 1).sum()),

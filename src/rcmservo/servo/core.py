@@ -205,7 +205,7 @@ def estimate_faults(w: Watch, e: Estimate, c: Dials, t: Thresholds) -> int:
         found |= ESTIMATE_LARGE
     if not e.condition < c.max_condition:
         found |= SINGULAR
-    elif not e.condition < 0.5 * c.max_condition:
+    elif not e.condition < t.nearly_singular * c.max_condition:
         found |= NEARLY_SINGULAR
     if w.wrong >= t.disagreements:
         found |= DIVERGED

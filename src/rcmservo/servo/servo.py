@@ -191,7 +191,7 @@ class Servo:
         if target.shown < state.moved:
             found |= Cause.TARGET_OLD.bit
         signs = Signs(seen.enabled, accepted or watch.believed >= 0, accepted, learnt.explored)
-        mode = transition(state.mode, found, signs, request, now)
+        mode = transition(state.mode, found, signs, request, now, self.thresholds)
         after = State(state.mode, last, watch, learnt, course, target, state.moved)
         return self._send(self._enter(after, mode, gravest_of(found), seen), seen)
 
@@ -221,7 +221,8 @@ class Servo:
         if phase is not Phase.ACQUIRE or learnt.no_room:
             return learnt, headed(course, STILL, STILL)
         if learnt.tour is None:
-            tour = self.exploration.begin(self.rcm, seen.q, seen.now)
+            room = self.thresholds.least_room
+            tour = self.exploration.begin(self.rcm, seen.q, seen.now, room)
             return learnt._replace(tour=tour, no_room=tour is None), course
         p1, tour, estimate = self.marker_1(seen.q), learnt.tour, learnt.estimate
         if accepted and self.exploration.arrived(tour, p1):
