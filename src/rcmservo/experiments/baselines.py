@@ -52,7 +52,9 @@ class Settings:
     draws: int = 100
     """Scenes drawn without our condition, to count those that it rejects."""
     scene: SceneSettings = field(default_factory=lambda: SceneSettings(room=17.0))
+    """What scenes are drawn from; ``max_condition`` is our condition."""
     conditions: Conditions = field(default_factory=Conditions)
+    """The same for every method."""
     own: Own | None = None
     """A user's own estimator, to stand beside the others."""
 
@@ -72,13 +74,15 @@ class MethodTrials:
     """One method in all scenes of one kind."""
 
     trials: list[Trial]
+    """One for each scene."""
 
 
 @dataclass(frozen=True)
 class DrawnConditions:
-    """The largest scaled condition of J along the straight way in every scene drawn."""
+    """The conditions of scenes drawn without asking for one."""
 
     conditions: list[float]
+    """The largest scaled condition of J along the straight way, for each scene."""
 
 
 def tasks(settings: Settings) -> list[Task]:

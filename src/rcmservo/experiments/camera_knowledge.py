@@ -46,6 +46,7 @@ class Settings:
     """Servo runs of several seeds at several noises, and the poses held out."""
 
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4, 5, 6, 7)
+    """Of the scenes, one servo run in each at every noise."""
     noises: tuple[float, ...] = (NOISE, 0.3)
     """px; the first one is judged."""
     held_out: int = 100
@@ -55,6 +56,7 @@ class Settings:
     known: float = 2.0
     """px within which a predicted marker counts as known."""
     streams: StreamSettings = field(default_factory=StreamSettings)
+    """What the servo does while its samples are taken."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +73,10 @@ class Known:
 
 @dataclass(frozen=True)
 class Estimates:
-    """What every estimate knows, by estimator."""
+    """What every estimate knows after one servo run."""
 
     known: dict[str, Known]
+    """By the names in ESTIMATORS."""
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -131,13 +134,18 @@ def in_picture(rig: Rig, q: Floats) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """What an estimator's memory says of a camera that it saw last in the sample ``last``."""
+    """What an estimator's memory says of a camera."""
 
     rig: Rig
+    """The laboratory with the true camera."""
     estimator: Estimator
+    """It reads the memory."""
     memory: Any
+    """After the last sample."""
     J_hat: Floats
+    """Ĵ (3, 3) after the last sample, scaled; it serves where there is no model."""
     last: Sample
+    """The last sample, from which Ĵ goes on; its o_c is the origin of m."""
 
     def missed(self, poses: Sequence[Floats]) -> float:
         """Median distance px of the predicted from the true markers at `poses`."""
@@ -177,7 +185,9 @@ class KnowledgeTable:
     """All results, and how to ask them."""
 
     settings: Settings
+    """Which seeds and noises there are."""
     results: Results
+    """One Estimates for every seed and noise."""
 
     def of(self, noise: float, name: str) -> list[Known]:
         """What an estimator knows in every seed."""

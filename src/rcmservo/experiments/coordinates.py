@@ -68,6 +68,7 @@ class Passage:
     """One loop from one side of the pole to the other."""
 
     trial: Trial
+    """What the truth says of the loop."""
     nearest: float
     """rad from the pole."""
     kept: float | None
@@ -79,7 +80,9 @@ class PoleLoops:
     """The same closed loop with every arm."""
 
     pitch_yaw: Passage
+    """Pitch and yaw, regular at this pole."""
     spherical: Passage
+    """The paper's coordinates, with the pole inside their limits."""
     limited: Passage
     """Spherical, with limits that leave the pole out."""
 
@@ -158,10 +161,15 @@ class PoleLoopsFound:
     """The rates demanded near the pole, and all loops."""
 
     settings: Settings
+    """What the rates and the loops were made with."""
     angles: Floats
+    """rad (n,) from θ = 0, or from the home pose of pitch and yaw; greatest first."""
     spherical: Floats
+    """The largest joint rate demanded there (n,), rad/s, in spherical coordinates."""
     pitch_yaw: Floats
+    """The largest joint rate demanded there (n,), rad/s, in pitch and yaw."""
     loops: list[PoleLoops]
+    """One for each seed."""
 
     @property
     def degrees(self) -> Floats:

@@ -45,6 +45,7 @@ class Settings:
     """Tours on which the flow rule learns."""
 
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
+    """Of the scenes, one tour in each."""
     touring: float = 25.0
     """s."""
     gamma: float = 0.001
@@ -70,8 +71,11 @@ class Tour:
     """Every way of taking ẏ on one tour."""
 
     frame: Taken
+    """Once per new frame, over the time between the exposures."""
     tick: Taken
+    """Once per tick, over the tick's interval; a repeated frame shows no motion."""
     stale: Taken
+    """Once per tick, over the frames' interval; zero where a frame repeats."""
 
     def of(self, way: str) -> Taken:
         return {"frame": self.frame, "tick": self.tick, "stale": self.stale}[way]
@@ -191,7 +195,9 @@ class ToursFound:
     """All tours, and their medians by the way of taking ẏ."""
 
     settings: Settings
+    """What the tours were made with."""
     tours: list[Tour]
+    """One for each seed."""
 
     def middle(self, way: str) -> Taken:
         """Medians over the seeds."""

@@ -73,10 +73,11 @@ class Settings:
 
 @dataclass(frozen=True)
 class Fits:
-    """Of every case (Γ and noise), scene and time [error of Ĵ, whether its symmetric part leads,
-    whether its eigenvalues do], (scenes, STEPS, 3)."""
+    """The fits of half of the scenes."""
 
     cases: dict[str, Floats]
+    """By Γ and noise as `case` names them, (scenes, STEPS, 3): for every scene and estimator time
+    what `leads` gives."""
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -159,7 +160,9 @@ class FitsFound:
     """All scenes, and how to ask them."""
 
     settings: Settings
+    """Which scenes, noises and times there are."""
     halves: list[Fits]
+    """Every other scene from the first on, and those between them."""
 
     def of(self, name: str, noise: float) -> Floats:
         """(scenes, STEPS, 3) of one Γ at one noise."""

@@ -42,7 +42,9 @@ class Settings:
     noises: tuple[float, ...] = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
     """px."""
     draws: int = 1000
+    """Sets of lines over which every error is taken."""
     seed: int = 0
+    """Of the draws, the same for every value."""
     tolerance: float = 10.0
     """px within which o_c is good enough, 5 % of the typical r."""
 
@@ -59,11 +61,14 @@ class RcmErrors:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Both ways over the ``values``."""
+    """The errors of both ways while one field of the lines varies."""
 
     values: Floats
+    """Of that field (n,): H, a span in rad, or noise in px."""
     printed: RcmErrors
+    """By (16) as printed."""
     refined: RcmErrors
+    """By (16), then our refinement."""
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -114,9 +119,13 @@ class Accuracies:
     """All accuracies, and how to ask them."""
 
     settings: Settings
+    """Which values there are, and which are typical."""
     H: Accuracy
+    """While the number of lines varies."""
     span: Accuracy
+    """While their span varies."""
     noise: Accuracy
+    """While the noise varies."""
 
     @property
     def usual(self) -> int:

@@ -34,7 +34,9 @@ class Settings:
     """A tool that turns slowly in the image."""
 
     lines: Lines = field(default_factory=Lines)
+    """H, the imaged tool and its noise; an early error is that after a turn by ``span``."""
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
+    """Of the noise, one turn for each."""
     speed: float = DEGREE
     """rad/s."""
     duration: float = 60.0
@@ -98,7 +100,9 @@ class TurnsFound:
     """All turns, and how to ask them."""
 
     settings: Settings
+    """What the turns were made with."""
     turns: list[Turn]
+    """One for each seed."""
 
     def late(self, way: str) -> float:
         """Error px, rms over all seeds and the frames that are judged."""

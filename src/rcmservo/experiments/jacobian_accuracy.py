@@ -60,11 +60,13 @@ class Settings:
     """Streams of several seeds at several noises."""
 
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4, 5, 6, 7)
+    """Of the scenes, one stream of each kind in each at every noise."""
     noises: tuple[float, ...] = (NOISE, 0.3)
     """px; the first one is judged."""
     least_speed: float = 0.3
     """mm/s from which on there is a direction of motion."""
     streams: StreamSettings = field(default_factory=StreamSettings)
+    """What the servo does while its samples are taken."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +81,12 @@ class Errors:
 
 @dataclass(frozen=True)
 class Compared:
-    """Every estimator's errors on one stream, by estimator and measure."""
+    """Every estimator's errors on one stream."""
 
     time: Floats
+    """s, the median of each piece of the series."""
     errors: dict[str, dict[str, Errors]]
+    """By the names in ESTIMATORS, then by those in MEASURES."""
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -145,7 +149,9 @@ class AccuracyTable:
     """All results, and how to ask them."""
 
     settings: Settings
+    """Which seeds and noises there are."""
     results: Results
+    """One Compared for every kind of stream, seed and noise."""
 
     def of(self, kind: Kind, seed: int, noise: float) -> Compared:
         return self.results.of(Compared, f"{kind}-{seed}-{noise:g}")

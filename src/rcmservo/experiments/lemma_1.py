@@ -57,9 +57,10 @@ class NineParameters:
 
 @dataclass(frozen=True)
 class AllCameras:
-    """Every camera's numbers."""
+    """The numbers of all cameras."""
 
     found: list[NineParameters]
+    """Of every camera, in the order of the seeds."""
 
 
 def tasks(settings: Settings) -> list[Task]:

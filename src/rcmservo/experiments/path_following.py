@@ -42,12 +42,15 @@ class Settings:
     """A circle about the target, gone round once."""
 
     seeds: tuple[int, ...] = tuple(range(10))
+    """Of the scenes."""
     scene: SceneSettings = field(default_factory=lambda: SceneSettings(room=17.0))
+    """What the scenes are drawn from."""
     noise: float = 0.3
     """px."""
     approach: float = 20.0
     """s allowed for the way to the circle's first point, after the exploration."""
     controller: SaturatedController = field(default_factory=SaturatedController)
+    """Of both methods; it has no feed-forward."""
     radius: float = 10.0
     """mm."""
     period: float = 30.0
@@ -66,11 +69,14 @@ class Settings:
 
 @dataclass(frozen=True)
 class Following:
-    """One method on one path: its way, or why it did not get round."""
+    """One method on one path."""
 
     seed: int
+    """Of the scene."""
     way: PathWay | None
+    """None if it did not get round."""
     cause: str
+    """Why it did not get round, in words; empty if it did."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +84,7 @@ class Followings:
     """One method on the path of every scene."""
 
     trials: list[Following]
+    """One for each scene."""
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -132,8 +139,11 @@ class PathsFollowed:
     """One method on all paths."""
 
     settings: Settings
+    """Which circle it was, and in which scenes."""
     method: Learner
+    """What followed the paths."""
     trials: list[Following]
+    """One for each scene."""
 
     @property
     def ways(self) -> list[PathWay]:

@@ -52,7 +52,9 @@ class Reading:
     """One reading of (32)."""
 
     V: Floats
+    """V px² of one component at every error sampled, with the bound of Fig. 5."""
     gradient: Floats
+    """∂V/∂y px of that component there."""
     jump: float
     """Largest step of the gradient, px."""
     V_jump: float
@@ -65,11 +67,14 @@ class Reading:
 
 @dataclass(frozen=True)
 class PotentialAction:
-    """Both readings, at the errors ``deltas``."""
+    """Both readings of (32)."""
 
     deltas: Floats
+    """Errors px (n,) at which V and its gradient are sampled."""
     continuous: Reading
+    """As Fig. 5 shows the action; our default."""
     printed: Reading
+    """As (32) is printed."""
 
 
 def tasks(settings: Settings) -> list[Task]:

@@ -87,7 +87,9 @@ class BothGammas:
     """Both Γ before every camera."""
 
     printed: list[FallOfU]
+    """The printed Γ, of every camera in the order of the seeds."""
     fast: list[FallOfU]
+    """Our fast Γ, of every camera in the order of the seeds."""
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -258,7 +260,7 @@ def fast_in_time(settings: Settings, found: BothGammas) -> Claim:
 
 
 SHOWN = 5
-"""BothGammas in the figure."""
+"""Cameras in the figure."""
 
 
 def _figure(settings: Settings, found: BothGammas) -> Shown:

@@ -32,9 +32,10 @@ do not reach it."""
 
 @dataclass(frozen=True)
 class Settings:
-    """SceneLoops of several sizes at several speeds."""
+    """Loops of two sizes at several speeds."""
 
     seeds: tuple[int, ...] = (0, 1, 2, 3)
+    """Of the scenes, two loops in each."""
     radii: tuple[float, float] = (3.0, 30.0)
     """mm."""
     speeds: tuple[float, ...] = (1.0, 3.0, 10.0, 30.0, 100.0)
@@ -77,10 +78,12 @@ class Loop:
 
 @dataclass(frozen=True)
 class SceneLoops:
-    """The small and the large loop of one scene."""
+    """Both loops of one scene."""
 
     small: Loop
+    """With the first of the radii."""
     large: Loop
+    """With the second of the radii."""
 
 
 def tasks(settings: Settings) -> list[Task]:
@@ -172,11 +175,14 @@ def _descent(along: Floats, ratio: Floats) -> FallOfR:
 
 @dataclass(frozen=True)
 class LoopsFound:
-    """All scenes, and how to ask them; the speeds are counted from the slowest."""
+    """All scenes, and how to ask them."""
 
     settings: Settings
+    """Which speeds there are; they count from the slowest."""
     small: list[Loop]
+    """The small loop of every scene."""
     large: list[Loop]
+    """The large loop of every scene."""
 
     def told(self, values: Mapping[float, float], form: str) -> str:
         """Numbers by speed, in words."""

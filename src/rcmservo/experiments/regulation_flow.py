@@ -48,8 +48,11 @@ class Settings(Regulation):
     """As in Regulation."""
 
     estimator: Estimator = FLOW
+    """The paper's flow rule (28)."""
     exploration: Exploration = LONG
+    """Long enough for γ = 0.001 to learn."""
     half_way: bool = True
+    """Whether it explores where half of the errors are left: J is then within 20° at both ends."""
 
     @property
     def from_start(self) -> Regulation:

@@ -55,7 +55,9 @@ class Settings(Regulation):
     """As in Regulation, with what stands beside it."""
 
     estimator: Estimator = PRINTED_FIT
+    """The printed Γ with 10⁴ s of its own time a fit, on observations chosen by leverage."""
     exploration: Exploration = WIDE
+    """Wide enough for ten noisy observations of one marker."""
     random: RandomObservations = field(default_factory=RandomObservations)
     """The paper's choice of observations, with the point camera."""
     real_time: tuple[int, ...] = (0, 1, 2)

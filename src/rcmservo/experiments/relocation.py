@@ -52,15 +52,19 @@ class Settings:
     """Runs in which the camera is relocated on the way."""
 
     seeds: Sequence[int] = (0, 1, 2)
+    """Of the scenes, one run with each estimator in each."""
     share: float = 0.5
     """Of the way in Δy that is left when the camera is relocated."""
     duration: float = 50.0
     """s of each part."""
     controller: SaturatedController = field(default_factory=SaturatedController)
+    """Of both estimators."""
     scene: SceneSettings = field(
         default_factory=lambda: SceneSettings(room=12.0, travel=(30.0, 60.0))
     )
+    """What the scenes are drawn from."""
     pictures: bool = True
+    """Whether frames are rendered; if not, the camera tells points."""
     noise: float = NOISE
     """px where there are no pictures."""
 
@@ -81,12 +85,14 @@ class Stop:
 
 @dataclass(frozen=True)
 class Relocation:
-    """One run: the stop, and how it ended with the target shown in the new view."""
+    """One run in which the camera was relocated."""
 
     stop: Stop
+    """What the servo did when the camera was moved."""
     again: float
     """s at which the servo was started again."""
     end_cause: str
+    """The servo's cause at the last tick, in words; empty where all was well."""
     pose_error: float
     """mm."""
 
@@ -168,10 +174,12 @@ class HalfWay:
 
 @dataclass(frozen=True)
 class Relocations:
-    """All runs, by name."""
+    """All runs."""
 
     settings: Settings
+    """What the runs were made with."""
     runs: dict[str, Relocation]
+    """By the tasks' names, which tell estimator and seed."""
 
     @property
     def stops(self) -> list[Stop]:

@@ -48,6 +48,7 @@ class Settings:
     points: tuple[int, ...] = (1, 2, 3)
     """Seeds with the point camera."""
     poses: int = 6
+    """How many are shown."""
     rounds: int = 3
     """How often every pose is visited."""
     spread: float = 14.0
@@ -55,7 +56,9 @@ class Settings:
     longest: float = 150.0
     """s that a visit lasts at most."""
     controller: SaturatedController = PRINTED_LAW
+    """Of both estimators."""
     scene: SceneSettings = field(default_factory=lambda: SceneSettings(room=18.0))
+    """What the scenes are drawn from."""
     noise: float = NOISE
     """px of the point camera."""
 
@@ -69,6 +72,7 @@ class Visit:
     """The servo at one pose."""
 
     pose: int
+    """Its number among the poses shown, from 0."""
     began: float
     """s."""
     ended: float
@@ -84,6 +88,7 @@ class Visits:
     """All visits in one scene with one estimator."""
 
     made: list[Visit]
+    """In the order in which they were made."""
     cause: str
     """Why the last one ended early; empty if it did not."""
     poses: Floats
@@ -159,8 +164,11 @@ class VisitsFound:
     """All scenes with one estimator."""
 
     settings: Settings
+    """How many visits were asked for, and in which scenes."""
     method: str
+    """The estimator's name in PAPER_METHODS."""
     scenes: list[Visits]
+    """One for each seed, rendered ones first."""
 
     @property
     def visits(self) -> list[Visit]:

@@ -44,6 +44,7 @@ class Settings:
     """Regulations with the printed gains."""
 
     seeds: tuple[int, ...] = (0, 1, 2, 3)
+    """Of the scenes, one regulation with each estimator in each."""
     duration: float = 150.0
     """s of the way to the target."""
 
@@ -63,7 +64,9 @@ class Frames:
     off: Floats
     """‖J Ĵ⁻¹ − I‖₂."""
     cause: str
+    """The servo's cause at the last tick, in words; empty where all was well."""
     arrived: bool
+    """Whether the last frame shows the target within three times the noise."""
 
     @property
     def wide(self) -> NDArray[np.bool_]:
@@ -148,8 +151,11 @@ class Runs:
     """All regulations with one estimator."""
 
     name: str
+    """The estimator's in PAPER_METHODS."""
     frames: list[Frames]
+    """One for each run."""
     seeds: tuple[int, ...]
+    """Of the runs, in the same order."""
 
     @property
     def falls(self) -> float:

@@ -56,12 +56,14 @@ class Modelled:
 
 @dataclass(frozen=True)
 class ToolScene:
-    """Both models in one scene; λ is right at the pose itself, so that both predict the same m₂."""
+    """Both models in one scene."""
 
     true: float
     """True ∂d/∂ρ px/mm."""
     rigid: Modelled
+    """With a rigid shaft."""
     constant: Modelled
+    """With a constant λ that is right at the pose itself, so that both predict the same m₂."""
 
 
 @dataclass(frozen=True)
@@ -69,14 +71,17 @@ class ToolScenes:
     """Both models in every scene."""
 
     found: list[ToolScene]
+    """One for each seed."""
 
 
 @dataclass(frozen=True)
 class ToolLoops:
-    """The same closed loop with either model known to the servo; the real tool is rigid."""
+    """The same closed loop with either model known to the servo."""
 
     rigid: Trial
+    """The servo takes the tool as it is, a rigid shaft."""
     constant: Trial
+    """The servo takes λ as constant; it is right at home."""
 
 
 def tasks(settings: Settings) -> list[Task]:

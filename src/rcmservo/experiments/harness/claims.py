@@ -31,16 +31,20 @@ class NotMeasured(RcmServoError):
 
 @dataclass(frozen=True)
 class Claim:
-    """One sentence and what was measured of it: it holds if ``measured`` ``relation`` ``bound``."""
+    """One sentence, and whether what was measured of it keeps a bound."""
 
     claim: str
     """What is measured, in words that are true or false."""
     about: str
     """The sentence of the paper that it bears on, a key of SENTENCES; or OURS."""
     measured: float
+    """The number; it must be finite."""
     unit: str
+    """Of ``measured`` and ``bound``, as it is printed; empty for a plain number."""
     relation: Literal["<=", ">="]
+    """How ``measured`` must stand to ``bound`` for the claim to hold."""
     bound: float
+    """What ``measured`` is compared with."""
     seeds: Sequence[int] = ()
     """What the number came from; empty for a computation without chance."""
     follows: bool = False
@@ -98,14 +102,21 @@ class Claim:
 
 @dataclass(frozen=True)
 class Shown:
-    """A figure in the report: its ``name`` in links, what of the paper it stands for, and words."""
+    """A figure in the report."""
 
     name: str
+    """In links and in figures.json, after its experiment's name."""
     where: str
+    """What of the paper it stands for (Fig. 14, III-A), or another heading; its caption begins with
+    it."""
     caption: str
+    """What it shows, in sentences."""
     seeds: Sequence[int]
+    """Named beneath it; empty for a computation without chance."""
     chart: Figure | None = None
+    """None where it consists of pictures alone."""
     pictures: Sequence[Path] = ()
+    """PNG files that stand before the chart; often none."""
 
 
 @dataclass(frozen=True)
@@ -113,4 +124,6 @@ class Chapter:
     """What an experiment found."""
 
     claims: list[Claim]
+    """In the order of the report."""
     figures: list[Shown] = field(default_factory=list[Shown])
+    """In the order of the report."""

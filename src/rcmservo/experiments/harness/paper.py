@@ -84,6 +84,7 @@ class Written(NamedTuple):
     """A report that was written."""
 
     page: Path
+    """The HTML file."""
     left_out: Mapping[str, str]
     """Experiments that are not in it, each with what could not be measured."""
 

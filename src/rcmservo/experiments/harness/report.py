@@ -27,9 +27,13 @@ class Picture:
     """A figure as it stands in the page."""
 
     name: str
+    """In links, after its section's name."""
     where: str
+    """What of the paper it stands for, or another heading; its caption begins with it."""
     caption: str
+    """What it shows, in sentences; it also stands in for an image that cannot be seen."""
     seeds: list[int]
+    """Named beneath it; empty for a computation without chance."""
     images: list[str]
     """As data that the page embeds."""
 
@@ -39,12 +43,19 @@ class Section:
     """A chapter as it stands in the page."""
 
     name: str
+    """Its experiment's; links to its claims and figures begin with it."""
     title: str
+    """Its heading."""
     about: str
+    """What was tried, in sentences below the heading."""
     command: str
+    """The command line that makes this chapter alone, DIR standing for a folder."""
     settings: list[tuple[str, str]]
+    """Name and value of each field of the experiment's settings, as Python writes them."""
     rows: list[ClaimRow]
+    """Its claims, in their order."""
     figures: list[Picture]
+    """In their order, below the claims."""
 
 
 def write(

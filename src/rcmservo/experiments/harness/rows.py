@@ -13,26 +13,43 @@ class ClaimRow:
     """A claim as it stands in claims.json."""
 
     experiment: str
+    """The name of its experiment."""
     number: int
     """Its place among the claims of its experiment, from 0."""
     claim: str
+    """What is measured, in words that are true or false."""
     whose: str
+    """Whose sentence is judged: ours, the paper's, or one that follows from the paper's."""
     about: str
+    """The sentence of the paper that it bears on, a key of SENTENCES; or OURS."""
     case: tuple[str, str]
+    """Its row and column among the cases of the same words; empty where it has none."""
     where: str
+    """Where in the paper that sentence stands; or OURS."""
     measured: float
+    """The number, in ``unit``."""
     unit: str
+    """Of ``measured`` and ``bound``; empty for a plain number."""
     relation: str
+    """<= or >=, as ``measured`` must stand to ``bound`` for the claim to hold."""
     bound: float
+    """What ``measured`` is compared with."""
     verdict: str | None
     """None where one or two trials give none."""
     trials: int
+    """How many the number came from; 0 for a computation without chance."""
     seed: list[int]
+    """All that the number came from; empty for a computation without chance."""
     remark: str
+    """Under which condition it holds, or why it does not; empty where that needs no words."""
     detail: str
+    """What else was seen; may be empty."""
     figure: str
+    """The name of the figure that shows it; empty where none does."""
     trap: str
+    """The paper's pitfall (T1, ...) that the number bears on; empty where there is none."""
     trap_confirmed: bool | None
+    """Whether the number confirms that pitfall; None without a pitfall or a verdict."""
 
     @property
     def anchor(self) -> str:
@@ -85,8 +102,11 @@ class Cases:
     """The cases of one wording, as a small table."""
 
     claim: str
+    """The wording."""
     rows: list[str]
+    """Their labels, in the order of the cells."""
     columns: list[str]
+    """Their labels; a single empty one where the rows tell the cases apart."""
     cells: list[list[ClaimRow | None]]
     """By row and column."""
 
@@ -100,12 +120,15 @@ class Judged:
     """A sentence, or a wording of ours, on the first page."""
 
     where: str
+    """Where in the paper it stands; empty for ours."""
     words: str
+    """The paper's, or those of our claim."""
     head: ClaimRow
     """The claim nearest to the words: the first one."""
     others: list[ClaimRow]
     """Other wordings."""
     cases: list[Cases]
+    """A table for each wording that has several cases."""
 
 
 def first_page(rows: list[ClaimRow]) -> tuple[list[Judged], list[Judged]]:

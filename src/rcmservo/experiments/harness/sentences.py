@@ -7,10 +7,12 @@ OURS = "ours"
 
 
 class Sentence(NamedTuple):
-    """``where`` in the paper a sentence stands, and its ``words``."""
+    """A sentence of the paper that can be measured."""
 
     where: str
+    """Its section, equation or figure."""
     words: str
+    """The paper's, shortened."""
 
 
 SENTENCES = {

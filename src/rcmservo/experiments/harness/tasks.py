@@ -14,27 +14,32 @@ Settings = TypeVar("Settings")
 
 @dataclass(frozen=True)
 class Task:
-    """A piece of work: ``work(folder)`` fills the folder and gives what it found, a dataclass."""
+    """A piece of work that needs no other."""
 
     name: str
+    """Of its folder too; no other task of the experiment has it."""
     work: "partial[Any]"
+    """Called with its folder, it fills that and gives what it found, a dataclass."""
     cost: float = 1.0
     """About how many seconds it takes; the long ones begin first."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a task found, and the folder with its record and pictures."""
+    """What a task left behind."""
 
     found: object
+    """The dataclass that the task's work gave, read back from the folder."""
     folder: Path
+    """It holds the task's record and pictures, where it made any."""
 
 
 @dataclass(frozen=True)
 class Results:
-    """What all tasks of an experiment found, by their names."""
+    """What all tasks of an experiment found."""
 
     made: Mapping[str, Result]
+    """By the tasks' names."""
 
     def of(self, kind: type[Kind], task: str) -> Kind:
         """What one task found, which is of this kind."""
@@ -54,15 +59,22 @@ class Results:
 
 @dataclass(frozen=True)
 class Experiment(Generic[Settings]):
-    """An experiment: its settings, whole and reduced, the tasks they make, and its chapter."""
+    """An experiment, from its settings to its chapter."""
 
     name: str
+    """In folders, in links and after ``--only``."""
     title: str
+    """The heading of its chapter."""
     about: str
+    """What is tried, in sentences below the heading."""
     whole: Settings
+    """The settings of a whole run."""
     quick: Settings
+    """The settings of a reduced run."""
     tasks: Callable[[Settings], list[Task]]
+    """The work that such settings ask for."""
     chapter: Callable[[Settings, Results], Chapter]
+    """Claims and figures, from the settings and what the tasks found."""
 
     def settings(self, quick: bool) -> Settings:
         """The settings of a whole or a reduced run."""

@@ -33,8 +33,11 @@ class Trap:
     """A pitfall and the claims that meet it."""
 
     name: str
+    """T0, T1, ..., a key of TRAPS."""
     words: str
+    """What it is, as TRAPS has it."""
     rows: list[ClaimRow]
+    """The claims that meet it, in the order of the report."""
 
     @property
     def verdict(self) -> str:

@@ -28,11 +28,14 @@ UNRELATED = ("app", "live", "offline")
 
 
 class Assignment(NamedTuple):
-    """A task, its folder, and the fingerprint of all that its result depends on."""
+    """A task, and where its result goes."""
 
     task: Task
+    """What is to be done."""
     folder: Path
+    """Of its result, which is there whole or not at all."""
     mark: str
+    """The fingerprint of all that its result depends on."""
 
 
 class Findings(NamedTuple):

@@ -98,12 +98,11 @@ def _direction(random: np.random.Generator) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Calibrated(Estimator):
-    """Ĵ of (15) from given parameters, the traditional approach [12]: nothing is learnt.
-
-    o_c, about which the features are measured, stays the servo's own.
-    """
+    """Ĵ of (15) from given parameters, the traditional approach [12]: nothing is learnt."""
 
     calibration: Calibration
+    """Its ``a`` alone is used: o_c, about which the features are measured, stays the servo's
+    own."""
 
     name = "calibrated"
     models = False

@@ -39,16 +39,16 @@ def saturated(error: Floats, bound: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class PoseLaw(Law):
-    """Pose-based control [20]: v = −k sat(p̂₁ − p̂₁d), both poses as the calibration sees them.
-
-    The joints give the first guess of every fit; how they were while the target was shown is not
-    used.
-    """
+    """Pose-based control [20]: v = −k sat(p̂₁ − p̂₁d), both poses as the calibration sees them."""
 
     calibration: Calibration
+    """It locates marker 1; the joints of now give the first guess of both fits."""
     robot: Servo
+    """It lends the tool, as the robot knows it."""
     target: Target
+    """Its pixels alone are used, not the joints at which it was shown."""
     gain: float
+    """k, 1/s."""
     bound: float = 20.0
     """mm to which an error is shortened."""
 
@@ -67,7 +67,9 @@ class PointLaw(Law):
     jacobian: Callable[[Floats], Floats]
     """L (4, 3) px/mm for marker 1 at p₁ (3,) mm."""
     target: Target
+    """Its raw pixels are m_d."""
     gain: float
+    """k, 1/s."""
     bound: float = 50.0
     """px to which an error is shortened."""
 
@@ -107,10 +109,12 @@ def _wanted(law: Law, robot: Servo, seen: Observation) -> Floats:
 
 @dataclass(frozen=True)
 class Seen:
-    """Where marker 1 was by the joints, p₁ (n, 3) mm, and the raw pixels (n, 4) seen there."""
+    """What an exploration showed, frame by frame."""
 
     p1: Floats
+    """(n, 3) mm, p₁ by the joints."""
     m: Floats
+    """(n, 4) px, the raw pixels seen there."""
 
     def constant_jacobian(self) -> Floats:
         """The one L (4, 3) px/mm that explains the pixels best: m ≈ m₀ + L (p₁ − p₀), by least

@@ -50,20 +50,27 @@ class Conditions:
     duration: float = 20.0
     """s after the exploration."""
     controller: SaturatedController = field(default_factory=SaturatedController)
+    """Of every servo; laws that are not a servo's take its gain k and its greatest speed."""
     miscalibration: Miscalibration = field(default_factory=Miscalibration)
+    """How wrong a wrong calibration is."""
     roll: float = float(np.radians(90.0))
     """rad by which the camera was rolled after it had been calibrated."""
 
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """One method in one scene: the rig, its plant, the target that was shown, and the witness."""
+    """One method in one scene."""
 
     rig: Rig
+    """The laboratory with the scene."""
     plant: Plant
+    """What the method sees and moves."""
     target: Target
+    """What the camera saw when the scene's target was shown."""
     witness: Witness
+    """It judges the run by the truth."""
     conditions: Conditions
+    """The same for every method."""
 
     def calibration(self, quality: Quality) -> Calibration:
         """What a person hands over: exact, wrong in directions drawn from the seed, or stale."""
@@ -133,7 +140,9 @@ class Learner(Method):
     """Needs no calibration: it explores and estimates Ĵ."""
 
     estimator: Estimator
+    """What Ĵ comes from."""
     exploration: Exploration
+    """The first motion, as this estimator needs it."""
 
     def run(self, attempt: Attempt) -> None:
         attempt.servo_by(attempt.servo(self.estimator, self.exploration))
@@ -152,6 +161,7 @@ class ImageBased(Method):
     """The traditional image-based law [12] on [s r d], with Ĵ from a calibration."""
 
     quality: Quality
+    """Of the calibration: exact, wrong, or from before the camera was rolled."""
 
     def run(self, attempt: Attempt) -> None:
         estimator = Calibrated(attempt.calibration(self.quality))
@@ -163,6 +173,7 @@ class PoseBased(Method):
     """Pose-based control [20], with a calibration."""
 
     quality: Quality
+    """Of the calibration."""
 
     def run(self, attempt: Attempt) -> None:
         robot = attempt.servo(ProjectionEstimator(), Exploration())
@@ -175,6 +186,7 @@ class PointBased(Method):
     """Point-based control on four marker coordinates, with a calibration and no exploration."""
 
     quality: Quality
+    """Of the calibration."""
 
     def run(self, attempt: Attempt) -> None:
         given, tool = attempt.calibration(self.quality), attempt.rig.settings.tool

@@ -21,6 +21,7 @@ class Circle:
     and insertion."""
 
     rig: Rig
+    """The laboratory, whose true camera gives the reference pixels."""
     middle: Floats
     """p₁ (3,) mm at the target."""
     across: Floats

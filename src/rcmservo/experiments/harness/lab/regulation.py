@@ -62,15 +62,19 @@ class Regulation:
     """What both regulation experiments share."""
 
     seeds: tuple[int, ...] = tuple(range(12))
+    """Of the scenes, one run in each."""
     shown: int = 0
     """Seed of the figures."""
     scene: SceneSettings = PAPER_SCENES
     """Its errors are those at the start."""
     estimator: Estimator = PRINTED_FIT
+    """What Ĵ comes from."""
     exploration: Exploration = WIDE
+    """The first motion, as this estimator needs it."""
     half_way: bool = False
     """Whether it explores where half of the errors are left."""
     controller: SaturatedController = PRINTED_LAW
+    """The law of the way back to the start, and of that to the target."""
     lines: int = 50
     """H."""
     back: float = 150.0
@@ -78,6 +82,7 @@ class Regulation:
     duration: float = 110.0
     """s from the start on."""
     pictures: bool = True
+    """Whether frames are rendered; if not, the camera tells points."""
     noise: float = NOISE
     """px where there are no pictures."""
 
@@ -134,10 +139,12 @@ class Regulated:
 
 @dataclass(frozen=True)
 class RegulationRun:
-    """One regulation: why it stopped, if it did, and what was measured, if it began."""
+    """One regulation, as it ended."""
 
     cause: str
+    """The servo's cause at the last tick, in words; empty where all was well."""
     regulated: Regulated | None
+    """What was measured; None where it failed to explore."""
 
     @property
     def small(self) -> bool:

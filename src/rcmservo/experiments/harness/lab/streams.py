@@ -69,7 +69,9 @@ class StreamSettings:
     learning: float = 20.0
     """s at the start of a tour that are not judged."""
     scene: SceneSettings = PAPER_SCENES
+    """What the scenes are drawn from."""
     exploration: Exploration = LONG
+    """Of a servo run; a tour takes its radius and speed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +79,7 @@ class Stream:
     """What a servo saw, frame by frame, and the truth."""
 
     samples: list[Sample]
+    """One for each frame that the servo learnt from, n of them."""
     time: Floats
     """s (n,)."""
     phase: Floats

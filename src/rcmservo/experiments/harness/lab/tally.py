@@ -23,6 +23,7 @@ class Tally:
     short: str
     """In figures and tables."""
     trials: Sequence[Trial]
+    """One for each scene."""
     longest: float
     """s that count as the time of a run that never settled."""
 
@@ -76,13 +77,16 @@ class Tally:
 
 @dataclass(frozen=True)
 class Tallies:
-    """All methods, by name, in both kinds of scenes."""
+    """All methods in both kinds of scenes."""
 
     accepted: dict[str, Tally]
+    """By the methods' names, in the scenes that our condition accepts."""
     rejected: dict[str, Tally]
+    """By the methods' names, in the scenes that it rejects."""
     seeds: Sequence[int]
     """Of the accepted scenes, which the claims are about."""
     conditions: Conditions
+    """Under which every method ran."""
 
     @property
     def short(self) -> list[str]:

@@ -35,6 +35,7 @@ class Trial:
     """What the truth says of one run."""
 
     seed: int
+    """Of the scene."""
     why_not: str
     """Why it did not settle; empty if it did."""
     settle_time: float | None
