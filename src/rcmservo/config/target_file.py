@@ -34,18 +34,20 @@ TAUGHT = "%Y-%m-%dT%H:%M:%SZ"
 
 @dataclass(frozen=True)
 class Setup:
-    """What a target is bound to.
-
-    ``camera`` names the camera in its place, and a place that it is brought to anew has another
-    name; ``width`` and ``height`` px are those of its picture.
-    """
+    """What a target is bound to."""
 
     camera: str
+    """Names the camera in its place. A place that it is brought to anew has another name."""
     width: int
+    """Of its picture, px."""
     height: int
+    """Of its picture, px."""
     mechanism: Kinematics
+    """The kinematics of the arm that holds the tool."""
     tool: Tool
+    """Where the markers are on the tool."""
     markers: MarkerLook
+    """What the markers look like."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +55,13 @@ class Content:
     """What a file holds beside its format and checksum."""
 
     taught: str
+    """When the file was written, in UTC: a time like 2026-11-21T11:30:00Z."""
     markers_px: tuple[tuple[float, float], tuple[float, float]]
+    """(u, v) raw px of marker 1, then of marker 2."""
     joints: tuple[float, float, float]
+    """rad, rad, mm while the target was shown."""
     setup: texts.Table
+    """The Setup that it was shown by, in plain words and numbers."""
 
     def __post_init__(self) -> None:
         try:

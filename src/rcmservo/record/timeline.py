@@ -41,7 +41,9 @@ class Span:
     end: float
     """s at which its last tick ends."""
     phase: Phase
+    """What the servo was doing."""
     cause: Cause
+    """Why; NONE if all was well."""
     asks: Action
     """The action that was taken in it."""
     request: Request
@@ -62,6 +64,7 @@ class RunSummary:
     duration: float
     """s to the end of the last tick."""
     ticks: int
+    """How many it holds."""
     outcome: Outcome
     """The verdict on its last run."""
     latency: Floats
