@@ -29,7 +29,7 @@ COMMANDS = [
     line for block in re.findall(r"```sh\n(.*?)```", README, re.S) for line in block.splitlines()
 ]
 SET_UP = {"make run", "make test"}
-EXPLAINED = "sim", "tracking", "figures"
+EXPLAINED = "sim", "tracking", "figures", "experiments"
 """Folders in which every field of a dataclass or a NamedTuple is explained below it."""
 
 

@@ -18,32 +18,33 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One exposure of a camera.
-
-    A camera that makes pictures fills `image` ((height, width, 3) uint8, blue-green-red as in
-    OpenCV); one that simulates only the markers fills `points` ((2, 2) px: m1 and m2, NaN where
-    unseen). Times in ns:
-    `exposure` is the middle of the exposure, `arrival` is when the computer had the frame.
-    """
+    """One exposure of a camera. A camera that makes pictures fills `image`; one that simulates only
+    the markers fills `points`."""
 
     number: int
+    """It rises from frame to frame."""
     exposure: int
+    """The middle of the exposure, ns."""
     arrival: int
+    """When the computer had the frame, ns."""
     image: Image | None = None
+    """(height, width, 3) uint8, blue-green-red as in OpenCV. None where there is none, or where it
+    came damaged."""
     points: Floats | None = None
+    """(2, 2) px: m1 and m2, NaN where unseen. None where the camera makes pictures."""
 
 
 @dataclass(frozen=True, eq=False)
 class Markers:
-    """Where a tracker saw the two markers.
-
-    `points` (2, 2) px: row 0 is m1 (nearer the RCM), row 1 is m2 (nearer the tip); NaN where lost,
-    never a guess. `radius` (2,) px of the imaged marker; `quality` (2,) from 0 (lost) to 1.
-    """
+    """Where a tracker saw the two markers."""
 
     points: Floats
+    """(2, 2) px: row 0 is m1 (nearer the RCM), row 1 is m2 (nearer the tip). NaN where lost, never
+    a guess."""
     radius: Floats
+    """(2,) px of the imaged markers; NaN where it is not known."""
     quality: Floats
+    """(2,) from 0 (lost) to 1."""
 
 
 class Dropped(Enum):
@@ -65,59 +66,64 @@ PLACES = {kind: place for place, kind in enumerate(Dropped)}
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """All that a servo is told at one tick. Times are ns on the plant's clock.
-
-    Of the arm: ``q`` (3,) the joints as it last told them, at ``q_time``; ``enabled``, whether its
-    drive is on; ``applied`` (3,), the joint rates that it took of the last command.
-    Of the camera: ``points`` (2, 2) raw px of the newest frame used, NaN where lost, with its
-    ``frame`` number (-1 before the first), ``exposure`` and ``arrival``, and ``q_exposure`` (3,),
-    the joints at that moment; ``dropped``, why the frame offered last was not used.
-    ``recorded`` is False once a record that was asked for is no longer written.
-    """
+    """All that a servo is told at one tick. Times are ns on the plant's clock."""
 
     now: int
+    """The moment of the observation."""
     q: Floats
+    """The joints (3,) rad, rad, mm, as the arm last told them."""
     q_time: int
+    """When the arm read them."""
     enabled: bool
+    """Whether the arm's drive is on."""
     applied: Floats
+    """The joint rates (3,) rad/s, rad/s, mm/s that the arm took of the last command; zeros before
+    the first."""
     frame: int
+    """Number of the newest frame used, -1 before the first."""
     exposure: int
+    """The middle of that frame's exposure; 0 before the first."""
     arrival: int
+    """When the computer had that frame; 0 before the first."""
     q_exposure: Floats
+    """The joints (3,) at the exposure; NaN where they are not known."""
     points: Floats
+    """The markers (2, 2) raw px in that frame, NaN where lost."""
     dropped: Dropped = Dropped.NONE
+    """Why the frame offered last was not used; NONE where nothing is wrong with it."""
     recorded: bool = True
+    """False once a record that was asked for is no longer written."""
 
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What an arm is to do: joint rates (3,) in rad/s, rad/s, mm/s. Only the gate makes one.
-
-    ``number`` rises from command to command; ``time`` ns is that of the tick. After its
-    ``deadline`` ns a command is void, and an arm that has no newer one stops and switches its drive
-    off. ``enabled`` False switches it off at once.
-    """
+    """What an arm is to do. Only the gate makes one."""
 
     number: int
+    """It rises from command to command."""
     time: int
+    """That of its tick, ns."""
     deadline: int
+    """ns. After it the command is void, and an arm that has no newer one stops and switches its
+    drive off."""
     rates: Floats
+    """The joint rates (3,) rad/s, rad/s, mm/s."""
     enabled: bool
+    """False switches the arm's drive off at once."""
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What was shown: the markers' raw pixels (2, 2). y_d is computed from them about the imaged
-    RCM as known later.
-
-    `q` (3,) are the joints while it was shown. No motion is decided by them; they tell afterwards
-    whether a pose that looks the same is the same. `shown` is when that began, ns on the plant's
-    clock (0: earlier than all that is known): a target from before the camera was moved is refused.
-    """
+    """What was shown. y_d is computed from it about the imaged RCM as known later."""
 
     points: Floats
+    """The markers (2, 2) raw px."""
     q: Floats
+    """The joints (3,) rad, rad, mm while it was shown. No motion is decided by them; they tell
+    afterwards whether a pose that looks the same is the same."""
     shown: int = 0
+    """When showing it began, ns on the plant's clock (0: earlier than all that is known). A target
+    from before the camera was moved is refused."""
 
 
 class Clock(Protocol):

@@ -61,16 +61,16 @@ def export(options: ExportOptions) -> int:
 
 @dataclass(frozen=True)
 class Exported:
-    """How many ``ticks`` and ``frames`` were written, and how many frames were ``left_out``: no
-    tick has used them.
-
-    ``missing`` tells what of the record could not be read.
-    """
+    """What was written."""
 
     ticks: int
+    """Rows of ticks.csv."""
     frames: int
+    """Pictures in recording/."""
     left_out: int
+    """Frames of the record that are not among them: no tick tells the joints at their exposures."""
     missing: str
+    """What of the record could not be read, in words; empty where nothing is missing."""
 
 
 def write(path: Path, folder: Path) -> Exported:

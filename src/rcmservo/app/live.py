@@ -48,6 +48,7 @@ class LiveOptions:
     json: bool = False
     """Print one JSON object on stdout and nothing else."""
     boxes: Boxes = field(default_factory=ServoOptions)
+    """The settings of the servo's boxes."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +56,11 @@ class SpreadMetrics:
     """How a time was spread over a run, ms; None where it never came up."""
 
     median: float | None
+    """Half of the times were no longer."""
     p99: float | None
     """The 99th percentile."""
     max: float | None
+    """The longest."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +68,11 @@ class LoopMetrics:
     """How the loop kept its time."""
 
     ticks: int
+    """How many there were."""
     missed: int
     """Ticks that the loop was not there to begin."""
     rate_hz: float | None
+    """Ticks a second, the mean; None where there were fewer than two."""
     lateness_ms: SpreadMetrics
     """From when a tick was due until it began."""
     latency_ms: SpreadMetrics
@@ -83,15 +88,19 @@ class LiveMetrics:
     """A live run in numbers: what metrics.json holds, by the same names."""
 
     seed: int
+    """What camera, start, target and noise were drawn from."""
     estimator: str
     """The estimator's name on the command line."""
     folder: str
     """Where record, figures and these metrics are."""
     settled: bool
+    """Whether the errors stayed small to the end, with nothing wrong then."""
     cause: str
     """Why it did not settle; empty where it did."""
     settle_time_s: float | None
+    """When the errors became small for good; None where the run did not settle."""
     feature_error: FeatureError
+    """Of the last second."""
     explored_s: float | None
     """When exploration ended; None where it did not."""
     pose_error_mm: float | None

@@ -57,6 +57,7 @@ class ReplayOptions:
     json: bool = False
     """Print one JSON object on stdout and nothing else."""
     boxes: Boxes = field(default_factory=ServoOptions)
+    """The settings of the servo's boxes."""
 
 
 def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:
@@ -91,6 +92,7 @@ class Recomputed:
     open_loop: bool
     """Whether other settings than the recorded ones were asked for."""
     ticks: int
+    """How many the record holds."""
     first: int | None
     """The first tick that came out otherwise."""
     differs: dict[str, int]

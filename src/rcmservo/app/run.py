@@ -58,6 +58,7 @@ class RunOptions:
     json: bool = False
     """Print one JSON object on stdout and nothing else."""
     boxes: Boxes = field(default_factory=ServoOptions)
+    """The settings of the servo's boxes."""
 
 
 def run(options: RunOptions) -> int:

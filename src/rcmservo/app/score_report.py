@@ -15,12 +15,14 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True)
 class FrameReport:
-    """Where the markers' centres are in a frame, px; None for one that was not found."""
+    """Where the markers' centres are in a frame."""
 
     frame: str
     """The frame's name."""
     m1: Pair | None
+    """(u, v) px of the marker nearer the RCM; None where it was not found."""
     m2: Pair | None
+    """(u, v) px of the marker nearer the tip; None where it was not found."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,9 @@ class MarkerErrors:
     """A root mean square for each marker, px; None where there is no fit."""
 
     m1: float | None
+    """Of the marker nearer the RCM."""
     m2: float | None
+    """Of the marker nearer the tip."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +40,11 @@ class StepErrors:
     """The root mean square error of predicting one step; None where none could be predicted."""
 
     s_deg: float | None
+    """Of s, the imaged tool's angle, in degrees."""
     r_px: float | None
+    """Of r, marker 1's distance from the imaged RCM."""
     d_px: float | None
+    """Of d, the imaged markers' distance from each other."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +52,11 @@ class ScoreReport:
     """A scored recording: what replay.json holds, by the same names."""
 
     frames: list[FrameReport]
+    """All of the recording in their order, also those in which no marker was found."""
     imaged_rcm_px: Pair | None
     """o_c; None where it was not observable."""
     imaged_rcm_condition: float | None
+    """Condition number of (16); None where (16) is singular."""
     reprojection_rms_px: MarkerErrors
     """The error of the final fit."""
     one_step_rms: dict[str, StepErrors]

@@ -35,11 +35,17 @@ class ServoOptions:
     """The fields that hold users' own estimators, by the estimators' names."""
 
     controller: SaturatedController = field(default_factory=SaturatedController)
+    """The law (31) with the saturated potential (32)."""
     exploration: Exploration = field(default_factory=Exploration)
+    """How the tool moves while nothing is known yet."""
     imaged_rcm: ImagedRcm = field(default_factory=ImagedRcm)
+    """How the imaged RCM is computed: eq. (16) over the most telling lines, then refined."""
     projection: ProjectionEstimator = field(default_factory=ProjectionEstimator)
+    """Ĵ through the projection parameters, rule (21)."""
     flow: FlowEstimator = field(default_factory=FlowEstimator)
+    """Ĵ from flow, rule (28)."""
     broyden: BroydenEstimator = field(default_factory=BroydenEstimator)
+    """Ĵ by Broyden's rank-1 update."""
 
     @property
     def estimators(self) -> dict[str, Estimator]:

@@ -42,11 +42,17 @@ class Lab:
     simulation of it."""
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
+    """The arm's kinematics."""
     tool: Tool = field(default_factory=lambda: RigidTool(spacing=30.0))
+    """Where the markers are on the tool."""
     markers: MarkerLook = field(default_factory=default_markers)
+    """What the markers look like, so that they are found in pictures."""
     gate: Gate = field(default_factory=Gate)
+    """Bounds on every command."""
     thresholds: Thresholds = field(default_factory=Thresholds)
+    """From where on something is a fault."""
     simulation: Tables = field(default_factory=dict[str, texts.Table])
+    """Those of SIMULATION_SECTIONS that the file has, as they are written; `section` reads them."""
 
     def section(self, name: str, kind: type[Section], **known: object) -> Section:
         """A section for the simulation as its settings; what the robot knows already is `known`,

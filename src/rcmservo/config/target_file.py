@@ -37,17 +37,17 @@ class Setup:
     """What a target is bound to."""
 
     camera: str
-    """The camera in its place; a place that it is brought to anew has another name."""
+    """Names the camera in its place. A place that it is brought to anew has another name."""
     width: int
     """Of its picture, px."""
     height: int
     """Of its picture, px."""
     mechanism: Kinematics
-    """The arm's."""
+    """The kinematics of the arm that holds the tool."""
     tool: Tool
-    """Where the markers are on it."""
+    """Where the markers are on the tool."""
     markers: MarkerLook
-    """How they look."""
+    """What the markers look like."""
     slack: float = Thresholds.slack
     """Share of a joint's range by which it may stand beyond its limit. A target is not bound to
     it."""
@@ -58,9 +58,13 @@ class Content:
     """What a file holds beside its format and checksum."""
 
     taught: str
+    """When the file was written, in UTC: a time like 2026-11-21T11:30:00Z."""
     markers_px: tuple[tuple[float, float], tuple[float, float]]
+    """(u, v) raw px of marker 1, then of marker 2."""
     joints: tuple[float, float, float]
+    """rad, rad, mm while the target was shown."""
     setup: texts.Table
+    """The Setup that it was shown by, in plain words and numbers."""
 
     def __post_init__(self) -> None:
         try:

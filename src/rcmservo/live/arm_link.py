@@ -56,37 +56,48 @@ class Wish(IntEnum):
 
 
 class Order(NamedTuple):
-    """A command and the session that it belongs to."""
+    """A command on its way to the arm."""
 
     session: int
+    """Whose it is: drawn at random by the servo that switched the drive on."""
     command: Command
+    """What the arm is to do. From a session that does not have it, it takes nothing but to be
+    switched off."""
 
 
 class Ask(NamedTuple):
-    """Something a person wants done, under a number that rises: the time ns at which it was
-    asked."""
+    """Something a person wants done."""
 
     number: int
+    """It rises: the time ns at which it was asked."""
     session: int
+    """That of the servo that asks; with ENABLE the arm takes motion from this session alone."""
     wish: Wish
+    """What is wanted."""
 
 
 class Answer(NamedTuple):
-    """How the arm is: the session that has it, the time ns, the joints (3,), whether its drive is
-    on, the rates (3,) it takes, and the number of the command they came with."""
+    """How the arm is."""
 
     session: int
+    """The one that has it; 0 before its drive was first on."""
     time: int
+    """When the joints were read, ns."""
     q: Floats
+    """The joints (3,) rad, rad, mm."""
     enabled: bool
+    """Whether its drive is on."""
     applied: Floats
+    """The joint rates (3,) rad/s, rad/s, mm/s that it takes."""
     number: int
+    """Of the command that they came with; -1 where none has come since the drive went on."""
 
 
 class Done(NamedTuple):
-    """What was asked under this number is done."""
+    """What was asked is done."""
 
     number: int
+    """That of the Ask."""
 
 
 Message = Order | Ask | Answer | Done

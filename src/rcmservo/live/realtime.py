@@ -35,11 +35,12 @@ stays too."""
 
 @dataclass
 class Realtime:
-    """What became of it: ``refused``, one sentence for each thing that was asked of the system and
-    refused, and how often ``collections`` of garbage stopped the process nevertheless."""
+    """What became of it."""
 
     refused: list[str] = field(default_factory=list[str])
+    """One sentence for each thing that was asked of the system and refused."""
     collections: int = 0
+    """How often the collection of garbage stopped the process nevertheless."""
 
     def _count(self, moment: str, about: object) -> None:
         self.collections += moment == "start"

@@ -12,10 +12,12 @@ from rcmservo.interfaces import Frame, Markers
 
 
 class Right(NamedTuple):
-    """What a method should answer: a test, and the same in words."""
+    """What a method should answer."""
 
     good: Callable[[Any], bool]
+    """Whether an answer is right."""
     words: str
+    """The same in words: what an answer must be."""
 
 
 def _array(value: Any, *shape: int) -> bool:

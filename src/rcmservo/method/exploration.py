@@ -104,13 +104,16 @@ def unexplained(seen: Floats, J_hat: Floats, o_c: Floats) -> float:
 
 
 class Exploring(NamedTuple):
-    """Where an exploration stands: its ``corners``, the ``visits`` so far, ``seen`` rows at each,
-    the ``start`` ns."""
+    """Where an exploration stands."""
 
     corners: Floats
+    """The places p₁ (4, 3) mm that marker 1 visits in turn."""
     seen: Floats
+    """(4, 7) rows [p₁ mm, raw m₁ m₂ px] at the last four visits, the newest last; zeros before."""
     visits: int
+    """Corners visited so far, over all rounds."""
     start: int
+    """When it began, ns."""
 
 
 @dataclass(frozen=True)

@@ -29,16 +29,16 @@ FULL_TURN, LONGEST_TRAVEL, LEAST_TRAVEL = 2.0 * np.pi, 2000.0, 1.0
 
 
 class Rcm(NamedTuple):
-    """What compiled functions know of a mechanism and of one point on its tool.
-
-    The point is at ρ = q₃ + ``zero`` mm. Its ``kind`` tells the coordinates; the joints stay from
-    ``lower`` to ``upper`` (rad, rad, mm).
-    """
+    """What compiled functions know of a mechanism and of one point on its tool."""
 
     kind: int
+    """Its coordinates: SPHERICAL or PITCH_YAW."""
     zero: float
+    """mm: the point is at ρ = q₃ + zero."""
     lower: tuple[float, float, float]
+    """The joints' lower limits, rad, rad, mm."""
     upper: tuple[float, float, float]
+    """Their upper limits, rad, rad, mm."""
 
 
 def floats(numbers: Sequence[float]) -> tuple[float, float, float]:
@@ -147,10 +147,12 @@ def _require_units(name: str, values: tuple[float, float, float]) -> None:
 
 @dataclass(frozen=True)
 class JointLimits:
-    """The configurations that the tool may take: lower <= q <= upper, in rad, rad, mm."""
+    """The configurations that the tool may take: lower <= q <= upper."""
 
     lower: tuple[float, float, float]
+    """rad, rad, mm."""
     upper: tuple[float, float, float]
+    """rad, rad, mm; above `lower` in every joint."""
 
     def __post_init__(self) -> None:
         for name, values in (("lower", self.lower), ("upper", self.upper)):
@@ -171,17 +173,19 @@ class JointLimits:
 @dataclass(frozen=True)
 class Kinematics(ABC):
     """What a robot knows of its own RCM mechanism: coordinates, limits, and where the insertion
-    axis reads zero.
-
-    ``insertion_zero`` (mm) is ρ of the tool's reference point where the insertion joint reads zero.
-    """
+    axis reads zero."""
 
     kind: ClassVar[int]
+    """SPHERICAL or PITCH_YAW, for compiled functions."""
     joint_names: ClassVar[tuple[str, str, str]]
+    """Those of q's joints in their order, as records and sentences tell them."""
     name: ClassVar[str]
+    """What files, records and sentences call these coordinates."""
 
     limits: JointLimits
+    """How far each joint may go."""
     insertion_zero: float = 0.0
+    """mm: ρ of the tool's reference point where the insertion joint reads zero."""
 
     def __post_init__(self) -> None:
         require(
@@ -235,15 +239,13 @@ class SphericalRcm(Kinematics):
             lower=(np.radians(8.0), -np.pi, 40.0), upper=(np.radians(85.0), np.pi, 220.0)
         )
     )
+    """By default 8° to 85°, a full turn, and 40 to 220 mm."""
 
 
 @dataclass(frozen=True)
 class PitchYawRcm(Kinematics):
     """Yaw about y, pitch about x, insertion towards −z, as a da Vinci arm counts: regular at its
-    home pose q = 0.
-
-    The default limits are those of a da Vinci research kit's patient-side manipulator.
-    """
+    home pose q = 0."""
 
     kind = PITCH_YAW
     joint_names = ("yaw", "pitch", "insertion")
@@ -252,3 +254,4 @@ class PitchYawRcm(Kinematics):
     limits: JointLimits = field(
         default=JointLimits(lower=(-1.588, -0.925, 40.0), upper=(1.588, 0.925, 240.0))
     )
+    """By default those of a da Vinci research kit's patient-side manipulator."""

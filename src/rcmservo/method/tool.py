@@ -21,10 +21,12 @@ RIGID, SCALED = 0, 1
 
 
 class Shaft(NamedTuple):
-    """What compiled functions know of a tool: its ``kind``, and as ``value`` l (mm) or λ."""
+    """What compiled functions know of a tool."""
 
     kind: int
+    """RIGID or SCALED."""
     value: float
+    """l in mm of a rigid one, λ of a scaled one."""
 
 
 @compiled
@@ -92,17 +94,15 @@ class Tool(ABC):
 
 @dataclass(frozen=True)
 class RigidTool(Tool):
-    """Two markers at a fixed spacing l on one rigid shaft: p₂ = p₁ (1 + l/ρ).
-
-    ``spacing`` (mm) from m₁ to m₂ along the tool, positive away from the RCM.
-    ``offset`` (mm) from the tool's reference point to m₁, positive away from the RCM.
-    """
+    """Two markers at a fixed spacing l on one rigid shaft: p₂ = p₁ (1 + l/ρ)."""
 
     kind = RIGID
     name = "rigid"
 
     spacing: float
+    """l, mm from m₁ to m₂ along the tool, away from the RCM."""
     offset: float = 0.0
+    """mm from the tool's reference point to m₁, positive away from the RCM."""
 
     def __post_init__(self) -> None:
         l, name = self.spacing, "tool.spacing"
@@ -125,7 +125,9 @@ class ScaledTool(Tool):
     name = "scaled"
 
     scale: float
+    """λ, above 1."""
     offset: float = 0.0
+    """mm from the tool's reference point to m₁, positive away from the RCM."""
 
     def __post_init__(self) -> None:
         good = bool(np.isfinite(self.scale)) and self.scale > 1.0

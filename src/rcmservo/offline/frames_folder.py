@@ -42,6 +42,7 @@ class Pose:
     """One frame of a recording, and where the tool was."""
 
     name: str
+    """The frame's, as poses.csv has it; its picture's too, without the ending."""
     picture: Path | None
     """Its file, or None in a recording of points."""
     points: Floats | None

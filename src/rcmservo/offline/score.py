@@ -39,12 +39,13 @@ class Replay:
     """What a recording gave."""
 
     poses: list[Pose]
+    """All rows of the recording, in their order."""
     markers: list[Markers]
     """Those of every frame."""
     o_c: Floats
     """The imaged RCM (2,) px, NaN where it was not observable."""
     condition: float
-    """Its condition, infinite where it was not observable."""
+    """Condition number of (16), however large; infinite where (16) is singular."""
     reprojection: Floats
     """(2,) px: the root mean square of each marker's 2-D error under the final fit."""
     one_step: dict[str, Floats]

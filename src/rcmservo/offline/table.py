@@ -47,11 +47,14 @@ class TableRow:
 
 @dataclass(frozen=True)
 class Table:
-    """A table's titles, and every row that is not empty."""
+    """A table as it was read."""
 
     path: Path
+    """Its file."""
     titles: list[str]
+    """Those of its columns, from left to right."""
     rows: list[TableRow]
+    """Every row below the titles that is not empty."""
 
     def require(self, columns: tuple[str, ...], needs: str) -> None:
         """Refuse a table without one of the columns; `needs` says who needs them."""

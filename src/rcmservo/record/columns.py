@@ -31,6 +31,7 @@ class Column(NamedTuple):
     """One entry of a tick."""
 
     name: str
+    """What the messages on disk, tables and comparisons call it."""
     parts: tuple[str, ...]
     """What its numbers are, with their units; as many as it has."""
     of: Callable[[Tick], Any]

@@ -45,13 +45,17 @@ _STATISTICS = struct.Struct("<QHIIIIQQI")
 
 
 class Message(NamedTuple):
-    """A message as it was written: its topic, the topic's message definition, when it was logged
-    (ns), its bytes."""
+    """A message as it was written."""
 
     topic: str
+    """Its channel's name, such as rcmservo/tick."""
     definition: str
+    """How messages of its topic are laid out, as ROS 2 writes it; empty where the file does not
+    tell."""
     time: int
+    """When it was logged, ns since the record's start."""
     data: bytes
+    """Its bytes, in CDR."""
 
 
 class _Damage(Exception):
@@ -60,19 +64,23 @@ class _Damage(Exception):
 
 @dataclass
 class Channel:
-    """A topic, its message definition, and how many messages have been read of it."""
+    """A topic, and how far it has been read."""
 
     topic: str
+    """Its name."""
     definition: str
+    """How its messages are laid out; empty where the file does not tell."""
     read: int = 0
+    """Messages read so far."""
 
 
 class FileSummary(NamedTuple):
-    """What the end of a file says of the whole: messages by channel, and when the last was logged
-    (ns)."""
+    """What the end of a file says of the whole."""
 
     counts: dict[int, int]
+    """Messages by the channels' numbers."""
     end: int
+    """When the last message was logged, ns since the record's start."""
 
 
 class Messages:

@@ -44,23 +44,27 @@ Name = TypeVar("Name", bound=Enum)
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A run as columns: ``time`` (N,) s; ``ticks`` and ``truth`` by name, (N, size) each; names of
-    N ``words`` each, of which ``phase`` and ``cause`` stand out; the ``stages``.
-
-    ``about`` is what the run was told: settings, seed, versions, how long it was ``planned`` to
-    last. ``missing`` tells in one sentence what could not be read, empty where the record is
-    ``complete``; ``unread`` is how many bytes of the file that are.
-    """
+    """A run as columns, of N ticks."""
 
     path: Path
+    """Its file."""
     about: dict[str, Any]
+    """What the run was told: settings, seed, versions, how long it was `planned` to last."""
     time: Floats
+    """(N,) s since the record's start."""
     ticks: dict[str, Column]
+    """The ticks' numbers by column, (N, size) each; see columns.py."""
     words: dict[str, list[str]]
+    """The ticks' names by column, N each, of which `phase` and `cause` stand out."""
     truth: dict[str, Floats]
+    """What the simulation knew, by name, (N, size) each; (0, size) where it is not in the
+    record."""
     stages: list[Stage]
+    """One after the other: which servo and target the ticks go by."""
     missing: str
+    """What could not be read, in one sentence; empty where the record is `complete`."""
     unread: int
+    """Bytes of the file that could not be read."""
 
     @property
     def version(self) -> str:

@@ -33,20 +33,21 @@ from rcmservo.servo.servo import Servo, State
 
 @dataclass(frozen=True, eq=False)
 class Rerun:
-    """What was recorded and what came out again: ``then`` and ``now``, both as records that can be
-    plotted.
-
-    ``differs`` counts by column the ticks at which they are not the same bit for bit, and ``first``
-    is the first such tick (None: there is none). ``open_loop`` tells whether other settings than
-    the recorded ones were given, ``changed`` in words what of the code is another than recorded.
-    """
+    """What was recorded and what came out again."""
 
     then: Record
+    """The record as it was written."""
     now: Record
+    """The same with the decisions that came out again; it can be plotted as any record."""
     first: int | None
+    """Index of the first tick that is not the same bit for bit; None where there is none."""
     differs: dict[str, int]
+    """By column, at how many ticks it is not the same. A column without such ticks is left out."""
     open_loop: bool
+    """Whether other settings than the recorded ones were given."""
     changed: str = ""
+    """Which users' own estimators have another source than when they were recorded, in words; empty
+    where none has."""
 
     @property
     def same(self) -> bool:

@@ -60,20 +60,29 @@ class TargetTable:
     """A target as a stage's JSON has it."""
 
     points: tuple[tuple[float, float], tuple[float, float]]
+    """(u, v) raw px of marker 1, then of marker 2."""
     q: tuple[float, float, float]
+    """rad, rad, mm."""
     shown: int = 0
+    """ns on the plant's clock; 0 where the JSON does not tell."""
 
 
 @dataclass(frozen=True)
 class StageTable:
-    """A stage's JSON."""
+    """A stage's JSON. Where it stands in the record tells its first tick."""
 
     origin: int
+    """Number of the stage that it goes on from, or NOTHING or ELSEWHERE."""
     target: TargetTable
+    """What was shown."""
     servo: Table
+    """The description that its servo can be rebuilt from."""
     mid_run: bool = False
+    """Whether the loop went on from the tick before, without a new start."""
     version: str = ""
+    """Which rcmservo has written it; empty where it does not tell."""
     source: str = ""
+    """Hash of the file of a user's own estimator; empty for ours."""
 
 
 def stage_of(table: object, first: int, number: int) -> Stage:

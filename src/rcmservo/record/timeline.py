@@ -42,7 +42,9 @@ class Span:
     end: float
     """s at which its last tick ends."""
     phase: Phase
+    """What the servo was doing."""
     cause: Cause
+    """Why; NONE if all was well."""
     asks: Action
     """The action that was taken in it."""
     request: Request
@@ -63,6 +65,7 @@ class RunSummary:
     duration: float
     """s to the end of the last tick."""
     ticks: int
+    """How many it holds."""
     outcome: Outcome
     """The verdict on its last run."""
     latency: Floats

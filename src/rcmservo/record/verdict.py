@@ -35,6 +35,8 @@ class Outcome:
     """Whether a run settled, and if not why."""
 
     settled: bool
+    """Whether the errors stayed small to the end, with nothing wrong then, at the pose that was
+    shown."""
     cause: str
     """In words, why it did not settle; empty if it did."""
     settle_time: float | None

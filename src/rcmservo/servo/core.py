@@ -64,12 +64,14 @@ class Dials(Row):
 
 
 class Situation(NamedTuple):
-    """Of the phase: whether the drive should be ``on``, whether there is an estimate to servo
-    with, and whether the servo does."""
+    """What the compiled parts know of the phase."""
 
     on: bool
+    """Whether the drive should be on."""
     explored: bool
+    """Whether there is an estimate to servo with."""
     servoing: bool
+    """Whether the servo does: the phase is SERVO."""
 
 
 @compiled

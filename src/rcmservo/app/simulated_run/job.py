@@ -13,25 +13,33 @@ from rcmservo.sim import Disturbance, RigSettings
 
 @dataclass(frozen=True)
 class Job:
-    """What to simulate and what to write.
-
-    ``disturbances`` go wrong on the way; a scripted person acts at most ``resumes`` times after a
-    pause. The target is that in the file ``target``, if one is given, and is otherwise shown;
-    ``save_target`` is a file to keep it in.
-    """
+    """What to simulate and what to write."""
 
     seed: int
+    """What camera, start, target and noise are drawn from."""
     duration: float
+    """Length of the run, s."""
     name: str
+    """The estimator's name on the command line."""
     servo: Servo
+    """What is to reach the target, with its settings."""
     lab: Lab
+    """The laboratory that is simulated."""
     folder: Path
+    """Where record, metrics, figures and video go."""
     video: bool = True
+    """Whether to write the overlay video."""
     frames: bool = False
+    """Whether the record holds the frames too."""
     disturbances: tuple[Disturbance, ...] = ()
+    """What goes wrong on the way."""
     resumes: int = 0
+    """How often at most a scripted person acts after a pause: resumes, or shows the target
+    again."""
     target: Path | None = None
+    """The file that holds the target; None where it is shown first."""
     save_target: Path | None = None
+    """A new file to keep the target in that is shown; None where it is not kept."""
 
 
 def about(job: Job, settings: RigSettings) -> dict[str, Any]:

@@ -19,8 +19,11 @@ class FeatureError:
     """The root mean square of Δy over the last second; None where it is not known."""
 
     s_rad: float | None = None
+    """Of s, the imaged tool's angle."""
     r_px: float | None = None
+    """Of r, marker 1's distance from the imaged RCM."""
     d_px: float | None = None
+    """Of d, the imaged markers' distance from each other."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +50,10 @@ class ExplorationCost:
 
 @dataclass(frozen=True)
 class Latency:
-    """Time from a frame's exposure to the tick that uses it, s."""
+    """Time from a frame's exposure to the tick that uses it, s; None where no frame was used."""
 
     median: float | None = None
+    """Half of the times were no longer."""
     p99: float | None = None
     """The 99th percentile."""
 
@@ -59,9 +63,11 @@ class RunMetrics:
     """A simulated run in numbers: what metrics.json holds, by the same names."""
 
     seed: int
+    """What camera, start, target and noise were drawn from."""
     estimator: str
     """The estimator's name on the command line."""
     settled: bool = False
+    """Whether the errors stayed small to the end, with nothing wrong then."""
     cause: str = "the run was stopped before its first tick"
     """Why it did not settle; empty where it did."""
     settle_time_s: float | None = None
@@ -69,12 +75,17 @@ class RunMetrics:
     pose_error_mm: float | None = None
     """‖p₂ − p_d‖, root mean square over the last second, by the simulation's truth."""
     feature_error: FeatureError = FeatureError()
+    """What is left of Δy."""
     jacobian_error: JacobianError = JacobianError()
+    """How far Ĵ is from the true J."""
     explore: ExplorationCost = ExplorationCost()
+    """What exploration took."""
     estimator_time_per_frame_s: float | None = None
     """Time that the estimator was given for every frame; None for the real time between frames."""
     latency_s: Latency = Latency()
+    """How old the frames are when they are used."""
     late_ticks: int = 0
+    """Ticks that came later than by Thresholds.late_share of a period."""
     real_time_factor: float = 0.0
     """Simulated over real time."""
     rejected_scenes: int = 0

@@ -9,17 +9,16 @@ from rcmservo.method.tool import Tool
 
 
 class Sample(NamedTuple):
-    """One new frame as an estimator sees it: measured, never commanded.
-
-    ``p1`` (3,) mm where the robot's joints put marker 1 at the exposure, ``points`` (2, 2) raw px,
-    ``o_c`` (2,) px the imaged RCM as known now, ``dt`` s since the exposure of the frame before (0
-    for the first).
-    """
+    """One new frame as an estimator sees it: measured, never commanded."""
 
     p1: Floats
+    """p₁ (3,) mm: where the robot's joints put marker 1 at the exposure."""
     points: Floats
+    """The markers (2, 2) raw px."""
     o_c: Floats
+    """The imaged RCM (2,) px as known now."""
     dt: float
+    """s since the exposure of the sample before; 0 for the first of a run."""
 
 
 class Estimator(ABC):

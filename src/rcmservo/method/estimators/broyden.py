@@ -52,12 +52,14 @@ def update(
 
 
 class BroydenMemory(NamedTuple):
-    """``J_hat`` (3, 3), and where the last update was made: ``p1`` (3,) mm, raw ``points`` (2, 2)
-    px, None at first."""
+    """Ĵ, and where its last update was made."""
 
     J_hat: Floats
+    """Ĵ (3, 3) rad/mm, px/mm, px/mm; zeros at first."""
     p1: Floats | None
+    """p₁ (3,) mm at the last update, or in the first frame; None before it."""
     points: Floats | None
+    """The markers (2, 2) raw px then; None before the first frame."""
 
 
 @dataclass(frozen=True)

@@ -45,12 +45,14 @@ def update(
 
 
 class FlowMemory(NamedTuple):
-    """``J_hat`` (3, 3), and the frame before: ``p1`` (3,) mm and raw ``points`` (2, 2) px, None at
-    first."""
+    """Ĵ, and the frame before."""
 
     J_hat: Floats
+    """Ĵ (3, 3) rad/mm, px/mm, px/mm; zeros at first."""
     p1: Floats | None
+    """p₁ (3,) mm in the frame before; None at first."""
     points: Floats | None
+    """The markers (2, 2) raw px in the frame before; None at first."""
 
 
 @dataclass(frozen=True)

@@ -177,24 +177,25 @@ def root_of_gamma(root: Floats, rate: float) -> Floats:
 
 
 class Rule(NamedTuple):
-    """What compiled functions know of rule (21).
-
-    ``rate`` is η of the fast Γ in 1/s, 0 for the printed Γ; ``epsilon`` its ε. ``both`` tells
-    whether m₂ is fitted as well as m₁.
-    """
+    """What compiled functions know of rule (21)."""
 
     rate: float
+    """η of the fast Γ, 1/s; 0 for the printed Γ."""
     epsilon: float
+    """ε of the fast Γ, which the choice of observations needs with either Γ."""
     both: bool
+    """Whether m₂ is fitted as well as m₁."""
 
 
 class ProjectionMemory(NamedTuple):
-    """``observations`` (P + 1, 7) rows [p₁ mm, raw m₁ m₂ px] of which ``filled`` are used, and
-    ``a_hat`` (9,)."""
+    """The chosen observations, and what was fitted to them."""
 
     observations: Floats
+    """(P + 1, 7) rows [p₁ mm, raw m₁ m₂ px]; the last is spare."""
     filled: int
+    """How many rows are used, from the first on."""
     a_hat: Floats
+    """â (9,); zeros at first."""
 
 
 @compiled
