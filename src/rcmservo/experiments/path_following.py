@@ -125,7 +125,8 @@ def follow(settings: Settings, method: Learner, seed: int) -> Following:
         if state.phase in (Phase.PAUSED, Phase.FAULT):
             break
     way = trace.way()
-    cause = state.cause.value or "time ran out before its start"
+    where = "before its start" if trace.began is None else "on the path"
+    cause = state.cause.stopping or f"time ran out {where}"
     return Following(seed, way, "" if way else cause)
 
 

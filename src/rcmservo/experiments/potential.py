@@ -62,7 +62,7 @@ class Reading:
     error: Floats
     """px over time under (33)."""
     time_to_small: float
-    """s."""
+    """s until the error counts as gone."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,14 @@ def reading(settings: Settings, deltas: Floats, printed: bool) -> Reading:
         jump=float(np.max(np.abs(np.diff(gradient)))),
         V_jump=float(np.max(np.abs(np.diff(V)))),
         error=error,
-        time_to_small=float(np.argmax(error < SMALL * settings.error) * settings.step),
+        time_to_small=first_below(SMALL * settings.error, error) * settings.step,
     )
+
+
+def first_below(bound: float, error: Floats) -> float:
+    """Place of the first error below the bound; infinite if there is none."""
+    below = np.flatnonzero(error < bound)
+    return float(below[0]) if len(below) else np.inf
 
 
 def sampled(deltas: Floats, bound: float, printed: bool) -> tuple[Floats, Floats]:

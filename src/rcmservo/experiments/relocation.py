@@ -78,7 +78,7 @@ class Stop:
     stopped_after: float | None
     """s until the tool stood still; None if it did not."""
     travelled: float
-    """mm of marker 2 meanwhile."""
+    """mm of marker 2 from then to the end."""
     noticed: bool
     """Whether the servo paused for that reason."""
 
@@ -92,7 +92,7 @@ class Relocation:
     again: float
     """s at which the servo was started again."""
     end_cause: str
-    """The servo's cause at the last tick, in words; empty where all was well."""
+    """What held the tool still at the last tick, in words; empty if nothing did."""
     pose_error: float
     """mm."""
 
@@ -131,7 +131,7 @@ def relocated(folder: Path, seed: int, method: str, settings: Settings) -> Reloc
         words = "after: the target was shown in the new view"
         loop.snapshot("after.png", target, tick.state, words)
         error = float(np.linalg.norm(loop.true_p2() - p_d))
-    return Relocation(stop, again, tick.state.cause.value, error)
+    return Relocation(stop, again, tick.state.cause.stopping, error)
 
 
 def _until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> Stop:

@@ -128,7 +128,7 @@ def visit_all(folder: Path, seed: int, method: str, pictures: bool, settings: Se
         made = list[Visit]()
         for count in range(settings.rounds * settings.poses):
             pose = count % settings.poses
-            if not tick.state.explored or tick.state.cause.value:
+            if not tick.state.explored or tick.state.cause.stopping:
                 break
             visit, tick = _visit(loop, tick, pose, shown[pose], settings)
             made.append(visit)
@@ -137,7 +137,7 @@ def visit_all(folder: Path, seed: int, method: str, pictures: bool, settings: Se
                 loop.snapshot(f"snapshot-{pose + 1}.png", targets[pose], tick.state, words)
         per_pixel = [pose_per_pixel(loop.rig, target.q) for target in targets]
     places = np.array([p_d for _, p_d in shown])
-    return Visits(made, tick.state.cause.value, places, per_pixel)
+    return Visits(made, tick.state.cause.stopping, places, per_pixel)
 
 
 def _visit(
@@ -147,16 +147,9 @@ def _visit(
     target, p_d = shown
     began = loop.elapsed()
     tick = loop.last(target, settings.longest, tick.state, done=Arrived())
-    visit = Visit(
-        pose=pose,
-        began=began,
-        ended=loop.elapsed(),
-        pose_error=float(np.linalg.norm(loop.true_p2() - p_d)),
-        jacobian_error=loop.rig.truth.jacobian_error(
-            tick.state.J_hat, tick.seen.q_exposure, tick.state.o_c
-        ),
-    )
-    return visit, tick
+    away = float(np.linalg.norm(loop.true_p2() - p_d))
+    off = loop.rig.truth.jacobian_error(tick.state.J_hat, tick.seen.q_exposure, tick.state.o_c)
+    return Visit(pose, began, loop.elapsed(), away, off), tick
 
 
 @dataclass(frozen=True)

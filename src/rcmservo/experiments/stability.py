@@ -64,7 +64,7 @@ class Frames:
     off: Floats
     """‖J Ĵ⁻¹ − I‖₂."""
     cause: str
-    """The servo's cause at the last tick, in words; empty where all was well."""
+    """What held the tool still at the last tick, in words; empty if nothing did."""
     arrived: bool
     """Whether the last frame shows the target within three times the noise."""
 
@@ -107,7 +107,7 @@ def regulate(folder: Path, settings: Settings, estimator: str, seed: int) -> Fra
     frames = list[tuple[float, ...]]()
     seen, cause = -1, ""
     for tick in run(plant, servo, target, settings.duration, done=arrived, state=state):
-        cause = tick.state.cause.value
+        cause = tick.state.cause.stopping
         if tick.state.phase is Phase.SERVO and tick.state.frame > seen:
             seen = tick.state.frame
             frames.append((tick.time / 1e9, *judge(rig, tick.state, tick.seen.q_exposure)))

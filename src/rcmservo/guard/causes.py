@@ -24,6 +24,11 @@ class Cause(Enum):
     action: Action
     way_out: str
 
+    @property
+    def stopping(self) -> str:
+        """Its sentence if the tool stands still for it; empty if it goes on."""
+        return self.value if self.action >= Action.HOLD else ""
+
     def __new__(cls, sentence: str, action: Action, way_out: str) -> "Cause":
         cause = object.__new__(cls)
         cause._value_, cause.action, cause.way_out = sentence, action, way_out

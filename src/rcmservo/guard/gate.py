@@ -58,29 +58,28 @@ def within(
 
 
 class Passed(NamedTuple):
-    """What the gate let through, and whether what was asked was ``finite``: if not, the command is
-    zero at once."""
+    """What the gate let through."""
 
     command: Command
+    """What the arm may be sent."""
     finite: bool
+    """Whether all numbers that came in were finite. If not, the command is zero at once."""
 
 
 @dataclass(frozen=True)
 class Gate:
-    """Bounds on every command.
-
-    ``speed`` (rad/s, rad/s, mm/s) and ``slew`` (rad/s², rad/s², mm/s²) bound each joint's rate and
-    its change. ``latency`` s is how long the arm may go on at its last speed before a command takes
-    hold.
-    ``max_period`` s caps the time over which one command may change: a late tick must not allow a
-    jump. ``deadline`` s after its tick a command is void.
-    """
+    """Bounds on every command."""
 
     speed: tuple[float, float, float] = (1.0, 1.0, 80.0)
+    """Bound on each joint's rate, rad/s, rad/s, mm/s."""
     slew: tuple[float, float, float] = (10.0, 10.0, 800.0)
+    """Bound on its change, rad/s², rad/s², mm/s²."""
     latency: float = 0.05
+    """How long the arm may go on at its last speed before a command takes hold, s."""
     max_period: float = 0.02
+    """Longest time over which one command may change, s: a late tick must not allow a jump."""
     deadline: float = 0.05
+    """Time after its tick from which on a command is void, s."""
 
     def __post_init__(self) -> None:
         for name in ("speed", "slew"):

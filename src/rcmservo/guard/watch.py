@@ -40,22 +40,34 @@ class Watch(Row):
 
 
 class Told(NamedTuple):
-    """An observation as compiled functions take it; see Observation. ``gap`` ns since the last
-    tick; ``dropped`` counts the kinds of Dropped."""
+    """An observation as compiled functions take it."""
 
     now: int
+    """ns, the moment of the observation."""
     gap: int
+    """ns since the last tick."""
     q: Floats
+    """The joints (3,) rad, rad, mm, as the arm last told them."""
     q_time: int
+    """ns, when the arm read them."""
     enabled: bool
+    """Whether the arm's drive is on."""
     applied: Floats
+    """The joint rates (3,) rad/s, rad/s, mm/s that the arm took."""
     frame: int
+    """Number of the newest frame used, -1 before the first."""
     exposure: int
+    """ns, the middle of that frame's exposure."""
     arrival: int
+    """ns, when the computer had it."""
     q_exposure: Floats
+    """The joints (3,) then; NaN where they are not known."""
     points: Floats
+    """The markers (2, 2) raw px in it, NaN where lost."""
     dropped: int
+    """Place in Dropped of why the frame offered last was not used."""
     recorded: bool
+    """Whether the record that was asked for is still written."""
 
 
 def begin() -> Watch:

@@ -142,7 +142,7 @@ class RegulationRun:
     """One regulation, as it ended."""
 
     cause: str
-    """The servo's cause at the last tick, in words; empty where all was well."""
+    """What held the tool still at the last tick, in words; empty if nothing did."""
     regulated: Regulated | None
     """What was measured; None where it failed to explore."""
 
@@ -193,7 +193,7 @@ def regulate(folder: Path, seed: int, settings: Regulation) -> RegulationRun:
         loop.rig.place(scene.half_way if settings.half_way else scene.start)
         tick = loop.explore(home)
         if not tick.state.explored:
-            return RegulationRun(tick.state.cause.value or Cause.NOT_EXPLORED.value, None)
+            return RegulationRun(tick.state.cause.stopping or Cause.NOT_EXPLORED.value, None)
         tick = loop.last(home, settings.back, tick.state, done=Arrived())
         began = loop.elapsed()
         for count, there in enumerate(loop.stage(target, settings.duration, tick.state)):
@@ -201,7 +201,9 @@ def regulate(folder: Path, seed: int, settings: Regulation) -> RegulationRun:
             if count == round(100 * SEEN):
                 loop.snapshot("initial.png", target, tick.state, _words("initial", tick))
         loop.snapshot("final.png", target, tick.state, _words("final", tick))
-    return RegulationRun(tick.state.cause.value, measured(recorded(folder), began, p_d, settings))
+    return RegulationRun(
+        tick.state.cause.stopping, measured(recorded(folder), began, p_d, settings)
+    )
 
 
 def _words(when: str, tick: Tick) -> str:

@@ -123,14 +123,14 @@ class Witness:
         )
 
     def _pose(self) -> float:
-        if self._cause is not Cause.NONE:
+        if self._cause.stopping:
             return self._poses[-1]
         times = np.array(self._times)
         return rms(np.array(self._poses)[times > times[-1] - AT_END])
 
     def _why_not(self, settled_at: float | None, pose: float) -> str:
-        if self._cause is not Cause.NONE:
-            return self._cause.value
+        if self._cause.stopping:
+            return self._cause.stopping
         if settled_at is None:
             return "time ran out before the true features had settled"
         return "the features agree in another pose" if pose > SAME_POSE else ""
