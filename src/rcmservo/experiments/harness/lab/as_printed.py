@@ -54,7 +54,7 @@ class RandomObservations(Estimator):
     observations: int = 10
     """P."""
     estimator_time: float = 1e4
-    """s of its own time that the rule is given at every frame."""
+    """s of its own time that the rule is given at every frame; 0 for the real time between two."""
 
     name = "random"
     models = True
@@ -67,7 +67,7 @@ class RandomObservations(Estimator):
         count = min(memory.seen + 1, len(kept))
         A, b = normal_equations(sights(kept, count, sample.o_c, False, tool.shaft))
         root = np.diag(np.sqrt(GAMMA_0))
-        a_next = decay(A, b, memory.a_hat, root, self.estimator_time)
+        a_next = decay(A, b, memory.a_hat, root, self.estimator_time or sample.dt)
         a_hat = keep_in_front(memory.a_hat, a_next, kept, count, tool.shaft)
         return Drawn(kept, memory.seen + 1, a_hat)
 

@@ -1,6 +1,7 @@
 """The claims and figures that both regulation experiments make."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,11 +12,12 @@ from rcmservo.experiments.harness.lab.regulation import (
     PERCENT,
     SEEN,
     SLOPE,
+    Regulated,
     Regulation,
     RegulationRun,
     begun,
 )
-from rcmservo.experiments.harness.statistics import known, median, share, told
+from rcmservo.experiments.harness.statistics import median, share, told
 from rcmservo.experiments.harness.tasks import Results
 from rcmservo.figures import plots
 from rcmservo.figures.charts import Figure, Panel, curve
@@ -72,13 +74,41 @@ def _starts(settings: Regulation, runs: Sequence[RegulationRun]) -> list[str]:
     ]
 
 
+class Known(NamedTuple):
+    """A number of those runs in which it could be measured."""
+
+    seeds: list[int]
+    """Of these runs."""
+    values: list[float]
+    """One for each of them."""
+    missing: str
+    """In words, of how many runs it is not known; empty if of none."""
+
+
+def known_of(
+    settings: Regulation,
+    runs: Sequence[RegulationRun],
+    of: Callable[[Regulated], float | None],
+) -> Known:
+    """A number of every run that left its start and in which it could be measured."""
+    values = [one.regulated and of(one.regulated) for one in runs]
+    pairs = [
+        (seed, value)
+        for seed, value in zip(settings.seeds, values, strict=True)
+        if value is not None and np.isfinite(value)
+    ]
+    without = len(runs) - len(pairs)
+    missing = f"; not measured in {without} of {len(runs)} runs" if without else ""
+    return Known([seed for seed, _ in pairs], [value for _, value in pairs], missing)
+
+
 def approximates(
     settings: Regulation, runs: Sequence[RegulationRun], case: tuple[str, str]
 ) -> Claim:
     """That Ĵ is near J when the exploration is done."""
-    some = begun(runs)
-    errors = [one.explored for one in some]
-    start, end = (median(one) for one in zip(*((r.at_start, r.at_end) for r in some), strict=True))
+    seeds, errors, missing = known_of(settings, runs, lambda one: one.explored)
+    start = median(known_of(settings, runs, lambda one: one.at_start).values)
+    end = median(known_of(settings, runs, lambda one: one.at_end).values)
     return Claim(
         "Ĵ approximates J after exploration: scaled ‖Ĵ − J‖/‖J‖, median",
         "real-time",
@@ -86,9 +116,10 @@ def approximates(
         "of ‖J‖",
         "<=",
         ACCURATE,
-        settings.seeds,
+        seeds,
         case=case,
-        detail=f"worst {max(errors):.2f}; at the start {start:.2f}, at the end {end:.2f} (medians)",
+        detail=f"worst {max(errors):.2f}; at the start {start:.2f}, at the end {end:.2f} "
+        f"(medians){missing}",
         figure="seeds",
     )
 
@@ -97,19 +128,18 @@ def falls_by_k_b(
     settings: Regulation, runs: Sequence[RegulationRun], case: tuple[str, str]
 ) -> Claim:
     """That the gains mean what they say."""
-    slopes = np.array([one.slopes[1] for one in begun(runs)])
-    slopes = slopes[np.isfinite(slopes)]
+    seeds, slopes, missing = known_of(settings, runs, lambda one: float(one.slopes[1]))
     return Claim(
         "k = 0.1 with b = 10 is an error that falls by 1 px/s: |slope of r − 1 px/s|, median",
         "gains",
-        median(np.abs(slopes - 1.0)),
+        median(np.abs(np.array(slopes) - 1.0)),
         "px/s",
         "<=",
         SLOPE,
-        settings.seeds,
+        seeds,
         follows=True,
         case=case,
-        detail=f"slopes {slopes.min():.2f} to {slopes.max():.2f} px/s",
+        detail=f"slopes {min(slopes):.2f} to {max(slopes):.2f} px/s{missing}",
         figure="seeds",
         trap="T5",
     )
@@ -192,8 +222,3 @@ def _seeds(settings: Regulation, runs: Sequence[RegulationRun]) -> Figure:
         for i in range(3)
     ]
     return Figure("All seeds", panels)
-
-
-def finite_models(runs: Sequence[RegulationRun]) -> list[float]:
-    """rms px between π and m₁ of every run with a model."""
-    return known(one.model for one in begun(runs))
