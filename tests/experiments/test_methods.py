@@ -8,11 +8,9 @@ import pytest
 
 from rcmservo.experiments import baselines, differentiation
 from rcmservo.experiments.baselines import worst_condition
-from rcmservo.experiments.harness.lab import as_printed
-from rcmservo.experiments.harness.lab.as_printed import RandomObservations
 from rcmservo.experiments.harness.lab.methods import METHODS, Conditions, attempted
+from rcmservo.experiments.harness.lab.random_observations import RandomObservations
 from rcmservo.method.estimators.base import Sample
-from rcmservo.method.imaged_rcm import nearest_to_lines
 from rcmservo.method.tool import RigidTool
 from rcmservo.sim import SceneSettings
 
@@ -65,25 +63,6 @@ def test_every_way_of_taking_the_flow_gives_numbers(tmp_path: Path) -> None:
         assert np.isfinite([taken.ratio, taken.scatter, taken.size, taken.error]).all()
     assert tour.frame.ratio == pytest.approx(1.0, abs=0.05)
     assert tour.stale.ratio == pytest.approx(0.6, abs=0.05)
-
-
-def test_eq_16_as_printed_weighs_every_line_alike() -> None:
-    random = np.random.default_rng(0)
-    lines = random.uniform(0.0, 600.0, (9, 4))
-    near = lines.copy()
-    near[:, 2:] = near[:, :2] + 0.01 * (near[:, 2:] - near[:, :2])
-    np.testing.assert_allclose(as_printed.imaged_rcm(near), as_printed.imaged_rcm(lines), rtol=1e-6)
-    n = np.stack([lines[:, 1] - lines[:, 3], lines[:, 2] - lines[:, 0]], axis=1)
-    n /= np.linalg.norm(n, axis=1)[:, None]
-    away = np.sum(n * (as_printed.imaged_rcm(lines) - lines[:, :2]), axis=1)
-    np.testing.assert_allclose(n.T @ away, 0.0, atol=1e-9)
-    assert not np.allclose(as_printed.imaged_rcm(lines), nearest_to_lines(lines, 9)[0])
-
-
-def test_the_last_lines_are_the_newest() -> None:
-    lines = np.arange(20.0).reshape(5, 4)
-    np.testing.assert_array_equal(as_printed.last(lines, 2), lines[3:])
-    np.testing.assert_array_equal(as_printed.last(lines, 9), lines)
 
 
 def test_random_observations_are_as_likely_to_be_old_as_new() -> None:

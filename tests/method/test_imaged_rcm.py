@@ -35,9 +35,10 @@ def lines_through(random, o_c, angles, noise=0.0):
 
 def fill(lines, settings=None):
     """What `remember` keeps of a stream of lines."""
-    memory, count = (settings or ImagedRcm()).init()
+    settings = settings or ImagedRcm()
+    memory, count = settings.init()
     for line in lines:
-        memory, count = remember(memory, count, line.reshape(2, 2))
+        memory, count = remember(memory, count, line.reshape(2, 2), settings.printed)
     return memory, count
 
 
@@ -46,7 +47,7 @@ def test_exact_lines_give_the_exact_point_wherever_it_is(seed, refinements, spre
     random = random_from(seed)
     o_c = random.uniform(-1500, 1500, 2)
     angles = random.uniform(-np.pi, np.pi) + spread * np.linspace(0, 1, count)
-    found, _ = solve(lines_through(random, o_c, angles), count, refinements)
+    found, _ = solve(lines_through(random, o_c, angles), count, refinements, False)
     assert np.allclose(found, o_c, rtol=0, atol=1e-6)
 
 
@@ -55,7 +56,7 @@ def test_the_real_picture_of_a_tool_gives_lemma_1s_point(seed):
     random = random_from(seed)
     places = tool_positions(random, 20)
     C = true_camera(random, places)
-    found, condition = solve(observed(C, places)[:, 3:].copy(), 20, 5)
+    found, condition = solve(observed(C, places)[:, 3:].copy(), 20, 5, False)
     assert np.linalg.norm(found - parameters(C)[1]) < 1e-7 * condition
 
 
@@ -63,21 +64,21 @@ def test_the_real_picture_of_a_tool_gives_lemma_1s_point(seed):
 def test_the_condition_is_that_of_the_weighted_matrix_of_16(seed, count):
     random = random_from(seed)
     lines = random.uniform(0, 640, (count, 4))
-    N, _ = normal_equations(lines, count)
+    N, _ = normal_equations(lines, count, False)
     assert condition_of(N) == pytest.approx(np.linalg.cond(N), rel=1e-4)
-    assert nearest_to_lines(lines, count)[1] == condition_of(N)
+    assert nearest_to_lines(lines, count, False)[1] == condition_of(N)
 
 
 def test_lines_weigh_the_square_of_the_markers_distance():
     """Of two pairs of crossing lines that disagree, the one with markers twice as far apart counts
     four times."""
     lines = np.array([[0.0, 0, 10, 0], [0.0, 1, 20, 1], [0.0, 0, 0, 10]])
-    assert np.allclose(nearest_to_lines(lines, 3)[0], [0, 0.8])
+    assert np.allclose(nearest_to_lines(lines, 3, False)[0], [0, 0.8])
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_one_line_says_not_observable(count):
-    found, condition = solve(np.array([[1.0, 2, 30, 40]]), count, 5)
+    found, condition = solve(np.array([[1.0, 2, 30, 40]]), count, 5, False)
     assert np.isnan(found).all() and np.isinf(condition)
 
 
@@ -85,7 +86,7 @@ def test_parallel_lines_and_coincident_markers_say_not_observable():
     parallel = np.array([[0.0, i, 50, i] for i in range(10)])
     coincident = np.array([[i, 3.0 * i, i, 3.0 * i] for i in range(10)])
     for lines in (parallel, coincident):
-        found, condition = solve(lines, 10, 5)
+        found, condition = solve(lines, 10, 5, False)
         assert np.isnan(found).all() and np.isinf(condition)
 
 
@@ -96,8 +97,8 @@ def test_with_noise_the_bundle_is_nearer_than_16_alone():
     for seed in range(60):
         random = random_from(seed)
         lines = lines_through(random, o_c, 0.3 + random.uniform(-0.04, 0.04, 50), noise=0.5)
-        alone.append(solve(lines, 50, 0)[0] - o_c)
-        refined.append(solve(lines, 50, 5)[0] - o_c)
+        alone.append(solve(lines, 50, 0, False)[0] - o_c)
+        refined.append(solve(lines, 50, 5, False)[0] - o_c)
     pull = np.mean(alone, axis=0) @ [np.cos(0.3), np.sin(0.3)]
     bias = np.mean(refined, axis=0) @ [np.cos(0.3), np.sin(0.3)]
     assert pull > 10
@@ -113,9 +114,9 @@ def test_over_a_long_slow_motion_the_last_50_lines_collapse_onto_the_tool_and_ou
     random = random_from(7)
     o_c = np.array([80.0, 400.0])
     lines = lines_through(random, o_c, np.radians(np.arange(0, 40, 1 / 60)), noise=0.3)
-    window, window_condition = nearest_to_lines(lines[-50:].copy(), 50)
+    window, window_condition = nearest_to_lines(lines[-50:].copy(), 50, False)
     memory, count = fill(lines)
-    kept, condition = solve(memory, count, ImagedRcm().refinements)
+    kept, condition = solve(memory, count, ImagedRcm().refinements, False)
     assert np.linalg.norm(window - o_c) > 50
     assert np.linalg.norm(kept - o_c) < 1.5
     assert window_condition > 100 * condition
@@ -127,22 +128,45 @@ def test_standing_still_for_long_does_not_wash_out_what_was_seen():
     tour = lines_through(random, o_c, random.uniform(0.0, 0.3, 60), noise=0.3)
     still = lines_through(random, o_c, np.full(1500, 0.15), noise=0.3)
     memory, count = fill(np.vstack([tour, still]))
-    found, condition = solve(memory, count, 5)
+    found, condition = solve(memory, count, 5, False)
     assert condition < 3e2
     assert np.linalg.norm(found - o_c) < 3
 
 
-@given(seeds, st.integers(2, 6))
-def test_memory_is_bounded_and_a_step_leaves_the_state_before_it_alone(seed, size):
+@given(seeds, st.integers(2, 6), st.sampled_from(["refined", "printed"]))
+def test_memory_is_bounded_and_a_step_leaves_the_state_before_it_alone(seed, size, fit):
     random = random_from(seed)
-    settings = ImagedRcm(lines=size)
+    settings = ImagedRcm(lines=size, fit=fit)
     memory, count = settings.init()
     for i, line in enumerate(lines_through(random, np.zeros(2), random.uniform(0, 1, 3 * size))):
         before = memory.copy()
-        after, count = remember(memory, count, line.reshape(2, 2))
+        after, count = remember(memory, count, line.reshape(2, 2), settings.printed)
         assert np.array_equal(memory, before)
         assert count == min(i + 1, size)
         memory = after
+
+
+@given(seeds, st.integers(3, 30))
+def test_eq_16_as_printed_is_that_of_unit_normals(seed, count):
+    """Written down once more, and solved by another way."""
+    random = random_from(seed)
+    o_c = random.uniform(-500, 500, 2)
+    angles = random.uniform(-np.pi, np.pi) + np.linspace(0, 1, count)
+    lines = lines_through(random, o_c, angles, noise=1.0)
+    along = lines[:, 2:] - lines[:, :2]
+    n = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1)[:, None]
+    wanted = np.linalg.lstsq(n, np.sum(n * lines[:, :2], axis=1), rcond=None)[0]
+    found, condition = solve(lines, count, 9, True)
+    np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
+    assert condition == pytest.approx(np.linalg.cond(n.T @ n), rel=1e-6)
+    assert not np.allclose(found, nearest_to_lines(lines, count, False)[0], rtol=1e-12, atol=0)
+
+
+@given(seeds, st.integers(2, 5), st.integers(0, 12))
+def test_as_printed_the_last_lines_stay_in_order(seed, size, count):
+    lines = random_from(seed).uniform(0, 640, (count, 4))
+    memory, kept = fill(lines, ImagedRcm(lines=size, fit="printed"))
+    assert np.array_equal(memory[:kept], lines[-size:] if count else lines)
 
 
 def test_of_one_line_too_many_the_one_that_says_least_goes():
@@ -192,7 +216,14 @@ def test_a_move_of_the_imaged_rcm_is_taken_over_by_both_estimators_at_once():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"lines": 1}, {"refinements": -1}, {"max_condition": 1.0}, {"max_condition": np.nan}]
+    "wrong",
+    [
+        {"lines": 1},
+        {"refinements": -1},
+        {"max_condition": 1.0},
+        {"max_condition": np.nan},
+        {"fit": "other"},
+    ],
 )
 def test_settings_that_cannot_work_are_refused(wrong):
     with pytest.raises(BadInput, match=next(iter(wrong))):

@@ -121,12 +121,15 @@ def imaging(seen):
         "J": seen.J,
         "unexplained": exploration.unexplained(seen.rows[:4].copy(), seen.J, seen.o_c),
     }
-    lines, count = np.zeros((6, 4)), 0
-    for row in seen.rows:
-        lines, count, o_c, condition = imaged_rcm.follow(lines, count, row[3:].reshape(2, 2), 3)
-    out |= {"lines": lines[:count], "imaged rcm": o_c, "rcm condition": np.log(condition)}
+    for printed in (True, False):
+        lines, count = np.zeros((6, 4)), 0
+        for row in seen.rows:
+            points = row[3:].reshape(2, 2)
+            lines, count, o_c, condition = imaged_rcm.follow(lines, count, points, 3, printed)
+        out |= {f"lines {printed}": lines[:count], f"imaged rcm {printed}": o_c}
+        out[f"rcm condition {printed}"] = np.log(condition)
     out["least_telling line"] = imaged_rcm.least_telling(lines, count)
-    out["nearest_to_lines"] = imaged_rcm.nearest_to_lines(lines, count)[0]
+    out["nearest_to_lines"] = imaged_rcm.nearest_to_lines(lines, count, False)[0]
     return out
 
 

@@ -15,14 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
-from rcmservo.experiments.harness.lab import as_printed
 from rcmservo.experiments.harness.lab.lines import DEGREE, REFINEMENTS, Lines, markers
 from rcmservo.experiments.harness.sentences import OURS
 from rcmservo.experiments.harness.statistics import rms
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures.charts import Curve, Figure, Panel, curve
 from rcmservo.interfaces import Floats
-from rcmservo.method.imaged_rcm import solve
+from rcmservo.method.imaged_rcm import nearest_to_lines, solve
 
 JUDGED_SPAN = 5.0 * DEGREE
 """rad over which the lines are spread where the bias is judged: narrow enough for (16) to have
@@ -109,8 +108,8 @@ def sample(lines: Lines, draws: int, seed: int) -> Floats:
         seen = markers(lines, middle + np.linspace(-0.5, 0.5, lines.H) * lines.span, random)
         c, s = np.cos(middle), np.sin(middle)
         aligned = np.array([[c, s], [-s, c]])
-        error[0] = aligned @ as_printed.imaged_rcm(seen)
-        error[1] = aligned @ solve(seen, lines.H, REFINEMENTS)[0]
+        error[0] = aligned @ nearest_to_lines(seen, lines.H, True)[0]
+        error[1] = aligned @ solve(seen, lines.H, REFINEMENTS, False)[0]
     return errors
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
-from rcmservo.experiments.harness.lab import as_printed
 from rcmservo.experiments.harness.lab.lines import DEGREE, REFINEMENTS, Lines, markers
 from rcmservo.experiments.harness.sentences import OURS
 from rcmservo.experiments.harness.statistics import known, rms, told
@@ -77,15 +76,17 @@ def slow_motion(folder: Path, settings: Settings, seed: int) -> Turn:
     random = np.random.default_rng(seed)
     seen = markers(settings.lines, settings.speed * settings.time, random)
     kept, count = ImagedRcm(lines=settings.lines.H).init()
+    window, among = kept, count
     errors: dict[str, list[float]] = {way: [] for way in WAYS}
     gate: float | None = None
-    for i in range(1, len(seen)):
-        window = as_printed.last(seen[: i + 1], settings.lines.H)
-        kept, count, refined, condition = follow(kept, count, seen[i].reshape(2, 2), REFINEMENTS)
+    for line in seen:
+        points = line.reshape(2, 2)
+        window, among, printed, _ = follow(window, among, points, 0, True)
+        kept, count, refined, condition = follow(kept, count, points, REFINEMENTS, False)
         found = {
-            "window": as_printed.imaged_rcm(window),
-            "window_refined": solve(window, len(window), REFINEMENTS)[0],
-            "chosen": nearest_to_lines(kept, count)[0],
+            "window": printed,
+            "window_refined": solve(window, among, REFINEMENTS, False)[0],
+            "chosen": nearest_to_lines(kept, count, False)[0],
             "chosen_refined": refined,
         }
         for way, o_c in found.items():
@@ -192,7 +193,7 @@ def _figure(found: TurnsFound) -> Shown:
     curves = [
         curve(
             label,
-            settings.time[1:],
+            settings.time,
             np.median([turn.errors[way] for turn in found.turns], axis=0),
             style,
         )

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
-from rcmservo.experiments.harness.lab.as_printed import RandomObservations
 from rcmservo.experiments.harness.lab.closed_loop import PRINTED_FIT, WIDE, ClosedLoop, recorded
+from rcmservo.experiments.harness.lab.random_observations import RandomObservations
 from rcmservo.experiments.harness.lab.regulation import (
     ACCURATE,
     Regulation,

@@ -9,9 +9,12 @@ noise/d, so lines are weighted by d².
 Noise turns the normals n of (16), which pulls o_c towards the tool. So a few Gauss-Newton steps
 follow, to the point whose bundle of lines passes nearest to the markers: that has no such bias, as
 each line's direction then comes from o_c and both markers instead of from the markers alone.
+
+``printed`` is eq. (16) as the paper has it: unit normals, the last H lines, no steps after it.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -25,14 +28,17 @@ MOST = 1000
 
 
 @compiled
-def normal_equations(lines: Floats, count: int) -> tuple[Floats, Floats]:
+def normal_equations(lines: Floats, count: int, printed: bool) -> tuple[Floats, Floats]:
     """Σ w n nᵀ (2, 2) and Σ w n nᵀ m̃₁ (2,) of eq. (16) over `count` rows [u₁ v₁ u₂ v₂] of raw
-    pixels."""
+    pixels; w is d², or 1 if as `printed`."""
     N = np.zeros((2, 2))
     b = np.zeros(2)
     for i in range(count):
         # d n, with n the unit normal: its products carry the weight d².
         nu, nv = lines[i, 1] - lines[i, 3], lines[i, 2] - lines[i, 0]
+        if printed:
+            size = max(np.sqrt(nu * nu + nv * nv), 1e-12)
+            nu, nv = nu / size, nv / size
         along = nu * lines[i, 0] + nv * lines[i, 1]
         N[0, 0] += nu * nu
         N[0, 1] += nu * nv
@@ -67,10 +73,10 @@ def solved(N: Floats, b: Floats) -> Floats:
 
 
 @compiled
-def nearest_to_lines(lines: Floats, count: int) -> tuple[Floats, float]:
+def nearest_to_lines(lines: Floats, count: int, printed: bool) -> tuple[Floats, float]:
     """o_c (2,) px of eq. (16) and the condition number of its matrix, about 1 / var(line angle);
     NaN where singular."""
-    N, b = normal_equations(lines, count)
+    N, b = normal_equations(lines, count, printed)
     condition = condition_of(N)
     if not condition < 1e12:
         return np.full(2, np.nan), np.inf
@@ -132,11 +138,11 @@ def nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
 
 
 @compiled
-def solve(lines: Floats, count: int, refinements: int) -> tuple[Floats, float]:
-    """o_c (2,) px, eq. (16) and then `refinements` steps to the nearest bundle, and the condition
-    number of (16)."""
-    o_c, condition = nearest_to_lines(lines, count)
-    if condition < 1e6:
+def solve(lines: Floats, count: int, refinements: int, printed: bool) -> tuple[Floats, float]:
+    """o_c (2,) px, eq. (16) and then, but if as `printed`, `refinements` steps to the nearest
+    bundle; and the condition number of (16)."""
+    o_c, condition = nearest_to_lines(lines, count, printed)
+    if condition < 1e6 and not printed:
         for _ in range(refinements):
             o_c = nearest_bundle(lines, count, o_c)
     return o_c, condition
@@ -146,7 +152,7 @@ def solve(lines: Floats, count: int, refinements: int) -> tuple[Floats, float]:
 def least_telling(lines: Floats, count: int) -> int:
     """The row whose line has the least leverage nᵀ (Σ n nᵀ)⁻¹ n on o_c: what is lost least when it
     goes."""
-    N, _ = normal_equations(lines, count)
+    N, _ = normal_equations(lines, count, False)
     least, row = np.inf, 0
     for i in range(count):
         nu, nv = lines[i, 1] - lines[i, 3], lines[i, 2] - lines[i, 0]
@@ -157,26 +163,30 @@ def least_telling(lines: Floats, count: int) -> int:
 
 
 @compiled
-def remember(lines: Floats, count: int, points: Floats) -> tuple[Floats, int]:
+def remember(lines: Floats, count: int, points: Floats, printed: bool) -> tuple[Floats, int]:
     """The lines (H + 1, 4) and their number after the line through raw `points` (2, 2) came; the
-    last row is spare."""
+    last row is spare. The most telling lines stay, or the last ones if as `printed`."""
     lines = lines.copy()
     for k in range(4):
         lines[count, k] = points[k // 2, k % 2]
     if count < len(lines) - 1:
         return lines, count + 1
-    row = least_telling(lines, count + 1)
-    put(lines[row], lines[count])
+    if printed:
+        for i in range(count):
+            put(lines[i], lines[i + 1])
+    else:
+        row = least_telling(lines, count + 1)
+        put(lines[row], lines[count])
     return lines, count
 
 
 @compiled
 def follow(
-    lines: Floats, count: int, points: Floats, refinements: int
+    lines: Floats, count: int, points: Floats, refinements: int, printed: bool
 ) -> tuple[Floats, int, Floats, float]:
     """The lines and their number after raw `points` (2, 2) came, and `solve` of them."""
-    lines, count = remember(lines, count, points)
-    o_c, condition = solve(lines, count, refinements)
+    lines, count = remember(lines, count, points, printed)
+    o_c, condition = solve(lines, count, refinements, printed)
     return lines, count, o_c, condition
 
 
@@ -191,6 +201,8 @@ class ImagedRcm:
     max_condition: float = 2e4
     """Condition of (16), about 1 / variance of the line angle (1/rad²), above which o_c is not yet
     observable."""
+    fit: Literal["refined", "printed"] = "refined"
+    """Printed is eq. (16) exactly: unit normals, the last H lines, no steps after it."""
 
     def __post_init__(self) -> None:
         require(
@@ -211,6 +223,14 @@ class ImagedRcm:
             self.max_condition,
             "a number above 1, up to 1e12",
         )
+        require(
+            self.fit in ("refined", "printed"), "imaged_rcm.fit", self.fit, "refined or printed"
+        )
+
+    @property
+    def printed(self) -> bool:
+        """Whether it is eq. (16) as printed."""
+        return self.fit == "printed"
 
     def init(self) -> tuple[Floats, int]:
         """No line seen yet."""

@@ -127,11 +127,11 @@ def _since(before: Pose | None, pose: Pose) -> float:
 
 def _origins(seen: list[_Seen], imaged_rcm: ImagedRcm) -> list[tuple[Floats, float]]:
     """o_c (2,) and its condition as known after each frame; NaN while it is not observable."""
-    lines, count = imaged_rcm.init()
+    (lines, count), printed = imaged_rcm.init(), imaged_rcm.printed
     origins: list[tuple[Floats, float]] = []
     for one in seen:
-        lines, count = remember(lines, count, one.points)
-        o_c, condition = solve(lines, count, imaged_rcm.refinements)
+        lines, count = remember(lines, count, one.points, printed)
+        o_c, condition = solve(lines, count, imaged_rcm.refinements, printed)
         known = condition <= imaged_rcm.max_condition
         origins.append((o_c, condition) if known else (np.full(2, np.nan), condition))
     return origins

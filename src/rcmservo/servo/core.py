@@ -59,6 +59,7 @@ class Dials(Row):
     max_condition: float = real("", "condition of the scaled Ĵ above which the tool stands still")
     max_speed: float = real("mm/s", "cap on |v|")
     refinements: int = whole("", "steps after eq. (16)")
+    rcm_printed: bool = flag("whether eq. (16) is as printed")
     rcm_condition: float = real("", "condition of eq. (16) up to which o_c is known")
     period: int = whole("ns", "from tick to tick")
 
@@ -108,7 +109,9 @@ def look(
     if w.rejected > 0:
         return watch, estimate, lines, NOTHING, 0.0
     w.believed = seen.frame
-    lines, count, o_c, condition = follow(lines, e.line_count, seen.points, c.refinements)
+    lines, count, o_c, condition = follow(
+        lines, e.line_count, seen.points, c.refinements, c.rcm_printed
+    )
     put(e.points, seen.points)
     put(e.p1, p1)
     put(e.o_c, o_c)

@@ -104,6 +104,7 @@ class Servo:
             max_condition=law.max_condition,
             max_speed=law.max_speed,
             refinements=self.imaged_rcm.refinements,
+            rcm_printed=self.imaged_rcm.printed,
             rcm_condition=self.imaged_rcm.max_condition,
             period=self.period,
         ).rows

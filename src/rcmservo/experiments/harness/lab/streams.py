@@ -10,7 +10,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rcmservo.experiments.harness.lab.as_printed import RandomObservations
 from rcmservo.experiments.harness.lab.closed_loop import (
     FLOW,
     LONG,
@@ -19,6 +18,7 @@ from rcmservo.experiments.harness.lab.closed_loop import (
     PRINTED_LAW,
     servo_for,
 )
+from rcmservo.experiments.harness.lab.random_observations import RandomObservations
 from rcmservo.experiments.harness.lab.witness import laboratory
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick, run

@@ -1,5 +1,4 @@
-"""What the paper chooses where this software chooses otherwise: eq. (16) on the last H lines with
-unit normals, and random observations for rule (21)."""
+"""Random observations for rule (21), as the paper has them where this software chooses them."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -19,20 +18,6 @@ from rcmservo.method.estimators.projection import (
 )
 from rcmservo.method.projection import PARAMETERS
 from rcmservo.method.tool import Tool
-
-
-def imaged_rcm(lines: Floats) -> Floats:
-    """o_c (2,) px of eq. (16) as printed, with unit normals n, over rows [u₁ v₁ u₂ v₂] px."""
-    m1, along = lines[:, :2], lines[:, 2:] - lines[:, :2]
-    n: Floats = (
-        np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1)[:, None]
-    )
-    return np.linalg.inv(n.T @ n) @ n.T @ np.sum(n * m1, axis=1)
-
-
-def last(lines: Floats, H: int) -> Floats:
-    """The last H of all lines so far: the paper's H old lines."""
-    return lines[max(len(lines) - H, 0) :]
 
 
 class Drawn(NamedTuple):
