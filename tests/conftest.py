@@ -1,7 +1,9 @@
 """What the tests share: random cameras that hide from the tool, random poses, runs with a point
 camera, comparisons."""
 
+import importlib
 import os
+import pkgutil
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
@@ -12,6 +14,10 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 
+import rcmservo.guard
+import rcmservo.method
+import rcmservo.servo
+from rcmservo import loops
 from rcmservo.interfaces import Floats, Observation, Target
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
@@ -67,6 +73,22 @@ def first_quick(values: Iterable[Any]) -> list[Any]:
     """Values for one claim: `make test` tries it on the first, `make test-all` on the others."""
     first, *others = values
     return [first, *(pytest.param(value, marks=pytest.mark.slow) for value in others)]
+
+
+def compiled_functions() -> dict[str, Any]:
+    """Every compiled function of what decides a motion, by its module and name."""
+    packages = [rcmservo.method, rcmservo.guard, rcmservo.servo]
+    modules = [
+        importlib.import_module(module.name)
+        for package in packages
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+    ]
+    return {
+        f"{module.__name__}.{name}": value
+        for module in [loops, *modules]
+        for name, value in vars(module).items()
+        if hasattr(value, "py_func") and value.__module__ == module.__name__
+    }
 
 
 def with_tests(**variables: str) -> dict[str, str]:

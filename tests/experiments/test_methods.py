@@ -6,12 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from conftest import ROOT
+from rcmservo.app.cli import main
 from rcmservo.experiments import baselines, differentiation
 from rcmservo.experiments.baselines import worst_condition
 from rcmservo.experiments.harness.lab.methods import METHODS, Conditions, attempted
 from rcmservo.experiments.harness.lab.random_observations import RandomObservations
 from rcmservo.method.estimators.base import Sample
 from rcmservo.method.tool import RigidTool
+from rcmservo.record.reader import read
 from rcmservo.sim import SceneSettings
 
 SCENE = SceneSettings(room=17.0)
@@ -63,6 +66,20 @@ def test_every_way_of_taking_the_flow_gives_numbers(tmp_path: Path) -> None:
         assert np.isfinite([taken.ratio, taken.scatter, taken.size, taken.error]).all()
     assert tour.frame.ratio == pytest.approx(1.0, abs=0.05)
     assert tour.stale.ratio == pytest.approx(0.6, abs=0.05)
+
+
+def test_a_run_can_have_the_papers_random_observations(tmp_path: Path) -> None:
+    """By the name that the README tells."""
+    name = f"{RandomObservations.__module__}:{RandomObservations.__name__}"
+    assert f"--estimator {name}" in (ROOT / "README.md").read_text()
+    out = ["--duration", "1.1", "--no-video", "--json", "--out", str(tmp_path / "run")]
+    assert main(["run", "--estimator", name, "--random.observations", "12", *out]) == 1
+    (stage,) = read(tmp_path / "run").stages
+    assert stage.servo["estimator"] == {
+        "kind": name,
+        "observations": 12,
+        "estimator_time": 1e4,
+    }
 
 
 def test_random_observations_are_as_likely_to_be_old_as_new() -> None:

@@ -8,26 +8,13 @@ from pathlib import Path
 
 import pytest
 
-CORE = (
-    "method.kinematics method.tool method.projection method.features method.imaged_rcm "
-    "method.estimators.flow method.estimators.broyden method.estimators.projection "
-    "method.controller method.exploration guard.gate guard.faults guard.plausible guard.watch "
-    "servo.core"
-)
-
 
 def signatures():
     """What every compiled function of the core is compiled (or loaded) for by now, of those called
     from Python."""
-    from importlib import import_module
+    from conftest import compiled_functions
 
-    found = {}
-    for room in CORE.split():
-        module = import_module(f"rcmservo.{room}")
-        for name, value in vars(module).items():
-            if hasattr(value, "signatures") and value.__module__ == module.__name__:
-                found[f"{room}.{name}"] = list(value.signatures)
-    return found
+    return {name: list(one.signatures) for name, one in compiled_functions().items()}
 
 
 def check(path):
