@@ -9,7 +9,7 @@ import contextlib
 import signal
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
@@ -26,11 +26,13 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
+from rcmservo.loop.unseen import unseen
+from rcmservo.record.verdict import held
 from rcmservo.record.writer import Recorder, ThreadedRecorder
 from rcmservo.servo.servo import Servo
 
-STANDING = -1
-"""What the heartbeat tells while no loop runs."""
+STANDING, ENABLING = -1, -2
+"""What the heartbeat tells while no loop runs, and while the drive comes on."""
 
 PATIENCE = 120.0
 """s within which a camera must deliver a frame, and what tracks the markers in it be loaded or
@@ -75,14 +77,17 @@ class Session:
 
 
 class HeartbeatPlant(Plant):
-    """A plant that counts its commands in ``beats``, also those that bring the arm to rest."""
+    """A plant that counts its commands in ``beats``, also those that bring the arm to rest, from
+    when the drive is on."""
 
     def __init__(self, arm: Arm, eye: TrackingThread, clock: Punctuality, beats: Any) -> None:
         super().__init__(arm, eye, eye, clock)
         self.lateness, self.beats = clock.lateness, beats
 
     def enable(self) -> None:
+        self.beats.value = ENABLING
         super().enable()
+        self.beats.value = 0
         del self.lateness[:]  # no tick was due while the drive came on
 
     def send(self, command: Command) -> Floats:
@@ -180,6 +185,7 @@ def _servoed(
                 return supervisor.poll()
 
             _go_on(supervisor)
+            began = plant.clock.now()
             try:
                 for tick in run(plant, servo, target, duration, ended, operator=operator):
                     recorder.write(tick)
@@ -187,4 +193,8 @@ def _servoed(
             finally:
                 plant.beats.value = STANDING
     timing = reports.timing(np.array(plant.lateness, dtype=float), system)
-    return LiveResult(reports.judge.outcome(), reports.target, recorder.failed, timing)
+    outcome, blind = reports.judge.outcome(), reports.judge.blind
+    if blind is not None:
+        cause = held(blind.state.mode, unseen(plant, blind.seen, began))
+        outcome = replace(outcome, cause=cause or outcome.cause)
+    return LiveResult(outcome, reports.target, recorder.failed, timing)

@@ -71,7 +71,7 @@ class Watchman:
             return False
         self._due = now + LOOK
         beat = self._servo.beats.value
-        self._still = self._still + 1 if beat == self._last and beat != STANDING else 0
+        self._still = self._still + 1 if beat == self._last and beat >= 0 else 0
         self._last = beat
         return self._still >= SILENT or self._servo.process.exitcode is not None
 

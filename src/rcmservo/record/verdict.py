@@ -30,6 +30,26 @@ ON_THE_WAY = {
 """Why a run ended in a phase that nothing wrong led to."""
 
 
+UNSEEN = {
+    Cause.MARKER_1_LOST,
+    Cause.MARKER_2_LOST,
+    Cause.MARKERS_LOST,
+    Cause.STALE,
+    Cause.FRAMES_NOT_NEW,
+    Cause.FRAMES_CLOCK,
+    Cause.FRAMES_DAMAGED,
+}
+"""Causes that come of markers that are not seen."""
+
+
+def held(mode: Mode, why: str) -> str:
+    """What holds the arm still at the last tick; `why` tells why the markers were never seen, if
+    they never were."""
+    if mode.cause.action >= Action.HOLD:
+        return mode.cause.told(mode.detail or (why if mode.cause in UNSEEN else ""))
+    return f"{ON_THE_WAY[mode.phase]}: {why}" if why and mode.phase in ON_THE_WAY else ""
+
+
 @dataclass(frozen=True, eq=False)
 class Outcome:
     """Whether a run settled, and if not why."""
@@ -65,13 +85,20 @@ class Judge:
         self._errors: list[Floats] = []
         self._explored_at: float | None = None
         self._last: Tick | None = None
+        self._seen = False
 
     def add(self, tick: Tick) -> None:
         self._times.append(tick.time / 1e9)
         self._errors.append(tick.state.delta)
         if self._explored_at is None and tick.state.explored:
             self._explored_at = self._times[-1]
+        self._seen = self._seen or tick.state.believed >= 0
         self._last, self._target = tick, tick.state.target or self._target
+
+    @property
+    def blind(self) -> Tick | None:
+        """The last tick, if the markers have never been seen."""
+        return None if self._seen else self._last
 
     @property
     def duration(self) -> float:

@@ -20,31 +20,18 @@ from rcmservo.app.simulated_run.target import target_of
 from rcmservo.app.simulated_run.unwritten import written
 from rcmservo.config.files import write_whole
 from rcmservo.errors import UnusableFile
-from rcmservo.guard.causes import Action, Cause
-from rcmservo.guard.states import Mode
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.tick import Tick
 from rcmservo.loop.unseen import unseen
 from rcmservo.record import reader
 from rcmservo.record.reader import RECORD
-from rcmservo.record.verdict import ON_THE_WAY
+from rcmservo.record.verdict import held
 from rcmservo.record.writer import Recorder
 from rcmservo.sim import Killed, Rig
 from rcmservo.sim.disturb.disk import disk
 from rcmservo.sim.person import Person, attended
 from rcmservo.sim.rig_file import rig_settings
 from rcmservo.tracking import ColourMarkers
-
-UNSEEN = {
-    Cause.MARKER_1_LOST,
-    Cause.MARKER_2_LOST,
-    Cause.MARKERS_LOST,
-    Cause.STALE,
-    Cause.FRAMES_NOT_NEW,
-    Cause.FRAMES_CLOCK,
-    Cause.FRAMES_DAMAGED,
-}
-"""Causes that come of markers that are not seen."""
 
 
 def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> RunMetrics:
@@ -107,14 +94,7 @@ def _follow(
             return f"{end}; the arm's watchdog stops it"
     if tick is None:
         return ""
-    return _held(tick.state.mode, "" if ever else unseen(plant, tick.seen, began))
-
-
-def _held(mode: Mode, why: str) -> str:
-    """What holds the arm still at the last tick; `why` tells why the markers were never seen."""
-    if mode.cause.action >= Action.HOLD:
-        return mode.cause.told(mode.detail or (why if mode.cause in UNSEEN else ""))
-    return f"{ON_THE_WAY[mode.phase]}: {why}" if why and mode.phase in ON_THE_WAY else ""
+    return held(tick.state.mode, "" if ever else unseen(plant, tick.seen, began))
 
 
 def _write(tick: Tick, rig: Rig, recorder: Recorder) -> None:
