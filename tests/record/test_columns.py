@@ -1,0 +1,45 @@
+"""The layout of a tick: as many numbers as parts, with the units of what they are taken from."""
+
+import numpy as np
+import pytest
+
+from conftest import laboratory
+from rcmservo.guard.watch import Watch
+from rcmservo.loop.run import run
+from rcmservo.record.columns import FLAGS, INTEGERS, REALS, WORDS, Column
+from rcmservo.rows import Field
+from rcmservo.servo.state import Course, Estimate
+
+COLUMNS = (*INTEGERS, *REALS, *FLAGS)
+PAIRS = [
+    (column, field)
+    for row in (Estimate, Course, Watch)
+    for field in row.fields
+    for column in COLUMNS
+    if column.name == field.name
+]
+
+
+def units(field: Field) -> list[str]:
+    """The unit of each of its numbers: one for all, or one for each row."""
+    told = (field.unit or "1").split(", ")
+    return np.repeat(told, np.prod(field.shape, dtype=int) // len(told)).tolist()
+
+
+def test_most_of_what_the_servo_decides_is_compared_here() -> None:
+    names = {column.name for column, _ in PAIRS}
+    assert names >= {"o_c", "y", "delta", "ahead", "J_hat", "v", "condition", "latency", "period"}
+
+
+@pytest.mark.parametrize(("column", "field"), PAIRS, ids=lambda one: one.name)
+def test_a_column_has_the_units_of_the_row_that_it_is_taken_from(
+    column: Column, field: Field
+) -> None:
+    assert [part.partition("[")[2].rstrip("]") for part in column.parts] == units(field)
+
+
+def test_every_column_has_as_many_numbers_as_parts() -> None:
+    lab = laboratory()
+    (tick,) = run(lab.plant, lab.servo(), lab.target, done=lambda tick: True)
+    for column in (*COLUMNS, *WORDS):
+        assert np.size(column.of(tick)) == len(column.parts), column.name
