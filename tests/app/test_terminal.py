@@ -4,16 +4,21 @@ import io
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+import numba
 import pytest
 from rich.console import Console
+from rich.live import Live
 
 from rcmservo.app.cli import main
+from rcmservo.app.preparing import compiling
 from rcmservo.app.score_report import MarkerErrors, ScoreReport, StepErrors, show_report
 from rcmservo.app.simulated_run.metrics import FeatureError, RunMetrics
 from rcmservo.app.simulated_run.told import show_run
 from rcmservo.app.terminal import console, print_plainly
+from rcmservo.compiled import parts
 
 LONG = f"runs/{'a folder with a long name/' * 6}[/y]"
 METRICS = RunMetrics(1, "projection", cause="[b]too far[/b]", folder=LONG)
@@ -135,3 +140,25 @@ def test_it_starts_without_a_home_that_can_be_written_to(tmp_path: Path) -> None
     (tmp_path / "file").write_text("")
     done = command("run", "--disturb", "help", HOME=nowhere, XDG_CACHE_HOME=nowhere)
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_what_is_compiled_is_told_and_what_is_not_ours_is_not_counted() -> None:
+    """Where no live line is seen, one line lasts of every twenty parts."""
+    written = io.StringIO()
+    with Live(console=Console(file=written, width=40)) as line, compiling(line):
+        for module in ["somebody.elses"] * 30 + ["rcmservo.made_up"] * 25:
+            numba.njit(made(module))(1.0)
+    told = [one for one in written.getvalue().splitlines() if one.startswith("compiling")]
+    end = f" of about {parts()} parts: the next start is quicker"
+    assert told[:2] == [f"compiling, 1{end}", f"compiling, 21{end}"]
+    assert len(told) <= 3
+
+
+def made(module: str) -> Callable[[float], float]:
+    """A function of a module, which nobody has compiled yet."""
+
+    def double(x: float) -> float:
+        return 2.0 * x
+
+    double.__module__ = module
+    return double
