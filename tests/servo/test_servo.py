@@ -926,3 +926,14 @@ def test_a_first_frame_of_another_size_counts_for_nothing_once_the_plant_was_res
         and seen.frame > first.frame
         and np.isfinite(seen.q_exposure).all()
     )
+
+
+@pytest.mark.parametrize("later", [0, -1_000_000])
+def test_a_clock_that_stands_still_or_goes_back_is_a_fault_at_once(later):
+    lab = laboratory()
+    servo = lab.servo()
+    state = servoing(lab, servo)
+    seen = replace(lab.plant.read(), now=state.command.time + later)
+    after = servo.step(state, seen, lab.target)
+    assert (after.phase, after.cause) == (Phase.FAULT, Cause.CLOCK_STOOD)
+    assert not after.command.rates.any() and not after.command.enabled

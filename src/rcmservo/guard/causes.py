@@ -76,6 +76,11 @@ class Cause(Enum):
         Action.FAULT,
         "bring the tool back by hand, then clear and enable again",
     )
+    CLOCK_STOOD = (
+        "the loop's clock stood still or went back",
+        Action.FAULT,
+        "mend the clock, then clear and enable again",
+    )
 
     CAMERA_MOVED = (
         "the markers jumped while the joints did not: the camera was moved",

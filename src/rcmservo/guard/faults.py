@@ -16,7 +16,7 @@ from rcmservo.method.kinematics import Rcm
 
 JOINTS_NOT_FINITE, DRIVE_OFF = Cause.JOINTS_NOT_FINITE.bit, Cause.DRIVE_OFF.bit
 ARM_SILENT, BEYOND_LIMIT = Cause.ARM_SILENT.bit, Cause.BEYOND_LIMIT.bit
-NOT_FOLLOWING = Cause.NOT_FOLLOWING.bit
+NOT_FOLLOWING, CLOCK_STOOD = Cause.NOT_FOLLOWING.bit, Cause.CLOCK_STOOD.bit
 OVERRUN, LATE_TICK, NOT_RECORDED = Cause.OVERRUN.bit, Cause.LATE_TICK.bit, Cause.NOT_RECORDED.bit
 FRAMES_NOT_NEW, JOINTS_UNKNOWN = Cause.FRAMES_NOT_NEW.bit, Cause.JOINTS_UNKNOWN.bit
 LATE, AGEING, REJECTED = Cause.LATE.bit, Cause.AGEING.bit, Cause.REJECTED.bit
@@ -59,6 +59,8 @@ def arm_faults(w: Watch, seen: Told, on: bool, rcm: Rcm, t: Thresholds) -> int:
 def loop_faults(w: Watch, seen: Told, period: int, t: Thresholds) -> int:
     """What is wrong with the loop and its record."""
     found = 0 if seen.recorded else NOT_RECORDED
+    if not w.gap > 0:
+        found |= CLOCK_STOOD
     if w.late >= t.late_ticks or not w.gap - period <= t.overrun * 1e9:
         found |= OVERRUN
     elif w.late > 0:
