@@ -2,6 +2,7 @@
 sentences."""
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 
 from conftest import ROOT
 from rcmservo.app.cli import main
+from rcmservo.record.reader import read
 
 NAME = "lab_of_mine.rls:RLS"
 SHORT = ["--duration", "2.5", "--no-video", "--json"]
@@ -48,6 +50,17 @@ def test_it_runs_with_its_settings_and_its_replay_is_the_same_bit_for_bit(
     assert f"the source of {NAME} has changed since" in capsys.readouterr().out
     assert main(["replay", "run"]) == 2
     assert NAME in capsys.readouterr().err
+
+
+@pytest.mark.alone
+@pytest.mark.slow
+def test_it_servoes_live_in_another_process_and_replays(here: Path) -> None:
+    live = ["live", "--estimator", NAME, "--rls.forgetting", "0.95", "--duration", "2"]
+    command = [sys.executable, "-m", "rcmservo", *live, "--out", "run"]
+    done = subprocess.run(command, cwd=here, capture_output=True, text=True, check=False)
+    assert done.returncode in (0, 1), done.stderr
+    assert main(["replay", "run", "--estimator", NAME]) == 0
+    assert read(here / "run").stages[0].servo["estimator"]["forgetting"] == 0.95
 
 
 @pytest.mark.parametrize(
