@@ -1,5 +1,6 @@
 """A recording of points is scored like one of pictures, and one that is too short says so."""
 
+import itertools
 import json
 from pathlib import Path
 
@@ -10,10 +11,13 @@ from conftest import DATA, ROOT, markers_seen, random_from, true_camera
 from rcmservo.app.cli import main
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import UnusableFile
+from rcmservo.interfaces import Floats
+from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.method.imaged_rcm import ImagedRcm
-from rcmservo.offline.frames_folder import POINT_COLUMNS
-from rcmservo.offline.score import ENOUGH, Replay, replay
+from rcmservo.method.tool import Tool
+from rcmservo.offline.frames_folder import POINT_COLUMNS, load
+from rcmservo.offline.score import ENOUGH, STILL_SPEED, Replay, replay
 from rcmservo.tracking import PointMarkers
 
 LAB = Lab()
@@ -51,6 +55,38 @@ def test_frames_that_miss_a_marker_are_left_out(tmp_path: Path) -> None:
     result = score(recorded(tmp_path, ENOUGH + 3, lost=3))
     assert sum(np.isfinite(found.points).all() for found in result.markers) == ENOUGH
     assert np.isfinite(result.one_step["projection"]).all()
+
+
+class Noting(Estimator):
+    """Learns nothing but how much time has gone between its samples."""
+
+    def init(self) -> list[float]:
+        return []
+
+    def update(self, memory: list[float], tool: Tool, sample: Sample) -> list[float]:
+        return [*memory, sample.dt]
+
+    def jacobian(self, memory: list[float], tool: Tool, sample: Sample) -> Floats:
+        noted.append(memory)
+        return np.zeros((3, 3))
+
+
+noted: list[list[float]] = []
+
+
+def test_an_estimator_is_told_the_time_since_it_learnt_last(tmp_path: Path) -> None:
+    """0 at first; and no time is lost with the frames after which o_c is not known."""
+    folder = recorded(tmp_path, 20)
+    noted.clear()
+    replay(folder, LAB, PointMarkers(), {"noting": Noting()}, ImagedRcm(max_condition=17.0))
+    poses = load(folder, LAB.mechanism, LAB.tool)
+    ways = [np.linalg.norm(b.p1 - a.p1) for a, b in itertools.pairwise(poses)]
+    moments = np.cumsum(ways) / STILL_SPEED
+    first, *others = noted[-1]
+    learnt = moments[0] + np.cumsum(others)
+    nearest = np.abs(moments[:, None] - learnt).argmin(axis=0)
+    assert first == 0.0 and moments[nearest] == pytest.approx(learnt)
+    assert np.diff(nearest).max() > 1, "some frames were left out"
 
 
 @pytest.mark.parametrize(("count", "lost"), [(3, 0), (ENOUGH - 1, 0), (ENOUGH + 3, 4)])
