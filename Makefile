@@ -8,7 +8,7 @@
 BIN := .venv/bin
 RUNNING := .venv/.running
 TESTING := .venv/.testing
-PARALLEL := -n 2 --dist loadfile
+PARALLEL := -n 2 --dist loadfile --no-loadscope-reorder
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile
 
 run: $(RUNNING)

@@ -51,7 +51,7 @@ def test_the_live_wing_runs_an_arm_and_a_camera_of_ones_own_where_there_is_no_si
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "run.mcap"
-    said = ran(tmp_path / "script.py", SCRIPT.format(path=str(path), seconds=8.0))
+    said = ran(tmp_path / "script.py", SCRIPT.format(path=str(path), seconds=6.0))
     record = read(path)
     assert record.complete
     assert said.startswith(f"ticks {len(record.time)} taught True")
