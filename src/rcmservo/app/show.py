@@ -186,9 +186,9 @@ def _timeline(found: list[Span]) -> Table:
 def _why(span: Span) -> str:
     """The cause, after what a person asked for."""
     if span.request is Request.NONE or span.cause is Cause.ASKED:
-        return span.cause.value
+        return span.why
     asked = f"after a person's {span.request.value}"
-    return f"{asked}: {span.cause.value}" if span.cause is not Cause.NONE else asked
+    return f"{asked}: {span.why}" if span.cause is not Cause.NONE else asked
 
 
 def _way_out(span: Span) -> str:
@@ -222,7 +222,7 @@ def _csv(found: list[Span]) -> str:
                 span.cause.name,
                 span.asks.name,
                 span.request.name,
-                span.cause.value,
+                span.why,
                 span.cause.way_out,
             )
         )

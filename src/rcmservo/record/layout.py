@@ -177,6 +177,11 @@ def operating_state(now: int, mode: Mode) -> bytes:
     )
 
 
+def operating_words(data: bytes) -> str:
+    """The words of an operating state."""
+    return words_of(data, ANONYMOUS.size + 4, 2)[1]
+
+
 def truth(now: int, p1: Floats, p2: Floats, jacobian_error: float) -> bytes:
     """What a simulation knows at a tick."""
     return header(now) + bytes(4) + np.array([*p1, *p2, jacobian_error]).tobytes()

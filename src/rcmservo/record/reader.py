@@ -26,6 +26,7 @@ from rcmservo.record.layout import (
     TRUTH_LAYOUT,
     columns,
     image_of,
+    operating_words,
     words_of,
 )
 from rcmservo.record.mcap_chunks import Message, Messages
@@ -56,6 +57,8 @@ class Record:
     """The ticks' numbers by column, (N, size) each; see columns.py."""
     words: dict[str, list[str]]
     """The ticks' names by column, N each, of which `phase` and `cause` stand out."""
+    operating: dict[int, str]
+    """What was said of the operating state, in words, by the ticks from which on."""
     truth: dict[str, Floats]
     """What the simulation knew, by name, (N, size) each; (0, size) where it is not in the
     record."""
@@ -158,6 +161,7 @@ class _Rows:
         self.truth: list[bytes] = []
         self.stages: list[Stage] = []
         self.memory: dict[int, Floats] = {}
+        self.operating: dict[int, str] = {}
         self._tails: dict[bytes, tuple[str, ...]] = {}
         self._words: list[tuple[str, ...]] = []
 
@@ -183,6 +187,8 @@ class _Rows:
             self._words.append(self._tail(message.data))
         elif topic == memory.TOPIC:
             self.memory[len(self.ticks)] = memory.decoded(message.data)
+        elif topic == "operating_state":
+            self.operating[len(self.ticks)] = operating_words(message.data)
         elif topic == "rcmservo/truth":
             self.truth.append(message.data)
         elif topic == "rcmservo/stage":
@@ -206,6 +212,7 @@ class _Rows:
             time=time,
             ticks=columns(TICK, self.ticks) | memory.column(self.memory, len(self.ticks)),
             words={one.name: [row[i] for row in self._words] for i, one in enumerate(WORDS)},
+            operating=self.operating,
             truth=self._truth(),
             stages=self.stages,
             missing=_missing(messages, float(time[-1]) if len(time) else 0.0, _planned(self.about)),

@@ -45,12 +45,19 @@ class Span:
     """What the servo was doing."""
     cause: Cause
     """Why; NONE if all was well."""
+    detail: str
+    """What a person should know beside it, such as which joint it is."""
     asks: Action
     """The action that was taken in it."""
     request: Request
     """What a person asked for at its first tick."""
     stage: int
     """The number of the stage within the record."""
+
+    @property
+    def why(self) -> str:
+        """Cause and detail in words."""
+        return f"{self.cause.value}: {self.detail}" if self.detail else self.cause.value
 
     @property
     def length(self) -> float:
@@ -97,12 +104,22 @@ def spans(record: Record) -> list[Span]:
             end=float(record.time[j]) if j < count else end(record),
             phase=record.named(Phase, "phase", i),
             cause=record.named(Cause, "cause", i),
+            detail=_detail(record, i),
             asks=record.named(Action, "asks", i),
             request=record.named(Request, "request", i),
             stage=int(rows[i][2]),
         )
         for i, j in pairwise([*starts, count])
     ]
+
+
+def _detail(record: Record, i: int) -> str:
+    """What was said beside the cause at tick i: what stands in the words of the operating state
+    between it and the way out."""
+    cause = record.named(Cause, "cause", i)
+    since = max((tick for tick in record.operating if tick <= i), default=-1)
+    _, said, rest = record.operating.get(since, "").partition(f": {cause.value}: ")
+    return rest.removesuffix(f" ({cause.way_out})") if said else ""
 
 
 def stages(record: Record) -> NDArray[np.intp]:
@@ -174,7 +191,9 @@ def _verdict(record: Record) -> Outcome:
     time = record.time[first:]
     if not len(time):
         return _unless_short(record, judged(time, np.empty((0, 3)), None, Mode(), 0.0), Mode())
-    mode = Mode(record.named(Phase, "phase", -1), record.named(Cause, "cause", -1))
+    last = len(record.time) - 1
+    phase, cause = record.named(Phase, "phase", last), record.named(Cause, "cause", last)
+    mode = Mode(phase, cause, detail=_detail(record, last))
     explored = np.flatnonzero(record.ticks["explored"][first:, 0])
     explored_at = float(time[explored[0]]) if len(explored) else None
     verdict = judged(time, record.ticks["delta"][first:], explored_at, mode, _away(record))
