@@ -92,6 +92,19 @@ def test_spans_are_every_tick_in_order_and_no_two_alike_follow(told: Told) -> No
         assert span.stage == int(i >= told.stages[1])
 
 
+@pytest.mark.parametrize("share,late", [(0.5, 0), (0.2, 1)])
+def test_a_tick_is_late_by_the_threshold_of_the_recorded_servo(
+    told: Told, tmp_path: Path, share: float, late: int
+) -> None:
+    servo = replace(told.servo, thresholds=rs.Thresholds(late_share=share))
+    with Recorder(tmp_path / reader.RECORD, {}) as recorder:
+        recorder.begin(servo, told.target)
+        for i, tick in enumerate(told.ticks[:20]):
+            now = tick.seen.now + 3_000_000 * (i >= 10)
+            recorder.write(replace(tick, servo=servo, seen=replace(tick.seen, now=now)))
+    assert summary(reader.read(tmp_path)).late == late
+
+
 def test_every_request_of_a_person_is_shown_also_one_that_is_refused_once_more(
     told: Told, tmp_path: Path
 ) -> None:

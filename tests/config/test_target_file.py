@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import rcmservo as rs
 from rcmservo.app.simulated_run.target import setup_of
 from rcmservo.config import target_file
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.config.target_file import Setup, checksum
 from rcmservo.tracking import MarkerLook
 
@@ -188,3 +188,18 @@ def test_a_simulated_camera_refuses_what_another_or_the_same_elsewhere_has_seen(
     rig.relocate_camera()
     with pytest.raises(rs.UnusableFile, match="was taught with camera"):
         target_file.load(path, setup_of(rig, Lab()))
+
+
+def test_how_far_beyond_its_limit_a_target_may_be_is_the_rigs_threshold(tmp_path: Path) -> None:
+    lower, upper = SETUP.mechanism.limits.arrays
+    q = (lower + upper) / 2.0
+    q[2] = upper[2] + 0.008 * (upper[2] - lower[2])
+    target, path = rs.Target(np.array([[100.0, 100.0], [120.0, 150.0]]), q), tmp_path / "t.json"
+    rig = tmp_path / "rig.toml"
+    rig.write_text("[thresholds]\nslack = 0.01\n")
+    generous = replace(SETUP, slack=load_lab(rig).thresholds.slack)
+    with pytest.raises(rs.UnusableFile, match=r"target\.joints"):
+        target_file.save(path, target, SETUP)
+    target_file.save(path, target, generous)
+    assert target_file.load(path, generous).q.tobytes() == q.tobytes()
+    assert setup_of(rs.sim.Rig(3, pictures=False), load_lab(rig)).slack == 0.01

@@ -223,3 +223,10 @@ def test_a_hold_that_good_frames_end_too_late_is_a_pause():
     assert transition(held, [], GOOD, Request.NONE, HOLD_TIME).phase is Phase.ACQUIRE
     late = transition(held, [], GOOD, Request.NONE, HOLD_TIME + 1)
     assert late.phase is Phase.PAUSED and late.cause is Cause.STALE
+
+
+@pytest.mark.parametrize("cause", Cause)
+def test_only_a_cause_for_which_the_tool_stands_still_is_stopping(cause):
+    after = transition(Mode(Phase.SERVO), [cause], GOOD, Request.NONE, 1)
+    assert bool(cause.stopping) == (after.share == 0.0)
+    assert cause.stopping in ("", cause.value)

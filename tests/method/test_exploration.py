@@ -105,7 +105,7 @@ def test_without_room_in_one_joint_there_is_no_tour(joint):
 
 def test_how_much_room_a_tour_needs_is_a_threshold():
     rcm, q = PitchYawRcm(), np.array([0.1, 0.2, 100.0])
-    begun = [Exploration().begin(rcm.rcm(), q, 0, share) is not None for share in (0.2, 0.9, 1.1)]
+    begun = [Exploration().begin(rcm.rcm(), q, 0, share) is not None for share in (0.2, 1.0, 1.1)]
     assert begun == [True, True, False]
 
 

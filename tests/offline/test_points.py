@@ -14,7 +14,7 @@ from rcmservo.errors import UnusableFile
 from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.projection import ProjectionEstimator
-from rcmservo.method.imaged_rcm import ImagedRcm
+from rcmservo.method.imaged_rcm import ImagedRcm, solve
 from rcmservo.method.tool import Tool
 from rcmservo.offline.frames_folder import POINT_COLUMNS, load
 from rcmservo.offline.score import ENOUGH, STILL_SPEED, Replay, replay
@@ -49,6 +49,15 @@ def test_of_exact_points_the_estimate_predicts_a_small_share_of_the_motion(tmp_p
     still, ours = result.one_step["no_motion"], result.one_step["projection"]
     assert np.all(ours < 0.05 * still)
     assert np.all(result.reprojection < 0.05 * still[1])
+
+
+def test_a_score_can_be_of_eq_16_as_printed(tmp_path: Path) -> None:
+    """Over the last lines: those of the last frames."""
+    estimators = {"projection": ProjectionEstimator(rate=20.0)}
+    printed = ImagedRcm(lines=4, fit="printed", max_condition=1e12)
+    result = replay(recorded(tmp_path, 40), LAB, PointMarkers(), estimators, printed)
+    last = np.array([found.points.ravel() for found in result.markers[-4:]])
+    assert np.array_equal(result.o_c, solve(last, 4, 0, True)[0])
 
 
 def test_frames_that_miss_a_marker_are_left_out(tmp_path: Path) -> None:

@@ -69,9 +69,9 @@ def test_a_cut_record_tells_how_much_is_missing(plain: Original, path: Path) -> 
         "of a file that was cut its size tells nothing"
     )
     assert 0 < rows.unread < 8000
-    path.write_bytes(
-        plain.data[: len(plain.data) // 2] + b"\0" + plain.data[len(plain.data) // 2 + 1 :]
-    )
+    middle = len(plain.data) // 2
+    wrong = bytes([plain.data[middle] ^ 0xFF])
+    path.write_bytes(plain.data[:middle] + wrong + plain.data[middle + 1 :])
     rows = reader.read(path)
     assert f"{rows.time[-1]:.2f} s of {plain.rows.time[-1]:.2f} s" in rows.missing
     assert rows.unread > len(plain.data) // 2 - 8000

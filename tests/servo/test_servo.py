@@ -28,12 +28,15 @@ from rcmservo.guard.causes import Cause
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.states import SLOW_SHARE, Phase, Request
 from rcmservo.guard.thresholds import Thresholds
+from rcmservo.guard.watch import Watch, stays
 from rcmservo.interfaces import Dropped, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import NotShown, teach
 from rcmservo.method.controller import SaturatedController
+from rcmservo.method.imaged_rcm import ImagedRcm, solve
 from rcmservo.method.kinematics import JointLimits, PitchYawRcm
+from rcmservo.rows import as_row
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import Estimate
 from rcmservo.sim import RigSettings, Timing
@@ -937,3 +940,22 @@ def test_a_clock_that_stands_still_or_goes_back_is_a_fault_at_once(later):
     after = servo.step(state, seen, lab.target)
     assert (after.phase, after.cause) == (Phase.FAULT, Cause.CLOCK_STOOD)
     assert not after.command.rates.any() and not after.command.enabled
+
+
+def test_a_servo_with_eq_16_as_printed_keeps_the_last_lines():
+    lab = laboratory()
+    servo = lab.servo(imaged_rcm=ImagedRcm(lines=5, fit="printed", max_condition=1e12))
+    ran = list(lab.run(servo, 1.0))
+    frames = {seen.frame: seen.points.ravel() for seen, _ in ran if seen.frame >= 0}
+    learnt = ran[-1][1].learnt
+    lines = learnt.lines[: learnt.estimate.line_count]
+    np.testing.assert_array_equal(lines, list(frames.values())[-5:])
+    np.testing.assert_array_equal(learnt.estimate.o_c, solve(lines, 5, 0, True)[0])
+
+
+@pytest.mark.parametrize("agreement,steady", [(2.0, True), (1.0, False)])
+def test_how_near_two_wrong_places_must_be_to_be_one_is_a_threshold(agreement, steady):
+    """5 px apart, where a marker may jump by 3 px."""
+    t = as_row(Thresholds(agreement=agreement))[0]
+    watch, there = Watch.of(rejected=1, elsewhere=0.0), np.array([[3.0, 4.0], [3.0, 4.0]])
+    assert stays(watch.rows[0], there, t) == steady

@@ -39,7 +39,8 @@ class ServoOptions:
     exploration: Exploration = field(default_factory=Exploration)
     """How the tool moves while nothing is known yet."""
     imaged_rcm: ImagedRcm = field(default_factory=ImagedRcm)
-    """How the imaged RCM is computed: eq. (16) over the most telling lines, then refined."""
+    """How the imaged RCM is computed: eq. (16) over the most telling lines, then refined; or as
+    printed."""
     projection: ProjectionEstimator = field(default_factory=ProjectionEstimator)
     """Ĵ through the projection parameters, rule (21)."""
     flow: FlowEstimator = field(default_factory=FlowEstimator)

@@ -111,7 +111,7 @@ def tasks(settings: Settings) -> list[Task]:
 
 def in_real_time(folder: Path, seed: int, settings: Settings) -> Explored:
     """Explore with the printed Γ in real time, for as long as exploration may take."""
-    now = replace(settings, estimator=replace(settings.random, estimator_time=0.0))
+    now = replace(settings.randomly, estimator=replace(settings.random, estimator_time=0.0))
     with ClosedLoop(folder, seed, now.rig(), now.pictures, now.servo) as loop:
         target, _ = loop.shown(loop.rig.scene.target)
         loop.rig.go_home()
@@ -245,7 +245,7 @@ EXPERIMENT = Experiment(
     name="regulation-projection",
     title="Regulation with the projection-based estimator",
     about="Fig. 7, 9 and 11, on rendered frames with noise: k = 0.1, b = 10 (10°, 10 px, 10 px), "
-    "printed Γ, P = 10 observations of m₁, H = 50 lines, Ĵ and â from zero.",
+    "printed Γ, P = 10 observations of m₁, H = 50 lines (chosen and refined), Ĵ and â from zero.",
     whole=Settings(),
     quick=Settings(seeds=(0,), real_time=(0,), by_default=(0,), pictures=False),
     tasks=tasks,

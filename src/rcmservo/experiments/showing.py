@@ -29,6 +29,7 @@ from rcmservo.experiments.harness.statistics import median
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures import plots
 from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.guard.causes import Cause
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick
 from rcmservo.method.controller import SaturatedController
@@ -137,7 +138,8 @@ def visit_all(folder: Path, seed: int, method: str, pictures: bool, settings: Se
                 loop.snapshot(f"snapshot-{pose + 1}.png", targets[pose], tick.state, words)
         per_pixel = [pose_per_pixel(loop.rig, target.q) for target in targets]
     places = np.array([p_d for _, p_d in shown])
-    return Visits(made, tick.state.cause.stopping, places, per_pixel)
+    unexplored = "" if tick.state.explored else Cause.NOT_EXPLORED.value
+    return Visits(made, tick.state.cause.stopping or unexplored, places, per_pixel)
 
 
 def _visit(
@@ -264,10 +266,7 @@ def meaning(found: VisitsFound) -> Claim:
 def _figures(settings: Settings, results: Results) -> list[Shown]:
     seed = settings.seeds[0]
     panels = [_over_time(method, f"{method}-{seed}", results) for method in PAPER_METHODS]
-    caption = (
-        "‖Δp‖ = ‖p₂ − p_d‖ over time, by the truth; every jump is the next pose; shaded: "
-        "exploration."
-    )
+    caption = "‖Δp‖ = ‖p₂ − p_d‖, by the truth; every jump is the next pose; shaded: exploration."
     return [
         *(shown for method in PAPER_METHODS for shown in _snapshots(method, settings, results)),
         Shown("pose-error", "Fig. 14", caption, [seed], Figure("Pose error", panels)),

@@ -24,11 +24,6 @@ class Cause(Enum):
     action: Action
     way_out: str
 
-    @property
-    def stopping(self) -> str:
-        """Its sentence if the tool stands still for it; empty if it goes on."""
-        return self.value if self.action >= Action.HOLD else ""
-
     def __new__(cls, sentence: str, action: Action, way_out: str) -> "Cause":
         cause = object.__new__(cls)
         cause._value_, cause.action, cause.way_out = sentence, action, way_out
@@ -56,6 +51,11 @@ class Cause(Enum):
         Action.FAULT,
         "check the encoders, then clear and enable again",
     )
+    CLOCK_STOOD = (
+        "the loop's clock stood still or went back",
+        Action.FAULT,
+        "mend the clock, then clear and enable again",
+    )
     DRIVE_OFF = (
         "the arm's drive went off: its watchdog or an emergency stop has switched it off",
         Action.FAULT,
@@ -75,11 +75,6 @@ class Cause(Enum):
         "a joint is beyond its limit",
         Action.FAULT,
         "bring the tool back by hand, then clear and enable again",
-    )
-    CLOCK_STOOD = (
-        "the loop's clock stood still or went back",
-        Action.FAULT,
-        "mend the clock, then clear and enable again",
     )
 
     CAMERA_MOVED = (
@@ -106,7 +101,7 @@ class Cause(Enum):
         "servo explores anew",
     )
     OVERRUN = (
-        "the loop ran late: three ticks in a row, or one by more than its bound",
+        "the loop ran late: several ticks in a row, or one by more than its bound",
         Action.PAUSE,
         "take other work off this computer, then resume",
     )
@@ -219,7 +214,7 @@ class Cause(Enum):
         Action.SLOW,
         "",
     )
-    AGEING = "no new frame has come for one and a half frame periods", Action.SLOW, ""
+    AGEING = "no new frame has come for longer than usual", Action.SLOW, ""
     NEARLY_SINGULAR = "the scaled Jacobian's condition is near its limit", Action.SLOW, ""
 
     LATE_TICK = "the loop ran late by a tick", Action.WARN, ""
@@ -233,6 +228,11 @@ class Cause(Enum):
         """The sentence, what a person should know beside it, and the way out, as one text."""
         sentence = f"{self.value}: {detail}" if detail else self.value
         return f"{sentence} ({self.way_out})" if self.way_out else sentence
+
+    @property
+    def stopping(self) -> str:
+        """Its sentence if the tool stands still for it; empty if it goes on."""
+        return self.value if self.action >= Action.HOLD else ""
 
     @property
     def bit(self) -> int:

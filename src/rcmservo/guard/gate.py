@@ -36,7 +36,8 @@ def within(
     dt: float,
     share: float,
 ) -> tuple[Floats, bool]:
-    """The joint rates (3,) that may be sent, and whether all that came in was finite."""
+    """The joint rates (3,) that may be sent, and whether all that came in was finite and time had
+    passed."""
     bounds = gate[0]
     allowed = np.zeros(3)
     if not (all_finite(rates) and all_finite(q) and all_finite(last) and dt > 0.0):
@@ -63,7 +64,8 @@ class Passed(NamedTuple):
     command: Command
     """What the arm may be sent."""
     finite: bool
-    """Whether all numbers that came in were finite. If not, the command is zero at once."""
+    """Whether all numbers that came in were finite and time had passed. If not, the command is zero
+    at once."""
 
 
 @dataclass(frozen=True)

@@ -77,8 +77,8 @@ class Session:
 
 
 class HeartbeatPlant(Plant):
-    """A plant that counts its commands in ``beats``, also those that bring the arm to rest, from
-    when the drive is on."""
+    """A plant that counts its commands in ``beats`` once the drive is on, also those that bring
+    the arm to rest."""
 
     def __init__(self, arm: Arm, eye: TrackingThread, clock: Punctuality, beats: Any) -> None:
         super().__init__(arm, eye, eye, clock)
@@ -91,7 +91,8 @@ class HeartbeatPlant(Plant):
         del self.lateness[:]  # no tick was due while the drive came on
 
     def send(self, command: Command) -> Floats:
-        self.beats.value += 1
+        if self.beats.value >= 0:
+            self.beats.value += 1
         return super().send(command)
 
 

@@ -23,6 +23,9 @@ from rcmservo.method.kinematics import Rcm, axis, joints, position
 CORNERS = np.array(
     [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]
 ) / np.sqrt(3.0)
+ROUNDING = 1e-9
+"""Share by which the volume of a tour with all its room may differ from it."""
+
 LIMIT_MARGIN = 0.02
 """Share of each joint's range that the corners keep from its ends."""
 
@@ -146,7 +149,7 @@ class Exploration:
         full = volume(self.radius * CORNERS)
         for shape in (CORNERS, -CORNERS):
             places = corners(rcm, q, self.radius, shape)
-            if volume(places) > least_room * full:
+            if volume(places) > least_room * (1.0 - ROUNDING) * full:
                 return Exploring(places, np.zeros((4, 7)), 0, now)
         return None
 

@@ -192,17 +192,19 @@ def follow(
 
 @dataclass(frozen=True)
 class ImagedRcm:
-    """How the imaged RCM is computed: eq. (16) over the most telling lines, then refined."""
+    """How the imaged RCM is computed: eq. (16) over the most telling lines, then refined; or as
+    printed."""
 
     lines: int = 50
     """H, the number of lines kept."""
     refinements: int = 3
-    """Gauss-Newton steps after (16), to the nearest bundle of lines; 0 is (16) alone."""
+    """Gauss-Newton steps after (16), to the nearest bundle of lines; none if as printed."""
     max_condition: float = 2e4
     """Condition of (16), about 1 / variance of the line angle (1/rad²), above which o_c is not yet
     observable."""
     fit: Literal["refined", "printed"] = "refined"
-    """Printed is eq. (16) exactly: unit normals, the last H lines, no steps after it."""
+    """Printed is eq. (16) exactly: unit normals, the last H lines, no steps after it. As the tool
+    comes to rest these lines are one, and the run pauses because o_c is not known."""
 
     def __post_init__(self) -> None:
         require(

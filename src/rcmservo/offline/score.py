@@ -150,12 +150,12 @@ def _score(
     memory = estimator.init()
     finite: list[Floats] = []
     linear: list[Floats] = []
-    since_learnt = np.nan
+    since_learnt: float | None = None
     for t, (one, (o_c, _)) in enumerate(zip(seen, origins, strict=True)):
-        since_learnt += one.dt
+        since_learnt = None if since_learnt is None else since_learnt + one.dt
         if not np.isfinite(o_c).all():
             continue
-        sample = Sample(one.p1, one.points, o_c, float(np.nan_to_num(since_learnt)))
+        sample = Sample(one.p1, one.points, o_c, since_learnt or 0.0)
         memory, since_learnt = estimator.update(memory, tool, sample), 0.0
         if t < FIRST or t + 1 == len(seen):
             continue

@@ -57,8 +57,8 @@ class Record:
     """The ticks' numbers by column, (N, size) each; see columns.py."""
     words: dict[str, list[str]]
     """The ticks' names by column, N each, of which `phase` and `cause` stand out."""
-    operating: dict[int, str]
-    """What was said of the operating state, in words, by the ticks from which on."""
+    operating: list[tuple[int, str]]
+    """What was said of the operating state, in words, each after the tick from which on."""
     truth: dict[str, Floats]
     """What the simulation knew, by name, (N, size) each; (0, size) where it is not in the
     record."""
@@ -161,7 +161,7 @@ class _Rows:
         self.truth: list[bytes] = []
         self.stages: list[Stage] = []
         self.memory: dict[int, Floats] = {}
-        self.operating: dict[int, str] = {}
+        self.operating: list[tuple[int, str]] = []
         self._tails: dict[bytes, tuple[str, ...]] = {}
         self._words: list[tuple[str, ...]] = []
 
@@ -188,7 +188,7 @@ class _Rows:
         elif topic == memory.TOPIC:
             self.memory[len(self.ticks)] = memory.decoded(message.data)
         elif topic == "operating_state":
-            self.operating[len(self.ticks)] = operating_words(message.data)
+            self.operating.append((len(self.ticks), operating_words(message.data)))
         elif topic == "rcmservo/truth":
             self.truth.append(message.data)
         elif topic == "rcmservo/stage":

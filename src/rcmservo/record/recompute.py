@@ -94,7 +94,7 @@ def recompute(
             kept[len(rows) - 1] = numbers
     words = {one.name: [row[i] for row in decided] for i, one in enumerate(WORDS)}
     ticks = layout.columns(TICK, rows) | memory.column(kept, len(rows))
-    now = replace(then, ticks=ticks, words=words)
+    now = replace(then, ticks=ticks, words=words, operating=[])
     other = servo is not None and any(describe(servo) != stage.servo for stage in then.stages)
     return replace(_compared(then, now, other), changed=_changed(then.stages, servos))
 

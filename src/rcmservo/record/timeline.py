@@ -2,9 +2,11 @@
 numbers."""
 
 import math
+from bisect import bisect_right
 from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -117,8 +119,9 @@ def _detail(record: Record, i: int) -> str:
     """What was said beside the cause at tick i: what stands in the words of the operating state
     between it and the way out."""
     cause = record.named(Cause, "cause", i)
-    since = max((tick for tick in record.operating if tick <= i), default=-1)
-    _, said, rest = record.operating.get(since, "").partition(f": {cause.value}: ")
+    place = bisect_right(record.operating, i, key=itemgetter(0))
+    words = record.operating[place - 1][1] if place else ""
+    _, said, rest = words.partition(f": {cause.value}: ")
     return rest.removesuffix(f" ({cause.way_out})") if said else ""
 
 
@@ -205,7 +208,7 @@ def _unless_short(record: Record, verdict: Outcome, mode: Mode) -> Outcome:
     why."""
     planned, last = record.planned, end(record)
     whole = record.complete if planned is None else last > planned - SLACK
-    over = mode.cause.action >= Action.HOLD or (mode.phase is Phase.DISABLED and record.complete)
+    over = bool(mode.cause.stopping) or (mode.phase is Phase.DISABLED and record.complete)
     if whole or over:
         return verdict
     until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of {planned:.2f} s"

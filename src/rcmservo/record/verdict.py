@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rcmservo.guard.causes import Action, Cause
+from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Mode, Phase
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.tick import Tick
@@ -45,7 +45,7 @@ UNSEEN = {
 def held(mode: Mode, why: str) -> str:
     """What holds the arm still at the last tick; `why` tells why the markers were never seen, if
     they never were."""
-    if mode.cause.action >= Action.HOLD:
+    if mode.cause.stopping:
         return mode.cause.told(mode.detail or (why if mode.cause in UNSEEN else ""))
     return f"{ON_THE_WAY[mode.phase]}: {why}" if why and mode.phase in ON_THE_WAY else ""
 
@@ -146,7 +146,7 @@ def judged(
 
 
 def _cause(mode: Mode, explored_at: float | None, settled_at: float | None, away: float) -> str:
-    if mode.cause.action >= Action.HOLD:
+    if mode.cause.stopping:
         return mode.why
     if mode.phase is Phase.ACQUIRE and explored_at is not None:
         return "time ran out on the way back from a hold"

@@ -23,8 +23,15 @@ def setup_of(rig: Rig, lab: Lab) -> Setup:
     )
     view = hashlib.sha256(np.round(where, 6).tobytes()).hexdigest()[:8]
     name = f"simulation with seed {rig.seed}, view {view}"
-    size, slack = (optics.width, optics.height), lab.thresholds.slack
-    return Setup(name, *size, lab.mechanism, lab.tool, lab.markers, slack)
+    return Setup(
+        name,
+        optics.width,
+        optics.height,
+        lab.mechanism,
+        lab.tool,
+        lab.markers,
+        slack=lab.thresholds.slack,
+    )
 
 
 def target_of(job: Job, rig: Rig, plant: Plant) -> Target:

@@ -18,7 +18,8 @@ class Sample(NamedTuple):
     o_c: Floats
     """The imaged RCM (2,) px as known now."""
     dt: float
-    """s since the exposure of the sample before; 0 for the first of a run."""
+    """s since the exposure of the sample before; 0 for the first of a run, and for the first after
+    all was forgotten."""
 
 
 class Estimator(ABC):

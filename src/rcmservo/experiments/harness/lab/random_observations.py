@@ -5,11 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.decay import decay
 from rcmservo.method.estimators.projection import (
     GAMMA_0,
+    MOST,
     jacobian_at,
     keep_in_front,
     normal_equations,
@@ -43,6 +45,12 @@ class RandomObservations(Estimator):
 
     name = "random"
     models = True
+
+    def __post_init__(self) -> None:
+        good = 1 <= self.observations <= MOST
+        require(good, "random.observations", self.observations, f"from 1 to {MOST}")
+        good = 0.0 <= self.estimator_time < np.inf
+        require(good, "random.estimator_time", self.estimator_time, "a time in s, at least 0")
 
     def init(self) -> Drawn:
         return Drawn(np.zeros((self.observations, 7)), 0, np.zeros(PARAMETERS))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rcmservo.experiments.harness.claims import Claim, Shown
+from rcmservo.experiments.harness.claims import Claim, NotMeasured, Shown
 from rcmservo.experiments.harness.lab.closed_loop import recorded
 from rcmservo.experiments.harness.lab.regulation import (
     ACCURATE,
@@ -74,7 +74,7 @@ def _starts(settings: Regulation, runs: Sequence[RegulationRun]) -> list[str]:
     ]
 
 
-class Known(NamedTuple):
+class OfRuns(NamedTuple):
     """A number of those runs in which it could be measured."""
 
     seeds: list[int]
@@ -89,17 +89,20 @@ def known_of(
     settings: Regulation,
     runs: Sequence[RegulationRun],
     of: Callable[[Regulated], float | None],
-) -> Known:
-    """A number of every run that left its start and in which it could be measured."""
+) -> OfRuns:
+    """A number of every run that left its start and in which it could be measured; NotMeasured if
+    there is none."""
     values = [one.regulated and of(one.regulated) for one in runs]
     pairs = [
         (seed, value)
         for seed, value in zip(settings.seeds, values, strict=True)
         if value is not None and np.isfinite(value)
     ]
+    if not pairs:
+        raise NotMeasured("a number of all runs", float("nan"))
     without = len(runs) - len(pairs)
     missing = f"; not measured in {without} of {len(runs)} runs" if without else ""
-    return Known([seed for seed, _ in pairs], [value for _, value in pairs], missing)
+    return OfRuns([seed for seed, _ in pairs], [value for _, value in pairs], missing)
 
 
 def approximates(
