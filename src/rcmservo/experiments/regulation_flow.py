@@ -77,7 +77,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
         small_gamma_removes_noise(settings, runs),
         success_shows(settings, other),
     ]
-    figures = regulation_figures(settings, results, runs, ("Fig. 8", "Fig. 10"))
+    figures = regulation_figures(settings, results, runs, CASE[0], ("Fig. 8", "Fig. 10"))
     return Chapter(claims, [*figures, _flows(settings, results)])
 
 

@@ -136,7 +136,7 @@ def chapter(settings: Settings, results: Results) -> Chapter:
         defaults_are_soon(settings, results.all(RegulationRun, "default", settings.by_default)),
     ]
     figures = [
-        *regulation_figures(settings, results, runs, ("Fig. 7", "Fig. 9")),
+        *regulation_figures(settings, results, runs, CASE[0], ("Fig. 7", "Fig. 9")),
         _projection(settings, results),
         _real_time(settings, results),
         _default_errors(settings, results),
@@ -216,7 +216,10 @@ def _projection(settings: Settings, results: Results) -> Shown:
     run = results.of(RegulationRun, task)
     began = run.regulated.began if run.regulated else 0.0
     figure = plots.projection(recorded(results.folder(task)), began)
-    caption = "The measured m₁ and the estimate π of (34), both from o_c, from the start on."
+    caption = (
+        "The measured m₁ and the estimate π of (34), both from o_c, from the start on; chosen "
+        "observations."
+    )
     return Shown("estimate", "Fig. 11", caption, [settings.shown], figure)
 
 

@@ -149,16 +149,20 @@ def falls_by_k_b(
 
 
 def regulation_figures(
-    settings: Regulation, results: Results, runs: Sequence[RegulationRun], paper: tuple[str, str]
+    settings: Regulation,
+    results: Results,
+    runs: Sequence[RegulationRun],
+    case: str,
+    paper: tuple[str, str],
 ) -> list[Shown]:
-    """Fig. 7 or 8 (pictures) and 9 or 10 (errors) of the seed shown, and all seeds."""
+    """Fig. 7 or 8 (pictures) and 9 or 10 (errors) of the seed shown, and all seeds, in one case."""
     task = f"seed-{settings.shown}"
     rows = recorded(results.folder(task))
     errors = regulation_errors(rows, results.of(RegulationRun, task), settings)
     words = "Magnitude of the error coordinates from the start on."
     caption = (
-        "Every run: the error of Ĵ after exploration, the slope of r while saturated, and the "
-        "largest share of an initial error that is left; dashed: the bounds of a faithful run."
+        f"Every run, {case}: the error of Ĵ after exploration, the slope of r while saturated, and "
+        "the largest share of an initial error that is left; dashed: the bounds of a faithful run."
     )
     return [
         *_pictures(settings, results, paper[0]),
