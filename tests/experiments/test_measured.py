@@ -8,7 +8,7 @@ import pytest
 from rcmservo.experiments.harness.claims import NotMeasured
 from rcmservo.experiments.harness.lab.random_observations import RandomObservations
 from rcmservo.experiments.harness.lab.regulation import Regulated, Regulation, RegulationRun
-from rcmservo.experiments.harness.lab.regulation_claims import falls_by_k_b, known_of
+from rcmservo.experiments.harness.lab.regulation_claims import falls_by_k_b
 from rcmservo.experiments.potential import first_below
 
 ONE = Regulated(**{one.name: 0.0 for one in fields(Regulated)})
@@ -31,8 +31,8 @@ def test_a_claim_counts_the_runs_that_were_measured_and_names_how_many_were_not(
 
 
 def test_where_no_run_was_measured_that_is_an_error_and_no_number() -> None:
-    with pytest.raises(NotMeasured):
-        known_of(SETTINGS, [NEVER, NEVER, falling(np.nan)], lambda one: float(one.slopes[1]))
+    with pytest.raises(NotMeasured, match=r"the slope of r, in any run: measured nan"):
+        falls_by_k_b(SETTINGS, [NEVER, NEVER, falling(np.nan)], ("flow", ""))
 
 
 def test_an_error_that_never_gets_small_takes_for_ever() -> None:

@@ -167,7 +167,7 @@ def real_time(settings: Settings, slow: Sequence[Explored]) -> Claim:
 def model_follows(
     settings: Regulation, runs: Sequence[RegulationRun], case: tuple[str, str]
 ) -> Claim:
-    seeds, away, missing = known_of(settings, runs, lambda one: one.model)
+    seeds, away, missing = known_of(settings, runs, "π", lambda one: one.model)
     return Claim(
         "π of (34) follows the measured m₁: rms distance, median",
         "model",

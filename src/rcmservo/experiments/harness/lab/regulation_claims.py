@@ -88,6 +88,7 @@ class OfRuns(NamedTuple):
 def known_of(
     settings: Regulation,
     runs: Sequence[RegulationRun],
+    what: str,
     of: Callable[[Regulated], float | None],
 ) -> OfRuns:
     """A number of every run that left its start and in which it could be measured; NotMeasured if
@@ -99,7 +100,7 @@ def known_of(
         if value is not None and np.isfinite(value)
     ]
     if not pairs:
-        raise NotMeasured("a number of all runs", float("nan"))
+        raise NotMeasured(f"{what}, in any run", float("nan"))
     without = len(runs) - len(pairs)
     missing = f"; not measured in {without} of {len(runs)} runs" if without else ""
     return OfRuns([seed for seed, _ in pairs], [value for _, value in pairs], missing)
@@ -109,9 +110,9 @@ def approximates(
     settings: Regulation, runs: Sequence[RegulationRun], case: tuple[str, str]
 ) -> Claim:
     """That Ĵ is near J when the exploration is done."""
-    seeds, errors, missing = known_of(settings, runs, lambda one: one.explored)
-    start = median(known_of(settings, runs, lambda one: one.at_start).values)
-    end = median(known_of(settings, runs, lambda one: one.at_end).values)
+    seeds, errors, missing = known_of(settings, runs, "the error of Ĵ", lambda one: one.explored)
+    start = median([one.at_start for one in begun(runs)])
+    end = median([one.at_end for one in begun(runs)])
     return Claim(
         "Ĵ approximates J after exploration: scaled ‖Ĵ − J‖/‖J‖, median",
         "real-time",
@@ -131,7 +132,9 @@ def falls_by_k_b(
     settings: Regulation, runs: Sequence[RegulationRun], case: tuple[str, str]
 ) -> Claim:
     """That the gains mean what they say."""
-    seeds, slopes, missing = known_of(settings, runs, lambda one: float(one.slopes[1]))
+    seeds, slopes, missing = known_of(
+        settings, runs, "the slope of r", lambda one: float(one.slopes[1])
+    )
     return Claim(
         "k = 0.1 with b = 10 is an error that falls by 1 px/s: |slope of r − 1 px/s|, median",
         "gains",
