@@ -12,13 +12,13 @@ import pytest
 from rich.console import Console
 from rich.live import Live
 
+from rcmservo.app import preparing
 from rcmservo.app.cli import main
 from rcmservo.app.preparing import compiling
 from rcmservo.app.score_report import MarkerErrors, ScoreReport, StepErrors, show_report
 from rcmservo.app.simulated_run.metrics import FeatureError, RunMetrics
 from rcmservo.app.simulated_run.told import show_run
 from rcmservo.app.terminal import console, print_plainly
-from rcmservo.compiled import parts
 
 LONG = f"runs/{'a folder with a long name/' * 6}[/y]"
 METRICS = RunMetrics(1, "projection", cause="[b]too far[/b]", folder=LONG)
@@ -142,15 +142,21 @@ def test_it_starts_without_a_home_that_can_be_written_to(tmp_path: Path) -> None
     assert (done.returncode, done.stderr) == (0, b"")
 
 
-def test_what_is_compiled_is_told_and_what_is_not_ours_is_not_counted() -> None:
-    """Where no live line is seen, one line lasts of every twenty parts."""
+@pytest.mark.parametrize(("expected", "at_last"), [(100, 100), (5, 21)])
+def test_what_is_compiled_is_told_and_what_is_not_ours_is_not_counted(
+    expected: int, at_last: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where no live line is seen, one line lasts of every twenty parts; of no more than there
+    are."""
+    monkeypatch.setattr(preparing, "parts", lambda: expected)
     written = io.StringIO()
     with Live(console=Console(file=written, width=40)) as line, compiling(line):
         for module in ["somebody.elses"] * 30 + ["rcmservo.made_up"] * 25:
             numba.njit(made(module))(1.0)
     told = [one for one in written.getvalue().splitlines() if one.startswith("compiling")]
-    end = f" of about {parts()} parts: the next start is quicker"
-    assert told[:2] == [f"compiling, 1{end}", f"compiling, 21{end}"]
+    end = "parts: the next start is quicker"
+    lasting = [f"compiling, 1 of about {expected} {end}", f"compiling, 21 of about {at_last} {end}"]
+    assert told[:2] == lasting
     assert len(told) <= 3
 
 

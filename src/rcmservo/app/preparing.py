@@ -31,6 +31,7 @@ class Compiling(event.Listener):
         if not data["dispatcher"].__module__.startswith("rcmservo."):
             return
         self._count += 1
+        self._all = max(self._all, self._count)  # some are compiled for more than one type
         words = f"compiling, {self._count} of about {self._all} parts: the next start is quicker"
         self._line.update(Text(words, style="dim"), refresh=True)
         if self._count % STEP == 1 and not is_alive(self._line.console):
