@@ -100,8 +100,8 @@ with open(sys.argv[2], "wb") as file:
     "estimator,tool,controller",
     [
         ("fast", "rigid", "continuous"),
-        ("printed", "scaled", "printed"),
-        ("flow", "rigid", "continuous"),
+        pytest.param("printed", "scaled", "printed", marks=pytest.mark.slow),
+        pytest.param("flow", "rigid", "continuous", marks=pytest.mark.slow),
     ],
 )
 def test_without_the_simulation_the_same_observations_give_the_same_commands_to_the_last_bit(

@@ -156,8 +156,8 @@ def test_only_the_first_answer_is_looked_at() -> None:
     ticks = rs.run(lab.plant, lab.servo(), lab.target, 1.0)
     next(ticks)
     time, q, _ = arm.arm.measure()
-    arm.answers = {"measure": (np.float64(time), q, np.True_)}
-    next(ticks)
+    arm.answers = {"measure": [time, q, True]}
+    assert next(ticks).seen.q_time == time
     ticks.close()
 
 

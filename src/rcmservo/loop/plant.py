@@ -1,5 +1,6 @@
 """An arm, a camera, a tracker and a clock as one thing that is read and sent to."""
 
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
@@ -182,10 +183,16 @@ class Plant:
         return Dropped.NONE if last is None or _shape(frame) == _shape(last) else Dropped.DAMAGED
 
     def _joints_at(self, time: int) -> Floats:
-        times = [t for t, _ in self._past]
-        return np.array(
-            [np.interp(time, times, [q[i] for _, q in self._past], left=np.nan) for i in range(3)]
-        )
+        """The joints (3,) at a moment (ns), between the two answers about it; NaN before the
+        first."""
+        later = bisect_right(self._past, time, key=lambda answer: answer[0])
+        if later == 0:
+            return np.full(3, np.nan)
+        began, q = self._past[later - 1]
+        if later == len(self._past):
+            return q
+        end, moved = self._past[later]
+        return q + (moved - q) / (end - began) * (time - began)
 
 
 def _shape(frame: Frame) -> tuple[int, ...] | None:

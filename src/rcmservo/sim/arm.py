@@ -26,7 +26,7 @@ PHYSICS: Any = mujoco
 STEP = 1_000_000
 """ns of one step of the physics."""
 
-UNIT = np.array([1.0, 1.0, 1e-3])
+UNIT = 1.0, 1.0, 1e-3
 """One rad, rad, mm in MuJoCo's units."""
 
 HARD_STOP = 1.02
@@ -97,7 +97,8 @@ def model_of(mechanism: Kinematics) -> str:
     outer, inner, slide, order = AXES[mechanism.name]
     lower, upper = np.array(mechanism.limits.lower), np.array(mechanism.limits.upper)
     middle, half = (upper + lower) / 2.0, (upper - lower) / 2.0
-    low, high = UNIT * (middle - HARD_STOP * half), UNIT * (middle + HARD_STOP * half)
+    unit = np.array(UNIT)
+    low, high = unit * (middle - HARD_STOP * half), unit * (middle + HARD_STOP * half)
     ranges = [f"{low[i]:.9g} {high[i]:.9g}" for i in order]
     sign = -1.0 if mechanism.kind == PITCH_YAW else 1.0
     return MODEL.format(
@@ -116,27 +117,33 @@ class SimulatedArm:
     """An RCM mechanism in MuJoCo, driven by joint rates. It moves only while `advance` lets time
     pass, and it remembers where it was."""
 
-    gains: Floats
-    """(3,) what each motor makes of its rate: 1, but for one that is blocked or wrongly wired."""
+    gains: list[float]
+    """What each of the 3 motors makes of its rate: 1, but for one that is blocked or wrongly
+    wired."""
+
+    creep: list[float]
+    """(rad/s, rad/s, mm/s) by which each motor that is on moves beside what it is asked for."""
+
+    clock_error: int
+    """ns by which the arm's own clock is wrong."""
 
     before_step: Callable[[], None] | None
     """Is called before every step of the physics."""
 
     def __init__(self, mechanism: Kinematics, drive: Drive) -> None:
         self.mechanism, self.drive = mechanism, drive
-        self.time = 0
+        self.time, self.clock_error = 0, 0
         self.watchdog = Watchdog()
-        self.gains, self.before_step = np.ones(3), None
-        self._order = np.array(AXES[mechanism.name][3])
+        self.gains, self.creep, self.before_step = [1.0, 1.0, 1.0], [0.0, 0.0, 0.0], None
+        self._order = list(AXES[mechanism.name][3])
         self._model = PHYSICS.MjModel.from_xml_string(model_of(mechanism))
         self._data = PHYSICS.MjData(self._model)
-        self._queue: deque[tuple[int, Floats]] = deque()
-        self._wanted, self._rates = np.zeros(3), np.zeros(3)
-        self._follow = 1.0 - np.exp(-STEP * 1e-9 / drive.lag)
-        self._deadband = np.array(drive.deadband)
+        self._queue: deque[tuple[int, list[float]]] = deque()
+        self._wanted, self._rates = [0.0] * 3, [0.0] * 3
+        self._follow = float(1.0 - np.exp(-STEP * 1e-9 / drive.lag))
         self._encoder = np.maximum(np.array(drive.encoder), 1e-12)
         self._past = Past(STEP)
-        self._past.keep(self.time, self.q_true)
+        self._past.keep(self.time, self._data.qpos.copy())
 
     def place(self, q: Floats) -> None:
         """Put the arm at q (3,), at rest and with its drives off, as if it had always been there.
@@ -146,11 +153,10 @@ class SimulatedArm:
         self.watchdog.disable()
         self._data.qpos[:] = (q * UNIT)[self._order]
         self._data.qvel[:] = 0.0
-        self._queue.clear()
-        self._wanted, self._rates = np.zeros(3), np.zeros(3)
+        self._come_to_rest()
         PHYSICS.mj_forward(self._model, self._data)
         self._past.forget()
-        self._past.keep(self.time, self.q_true)
+        self._past.keep(self.time, self._data.qpos.copy())
 
     def advance_until(self, time: int) -> None:
         """Let time pass until `time` ns, to the nearest step."""
@@ -162,26 +168,46 @@ class SimulatedArm:
         self.time += STEP
         if self.before_step is not None:
             self.before_step()
-        if not self.watchdog.check(self.time):
-            self._queue.clear()
-            self._wanted, self._rates = np.zeros(3), np.zeros(3)
+        if not self.watchdog.check(self._clock):
+            self._come_to_rest()
         while self._queue and self._queue[0][0] <= self.time:
             self._wanted = self._queue.popleft()[1]
-        self._rates += self._follow * (self._wanted - self._rates)
-        moving = np.where(np.abs(self._rates) > self._deadband, self._rates, 0.0)
-        self._data.ctrl[:] = (self.gains * moving * UNIT)[self._order]
+        self._drive()
         PHYSICS.mj_step(self._model, self._data)
-        self._past.keep(self.time, self.q_true)
+        self._past.keep(self.time, self._data.qpos.copy())
+
+    def _come_to_rest(self) -> None:
+        self._queue.clear()
+        self._wanted, self._rates = [0.0] * 3, [0.0] * 3
+
+    def _drive(self) -> None:
+        """Let each motor follow the rate that is wanted.
+
+        Plain numbers: for three of them arrays would take longer than the physics.
+        """
+        for i in range(3):
+            self._rates[i] += self._follow * (self._wanted[i] - self._rates[i])
+        rates, deadband = self._rates, self.drive.deadband
+        moving = [rates[i] if abs(rates[i]) > deadband[i] else 0.0 for i in range(3)]
+        creep = self.creep if self.watchdog.enabled else (0.0, 0.0, 0.0)
+        made = [self.gains[i] * moving[i] + creep[i] for i in range(3)]
+        self._data.ctrl[:] = [made[i] * UNIT[i] for i in self._order]
 
     def joints_at(self, time: int) -> Floats:
         """The joints (3,) as they were at a moment (ns) of the last second."""
-        return self._past.joints_at(time)
+        earlier, later, share = self._past.at(time)
+        q = self._joints(earlier)
+        return q if share == 0.0 else q + share * (self._joints(later) - q)
 
     @property
     def q_true(self) -> Floats:
         """The joints (3,) as they are."""
+        return self._joints(self._data.qpos)
+
+    def _joints(self, qpos: Floats) -> Floats:
+        """q (3,) of MuJoCo's joints, which stand in its own order and units."""
         q = np.empty(3)
-        q[self._order] = self._data.qpos
+        q[self._order] = qpos
         return q / UNIT
 
     @property
@@ -190,20 +216,26 @@ class SimulatedArm:
         PHYSICS.mj_forward(self._model, self._data)
         return self._data.site("reference").xpos * 1e3
 
+    @property
+    def _clock(self) -> int:
+        """The time (ns) that the arm takes it to be."""
+        return self.time + self.clock_error
+
     def enable(self) -> None:
         """Switch the drives on, at rest."""
-        self.watchdog.enable(self.time)
+        self.watchdog.enable(self._clock)
 
     def measure(self) -> Measured:
         """The arm's answer: the joints as the encoders count them."""
         counted = np.round(self.q_true / self._encoder) * self._encoder
-        return Measured(self.time, counted, self.watchdog.enabled)
+        return Measured(self._clock, counted, self.watchdog.enabled)
 
     def apply(self, command: Command) -> Floats:
         """Take a command if the watchdog lets it; gives the rates (3,) that were taken.
 
         The drives have no limits of their own.
         """
-        if self.watchdog.feed(command, self.time):
-            self._queue.append((self.time + round(self.drive.delay * 1e9), self.watchdog.rates))
+        if self.watchdog.feed(command, self._clock):
+            obeyed = self.time + round(self.drive.delay * 1e9)
+            self._queue.append((obeyed, self.watchdog.rates.tolist()))
         return self.watchdog.rates

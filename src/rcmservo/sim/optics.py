@@ -20,6 +20,9 @@ from rcmservo.interfaces import Floats
 WIDEST = 100.0
 """The slope beyond which no lens looks aside."""
 
+ROUNDING = 1e-12
+"""A step of Newton's method, as a slope, after which the next one would change nothing."""
+
 OUTLINE = 256
 """Points on a silhouette. The polygon's centroid is then good to 1e-6 of its radius."""
 
@@ -109,7 +112,12 @@ class Optics:
         k1, k2 = self.distortion
         r = wanted.copy()
         for _ in range(20):  # Newton; the corners of a strong wide-angle lens need about ten
-            r -= (r * self._stretch(r) - wanted) / (1 + 3 * k1 * r**2 + 5 * k2 * r**4)
+            square = r * r
+            bent = r * (1 + square * (k1 + k2 * square)) - wanted
+            step = bent / (1 + square * (3 * k1 + 5 * k2 * square))
+            r -= step
+            if np.abs(step).max(initial=0.0) < ROUNDING:
+                break
         return stretched / self._stretch(r)
 
     def pixels(self) -> Floats:

@@ -9,7 +9,7 @@ KEPT = 1000
 
 
 class Past:
-    """The true joints of the last second, one entry for each ``step`` ns of the physics."""
+    """What the joints were in the last second, one entry for each ``step`` ns of the physics."""
 
     def __init__(self, step: int) -> None:
         self._step = step
@@ -17,7 +17,7 @@ class Past:
         self._joints: deque[Floats] = deque(maxlen=KEPT)
 
     def keep(self, time: int, q: Floats) -> None:
-        """Remember that the joints were q (3,) at `time` ns."""
+        """Remember that the joints were q at `time` ns."""
         self._times.append(time)
         self._joints.append(q)
 
@@ -26,11 +26,14 @@ class Past:
         self._times.clear()
         self._joints.clear()
 
-    def joints_at(self, time: int) -> Floats:
-        """The joints (3,) at a moment (ns) of the last second; before that, the oldest known."""
+    def at(self, time: int) -> tuple[Floats, Floats, float]:
+        """The entries before and after a moment (ns) of the last second, and how far between them
+        it is, from 0 to 1.
+
+        Before that second it is the oldest that is known.
+        """
         back = min(max(-(-(self._times[-1] - time) // self._step), 0), len(self._times) - 1)
-        earlier = self._joints[-1 - back]
-        if back == 0 or time <= self._times[-1 - back]:
-            return earlier
-        share = (time - self._times[-1 - back]) / self._step
-        return earlier + share * (self._joints[-back] - earlier)
+        earlier, began = self._joints[-1 - back], self._times[-1 - back]
+        if back == 0 or time <= began:
+            return earlier, earlier, 0.0
+        return earlier, self._joints[-back], (time - began) / self._step

@@ -10,12 +10,12 @@ Lengths in px, time in s since the veil came.
 from abc import ABC, abstractmethod
 from typing import NamedTuple, final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from rcmservo.interfaces import Floats
-from rcmservo.sim.rendering import Light
+from rcmservo.sim.rendering import Light, random_field, sampled
 
 GRID = 4
 """px between the places at which a veil is worked out."""
@@ -63,8 +63,8 @@ class Veil(ABC):
     def hides(self, points: Floats, time: float) -> NDArray[np.bool_]:
         """Whether it covers each of `points` (n, 2)."""
         opacity = self.pane(time).opacity
-        places = np.nan_to_num(points[:, ::-1].T / GRID, nan=-1.0)
-        return ndimage.map_coordinates(opacity, places, order=1, mode="constant") > COVERED
+        edges = np.array(opacity.shape)[:, None] - 1.0
+        return sampled(opacity, np.clip(points[:, ::-1].T / GRID, 0.0, edges)) > COVERED
 
     def present(self, time: float, coming: float, going: float) -> float:
         """How much of it is there, 0 to 1, if it takes so many s to come and to go.
@@ -94,7 +94,7 @@ class Smoke(Veil):
     ) -> None:
         super().__init__(size, lasts)
         self._origin = origin
-        self._billows = [random_field(random, roughness) for roughness in (3.3, 3.3, 4.0)]
+        self._billows = [_field(random, roughness) for roughness in (3.3, 3.3, 4.0)]
         self._winds = random.uniform(-1.0, 1.0, (3, 2)) * 0.16 * size[0] + np.array(
             [0.0, -0.05 * size[0]]
         )
@@ -150,9 +150,9 @@ class Stain(Veil):
         all_drops = np.concatenate([drops, *(self._splashed(drop, random) for drop in drops)])
         scale = FIELD / (0.75 * size[0])
         places = np.stack([self.v, self.u]) * scale
-        rough = sampled(random_field(random, 3.6), places)
+        rough = sampled(_field(random, 3.6), places)
         height = self._merged(all_drops) + 0.16 * np.clip(rough, -2.0, 2.0)
-        self._opacity = self.FULL * ndimage.gaussian_filter(_smooth(height / self.EDGE), 0.7)
+        self._opacity = self.FULL * _blurred(_smooth(height / self.EDGE), 0.7)
         self._colour = self._shaded(np.clip(height, 0.0, 1.0), rough)
 
     def pane(self, time: float) -> Pane:
@@ -181,9 +181,7 @@ class Stain(Veil):
             [32.0, 28.0, 150.0]
         )
         colour *= 1.0 + 0.1 * rough[..., None]
-        dome: Floats = 7.0 * np.asarray(
-            ndimage.gaussian_filter(np.sqrt(height), 1.0), dtype=np.float64
-        )
+        dome = 7.0 * _blurred(np.sqrt(height), 1.0)
         normal = np.stack(
             [-np.gradient(dome, axis=1), -np.gradient(dome, axis=0), np.ones_like(dome)], axis=-1
         )
@@ -193,19 +191,20 @@ class Stain(Veil):
         return np.clip(colour, 0.0, 255.0) + 170.0 * glint[..., None]
 
 
-def random_field(random: np.random.Generator, roughness: float) -> Floats:
-    """A random field (FIELD, FIELD) that repeats: mean 0, spread 1, power 1/f^roughness."""
-    f = np.hypot(np.fft.fftfreq(FIELD, 1.0 / FIELD)[:, None], np.fft.fftfreq(FIELD, 1.0 / FIELD))
-    spectrum = np.where(f > 0.0, 1.0 / np.maximum(f, 2.0) ** (roughness / 2.0), 0.0)
-    field = np.fft.ifft2(np.fft.fft2(random.standard_normal((FIELD, FIELD))) * spectrum).real
-    return field / field.std()
+def _field(random: np.random.Generator, roughness: float) -> Floats:
+    """A random field (FIELD, FIELD) of power 1/f^roughness."""
+    return random_field(
+        random,
+        FIELD,
+        lambda waves: np.where(waves > 0.0, np.maximum(waves, 2.0) ** (-roughness / 2.0), 0.0),
+    )
 
 
-def sampled(field: Floats, places: Floats) -> Floats:
-    """A field that repeats, at `places` (2, ...) in its own rows and columns."""
-    values = np.empty(places.shape[1:])
-    ndimage.map_coordinates(field, places, values, order=1, mode="grid-wrap")
-    return values
+def _blurred(values: Floats, spread: float) -> Floats:
+    """Values (h, w) blurred by a Gaussian of this `spread`, in places."""
+    return np.asarray(
+        cv2.GaussianBlur(values, (0, 0), spread, borderType=cv2.BORDER_REFLECT), dtype=np.float64
+    )
 
 
 def _smooth(share: Floats) -> Floats:

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.sim.optics import Optics
 from rcmservo.sim.rendering.look import Look
+from rcmservo.sim.rendering.random_fields import random_field, sampled
 from rcmservo.sim.rendering.vectors import Light
 
 TEXELS = 512
@@ -125,11 +125,11 @@ def _texture(place: Floats, normal: Floats, look: Look, noise: np.random.Generat
     mottle, bumps, vessels = (_field(noise, size) for size in (2 * BUMP, BUMP, 4 * BUMP))
     pitch = look.texture / TEXELS
     slopes = [look.relief * np.gradient(bumps, pitch, axis=i) for i in range(2)]
-    tilts = [fade[..., None] * _sampled(slopes[i], texels)[..., None] * across[i] for i in range(2)]
+    tilts = [fade[..., None] * sampled(slopes[i], texels)[..., None] * across[i] for i in range(2)]
     veins = 2 * np.exp(-np.abs(vessels) / VEIN)
     return Texture(
-        fade * _sampled(mottle, texels),
-        fade * _sampled(veins, texels),
+        fade * sampled(mottle, texels),
+        fade * sampled(veins, texels),
         _unit(normal - tilts[0] - tilts[1])[0],
     )
 
@@ -140,13 +140,6 @@ def _fade(place: Floats, look: Look) -> Floats:
     return 1 / (1 + (np.max(changes, axis=0) / (BUMP * look.texture / 4)) ** 2)
 
 
-def _sampled(field: Floats, texels: Floats) -> Floats:
-    """A field that repeats, at `texels` (2, H, W)."""
-    values = np.empty(texels.shape[1:])
-    ndimage.map_coordinates(field, texels, values, order=1, mode="grid-wrap")
-    return values
-
-
 def _unit(vectors: Floats) -> tuple[Floats, Floats]:
     """Vectors (..., 3) as directions, and their lengths (...)."""
     length = np.linalg.norm(vectors, axis=-1)
@@ -154,11 +147,6 @@ def _unit(vectors: Floats) -> tuple[Floats, Floats]:
 
 
 def _field(noise: np.random.Generator, size: float) -> Floats:
-    """A smooth random field (TEXELS, TEXELS) that repeats: mean 0, spread 1.
-
-    `size` is that of its features, as a share of its width.
-    """
-    f = np.fft.fftfreq(TEXELS, 1 / TEXELS)
-    spectrum = (1 + (f[:, None] ** 2 + f**2) * size**2) ** -2.5
-    field = np.fft.ifft2(np.fft.fft2(noise.standard_normal((TEXELS, TEXELS))) * spectrum).real
-    return (field - field.mean()) / field.std()
+    """A smooth random field (TEXELS, TEXELS). `size` is that of its features, as a share of its
+    width."""
+    return random_field(noise, TEXELS, lambda waves: (1 + (waves * size) ** 2) ** -2.5)
