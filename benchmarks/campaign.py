@@ -13,11 +13,13 @@ disturbances, so that each can be run again: `rcmservo run --seed N --disturb ..
 or `one(seed, kind)` below.
 """
 
+import signal
 import sys
 from collections import Counter
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
+from multiprocessing import Pool
 from typing import Any
 
 import numpy as np
@@ -242,8 +244,9 @@ def main() -> None:
     first = int(sys.argv[3]) if len(sys.argv) > 3 else 0
     runs: list[Run] = []
     try:
-        with ProcessPoolExecutor() as pool:
-            for run in pool.map(one, range(first, first + count), [kind] * count, chunksize=4):
+        with Pool(initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_IGN)) as pool:
+            seeds = range(first, first + count)
+            for run in pool.imap(partial(one, kind=kind), seeds, chunksize=4):
                 runs.append(run)
                 print(f"\r{len(runs)} of {count}", end="", file=sys.stderr, flush=True)
     except KeyboardInterrupt:
