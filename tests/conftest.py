@@ -4,7 +4,9 @@ camera, comparisons."""
 import importlib
 import os
 import pkgutil
-from collections.abc import Callable, Iterable, Iterator
+import subprocess
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -31,7 +33,7 @@ from rcmservo.method.tool import RIGID, RigidTool, ScaledTool, Shaft, second_mar
 from rcmservo.rows import Row
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import State
-from rcmservo.sim import Rig, RigSettings
+from rcmservo.sim import Disturbance, Rig, RigSettings
 from rcmservo.tracking import PointMarkers
 
 settings.register_profile("local", deadline=None, max_examples=50)
@@ -97,6 +99,13 @@ def with_tests(**variables: str) -> dict[str, str]:
     folders = [tests, *(path for path in tests.iterdir() if path.is_dir())]
     paths = [*map(str, folders), *filter(None, [os.environ.get("PYTHONPATH")])]
     return os.environ | {"PYTHONPATH": os.pathsep.join(paths)} | variables
+
+
+def wait_until(reached: Callable[[], bool], process: subprocess.Popen[Any]) -> None:
+    """Wait until something is reached, or the process that should reach it ends."""
+    while not reached() and process.poll() is None:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(0.02)
 
 
 def random_from(seed: int) -> np.random.Generator:
@@ -217,13 +226,20 @@ class Laboratory:
             yield seen, state
 
 
-def laboratory(seed: int = 1, settings: RigSettings | None = None) -> Laboratory:
-    rig = Rig(seed, settings, pictures=False)
-    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
+def taught(rig: Rig, plant: Plant) -> Target:
+    """The target as it was shown; the tool is back at the start."""
     rig.show_target()
     target = teach(plant, frames=5)
     rig.go_home()
-    return Laboratory(rig, plant, target)
+    return target
+
+
+def laboratory(
+    seed: int = 1, settings: RigSettings | None = None, disturbances: Sequence[Disturbance] = ()
+) -> Laboratory:
+    rig = Rig(seed, settings, pictures=False, disturbances=disturbances)
+    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
+    return Laboratory(rig, plant, taught(rig, plant))
 
 
 def observation(

@@ -18,7 +18,10 @@ def runs() -> dict[str, list[Run]]:
         }
 
 
-@pytest.mark.parametrize("kind", RUNS)
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(kind, marks=() if kind == "faults" else pytest.mark.slow) for kind in RUNS],
+)
 def test_one_run_of_each_kind_keeps_all_of_it(kind: str) -> None:
     run = one(1, kind)
     assert not run.wrong_commands and not run.too_slow, run

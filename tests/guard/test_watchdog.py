@@ -2,6 +2,7 @@
 arrives."""
 
 import math
+from operator import itemgetter
 
 import numpy as np
 import pytest
@@ -62,6 +63,16 @@ def test_the_drive_is_on_exactly_as_long_as_a_valid_command_came_in_time(stream)
     assert not dog.check(max(until, now if stream else 0) + 1)
 
 
+@given(back=st.integers(1, 10_000 * MS), ahead=st.integers(0, PATIENCE))
+def test_a_clock_that_goes_back_switches_the_drive_off_whatever_was_commanded(back, ahead):
+    dog, now = Watchdog(), 20_000 * MS
+    dog.enable(now)
+    assert dog.feed(command(1, now + ahead, [0.1, 0.0, 1.0]), now)
+    assert dog.check(now) and dog.rates.any()
+    assert not dog.check(now - back) and not dog.rates.any()
+    assert not dog.feed(command(2, now - back + ahead, [0.1, 0.0, 1.0]), now - back)
+
+
 @given(arrivals)
 def test_nothing_that_arrives_switches_the_drive_on(stream):
     dog = Watchdog()
@@ -94,8 +105,9 @@ def test_noise_between_valid_commands_neither_feeds_nor_starves_it(stream):
             dog.feed(command(number, now + ahead, asked), now + 1)
         assert dog.check(now + 1) and dog.rates[2] == k
     last = 20 * 10 * MS + PATIENCE
-    for wait, number, ahead, asked, _ in noise:
-        dog.feed(command(number, last + ahead, asked), last - wait % PATIENCE)
+    later = sorted(((last - wait % PATIENCE, *rest) for wait, *rest in noise), key=itemgetter(0))
+    for now, number, ahead, asked, _ in later:
+        dog.feed(command(number, last + ahead, asked), now)
     assert dog.check(last) and not dog.check(last + 1)
 
 

@@ -72,7 +72,12 @@ def eventful(lab, servo):
 @pytest.mark.parametrize("warm_up", ["method", pytest.param("short run", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "estimator,tool",
-    [("fast", "rigid"), ("printed", "scaled"), ("flow", "rigid"), ("broyden", "rigid")],
+    [
+        ("fast", "rigid"),
+        pytest.param("printed", "scaled", marks=pytest.mark.slow),
+        pytest.param("flow", "rigid", marks=pytest.mark.slow),
+        pytest.param("broyden", "rigid", marks=pytest.mark.slow),
+    ],
 )
 def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_pauses(
     tmp_path, warm_up, estimator, tool

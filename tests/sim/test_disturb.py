@@ -4,7 +4,7 @@ table says."""
 import contextlib
 import math
 import pickle
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -13,15 +13,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conftest import first_quick, frozen, random_from, seeds
+from conftest import first_quick, frozen, laboratory, random_from, seeds, taught
 from rcmservo.errors import BadInput
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase, Request
-from rcmservo.interfaces import Command, Dropped, Frame
+from rcmservo.guard.thresholds import Thresholds
+from rcmservo.interfaces import Command, Dropped, Frame, Observation
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
 from rcmservo.servo.servo import Servo
+from rcmservo.servo.state import State
 from rcmservo.sim import Disturbance, Killed, Rig
 from rcmservo.sim.disturb import KINDS, causes_of, describe, random_disturbances
 from rcmservo.sim.disturb.smoke_and_blood import Smoke
@@ -37,9 +39,11 @@ ZERO = 0.1
 
 
 def rig_with(text: str, seed: int = 1, pictures: bool = False) -> Rig:
-    return Rig(
-        seed, pictures=pictures, disturbances=[Disturbance.parse(one) for one in text.split()]
-    )
+    return Rig(seed, pictures=pictures, disturbances=parsed(text))
+
+
+def parsed(text: str) -> list[Disturbance]:
+    return [Disturbance.parse(one) for one in text.split()]
 
 
 def kind_of(text: str) -> str:
@@ -71,9 +75,7 @@ class Run:
 def running(text: str, seed: int = 1, seconds: float = ONSET + 1.5) -> Run:
     rig = rig_with(text, seed)
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock, lambda: not rig.disk_full())
-    rig.show_target()
-    target = teach(plant, frames=5)
-    rig.go_home()
+    target = taught(rig, plant)
     servo = Servo(rig.settings.mechanism, rig.settings.tool)
     servo.warm_up()
     rig.begin()
@@ -116,6 +118,8 @@ TABLE: dict[str, tuple[Phase, Cause, float]] = {
     "encoder_zero:at=2.6,axis=2": (Phase.FAULT, Cause.NOT_FOLLOWING, TICK),
     "encoder_zero:at=2.6,axis=3": (Phase.FAULT, Cause.NOT_FOLLOWING, TICK),
     "arm_silent:at=2.6": (Phase.FAULT, Cause.ARM_SILENT, 0.06),
+    "arm_clock:at=2.6": (Phase.FAULT, Cause.DRIVE_OFF, TICK),
+    "arm_clock:at=2.6,s=3600": (Phase.FAULT, Cause.DRIVE_OFF, TICK),
     "drive_off:at=2.6": (Phase.FAULT, Cause.DRIVE_OFF, TICK),
     "overrun:at=2.6,for=0.06": (Phase.FAULT, Cause.DRIVE_OFF, 0.06 + TICK),
     "hang:at=2.6": (Phase.FAULT, Cause.DRIVE_OFF, 0.5 + TICK),
@@ -169,9 +173,44 @@ def test_an_axis_that_does_not_do_as_told_is_a_fault_before_it_is_two_degrees_or
     )
 
 
+PAUSES = "marker_loss:at=2.6"
+"""Ends in a pause, 1 s later."""
+
+CREEP = [
+    "creep:at=4,axis=1,speed=0.2",
+    "creep:at=4,axis=2,speed=-1",
+    "creep:at=4,axis=3,speed=0.1",
+    "creep:at=4,axis=3,speed=-2",
+]
+
+
+@pytest.mark.parametrize("text", CREEP)
+def test_a_drive_that_creeps_while_nothing_is_commanded_is_a_fault_however_slowly_it_does(
+    text: str,
+) -> None:
+    ticks = left_alone(f"{PAUSES} {text}", 11.0)
+    seen, state = next(tick for tick in ticks if tick[1].phase is Phase.FAULT)
+    assert state.cause is Cause.CREEPS
+    assert "at rest it should stay within" in state.words
+    assert f"joint {text.partition('axis=')[2][0]} " in state.words
+    assert np.all(np.abs(seen.q - state.watch.rest) <= 1.1 * np.array(Thresholds().following))
+
+
+def test_a_drive_may_rest_for_as_long_as_it_likes() -> None:
+    *_, (_, last) = left_alone(PAUSES, 30.0)
+    assert last.phase is Phase.PAUSED
+
+
+def left_alone(text: str, seconds: float) -> Iterator[tuple[Observation, State]]:
+    """Observation and state of every tick of a run in which nobody answers to a pause."""
+    lab = laboratory(disturbances=parsed(text))
+    lab.rig.begin()
+    return lab.run(lab.servo(), seconds)
+
+
 def test_every_kind_is_brought_about_in_these_tests() -> None:
     elsewhere = {"smoke", "delay", "shuffle", "jitter", "kill"}
-    tested = {kind_of(text) for text in (*TABLE, *FOLLOWING)} | elsewhere
+    tested = {kind_of(text) for text in (*TABLE, *FOLLOWING, *CREEP)} | elsewhere
     assert tested == set(KINDS)
 
 
@@ -482,7 +521,14 @@ def test_a_damaged_picture_is_dropped_or_tells_of_at_most_what_is_left(what: str
         assert np.ptp(frame.image[-40:].astype(int)) <= 2
 
 
-@pytest.mark.parametrize("text", ["bump:px=30", "roll:deg=20", "relocate"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "bump:px=30",
+        pytest.param("roll:deg=20", marks=pytest.mark.slow),
+        pytest.param("relocate", marks=pytest.mark.slow),
+    ],
+)
 def test_a_camera_that_was_moved_sees_the_tool_where_its_new_optics_say(text: str) -> None:
     tracker = ColourMarkers()
     old = rig_with(text, 2, pictures=True).scene.optics

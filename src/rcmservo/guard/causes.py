@@ -71,6 +71,12 @@ class Cause(Enum):
         Action.FAULT,
         "look for a blocked, slipping or wrongly wired axis, then clear and enable again",
     )
+    CREEPS = (
+        "the joints move while nothing is commanded",
+        Action.FAULT,
+        "find what moves them, such as a slipping brake, an offset of the drive or a hand, then "
+        "clear and enable again",
+    )
     BEYOND_LIMIT = (
         "a joint is beyond its limit",
         Action.FAULT,

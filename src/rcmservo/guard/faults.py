@@ -16,7 +16,8 @@ from rcmservo.method.kinematics import Rcm
 
 JOINTS_NOT_FINITE, DRIVE_OFF = Cause.JOINTS_NOT_FINITE.bit, Cause.DRIVE_OFF.bit
 ARM_SILENT, BEYOND_LIMIT = Cause.ARM_SILENT.bit, Cause.BEYOND_LIMIT.bit
-NOT_FOLLOWING, CLOCK_STOOD = Cause.NOT_FOLLOWING.bit, Cause.CLOCK_STOOD.bit
+NOT_FOLLOWING, CREEPS = Cause.NOT_FOLLOWING.bit, Cause.CREEPS.bit
+CLOCK_STOOD = Cause.CLOCK_STOOD.bit
 OVERRUN, LATE_TICK, NOT_RECORDED = Cause.OVERRUN.bit, Cause.LATE_TICK.bit, Cause.NOT_RECORDED.bit
 FRAMES_NOT_NEW, JOINTS_UNKNOWN = Cause.FRAMES_NOT_NEW.bit, Cause.JOINTS_UNKNOWN.bit
 LATE, AGEING, REJECTED = Cause.LATE.bit, Cause.AGEING.bit, Cause.REJECTED.bit
@@ -52,6 +53,8 @@ def arm_faults(w: Watch, seen: Told, on: bool, rcm: Rcm, t: Thresholds) -> int:
             found |= BEYOND_LIMIT
         if not abs(seen.q[i] - w.reached[i]) <= t.following[i]:
             found |= NOT_FOLLOWING
+        if all_finite(w.rest) and not abs(seen.q[i] - w.rest[i]) <= t.following[i]:
+            found |= CREEPS
     return found
 
 

@@ -29,7 +29,11 @@ class Thresholds:
     drive_lag: float = 0.025
     """Time by which a joint is taken to follow its commanded rate, s."""
     forget: float = 1.0
-    """Time over which the following error forgets, s: a slow drift is no fault of the drive."""
+    """Time over which the following error forgets, s: a slow drift is no fault of the drive, unless
+    nothing is commanded."""
+    come_to_rest: float = 0.5
+    """Time without a command after which the joints have come to rest, s. From then on none may
+    move by more than ``following``, however slowly."""
     slack: float = 0.005
     """Share of a joint's range by which it may stand beyond its limit."""
 
@@ -97,7 +101,7 @@ class Thresholds:
         self._require(self.stale_slow >= 1.0, "stale_slow", "at least 1 frame period")
         above = self.stale_slow <= self.stale_hold < math.inf
         self._require(above, "stale_hold", "a number of frame periods not below stale_slow")
-        for name in ("latency", "silence", "overrun", "first_period", "drive_lag"):
+        for name in ("latency", "silence", "overrun", "first_period", "drive_lag", "come_to_rest"):
             good = 0.0 < getattr(self, name) <= 1.0
             self._require(good, name, "a time above 0 and at most 1 s")
         good = len(self.following) == 3 and all(0.0 < value < math.inf for value in self.following)

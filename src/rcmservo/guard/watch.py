@@ -11,10 +11,11 @@ from rcmservo.compiled import compiled
 from rcmservo.guard.plausible import judged, leapt
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Floats, Observation
-from rcmservo.loops import all_finite, minus, put
+from rcmservo.loops import all_finite, length, minus, put
 from rcmservo.rows import Row, real, reals, whole
 
 STILL = np.zeros(3)
+UNKNOWN = np.full(3, np.nan)
 
 
 class Watch(Row):
@@ -23,6 +24,8 @@ class Watch(Row):
     reached: Floats = reals(3, "rad, rad, mm", "where its commands should have brought the arm")
     rates: Floats = reals(3, "rad/s, rad/s, mm/s", "the joints' rates, lagging behind the commands")
     told: int = whole("ns", "when the arm told its joints last")
+    idle: int = whole("ns", "since when nothing is commanded, -1 while something is")
+    rest: Floats = reals(3, "rad, rad, mm", "where the joints came to rest since, NaN before")
     late: int = whole("", "ticks that came late in a row")
     gap: int = whole("ns", "between the last two ticks")
     frame: int = whole("", "the newest frame seen, -1 before the first")
@@ -72,8 +75,8 @@ class Told(NamedTuple):
 
 def begin() -> Watch:
     """Nothing seen yet."""
-    unknown = {"reached": np.nan, "elsewhere": np.nan, "p1": np.nan, "points": np.nan}
-    return Watch.of(frame=-1, believed=-1, **unknown)
+    unknown = dict.fromkeys(("reached", "rest", "elsewhere", "p1", "points"), np.nan)
+    return Watch.of(idle=-1, frame=-1, believed=-1, **unknown)
 
 
 def told(seen: Observation, gap: int) -> Told:
@@ -123,7 +126,7 @@ def followed(
 
 @compiled
 def watch_loop(w: Watch, seen: Told, period: int, t: Thresholds) -> None:
-    """One more tick: how late it came, and where the joints should be."""
+    """One more tick: how late it came, where the joints should be, and where they rest."""
     w.gap = seen.gap
     w.late = w.late + 1 if seen.gap > (1.0 + t.late_share) * period else 0
     if seen.enabled and all_finite(w.reached):
@@ -136,7 +139,20 @@ def watch_loop(w: Watch, seen: Told, period: int, t: Thresholds) -> None:
     else:
         put(w.reached, seen.q)
         put(w.rates, STILL)
+    watch_rest(w, seen, t)
     w.told = seen.q_time
+
+
+@compiled
+def watch_rest(w: Watch, seen: Told, t: Thresholds) -> None:
+    """Where the joints came to rest, if nothing has been commanded since."""
+    if not (seen.enabled and length(seen.applied) == 0.0):
+        w.idle = -1
+        put(w.rest, UNKNOWN)
+    elif w.idle < 0:
+        w.idle = seen.now
+    elif not all_finite(w.rest) and seen.now - w.idle >= t.come_to_rest * 1e9:
+        put(w.rest, seen.q)
 
 
 @compiled

@@ -4,7 +4,8 @@ that keep coming.
 A command is valid if it is finite, its number is higher than that of every one since the drive went
 on, and its deadline is neither past nor further off than the watchdog's own patience. Nothing else
 feeds it: not noise, not an old command sent again, not a connection that stays open. Without a
-valid command in time the joint rates are zero and the drive is off, until a person switches it on.
+valid command in time, or if the clock goes back, the joint rates are zero and the drive is off,
+until a person switches it on.
 """
 
 import math
@@ -28,12 +29,12 @@ class Watchdog:
         self.enabled = False
         self.rates: Floats = np.zeros(3)
         self.number = -1
-        self._deadline = 0
+        self._deadline = self._newest = 0
 
     def enable(self, now: int) -> None:
         """Switch the drive on, at rest; commands must begin within the patience."""
         self.enabled, self.rates = True, np.zeros(3)
-        self.number, self._deadline = -1, now + self.patience
+        self.number, self._deadline, self._newest = -1, now + self.patience, now
 
     def disable(self) -> None:
         """Zero and off, now."""
@@ -57,7 +58,11 @@ class Watchdog:
         return True
 
     def check(self, now: int) -> bool:
-        """Whether the drive may stay on at `now`; if no valid command came in time, it goes off."""
-        if self.enabled and not now <= self._deadline:
+        """Whether the drive may stay on at `now`; if no valid command came in time, it goes off.
+
+        So it does if the clock went back: nobody knows then how long ago the last command came.
+        """
+        if self.enabled and not self._newest <= now <= self._deadline:
             self.disable()
+        self._newest = now
         return self.enabled

@@ -84,11 +84,19 @@ def _beyond(watch: Watch, seen: Observation, mechanism: Kinematics, limits: Thre
 def _not_following(
     watch: Watch, seen: Observation, mechanism: Kinematics, limits: Thresholds
 ) -> str:
+    return _astray(seen.q, watch.reached, mechanism, limits, "should be")
+
+
+def _creeps(watch: Watch, seen: Observation, mechanism: Kinematics, limits: Thresholds) -> str:
+    return _astray(seen.q, watch.rest, mechanism, limits, "at rest it should stay")
+
+
+def _astray(q: Floats, places: Floats, mechanism: Kinematics, limits: Thresholds, why: str) -> str:
+    """The joints that are further than ``following`` from their `places` (3,)."""
     parts = [
-        f"{_joint(mechanism, i, seen.q)}, and should be within {limits.following[i]:g} of "
-        f"{watch.reached[i]:.4g}"
+        f"{_joint(mechanism, i, q)}, and {why} within {limits.following[i]:g} of {places[i]:.4g}"
         for i in range(3)
-        if not abs(seen.q[i] - watch.reached[i]) <= limits.following[i]
+        if not abs(q[i] - places[i]) <= limits.following[i]
     ]
     return "; ".join(parts)
 
@@ -105,5 +113,6 @@ def _joint(mechanism: Kinematics, i: int, q: Floats) -> str:
 DETAILS: dict[Cause, Callable[[Watch, Observation, Kinematics, Thresholds], str]] = {
     Cause.BEYOND_LIMIT: _beyond,
     Cause.NOT_FOLLOWING: _not_following,
+    Cause.CREEPS: _creeps,
     Cause.JOINTS_NOT_FINITE: _not_finite,
 }

@@ -1,4 +1,5 @@
-"""Faults of the arm: blocked and reversed axes, wrong encoders, silence, the emergency stop."""
+"""Faults of the arm: blocked, reversed and creeping axes, wrong encoders, a wrong clock, silence,
+the emergency stop."""
 
 import numpy as np
 
@@ -53,10 +54,15 @@ class DisturbedArm:
 
     def _suffer(self) -> None:
         """Give the true arm its faults, before each step of the physics."""
-        self.arm.gains[:] = 1.0
+        self.arm.gains[:] = 1.0, 1.0, 1.0
         for event in self.schedule.acting(self.arm.time, "axis_stuck", "axis_reversed", "gain"):
             fixed = GAINS.get(event.kind)
             self.arm.gains[event.axis] *= event.number("factor") if fixed is None else fixed
+        self.arm.creep[:] = 0.0, 0.0, 0.0
+        for event in self.schedule.acting(self.arm.time, "creep"):
+            self.arm.creep[event.axis] += _of_axis(event, "speed")
+        steps = self.schedule.acting(self.arm.time, "arm_clock")
+        self.arm.clock_error = sum(round(event.number("s") * 1e9) for event in steps)
         if self._is("drive_off"):
             self.arm.watchdog.disable()
 
@@ -67,8 +73,13 @@ class DisturbedArm:
             turned = self._turned.setdefault(event, self.arm.joints_at(event.start)[event.axis])
             q[event.axis] = 2.0 * turned - q[event.axis]
         for event in self.schedule.acting(self.arm.time, "encoder_zero"):
-            offset = event.number("offset")
-            q[event.axis] += offset if event.axis == 2 else np.radians(offset)
+            q[event.axis] += _of_axis(event, "offset")
         for event in self.schedule.acting(self.arm.time, "encoder_nan"):
             q[event.axis] = np.nan
         return q
+
+
+def _of_axis(event: Event, name: str) -> float:
+    """A parameter that is given in deg for axes 1 and 2: rad, and mm for axis 3."""
+    number = event.number(name)
+    return number if event.axis == 2 else float(np.radians(number))

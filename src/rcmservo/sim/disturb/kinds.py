@@ -135,6 +135,12 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             NOT_FOLLOWING,
             {**AXIS, "factor": Number(3.0, 0.0, 10.0, (2.0, 5.0))},
         ),
+        "creep": Kind(
+            "an axis moves beside what it is asked for, in deg/s for axes 1 and 2, in mm/s for "
+            "axis 3",
+            (Cause.CREEPS, *NOT_FOLLOWING),
+            {**AXIS, "speed": Number(1.0, -20.0, 20.0, (0.3, 5.0), "deg/s or mm/s")},
+        ),
         "encoder_reversed": Kind(
             "an encoder counts the wrong way", (*NOT_FOLLOWING, Cause.DIVERGED), AXIS
         ),
@@ -148,6 +154,11 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         ),
         "arm_silent": Kind(
             "the arm neither answers nor hears", (Cause.ARM_SILENT, Cause.DRIVE_OFF)
+        ),
+        "arm_clock": Kind(
+            "the arm's clock is wrong by s",
+            (Cause.ARM_SILENT, Cause.DRIVE_OFF),
+            {"s": Number(-1.0, -1e6, 1e6, (-3600.0, 3600.0), "s")},
         ),
         "drive_off": Kind("somebody presses the emergency stop", (Cause.DRIVE_OFF,)),
         "overrun": Kind(

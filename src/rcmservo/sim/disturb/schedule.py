@@ -1,6 +1,6 @@
 """When the disturbances of a rig act, counted from the moment at which the run begins."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,19 +47,23 @@ class Schedule:
         self.disturbances = tuple(disturbances)
         self._chance = chance.spawn(len(self.disturbances))
         self.events: list[Event] = []
+        self._kinds: frozenset[str] = frozenset()
         self.killed = False
 
     def begin(self, now: int) -> None:
         """The run begins at `now` ns."""
         pairs = zip(self.disturbances, self._chance, strict=True)
         self.events = [_event(disturbance, now, chance) for disturbance, chance in pairs]
+        self._kinds = frozenset(event.kind for event in self.events)
 
-    def acting(self, time: int, *kinds: str) -> Iterator[Event]:
+    def acting(self, time: int, *kinds: str) -> Iterable[Event]:
         """Those of these kinds that act at `time` ns."""
         return (event for event in self.begun(time, *kinds) if time < event.end)
 
-    def begun(self, time: int, *kinds: str) -> Iterator[Event]:
+    def begun(self, time: int, *kinds: str) -> Iterable[Event]:
         """Those of these kinds that have begun by `time` ns, whether they still act or not."""
+        if self._kinds.isdisjoint(kinds):
+            return ()
         return (event for event in self.events if event.kind in kinds and event.start <= time)
 
 
