@@ -9,6 +9,7 @@ import time
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -122,11 +123,12 @@ def shown(plant):
 
 class Person:
     """Pauses and resumes, slows down, retargets and teaches: one after the other, once it servoes;
-    resumes whatever else may stop a loop on a busy computer."""
+    resumes whatever else may stop a loop on a busy computer, and is ``done`` when it servoes
+    again."""
 
-    def __init__(self, slow: rs.Servo) -> None:
+    def __init__(self, slow: rs.Servo, done: Any) -> None:
         self.wants: list[Want] = [rs.Request.PAUSE, slow, rs.Teach(frames=5)]
-        self.servoed = 0
+        self.servoed, self.done = 0, done
 
     def __call__(self, tick: rs.Tick) -> Want:
         state = tick.state
@@ -137,11 +139,12 @@ class Person:
         if self.servoed >= 15 and self.wants:
             self.servoed = 0
             return self.wants.pop(0)
+        self.done.value = self.servoed >= 15
         return rs.Request.NONE
 
 
-def person(servo: rs.Servo) -> Operator:
-    return Person(servo)
+def person(servo: rs.Servo, done: Any) -> Operator:
+    return Person(servo, done)
 
 
 def own_servo(gain: float = 2.0) -> rs.Servo:
@@ -150,7 +153,7 @@ def own_servo(gain: float = 2.0) -> rs.Servo:
     return rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0), controller=law, thresholds=patient)
 
 
-def session(record: Path, seconds: float) -> Session:
+def session(record: Path, seconds: float, done: Any) -> Session:
     """A live run of the two devices, with a person beside it."""
     seen = get_context("spawn").RawArray("d", 4)
     return Session(
@@ -161,5 +164,5 @@ def session(record: Path, seconds: float) -> Session:
         tracker=ColourMarkers,
         target=shown,
         recorder=partial(Recorder, record, {}),
-        operator=partial(person, own_servo(gain=1.0)),
+        operator=partial(person, own_servo(gain=1.0), done),
     )

@@ -43,7 +43,7 @@ from rcmservo.live.arm_link import (
 from rcmservo.live.frame_ring import HEAD, FrameRing, RingCamera
 from rcmservo.live.reports import Report
 from rcmservo.live.servo_process import STANDING
-from rcmservo.live.supervisor import LOOK, SILENT, ServoProcess, supervise
+from rcmservo.live.supervisor import LOOK, SILENT, ServoProcess, nobody, supervise
 from rcmservo.record.reader import read
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings
@@ -51,6 +51,7 @@ from rcmservo.sim.processes.arm_process import ArmDevice
 from rcmservo.sim.processes.bench import Bench
 from rcmservo.sim.processes.motion_log import MotionLog, stopped
 from rcmservo.sim.rig_file import rig_settings
+from stalls import undisturbed
 
 pytestmark = pytest.mark.alone
 
@@ -383,14 +384,25 @@ def started(session):
     return servo
 
 
-def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tmp_path):
-    before, reports = bench.log.last()["q"], []
-    servo = ServoProcess(session_of(bench, tmp_path / "run.mcap", 1.0))
+def live(bench, path, seconds, progress=nobody, **choices):
+    """Record and result of a live run."""
+    servo = ServoProcess(session_of(bench, path, seconds, **choices))
     try:
-        result = supervise(servo, bench.off, reports.append)
+        result = supervise(servo, bench.off, progress)
     finally:
         servo.end()
-    record = read(tmp_path / "run.mcap")
+    assert result.timing is not None, result.outcome.cause
+    return read(path), result
+
+
+def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tmp_path):
+    before, reports, paths = bench.log.last()["q"], [], map(tmp_path.joinpath, "abcdef")
+
+    def attempt():
+        reports.clear()
+        return live(bench, next(paths), 1.0, reports.append)
+
+    record, result = undisturbed(attempt, lambda run: "FAULT" not in run[0].phase)
     assert record.complete
     assert len(record.time) == result.timing.ticks > 0
     assert result.timing.collections == 0
@@ -401,16 +413,13 @@ def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tm
 
 
 def test_an_arm_that_takes_its_time_to_stop_is_not_taken_for_a_servo_that_hangs(bench, tmp_path):
-    slow = replace(LAB.gate, slew=(0.1, 0.1, 8.0))
-    servo = ServoProcess(session_of(bench, tmp_path / "run.mcap", 0.8, gate=slow))
-    try:
-        result = supervise(servo, bench.off)
-    finally:
-        servo.end()
-    assert result.timing is not None, result.outcome.cause
-    record = read(tmp_path / "run.mcap")
-    left = np.abs(record.ticks["command"][-1] / np.array(slow.slew)).max()
-    assert record.complete and left > 2.0 * SILENT * LOOK * 1e-9
+    slow, paths = replace(LAB.gate, slew=(0.1, 0.1, 8.0)), map(tmp_path.joinpath, "abcdef")
+
+    def left(run):
+        return np.abs(run[0].ticks["command"][-1] / np.array(slow.slew)).max()
+
+    run = undisturbed(lambda: live(bench, next(paths), 0.8, gate=slow), lambda run: left(run) > 0.0)
+    assert run[0].complete and left(run) > 2.0 * SILENT * LOOK * 1e-9
     assert not bench.log.last()["enabled"]
 
 
