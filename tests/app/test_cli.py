@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
-from conftest import SMALL
+from conftest import SMALL, wait_until
 from rcmservo.app.cli import main
 from rcmservo.figures.video import Video
 from rcmservo.record import reader
@@ -259,20 +259,18 @@ def test_the_same_seed_gives_the_same_record(small: list[str], tmp_path: Path) -
 
 
 def test_ctrl_c_in_the_middle_of_a_run_names_the_folder_of_a_readable_record(
-    tmp_path: Path,
+    small: list[str], tmp_path: Path
 ) -> None:
     folder = tmp_path / "run"
-    arguments = ["run", "--duration", "600", "--no-video", "--out", str(folder)]
+    arguments = [*small[:-1], "--duration", "600", "--out", str(folder)]
     with subprocess.Popen(
         [sys.executable, "-m", "rcmservo", *arguments],
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
     ) as run:
-        while run.poll() is None and not (folder / RECORD).exists():
-            pass
-        while run.poll() is None and (folder / RECORD).stat().st_size < 100_000:
-            pass
+        record = folder / RECORD
+        wait_until(lambda: record.exists() and record.stat().st_size > 100_000, run)
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate()
     assert run.returncode == 130

@@ -31,6 +31,9 @@ ENDINGS = {
 }
 """Length s, what goes wrong, and words of the cause that the metrics tell."""
 
+QUICK = "settles", "is killed", "has too little time"
+"""Of these, those that stand for all in the quick tests."""
+
 
 def job(folder: Path, duration: float, disturbance: str = "") -> Job:
     lab = small_lab(folder)
@@ -57,7 +60,10 @@ def agree(metrics: RunMetrics, told: RunSummary) -> None:
     assert bool(metrics.cause) == bool(outcome.cause) != metrics.settled
 
 
-@pytest.mark.parametrize("ending", ENDINGS)
+@pytest.mark.parametrize(
+    "ending",
+    [pytest.param(one, marks=() if one in QUICK else pytest.mark.slow) for one in ENDINGS],
+)
 def test_show_and_metrics_agree_on_a_run_that(ending: str, tmp_path: Path) -> None:
     """The metrics tell more only of what the record cannot know: what ended it."""
     seconds, wrong, words = ENDINGS[ending]
@@ -93,8 +99,10 @@ def test_a_result_that_cannot_be_written_is_not_lost_and_nothing_is_half_written
     "disturbance,reason",
     [
         ("marker_loss:at=0,for=9", "no green ball (marker 1) and no blue ball (marker 2)"),
-        ("clock_step:at=0,for=9", "times that cannot be right"),
-        ("stuck:at=0,for=9", "no frame has come from the camera"),
+        pytest.param("clock_step:at=0,for=9", "times that cannot be right", marks=pytest.mark.slow),
+        pytest.param(
+            "stuck:at=0,for=9", "no frame has come from the camera", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_a_start_that_never_saw_the_markers_says_why(

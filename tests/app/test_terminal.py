@@ -92,7 +92,13 @@ def test_an_ascii_terminal_gets_ascii_that_can_be_read(monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize(
-    "words", [["--help"], ["run", "--help"], ["run", "--disturb", "help"], ["run", "--seed", "°"]]
+    "words",
+    [
+        ["run", "--help"],
+        ["run", "--seed", "°"],
+        pytest.param(["--help"], marks=pytest.mark.slow),
+        pytest.param(["run", "--disturb", "help"], marks=pytest.mark.slow),
+    ],
 )
 def test_every_help_and_error_can_be_printed_in_ascii(words: list[str]) -> None:
     done = command(*words, PYTHONIOENCODING="ascii", LC_ALL="C")
@@ -142,16 +148,16 @@ def test_it_starts_without_a_home_that_can_be_written_to(tmp_path: Path) -> None
     assert (done.returncode, done.stderr) == (0, b"")
 
 
-@pytest.mark.parametrize(("expected", "at_last"), [(100, 100), (5, 21)])
+@pytest.mark.parametrize(("expected", "at_last", "others"), [(100, 100, 20), (5, 21, 0)])
 def test_what_is_compiled_is_told_and_what_is_not_ours_is_not_counted(
-    expected: int, at_last: int, monkeypatch: pytest.MonkeyPatch
+    expected: int, at_last: int, others: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where no live line is seen, one line lasts of every twenty parts; of no more than there
     are."""
     monkeypatch.setattr(preparing, "parts", lambda: expected)
     written = io.StringIO()
     with Live(console=Console(file=written, width=40)) as line, compiling(line):
-        for module in ["somebody.elses"] * 30 + ["rcmservo.made_up"] * 25:
+        for module in ["somebody.elses"] * others + ["rcmservo.made_up"] * 21:
             numba.njit(made(module))(1.0)
     told = [one for one in written.getvalue().splitlines() if one.startswith("compiling")]
     end = "parts: the next start is quicker"

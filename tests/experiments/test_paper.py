@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from conftest import wait_until
 from rcmservo.app.cli import main
 from rcmservo.experiments.harness.paper import EXPERIMENTS
 from rcmservo.experiments.harness.sentences import SENTENCES
@@ -282,8 +283,7 @@ def test_a_run_that_is_stopped_by_ctrl_c_keeps_what_is_done_and_goes_on(
     with subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
     ) as run:
-        while run.poll() is None and not list(folder.glob("*/*.part/record.mcap")):
-            pass
+        wait_until(lambda: any(folder.glob("*/*.part/record.mcap")), run)
         run.send_signal(signal.SIGINT)
         out, errors = run.communicate()
     assert run.returncode == 130, errors
