@@ -20,7 +20,7 @@ from rcmservo.guard.watch import Told, Watch, begin, told, unwatched
 from rcmservo.interfaces import Floats, Observation, Target
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.estimators.projection import ProjectionEstimator
+from rcmservo.method.estimators.projection import ProjectionEstimator, ProjectionMemory
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.features import SCALE
 from rcmservo.method.imaged_rcm import ImagedRcm
@@ -29,6 +29,7 @@ from rcmservo.method.tool import Tool
 from rcmservo.rows import Rows, as_row
 from rcmservo.servo import core
 from rcmservo.servo.diagnosis import detail, spoils, tour_faults
+from rcmservo.servo.one_kernel import Fixed, Kept, tick
 from rcmservo.servo.own_estimator import examine, failure, learner, time_anew
 from rcmservo.servo.state import (
     Course,
@@ -114,6 +115,14 @@ class Servo:
         """The thresholds for the compiled parts."""
         return as_row(self.thresholds)
 
+    @cached_property
+    def fixed(self) -> Fixed | None:
+        """What a tick in one compiled function needs; None where the estimator has no such
+        function."""
+        if type(self.estimator) is not ProjectionEstimator:
+            return None
+        return Fixed(self.dials, self.threshold_row, self.estimator.rule, self.tool.shaft)
+
     def marker_1(self, q: Floats) -> Floats:
         """p₁ (3,) mm at the joints q (3,)."""
         return position(self.rcm, q)
@@ -185,10 +194,17 @@ class Servo:
         last, phase, now = state.command, state.mode.phase, seen.now
         numbers = told(seen, now - last.time if last.number > 0 else self.period)
         course = state.course if target is state.target else restarted(state.course, now)
-        watch, learnt, accepted = self._look(state, seen, numbers, target)
-        if not learnt.explored:
-            learnt, course = self._explore(learnt, course, phase, seen, accepted)
-        course, found = self._decide(watch, learnt, course, phase, numbers)
+        if state.explored and self.fixed is not None:
+            watch, learnt, course, news, found = self._at_once(
+                state, course, numbers, target, self.fixed
+            )
+        else:
+            watch, learnt, news = self._look(state, seen, numbers, target)
+            if not learnt.explored:
+                learnt, course = self._explore(learnt, course, phase, seen, news)
+            course, found = self._decide(watch, learnt, course, phase, numbers)
+        accepted = news >= core.BELIEVED
+        found |= self._more_faults(learnt, phase, numbers)
         if target.shown < state.moved:
             found |= Cause.TARGET_OLD.bit
         signs = Signs(seen.enabled, accepted or watch.believed >= 0, accepted, learnt.explored)
@@ -198,9 +214,8 @@ class Servo:
 
     def _look(
         self, state: State, seen: Observation, numbers: Told, target: Target
-    ) -> tuple[Watch, Learnt, bool]:
-        """What a tick shows: frame, imaged RCM, Ĵ and error; and whether its frame is new and
-        believed."""
+    ) -> tuple[Watch, Learnt, int]:
+        """What a tick shows: frame, imaged RCM, Ĵ and error; and what it brought."""
         learnt, explored, thresholds = state.learnt, state.learnt.explored, self.threshold_row
         before = learnt.estimate.rows
         watch, rows, lines, news, dt = core.look(
@@ -213,10 +228,26 @@ class Servo:
             J_hat = self.learner.jacobian(memory, self.tool, sample)
             core.learn(watch, rows, J_hat, target.points, seen.exposure, explored, thresholds)
         learnt = Learnt(estimate, lines, memory, learnt.tour, learnt.no_room, explored)
-        return Watch(watch), learnt, news >= core.BELIEVED
+        return Watch(watch), learnt, news
+
+    def _at_once(
+        self, state: State, course: Course, numbers: Told, target: Target, fixed: Fixed
+    ) -> tuple[Watch, Learnt, Course, int, int]:
+        """What `_look` and `_decide` give, by one compiled function."""
+        learnt = state.learnt
+        before = Kept(
+            state.watch.rows, learnt.estimate.rows, learnt.lines, learnt.memory, course.rows
+        )
+        situation = self._situation(state.phase, True)
+        kept, news, found = tick(before, numbers, situation, target.points, fixed)
+        watch, estimate, lines, memory, rows = kept
+        learnt = learnt._replace(
+            estimate=Estimate(estimate), lines=lines, memory=ProjectionMemory(*memory)
+        )
+        return Watch(watch), learnt, Course(rows), news, found
 
     def _explore(
-        self, learnt: Learnt, course: Course, phase: Phase, seen: Observation, accepted: bool
+        self, learnt: Learnt, course: Course, phase: Phase, seen: Observation, news: int
     ) -> tuple[Learnt, Course]:
         """The first motion: on the tour, until Ĵ predicts what was seen there."""
         if phase is not Phase.ACQUIRE or learnt.no_room:
@@ -226,7 +257,7 @@ class Servo:
             tour = self.exploration.begin(self.rcm, seen.q, seen.now, room)
             return learnt._replace(tour=tour, no_room=tour is None), course
         p1, tour, estimate = self.marker_1(seen.q), learnt.tour, learnt.estimate
-        if accepted and self.exploration.arrived(tour, p1):
+        if news >= core.BELIEVED and self.exploration.arrived(tour, p1):
             tour = self.exploration.visit(tour, estimate.p1, estimate.points)
             if self.exploration.complete(tour, estimate.J_hat, estimate.o_c):
                 return learnt._replace(tour=tour, explored=True), course
@@ -236,20 +267,27 @@ class Servo:
     def _decide(
         self, watch: Watch, learnt: Learnt, course: Course, phase: Phase, numbers: Told
     ) -> tuple[Course, int]:
-        """The velocity wanted of marker 1 by the law, and all that is wrong at this tick."""
-        on = phase is not Phase.DISABLED and phase is not Phase.FAULT
-        situation = core.Situation(on, learnt.explored, phase is Phase.SERVO)
+        """The velocity wanted of marker 1 by the law, and what is wrong at this tick."""
         rows, found = core.decide(
-            watch.rows, learnt.estimate.rows, course.rows, numbers, situation,
-            self.dials, self.threshold_row,
+            watch.rows, learnt.estimate.rows, course.rows, numbers,
+            self._situation(phase, learnt.explored), self.dials, self.threshold_row,
         )  # fmt: skip
+        return Course(rows), found
+
+    def _situation(self, phase: Phase, explored: bool) -> core.Situation:
+        on = phase is not Phase.DISABLED and phase is not Phase.FAULT
+        return core.Situation(on, explored, phase is Phase.SERVO)
+
+    def _more_faults(self, learnt: Learnt, phase: Phase, numbers: Told) -> int:
+        """What is wrong beside that: things that no compiled function knows of."""
+        found = 0
         if phase is Phase.PAUSED and numbers.frame < 0:
             found |= Cause.STALE.bit  # nothing was seen that it could go on from
         if failure(learnt.memory):
             found |= Cause.ESTIMATOR_FAILED.bit
         if not learnt.explored:
             found |= tour_faults(learnt, self.exploration, self.tool, numbers.now)
-        return Course(rows), found
+        return found
 
     def _enter(self, state: State, mode: Mode, cause: Cause, seen: Observation) -> State:
         """The state in its new mode. A pause or fault forgets what it must not go on with."""

@@ -185,6 +185,8 @@ class Rule(NamedTuple):
     """ε of the fast Γ, which the choice of observations needs with either Γ."""
     both: bool
     """Whether m₂ is fitted as well as m₁."""
+    time: float = 0.0
+    """Time that every new frame gives it, s; 0 for the real time between frames."""
 
 
 class ProjectionMemory(NamedTuple):
@@ -204,11 +206,14 @@ def update(
     p1: Floats,
     points: Floats,
     o_c: Floats,
-    t: float,
+    dt: float,
     rule: Rule,
     shaft: Shaft,
 ) -> ProjectionMemory:
-    """Take in one observation and integrate (21) over t seconds."""
+    """Take in one observation, dt s after the last one, and integrate (21) over the rule's time."""
+    t = rule.time if rule.time > 0.0 else dt
+    if rule.rate > 0.0:
+        t = min(t, MAX_DECAY / rule.rate)
     observations, a, count = memory.observations.copy(), memory.a_hat, memory.filled + 1
     newest = observations[count - 1]
     put(newest[:3], p1)
@@ -309,13 +314,11 @@ class ProjectionEstimator(Estimator):
     def rule(self) -> Rule:
         """What compiled functions know of it."""
         rate = float(self.rate) if self.gamma == "fast" else 0.0
-        return Rule(rate, float(self.epsilon), bool(self.both_markers))
+        return Rule(rate, float(self.epsilon), bool(self.both_markers), float(self.estimator_time))
 
     def update(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> ProjectionMemory:
-        t = float(self.estimator_time) or sample.dt
-        if self.gamma == "fast":
-            t = min(t, MAX_DECAY / self.rate)
-        return update(memory, sample.p1, sample.points, sample.o_c, t, self.rule, tool.shaft)
+        p1, points, o_c, dt = sample
+        return update(memory, p1, points, o_c, dt, self.rule, tool.shaft)
 
     def jacobian(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
         return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.shaft)

@@ -1,0 +1,60 @@
+"""A tick as one compiled function is the tick of its parts."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from conftest import first_quick, frozen, laboratory
+from rcmservo.guard.states import Phase
+from rcmservo.interfaces import Floats
+from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.estimators.projection import ProjectionEstimator
+from rcmservo.method.tool import Tool
+from rcmservo.servo.servo import Servo
+from rcmservo.servo.state import State
+from rcmservo.sim import Disturbance
+
+
+@dataclass(frozen=True)
+class InParts(Estimator):
+    """A user's estimator, which does what the built-in one does."""
+
+    name = "in-parts"
+    same: ProjectionEstimator = field(default_factory=ProjectionEstimator)
+
+    def init(self) -> Any:
+        return self.same.init()
+
+    def update(self, memory: Any, tool: Tool, sample: Sample) -> Any:
+        return self.same.update(memory, tool, sample)
+
+    def jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
+        return self.same.jacobian(memory, tool, sample)
+
+
+def states(wrong: str, estimator: Estimator) -> list[State]:
+    lab = laboratory(3, disturbances=[Disturbance.parse(wrong)] if wrong != "none" else [])
+    servo = Servo(lab.rig.settings.mechanism, lab.rig.settings.tool, estimator)
+    assert (servo.fixed is None) == isinstance(estimator, InParts)
+    return [state for _, state in lab.run(servo, 7.0)]
+
+
+WRONG = ["marker_loss:at=3,for=0.3,marker=1", "none", "bump:at=4", "axis_stuck:at=3,for=9,axis=2"]
+
+
+@pytest.mark.parametrize("wrong", first_quick(WRONG))
+@pytest.mark.parametrize(
+    "settings", [{}, {"gamma": "printed", "both_markers": False, "estimator_time": 1e4}]
+)
+def test_both_routes_say_and_send_the_same_at_every_tick_to_the_last_bit(
+    wrong: str, settings: Any
+) -> None:
+    estimator = ProjectionEstimator(**settings)
+    whole, parts = states(wrong, estimator), states(wrong, InParts(estimator))
+    assert len(whole) == 700 and any(state.phase is Phase.SERVO for state in whole)
+    for one, other in zip(whole, parts, strict=True):
+        learnt = other.learnt._replace(memory=None)
+        assert frozen(one.but(learnt=one.learnt._replace(memory=None))) == frozen(
+            other.but(learnt=learnt)
+        )
