@@ -17,15 +17,17 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import rcmservo as rs
 from rcmservo.config.rig_file import Lab
 from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import Mode, Phase, Request, Signs, transition
+from rcmservo.guard.states import Mode, Phase, Signs, Standing, standing, transition
 from rcmservo.live.reports import LiveResult, Report
 from rcmservo.live.supervisor import run_live
+from rcmservo.rows import as_row
 from rcmservo.sim.processes.bench import Bench
 from rcmservo.sim.rig_file import rig_settings
 
@@ -46,11 +48,13 @@ def each(call: Callable[[], object]) -> tuple[float, float]:
 def functions(servo: rs.Servo) -> None:
     """The transition with two causes present, and the gate."""
     causes, signs = Cause.AGEING.bit | Cause.LATE_TICK.bit, Signs(True, True, True, True)
-    mode, gate, rcm, t = Mode(Phase.SERVO), servo.gate, servo.rcm, servo.thresholds
+    gate, rcm, t = servo.gate, servo.rcm, as_row(servo.thresholds)[0]
+    mode: Any = Standing.of(**standing(Mode(Phase.SERVO))).rows[0]
     last, q, rates = gate.rest(), np.array([0.5, 0.0, 130.0]), np.array([0.1, 0.2, 3.0])
     gate.admit(rates, last, q, rcm, 0)
+    transition(mode, causes, signs, 0, 0, t)
     for name, call in (
-        ("transition", lambda: transition(mode, causes, signs, Request.NONE, 0, t)),
+        ("transition", lambda: transition(mode, causes, signs, 0, 0, t)),
         ("gate", lambda: gate.admit(rates, last, q, rcm, 0)),
     ):
         median, most = each(call)

@@ -18,6 +18,13 @@ def put(into: Floats, numbers: Floats) -> None:
 
 
 @compiled
+def fill(into: Floats, number: float) -> None:
+    """Write one number over all of an array."""
+    for i in np.ndindex(into.shape):
+        into[i] = number
+
+
+@compiled
 def all_finite(numbers: Floats) -> bool:
     """Whether all numbers are finite."""
     for number in numbers.flat:  # noqa: SIM110 Numba compiles no generators in `all`

@@ -6,7 +6,8 @@ A class that derives from `Row` declares its fields once, each with shape, unit 
         o_c: Floats = reals(2, "px", "where the camera sees the RCM")
         condition: float = real("", "condition number of the scaled Ĵ")
 
-Its numbers lie in a NumPy array of such rows. A compiled function takes the array and reads
+A row may have the fields of others, which it derives from. Its numbers lie in a NumPy array of such
+rows. A compiled function takes the array and reads
 `rows[0].o_c`; a batch is a longer array. Outside of compiled functions `Estimate(rows).o_c` is the
 same number or a view of it.
 """
@@ -19,6 +20,7 @@ from numba.core import config as numba_config
 from numpy.typing import NDArray
 
 Kind_co = TypeVar("Kind_co", covariant=True)
+Kind = TypeVar("Kind", bound="Row")
 Settings = TypeVar("Settings")
 
 
@@ -84,7 +86,8 @@ class Row:
     dtype: ClassVar[np.dtype[Any]]
 
     def __init_subclass__(cls) -> None:
-        cls.fields = tuple(value for value in vars(cls).values() if isinstance(value, Field))
+        found = (value for base in reversed(cls.__mro__) for value in vars(base).values())
+        cls.fields = tuple(value for value in found if isinstance(value, Field))
         layout = np.dtype([(field.name, field.code, field.shape) for field in cls.fields])
         cls.dtype = _dtype(layout)
 
@@ -98,6 +101,14 @@ class Row:
         for name, value in numbers.items():
             table[name] = value
         return cls(cast(Any, table))
+
+
+def changed(row: Kind, **numbers: Any) -> Kind:
+    """A copy of a row with other numbers."""
+    rows: Any = row.rows.copy()
+    for name, value in numbers.items():
+        rows[name] = value
+    return type(row)(rows)
 
 
 def as_row(settings: Settings) -> Rows[Settings]:

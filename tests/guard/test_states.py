@@ -9,9 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rcmservo.guard import states
-from rcmservo.guard.causes import Action, Cause, gravest
-from rcmservo.guard.states import Mode, Phase, Request, Signs
+from rcmservo.guard.causes import Action, Cause
+from rcmservo.guard.states import (
+    REQUESTS,
+    Mode,
+    Phase,
+    Request,
+    Signs,
+    Standing,
+    mode_of,
+    standing,
+)
 from rcmservo.guard.thresholds import Thresholds
+from rcmservo.rows import as_row
 
 USUAL = Thresholds()
 HOLD_TIME = round(1e9 * USUAL.hold_time)
@@ -19,9 +29,15 @@ GOOD_TO_RECOVER, GOOD_TO_SERVO = USUAL.good_to_recover, USUAL.good_to_servo
 
 
 def transition(mode, present, sign, request, now):
-    """The same with the causes as a list."""
+    """The same in words, with the causes as a list."""
     causes = functools.reduce(operator.or_, (cause.bit for cause in present), 0)
-    return states.transition(mode, causes, sign, request, now, USUAL)
+    row, asked = Standing.of(**standing(mode)), REQUESTS.index(request)
+    states.transition(row.rows[0], causes, sign, asked, now, as_row(USUAL)[0])
+    return mode_of(row)
+
+
+def gravest(present):
+    return max(present, key=lambda cause: (cause.action, -cause.place), default=Cause.NONE)
 
 
 GOOD = Signs(enabled=True, seen=True, good=True, ready=True)

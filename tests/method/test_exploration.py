@@ -13,8 +13,13 @@ from rcmservo.method.exploration import (
     CORNERS,
     Exploration,
     Exploring,
+    begin,
+    complete,
+    corner,
+    overdue,
     towards,
     unexplained,
+    visit,
     volume,
 )
 from rcmservo.method.kinematics import (
@@ -39,6 +44,19 @@ def somewhere(rcm, seed, margin=0.0):
     )
 
 
+def begun(rcm, q, now=0, least_room=LEAST_ROOM, **choices):
+    """A tour, or None where there is no room for one."""
+    tour = Exploring.of()
+    begin(tour.rows[0], rcm.rcm(), q, now, least_room, Exploration(**choices).row[0])
+    assert tour.begun != tour.no_room
+    return tour if tour.begun else None
+
+
+def completed(rows, visits, J_hat, o_c, **choices):
+    tour = Exploring.of(corners=rows[:, :3], seen=rows, visits=visits, begun=True)
+    return complete(tour.rows[0], J_hat, o_c, Exploration(**choices).row[0])
+
+
 def start_of(rcm, q):
     return position(rcm.rcm(), q)
 
@@ -46,7 +64,7 @@ def start_of(rcm, q):
 @given(rcms, seeds, st.floats(1.0, 20.0))
 def test_far_from_limits_the_corners_are_a_full_tetrahedron_at_the_radius(rcm, seed, radius):
     q = somewhere(rcm, seed, margin=0.25)
-    tour = Exploration(radius=radius).begin(rcm.rcm(), q, now=5, least_room=LEAST_ROOM)
+    tour = begun(rcm, q, now=5, radius=radius)
     assert tour is not None and tour.visits == 0 and tour.start == 5
     away = np.linalg.norm(tour.corners - start_of(rcm, q), axis=1)
     assert np.all(away <= radius * (1 + 1e-6))
@@ -58,7 +76,7 @@ def test_anywhere_the_corners_are_inside_the_limits_and_not_in_a_plane_or_there_
     rcm, seed, radius
 ):
     q = somewhere(rcm, seed)
-    tour = Exploration(radius=radius).begin(rcm.rcm(), q, now=0, least_room=LEAST_ROOM)
+    tour = begun(rcm, q, radius=radius)
     if tour is not None:
         there = np.stack([joints(rcm.rcm(), p) for p in tour.corners])
         assert np.all(there > np.array(rcm.limits.lower)) and np.all(
@@ -67,31 +85,32 @@ def test_anywhere_the_corners_are_inside_the_limits_and_not_in_a_plane_or_there_
         assert volume(tour.corners) > 0.19 * volume(radius * CORNERS)
 
 
-def drive(rcm, exploration, q, dt=0.01):
+def drive(rcm, q, dt=0.01):
     """Corners reached by an arm that does just what it is told but stops at its limits."""
-    tour = exploration.begin(rcm.rcm(), q, now=0, least_room=LEAST_ROOM)
-    reached = 0
+    tour, reached, x = begun(rcm, q), 0, Exploration()
     for _ in range(1000):
         if tour is None or reached == 4:
             break
         p = start_of(rcm, q)
-        if exploration.arrived(tour, p):
-            tour, reached = exploration.visit(tour, p, np.zeros((2, 2))), reached + 1
+        goal = corner(tour.rows[0])
+        if np.linalg.norm(goal - p) < x.reach:
+            visit(tour.rows[0], p, np.zeros((2, 2)))
+            reached += 1
             continue
-        rates = joint_rates(rcm.rcm(), q, exploration.velocity(tour, p))
+        rates = joint_rates(rcm.rcm(), q, towards(p, goal, x.speed, x.reach))
         q = np.clip(q + rates * dt, rcm.limits.lower, rcm.limits.upper)
     return None if tour is None else reached
 
 
 @given(st.sampled_from(RCMS[1:]), seeds)
 def test_every_tour_can_be_driven_within_the_limits(rcm, seed):
-    assert drive(rcm, Exploration(), somewhere(rcm, seed)) in (None, 4)
+    assert drive(rcm, somewhere(rcm, seed)) in (None, 4)
 
 
 def test_every_tour_can_be_driven_from_a_spherical_start_near_half_a_turn_too():
     rcm = SphericalRcm()
     starts = [np.array([theta, side * 3.1, 100.0]) for theta in (0.5, 1.0) for side in (-1, 1)]
-    assert all(drive(rcm, Exploration(), q) in (None, 4) for q in starts)
+    assert all(drive(rcm, q) in (None, 4) for q in starts)
 
 
 @pytest.mark.parametrize("joint", range(3))
@@ -100,22 +119,19 @@ def test_without_room_in_one_joint_there_is_no_tour(joint):
     lower, upper = np.array([-1.0, -0.9, 50.0]), np.array([1.0, 0.9, 200.0])
     lower[joint], upper[joint] = q[joint] - 1e-3, q[joint] + 1e-3
     rcm = PitchYawRcm(JointLimits(tuple(lower), tuple(upper)))
-    assert Exploration().begin(rcm.rcm(), q, now=0, least_room=LEAST_ROOM) is None
+    assert begun(rcm, q) is None
 
 
 def test_how_much_room_a_tour_needs_is_a_threshold():
     rcm, q = PitchYawRcm(), np.array([0.1, 0.2, 100.0])
-    begun = [Exploration().begin(rcm.rcm(), q, 0, share) is not None for share in (0.2, 1.0, 1.1)]
-    assert begun == [True, True, False]
+    found = [begun(rcm, q, least_room=share) is not None for share in (0.2, 1.0, 1.1)]
+    assert found == [True, True, False]
 
 
 def test_next_to_a_limit_the_other_tetrahedron_is_tried():
     """Wherever a corner of one shape is cut off, the mirrored shape may still have its volume."""
     rcm = PitchYawRcm()
-    found = sum(
-        Exploration().begin(rcm.rcm(), somewhere(rcm, seed), 0, LEAST_ROOM) is not None
-        for seed in range(200)
-    )
+    found = sum(begun(rcm, somewhere(rcm, seed)) is not None for seed in range(200))
     assert found > 180
 
 
@@ -157,8 +173,7 @@ def test_the_true_jacobian_explains_small_moves_and_a_null_one_nothing(seed):
 @pytest.mark.parametrize("J_hat", [np.zeros((3, 3)), np.full((3, 3), np.nan)])
 def test_a_tour_is_not_complete_before_the_estimate_predicts(J_hat):
     rows, _, o_c = seen_at_corners(1)
-    tour = Exploring(rows[:, :3], rows, 400, 0)
-    assert not Exploration().complete(tour, J_hat, o_c)
+    assert not completed(rows, 400, J_hat, o_c)
 
 
 def test_a_camera_that_sees_no_change_at_all_completes_nothing():
@@ -173,40 +188,28 @@ def test_a_tour_is_not_complete_before_all_its_rounds():
 
     rows, a, o_c = seen_at_corners(1)
     J = feature_jacobian(a, rows[0, :3].copy(), about(rows[0, 3:].copy(), o_c), SHAFT)
-    exploration = Exploration(rounds=2)
-    done = [
-        exploration.complete(Exploring(rows[:, :3], rows, visits, 0), J, o_c)
-        for visits in (3, 4, 7, 8, 9)
-    ]
+    done = [completed(rows, visits, J, o_c, rounds=2) for visits in (3, 4, 7, 8, 9)]
     assert done == [False, False, False, True, True]
 
 
-def test_visits_keep_the_last_four_in_order_and_leave_the_tour_before_alone():
-    exploration, tour = (
-        Exploration(),
-        Exploration().begin(PitchYawRcm().rcm(), np.array([0.1, 0.2, 100.0]), 0, LEAST_ROOM),
-    )
-    before = tour.seen.copy()
-    later = tour
+def test_visits_keep_the_last_four_in_order():
+    tour = begun(PitchYawRcm(), np.array([0.1, 0.2, 100.0]))
+    places = tour.corners.copy()
     for i in range(6):
-        later = exploration.visit(later, np.full(3, float(i)), np.full((2, 2), 10.0 * i))
-    assert later.seen[:, 0].tolist() == [2, 3, 4, 5] and later.seen[:, 6].tolist() == [
-        20,
-        30,
-        40,
-        50,
-    ]
-    assert later.visits == 6 and tour.visits == 0
-    assert np.array_equal(tour.seen, before)
+        assert np.array_equal(corner(tour.rows[0]), places[i % 4])
+        visit(tour.rows[0], np.full(3, float(i)), 10.0 * i + np.array([[1.0, 2.0], [3.0, 4.0]]))
+    assert tour.seen[:, 0].tolist() == [2, 3, 4, 5]
+    assert tour.seen[:, 6].tolist() == [24, 34, 44, 54]
+    assert tour.seen[3].tolist() == [5, 5, 5, 51, 52, 53, 54]
+    assert tour.visits == 6
 
 
 def test_a_tour_is_overdue_just_after_its_time():
-    exploration = Exploration(max_time=10.0)
-    tour = exploration.begin(
-        PitchYawRcm().rcm(), np.array([0.1, 0.2, 100.0]), 3_000_000_000, LEAST_ROOM
-    )
-    assert not exploration.overdue(tour, 13_000_000_000)
-    assert exploration.overdue(tour, 13_000_000_001)
+    tour = begun(PitchYawRcm(), np.array([0.1, 0.2, 100.0]), now=3_000_000_000)
+    x = Exploration(max_time=10.0).row[0]
+    assert not overdue(tour.rows[0], 13_000_000_000, x)
+    assert overdue(tour.rows[0], 13_000_000_001, x)
+    assert not overdue(Exploring.of().rows[0], 13_000_000_001, x)
 
 
 @pytest.mark.parametrize("name", ["radius", "speed", "tolerance", "max_time", "reach", "rounds"])

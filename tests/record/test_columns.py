@@ -8,12 +8,12 @@ from rcmservo.guard.watch import Watch
 from rcmservo.loop.run import run
 from rcmservo.record.columns import FLAGS, INTEGERS, REALS, WORDS, Column
 from rcmservo.rows import Field
-from rcmservo.servo.state import Course, Estimate
+from rcmservo.servo.state import Decision, Estimate
 
 COLUMNS = (*INTEGERS, *REALS, *FLAGS)
 PAIRS = [
     (column, field)
-    for row in (Estimate, Course, Watch)
+    for row in (Estimate, Decision, Watch)
     for field in row.fields
     for column in COLUMNS
     if column.name == field.name

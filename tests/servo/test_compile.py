@@ -27,7 +27,7 @@ def check(path):
     else:
         follow(*runs.pop(0))
     before = signatures()
-    assert len(before) > 25 and sum(map(len, before.values())) >= 8, before
+    assert len(before) > 25 and any(before.values()), before
     for run in runs:
         follow(*run)
     new = {name: seen for name, seen in signatures().items() if seen != before[name]}

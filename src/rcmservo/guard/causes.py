@@ -1,8 +1,8 @@
 """Why the tool is not simply on its way: every cause in words, with its action and its way out."""
 
-from collections.abc import Iterable
 from enum import Enum, IntEnum
-from functools import cache
+
+from rcmservo.compiled import compiled
 
 
 class Action(IntEnum):
@@ -245,18 +245,34 @@ class Cause(Enum):
         """Its bit in a set of causes that is kept as one number; 0 for NONE."""
         return BITS[self]
 
-
-BITS = {cause: (1 << place) >> 1 for place, cause in enumerate(Cause)}
-ORDER = {cause: (cause.action, -place) for place, cause in enumerate(Cause)}
-
-
-def gravest(causes: Iterable[Cause]) -> Cause:
-    """The cause with the greatest action, the one listed first of equal ones; NONE where there is
-    none."""
-    return max(causes, key=ORDER.__getitem__, default=Cause.NONE)
+    @property
+    def place(self) -> int:
+        """Its place among the causes, which stands for it in compiled functions; 0 for NONE."""
+        return PLACES[self]
 
 
-@cache
-def gravest_of(bits: int) -> Cause:
-    """The gravest of the causes whose bits are set."""
-    return gravest(cause for cause in Cause if cause.bit & bits)
+CAUSES = tuple(Cause)
+PLACES = {cause: place for place, cause in enumerate(CAUSES)}
+BITS = {cause: (1 << place) >> 1 for cause, place in PLACES.items()}
+
+ACTIONS = tuple(int(cause.action) for cause in CAUSES)
+"""What each asks for, by its place."""
+
+
+@compiled
+def graver(one: int, other: int) -> int:
+    """Of two causes, by their places, the one with the greater action, the one listed first of
+    equal ones."""
+    if ACTIONS[one] == ACTIONS[other]:
+        return min(one, other)
+    return one if ACTIONS[one] > ACTIONS[other] else other
+
+
+@compiled
+def gravest(found: int) -> int:
+    """The place of the gravest cause in a set of them; 0 where there is none."""
+    cause = 0
+    for place in range(1, len(ACTIONS)):
+        if found >> (place - 1) & 1 and ACTIONS[place] > ACTIONS[cause]:
+            cause = place
+    return cause

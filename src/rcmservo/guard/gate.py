@@ -11,16 +11,16 @@ limit without passing it.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Command, Floats
-from rcmservo.loops import all_finite
+from rcmservo.loops import all_finite, put
 from rcmservo.method.kinematics import Rcm
-from rcmservo.rows import Rows, as_row
+from rcmservo.rows import Row, Rows, as_row, flag, reals, whole
 
 ROUNDING = 1.0 + 1e-12
 """A rate that the slew brings to zero but for rounding is brought to zero."""
@@ -56,6 +56,64 @@ def within(
         step = slew * dt * ROUNDING
         allowed[i] = min(max(allowed[i], last[i] - step), last[i] + step)
     return allowed, True
+
+
+class Sent(Row):
+    """The last command, as compiled functions keep it."""
+
+    number: int = whole("", "it rises from command to command")
+    time: int = whole("ns", "that of its tick")
+    deadline: int = whole("ns", "from when on it is void")
+    sent: Floats = reals(3, "rad/s, rad/s, mm/s", "the joint rates that the arm was sent")
+    on: bool = flag("whether the drive stays on")
+
+
+def sent(command: Command) -> dict[str, Any]:
+    """The numbers of a Sent."""
+    c = command
+    return {
+        "number": c.number,
+        "time": c.time,
+        "deadline": c.deadline,
+        "sent": c.rates,
+        "on": c.enabled,
+    }
+
+
+def command_of(last: Sent) -> Command:
+    """A Sent as devices take it."""
+    return Command(last.number, last.time, last.deadline, last.sent.copy(), last.on)
+
+
+@compiled
+def issue(d: Sent, rates: Floats, now: int, gate: "Gate") -> None:
+    """Write the next command over the last one."""
+    d.number, d.time = d.number + 1, now
+    d.deadline = now + int(np.round(gate.deadline * 1e9))
+    put(d.sent, rates)
+
+
+@compiled
+def admit(
+    d: Sent, rates: Floats, q: Floats, rcm: Rcm, now: int, share: float, gate: "Rows[Gate]"
+) -> bool:
+    """Make the wanted joint rates (3,) a command, from the last one and the measured q (3,).
+
+    ``share`` of the full speed may be used; at 0 the rates go to zero as fast as the slew allows.
+    False where something that came in was not finite or no time had passed: then it is zero.
+    """
+    dt = min((now - d.time) * 1e-9, gate[0].max_period)
+    allowed, finite = within(rates, d.sent, q, rcm, gate, dt, share)
+    issue(d, allowed, now, gate[0])
+    d.on = True
+    return finite
+
+
+@compiled
+def stop(d: Sent, now: int, gate: "Rows[Gate]") -> None:
+    """Zero at once, with the drive off."""
+    issue(d, np.zeros(3), now, gate[0])
+    d.on = False
 
 
 class Passed(NamedTuple):
@@ -103,12 +161,9 @@ class Gate:
         )
 
     @cached_property
-    def _bounds(self) -> "Rows[Gate]":
+    def row(self) -> "Rows[Gate]":
+        """The bounds for compiled functions."""
         return as_row(self)
-
-    @cached_property
-    def _patience(self) -> int:
-        return round(self.deadline * 1e9)
 
     def rest(self) -> Command:
         """The command before the first: stand still, drive off."""
@@ -125,16 +180,13 @@ class Gate:
         now: int,
         share: float = 1.0,
     ) -> Passed:
-        """Turn the wanted joint rates (3,) into a Command, from the `last` one and the measured q
-        (3,).
-
-        ``share`` of the full speed may be used; at 0 the rates go to zero as fast as the slew
-        allows.
-        """
-        dt = min((now - last.time) * 1e-9, self.max_period)
-        allowed, finite = within(rates, last.rates, q, rcm, self._bounds, dt, float(share))
-        return Passed(Command(last.number + 1, now, now + self._patience, allowed, True), finite)
+        """`admit`, from a Command to a Command."""
+        row = Sent.of(**sent(last))
+        finite = admit(cast(Any, row.rows)[0], rates, q, rcm, now, float(share), self.row)
+        return Passed(command_of(row), finite)
 
     def stop(self, last: Command, now: int) -> Command:
         """Zero at once, with the drive off."""
-        return Command(last.number + 1, now, now + self._patience, np.zeros(3), False)
+        row = Sent.of(**sent(last))
+        stop(cast(Any, row.rows)[0], now, self.row)
+        return command_of(row)

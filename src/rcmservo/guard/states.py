@@ -15,8 +15,10 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
-from rcmservo.guard.causes import ORDER, Action, Cause, gravest, gravest_of
+from rcmservo.compiled import compiled
+from rcmservo.guard.causes import ACTIONS, CAUSES, Action, Cause, graver, gravest
 from rcmservo.guard.thresholds import Thresholds
+from rcmservo.rows import Row, whole
 
 SLOW_SHARE = 0.2
 """Share of the full speed in ACQUIRE, and while a cause asks for SLOW."""
@@ -41,6 +43,18 @@ class Request(Enum):
     PAUSE = "pause"
     RESUME = "resume"
     CLEAR = "clear"
+
+
+PHASES, REQUESTS = tuple(Phase), tuple(Request)
+DISABLED, IDLE, ACQUIRE, SERVO, HOLD, PAUSED, FAULT = range(len(PHASES))
+_, ASKS_PAUSE, ASKS_RESUME, ASKS_CLEAR = range(len(REQUESTS))
+SLOW, HELD, PAUSE, FAULTED = (
+    int(Action.SLOW),
+    int(Action.HOLD),
+    int(Action.PAUSE),
+    int(Action.FAULT),
+)
+ASKED = Cause.ASKED.place
 
 
 @dataclass(frozen=True)
@@ -73,9 +87,33 @@ class Mode:
     @property
     def share(self) -> float:
         """Share of the full speed at which the tool may move."""
-        if self.phase is Phase.SERVO and self.asks < Action.SLOW:
-            return 1.0
-        return SLOW_SHARE if self.phase in (Phase.SERVO, Phase.ACQUIRE) else 0.0
+        return speed_share(PHASES.index(self.phase), int(self.asks))
+
+
+class Standing(Row):
+    """A mode as compiled functions keep it."""
+
+    phase: int = whole("", "its place in Phase")
+    cause: int = whole("", "its place in Cause")
+    since: int = whole("ns", "since when")
+    good: int = whole("", "good frames counted in it")
+    asks: int = whole("", "the action that is being taken")
+
+
+def standing(mode: Mode) -> dict[str, int]:
+    """The numbers of a Standing."""
+    return {
+        "phase": PHASES.index(mode.phase),
+        "cause": mode.cause.place,
+        "since": mode.since,
+        "good": mode.good,
+        "asks": int(mode.asks),
+    }
+
+
+def mode_of(s: Standing, detail: str = "") -> Mode:
+    """A Standing in words."""
+    return Mode(PHASES[s.phase], CAUSES[s.cause], s.since, s.good, Action(s.asks), detail)
 
 
 class Signs(NamedTuple):
@@ -91,76 +129,102 @@ class Signs(NamedTuple):
     """Whether there is an estimate to servo with."""
 
 
+@compiled
+def speed_share(phase: int, asks: int) -> float:
+    """Share of the full speed at which the tool may move."""
+    if phase == SERVO and asks < SLOW:
+        return 1.0
+    return SLOW_SHARE if phase in (SERVO, ACQUIRE) else 0.0
+
+
+@compiled
 def transition(
-    mode: Mode, causes: int, signs: Signs, request: Request, now: int, t: Thresholds
-) -> Mode:
-    """The mode after one tick at `now` ns, with the set of `causes` found. Pure; whatever the
-    causes, more of them never give a softer answer."""
-    cause = gravest_of(causes)
-    if mode.phase is Phase.FAULT or cause.action is Action.FAULT:
-        return _fault(mode, cause, request, now)
-    if mode.phase is Phase.DISABLED:
-        return Mode(Phase.IDLE, since=now) if signs.enabled else mode
-    if cause.action is Action.PAUSE or mode.phase is Phase.PAUSED or request is Request.PAUSE:
-        return _paused(mode, cause, request, now)
-    if mode.phase is Phase.IDLE:
-        return _waiting(mode, cause, signs, now)
-    if cause.action is Action.HOLD:
-        return _held(mode, cause, now, t)
-    return _onward(mode, cause, signs, now, t)
+    s: Standing, causes: int, signs: Signs, request: int, now: int, t: Thresholds
+) -> None:
+    """The mode after one tick at `now` ns, with the set of `causes` found; `request` by its place
+    in Request. Whatever the causes, more of them never give a softer answer."""
+    cause = gravest(causes)
+    action = ACTIONS[cause]
+    if s.phase == FAULT or action == FAULTED:
+        fault(s, cause, request, now)
+    elif s.phase == DISABLED:
+        if signs.enabled:
+            s.phase, s.cause, s.since, s.good, s.asks = IDLE, 0, now, 0, 0
+    elif action == PAUSE or s.phase == PAUSED or request == ASKS_PAUSE:
+        pause(s, cause, request, now)
+    elif s.phase == IDLE:
+        wait(s, cause, signs, now)
+    elif action == HELD:
+        hold(s, cause, now, t)
+    else:
+        go_on(s, cause, signs, now, t)
 
 
-def _fault(mode: Mode, cause: Cause, request: Request, now: int) -> Mode:
+@compiled
+def fault(s: Standing, cause: int, request: int, now: int) -> None:
     """Into FAULT, where the first cause stays; out of it by a person once no cause asks for it any
     more."""
-    if mode.phase is not Phase.FAULT:
-        return Mode(Phase.FAULT, cause, now, asks=Action.FAULT)
-    cleared = request is Request.CLEAR and cause.action < Action.FAULT
-    return Mode(Phase.DISABLED, since=now) if cleared else mode
+    if s.phase != FAULT:
+        s.phase, s.cause, s.since, s.good, s.asks = FAULT, cause, now, 0, FAULTED
+    elif request == ASKS_CLEAR and ACTIONS[cause] < FAULTED:
+        s.phase, s.cause, s.since, s.good, s.asks = DISABLED, 0, now, 0, 0
 
 
-def _waiting(mode: Mode, cause: Cause, signs: Signs, now: int) -> Mode:
-    if signs.seen and cause.action < Action.HOLD:
-        return Mode(Phase.ACQUIRE, cause, now, asks=cause.action)
-    return Mode(Phase.IDLE, cause, mode.since, asks=cause.action)
+@compiled
+def wait(s: Standing, cause: int, signs: Signs, now: int) -> None:
+    """In IDLE, or into ACQUIRE."""
+    action = ACTIONS[cause]
+    if signs.seen and action < HELD:
+        s.phase, s.cause, s.since, s.good, s.asks = ACQUIRE, cause, now, 0, action
+    else:
+        s.phase, s.cause, s.since, s.good, s.asks = IDLE, cause, s.since, 0, action
 
 
-def _paused(mode: Mode, cause: Cause, request: Request, now: int) -> Mode:
+@compiled
+def pause(s: Standing, cause: int, request: int, now: int) -> None:
     """Into PAUSED, on in it, or out of it by a person; what stands against that is named."""
-    why = cause if cause.action is Action.PAUSE else Cause.NONE
-    if mode.phase is not Phase.PAUSED:
-        return Mode(Phase.PAUSED, gravest((why, Cause.ASKED)), now, asks=Action.PAUSE)
-    if request is Request.RESUME:
-        if cause.action < Action.HOLD:
-            return Mode(Phase.ACQUIRE, since=now)
-        return Mode(Phase.PAUSED, cause, mode.since, asks=Action.PAUSE)
-    return Mode(
-        Phase.PAUSED,
-        why if ORDER[why] > ORDER[mode.cause] else mode.cause,
-        mode.since,
-        asks=Action.PAUSE,
-    )
+    why = cause if ACTIONS[cause] == PAUSE else 0
+    if s.phase != PAUSED:
+        s.phase, s.cause, s.since, s.good, s.asks = PAUSED, graver(why, ASKED), now, 0, PAUSE
+    elif request != ASKS_RESUME:
+        s.phase, s.cause, s.since, s.good, s.asks = PAUSED, graver(why, s.cause), s.since, 0, PAUSE
+    elif ACTIONS[cause] < HELD:
+        s.phase, s.cause, s.since, s.good, s.asks = ACQUIRE, 0, now, 0, 0
+    else:
+        s.phase, s.cause, s.since, s.good, s.asks = PAUSED, cause, s.since, 0, PAUSE
 
 
-def _held(mode: Mode, cause: Cause, now: int, t: Thresholds) -> Mode:
-    since = mode.since if mode.phase is Phase.HOLD else now
+@compiled
+def hold(s: Standing, cause: int, now: int, t: Thresholds) -> None:
+    """Into HOLD or on in it; after its time into PAUSED."""
+    since = s.since if s.phase == HOLD else now
     if now - since > t.hold_time * 1e9:
-        return Mode(Phase.PAUSED, cause, now, asks=Action.PAUSE)
-    return Mode(Phase.HOLD, cause, since, asks=Action.HOLD)
+        s.phase, s.cause, s.since, s.good, s.asks = PAUSED, cause, now, 0, PAUSE
+    else:
+        s.phase, s.cause, s.since, s.good, s.asks = HOLD, cause, since, 0, HELD
 
 
-def _onward(mode: Mode, cause: Cause, signs: Signs, now: int, t: Thresholds) -> Mode:
+@compiled
+def go_on(s: Standing, cause: int, signs: Signs, now: int, t: Thresholds) -> None:
     """From HOLD through ACQUIRE to SERVO, by good frames."""
-    good = mode.good + signs.good
-    if mode.phase is Phase.HOLD:
-        if now - mode.since > t.hold_time * 1e9:
-            return Mode(Phase.PAUSED, mode.cause, now, asks=Action.PAUSE)
-        if good < t.good_to_recover:
-            return Mode(Phase.HOLD, mode.cause, mode.since, good, Action.HOLD)
-        return Mode(Phase.ACQUIRE, cause, now, asks=cause.action)
-    if mode.phase is Phase.ACQUIRE:
+    good, action = s.good + int(signs.good), ACTIONS[cause]
+    if s.phase == HOLD:
+        if now - s.since > t.hold_time * 1e9:
+            s.phase, s.cause, s.since, s.good, s.asks = PAUSED, s.cause, now, 0, PAUSE
+        elif good < t.good_to_recover:
+            s.phase, s.cause, s.since, s.good, s.asks = HOLD, s.cause, s.since, good, HELD
+        else:
+            s.phase, s.cause, s.since, s.good, s.asks = ACQUIRE, cause, now, 0, action
+    elif s.phase == ACQUIRE:
         if signs.ready and good >= t.good_to_servo:
-            return Mode(Phase.SERVO, cause, now, asks=cause.action)
-        return Mode(Phase.ACQUIRE, cause, mode.since, good if signs.ready else 0, cause.action)
-    same = mode.cause is cause
-    return mode if same else Mode(Phase.SERVO, cause, mode.since, asks=cause.action)
+            s.phase, s.cause, s.since, s.good, s.asks = SERVO, cause, now, 0, action
+        else:
+            s.phase, s.cause, s.since, s.good, s.asks = (
+                ACQUIRE,
+                cause,
+                s.since,
+                good if signs.ready else 0,
+                action,
+            )
+    elif s.cause != cause:
+        s.phase, s.cause, s.since, s.good, s.asks = SERVO, cause, s.since, 0, action

@@ -3,7 +3,7 @@
 A new frame is compared with the motion since the last one, and the joints with the commands before.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -98,14 +98,14 @@ def told(seen: Observation, gap: int) -> Told:
     )
 
 
-def unwatched(watch: Watch, markers: bool) -> Watch:
-    """The watch of the same arm and camera with its counts begun anew; if asked for, those of the
-    `markers` too, and no frame believed."""
-    rows: Any = watch.rows.copy()
-    rows["late"], rows["wrong"], rows["p1"] = 0, 0, np.nan
+@compiled
+def unwatch(w: Watch, markers: bool) -> None:
+    """The counts of the same arm and camera begin anew; if asked for, those of the `markers` too,
+    and no frame is believed."""
+    w.late, w.wrong = 0, 0
+    put(w.p1, UNKNOWN)
     if markers:
-        rows["rejected"], rows["jumped"], rows["swapped"], rows["believed"] = 0, 0, 0, -1
-    return Watch(rows)
+        w.rejected, w.jumped, w.swapped, w.believed = 0, 0, 0, -1
 
 
 @compiled

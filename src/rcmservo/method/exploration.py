@@ -7,9 +7,8 @@ predicts the feature changes between the corners that were seen, and says so whe
 the time allowed.
 """
 
-import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 
@@ -19,10 +18,12 @@ from rcmservo.interfaces import Floats
 from rcmservo.loops import length, minus, product, put
 from rcmservo.method.features import SCALE, about, difference, features
 from rcmservo.method.kinematics import Rcm, axis, joints, position
+from rcmservo.rows import Row, Rows, as_row, flag, reals, whole
 
 CORNERS = np.array(
     [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]
 ) / np.sqrt(3.0)
+MIRRORED = -CORNERS
 ROUNDING = 1e-9
 """Share by which the volume of a tour with all its room may differ from it."""
 
@@ -106,19 +107,6 @@ def unexplained(seen: Floats, J_hat: Floats, o_c: Floats) -> float:
     return np.sqrt(left / total) if total > 0.0 else np.inf
 
 
-class Exploring(NamedTuple):
-    """Where an exploration stands."""
-
-    corners: Floats
-    """The places p₁ (4, 3) mm that marker 1 visits in turn."""
-    seen: Floats
-    """(4, 7) rows [p₁ mm, raw m₁ m₂ px] at the last four visits, the newest last; zeros before."""
-    visits: int
-    """Corners visited so far, over all rounds."""
-    start: int
-    """When it began, ns."""
-
-
 @dataclass(frozen=True)
 class Exploration:
     """How the tool moves while nothing is known yet."""
@@ -143,36 +131,65 @@ class Exploration:
             require(0.0 < value < np.inf, f"exploration.{name}", value, "a positive number")
         require(1 <= self.rounds <= 1000, "exploration.rounds", self.rounds, "from 1 to 1000")
 
-    def begin(self, rcm: Rcm, q: Floats, now: int, least_room: float) -> Exploring | None:
-        """The tour from the configuration q (3,), or None where the joint limits leave less than
-        this share of its volume."""
-        full = volume(self.radius * CORNERS)
-        for shape in (CORNERS, -CORNERS):
-            places = corners(rcm, q, self.radius, shape)
-            if volume(places) > least_room * (1.0 - ROUNDING) * full:
-                return Exploring(places, np.zeros((4, 7)), 0, now)
-        return None
+    @cached_property
+    def row(self) -> "Rows[Exploration]":
+        """The settings for compiled functions."""
+        return as_row(self)
 
-    def velocity(self, tour: Exploring, p1: Floats) -> Floats:
-        """v (3,) mm/s for marker 1 at p1."""
-        return towards(p1, tour.corners[tour.visits % 4], self.speed, self.reach)
 
-    def arrived(self, tour: Exploring, p1: Floats) -> bool:
-        """Whether the present corner is reached."""
-        return math.dist(p1, tour.corners[tour.visits % 4]) < self.reach
+class Exploring(Row):
+    """Where an exploration stands."""
 
-    def visit(self, tour: Exploring, p1: Floats, points: Floats) -> Exploring:
-        """The tour after what was seen at a corner: p1 (3,) mm and raw points (2, 2) px of one
-        frame."""
-        seen = np.roll(tour.seen, -1, axis=0)
-        seen[-1, :3], seen[-1, 3:] = p1, points.reshape(4)
-        return tour._replace(seen=seen, visits=tour.visits + 1)
+    corners: Floats = reals((4, 3), "mm", "the places p₁ that marker 1 visits in turn")
+    seen: Floats = reals((4, 7), "mm, mm, mm, px, px, px, px", "[p₁, raw m₁ m₂] at the last visits")
+    visits: int = whole("", "corners visited so far, over all rounds")
+    start: int = whole("ns", "when it began")
+    begun: bool = flag("whether there are corners to visit")
+    no_room: bool = flag("whether the joint limits leave no room for them")
+    done: bool = flag("whether there is an estimate to servo with")
 
-    def complete(self, tour: Exploring, J_hat: Floats, o_c: Floats) -> bool:
-        """Whether all corners were seen and Ĵ explains what was seen there."""
-        toured = tour.visits >= 4 * self.rounds
-        return toured and bool(unexplained(tour.seen, J_hat, o_c) <= self.tolerance)
 
-    def overdue(self, tour: Exploring, now: int) -> bool:
-        """Whether the time allowed is used up."""
-        return now - tour.start > self.max_time * 1e9
+@compiled
+def begin(
+    tour: Exploring, rcm: Rcm, q: Floats, now: int, least_room: float, x: Exploration
+) -> None:
+    """Plan the tour from the configuration q (3,), or note that the joint limits leave less than
+    the share `least_room` of its volume."""
+    full = x.radius**3 * volume(CORNERS)
+    for shape in (CORNERS, MIRRORED):
+        places = corners(rcm, q, x.radius, shape)
+        if volume(places) > least_room * (1.0 - ROUNDING) * full:
+            put(tour.corners, places)
+            tour.begun, tour.visits, tour.start = True, 0, now
+            return
+    tour.no_room = True
+
+
+@compiled
+def corner(tour: Exploring) -> Floats:
+    """The place (3,) mm to go to next."""
+    return tour.corners[tour.visits % 4]
+
+
+@compiled
+def visit(tour: Exploring, p1: Floats, points: Floats) -> None:
+    """Note what was seen at a corner: p1 (3,) mm and raw points (2, 2) px of one frame."""
+    for i in range(3):
+        put(tour.seen[i], tour.seen[i + 1])
+    put(tour.seen[3][:3], p1)
+    for i in range(4):
+        tour.seen[3][3 + i] = points[i // 2, i % 2]
+    tour.visits += 1
+
+
+@compiled
+def complete(tour: Exploring, J_hat: Floats, o_c: Floats, x: Exploration) -> bool:
+    """Whether all corners were seen and Ĵ explains what was seen there."""
+    toured = tour.visits >= 4 * x.rounds
+    return toured and unexplained(tour.seen, J_hat, o_c) <= x.tolerance
+
+
+@compiled
+def overdue(tour: Exploring, now: int, x: Exploration) -> bool:
+    """Whether the time allowed for a tour is used up."""
+    return tour.begun and now - tour.start > x.max_time * 1e9

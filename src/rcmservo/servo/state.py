@@ -4,13 +4,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import Mode, Phase
+from rcmservo.guard.causes import CAUSES, Cause
+from rcmservo.guard.gate import Sent, command_of
+from rcmservo.guard.states import PHASES, Mode, Phase, Standing, mode_of, standing
 from rcmservo.guard.watch import Watch
 from rcmservo.interfaces import Command, Floats, Target
 from rcmservo.method.exploration import Exploring
 from rcmservo.method.features import FEATURES
-from rcmservo.rows import Row, real, reals, whole
+from rcmservo.rows import Row, changed, real, reals, whole
 
 
 class Estimate(Row):
@@ -29,14 +30,29 @@ class Estimate(Row):
     ahead: Floats = reals(FEATURES, "rad, px, px", "Δy as predicted for now")
 
 
-class Course(Row):
-    """What the servo wants of the arm, and how it gets on."""
+class Decision(Standing, Sent):
+    """What the servo decided: its mode, what it wants of the arm, how it gets on, and the last
+    command."""
 
     v: Floats = reals(3, "mm/s", "velocity wanted of marker 1")
     rates: Floats = reals(3, "rad/s, rad/s, mm/s", "the joint rates that make it")
     blocked: int = whole("", "the joint whose limit stands in the way, -1 for none")
     peak: float = real("", "the error √(2V) that has last been fallen short of")
     peak_time: int = whole("ns", "when that was")
+    moved: int = whole("ns", "when the camera was last noticed to have been moved, -1: never")
+
+
+class Parts(NamedTuple):
+    """One row of each, as compiled functions pass them on."""
+
+    watch: Watch
+    """What the checks remember."""
+    estimate: Estimate
+    """What frames have taught, in numbers."""
+    tour: Exploring
+    """Where an exploration stands."""
+    decision: Decision
+    """What was decided."""
 
 
 class Learnt(NamedTuple):
@@ -48,69 +64,59 @@ class Learnt(NamedTuple):
     """The imaged tool's lines that eq. (16) is made of."""
     memory: Any
     """The estimator's own memory."""
-    tour: Exploring | None = None
+    tour: Exploring
     """Where an exploration stands."""
-    no_room: bool = False
-    """Whether the joint limits leave no room to explore."""
-    explored: bool = False
-    """Whether there is an estimate to servo with."""
 
 
 def ignorance(lines: Floats, memory: Any) -> Learnt:
     """Nothing learnt yet: Ĵ = 0."""
     unknown = dict.fromkeys(("points", "o_c", "p1", "y", "delta", "ahead"), np.nan)
     estimate = Estimate.of(exposure=-1, rcm_condition=np.inf, condition=np.inf, **unknown)
-    return Learnt(estimate, lines, memory)
+    return Learnt(estimate, lines, memory, Exploring.of())
 
 
 class State(NamedTuple):
     """All that the servo remembers, and what it decided at the last tick."""
 
-    mode: Mode
-    """Its phase, and why."""
-    command: Command
-    """What the gate passed."""
+    decision: Decision
+    """What it decided: mode, wishes, command."""
     watch: Watch
     """What the checks for faults remember."""
     learnt: Learnt
     """What it has learnt of camera and tool."""
-    course: Course
-    """Where it wants to go."""
     target: Target | None = None
     """Where it servoes to."""
-    moved: int = -1
-    """When the camera was last noticed to have been moved, ns; -1: never."""
+    detail: str = ""
+    """What a person should know beside the cause's sentence, such as which joint it is."""
 
     def but(
-        self,
-        *,
-        mode: Mode | None = None,
-        command: Command | None = None,
-        watch: Watch | None = None,
-        learnt: Learnt | None = None,
-        course: Course | None = None,
-        moved: int | None = None,
+        self, *, mode: Mode | None = None, watch: Watch | None = None, learnt: Learnt | None = None
     ) -> "State":
         """The same state with some parts changed."""
-        return State(
-            mode or self.mode,
-            command or self.command,
-            watch or self.watch,
-            learnt or self.learnt,
-            course or self.course,
-            self.target,
-            self.moved if moved is None else moved,
-        )
+        decision, detail = self.decision, self.detail
+        if mode is not None:
+            decision, detail = changed(decision, **standing(mode)), mode.detail
+        return State(decision, watch or self.watch, learnt or self.learnt, self.target, detail)
+
+    @property
+    def mode(self) -> Mode:
+        """Its phase, and why."""
+        return mode_of(self.decision, self.detail)
+
+    @property
+    def command(self) -> Command:
+        """What the gate passed."""
+        return command_of(self.decision)
 
     @property
     def phase(self) -> Phase:
         """What the servo is doing."""
-        return self.mode.phase
+        return PHASES[self.decision.phase]
 
     @property
     def cause(self) -> Cause:
         """Why it is not simply on its way."""
-        return self.mode.cause
+        return CAUSES[self.decision.cause]
 
     @property
     def words(self) -> str:
@@ -130,7 +136,7 @@ class State(NamedTuple):
     @property
     def explored(self) -> bool:
         """Whether there is an estimate to servo with."""
-        return self.learnt.explored
+        return self.learnt.tour.done
 
     @property
     def o_c(self) -> Floats:
@@ -165,27 +171,9 @@ class State(NamedTuple):
     @property
     def v(self) -> Floats:
         """Velocity (3,) mm/s wanted of marker 1."""
-        return self.course.v
+        return self.decision.v
 
-
-def restarted(course: Course, now: int | None = None) -> Course:
-    """The course with the rule on stalls begun anew, counted from `now` ns."""
-    rows: Any = course.rows.copy()
-    rows["peak"] = np.inf
-    if now is not None:
-        rows["peak_time"] = now
-    return Course(rows)
-
-
-def headed(course: Course, v: Floats, rates: Floats) -> Course:
-    """The course with another velocity (3,) mm/s of marker 1 and its joint rates (3,)."""
-    rows: Any = course.rows.copy()
-    rows["v"], rows["rates"] = v, rates
-    return Course(rows)
-
-
-def renewed(estimate: Estimate) -> Estimate:
-    """The estimate as it is before the first frame of another run."""
-    rows: Any = estimate.rows.copy()
-    rows["exposure"] = -1
-    return Estimate(rows)
+    @property
+    def moved(self) -> int:
+        """When the camera was last noticed to have been moved, ns; -1: never."""
+        return self.decision.moved

@@ -1,0 +1,47 @@
+"""What a tick writes over what was known: nothing learnt, a rule begun anew, another way to go."""
+
+import numpy as np
+
+from rcmservo.compiled import compiled
+from rcmservo.loops import fill, put
+from rcmservo.servo.state import Decision, Parts
+
+
+@compiled
+def forget(s: Parts) -> None:
+    """Nothing learnt: Ĵ = 0."""
+    e, tour = s.estimate, s.tour
+    fill(e.points, np.nan)
+    fill(e.p1, np.nan)
+    fill(e.o_c, np.nan)
+    fill(e.y, np.nan)
+    fill(e.delta, np.nan)
+    fill(e.ahead, np.nan)
+    fill(e.J_hat, 0.0)
+    e.exposure, e.line_count, e.rcm_condition, e.condition = -1, 0, np.inf, np.inf
+    fill(tour.corners, 0.0)
+    fill(tour.seen, 0.0)
+    tour.visits, tour.start = 0, 0
+    tour.begun, tour.no_room, tour.done = False, False, False
+
+
+@compiled
+def forget_but_places(s: Parts) -> None:
+    """Nothing learnt, but for where the markers were seen last."""
+    points, p1 = s.estimate.points.copy(), s.estimate.p1.copy()
+    forget(s)
+    put(s.estimate.points, points)
+    put(s.estimate.p1, p1)
+
+
+@compiled
+def restart(d: Decision, now: int) -> None:
+    """The rule on stalls begins anew, counted from `now` ns."""
+    d.peak, d.peak_time = np.inf, now
+
+
+@compiled
+def stand(d: Decision) -> None:
+    """Want to stand still."""
+    fill(d.v, 0.0)
+    fill(d.rates, 0.0)
