@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-FOLDERS = "sim", "tracking"
+FOLDERS = "sim", "study", "tracking"
 """Offered as they are; they need MuJoCo and OpenCV, which the core does not."""
 
 

@@ -66,7 +66,7 @@ class Optics:
         proper = np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-9)
         proper = proper and np.linalg.det(self.rotation) > 0
         require(bool(proper), "rotation", self.rotation, "a proper rotation matrix")
-        one_to_one = np.isinf(self._fold) or self._corner < self._fold * self._stretch(self._fold)
+        one_to_one = np.isinf(self.fold) or self._corner < self.fold * self._stretch(self.fold)
         right = "so weak that every pixel sees one direction"
         require(bool(one_to_one), "distortion", self.distortion, right)
 
@@ -168,7 +168,7 @@ class Optics:
             slope = X[:, :2] / X[:, 2:]
             r = np.linalg.norm(slope, axis=1, keepdims=True)
             image = self.focal * self._stretch(r) * slope + self.centre
-            return np.where((X[:, 2:] > 0) & (r < self._fold), image, np.nan)
+            return np.where((X[:, 2:] > 0) & (r < self.fold), image, np.nan)
 
     def _stretch(self, r: Any) -> Any:
         """By how much the lens stretches a slope of length `r`."""
@@ -176,7 +176,7 @@ class Optics:
         return 1 + k1 * r**2 + k2 * r**4
 
     @cached_property
-    def _fold(self) -> float:
+    def fold(self) -> float:
         """The radius (as a slope) beyond which the polynomial falls again and means nothing.
 
         inf where it never falls. The roots are 1 / r^2 where the distorted radius has its maximum.

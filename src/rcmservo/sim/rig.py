@@ -70,6 +70,23 @@ class RigSettings:
         require(good, "camera.point_noise", self.point_noise, "a number of px that is not negative")
 
 
+def drawn(seed: int, settings: RigSettings) -> tuple[Scene, np.random.Generator]:
+    """The scene of the rig with this seed, and the chance that its camera's noise comes from."""
+    drawing, noise, *_ = _seeds(seed)
+    body = Body(settings.mechanism, settings.tool)
+    return draw(_draws(settings, body, drawing)), np.random.default_rng(noise)
+
+
+def _seeds(seed: int) -> list[np.random.SeedSequence]:
+    """Of the scene, the camera's noise, another place of the camera, and the disturbances."""
+    return np.random.SeedSequence(seed).spawn(4)
+
+
+def _draws(s: RigSettings, body: Body, seed: np.random.SeedSequence) -> Draws:
+    size, radius = (s.width, s.height), max(s.look.marker_radii)
+    return Draws(s.scene, body, size, radius, np.random.default_rng(seed))
+
+
 class Rig:
     """A simulated laboratory at the start of a run. Everything in it follows from the seed.
 
@@ -88,10 +105,10 @@ class Rig:
         require(seed >= 0, "seed", seed, "a whole number that is not negative")
         self.seed, self.settings = seed, settings or RigSettings()
         s = self.settings
-        drawing, noise, elsewhere, chance = np.random.SeedSequence(seed).spawn(4)
+        drawing, noise, elsewhere, chance = _seeds(seed)
         self.body = Body(s.mechanism, s.tool)
-        self.scene = draw(self._draws(drawing))
-        self._elsewhere = self._draws(elsewhere)
+        self.scene = draw(_draws(s, self.body, drawing))
+        self._elsewhere = _draws(s, self.body, elsewhere)
         self._arm = SimulatedArm(s.mechanism, s.drive)
         self._camera = self._new_camera(pictures, np.random.default_rng(noise))
         self.clock = SimulatedClock(self._arm)
@@ -102,11 +119,6 @@ class Rig:
         if disturbances:
             self._disturb()
         self.go_home()
-
-    def _draws(self, seed: np.random.SeedSequence) -> Draws:
-        s = self.settings
-        size, radius = (s.width, s.height), max(s.look.marker_radii)
-        return Draws(s.scene, self.body, size, radius, np.random.default_rng(seed))
 
     def _new_camera(
         self, pictures: bool, random: np.random.Generator

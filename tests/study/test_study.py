@@ -1,0 +1,130 @@
+"""The compiled twin of the laboratory goes the way of MuJoCo's arm, with the live servo's step."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from conftest import first_quick, random_from, seeds
+from rcmservo.errors import BadInput
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import PHASES, Phase
+from rcmservo.interfaces import Floats, Target
+from rcmservo.loop.clock import ticks
+from rcmservo.loop.plant import Plant
+from rcmservo.method.estimators.flow import FlowEstimator
+from rcmservo.method.kinematics import PitchYawRcm, SphericalRcm
+from rcmservo.method.tool import RigidTool, ScaledTool
+from rcmservo.servo.servo import Servo
+from rcmservo.sim import Drive, Rig, RigSettings
+from rcmservo.sim.rig import drawn
+from rcmservo.study import StudyRun, Study
+from rcmservo.study.closed_loop import Goal
+from rcmservo.study.twin import project
+from rcmservo.tracking import PointMarkers
+
+QUIET = RigSettings(point_noise=0.0)
+WRIST = RigSettings(mechanism=PitchYawRcm(), tool=ScaledTool(1.3), point_noise=0.0)
+NEAR = 0.1
+"""mm by which the two may differ while the tool moves: what MuJoCo's inertia delays in 1 ms."""
+
+
+def study_of(settings: RigSettings, **choices: float) -> Study:
+    return Study(Servo(settings.mechanism, settings.tool), settings, **choices)
+
+
+def by_physics(seed: int, settings: RigSettings, seconds: float) -> tuple[Floats, list[int]]:
+    """Error and phase of every tick of the same closed loop with MuJoCo's arm and the live path."""
+    rig = Rig(seed, settings, pictures=False)
+    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
+    servo, target = Servo(settings.mechanism, settings.tool), shown(seed, settings)
+    aim = Target(target.points, rig.scene.target, rig.clock.now())
+    plant.enable()
+    state, errors, phases = servo.init(), [], []
+    for _ in ticks(plant.clock, 100.0, seconds):
+        state = servo.step(state, plant.read(), aim)
+        errors.append(np.linalg.norm(rig.body.points(rig.arm.q_true)[1] - target.p2))
+        phases.append(PHASES.index(state.phase))
+        plant.send(state.command)
+    return np.array(errors), phases
+
+
+def shown(seed: int, settings: RigSettings) -> Goal:
+    rig = Rig(seed, settings, pictures=False)
+    markers = rig.body.points(rig.scene.target)[:2]
+    return Goal(rig.scene.optics.project(markers), markers[1])
+
+
+def by_twin(study: Study, seed: int) -> StudyRun:
+    scene, _ = drawn(seed, study.settings)
+    return study.of(seed, scene, shown(seed, study.settings), np.zeros((1000, 2, 2)))
+
+
+@pytest.mark.parametrize(
+    "scene",
+    first_quick([(WRIST, 1), *((settings, n) for settings in (QUIET, WRIST) for n in range(5))]),
+)
+def test_the_twin_goes_the_way_of_the_simulated_arm(scene: tuple[RigSettings, int]) -> None:
+    settings, seed = scene
+    errors, phases = by_physics(seed, settings, 8.0)
+    twin = by_twin(study_of(settings, duration=8.0), seed)
+    assert np.abs(twin.error - errors).max() < NEAR
+    assert np.count_nonzero(twin.phases != phases) <= 2
+    assert errors[0] > 10.0 and errors[-1] < 0.5
+
+
+def test_a_twin_with_other_drives_goes_another_way() -> None:
+    slow = replace(QUIET, drive=Drive(lag=0.03))
+    usual, other = (by_twin(study_of(one, duration=4.0), 0) for one in (QUIET, slow))
+    assert np.abs(usual.error - other.error).max() > NEAR
+
+
+@given(seeds)
+def test_its_camera_sees_what_the_simulated_one_does(seed: int) -> None:
+    study, random = study_of(QUIET), random_from(seed)
+    optics = drawn(seed % 5, QUIET)[0].optics
+    lens = study._twin(drawn(seed % 5, QUIET)[0]).lens[0]  # pyright: ignore[reportPrivateUsage]
+    for p in optics.position + random.uniform(-300.0, 300.0, (20, 3)):
+        np.testing.assert_allclose(project(lens, p), optics.project(p[None])[0], rtol=1e-9)
+
+
+def test_the_same_seed_is_the_same_run_in_whatever_process() -> None:
+    study = study_of(RigSettings(), duration=2.0)
+    alone, together = [study.run(seed) for seed in (3, 4)], list(study.runs([3, 4]))
+    for one, other in zip(alone, together, strict=True):
+        assert one.seed == other.seed and one.error.tobytes() == other.error.tobytes()
+    assert alone[0].error.tobytes() != alone[1].error.tobytes()
+
+
+def test_noise_beyond_what_the_checks_bear_stops_it_and_the_cause_is_told() -> None:
+    run = study_of(RigSettings(point_noise=2.0), duration=5.0).run(0)
+    assert run.stops and run.stops[0][1] in (Cause.SURPRISED, Cause.CAMERA_MOVED)
+    assert run.first_within(0.0) == np.inf
+    assert not study_of(QUIET, duration=5.0).run(0).stops
+
+
+def test_what_it_tells_of_a_run_is_counted_from_its_first_tick() -> None:
+    phases = [Phase.SERVO, Phase.HOLD, Phase.HOLD, Phase.ACQUIRE, Phase.FAULT]
+    places = np.array([PHASES.index(phase) for phase in phases], np.int8)
+    causes = np.array([0, Cause.STALE.place, Cause.STALE.place, 0, Cause.DRIVE_OFF.place], np.int8)
+    run = StudyRun(0, 100.0, np.array([3.0, 2.0, 1.0, 0.5, 1.5]), places, causes)
+    assert run.first_within(1.0) == 0.02
+    assert run.stops == [(0.01, Cause.STALE), (0.04, Cause.DRIVE_OFF)]
+
+
+@pytest.mark.parametrize(
+    ("choices", "words"),
+    [
+        ({"servo": Servo(SphericalRcm(), RigidTool(30.0), FlowEstimator())}, "servo.estimator"),
+        ({"duration": np.nan}, "duration must be a positive time"),
+        ({"shown": 0}, "shown"),
+        ({"settings": RigSettings(drive=Drive(delay=1.0)), "servo": None}, "drive.delay"),
+    ],
+)
+def test_what_cannot_be_studied_is_one_sentence(choices: dict, words: str) -> None:
+    fast = Servo(SphericalRcm(), RigidTool(30.0), rate=200.0)
+    if choices.get("servo") is None:
+        choices = choices | {"servo": fast}
+    with pytest.raises(BadInput, match=words):
+        Study(**choices)
