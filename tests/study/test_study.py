@@ -19,7 +19,7 @@ from rcmservo.method.tool import RigidTool, ScaledTool
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Drive, Rig, RigSettings
 from rcmservo.sim.rig import drawn
-from rcmservo.study import StudyRun, Study
+from rcmservo.study import Study, StudyRun
 from rcmservo.study.closed_loop import Goal
 from rcmservo.study.twin import project
 from rcmservo.tracking import PointMarkers
