@@ -17,7 +17,7 @@ from scipy.stats import binom, binomtest
 
 import rcmservo as rs
 from rcmservo.interfaces import Floats
-from rcmservo.study import StudyRun, Study
+from rcmservo.study import Study, StudyRun
 
 SHOWN = 300
 """Frames: 5 s."""

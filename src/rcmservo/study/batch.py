@@ -22,7 +22,7 @@ from rcmservo.sim.arm import HARD_STOP
 from rcmservo.sim.body import Body
 from rcmservo.sim.rig import drawn
 from rcmservo.sim.scene import Scene
-from rcmservo.study.closed_loop import Goal, Start, Course, closed_loop
+from rcmservo.study.closed_loop import Course, Goal, Start, closed_loop
 from rcmservo.study.twin import PAST, QUEUE, STEP, Drives, Lens, Twin
 
 BEGIN = 1_000_000_000
