@@ -33,6 +33,7 @@ check: $(TESTING)
 
 bench: $(TESTING)
 	$(BIN)/python benchmarks/step_time.py
+	$(BIN)/python benchmarks/batch.py
 	$(BIN)/python benchmarks/tracking.py 150
 	$(BIN)/python benchmarks/settle.py
 	$(BIN)/python benchmarks/campaign.py faults

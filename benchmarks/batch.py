@@ -1,7 +1,7 @@
 """Closed loops in scenes drawn from seeds, by the compiled twin of the laboratory: how soon and how
 near, with intervals, and how many steps a core makes in a second.
 
-    python benchmarks/batch.py [SCENES [NOISE]]
+    python benchmarks/batch.py [SCENES [NOISE [ESTIMATOR]]]
 
 15 s each, NOISE px of noise (0.3), 60 frames/s, 20 ms delay, the target shown for 5 s. Shares come
 with their Wilson interval of 95 %, quantiles with that of the order statistics.
@@ -16,6 +16,7 @@ import numpy as np
 from scipy.stats import binom, binomtest
 
 import rcmservo as rs
+from rcmservo.app.servo_options import ServoOptions
 from rcmservo.interfaces import Floats
 from rcmservo.study import Study, StudyRun
 
@@ -69,7 +70,9 @@ def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
     noise = float(sys.argv[2]) if len(sys.argv) > 2 else 0.3
     settings = rs.sim.RigSettings(point_noise=noise)
-    servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0))
+    name = sys.argv[3] if len(sys.argv) > 3 else "projection"
+    estimator = ServoOptions().estimator(name)
+    servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0), estimator)
     study = Study(servo, settings, shown=SHOWN)
     print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}")
     print(f"steps a second and core      {speed(study):.0f}")
@@ -81,7 +84,7 @@ def main() -> None:
     except KeyboardInterrupt:
         print("\nstopped", file=sys.stderr)
     print(file=sys.stderr)
-    print(f"{len(runs)} scenes, {noise:g} px         in {time.perf_counter() - start:.0f} s")
+    print(f"{len(runs)} scenes, {noise:g} px, {name}  in {time.perf_counter() - start:.0f} s")
     if runs:
         report(runs)
 

@@ -26,6 +26,7 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import teach
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.broyden import BroydenEstimator
+from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.flow import FlowEstimator
 from rcmservo.method.estimators.projection import ProjectionEstimator, normal_equations, sights
 from rcmservo.method.kinematics import PITCH_YAW, SPHERICAL, Rcm
@@ -184,6 +185,7 @@ def equations(rows: Floats, o_c: Floats, both: bool = True) -> tuple[Floats, Flo
 ESTIMATORS = {
     "fast": ProjectionEstimator(),
     "printed": ProjectionEstimator(gamma="printed", estimator_time=1000.0),
+    "dlt": DltEstimator(),
     "flow": FlowEstimator(gamma=0.05),
     "broyden": BroydenEstimator(min_step=0.1),
 }

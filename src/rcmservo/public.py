@@ -26,6 +26,7 @@ from rcmservo.loop.tick import Tick
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.broyden import BroydenEstimator
+from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.flow import FlowEstimator
 from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.method.exploration import Exploration
@@ -43,6 +44,7 @@ __all__ = [
     "Cause",
     "Clock",
     "Command",
+    "DltEstimator",
     "Estimator",
     "Exploration",
     "FlowEstimator",

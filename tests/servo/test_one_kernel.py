@@ -3,13 +3,15 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import pytest
 
 from conftest import first_quick, frozen, laboratory
 from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.estimators.projection import ProjectionEstimator
+from rcmservo.method.estimators.dlt import DltEstimator
+from rcmservo.method.estimators.projection import PRINTED, ProjectionEstimator
 from rcmservo.method.tool import Tool
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import State
@@ -21,7 +23,7 @@ class InParts(Estimator):
     """A user's estimator, which does what the built-in one does."""
 
     name = "in-parts"
-    same: ProjectionEstimator = field(default_factory=ProjectionEstimator)
+    same: Estimator = field(default_factory=ProjectionEstimator)
 
     def init(self) -> Any:
         return self.same.init()
@@ -31,6 +33,9 @@ class InParts(Estimator):
 
     def jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         return self.same.jacobian(memory, tool, sample)
+
+    def located(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
+        return self.same.located(memory, tool, sample)
 
 
 def states(wrong: str, estimator: Estimator) -> list[State]:
@@ -48,15 +53,25 @@ WRONG = ["marker_loss:at=3,for=0.3,marker=1", "none", "bump:at=4", "axis_stuck:a
 
 
 @pytest.mark.parametrize("wrong", first_quick(WRONG))
-@pytest.mark.parametrize(
-    "settings", [{}, {"gamma": "printed", "both_markers": False, "estimator_time": 1e4}]
-)
+@pytest.mark.parametrize("estimator", [ProjectionEstimator(), PRINTED, DltEstimator()])
 def test_both_routes_say_and_send_the_same_at_every_tick_to_the_last_bit(
-    wrong: str, settings: Any
+    wrong: str, estimator: Estimator
 ) -> None:
-    estimator = ProjectionEstimator(**settings)
     whole, parts = states(wrong, estimator), states(wrong, InParts(estimator))
     assert len(whole) == 700 and any(state.phase is Phase.SERVO for state in whole)
     assert any(state.cause.stopping for state in whole) == (wrong != "none")
     for one, other in zip(whole, parts, strict=True):
         assert frozen(but_memory(one)) == frozen(but_memory(other))
+
+
+class Halved(ProjectionEstimator):
+    """A user's own that derives from the built-in one."""
+
+    def jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
+        return 0.5 * super().jacobian(memory, tool, sample)
+
+
+def test_what_derives_from_a_compiled_estimator_is_called_as_it_is() -> None:
+    ours, own = states("none", ProjectionEstimator()), states("none", Halved())
+    first = next(k for k, state in enumerate(ours) if np.any(state.J_hat))
+    assert np.array_equal(own[first].J_hat, 0.5 * ours[first].J_hat)

@@ -136,7 +136,7 @@ def imaging(seen):
 def fitting(seen):
     """The projection estimator, with both Γ."""
     from rcmservo.method import tool
-    from rcmservo.method.estimators import decay
+    from rcmservo.method.estimators import compiled_ones, decay, dlt
     from rcmservo.method.estimators import projection as fit
 
     a, o_c, rows, shaft, out = seen.a, seen.o_c, seen.rows, tool.Shaft(0, SPACING), {}
@@ -157,6 +157,12 @@ def fitting(seen):
         "jacobian_at": fit.jacobian_at(a, P, seen.points, o_c, shaft),
         "predict": fit.predict(a, P, shaft),
     }
+    memory = dlt.DltEstimator().init()
+    for row in rows:
+        points = row[3:].reshape(2, 2)
+        memory = dlt.update(memory, row[:3], points, dlt.DltEstimator().rule, shaft)
+    out |= {"theta": memory.theta, "offset": memory.offset, "imaged": dlt.imaged(memory, P)}
+    out["nothing"] = compiled_ones.emptied(memory).sums
     for rate in (0.0, 20.0):
         memory, rule = fit.ProjectionMemory(np.zeros((7, 7)), 0, np.zeros(9)), (rate, 1e-7, True)
         for row in rows:
@@ -164,6 +170,7 @@ def fitting(seen):
             memory = fit.update(memory, row[:3], points, o_c, 0.1, fit.Rule(*rule), shaft)
         out[f"observations {rate}"] = memory.observations[: memory.filled]
         out[f"a_hat {rate}"] = memory.a_hat
+    out["none"] = compiled_ones.emptied(memory).a_hat
     return out
 
 
@@ -273,6 +280,7 @@ def steps():
     from rcmservo.guard.states import Phase
     from rcmservo.interfaces import Observation, Target
     from rcmservo.method.estimators.broyden import BroydenEstimator
+    from rcmservo.method.estimators.dlt import DltEstimator
     from rcmservo.method.estimators.flow import FlowEstimator
     from rcmservo.method.estimators.projection import ProjectionEstimator
     from rcmservo.method.exploration import Exploration
@@ -287,6 +295,7 @@ def steps():
             ProjectionEstimator("printed", observations=6, estimator_time=1e3),
             ScaledTool(1.3),
         ),
+        "dlt": (DltEstimator(), RigidTool(30.0)),
         "flow": (FlowEstimator(0.05), RigidTool(30.0)),
         "broyden": (BroydenEstimator(), RigidTool(30.0)),
     }

@@ -13,6 +13,7 @@ from rcmservo.errors import BadInput
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.broyden import BroydenEstimator
+from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.flow import FlowEstimator
 from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.method.exploration import Exploration
@@ -43,6 +44,8 @@ class ServoOptions:
     printed."""
     projection: ProjectionEstimator = field(default_factory=ProjectionEstimator)
     """Ĵ through the projection parameters, rule (21)."""
+    dlt: DltEstimator = field(default_factory=DltEstimator)
+    """Ĵ through the whole projection, fitted to all frames."""
     flow: FlowEstimator = field(default_factory=FlowEstimator)
     """Ĵ from flow, rule (28)."""
     broyden: BroydenEstimator = field(default_factory=BroydenEstimator)

@@ -16,6 +16,7 @@ from rcmservo.guard.thresholds import Thresholds
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.broyden import BroydenEstimator
+from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.flow import FlowEstimator
 from rcmservo.method.estimators.projection import PRINTED, ProjectionEstimator
 from rcmservo.method.exploration import Exploration
@@ -29,7 +30,7 @@ MECHANISMS: Mapping[str, type[Kinematics]] = {
 }
 TOOLS: Mapping[str, type[Tool]] = {kind.name: kind for kind in (RigidTool, ScaledTool)}
 ESTIMATORS: Mapping[str, type[Estimator]] = {
-    kind.name: kind for kind in (ProjectionEstimator, FlowEstimator, BroydenEstimator)
+    kind.name: kind for kind in (ProjectionEstimator, DltEstimator, FlowEstimator, BroydenEstimator)
 }
 PRESETS: Mapping[str, Estimator] = {"projection-printed": PRINTED}
 """Estimators with settings of their own that the command line has a name for."""

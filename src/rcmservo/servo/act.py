@@ -20,7 +20,7 @@ from rcmservo.guard.states import (
     transition,
 )
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import Told, Watch, unwatch
+from rcmservo.guard.watch import Told, Watch, unwatch, watch_estimate
 from rcmservo.interfaces import Floats
 from rcmservo.loops import length, minus, put
 from rcmservo.method.exploration import Exploring, begin, complete, corner, towards, visit
@@ -29,7 +29,7 @@ from rcmservo.rows import Rows
 from rcmservo.servo.decide import decide
 from rcmservo.servo.dials import Asked, Fixed, rcm_of
 from rcmservo.servo.forget import forget, forget_but_places, restart, stand
-from rcmservo.servo.look import BELIEVED
+from rcmservo.servo.look import BELIEVED, LEARN
 from rcmservo.servo.state import Decision, Estimate, Parts
 
 NOT_FINITE, SURPRISED = Cause.NOT_FINITE.place, Cause.SURPRISED.place
@@ -79,6 +79,9 @@ def act(
     believed, now = news >= BELIEVED, seen.now
     if asked.other:
         restart(s.decision, now)
+    if news == LEARN and s.tour.done:
+        e, t = s.estimate, fixed.thresholds[0]
+        watch_estimate(s.watch, e.p1, e.points, e.o_c, e.J_hat, t)
     if not s.tour.done:
         explore(s, seen, believed, fixed)
     found = decide(s, seen, asked, fixed) | more

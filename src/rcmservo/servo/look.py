@@ -8,7 +8,6 @@ from rcmservo.guard.watch import (
     Told,
     Watch,
     stays,
-    watch_estimate,
     watch_frame,
     watch_loop,
     watch_markers,
@@ -81,20 +80,13 @@ def doubt(w: Watch, e: Estimate, seen: Told, way: Floats, foretold: bool, t: Thr
 
 @compiled
 def learn(
-    watch: Rows[Watch],
-    estimate: Rows[Estimate],
-    J_hat: Floats,
-    target: Floats,
-    exposure: int,
-    explored: bool,
-    thresholds: Rows[Thresholds],
+    estimate: Rows[Estimate], J_hat: Floats, points: Floats, target: Floats, exposure: int
 ) -> None:
-    """Take in the new Ĵ: features and error about the present o_c, to the `target` (2, 2) px."""
+    """Take in the new Ĵ: features of the markers' `points` about the present o_c, and the error to
+    the `target`, both (2, 2) px."""
     e = estimate[0]
     e.exposure = exposure
     put(e.J_hat, J_hat)
-    y, delta = measured(e.points, target, e.o_c)
+    y, delta = measured(points, target, e.o_c)
     put(e.y, y)
     put(e.delta, delta)
-    if explored:
-        watch_estimate(watch[0], e.p1, e.points, e.o_c, e.J_hat, thresholds[0])

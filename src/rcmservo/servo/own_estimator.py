@@ -16,7 +16,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.tool import Tool
 
-NOTHING = np.empty(0)
+NOTHING, NOWHERE = np.empty(0), np.full((2, 2), np.nan)
 TRIES = 30
 """Made-up samples that an estimator is tried on."""
 
@@ -32,6 +32,8 @@ class Guarded(NamedTuple):
     """Its own."""
     J_hat: Floats
     """Ĵ (3, 3) as it gave it; NaN where it failed."""
+    points: Floats
+    """Where it has the markers (2, 2) px."""
     numbers: Floats
     """What a record keeps of its memory (n,)."""
     failure: str
@@ -73,9 +75,9 @@ class Guard(Estimator):
     def init(self) -> Guarded:
         try:
             memory = self._of("init")
-            return Guarded(memory, np.zeros((3, 3)), self._numbers(memory), "")
+            return Guarded(memory, np.zeros((3, 3)), NOWHERE, self._numbers(memory), "")
         except UnusableEstimator as error:
-            return Guarded(None, np.full((3, 3), np.nan), NOTHING, str(error))
+            return Guarded(None, np.full((3, 3), np.nan), NOWHERE, NOTHING, str(error))
 
     def update(self, memory: Guarded, tool: Tool, sample: Sample) -> Guarded:
         started = perf_counter_ns()
@@ -92,16 +94,22 @@ class Guard(Estimator):
         J_hat = self._array("jacobian", (3, 3), memory, tool, sample)
         if not np.isfinite(J_hat).all():
             raise self._wrong("jacobian", "is not finite")
+        points = self._array("located", (2, 2), memory, tool, sample)
+        if not np.isfinite(points).all():
+            raise self._wrong("located", "is not finite")
         self._model(memory, tool, sample.p1)
         numbers = self._numbers(memory)
         if numbers.shape != before.numbers.shape:
             raise self._wrong(
                 "remembered", f"gave {len(numbers)} numbers after {before.numbers.size}"
             )
-        return Guarded(memory, J_hat, numbers, "")
+        return Guarded(memory, J_hat, points, numbers, "")
 
     def jacobian(self, memory: Guarded, tool: Tool, sample: Sample) -> Floats:
         return memory.J_hat
+
+    def located(self, memory: Guarded, tool: Tool, sample: Sample) -> Floats:
+        return sample.points if memory.failure else memory.points
 
     def predict(self, memory: Guarded, tool: Tool, p1: Floats) -> Floats | None:
         try:

@@ -21,7 +21,8 @@ from rcmservo.guard.watch import Told, Watch, begin, told
 from rcmservo.interfaces import Floats, Observation, Target
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.estimators.projection import ProjectionEstimator, ProjectionMemory
+from rcmservo.method.estimators.compiled_ones import AnyRule, rule_of
+from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.method.exploration import Exploration, Exploring
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.method.kinematics import Kinematics, Rcm, floats, position
@@ -104,6 +105,11 @@ class Servo:
         ).rows
 
     @cached_property
+    def rule(self) -> AnyRule | None:
+        """What they know of the estimator; None where it does not compile."""
+        return rule_of(self.estimator)
+
+    @cached_property
     def fixed(self) -> Fixed:
         """What the compiled parts know of all this."""
         return Fixed(
@@ -180,10 +186,8 @@ class Servo:
         kept = Kept(
             state.watch.rows, learnt.estimate.rows, learnt.tour.rows, last.rows, learnt.lines
         )
-        if type(self.estimator) is ProjectionEstimator:
-            rule = self.estimator.rule
-            kept, memory = tick(kept, learnt.memory, numbers, asked, self.fixed, rule)
-            memory = ProjectionMemory(*memory)
+        if self.rule is not None:
+            kept, memory = tick(kept, learnt.memory, numbers, asked, self.fixed, self.rule)
         else:
             kept, memory, failed = self._by_parts(kept, learnt.memory, numbers, asked)
         watch, estimate, tour, decision, lines = kept
@@ -204,7 +208,8 @@ class Servo:
             sample = Sample(e.p1, seen.points, e.o_c, dt)
             memory = self.learner.update(memory, self.tool, sample)
             J_hat = self.learner.jacobian(memory, self.tool, sample)
-            learn(watch, estimate, J_hat, asked.points, seen.exposure, explored, fixed.thresholds)
+            points = self.learner.located(memory, self.tool, sample)
+            learn(estimate, J_hat, points, asked.points, seen.exposure)
         failed = failure(memory)
         more = Cause.ESTIMATOR_FAILED.bit if failed else 0
         now = Kept(watch, estimate, kept.tour, kept.decision, lines)

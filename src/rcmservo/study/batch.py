@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from multiprocessing import Pool
-from typing import Any
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from rcmservo.errors import require
 from rcmservo.guard.causes import CAUSES, Cause
 from rcmservo.guard.states import PHASES, Phase
 from rcmservo.interfaces import Floats
-from rcmservo.method.estimators.projection import ProjectionEstimator
+from rcmservo.method.estimators.compiled_ones import COMPILED, AnyRule
 from rcmservo.servo.act import Kept
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
@@ -72,9 +72,10 @@ class Study:
     """Frames that the target is the mean of."""
 
     def __post_init__(self) -> None:
-        good = type(self.servo.estimator) is ProjectionEstimator
+        kinds = " or ".join(kind.__name__ for kind in COMPILED)
         name = type(self.servo.estimator).__name__
-        require(good, "servo.estimator", name, "ProjectionEstimator, whose step is compiled")
+        good = self.servo.rule is not None
+        require(good, "servo.estimator", name, f"{kinds}, whose steps are compiled")
         require(0.0 < self.duration < np.inf, "duration", self.duration, "a positive time in s")
         require(self.shown >= 1, "shown", self.shown, "at least 1 frame")
         slow = self.settings.drive.delay * self.servo.rate < QUEUE
@@ -119,8 +120,7 @@ class Study:
             state.decision.rows,
             learnt.lines,
         )
-        rule: Any = servo.estimator
-        return Start(kept, learnt.memory, servo.fixed, rule.rule, BEGIN)
+        return Start(kept, learnt.memory, servo.fixed, cast(AnyRule, servo.rule), BEGIN)
 
     def _twin(self, scene: Scene) -> Twin:
         """The laboratory before a scene's start."""

@@ -10,7 +10,7 @@ from rcmservo.compiled import compiled
 from rcmservo.guard.watch import Told
 from rcmservo.interfaces import Floats
 from rcmservo.loops import fill, length, minus, put
-from rcmservo.method.estimators.projection import ProjectionMemory, Rule
+from rcmservo.method.estimators.compiled_ones import AnyRule, Memory
 from rcmservo.method.kinematics import position
 from rcmservo.method.tool import second_marker
 from rcmservo.servo.act import Kept
@@ -35,11 +35,11 @@ class Start(NamedTuple):
 
     kept: Kept
     """What the servo remembers."""
-    memory: ProjectionMemory
+    memory: Memory
     """What its estimator does."""
     fixed: Fixed
     """What the servo is made of."""
-    rule: Rule
+    rule: AnyRule
     """What its estimator is."""
     now: int
     """When the first tick is, ns."""

@@ -45,6 +45,12 @@ class Estimator(ABC):
     def jacobian(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         """Ĵ (3, 3) at the sample, rad/mm, px/mm, px/mm; zeros while nothing is known."""
 
+    def located(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
+        """Where the markers are at the sample, (2, 2) raw px: as they were seen, unless an
+        estimator averages their noise out."""
+        del memory, tool
+        return sample.points
+
     def predict(self, memory: Any, tool: Tool, p1: Floats) -> Floats | None:
         """The markers' pixels m (4,) from o_c that the estimate expects at p1, or None where it has
         no such model."""
