@@ -10,10 +10,13 @@ from numba.extending import overload
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
-from rcmservo.method.estimators import dlt, projection
 from rcmservo.method.estimators.base import Estimator
-from rcmservo.method.estimators.dlt import DltEstimator, DltMemory, DltRule
+from rcmservo.method.estimators.dlt import DltEstimator, DltMemory, DltRule, located
+from rcmservo.method.estimators.dlt import jacobian_at as dlt_jacobian
+from rcmservo.method.estimators.dlt import update as dlt_update
 from rcmservo.method.estimators.projection import ProjectionEstimator, ProjectionMemory, Rule
+from rcmservo.method.estimators.projection import jacobian_at as projection_jacobian
+from rcmservo.method.estimators.projection import update as projection_update
 from rcmservo.method.tool import Shaft
 
 declared: Any = partial(overload, strict=False)
@@ -42,8 +45,8 @@ def projection_learned(
     shaft: Shaft,
 ) -> tuple[ProjectionMemory, Floats, Floats]:
     """`learned` by rule (21)."""
-    memory = projection.update(memory, p1, points, o_c, dt, rule, shaft)
-    J_hat = projection.jacobian_at(memory.a_hat, p1, points, o_c, shaft)
+    memory = projection_update(memory, p1, points, o_c, dt, rule, shaft)
+    J_hat = projection_jacobian(memory.a_hat, p1, points, o_c, shaft)
     return memory, J_hat, points
 
 
@@ -58,9 +61,9 @@ def dlt_learned(
     shaft: Shaft,
 ) -> tuple[DltMemory, Floats, Floats]:
     """`learned` by the direct linear transformation."""
-    memory = dlt.update(memory, p1, points, rule, shaft)
-    J_hat = dlt.jacobian_at(memory, p1, points, o_c, shaft)
-    return memory, J_hat, dlt.located(memory, p1, shaft)
+    memory = dlt_update(memory, p1, points, rule, shaft)
+    J_hat = dlt_jacobian(memory, p1, points, o_c, shaft)
+    return memory, J_hat, located(memory, p1, shaft)
 
 
 @compiled
