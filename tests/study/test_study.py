@@ -159,6 +159,8 @@ def test_what_it_tells_of_a_run_is_counted_from_its_first_tick() -> None:
     run = StudyRun(0, 100.0, np.array([3.0, 2.0, 1.0, 0.5, 1.5]), places, causes)
     assert run.first_within(1.0) == 0.02
     assert run.stops == [(0.01, Cause.STALE), (0.04, Cause.DRIVE_OFF)]
+    held = replace(run, phases=places[1:], causes=causes[1:])
+    assert held.stops == [(0.0, Cause.STALE), (0.03, Cause.DRIVE_OFF)]
 
 
 @pytest.mark.parametrize(
@@ -167,6 +169,8 @@ def test_what_it_tells_of_a_run_is_counted_from_its_first_tick() -> None:
         ({"servo": Servo(SphericalRcm(), RigidTool(30.0), FlowEstimator())}, "servo.estimator"),
         ({"duration": np.nan}, "duration must be a positive time"),
         ({"shown": 0}, "shown"),
+        ({"servo": Servo(PitchYawRcm(), RigidTool(30.0))}, "servo.mechanism"),
+        ({"servo": Servo(SphericalRcm(), RigidTool(29.0))}, "servo.tool"),
         ({"settings": RigSettings(drive=Drive(delay=1.0)), "servo": None}, "drive.delay"),
     ],
 )
@@ -176,3 +180,12 @@ def test_what_cannot_be_studied_is_one_sentence(choices: dict, words: str) -> No
         choices = choices | {"servo": fast}
     with pytest.raises(BadInput, match=words):
         Study(**choices)
+
+
+def test_a_seed_or_a_noise_that_cannot_be_is_one_sentence() -> None:
+    study = study_of(QUIET, duration=1.0)
+    with pytest.raises(BadInput, match="seed must be"):
+        study.run(-1)
+    scene, _ = drawn(0, QUIET)
+    with pytest.raises(BadInput, match="noise must be"):
+        study.of(0, scene, shown(0, QUIET), np.zeros((10, 2, 2)))

@@ -79,6 +79,7 @@ def drawn(seed: int, settings: RigSettings) -> tuple[Scene, np.random.Generator]
 
 def _seeds(seed: int) -> list[np.random.SeedSequence]:
     """Of the scene, the camera's noise, another place of the camera, and the disturbances."""
+    require(seed >= 0, "seed", seed, "a whole number that is not negative")
     return np.random.SeedSequence(seed).spawn(4)
 
 
@@ -102,7 +103,6 @@ class Rig:
         pictures: bool = True,
         disturbances: Sequence[Disturbance] = (),
     ) -> None:
-        require(seed >= 0, "seed", seed, "a whole number that is not negative")
         self.seed, self.settings = seed, settings or RigSettings()
         s = self.settings
         drawing, noise, elsewhere, chance = _seeds(seed)

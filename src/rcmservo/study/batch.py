@@ -53,8 +53,8 @@ class StudyRun:
     def stops(self) -> list[tuple[float, Cause]]:
         """s and cause of every stop: HOLD, PAUSED or FAULT after what was none of them."""
         stopping = [PHASES.index(phase) for phase in (Phase.HOLD, Phase.PAUSED, Phase.FAULT)]
-        stands = np.isin(self.phases, stopping)
-        begun = np.flatnonzero(stands & ~np.roll(stands, 1))
+        stands = np.isin(self.phases, stopping).astype(np.int8)
+        begun = np.flatnonzero(np.diff(stands, prepend=0) > 0)
         return [(float(k / self.rate), CAUSES[self.causes[k]]) for k in begun]
 
 
@@ -78,6 +78,9 @@ class Study:
         require(good, "servo.estimator", name, f"{kinds}, whose steps are compiled")
         require(0.0 < self.duration < np.inf, "duration", self.duration, "a positive time in s")
         require(self.shown >= 1, "shown", self.shown, "at least 1 frame")
+        for box in ("mechanism", "tool"):
+            known, there = getattr(self.servo, box), getattr(self.settings, box)
+            require(known == there, f"servo.{box}", known, f"that of the laboratory, {there}")
         slow = self.settings.drive.delay * self.servo.rate < QUEUE
         require(slow, "drive.delay", self.settings.drive.delay, f"below {QUEUE} ticks")
 
@@ -93,6 +96,8 @@ class Study:
 
     def of(self, seed: int, scene: Scene, shown: Goal, noise: Floats) -> StudyRun:
         """One closed loop in a scene, to what was shown, with the noise (frames, 2, 2) px."""
+        good = noise.shape[0] >= self._frames and noise.shape[1:] == (2, 2)
+        require(good, "noise", noise.shape, f"of shape (2, 2) for at least {self._frames} frames")
         ticks = round(self.duration * self.servo.rate)
         trace = Course(np.empty(ticks), np.empty(ticks, np.int8), np.empty(ticks, np.int8))
         closed_loop(self._start, self._twin(scene), shown, noise, trace)
