@@ -959,3 +959,16 @@ def test_how_near_two_wrong_places_must_be_to_be_one_is_a_threshold(agreement, s
     t = as_row(Thresholds(agreement=agreement))[0]
     watch, there = Watch.of(rejected=1, elsewhere=0.0), np.array([[3.0, 4.0], [3.0, 4.0]])
     assert stays(watch.rows[0], there, t) == steady
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("far", first_quick([1e6, 1e100, 1e300]))
+def test_joints_that_no_arm_has_are_not_learnt_from(estimator, far):
+    """They once came to a matrix that cannot be solved, and ended the loop by an exception."""
+    lab = laboratory()
+    servo = lab.servo(estimator=ESTIMATORS[estimator])
+    away = np.array([0.5, 0.2, far])
+    *_, (_, held) = lab.run(servo, 0.5, change=lambda seen: replace(seen, q_exposure=away))
+    assert (held.phase, held.cause) == (Phase.IDLE, Cause.JOINTS_UNKNOWN)
+    *_, (_, fault) = lab.run(servo, 0.1, held, lambda seen: replace(seen, q=away, q_exposure=away))
+    assert fault.phase is Phase.FAULT and not fault.command.enabled

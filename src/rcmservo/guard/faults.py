@@ -12,7 +12,7 @@ from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Told, Watch
 from rcmservo.interfaces import Dropped
 from rcmservo.loops import all_finite
-from rcmservo.method.kinematics import Rcm
+from rcmservo.method.kinematics import Rcm, reachable
 
 JOINTS_NOT_FINITE, DRIVE_OFF = Cause.JOINTS_NOT_FINITE.bit, Cause.DRIVE_OFF.bit
 ARM_SILENT, BEYOND_LIMIT = Cause.ARM_SILENT.bit, Cause.BEYOND_LIMIT.bit
@@ -47,10 +47,9 @@ def arm_faults(w: Watch, seen: Told, on: bool, rcm: Rcm, t: Thresholds) -> int:
         found |= DRIVE_OFF
     if not abs(seen.now - seen.q_time) <= t.silence * 1e9:
         found |= ARM_SILENT
+    if not reachable(rcm, seen.q, t.slack):
+        found |= BEYOND_LIMIT
     for i in range(3):
-        slack = t.slack * (rcm.upper[i] - rcm.lower[i])
-        if not rcm.lower[i] - slack <= seen.q[i] <= rcm.upper[i] + slack:
-            found |= BEYOND_LIMIT
         if not abs(seen.q[i] - w.reached[i]) <= t.following[i]:
             found |= NOT_FOLLOWING
         if all_finite(w.rest) and not abs(seen.q[i] - w.rest[i]) <= t.following[i]:
@@ -72,14 +71,14 @@ def loop_faults(w: Watch, seen: Told, period: int, t: Thresholds) -> int:
 
 
 @compiled
-def camera_faults(w: Watch, seen: Told, t: Thresholds) -> int:
+def camera_faults(w: Watch, seen: Told, rcm: Rcm, t: Thresholds) -> int:
     """What is wrong with the frames and with where they show the markers."""
     found = FRAMES_NOT_NEW if seen.frame < w.frame else 0
     if seen.frame < 0:
         return found
     first, second = lost(seen.points)
     found |= LOST[(1 if first else 0) + (2 if second else 0)]
-    if not all_finite(seen.q_exposure):
+    if not reachable(rcm, seen.q_exposure, t.slack):
         found |= JOINTS_UNKNOWN
     if not w.latency <= t.latency * 1e9:
         found |= LATE

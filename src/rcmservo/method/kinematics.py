@@ -112,6 +112,17 @@ def joint_rates(rcm: Rcm, q: Floats, v: Floats) -> Floats:
 
 
 @compiled
+def reachable(rcm: Rcm, q: Floats, slack: float) -> bool:
+    """Whether the joints q (3,) are within their limits, but for a share `slack` of each range; NaN
+    is not."""
+    for i in range(3):
+        beyond = slack * (rcm.upper[i] - rcm.lower[i])
+        if not rcm.lower[i] - beyond <= q[i] <= rcm.upper[i] + beyond:
+            return False
+    return True
+
+
+@compiled
 def blocked(
     rcm: Rcm, q: Floats, v: Floats, fastest: Floats, horizon: float, share: float
 ) -> tuple[int, Floats]:

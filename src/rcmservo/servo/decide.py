@@ -31,7 +31,7 @@ def decide(s: Parts, seen: Told, asked: Asked, fixed: Fixed) -> int:
     c, t = fixed.dials[0], fixed.thresholds[0]
     on = d.phase not in (DISABLED, FAULT)
     found = arm_faults(w, seen, on, rcm_of(c), t) | loop_faults(w, seen, c.period, t)
-    found |= camera_faults(w, seen, t)
+    found |= camera_faults(w, seen, rcm_of(c), t)
     if not all_finite(e.J_hat):
         found |= ESTIMATE_NOT_FINITE
     if d.phase == PAUSED and seen.frame < 0:

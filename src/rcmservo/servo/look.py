@@ -13,10 +13,10 @@ from rcmservo.guard.watch import (
     watch_markers,
 )
 from rcmservo.interfaces import Floats
-from rcmservo.loops import all_finite, length, minus, put
+from rcmservo.loops import length, minus, put
 from rcmservo.method.features import measured
 from rcmservo.method.imaged_rcm import follow
-from rcmservo.method.kinematics import position
+from rcmservo.method.kinematics import position, reachable
 from rcmservo.rows import Rows
 from rcmservo.servo.dials import Fixed, rcm_of
 from rcmservo.servo.state import Estimate
@@ -42,10 +42,10 @@ def look(
     if not seen.frame > w.frame:
         return watch, estimate, lines, NOTHING, 0.0
     watch_frame(w, seen, t)
-    p1 = position(rcm_of(c), seen.q_exposure)
     first, second = lost(seen.points)
-    if first or second or not all_finite(p1):
+    if first or second or not reachable(rcm_of(c), seen.q_exposure, t.slack):
         return watch, estimate, lines, NOTHING, 0.0
+    p1 = position(rcm_of(c), seen.q_exposure)
     doubt(w, e, seen, minus(p1, e.p1), explored and e.rcm_condition <= c.rcm_condition, t)
     if w.rejected > 0:
         return watch, estimate, lines, NOTHING, 0.0
