@@ -82,8 +82,8 @@ def dlt_emptied(memory: DltMemory) -> DltMemory:
     )  # fmt: skip
 
 
-LEARNED: dict[Any, Any] = {ProjectionMemory: projection_learned, DltMemory: dlt_learned}
-EMPTIED: dict[Any, Any] = {ProjectionMemory: projection_emptied, DltMemory: dlt_emptied}
+LEARNED = {ProjectionMemory: projection_learned, DltMemory: dlt_learned}
+EMPTIED = {ProjectionMemory: projection_emptied, DltMemory: dlt_emptied}
 
 
 def learned(
@@ -98,7 +98,7 @@ def emptied(memory: Any) -> Any:
     return EMPTIED[type(memory)](memory)
 
 
-def _of(functions: dict[Any, Any], memory: Any) -> Any:
+def _of(functions: Any, memory: Any) -> Any:
     """The one of these functions that a compiled caller means."""
     assert isinstance(memory, types.NamedTuple)
     return functions[cast(Any, memory).instance_class].py_func
