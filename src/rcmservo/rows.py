@@ -7,9 +7,8 @@ A class that derives from `Row` declares its fields once, each with shape, unit 
         condition: float = real("", "condition number of the scaled Ĵ")
 
 A row may have the fields of others, which it derives from. Its numbers lie in a NumPy array of such
-rows. A compiled function takes the array and reads
-`rows[0].o_c`; a batch is a longer array. Outside of compiled functions `Estimate(rows).o_c` is the
-same number or a view of it.
+rows. A compiled function takes the array and reads `rows[0].o_c`; a batch is a longer array.
+Outside of compiled functions `Estimate(rows).o_c` is the same number or a view of it.
 """
 
 from dataclasses import fields

@@ -34,11 +34,13 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import NotShown, teach
 from rcmservo.method.controller import SaturatedController
+from rcmservo.method.exploration import Exploring
 from rcmservo.method.imaged_rcm import ImagedRcm, solve
 from rcmservo.method.kinematics import JointLimits, PitchYawRcm
 from rcmservo.rows import as_row
+from rcmservo.servo.forget import forget
 from rcmservo.servo.servo import Servo
-from rcmservo.servo.state import Estimate
+from rcmservo.servo.state import Estimate, Parts
 from rcmservo.sim import RigSettings, Timing
 from rcmservo.tracking import PointMarkers
 
@@ -972,3 +974,15 @@ def test_joints_that_no_arm_has_are_not_learnt_from(estimator, far):
     assert (held.phase, held.cause) == (Phase.IDLE, Cause.JOINTS_UNKNOWN)
     *_, (_, fault) = lab.run(servo, 0.1, held, lambda seen: replace(seen, q=away, q_exposure=away))
     assert fault.phase is Phase.FAULT and not fault.command.enabled
+
+
+def test_what_is_forgotten_is_what_is_not_known_at_first():
+    """Written down twice: as rows to begin with, and as what compiled functions write over them."""
+    state = servoing(laboratory(), laboratory().servo())
+    learnt, first = state.learnt, laboratory().servo().init().learnt
+    rows = [
+        part.rows.copy() for part in (state.watch, learnt.estimate, learnt.tour, state.decision)
+    ]
+    forget(Parts(*(row[0] for row in rows)))
+    assert frozen(Estimate(rows[1])) == frozen(first.estimate) != frozen(learnt.estimate)
+    assert frozen(Exploring(rows[2])) == frozen(first.tour) != frozen(learnt.tour)
