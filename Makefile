@@ -39,6 +39,7 @@ bench: $(TESTING)
 	$(BIN)/python benchmarks/campaign.py faults
 	$(BIN)/python benchmarks/campaign.py short
 	$(BIN)/python benchmarks/campaign.py none
+	$(BIN)/python benchmarks/unnoticed.py
 	$(BIN)/python benchmarks/occlusion.py
 	$(BIN)/python benchmarks/replays.py 100
 	$(BIN)/python benchmarks/damage.py

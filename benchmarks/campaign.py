@@ -8,9 +8,11 @@ what it said.
     short    1 to 3 that ask for HOLD at most, each shorter than 0.5 s (500 runs)
 
 A camera that delivers points with 0.1 px of noise, about what tracking rendered frames leaves.
-Every run's commands are checked where the arm takes them. Odd runs are listed with their seed and
-disturbances, so that each can be run again: `rcmservo run --seed N --disturb ...` (with pictures),
-or `one(seed, kind)` below.
+Every run's commands are checked where the arm takes them. Unnoticed millimetres are those by which
+the true error grows while the servo names no cause, after an onlooker who knows the true camera
+could see in the frames that something is wrong (rcmservo.sim.disturb.oracle). Odd runs are listed
+with their seed and disturbances, so that each can be run again: `rcmservo run --seed N --disturb
+...` (with pictures), or `one(seed, kind)` below.
 """
 
 import signal
@@ -30,10 +32,12 @@ from rcmservo.record.verdict import TOLERANCE, Judge
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, RigSettings
 from rcmservo.sim.disturb import KINDS, causes_of, random_disturbances
+from rcmservo.sim.disturb.oracle import Oracle, Unnoticed
 from rcmservo.sim.person import Person, attended
 from rcmservo.tracking import PointMarkers
 
 DURATION = 30.0
+NOISE = 0.1
 FAULTS_UNTIL = 20.0
 PATIENCE = 5
 STILL = 0.1
@@ -41,6 +45,9 @@ STILL = 0.1
 
 BEFORE = 1.0
 """s before a stop within which a fault must have been active to be its cause."""
+
+UNNOTICED = 5.0
+"""mm by which the true error may grow unnoticed."""
 
 SHORT = (
     "marker_loss",
@@ -71,6 +78,7 @@ class Run:
     resumed: int = 0
     shown: int = 0
     pose_error: float = np.nan
+    unnoticed: float = 0.0
     words: str = ""
 
 
@@ -128,7 +136,9 @@ def one(seed: int, kind: str) -> Run:
     """One run and what became of it."""
     disturbances = disturbances_of(seed, kind)
     run = Run(seed, [str(disturbance) for disturbance in disturbances])
-    rig = rs.sim.Rig(seed, RigSettings(point_noise=0.1), pictures=False, disturbances=disturbances)
+    rig = rs.sim.Rig(
+        seed, RigSettings(point_noise=NOISE), pictures=False, disturbances=disturbances
+    )
     servo = rs.Servo(rig.settings.mechanism, rig.settings.tool)
     plant = rs.Plant(
         Guarded(rig.arm, servo, run.wrong_commands), rig.camera, PointMarkers(), rig.clock
@@ -140,23 +150,29 @@ def one(seed: int, kind: str) -> Run:
     rig.go_home()
     rig.begin()
     person, judge = Person(rig, plant, PATIENCE), Judge(servo, target)
-    start = rig.clock.now()
+    start, unnoticed = rig.clock.now(), Unnoticed(Oracle(rig.truth, NOISE))
+    ticks = attended(
+        rig, plant, servo, target, DURATION, person, lambda *begins: unnoticed.oracle.learn()
+    )
     try:
-        for tick in watched(
-            run, attended(rig, plant, servo, target, DURATION, person), disturbances, start
-        ):
+        for tick in watched(run, ticks, disturbances, start):
             judge.add(tick)
+            unnoticed.look(tick, float(np.linalg.norm(rig.truth.markers(tick.seen.now)[1] - p_d)))
     except Killed:
         run.end = "killed"
-    run.resumed, run.shown = person.resumed, person.shown
+    run.resumed, run.shown, run.unnoticed = person.resumed, person.shown, unnoticed.grown
     run.pose_error = float(np.linalg.norm(rig.truth.markers(rig.clock.now())[1] - p_d))
     if not run.end:
-        outcome = judge.outcome()
-        run.words = outcome.cause
-        phase = tick.state.phase
-        there = phase is rs.Phase.SERVO and bool((outcome.error < TOLERANCE).all())
-        run.end = "settled" if there else phase.name if phase in STOPS else "under way"
+        run.end, run.words = ended(tick, judge)
     return run
+
+
+def ended(last: rs.Tick, judge: Judge) -> tuple[str, str]:
+    """How a run ended, in a word, and why."""
+    outcome, phase = judge.outcome(), last.state.phase
+    there = phase is rs.Phase.SERVO and bool((outcome.error < TOLERANCE).all())
+    end = "settled" if there else phase.name if phase in STOPS else "under way"
+    return end, outcome.cause
 
 
 def watched(
@@ -182,10 +198,11 @@ def watched(
 
 
 def accepted(disturbances: list[Disturbance], now: float) -> set[rs.Cause]:
-    """The causes that name a fault which was active within the second before."""
+    """The causes that name a fault which was active within the second before, or which stays."""
     causes: set[rs.Cause] = set()
     for disturbance in disturbances:
-        lasts = 0.0 if KINDS[disturbance.kind].lasts is None else disturbance.lasts
+        kind = KINDS[disturbance.kind]
+        lasts = np.inf if kind.stays else 0.0 if kind.lasts is None else disturbance.lasts
         if disturbance.at <= now <= disturbance.at + lasts + BEFORE:
             causes |= causes_of(disturbance.kind)
     return causes
@@ -223,17 +240,24 @@ def report(runs: list[Run], kind: str) -> None:
             f"pose error of settled runs: median {p50:.3f}, 99 % {p99:.3f}, worst "
             f"{settled.max():.3f} mm"
         )
+    grown = [run.unnoticed for run in runs]
+    print(
+        f"unnoticed millimetres: worst {max(grown, default=0.0):.2f}; more than {UNNOTICED:g} in "
+        f"{sum(one > UNNOTICED for one in grown)} runs"
+    )
     for run in runs:
         wrong = [stop for stop in run.stops if not stop[3]]
         lost = run.end == "settled" and run.pose_error > 2.0
-        if run.wrong_commands or run.too_slow or wrong or lost or run.end == "under way":
+        lost = lost or run.unnoticed > UNNOTICED or run.end == "under way"
+        if run.wrong_commands or run.too_slow or wrong or lost:
             what = (
                 run.wrong_commands[:2]
                 + run.too_slow[:2]
                 + [f"{t:.2f} s {p} {c}" for t, p, c, _ in wrong]
             )
             print(
-                f"  seed {run.seed} ends {run.end}, {run.pose_error:.2f} mm: {what} "
+                f"  seed {run.seed} ends {run.end}, {run.pose_error:.2f} mm, "
+                f"{run.unnoticed:.2f} unnoticed: {what} "
                 f"{run.words}\n    {run.disturbances}"
             )
 

@@ -2,10 +2,11 @@
 
     python benchmarks/decisions.py FOLDER            compare with every FOLDER/NNN.npz
     python benchmarks/decisions.py FOLDER --keep N   first keep what today's servo decides, N runs
+    python benchmarks/decisions.py FOLDER --anew     first keep anew the runs that are there
 
 A file holds one run of the campaign's faults (`campaign.py`, point camera, 0.1 px) as plain arrays:
-what the servo saw at every tick and what it decided. Those of version 0.1.0, before the house was
-rebuilt, were kept so with the code of that day; a few of them are in tests/data/v0.1.0/decisions.
+what the servo saw at every tick and what it decided. A few of them are in tests/data/decisions. Who
+changes a decision on purpose keeps them anew, in the commit that says why.
 """
 
 import sys
@@ -21,9 +22,7 @@ import rcmservo as rs
 from rcmservo.interfaces import Dropped
 
 ROUNDING = 1e-8
-"""rad/s or mm/s that a command may differ by. Version 0.1.0 differs from itself by up to 4.6e-9,
-and in 7 of 100 runs by more than 1e-9, when every pixel coordinate is moved by one unit in its last
-place: after a short exploration some modes of â are hardly known."""
+"""rad/s or mm/s that a command may differ by: other machines round otherwise."""
 
 Table = dict[str, np.ndarray[Any, Any]]
 
@@ -142,13 +141,19 @@ def arrays(ticks: list[rs.Tick], stages: list[tuple[int, bool, rs.Target]]) -> T
     }
 
 
+def asked(folder: Path) -> list[int]:
+    """The seeds of the runs to keep first."""
+    if "--keep" in sys.argv:
+        return list(range(int(sys.argv[sys.argv.index("--keep") + 1])))
+    return [int(path.stem) for path in folder.glob("*.npz")] if "--anew" in sys.argv else []
+
+
 def main() -> None:
     folder = Path(sys.argv[1])
     with ProcessPoolExecutor() as pool:
-        if "--keep" in sys.argv:
-            folder.mkdir(parents=True, exist_ok=True)
-            count = int(sys.argv[sys.argv.index("--keep") + 1])
-            list(pool.map(kept, [folder] * count, range(count)))
+        seeds = asked(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        list(pool.map(kept, [folder] * len(seeds), seeds))
         runs = list(pool.map(compared, sorted(folder.glob("*.npz"))))
     other = [run for run in runs if run.differs is not None]
     worst = max((run.worst for run in runs), default=np.nan)

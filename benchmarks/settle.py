@@ -29,7 +29,7 @@ def row(seed: int, estimator: str) -> dict[str, Any]:
 
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    estimator = sys.argv[2] if len(sys.argv) > 2 else "projection"
+    estimator = sys.argv[2] if len(sys.argv) > 2 else "dlt"
     print("seed settled time_s  pose_mm  Ĵ explored  final  explore_s  excursion_mm  x real time")
     rows = []
     for seed in range(count):

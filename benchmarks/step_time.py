@@ -1,14 +1,18 @@
 """Time of one servo step (features, imaged RCM, estimate, law, gate) on ticks with a new frame, per
-estimator.
+estimator, beside a plain NumPy 3x3 solve-and-clip.
 
     python benchmarks/step_time.py
 
-Absolute times depend on the machine; the ratio to a plain NumPy 3x3 solve-and-clip in the same run
-does not so much.
+Absolute times depend on the machine; the ratio to the yardstick does not so much. Each pair is
+timed in turn, so that both find the processor in the same state: hot, one call after the other;
+right after the simulation has moved the arm; and after 3 ms of sleep, as in a live loop.
 """
 
 import platform
 import time
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,10 +22,39 @@ from rcmservo.method.estimators.base import Estimator
 from rcmservo.tracking import PointMarkers
 
 SEEDS = range(3)
+LAST = 200
+"""Frames of each run that steps are timed on again."""
+
+Pairs = list[tuple[float, float]]
+"""Microseconds of a step and of the yardstick."""
 
 
-def step_times(estimator: Estimator, seed: int) -> list[float]:
-    """Microseconds of every step with a new frame in a 10 s run, after warm-up."""
+class Run(NamedTuple):
+    """A run of 10 s, and what its last steps with a new frame were asked."""
+
+    pairs: Pairs
+    """Every step with a new frame, right after the arm's simulation."""
+    steps: list[Callable[[], object]]
+    """The last of them, to be made again."""
+
+
+def solve_and_clip() -> None:
+    """The plainest law, by NumPy: the yardstick."""
+    np.clip(-np.linalg.solve(J, ERROR), -1.0, 1.0)
+
+
+J, ERROR = np.diag([1.0, 2.0, 3.0]) + 0.1, np.array([1.0, 2.0, 3.0])
+
+
+def timed(call: Callable[[], object]) -> float:
+    """Microseconds that a call takes."""
+    start = time.perf_counter()
+    call()
+    return (time.perf_counter() - start) * 1e6
+
+
+def run(estimator: Estimator, seed: int) -> Run:
+    """A run after warm-up; the yardstick is timed at the ticks without a new frame."""
     rig = rs.sim.Rig(seed, pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(
@@ -32,40 +65,53 @@ def step_times(estimator: Estimator, seed: int) -> list[float]:
     rig.go_home()
     servo.warm_up()
     plant.enable()
-    state, took = servo.init(), []
+    state, took, yardstick, steps = servo.init(), [], [], []
     for _ in rs.ticks(plant.clock, rate=100.0, duration=10.0):
         seen = plant.read()
-        new = seen.frame > state.frame
-        start = time.perf_counter()
-        state = servo.step(state, seen, target)
-        if new:
-            took.append((time.perf_counter() - start) * 1e6)
+        step = partial(servo.step, state, seen, target)
+        if seen.frame > state.frame:
+            took.append(timed(step))
+            steps.append(step)
+        else:
+            yardstick.append(timed(solve_and_clip))
+        state = step()
         plant.send(state.command)
-    return took
+    return Run(list(zip(took, yardstick, strict=False)), steps[-LAST:])
 
 
-def solve_and_clip() -> float:
-    """Microseconds of the plainest law, by NumPy: the yardstick."""
-    J, e = np.diag([1.0, 2.0, 3.0]) + 0.1, np.array([1.0, 2.0, 3.0])
-    took = []
-    for _ in range(5000):
-        start = time.perf_counter()
-        np.clip(-np.linalg.solve(J, e), -1.0, 1.0)
-        took.append((time.perf_counter() - start) * 1e6)
-    return float(np.median(took))
+def again(steps: list[Callable[[], object]], pause: float) -> Pairs:
+    """The steps once more, each, and the yardstick, after so many s of sleep."""
+    pairs = []
+    for step in steps:
+        both = []
+        for call in (step, solve_and_clip):
+            if pause > 0.0:
+                time.sleep(pause)
+            else:
+                call()
+            both.append(timed(call))
+        pairs.append((both[0], both[1]))
+    return pairs
+
+
+def told(name: str, pairs: Pairs) -> str:
+    """Medians of both, the slowest hundredth of the steps, and the ratio."""
+    took, yardstick = np.transpose(pairs)
+    p50, p99 = np.percentile(took, [50, 99])
+    plain = float(np.median(yardstick))
+    both = f"{p50:6.1f} us   99 % {p99:6.1f} us   NumPy {plain:6.1f} us"
+    return f"    {name:<22} {both}   {p50 / plain:5.2f} x"
 
 
 def main() -> None:
     print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}")
-    yardstick = solve_and_clip()
-    print(f"NumPy 3x3 solve and clip: {yardstick:.1f} us (median)")
     for name, estimator in ServoOptions().estimators.items():
-        took = np.concatenate([step_times(estimator, seed) for seed in SEEDS])
-        p50, p99 = np.percentile(took, [50, 99])
-        print(
-            f"{name:<20} median {p50:6.1f} us   99 % {p99:6.1f} us   {p50 / yardstick:5.1f} x "
-            f"the yardstick"
-        )
+        runs = [run(estimator, seed) for seed in SEEDS]
+        steps = [step for one in runs for step in one.steps]
+        print(name)
+        print(told("hot", again(steps, 0.0)))
+        print(told("after the simulation", [pair for one in runs for pair in one.pairs]))
+        print(told("after 3 ms of sleep", again(steps, 3e-3)))
 
 
 if __name__ == "__main__":

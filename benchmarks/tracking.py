@@ -4,6 +4,10 @@ Every scene has a camera, a tool and a pose of its own; the truth is the centroi
 silhouette.
 
     python benchmarks/tracking.py [scenes]
+
+Then, at the default rig (tracking_measures.py): how the error varies along a path of 5 mm, whether
+the covariance that is told explains the scatter, whether a third ball is told, and how a tool is
+followed that moves by 15 px a frame.
 """
 
 import sys
@@ -12,6 +16,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from tracking_measures import (
+    PERIOD,
+    about_trend,
+    errors_on_path,
+    from_rest,
+    lost_or_wrong,
+    rms,
+    surprise,
+    third_ball,
+)
 
 from rcmservo.interfaces import Floats, Frame, Image
 from rcmservo.sim.optics import Optics, look_at
@@ -111,6 +125,31 @@ def main() -> None:
         print(
             f"{name:14}{len(missed):8}{lost:7}{rms:9.3f}{middle:9.3f}{high:8.3f}{seen.max():8.2f}{spent:10.3f}"
         )
+    default_rig(max(count // 10, 2))
+
+
+def default_rig(count: int) -> None:
+    """The rows at the default rig, on `count` scenes each."""
+    paths = np.array([errors_on_path(seed) for seed in range(count)])
+    left = np.array([about_trend(one) for one in paths])
+    kept = np.isfinite(paths).all(axis=(1, 2, 3))
+    off = rms(np.linalg.norm(paths[kept][..., :2], axis=-1))
+    print(f"along 5 mm, {kept.sum()} of {count} unbroken: {off:.3f} px rms,", end=" ")
+    print(f"{rms(left[kept][..., :2]):.4f} about the trend; radius {rms(paths[kept][..., 2]):.3f}")
+    told = np.array([surprise(seed, 25) for seed in range(count)])
+    print(
+        f"squared scatter by covariance: mean {told.mean():.2f}, {told.min():.2f}-{told.max():.2f}"
+    )
+    frames = [third_ball(seed) for seed in range(5 * count)]
+    silent = [np.isnan(ColourMarkers().find(one).points).any() for one in frames]
+    words = ["can be the markers" in ColourMarkers().why(one) for one in frames]
+    print(f"a third ball: not chosen in {sum(silent)}, told in {sum(words)} of {len(frames)}")
+    for px in (5.0, 15.0):
+        bad, due = np.sum([lost_or_wrong(seed, px) for seed in range(count)], axis=0)
+        print(f"{px:g} px a frame: {bad} of {due} lost or wrong ({bad / due:.1%})")
+    for exposure in (0.008, 0.015):
+        bad, due = np.sum([from_rest(seed, 15.0, 12, exposure) for seed in range(count)], axis=0)
+        print(f"the same from rest, smeared by {15.0 * exposure / PERIOD:.1f} px: {bad} of {due}")
 
 
 if __name__ == "__main__":

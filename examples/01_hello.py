@@ -8,12 +8,13 @@ plant = rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
 servo = rs.Servo(
     mechanism=rs.SphericalRcm(),  # what the robot knows about itself
     tool=rs.RigidTool(spacing=30.0),
-    estimator=rs.ProjectionEstimator(rate=20.0),  # eq. (21) with Γ = η(MᵀM + εΓ₀⁻¹)⁻¹
-    controller=rs.SaturatedController(gain=2.0),  # eq. (31)-(32)
+    estimator=rs.DltEstimator(),  # Ĵ of eq. (15) by a projection fitted to all frames
+    controller=rs.SaturatedController(gain=6.0),  # eq. (31)-(32)
 )
 rig.show_target()
 target = rs.teach(plant)  # learning by showing
 rig.go_home()
+plant.reset()  # the tool was moved by hand: what was seen before counts for nothing
 
 state = servo.init()  # Ĵ = 0: it explores first
 servo.warm_up()  # compile everything before the drive is switched on

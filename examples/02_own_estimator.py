@@ -61,5 +61,5 @@ if __name__ == "__main__":
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 10
     print("pose error after 15 s, mm\nseed     RLS  default")
     for seed in range(seeds):
-        errors = [pose_error(seed, one) for one in (RLS(), rs.ProjectionEstimator())]
+        errors = [pose_error(seed, one) for one in (RLS(), rs.DltEstimator())]
         print(f"{seed:4d} {errors[0]:7.2f} {errors[1]:8.2f}")

@@ -22,7 +22,7 @@ if __name__ == "__main__":
         f"{len(seeds)} scenes, 15 s each\n"
         "gain   within 1 mm first, median, 95 %   at the end   stopped"
     )
-    for gain in (1.0, 2.0, 4.0):
+    for gain in (2.0, 6.0, 12.0):
         runs = list(study(gain).runs(seeds))
         median, most = np.percentile([run.first_within(1.0) for run in runs], [50, 95])
         there = np.mean([run.error[-1] <= 1.0 for run in runs])

@@ -218,6 +218,7 @@ class Laboratory:
         before the servo."""
         if state is None:
             state = servo.init()
+            self.plant.reset()
             self.plant.enable()
         else:
             self.plant.clock.wait_until(state.command.time + 10_000_000)

@@ -1,5 +1,6 @@
 """Rows of numbers: declared once, read by compiled functions and outside of them alike."""
 
+import pickle
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,9 +9,9 @@ import pytest
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Watch, begin
 from rcmservo.interfaces import Floats
-from rcmservo.rows import Row, as_row, flag, real, reals, whole
+from rcmservo.rows import Row, as_row, changed, copied, flag, part, real, reals, whole
 from rcmservo.servo.dials import Dials
-from rcmservo.servo.state import Decision, Estimate
+from rcmservo.servo.state import Decision, Estimate, Kept
 
 
 class Pair(Row):
@@ -29,13 +30,36 @@ def test_a_row_gives_its_numbers_under_their_names_and_lets_arrays_be_changed() 
     assert (pair.size, pair.count, pair.known) == (3.0, 4, True)
 
 
+class Both(Row):
+    """A row with parts to try."""
+
+    one: Pair = part(Pair, "the one")
+    other: Pair = part(Pair, "the other")
+
+
+def test_a_part_is_a_view_of_the_row_that_it_belongs_to() -> None:
+    both = Both.of(one=Pair.of(size=3.0, place=1.0), other=Pair.of(count=4))
+    both.one.place[1] = 5.0
+    assert (both.one.place.tolist(), both.one.size, both.other.count) == ([1.0, 5.0], 3.0, 4)
+    other = changed(both, other=Pair.of(count=6))
+    assert (other.one.size, other.other.count, both.other.count) == (3.0, 6, 4)
+
+
+def test_a_copy_is_the_same_to_the_last_bit_and_shares_no_memory() -> None:
+    both = Both.of(one=Pair.of(size=np.nan, known=True, place=-0.0))
+    twin = copied(both)
+    assert twin.rows.tobytes() == both.rows.tobytes() and twin.rows.dtype == both.rows.dtype
+    twin.one.place[0] = 7.0
+    assert both.one.place[0] == 0.0 and pickle.loads(pickle.dumps(twin)).one.place[0] == 7.0
+
+
 def test_a_batch_is_an_array_of_the_same_rows() -> None:
     batch = np.zeros(7, Pair.dtype)
     batch["size"] = np.arange(7.0)
     assert Pair(batch[3:4]).size == 3.0
 
 
-@pytest.mark.parametrize("row", [Watch, Estimate, Decision, Dials])
+@pytest.mark.parametrize("row", [Watch, Estimate, Decision, Dials, Kept])
 def test_every_field_of_the_core_has_a_shape_and_a_meaning(row: type[Row]) -> None:
     assert row.dtype.names == tuple(field.name for field in row.fields)
     assert all(field.meaning for field in row.fields)
@@ -58,6 +82,20 @@ def test_settings_become_a_row_of_the_kinds_that_they_declare() -> None:
     assert kinds == {"share": "<f8", "ends": "<f8", "times": "<i8", "on": "|b1"}
     assert rows["ends"][0].tolist() == [1.0, 2.0, 3.0]
     assert as_row(Thresholds()).dtype == as_row(Thresholds(stale_slow=2, jump=4)).dtype
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings that have parts."""
+
+    numbers: Numbers
+    pair: Pair
+
+
+def test_settings_that_have_parts_become_a_row_of_rows() -> None:
+    rows = as_row(Settings(Numbers(share=3), Pair.of(count=4)))
+    assert rows["numbers"]["share"][0] == 3.0 and rows["pair"]["count"][0] == 4
+    assert rows.dtype["pair"] == Pair.dtype and rows.dtype["numbers"] == as_row(Numbers()).dtype
 
 
 def test_two_watches_that_begin_share_no_memory() -> None:

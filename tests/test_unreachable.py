@@ -14,18 +14,6 @@ from rcmservo.record import reader
 from rcmservo.record.verdict import judged
 
 CASES = {
-    "past a joint limit": (
-        """
-        [mechanism]
-        kind = "spherical"
-        upper = [1.4, 3.14, 120.0]
-        [scene]
-        start = [0.5, 0.3, 100.0]
-        target = [0.5, 0.4, 135.0]
-        """,
-        0,
-        "limit of joint 3",
-    ),
     "a marker leaves the picture on the way": (
         """
         [scene]
@@ -33,6 +21,8 @@ CASES = {
         target = [1.01, -0.92, 60.0]
         focal = [850.0, 900.0]
         distance = [120.0, 140.0]
+        [thresholds]
+        without_marker = 0.0
         """,
         3,
         "is not seen",
@@ -95,11 +85,42 @@ def test_an_unreachable_target(
 
 
 @pytest.mark.slow
+def test_a_target_past_a_joint_limit_that_the_arm_cannot_hold_is_not_taught(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(
+        """
+        [mechanism]
+        kind = "spherical"
+        upper = [1.4, 3.14, 120.0]
+        [scene]
+        start = [0.5, 0.3, 100.0]
+        target = [0.5, 0.4, 135.0]
+        """
+    )
+    assert main(["run", "--rig", str(rig), "--no-video", "--out", str(tmp_path / "out")]) == 2
+    assert "the target cannot be taught: " in capsys.readouterr().err
+
+
+@pytest.mark.slow
 def test_time_that_runs_out_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "--duration", "2.5", "--no-video", "--json", "--out", str(tmp_path)]) == 1
     assert "time ran out" in json.loads(capsys.readouterr().out)["cause"]
     assert (
-        main(["run", "--duration", "1.1", "--no-video", "--json", "--out", str(tmp_path / "short")])
+        main(
+            [
+                "run",
+                "--duration",
+                "1.1",
+                "--exploration.legs",
+                "40",
+                "--no-video",
+                "--json",
+                "--out",
+                str(tmp_path / "short"),
+            ]
+        )
         == 1
     )
     assert "exploration" in json.loads(capsys.readouterr().out)["cause"]

@@ -5,7 +5,7 @@ Time is integer nanoseconds on the plant's clock. A pixel (0, 0) is the centre o
 pixel, u right, v down.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -45,6 +45,9 @@ class Markers:
     """(2,) px of the imaged markers; NaN where it is not known."""
     quality: Floats
     """(2,) from 0 (lost) to 1."""
+    covariance: Floats = field(default_factory=lambda: np.full((2, 3, 3), np.nan))
+    """(2, 3, 3) px², of the noise in u, v and radius of each marker; NaN where it is lost or not
+    known. What is wrong alike in every frame is not in it."""
 
 
 class Dropped(Enum):
@@ -55,13 +58,9 @@ class Dropped(Enum):
     CLOCK = "frames bear times that cannot be right"
     DAMAGED = "frames come damaged"
 
-    @property
-    def place(self) -> int:
-        """Its place among them, counted from 0."""
-        return PLACES[self]
-
-
-PLACES = {kind: place for place, kind in enumerate(Dropped)}
+    def __init__(self, words: str) -> None:
+        """``place`` is its place among them, counted from 0."""
+        self.place = len(type(self).__members__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +92,8 @@ class Observation:
     """Why the frame offered last was not used; NONE where nothing is wrong with it."""
     recorded: bool = True
     """False once a record that was asked for is no longer written."""
+    sizes: Floats = field(default_factory=lambda: np.full(2, np.nan))
+    """The markers' apparent radii (2,) px, NaN where lost or not known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +120,9 @@ class Target:
     points: Floats
     """The markers (2, 2) raw px."""
     q: Floats
-    """The joints (3,) rad, rad, mm while it was shown. No motion is decided by them; they tell
-    afterwards whether a pose that looks the same is the same."""
+    """The joints (3,) rad, rad, mm while it was shown; NaN where nobody knows. No motion is decided
+    by them; they tell whether a pose that looks the same is the same, and stop the tool where it is
+    not."""
     shown: int = 0
     """When showing it began, ns on the plant's clock (0: earlier than all that is known). A target
     from before the camera was moved is refused."""

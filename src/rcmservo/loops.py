@@ -63,6 +63,15 @@ def minus(one: Floats, other: Floats) -> Floats:
 
 
 @compiled
+def distance(one: Floats, other: Floats) -> float:
+    """The length of one − other, both (n,)."""
+    total = 0.0
+    for i in range(len(one)):
+        total += (one[i] - other[i]) ** 2
+    return np.sqrt(total)
+
+
+@compiled
 def over(one: Floats, other: Floats) -> Floats:
     """one / other, number by number, both (n,)."""
     out = np.empty(len(one))
@@ -84,9 +93,24 @@ def product(A: Floats, x: Floats) -> Floats:
 @compiled
 def products(A: Floats, B: Floats) -> Floats:
     """A B (n, k), of A (n, m) and B (m, k)."""
-    out = np.zeros((A.shape[0], B.shape[1]))
+    out = np.empty((A.shape[0], B.shape[1]))
+    multiply(A, B, out)
+    return out
+
+
+@compiled
+def multiply(A: Floats, B: Floats, out: Floats) -> None:
+    """Write A B (n, k), of A (n, m) and B (m, k)."""
+    fill(out, 0.0)
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):
             for k in range(B.shape[1]):
                 out[i, k] += A[i, j] * B[j, k]
-    return out
+
+
+@compiled
+def cross(a: Floats, b: Floats) -> Floats:
+    """a × b (3,)."""
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )

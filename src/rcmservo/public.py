@@ -24,6 +24,7 @@ from rcmservo.loop.run import run
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
 from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.affine import AffineEstimator
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.broyden import BroydenEstimator
 from rcmservo.method.estimators.dlt import DltEstimator
@@ -37,6 +38,7 @@ from rcmservo.servo.servo import Servo, State
 
 __all__ = [
     "Action",
+    "AffineEstimator",
     "Arm",
     "BadInput",
     "BroydenEstimator",

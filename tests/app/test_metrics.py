@@ -8,6 +8,7 @@ import pytest
 
 import rcmservo as rs
 from conftest import SMALL
+from rcmservo.app.cli import main
 from rcmservo.app.simulated_run.job import Job
 from rcmservo.app.simulated_run.metrics import METRICS, RunMetrics
 from rcmservo.app.simulated_run.simulate import simulate
@@ -21,13 +22,13 @@ ENDINGS = {
     "holds": (3.0, "marker_loss:at=2.5,for=9", rs.Cause.MARKERS_LOST.value),
     "is blocked": (
         3.0,
-        "axis_stuck:at=2,axis=1",
+        "axis_stuck:at=1.2,axis=1",
         "the joints do not follow the commands: ",
     ),
     "is killed": (3.0, "kill:at=1.5", "killed"),
     "is killed at its very end": (5.5, "kill:at=5.45", ""),
     "is recorded in part": (4.0, "disk_full:at=1.5", rs.Cause.NOT_RECORDED.value),
-    "has too little time": (1.5, "", "time ran out during exploration"),
+    "has too little time": (0.3, "", "time ran out during exploration"),
 }
 """Length s, what goes wrong, and words of the cause that the metrics tell."""
 
@@ -52,6 +53,7 @@ def agree(metrics: RunMetrics, told: RunSummary) -> None:
     outcome = told.outcome
     assert metrics.settled == outcome.settled
     assert metrics.settle_time_s == outcome.settle_time
+    assert metrics.remark == outcome.remark
     assert metrics.late_ticks == told.late
     error = metrics.feature_error
     for one, other in zip((error.s_rad, error.r_px, error.d_px), outcome.error, strict=True):
@@ -75,6 +77,16 @@ def test_show_and_metrics_agree_on_a_run_that(ending: str, tmp_path: Path) -> No
     assert not whole or told.outcome.cause == metrics.cause
     kept = json.loads((tmp_path / METRICS).read_text())
     assert kept == json.loads(json.dumps(asdict(metrics)))
+
+
+def test_a_run_that_ends_without_a_marker_says_so_beside_its_verdict(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    metrics = simulate(job(tmp_path, 5.0, "marker_loss:at=1.5,marker=1"))
+    assert metrics.remark == rs.Cause.WITHOUT_MARKER_1.value
+    agree(metrics, summary(reader.read(tmp_path)))
+    assert main(["show", str(tmp_path)]) == 0
+    assert "marker 1 is not seen" in capsys.readouterr().out
 
 
 def test_a_result_that_cannot_be_written_is_not_lost_and_nothing_is_half_written(

@@ -57,7 +57,7 @@ def test_what_the_settings_refuse_keeps_their_words_and_points_to_the_help(
         "projection.observations",
         "imaged-rcm.lines",
         "imaged-rcm.refinements",
-        "exploration.rounds",
+        "exploration.legs",
         "resumes",
         "duration",
     ],

@@ -54,6 +54,12 @@ def test_its_record_shows_and_exports(tmp_path: Path) -> None:
     assert len((tmp_path / "out/ticks.csv").read_text().splitlines()) == 301
 
 
+def test_its_record_tells_no_sizes_of_markers() -> None:
+    rows = reader.read(OLD / "record.mcap")
+    assert rows.ticks["sizes"].shape == (300, 2) and np.isnan(rows.ticks["sizes"]).all()
+    assert np.isfinite(rows.ticks["points"]).any() and rows.complete
+
+
 def test_its_record_names_the_version_that_wrote_it() -> None:
     assert reader.read(OLD / "record.mcap").version == "0.1.0"
 

@@ -8,14 +8,24 @@ import pytest
 
 from conftest import ROOT
 from rcmservo.app.cli import main
-from rcmservo.experiments import baselines, differentiation
+from rcmservo.experiments import baselines, differentiation, regulation_projection
 from rcmservo.experiments.baselines import worst_condition
-from rcmservo.experiments.harness.lab.methods import METHODS, Conditions, attempted
+from rcmservo.experiments.camera_knowledge import parameter_error, parameters_of
+from rcmservo.experiments.harness.lab.cameras import PINHOLE
+from rcmservo.experiments.harness.lab.closed_loop import FAST_FIT, LONG, WIDE, for_ever, servo_for
+from rcmservo.experiments.harness.lab.methods import DEFAULT, METHODS, Conditions, attempted
 from rcmservo.experiments.harness.lab.random_observations import RandomObservations
+from rcmservo.experiments.harness.lab.witness import laboratory
+from rcmservo.interfaces import Target
+from rcmservo.loop.run import run
 from rcmservo.method.estimators.base import Sample
+from rcmservo.method.estimators.dlt import DltEstimator
+from rcmservo.method.exploration import Exploration
+from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.method.tool import RigidTool
 from rcmservo.record.reader import read
-from rcmservo.sim import SceneSettings
+from rcmservo.servo.servo import Servo
+from rcmservo.sim import Rig, RigSettings, SceneSettings
 
 SCENE = SceneSettings(room=17.0)
 CONDITIONS = Conditions(noise=0.1, duration=8.0)
@@ -39,9 +49,8 @@ def test_a_calibration_from_before_a_roll_misleads_the_image_based_law() -> None
     assert not trial.settled
 
 
-@pytest.mark.parametrize("name", ["points-exact", "pose-exact"])
-def test_a_calibrated_law_does_not_explore(name: str) -> None:
-    trial = attempted(METHODS[name], SCENE, SEED, replace(CONDITIONS, duration=3.0))
+def test_a_law_that_is_no_servos_does_not_explore() -> None:
+    trial = attempted(METHODS["pose-exact"], SCENE, SEED, replace(CONDITIONS, duration=3.0))
     assert trial.explored_at is None
     assert trial.poses[5] < trial.poses[0] - 5.0
 
@@ -92,3 +101,41 @@ def test_random_observations_are_as_likely_to_be_old_as_new() -> None:
     assert len(set(kept)) == 10
     assert 0.2 * count < np.mean(kept) < 0.8 * count
     assert np.min(kept) < 0.5 * count < np.max(kept)
+
+
+def test_our_default_is_a_servo_as_it_comes_and_the_words_say_its_gain() -> None:
+    plain = Servo(SphericalRcm(), RigidTool(30.0))
+    assert DEFAULT.estimator == plain.estimator
+    assert DEFAULT.exploration == plain.exploration
+    assert DEFAULT.controller == plain.controller
+    defaults = regulation_projection.Settings().defaults
+    assert defaults.servo(Rig(0, pictures=False)).controller == plain.controller
+    assert defaults.estimator == plain.estimator
+    assert defaults.exploration == plain.exploration
+    assert f"k = {plain.controller.gain:g})" in DEFAULT.name
+
+
+def test_the_whole_projection_has_the_papers_parameters() -> None:
+    rig = Rig(0, RigSettings(scene=PINHOLE), pictures=False)
+    estimator, tool = DltEstimator(), rig.settings.tool
+    start, memory = rig.body.points(rig.scene.start)[0], estimator.init()
+    for way in np.random.default_rng(0).uniform(-10.0, 10.0, (40, 3)):
+        q = rig.body.mechanism.joints(start + way)
+        sample = Sample(start + way, rig.truth.pixels(q), np.zeros(2), 0.016)
+        memory = estimator.update(memory, tool, sample)
+    assert parameter_error(rig, parameters_of(estimator, memory)) < 1e-3
+
+
+@pytest.mark.parametrize("exploration", [WIDE, LONG])
+def test_a_tour_without_an_end_goes_on_in_equal_rounds(exploration: Exploration) -> None:
+    """Its corners are apart by the exploration's reach at most, as in the first round."""
+    rig, plant = laboratory(SEED, SCENE, 0.1)
+    servo = servo_for(rig, FAST_FIT, for_ever(exploration))
+    here = Target(rig.truth.pixels(rig.scene.start), rig.scene.start)
+    ways = list[float]()
+    start = rig.body.points(rig.arm.q_true)[0]
+    for tick in run(plant, servo, here, 12.0):
+        assert not tick.state.explored and not tick.state.cause.stopping
+        ways.append(float(np.linalg.norm(rig.body.points(rig.arm.q_true)[0] - start)))
+    for half in (ways[: len(ways) // 2], ways[len(ways) // 2 :]):
+        assert 0.6 * exploration.reach < max(half) < 1.1 * exploration.reach

@@ -103,7 +103,14 @@ def test_a_camera_that_gives_something_else(answer: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "answer", [None, [], np.zeros((2, 2)), rs.Markers([[0, 0], [1, 1]], np.ones(2), np.ones(2))]
+    "answer",
+    [
+        None,
+        [],
+        np.zeros((2, 2)),
+        rs.Markers([[0, 0], [1, 1]], np.ones(2), np.ones(2)),
+        rs.Markers(np.ones((2, 2)), [9, 9], np.ones(2)),
+    ],
 )
 def test_a_tracker_that_finds_something_else(answer: Any) -> None:
     lab = laboratory()
@@ -192,3 +199,15 @@ def test_a_device_may_fill_one_array_again_and_again() -> None:
         *_, last = rs.run(lab.plant, lab.servo(), lab.target, 3.0)
         ends.append((last.state.phase, last.state.J_hat.tobytes()))
     assert ends[0] == ends[1]
+
+
+def test_it_tells_the_sizes_that_the_tracker_tells_but_not_of_a_marker_that_is_lost() -> None:
+    lab = laboratory()
+    points = np.array([[100.0, 50.0], [np.nan, np.nan]])
+    tracker = OddTracker(rs.Markers(points, np.array([9.5, 8.0]), np.array([1.0, 0.0])))
+    plant = rs.Plant(lab.rig.arm, lab.rig.camera, tracker, lab.rig.clock)
+    assert np.isnan(plant.read().sizes).all(), "no frame yet"
+    lab.rig.clock.wait_until(lab.rig.clock.now() + 200_000_000)
+    np.testing.assert_array_equal(plant.read().sizes, [9.5, np.nan])
+    plant.reset()
+    assert np.isnan(plant.read().sizes).all(), "all is forgotten"

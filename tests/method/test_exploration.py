@@ -3,36 +3,37 @@ honest end."""
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import SHAFT, markers_seen, random_from, seeds, tool_positions, true_camera
+from conftest import random_from, seeds
 from rcmservo.errors import BadInput
+from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.method.exploration import (
     CORNERS,
+    NEAR,
     Exploration,
     Exploring,
+    arrived,
     begin,
-    complete,
-    corner,
+    box,
+    disagreement,
     overdue,
+    span,
     towards,
-    unexplained,
-    visit,
-    volume,
 )
 from rcmservo.method.kinematics import (
     JointLimits,
     PitchYawRcm,
     SphericalRcm,
-    joint_rates,
-    joints,
     position,
+    position_jacobian,
 )
-from rcmservo.method.projection import parameters
+from rcmservo.rows import as_row
 
 LEAST_ROOM = Thresholds.least_room
+FASTEST = np.array(Gate.speed)
 RCMS = [SphericalRcm(), PitchYawRcm(), PitchYawRcm(insertion_zero=-7.0)]
 rcms = st.sampled_from(RCMS)
 
@@ -47,70 +48,131 @@ def somewhere(rcm, seed, margin=0.0):
 def begun(rcm, q, now=0, least_room=LEAST_ROOM, **choices):
     """A tour, or None where there is no room for one."""
     tour = Exploring.of()
-    begin(tour.rows[0], rcm.rcm(), q, now, least_room, Exploration(**choices).row[0])
+    x = as_row(Exploration(**choices))[0]
+    begin(tour.rows[0], rcm.rcm(), FASTEST, q, now, least_room, x)
     assert tour.begun != tour.no_room
     return tour if tour.begun else None
 
 
-def completed(rows, visits, J_hat, o_c, **choices):
-    tour = Exploring.of(corners=rows[:, :3], seen=rows, visits=visits, begun=True)
-    return complete(tour.rows[0], J_hat, o_c, Exploration(**choices).row[0])
+def later(tour, rcm, number, **choices):
+    """The sides of round `number`, counted from 0."""
+    rows = tour.rows.copy()
+    rows["visits"] = number * len(CORNERS)
+    box(rows[0], rcm.rcm(), FASTEST, 0.0, as_row(Exploration(**choices))[0])
+    return Exploring(rows).sides
 
 
-def start_of(rcm, q):
-    return position(rcm.rcm(), q)
+def corners(home, sides):
+    return home + CORNERS * sides
 
 
-@given(rcms, seeds, st.floats(1.0, 20.0))
-def test_far_from_limits_the_corners_are_a_full_tetrahedron_at_the_radius(rcm, seed, radius):
-    q = somewhere(rcm, seed, margin=0.25)
-    tour = begun(rcm, q, now=5, radius=radius)
-    assert tour is not None and tour.visits == 0 and tour.start == 5
-    away = np.linalg.norm(tour.corners - start_of(rcm, q), axis=1)
-    assert np.all(away <= radius * (1 + 1e-6))
-    assert volume(tour.corners) > 0.9 * volume(radius * CORNERS)
+def apart(rcm, places):
+    """The longest way of marker 1 between any two of these joints, mm."""
+    p = np.stack([position(rcm.rcm(), q) for q in places])
+    return np.linalg.norm(p[:, None] - p[None], axis=2).max()
 
 
-@given(rcms, seeds, st.floats(1.0, 20.0))
-def test_anywhere_the_corners_are_inside_the_limits_and_not_in_a_plane_or_there_is_no_tour(
-    rcm, seed, radius
+@given(rcms, seeds, st.integers(0, 6))
+def test_every_rounds_corners_are_within_the_limits_and_marker_1_goes_no_further_than_the_reach(
+    rcm, seed, number
 ):
-    q = somewhere(rcm, seed)
-    tour = begun(rcm, q, radius=radius)
+    q, reach = somewhere(rcm, seed), Exploration.reach
+    tour = begun(rcm, q)
     if tour is not None:
-        there = np.stack([joints(rcm.rcm(), p) for p in tour.corners])
-        assert np.all(there > np.array(rcm.limits.lower)) and np.all(
-            there < np.array(rcm.limits.upper)
-        )
-        assert volume(tour.corners) > 0.19 * volume(radius * CORNERS)
+        there = corners(q, later(tour, rcm, number))
+        assert np.all(there >= rcm.limits.lower) and np.all(there <= rcm.limits.upper)
+        assert apart(rcm, there) < 1.15 * reach, "but for the bend of a joint's way"
 
 
-def drive(rcm, q, dt=0.01):
-    """Corners reached by an arm that does just what it is told but stops at its limits."""
-    tour, reached, x = begun(rcm, q), 0, Exploration()
-    for _ in range(1000):
-        if tour is None or reached == 4:
+@given(rcms, seeds)
+def test_the_corners_of_a_tour_span_space(rcm, seed):
+    """With every joint's side in all three of them: their volume is that of the sides, by 3."""
+    q = somewhere(rcm, seed)
+    tour = begun(rcm, q)
+    if tour is not None:
+        there = corners(q, tour.sides)
+        volume = np.linalg.det(there[:3] - there[3])
+        assert abs(volume) == pytest.approx(2.0 * abs(np.prod(tour.sides)))
+        assert np.all(np.abs(tour.sides) >= LEAST_ROOM * np.abs(wanted(rcm, q)) * (1 - 1e-12))
+
+
+def wanted(rcm, q, number=0, x=Exploration()):  # noqa: B008 frozen
+    """The sides of a round where there is room."""
+    sides = x.share * x.leg * FASTEST * x.growth**number
+    return sides * min(x.reach / span(rcm.rcm(), q, sides), 1.0)
+
+
+@given(rcms, seeds)
+def test_far_from_limits_a_joint_goes_as_far_as_it_gets_in_a_leg_up_to_the_reach(rcm, seed):
+    q = somewhere(rcm, seed, margin=0.3)
+    tour = begun(rcm, q, now=5)
+    assert tour is not None and tour.visits == 0 and tour.start == 5
+    np.testing.assert_allclose(tour.sides, wanted(rcm, q))
+    assert np.array_equal(tour.home, q)
+
+
+@given(rcms, seeds)
+def test_every_round_is_larger_until_the_reach_and_mirrored(rcm, seed):
+    q = somewhere(rcm, seed, margin=0.35)
+    tour = begun(rcm, q, reach=20.0)
+    for number in range(1, 7):
+        sides = later(tour, rcm, number, reach=20.0)
+        size = wanted(rcm, q, number, Exploration(reach=20.0))
+        np.testing.assert_allclose(sides, size * (-1.0) ** number)
+
+
+@given(rcms, seeds)
+def test_the_span_is_the_longest_way_of_a_corner_to_a_corner_by_the_derivative(rcm, seed):
+    random, q = random_from(seed), somewhere(rcm, seed)
+    sides = random.uniform(-1.0, 1.0, 3) * (0.1, 0.1, 10.0)
+    steps = position_jacobian(rcm.rcm(), q) * np.abs(sides)
+    pairs = (0, 1), (1, 2), (2, 0)
+    longest = max(np.linalg.norm(np.abs(steps[:, pair]).sum(axis=1)) for pair in pairs)
+    assert span(rcm.rcm(), q, sides) == pytest.approx(longest)
+    p = corners(np.zeros(3), sides) @ position_jacobian(rcm.rcm(), q).T
+    assert np.linalg.norm(p[:, None] - p[None], axis=2).max() <= longest * (1 + 1e-12)
+
+
+def drive(rcm, q, visits, dt=0.01):
+    """The joints at every corner visited, by an arm that does just what it is told; less where 3 s
+    a round are not enough."""
+    tour, x, there = begun(rcm, q), as_row(Exploration())[0], []
+    for _ in range(round(3.0 / dt) * visits // len(CORNERS)):
+        if tour is None or tour.visits == visits:
             break
-        p = start_of(rcm, q)
-        goal = corner(tour.rows[0])
-        if np.linalg.norm(goal - p) < x.reach:
-            visit(tour.rows[0], p, np.zeros((2, 2)))
-            reached += 1
-            continue
-        rates = joint_rates(rcm.rcm(), q, towards(p, goal, x.speed, x.reach))
-        q = np.clip(q + rates * dt, rcm.limits.lower, rcm.limits.upper)
-    return None if tour is None else reached
+        if arrived(tour.rows[0], q):
+            there.append(q)
+            tour.rows["visits"] += 1
+            if tour.visits % len(CORNERS) == 0:
+                box(tour.rows[0], rcm.rcm(), FASTEST, 0.0, x)
+        q = q + towards(tour.rows[0], FASTEST, q, x) * dt
+        assert np.all(q >= rcm.limits.lower) and np.all(q <= rcm.limits.upper)
+    return tour, there
 
 
-@given(st.sampled_from(RCMS[1:]), seeds)
-def test_every_tour_can_be_driven_within_the_limits(rcm, seed):
-    assert drive(rcm, somewhere(rcm, seed)) in (None, 4)
+@given(rcms, seeds)
+def test_every_tour_can_be_driven_within_the_limits_and_every_round_ends_at_its_start(rcm, seed):
+    q = somewhere(rcm, seed)
+    tour, there = drive(rcm, q, visits=12)
+    if tour is not None:
+        assert tour.visits == 12
+        largest = np.abs([later(tour, rcm, number) for number in range(3)]).max(axis=0)
+        for home in there[3::4]:
+            assert np.all(np.abs(home - q) <= NEAR * largest)
 
 
-def test_every_tour_can_be_driven_from_a_spherical_start_near_half_a_turn_too():
+def test_a_tour_can_be_driven_from_a_spherical_start_near_half_a_turn_too():
     rcm = SphericalRcm()
-    starts = [np.array([theta, side * 3.1, 100.0]) for theta in (0.5, 1.0) for side in (-1, 1)]
-    assert all(drive(rcm, q) in (None, 4) for q in starts)
+    for theta in (0.5, 1.0):
+        for side in (-1, 1):
+            assert drive(rcm, np.array([theta, side * 3.0, 100.0]), visits=8)[0].visits == 8
+
+
+def test_the_first_round_is_driven_in_less_than_a_second():
+    tour, there = drive(PitchYawRcm(), np.array([0.1, 0.2, 100.0]), visits=4)
+    assert len(there) == 4
+    ways = np.abs(np.diff([tour.home, *there], axis=0)) / (Exploration.share * FASTEST)
+    assert ways.max(axis=1).sum() < 1.0
 
 
 @pytest.mark.parametrize("joint", range(3))
@@ -128,92 +190,69 @@ def test_how_much_room_a_tour_needs_is_a_threshold():
     assert found == [True, True, False]
 
 
-def test_next_to_a_limit_the_other_tetrahedron_is_tried():
-    """Wherever a corner of one shape is cut off, the mirrored shape may still have its volume."""
+@pytest.mark.parametrize("joint", range(3))
+@pytest.mark.parametrize("end", ["lower", "upper"])
+def test_next_to_a_limit_the_joint_goes_to_the_other_side_in_every_round(joint, end):
     rcm = PitchYawRcm()
-    found = sum(begun(rcm, somewhere(rcm, seed)) is not None for seed in range(200))
-    assert found > 180
+    q, inside = np.array([0.1, 0.2, 100.0]), 1.0 if end == "lower" else -1.0
+    q[joint] = getattr(rcm.limits, end)[joint]
+    tour = begun(rcm, q)
+    for number in range(6):
+        assert later(tour, rcm, number)[joint] * inside > 0.0
 
 
-@given(seeds, st.floats(1.0, 100.0), st.floats(0.1, 5.0))
-def test_the_way_to_a_corner_is_straight_at_the_speed_and_slower_near_it(seed, speed, reach):
-    random = random_from(seed)
-    p, goal = random.uniform(-50, 50, 3), random.uniform(-50, 50, 3)
-    distance = np.linalg.norm(goal - p)
-    assume(distance > 1e-3)
-    v = towards(p, goal, speed, reach)
-    assert np.linalg.norm(v) == pytest.approx(speed * min(1.0, distance / (2 * reach)))
-    assert v @ (goal - p) == pytest.approx(np.linalg.norm(v) * distance)
+def test_wherever_the_tool_stands_within_the_margins_there_is_room():
+    for rcm in RCMS:
+        assert all(begun(rcm, somewhere(rcm, seed)) is not None for seed in range(100))
 
 
-def test_at_the_corner_itself_nothing_moves():
-    p = np.array([10.0, 20.0, 90.0])
-    assert not towards(p, p.copy(), 35.0, 1.0).any()
-
-
-def seen_at_corners(seed):
-    random = random_from(seed)
-    places = tool_positions(random, 1) + 0.05 * CORNERS
-    C = true_camera(random, places)
-    rows = np.stack([np.concatenate([p, markers_seen(C, p).ravel()]) for p in places])
-    return rows, *parameters(C)
-
-
-@given(seeds)
-def test_the_true_jacobian_explains_small_moves_and_a_null_one_nothing(seed):
-    from rcmservo.method.estimators.projection import feature_jacobian
-    from rcmservo.method.features import about
-
-    rows, a, o_c = seen_at_corners(seed)
-    J = feature_jacobian(a, rows[0, :3].copy(), about(rows[0, 3:].copy(), o_c), SHAFT)
-    assert unexplained(rows, J, o_c) < 0.05
-    assert unexplained(rows, np.zeros((3, 3)), o_c) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("J_hat", [np.zeros((3, 3)), np.full((3, 3), np.nan)])
-def test_a_tour_is_not_complete_before_the_estimate_predicts(J_hat):
-    rows, _, o_c = seen_at_corners(1)
-    assert not completed(rows, 400, J_hat, o_c)
-
-
-def test_a_camera_that_sees_no_change_at_all_completes_nothing():
-    rows, _, o_c = seen_at_corners(1)
-    rows[:, 3:] = rows[0, 3:]
-    assert unexplained(rows, np.zeros((3, 3)), o_c) == np.inf
-
-
-def test_a_tour_is_not_complete_before_all_its_rounds():
-    from rcmservo.method.estimators.projection import feature_jacobian
-    from rcmservo.method.features import about
-
-    rows, a, o_c = seen_at_corners(1)
-    J = feature_jacobian(a, rows[0, :3].copy(), about(rows[0, 3:].copy(), o_c), SHAFT)
-    done = [completed(rows, visits, J, o_c, rounds=2) for visits in (3, 4, 7, 8, 9)]
-    assert done == [False, False, False, True, True]
-
-
-def test_visits_keep_the_last_four_in_order():
+def test_at_the_corner_itself_nothing_moves_and_far_from_it_the_slowest_joint_at_its_speed():
     tour = begun(PitchYawRcm(), np.array([0.1, 0.2, 100.0]))
-    places = tour.corners.copy()
-    for i in range(6):
-        assert np.array_equal(corner(tour.rows[0]), places[i % 4])
-        visit(tour.rows[0], np.full(3, float(i)), 10.0 * i + np.array([[1.0, 2.0], [3.0, 4.0]]))
-    assert tour.seen[:, 0].tolist() == [2, 3, 4, 5]
-    assert tour.seen[:, 6].tolist() == [24, 34, 44, 54]
-    assert tour.seen[3].tolist() == [5, 5, 5, 51, 52, 53, 54]
-    assert tour.visits == 6
+    x, corner = as_row(Exploration())[0], corners(tour.home, tour.sides)[0]
+    assert not towards(tour.rows[0], FASTEST, corner, x).any()
+    rates = towards(tour.rows[0], FASTEST, corner - [1.0, -1.0, 50.0], x)
+    np.testing.assert_allclose(rates, Exploration.share * FASTEST * [1.0, -1.0, 1.0])
+
+
+def test_a_corner_counts_as_visited_by_all_three_joints():
+    tour = begun(PitchYawRcm(), np.array([0.1, 0.2, 100.0]))
+    corner = corners(tour.home, tour.sides)[0]
+    for joint in range(3):
+        for share, there in ((0.9, True), (1.1, False)):
+            q = corner.copy()
+            q[joint] += share * NEAR * tour.sides[joint]
+            assert arrived(tour.rows[0], q) == there
+    assert not arrived(tour.rows[0], np.full(3, np.nan))
+
+
+@given(seeds, st.floats(0.0, 2.0))
+def test_an_estimate_disagrees_by_the_share_that_it_is_off(seed, share):
+    random = random_from(seed)
+    J, wrong = random.standard_normal((2, 3, 3))
+    J_hat = J + share * wrong * np.linalg.norm(J) / np.linalg.norm(wrong)
+    assert disagreement(J_hat, J) == pytest.approx(share, abs=1e-9)
+
+
+def test_no_estimate_agrees_with_nothing():
+    assert disagreement(np.ones((3, 3)), np.zeros((3, 3))) == np.inf
+    assert disagreement(np.zeros((3, 3)), np.ones((3, 3))) == 1.0
+    assert not disagreement(np.full((3, 3), np.nan), np.ones((3, 3))) <= 1e9
 
 
 def test_a_tour_is_overdue_just_after_its_time():
     tour = begun(PitchYawRcm(), np.array([0.1, 0.2, 100.0]), now=3_000_000_000)
-    x = Exploration(max_time=10.0).row[0]
+    x = as_row(Exploration(max_time=10.0))[0]
     assert not overdue(tour.rows[0], 13_000_000_000, x)
     assert overdue(tour.rows[0], 13_000_000_001, x)
     assert not overdue(Exploring.of().rows[0], 13_000_000_001, x)
 
 
-@pytest.mark.parametrize("name", ["radius", "speed", "tolerance", "max_time", "reach", "rounds"])
-@pytest.mark.parametrize("value", [0, -1])
+@pytest.mark.parametrize(
+    "name", ["leg", "share", "reach", "growth", "uncertainty", "tolerance", "legs", "max_time"]
+)
+@pytest.mark.parametrize("value", [0, -1, 1e300])
 def test_settings_that_cannot_work_are_refused_by_name(name, value):
+    if value == 1e300 and name not in ("share", "growth", "legs"):
+        value = np.inf
     with pytest.raises(BadInput, match=name):
         Exploration(**{name: value})

@@ -66,7 +66,7 @@ def test_joints_undo_position(kind, inner, outer, rho, zero):
 def test_the_axis_turns_orthogonally_to_itself_and_in_orthogonal_ways(kind, first, second):
     """What `joint_rates` rests on: it projects instead of inverting."""
     q = np.array([first, second, 100.0])
-    along = np.column_stack([axis_jacobian(rcm_of(kind), q), axis(rcm_of(kind), q)])
+    along = np.column_stack([*axis_jacobian(rcm_of(kind), q), axis(rcm_of(kind), q)])
     products = along.T @ along
     assert np.allclose(products - np.diag(np.diag(products)), 0, atol=1e-12)
 

@@ -136,4 +136,6 @@ def test_the_points_found_in_a_real_recording_get_its_score(tmp_path: Path) -> N
 
 
 def rounded(rows: dict[str, dict[str, float]]) -> list[float]:
-    return [value for row in rows.values() for value in row.values()]
+    """All errors but those of `affine`, which points without sizes teach nothing."""
+    names = [name for name in rows if not name.startswith("affine")]
+    return [value for name in names for value in rows[name].values()]

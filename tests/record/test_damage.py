@@ -413,3 +413,12 @@ def test_a_tick_of_any_numbers_and_words_can_be_run_again_or_is_refused(
     ] == words
     with pytest.raises(rs.UnusableFile, match="does not know"):
         recompute(path)
+
+
+def test_ticks_of_two_versions_in_one_record_are_refused(path: Path) -> None:
+    old, new = layout.TICKS.items()
+    with pytest.raises(rs.UnusableFile, match="another version than those before"):
+        rows = reader._Rows(path)
+        for definition, kind in (old, new):
+            data = bytes(kind.itemsize) + layout.strings([""] * 5, kind.itemsize)
+            rows.add(mcap_chunks.Message("rcmservo/tick", definition, 0, data))

@@ -77,7 +77,8 @@ def scene():
 
 def moving():
     """Mechanism, tool and exploration."""
-    from rcmservo.method import exploration, kinematics, tool
+    from rcmservo.loops import cross, distance
+    from rcmservo.method import kinematics, tool
 
     out, limits = {}, ((-1.0, -1.0, 40.0), (1.0, 1.0, 93.0))
     for kind in (0, 1):
@@ -89,25 +90,46 @@ def moving():
             f"axis {kind}": kinematics.axis(rcm, q),
             f"axis_jacobian {kind}": kinematics.axis_jacobian(rcm, q),
             f"position {kind}": p,
+            f"distance {kind}": distance(p, v),
+            f"cross {kind}": cross(p, v),
             f"position_jacobian {kind}": kinematics.position_jacobian(rcm, q),
             f"joints {kind}": kinematics.joints(rcm, p),
             f"joint_rates {kind}": kinematics.joint_rates(rcm, q, v),
             f"blocked {kind}": np.array([joint, *rates]),
-            f"corners {kind}": exploration.corners(rcm, q, 7.0, exploration.CORNERS),
             f"stretch {kind}": tool.stretch(tool.Shaft(kind, SPACING), p),
             f"second_marker {kind}": tool.second_marker(shaft, p),
             f"second_marker_jacobian {kind}": tool.second_marker_jacobian(shaft, p),
         }
-    out["volume"] = exploration.volume(exploration.CORNERS)
-    out["towards"] = exploration.towards(np.zeros(3), np.array([0.3, 0.2, 0.1]), 35.0, 1.0)
+        out |= touring(kind, rcm, q)
+    return out
+
+
+def touring(kind, rcm, q):
+    """Two rounds of the first motion."""
+    from rcmservo.method import exploration
+    from rcmservo.rows import as_row
+
+    out, x, fastest = {}, as_row(exploration.Exploration())[0], np.array([1.0, 1.0, 80.0])
+    tour = exploration.Exploring.of()
+    row = tour.rows[0]
+    exploration.begin(row, rcm, fastest, q, 5, 0.01, x)
+    for visits in (0, 4):
+        tour.rows["visits"] = visits
+        out[f"room {kind} {visits}"] = exploration.box(row, rcm, fastest, 0.01, x)
+        out[f"sides {kind} {visits}"] = tour.sides.copy()
+        out[f"towards {kind} {visits}"] = exploration.towards(row, fastest, q + 0.01, x)
+        out[f"arrived {kind} {visits}"] = exploration.arrived(row, q + 0.9 * tour.sides)
+    out[f"span {kind}"] = exploration.span(rcm, q, tour.sides)
+    out[f"overdue {kind}"] = exploration.overdue(row, 10**12, x)
     return out
 
 
 def imaging(seen):
     """Projection, features and imaged RCM."""
-    from rcmservo.method import exploration, features, imaged_rcm, projection
+    from rcmservo.method import exploration, features, imaged_rcm, projection, singular
 
-    m = features.about(seen.points, seen.o_c)
+    m, J_straight = features.about(seen.points, seen.o_c), np.empty((3, 4))
+    features.straight_jacobian(m, J_straight)
     out = {
         "depth": projection.depth(seen.a, P),
         "project": projection.project(seen.a, P),
@@ -119,7 +141,11 @@ def imaging(seen):
         "features": features.features(m),
         "features_jacobian": features.features_jacobian(m),
         "J": seen.J,
-        "unexplained": exploration.unexplained(seen.rows[:4].copy(), seen.J, seen.o_c),
+        "condition": singular.condition(seen.J),
+        "disagreement": exploration.disagreement(seen.J, seen.J + 0.01),
+        "straight": features.straight(m),
+        "straight_jacobian": J_straight,
+        "near_origin": features.near_origin(seen.o_c, seen.points, 100.0),
     }
     for printed in (True, False):
         lines, count = np.zeros((6, 4)), 0
@@ -136,8 +162,10 @@ def imaging(seen):
 def fitting(seen):
     """The projection estimator, with both Γ."""
     from rcmservo.method import tool
-    from rcmservo.method.estimators import compiled_ones, decay, dlt
+    from rcmservo.method.estimators import decay
     from rcmservo.method.estimators import projection as fit
+    from rcmservo.servo import compiled_ones
+    from rcmservo.servo.state import Beside
 
     a, o_c, rows, shaft, out = seen.a, seen.o_c, seen.rows, tool.Shaft(0, SPACING), {}
     for both in (False, True):
@@ -157,12 +185,6 @@ def fitting(seen):
         "jacobian_at": fit.jacobian_at(a, P, seen.points, o_c, shaft),
         "predict": fit.predict(a, P, shaft),
     }
-    memory = dlt.DltEstimator().init()
-    for row in rows:
-        points = row[3:].reshape(2, 2)
-        memory = dlt.update(memory, row[:3], points, dlt.DltEstimator().rule, shaft)
-    out |= {"theta": memory.theta, "offset": memory.offset, "imaged": dlt.imaged(memory, P)}
-    out["nothing"] = compiled_ones.emptied(memory).sums
     for rate in (0.0, 20.0):
         memory, rule = fit.ProjectionMemory(np.zeros((7, 7)), 0, np.zeros(9)), (rate, 1e-7, True)
         for row in rows:
@@ -170,7 +192,95 @@ def fitting(seen):
             memory = fit.update(memory, row[:3], points, o_c, 0.1, fit.Rule(*rule), shaft)
         out[f"observations {rate}"] = memory.observations[: memory.filled]
         out[f"a_hat {rate}"] = memory.a_hat
-    out["none"] = compiled_ones.emptied(memory).a_hat
+    out["none"] = compiled_ones.emptied(Beside(np.ones((4, 4)), memory)).memory.a_hat
+    return out
+
+
+def sizing(seen):
+    """The estimator by places and sizes."""
+    from rcmservo.method import sized, tool
+    from rcmservo.method.estimators import affine
+
+    shaft, memory = tool.Shaft(0, SPACING), sized.no_balls()
+    for row in seen.rows:
+        points, sizes = row[3:].reshape(2, 2), 1e3 / np.array([200.0 - row[0], 190.0 - row[0]])
+        memory = affine.see_both(memory, row[:3], points, sizes, 2.0, shaft)
+    p1, rcm = seen.places[0], affine.sized_rcm(memory)
+    return {
+        "sized C": np.stack([memory[k]["C"] for k in range(2)]),
+        "sized J": affine.sized_jacobian(memory, p1, seen.points, seen.o_c, shaft),
+        "sized markers": affine.sized_markers(memory, p1, shaft),
+        "sized rcm": rcm[0],
+        "sized rcm covariance": rcm[1],
+        "sized place": sized.place_told(memory[0], seen.points[0], 6.0)[0],
+    }
+
+
+def expecting(seen):
+    """What the camera should see, from eight frames, and as an estimator."""
+    from rcmservo.method import foresight, prospect, tool
+    from rcmservo.method.estimators import dlt
+    from rcmservo.servo import compiled_ones
+
+    shaft, memory, p1 = tool.Shaft(0, SPACING), prospect.blank().rows, seen.places[0]
+    for row in seen.rows:
+        memory = dlt.update(memory, row[:3], row[3:].reshape(2, 2), shaft)
+    v, known = memory[0], prospect.Prospect(memory)
+    place, covariance = dlt.picture_of(memory, P)
+    out = {
+        "A of the fit": known.A,
+        "g of the fit": known.g,
+        "noise of the fit": known.noise,
+        "offset of the fit": known.offset,
+        "place": place,
+        "covariance": covariance,
+        "expected": foresight.expected(v, p1, shaft),
+        "markers": dlt.markers_at(memory, p1, shaft),
+        "motion": dlt.motion_at(memory, p1, shaft),
+        "J of the fit": dlt.jacobian_at(memory, p1, seen.points, seen.o_c, shaft),
+        "weakness": foresight.weakness(v, p1, shaft),
+        "pose deviation": foresight.pose_deviation(v, p1, shaft),
+        "without marker 2": foresight.deviation_without(v, p1, 1, shaft),
+        "uncertainty": foresight.uncertainty(v, p1, shaft),
+        "order": foresight.order(v),
+        "nothing beside": compiled_ones.emptied(()),
+    }
+    prospect.empty(v)
+    empty = prospect.Prospect(memory)
+    return out | {f"emptied {field.name}": getattr(empty, field.name) for field in empty.fields}
+
+
+def drifting(seen):
+    """A picture that is off by some px, one marker more than the other, or that is frozen."""
+    from rcmservo.guard import drift, plausible, watch
+    from rcmservo.guard.thresholds import Thresholds
+    from rcmservo.method import prospect, tool
+    from rcmservo.rows import as_row
+
+    shaft, known, t = tool.Shaft(0, SPACING), prospect.blank(), as_row(Thresholds())[0]
+    v, out = known.rows[0], {}
+    for row in seen.rows:
+        prospect.see(v, row[:3], row[3:].reshape(2, 2), shaft)
+    for name, off in {
+        "none": np.zeros((2, 2)),
+        "both": np.full((2, 2), 9.0),
+        "one": np.array([[0.0, 0.0], [20.0, -9.0]]),
+        "crossed": seen.points[::-1] - seen.points,
+    }.items():
+        w = watch.begin()
+        for step in range(2 * Thresholds.drift_frames):
+            moves = 1e-6 * step if name != "both" else 0.0
+            p1 = seen.places[step % 2]
+            points = seen.points + off + moves
+            drift.watch_drift(w.rows[0], v, p1, points, points, shaft, t)
+        out[f"drift of {name}"] = [*w.left.ravel(), *w.off, drift.drift_faults(w.rows[0], t)]
+        places = np.stack([seen.points, seen.points + off])
+        out[f"stuck by {name}"] = [
+            drift.watch_stuck(w.rows[0], seen.places[0], points, t) for points in places
+        ]
+        out[f"misplaced by {name}"] = plausible.misplaced(
+            v, seen.places[0], seen.points + off, seen.target, shaft, t
+        )
     return out
 
 
@@ -194,32 +304,33 @@ def learning(seen):
 def guarding(seen):
     """What is believed, the law and the gate."""
     from rcmservo.guard import gate, plausible, watch
-    from rcmservo.method import controller, features, kinematics
+    from rcmservo.method import controller, kinematics
     from rcmservo.rows import as_row
 
     J, delta, o_c, both = seen.J, seen.delta, seen.o_c, (seen.target, seen.points)
     still, one, half, q = np.zeros(3), np.ones(3), np.full(3, 0.5), np.full(3, 0.1)
     out = {
-        "misplaced": plausible.misplaced(*both, o_c, seen.y, J, seen.step, 1.0),
-        "leapt": plausible.leapt(*both, seen.step, 1.0, 20.0),
-        "placed": plausible.placed(seen.y, -1.0),
+        "leapt": plausible.leapt(*both, 0.5, 1.0, 20.0),
         "judged": plausible.judged(*both, o_c, J, seen.step, 0.2, 0.75),
-        "followed": np.concatenate(watch.followed(still, one, half, q, 0.01, 0.025, 1.0)),
     }
+    watch.followed(still, one, half, q, 0.01, 0.025, 1.0)
+    out["followed"] = [*still, *one]
     b = np.full(3, 0.1)
     for printed in (False, True):
-        v, condition, error = controller.control(J, delta, b, printed, 2.0, 150.0, 40.0)
-        out |= {f"v {printed}": v, f"condition {printed}": condition, f"error {printed}": error}
+        heading, error = controller.control(J, delta, b, printed, 2.0, 150.0, 40.0)
+        out[f"heading {printed}"] = [*heading.v, heading.condition, heading.open, error]
         out[f"gradient {printed}"] = controller.potential_gradient(delta, b, printed)
         out[f"potential {printed}"] = controller.potential(delta, b, printed)
-    damped = np.diag(features.SCALE) @ np.diag([1.0, 0.2, 0.01])
-    out["damped"] = controller.law(damped, np.ones(3), 2.0, 150.0, 1e6)[0]
+    damped = np.diag([1.0, 0.2, 0.01])
+    out["damped"] = controller.law(damped, np.ones(3), 2.0, 150.0, 1e6).v
     wish, last = np.array([0.9, -0.4, 70.0]), np.array([0.85, -0.4, 40.0])
     rcm = kinematics.Rcm(0, 0.0, (-1.0, -1.0, 40.0), (1.0, 1.0, 91.0))
-    bounds = as_row(gate.Gate((1.0, 1.0, 80.0), (8.0, 8.0, 500.0), 0.05))
+    bounds = as_row(gate.Gate((1.0, 1.0, 80.0), (8.0, 8.0, 500.0), 0.05))[0]
     for share in (0.0, 0.9):
         near = np.array([0.4, -0.3, 90.0])
-        out[f"within {share}"] = gate.within(wish, last, near, rcm, bounds, 0.01, share)[0]
+        sent = last.copy()
+        out[f"finite {share}"] = gate.within(wish, sent, near, rcm, bounds, 0.01, share)
+        out[f"within {share}"] = sent
     return out
 
 
@@ -231,10 +342,9 @@ def moded():
     from rcmservo.guard.thresholds import Thresholds
     from rcmservo.guard.watch import Watch
     from rcmservo.method.exploration import Exploring
-    from rcmservo.method.tool import Shaft
     from rcmservo.rows import as_row
-    from rcmservo.servo import act, decide, forget
-    from rcmservo.servo.state import Decision, Estimate, Parts
+    from rcmservo.servo import act, forget
+    from rcmservo.servo.state import Decision, Estimate, Kept
 
     out, t = {}, as_row(Thresholds())[0]
     causes = Cause.AGEING, Cause.STALE, Cause.CAMERA_MOVED, Cause.ARM_SILENT
@@ -247,19 +357,19 @@ def moded():
             out[f"mode {phase} {request}"] = [d.phase, d.cause, d.since, d.good, d.asks]
     places = {"p1": P, "points": np.array([[300.0, 200.0], [250.0, 150.0]]), "o_c": 90.0}
     for name, change in {
-        "forgotten": forget.forget_but_places,
-        "unlearnt": lambda s: act.unlearn(s, Cause.CAMERA_MOVED.place, 5),
-        "failed": lambda s: act.fail(s, 7),
-        "stopped": lambda s: gate.stop(s.decision, 9, gate.Gate().row),
-        "out of order": lambda s: decide.out_of_order(s.estimate, Shaft(0, SPACING)),
+        "forgotten": lambda kept: forget.forget_but_places(kept.rows[0]),
+        "unlearnt": lambda kept: act.unlearn(kept.rows[0], Cause.CAMERA_MOVED.place, 5),
+        "failed": lambda kept: act.fail(kept.rows[0], 7),
+        "stopped": lambda kept: gate.stop(kept.decision.rows[0], 9, gate.Gate().row[0]),
     }.items():
-        rows = (
-            Watch.of(believed=3, rejected=2),
-            Estimate.of(J_hat=1.0, exposure=4, **places),
-            Exploring.of(done=True, visits=4),
-            Decision.of(number=5, sent=1.0, on=True),
+        kept = Kept.of(
+            watch=Watch.of(believed=3, rejected=2),
+            estimate=Estimate.of(J_hat=1.0, exposure=4, **places),
+            tour=Exploring.of(done=True, visits=4),
+            decision=Decision.of(number=5, sent=1.0, on=True),
         )
-        answer = change(Parts(*(row.rows[0] for row in rows)))
+        answer = change(kept)
+        rows = kept.watch, kept.estimate, kept.tour, kept.decision
         out[name] = np.concatenate(
             [np.ravel(getattr(row, field.name)) for row in rows for field in row.fields]
         )
@@ -267,10 +377,26 @@ def moded():
     return out
 
 
+def lagging():
+    """How far drives lag behind, of a few readings."""
+    from rcmservo.method import drive_lag
+    from rcmservo.method.exploration import Exploring
+
+    tour, fastest = Exploring.of(), np.array([1.0, 1.0, 80.0])
+    drive_lag.begin_lag(tour.rows[0])
+    for k in range(12):
+        q, applied = 0.01 * np.sin(0.3 * k) * fastest, 0.3 * np.cos(0.3 * k + 0.5) * fastest
+        drive_lag.follow_drives(tour.rows[0], q, 10_000_000 * k, applied, fastest)
+    drive_lag.measure_lag(tour.rows[0])
+    assert tour.lag > 0.0
+    return {"lag": tour.lag, "its use": drive_lag.lag_of(tour.rows[0], 0.0)}
+
+
 def functions():
     """Every compiled function of the core on a few inputs: name -> numbers."""
     seen = scene()
-    out = moving() | imaging(seen) | fitting(seen) | learning(seen) | guarding(seen) | moded()
+    out = moving() | imaging(seen) | fitting(seen) | expecting(seen) | drifting(seen)
+    out |= sizing(seen) | learning(seen) | guarding(seen) | moded() | lagging()
     return {name: np.asarray(value, dtype=float) for name, value in out.items()}
 
 
@@ -279,6 +405,7 @@ def steps():
     servoing."""
     from rcmservo.guard.states import Phase
     from rcmservo.interfaces import Observation, Target
+    from rcmservo.method.controller import SaturatedController
     from rcmservo.method.estimators.broyden import BroydenEstimator
     from rcmservo.method.estimators.dlt import DltEstimator
     from rcmservo.method.estimators.flow import FlowEstimator
@@ -290,18 +417,21 @@ def steps():
 
     C, out, rcm = camera(), {}, PitchYawRcm()
     choices = {
-        "fast": (ProjectionEstimator(observations=6), RigidTool(30.0)),
+        "fast": (ProjectionEstimator(observations=6), RigidTool(30.0), "srd"),
         "printed": (
             ProjectionEstimator("printed", observations=6, estimator_time=1e3),
             ScaledTool(1.3),
+            "srd",
         ),
-        "dlt": (DltEstimator(), RigidTool(30.0)),
-        "flow": (FlowEstimator(0.05), RigidTool(30.0)),
-        "broyden": (BroydenEstimator(), RigidTool(30.0)),
+        "dlt": (DltEstimator(), RigidTool(30.0), "srd"),
+        "flow": (FlowEstimator(0.05), RigidTool(30.0), "srd"),
+        "broyden": (BroydenEstimator(), RigidTool(30.0), "srd"),
+        "points": (DltEstimator(), RigidTool(30.0), "points"),
     }
-    for name, (estimator, tool) in choices.items():
-        exploration = Exploration(radius=6.0, speed=60.0, tolerance=0.9, reach=2.0)
-        servo = Servo(rcm, tool, estimator, exploration=exploration, rate=50.0)
+    for name, (estimator, tool, features) in choices.items():
+        exploration = Exploration(leg=0.1, tolerance=0.9)
+        law = SaturatedController(features=features)
+        servo = Servo(rcm, tool, estimator, law, exploration=exploration, rate=50.0)
         q = rcm.joints(np.array([20.0, -10.0, -100.0]))
         target = Target(pixels(C, rcm.position(q + np.array([0.05, -0.04, 6.0]))), q)
         state, phases = servo.init(), []

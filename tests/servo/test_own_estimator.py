@@ -30,9 +30,31 @@ WRONG = {
         lambda: np.zeros(3),
         "gave numbers of shape (3,), not (4,)",
     ),
+    "no place": (
+        "imaged_rcm",
+        lambda: None,
+        "gave None instead of a place and its covariance",
+    ),
+    "a place without its covariance": (
+        "imaged_rcm",
+        lambda: (np.zeros(2), np.zeros(2)),
+        "gave numbers of shape (2,) and (2,), not (2,) and (2, 2)",
+    ),
+    "a place that is not finite": (
+        "imaged_rcm",
+        lambda: (np.full(2, np.nan), np.eye(2)),
+        "is not finite",
+    ),
+    "a motion that is not finite": ("motion", lambda: np.full((4, 3), np.nan), "is not finite"),
+    "a motion of wrong shape": (
+        "motion",
+        lambda: np.zeros((2, 3)),
+        "gave numbers of shape (2, 3), not (4, 3)",
+    ),
     "a memory in a table": ("remembered", lambda: np.zeros((2, 2)), "gave numbers of shape (2, 2)"),
     "init raises": ("init", lambda: {}["x"], "raised KeyError('x')"),
 }
+PLACE = np.array([320.0, 100.0])
 IN_MOTION = [name for name in WRONG if name != "init raises"]
 
 
@@ -46,6 +68,10 @@ class Faulty(rs.Estimator):
     name = "faulty"
     models = True
 
+    @property
+    def places_rcm(self) -> bool:
+        return self.wrong in WRONG and WRONG[self.wrong][0] in ("imaged_rcm", "motion")
+
     def _going_wrong(self, method: str, count: int) -> bool:
         return self.wrong in WRONG and WRONG[self.wrong][0] == method and count > self.after
 
@@ -58,12 +84,24 @@ class Faulty(rs.Estimator):
         count = memory[0] + 1
         if self._going_wrong("update", count):
             return WRONG[self.wrong][1]()
+        if self.places_rcm:  # nobody else does
+            sample = sample._replace(o_c=PLACE)
         return count, rs.ProjectionEstimator().update(memory[1], tool, sample)
 
     def jacobian(self, memory: Any, tool: Any, sample: Any) -> Any:
         if self._going_wrong("jacobian", memory[0]):
             return WRONG[self.wrong][1]()
         return rs.ProjectionEstimator().jacobian(memory[1], tool, sample)
+
+    def imaged_rcm(self, memory: Any) -> Any:
+        if self._going_wrong("imaged_rcm", memory[0]):
+            return WRONG[self.wrong][1]()
+        return PLACE, np.eye(2)
+
+    def motion(self, memory: Any, tool: Any, sample: Any) -> Any:
+        if self._going_wrong("motion", memory[0]):
+            return WRONG[self.wrong][1]()
+        return np.arange(1.0, 13.0).reshape(4, 3)
 
     def predict(self, memory: Any, tool: Any, p1: Floats) -> Any:
         if self._going_wrong("predict", memory[0]):
@@ -131,14 +169,14 @@ def test_one_that_goes_wrong_in_motion_is_a_fault_in_the_same_tick(
     wrong: str, lab: Laboratory
 ) -> None:
     method, _, sentence = WRONG[wrong]
-    servo = lab.servo(estimator=Faulty(wrong, after=130))
+    servo = lab.servo(estimator=Faulty(wrong, after=40))
     judge, counts = Judge(servo, lab.target), []
     for tick in rs.run(lab.plant, servo, lab.target, 6.0):
         judge.add(tick)
         counts.append(tick.state.learnt.memory.memory[0])
     last = tick.state
     assert (last.phase, last.cause) == (rs.Phase.FAULT, rs.Cause.ESTIMATOR_FAILED)
-    assert counts[-2] == 130 and not last.command.enabled and not last.command.rates.any()
+    assert counts[-2] == 40 and not last.command.enabled and not last.command.rates.any()
     for told in (last.words, judge.outcome().cause):
         assert f"estimator {__name__}:Faulty: its {method} " in told and sentence in told
 

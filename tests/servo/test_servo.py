@@ -24,6 +24,7 @@ from conftest import (
     observation,
     without,
 )
+from rcmservo.errors import BadInput
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.states import SLOW_SHARE, Phase, Request
@@ -34,13 +35,15 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import NotShown, teach
 from rcmservo.method.controller import SaturatedController
-from rcmservo.method.exploration import Exploring
+from rcmservo.method.estimators.flow import FlowEstimator
+from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.method.imaged_rcm import ImagedRcm, solve
 from rcmservo.method.kinematics import JointLimits, PitchYawRcm
-from rcmservo.rows import as_row
+from rcmservo.method.prospect import empty
+from rcmservo.rows import as_row, copied
 from rcmservo.servo.forget import forget
 from rcmservo.servo.servo import Servo
-from rcmservo.servo.state import Estimate, Parts
+from rcmservo.servo.state import Estimate
 from rcmservo.sim import RigSettings, Timing
 from rcmservo.tracking import PointMarkers
 
@@ -99,7 +102,7 @@ def test_a_step_is_pure_and_no_state_changes_after_it_was_made(estimator, tool, 
 
 
 @every
-def test_repeated_frames_teach_nothing(estimator, tool, controller):
+def test_repeated_frames_and_those_before_an_exploration_teach_nothing(estimator, tool, controller):
     lab = laboratory()
     before, repeats = None, 0
     for seen, state in lab.run(lab.servo(**choices(estimator, tool, controller)), 1.5):
@@ -111,7 +114,10 @@ def test_repeated_frames_teach_nothing(estimator, tool, controller):
                 and np.array_equal(state.learnt.lines, before.learnt.lines)
             )
         elif before is not None:
-            learns = state.learnt.estimate.rcm_condition <= lab.servo().imaged_rcm.max_condition
+            tour = before.learnt.tour  # a hand may have moved the tool before that began
+            learns = tour.done or not tour.begun or seen.exposure >= tour.start
+            if state.learnt.estimate.rcm_condition > lab.servo().imaged_rcm.max_condition:
+                learns = False
             assert (frozen(state.learnt.memory) != frozen(before.learnt.memory)) == learns
         before = state
     assert 50 <= repeats <= 70
@@ -127,16 +133,22 @@ def servoing(lab, servo, tick_limit=600):
     raise AssertionError(f"never servoed: {state.phase}, {state.cause}")
 
 
-LOST = [((0,), Cause.MARKER_1_LOST), ((1,), Cause.MARKER_2_LOST), ((0, 1), Cause.MARKERS_LOST)]
+LOST = [
+    ((0,), Cause.MARKER_1_LOST, {"estimator": ProjectionEstimator()}),
+    ((1,), Cause.MARKER_2_LOST, {"estimator": ProjectionEstimator()}),
+    ((0,), Cause.MARKER_1_LOST, {"thresholds": Thresholds(without_marker=0.0)}),
+    ((0, 1), Cause.MARKERS_LOST, {}),
+]
+"""Markers that are lost, and a servo that cannot do without."""
 
 
 @pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
-@pytest.mark.parametrize("markers,cause", LOST)
+@pytest.mark.parametrize("markers,cause,servo", LOST)
 def test_a_lost_marker_holds_at_the_next_tick_and_the_command_is_zero_within_a_tenth_of_a_second(
-    seed, markers, cause
+    seed, markers, cause, servo
 ):
     lab = laboratory(seed)
-    servo = lab.servo()
+    servo = lab.servo(**servo)
     state = servoing(lab, servo)
     rates = [state.command.rates]
     assert rates[0].any()
@@ -159,7 +171,13 @@ def test_a_marker_lost_while_exploring_holds_too_and_exploring_goes_on_after_it(
     assert state.phase is Phase.ACQUIRE and state.command.rates.any()
 
 
-OTHER = Thresholds(hold_time=0.4, good_to_recover=3, good_to_servo=6)
+def test_a_law_on_points_needs_an_estimator_that_tells_how_they_move():
+    law = SaturatedController(features="points")
+    with pytest.raises(BadInput, match=r"controller\.features.*dlt or projection"):
+        Servo(PitchYawRcm(), TOOLS["rigid"], FlowEstimator(), law)
+
+
+OTHER = Thresholds(hold_time=0.4, good_to_recover=3, good_to_servo=9)
 
 
 @pytest.mark.parametrize("t", [Thresholds(), OTHER])
@@ -167,7 +185,7 @@ def test_a_hold_ends_after_good_frames_in_acquire_and_some_more_lead_to_servo(t)
     lab = laboratory()
     servo = lab.servo(thresholds=t)
     state = servoing(lab, servo)
-    *_, (_, state) = lab.run(servo, 0.3, state, lambda seen: without(seen, 0))
+    *_, (_, state) = lab.run(servo, 0.3, state, lambda seen: without(seen, 0, 1))
     hidden, entered = state.frame, {}
     for _, after in lab.run(servo, 0.6, state):
         if after.phase is Phase.HOLD:
@@ -185,11 +203,11 @@ def test_one_bad_frame_in_between_starts_the_count_again():
     lab = laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
-    *_, (seen, state) = lab.run(servo, 0.2, state, lambda seen: without(seen, 0))
+    *_, (seen, state) = lab.run(servo, 0.2, state, lambda seen: without(seen, 0, 1))
     bad = seen.frame + 4
 
     def change(seen):
-        return without(seen, 1) if seen.frame == bad else seen
+        return without(seen, 0, 1) if seen.frame == bad else seen
 
     left = next(
         after.frame
@@ -199,13 +217,38 @@ def test_one_bad_frame_in_between_starts_the_count_again():
     assert left == bad + Thresholds.good_to_recover
 
 
-@pytest.mark.parametrize("share,slow", [(1.0, False), (1e-6, True)])
-def test_near_which_singularity_the_tool_goes_slowly_is_a_threshold(share, slow):
+DAMPED = SaturatedController(max_condition=4.0)
+"""A law that leaves some of any error: it damps all but the largest singular value."""
+
+
+@pytest.mark.parametrize("share,slow", [(1e-6, False), (1.0, True)])
+def test_how_much_of_the_error_must_be_left_to_the_law_before_it_goes_slowly_is_a_threshold(
+    share, slow
+):
     lab = laboratory()
-    servo = lab.servo(thresholds=Thresholds(nearly_singular=share))
+    servo = lab.servo(
+        controller=DAMPED, thresholds=Thresholds(closed=1e-9, nearly_closed=share, small_error=1e-9)
+    )
     state = servoing(lab, servo)
+    assert 0.0 < state.decision.open < 1.0
     assert (state.cause is Cause.NEARLY_SINGULAR) == slow
     assert state.mode.share == (SLOW_SHARE if slow else 1.0)
+
+
+@pytest.mark.parametrize("small,pauses", [(1e-9, True), (1e9, False)])
+def test_a_way_that_is_closed_is_a_pause_but_for_an_error_that_is_as_small_as_noise(small, pauses):
+    lab, t = laboratory(), Thresholds(closed=1.0, small_error=small, elsewhere=np.inf)
+    servo = lab.servo(controller=DAMPED, thresholds=t)
+    causes = {state.cause for _, state in lab.run(servo, 5.0) if state.phase is Phase.PAUSED}
+    assert causes == ({Cause.SINGULAR} if pauses else set())
+
+
+@pytest.mark.parametrize("law", [DAMPED, SaturatedController(max_speed=3.0)])
+def test_a_law_that_is_slow_as_it_is_damped_or_capped_has_not_arrived(law):
+    lab = laboratory()
+    servo = lab.servo(controller=law, thresholds=Thresholds(closed=1e-9, nearly_closed=1e-8))
+    causes = {state.cause for _, state in lab.run(servo, 4.0)}
+    assert Cause.ELSEWHERE not in causes
 
 
 @pytest.mark.parametrize("t", [Thresholds(), OTHER])
@@ -234,7 +277,7 @@ def test_short_losses_in_a_row_do_not_add_up_to_a_pause():
     servo = lab.servo()
     state = servoing(lab, servo)
     for _ in range(4):
-        *_, (_, state) = lab.run(servo, 0.6, state, lambda seen: without(seen, 1))
+        *_, (_, state) = lab.run(servo, 0.6, state, lambda seen: without(seen, 0, 1))
         assert state.phase is Phase.HOLD
         *_, (_, state) = lab.run(servo, 0.4, state)
         assert state.phase is Phase.SERVO
@@ -279,7 +322,7 @@ def test_before_the_first_frame_a_resume_is_refused_and_nothing_moves(explored):
 
 
 def test_without_room_to_explore_it_pauses_and_says_so():
-    tight = PitchYawRcm(JointLimits((-0.01, -0.01, 99.0), (0.01, 0.01, 101.0)))
+    tight = PitchYawRcm(JointLimits((-0.001, -0.001, 99.9), (0.001, 0.001, 100.1)))
     servo = Servo(tight, TOOLS["rigid"])
     q = np.array([0.0, 0.0, 100.0])
     points, state = np.array([[100.0, 50.0], [200.0, 100.0]]), servo.init()
@@ -297,7 +340,7 @@ def test_a_camera_that_shows_no_connection_with_the_motion_ends_in_not_explored(
     )
 
     def wandering(seen):
-        random = np.random.default_rng(seen.frame)
+        random = np.random.default_rng(seen.frame + 1)
         return replace(
             seen,
             points=np.array([[300.0, 200.0], [340.0, 260.0]]) + random.uniform(-0.8, 0.8, (2, 2)),
@@ -441,7 +484,7 @@ def test_a_camera_that_sends_nothing_more_stops_the_tool():
 
 def test_when_the_imaged_rcm_is_lost_the_tool_does_not_go_on_with_the_last_error():
     lab = laboratory()
-    servo = lab.servo()
+    servo = lab.servo(estimator=ESTIMATORS["fast"])
     state = servoing(lab, servo)
     learnt = state.learnt._replace(estimate=Estimate(state.learnt.estimate.rows.copy()))
     learnt.estimate.rows["line_count"] = 0
@@ -522,7 +565,7 @@ def test_latency_up_to_its_limit_is_compensated():
     """By the joints' motion since the exposure; without that, 90 ms at k = 6 oscillate and take
     three times as long."""
     (soon, quiet), (later, noisy) = arrival(0.02), arrival(0.09)
-    assert later < 1.25 * soon and noisy < 1.5 * quiet
+    assert later < 1.25 * soon and max(noisy, quiet) < 0.01
 
 
 def test_latency_beyond_its_limit_holds():
@@ -946,7 +989,10 @@ def test_a_clock_that_stands_still_or_goes_back_is_a_fault_at_once(later):
 
 def test_a_servo_with_eq_16_as_printed_keeps_the_last_lines():
     lab = laboratory()
-    servo = lab.servo(imaged_rcm=ImagedRcm(lines=5, fit="printed", max_condition=1e12))
+    servo = lab.servo(
+        estimator=ESTIMATORS["fast"],
+        imaged_rcm=ImagedRcm(lines=5, fit="printed", max_condition=1e12),
+    )
     ran = list(lab.run(servo, 1.0))
     frames = {seen.frame: seen.points.ravel() for seen, _ in ran if seen.frame >= 0}
     learnt = ran[-1][1].learnt
@@ -980,9 +1026,49 @@ def test_what_is_forgotten_is_what_is_not_known_at_first():
     """Written down twice: as rows to begin with, and as what compiled functions write over them."""
     state = servoing(laboratory(), laboratory().servo())
     learnt, first = state.learnt, laboratory().servo().init().learnt
-    rows = [
-        part.rows.copy() for part in (state.watch, learnt.estimate, learnt.tour, state.decision)
-    ]
-    forget(Parts(*(row[0] for row in rows)))
-    assert frozen(Estimate(rows[1])) == frozen(first.estimate) != frozen(learnt.estimate)
-    assert frozen(Exploring(rows[2])) == frozen(first.tour) != frozen(learnt.tour)
+    kept = copied(state.kept)
+    forget(kept.rows[0])
+    assert frozen(kept.estimate) == frozen(first.estimate) != frozen(learnt.estimate)
+    assert frozen(kept.tour) == frozen(first.tour) != frozen(learnt.tour)
+    empty(kept.prospect.rows[0])
+    assert frozen(kept.prospect) == frozen(first.prospect) != frozen(learnt.prospect)
+
+
+def elsewhere(seed, wrong, **choices):
+    """A run to a target whose joints (3,) are `wrong`, and when it came within 1 mm of it by the
+    picture, s; inf if it never did."""
+    lab = laboratory(seed)
+    lab.target = replace(lab.target, q=lab.target.q + np.array(wrong))
+    servo, ran = lab.servo(**choices), []
+    there = lab.rig.body.points(lab.rig.scene.target)[1]
+    for _, state in lab.run(servo, 6.0):
+        off = np.linalg.norm(lab.rig.body.points(lab.rig.arm.q_true)[1] - there)
+        ran.append((off, state))
+    arrived = next((k for k, (off, _) in enumerate(ran) if off < 1.0), np.inf)
+    return arrived / 100.0, [state for _, state in ran]
+
+
+@pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_where_the_targets_joints_are_elsewhere_it_pauses_within_a_second_of_arriving(seed, sign):
+    arrived, states = elsewhere(seed, (0.0, 0.0, 5.0 * sign))
+    paused = next(k for k, state in enumerate(states) if state.phase is Phase.PAUSED) / 100.0
+    assert states[-1].cause is Cause.ELSEWHERE and paused < arrived + 1.0
+
+
+@pytest.mark.parametrize("wrong,limit", [((0.0, 0.0, 5.0), np.inf), ((0.0, 0.0, 0.5), 2.0)])
+def test_joints_that_may_be_elsewhere_or_hardly_are_do_not_keep_it_from_settling(wrong, limit):
+    arrived, states = elsewhere(1, wrong, thresholds=Thresholds(elsewhere=limit))
+    assert arrived < 5.0 and states[-1].phase is Phase.SERVO
+    assert not any(state.cause is Cause.ELSEWHERE for state in states)
+
+
+def test_a_camera_zoomed_since_the_target_was_shown_is_told_where_the_picture_shows_the_target():
+    """The picture is by a tenth larger than when the target was shown, from the first frame on."""
+    lab = laboratory()
+    middle = np.array([320.0, 240.0])
+    servo = lab.servo()
+    *_, (_, state) = lab.run(
+        servo, 6.0, change=lambda seen: replace(seen, points=middle + 1.1 * (seen.points - middle))
+    )
+    assert (state.phase, state.cause) == (Phase.PAUSED, Cause.ELSEWHERE)

@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conftest import random_from, seeds
 from rcmservo.errors import BadInput
+from rcmservo.sim.lens import project
 from rcmservo.sim.optics import Optics, look_at
 
 POSITION = np.array([-70.0, -60.0, 20.0])
@@ -67,6 +69,22 @@ def test_the_jacobian_is_the_derivative_of_the_distorted_projection(x, y, z):
     steps = h * np.eye(3)
     numeric = (optics.project(point + steps) - optics.project(point - steps)).T / (2 * h)
     assert np.allclose(optics.project_jacobian(point), numeric, atol=1e-6)
+
+
+@given(seeds)
+def test_what_compiled_functions_see_is_what_the_camera_sees(seed):
+    random, optics = random_from(seed), camera(k1=-0.3)
+    points = optics.position + random.uniform(-300.0, 300.0, (20, 3))
+    seen = [project(optics.lens[0], p) for p in points]
+    np.testing.assert_allclose(seen, optics.project(points), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("k1", "k2", "turns"), [(-0.3, 0.02, 1), (-0.08, 0.02, 0), (0.1, 0.0, 0)])
+def test_the_lens_folds_where_its_distorted_radius_turns(k1, k2, turns):
+    fold = camera(k1, k2, focal=1500.0).fold
+    assert np.isfinite(fold) == turns
+    if turns:
+        assert 1 + 3 * k1 * fold**2 + 5 * k2 * fold**4 == pytest.approx(0.0, abs=1e-12)
 
 
 def test_on_the_axis_a_spheres_outline_is_a_circle_about_its_centre():

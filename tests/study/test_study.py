@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
 
-from conftest import first_quick, random_from, seeds
+from conftest import first_quick
 from rcmservo.errors import BadInput
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import PHASES, Phase
@@ -28,7 +27,6 @@ from rcmservo.sim.rig import drawn
 from rcmservo.sim.scene import Scene
 from rcmservo.study import Study, StudyRun
 from rcmservo.study.closed_loop import Goal
-from rcmservo.study.twin import project
 from rcmservo.tracking import PointMarkers
 
 QUIET = RigSettings(point_noise=0.0)
@@ -60,7 +58,7 @@ def by_physics(seed: int, settings: RigSettings, seconds: float) -> tuple[Floats
 def shown(seed: int, settings: RigSettings) -> Goal:
     rig = Rig(seed, settings, pictures=False)
     markers = rig.body.points(rig.scene.target)[:2]
-    return Goal(rig.scene.optics.project(markers), markers[1])
+    return Goal(rig.scene.optics.project(markers), rig.scene.target, markers[1])
 
 
 def by_twin(study: Study, seed: int) -> StudyRun:
@@ -87,15 +85,6 @@ def test_a_twin_with_other_drives_goes_another_way() -> None:
     assert np.abs(usual.error - other.error).max() > NEAR
 
 
-@given(seeds)
-def test_its_camera_sees_what_the_simulated_one_does(seed: int) -> None:
-    study, random = study_of(QUIET), random_from(seed)
-    optics = drawn(seed % 5, QUIET)[0].optics
-    lens = study._twin(drawn(seed % 5, QUIET)[0]).lens[0]  # pyright: ignore[reportPrivateUsage]
-    for p in optics.position + random.uniform(-300.0, 300.0, (20, 3)):
-        np.testing.assert_allclose(project(lens, p), optics.project(p[None])[0], rtol=1e-9)
-
-
 def test_the_same_seed_is_the_same_run_in_whatever_process() -> None:
     study = study_of(RigSettings(), duration=2.0)
     alone, together = [study.run(seed) for seed in (3, 4)], list(study.runs([3, 4]))
@@ -105,10 +94,11 @@ def test_the_same_seed_is_the_same_run_in_whatever_process() -> None:
 
 
 def test_noise_beyond_what_the_checks_bear_stops_it_and_the_cause_is_told() -> None:
-    run = study_of(RigSettings(point_noise=2.0), duration=5.0).run(0)
-    assert run.stops and run.stops[0][1] in (Cause.SURPRISED, Cause.CAMERA_MOVED)
+    run = study_of(RigSettings(point_noise=5.0), duration=12.0).run(0)
+    assert run.stops and run.stops[0][1] is Cause.NOT_EXPLORED
     assert run.first_within(0.0) == np.inf
-    assert not study_of(QUIET, duration=5.0).run(0).stops
+    for noise in (0.0, 1.0):
+        assert not study_of(RigSettings(point_noise=noise), duration=5.0).run(0).stops
 
 
 def test_averaged_markers_bring_the_tool_nearer_at_the_same_speed() -> None:
@@ -133,7 +123,7 @@ def behind(optics: Optics, body: Body) -> Scene:
     endoscope = replace(optics, focal=600.0, position=place, rotation=look_at(place, start))
     assert endoscope.depth(np.zeros((1, 3)))[0] < 0.0
     target = q + np.array([0.08, 0.1, 9.0])
-    return Scene(endoscope, np.stack([q, target]), q, Tissue(place, sight), 0)
+    return Scene(endoscope, body, np.stack([q, target]), q, Tissue(place, sight), 0)
 
 
 @pytest.mark.parametrize(
@@ -147,7 +137,7 @@ def test_where_the_rcm_is_behind_the_camera_the_whole_projection_servoes(
     scene = behind(drawn(0, QUIET)[0].optics, body)
     study = Study(Servo(settings.mechanism, settings.tool, estimator), settings)
     markers = body.points(scene.target)[:2]
-    goal = Goal(scene.optics.project(markers), markers[1])
+    goal = Goal(scene.optics.project(markers), scene.target, markers[1])
     run = study.of(0, scene, goal, np.zeros((1000, 2, 2)))
     assert run.error[0] > 10.0 and (run.error[-1] < 0.5) == arrives
 
@@ -156,7 +146,7 @@ def test_what_it_tells_of_a_run_is_counted_from_its_first_tick() -> None:
     phases = [Phase.SERVO, Phase.HOLD, Phase.HOLD, Phase.ACQUIRE, Phase.FAULT]
     places = np.array([PHASES.index(phase) for phase in phases], np.int8)
     causes = np.array([0, Cause.STALE.place, Cause.STALE.place, 0, Cause.DRIVE_OFF.place], np.int8)
-    run = StudyRun(0, 100.0, np.array([3.0, 2.0, 1.0, 0.5, 1.5]), places, causes)
+    run = StudyRun(0, 100.0, np.array([3.0, 2.0, 1.0, 0.5, 1.5]), places, causes, 0.1)
     assert run.first_within(1.0) == 0.02
     assert run.stops == [(0.01, Cause.STALE), (0.04, Cause.DRIVE_OFF)]
     held = replace(run, phases=places[1:], causes=causes[1:])

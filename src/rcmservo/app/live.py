@@ -39,7 +39,7 @@ class LiveOptions:
     """Draws the camera, the start, the target and the noise."""
     duration: float = 30.0
     """Length of the run, s."""
-    estimator: EstimatorName = "projection"
+    estimator: EstimatorName = "dlt"
     """How the Jacobian is learnt; as of `rcmservo run`."""
     rig: OptionalPath = None
     """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene."""
@@ -97,6 +97,8 @@ class LiveMetrics:
     """Whether the errors stayed small to the end, with nothing wrong then."""
     cause: str
     """Why it did not settle; empty where it did."""
+    remark: str
+    """What was not as it should be at the end although nothing stopped; empty if all was."""
     settle_time_s: float | None
     """When the errors became small for good; None where the run did not settle."""
     feature_error: FeatureError
@@ -195,6 +197,7 @@ def metrics_of(
         folder=str(folder),
         settled=outcome.settled,
         cause=outcome.cause,
+        remark=outcome.remark,
         settle_time_s=outcome.settle_time if outcome.settled else None,
         feature_error=FeatureError(*map(number, outcome.error)),
         explored_s=outcome.explored_at,
@@ -224,6 +227,8 @@ def _spread(spread: Spread) -> SpreadMetrics:
 def show_live(out: Console, metrics: LiveMetrics) -> None:
     """The result as a table, and where its files are."""
     table = result_table(metrics.settled, metrics.cause)
+    if metrics.remark:
+        table.add_row("at the end", metrics.remark)
     table.add_row("settle time", unit(metrics.settle_time_s, "s", 2))
     pose = unit(metrics.pose_error_mm, "mm", 3)
     table.add_row("pose error ‖p₂ − p_d‖ (simulation's truth)", pose)

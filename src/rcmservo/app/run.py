@@ -34,7 +34,7 @@ class RunOptions:
     """Draws the camera, the start, the target and the noise."""
     duration: float = 30.0
     """Length of the run, s of simulated time."""
-    estimator: EstimatorName = "projection"
+    estimator: EstimatorName = "dlt"
     """How the Jacobian is learnt: projection is rule (21) with the fast Γ, projection-printed with
     the paper's Γ, flow is rule (28), broyden is the rank-1 update that III-C compares it to."""
     rig: OptionalPath = None

@@ -11,6 +11,7 @@ from rcmservo.config.kinds import ESTIMATORS, PRESETS
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import BadInput
 from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.affine import AffineEstimator
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.broyden import BroydenEstimator
 from rcmservo.method.estimators.dlt import DltEstimator
@@ -46,6 +47,8 @@ class ServoOptions:
     """Ĵ through the projection parameters, rule (21)."""
     dlt: DltEstimator = field(default_factory=DltEstimator)
     """Ĵ through the whole projection, fitted to all frames."""
+    affine: AffineEstimator = field(default_factory=AffineEstimator)
+    """Ĵ by the markers' places and apparent sizes, which a tracker of pictures tells."""
     flow: FlowEstimator = field(default_factory=FlowEstimator)
     """Ĵ from flow, rule (28)."""
     broyden: BroydenEstimator = field(default_factory=BroydenEstimator)

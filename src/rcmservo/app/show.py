@@ -93,6 +93,8 @@ def _summary(record: Record, told: RunSummary) -> Table:
     table.add_row("what", Text(_what(record)))
     if outcome.cause:
         table.add_row("cause", Text(outcome.cause))
+    if outcome.remark:
+        table.add_row("at the end", Text(outcome.remark))
     if outcome.settle_time is not None:
         table.add_row("settle time", f"{outcome.settle_time:.2f} s")
     table.add_row("duration", f"{told.duration:.2f} s, {_count(told.ticks, 'tick')}")

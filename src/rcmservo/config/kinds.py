@@ -14,6 +14,7 @@ from rcmservo.errors import BadInput
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.affine import AffineEstimator
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.broyden import BroydenEstimator
 from rcmservo.method.estimators.dlt import DltEstimator
@@ -30,7 +31,14 @@ MECHANISMS: Mapping[str, type[Kinematics]] = {
 }
 TOOLS: Mapping[str, type[Tool]] = {kind.name: kind for kind in (RigidTool, ScaledTool)}
 ESTIMATORS: Mapping[str, type[Estimator]] = {
-    kind.name: kind for kind in (ProjectionEstimator, DltEstimator, FlowEstimator, BroydenEstimator)
+    kind.name: kind
+    for kind in (
+        ProjectionEstimator,
+        DltEstimator,
+        AffineEstimator,
+        FlowEstimator,
+        BroydenEstimator,
+    )
 }
 PRESETS: Mapping[str, Estimator] = {"projection-printed": PRINTED}
 """Estimators with settings of their own that the command line has a name for."""

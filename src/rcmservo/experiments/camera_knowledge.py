@@ -33,6 +33,8 @@ from rcmservo.method.controller import scaled
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.projection import GAMMA_0
 from rcmservo.method.features import about, features
+from rcmservo.method.projection import parameters
+from rcmservo.method.prospect import UNIT, Prospect
 from rcmservo.sim import Rig
 
 DRAWS = 2000
@@ -100,7 +102,7 @@ def learn(folder: Path, settings: Settings, seed: int, noise: float) -> Estimate
     for name, estimator in ESTIMATORS.items():
         J_hat, memory = learnt(estimator, seen.samples, rig.settings.tool)
         knows = Knowledge(rig, estimator, memory, J_hat[-1], seen.samples[-1])
-        wrong = parameter_error(rig, memory.a_hat) if estimator.models else None
+        wrong = parameter_error(rig, parameters_of(estimator, memory)) if estimator.models else None
         found[name] = Known(knows.missed(near), knows.missed(far), wrong)
     return Estimates(found)
 
@@ -161,7 +163,13 @@ class Knowledge:
         """Raw pixels (2, 2) with marker 1 at p1 (3,) mm."""
         m = self.estimator.predict(self.memory, self.rig.settings.tool, p1)
         m = extrapolated(self.J_hat, self.last, p1) if m is None else m
-        return m.reshape(2, 2) + self.last.o_c
+        return m.reshape(2, 2) + self._origin
+
+    @property
+    def _origin(self) -> Floats:
+        """Where the estimator has the imaged RCM, (2,) px: its own place, or the servo's."""
+        placed = self.estimator.imaged_rcm(self.memory)
+        return self.last.o_c if placed is None else placed[0]
 
 
 def extrapolated(J_hat: Floats, last: Sample, p1: Floats) -> Floats:
@@ -170,6 +178,22 @@ def extrapolated(J_hat: Floats, last: Sample, p1: Floats) -> Floats:
     s, r, d = features(about(last.points, last.o_c)) + unscale * (J_hat @ (p1 - last.p1))
     along = np.array([np.cos(s), np.sin(s)])
     return np.concatenate([r * along, (r + d) * along])
+
+
+def parameters_of(estimator: Estimator, memory: Any) -> Floats:
+    """â (9,) of an estimator with a model; that of the whole projection by Lemma 1."""
+    if estimator.places_rcm:
+        return parameters(fitted(Prospect(memory)))[0]
+    return memory.a_hat
+
+
+def fitted(v: Prospect) -> Floats:
+    """C (3, 4) of what the camera should see, at an arbitrary scale."""
+    moved = np.eye(4)
+    moved[:3, 3] = -v.origin[:3]
+    moved[3, 3] = UNIT
+    below = np.append(v.g, 1.0)
+    return np.vstack([v.A + np.outer(v.origin[3:], below), below]) @ moved
 
 
 def parameter_error(rig: Rig, a_hat: Floats) -> float:

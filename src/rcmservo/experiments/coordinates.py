@@ -321,7 +321,7 @@ def _loop_figure(found: PoleLoopsFound) -> Shown:
     ]
     before, after, below = ENDS
     caption = (
-        f"Closed loops with default gains from {before:g} mm on one side of the pole to {after:g} "
+        f"Closed loops with k = 2 from {before:g} mm on one side of the pole to {after:g} "
         f"mm on the other, {below:g} mm from the RCM, past it at about {found.settings.aside:g} "
         "mm; the tool hangs down, at θ = 180°, which is the same singularity as θ = 0. One mark "
         "for each seed; runs that did not settle have no time."

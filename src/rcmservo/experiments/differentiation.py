@@ -13,7 +13,7 @@ import numpy as np
 
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
 from rcmservo.experiments.harness.lab.cameras import PINHOLE, true_parameters
-from rcmservo.experiments.harness.lab.closed_loop import FAST_ARM, FLOW, NOISE
+from rcmservo.experiments.harness.lab.closed_loop import FAST_ARM, FLOW, LONG, NOISE, for_ever
 from rcmservo.experiments.harness.lab.witness import laboratory
 from rcmservo.experiments.harness.sentences import OURS
 from rcmservo.experiments.harness.statistics import marks, median
@@ -23,7 +23,6 @@ from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick, run
 from rcmservo.method.controller import scaled
 from rcmservo.method.estimators.flow import learn
-from rcmservo.method.exploration import Exploration
 from rcmservo.method.features import about, difference, features
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig
@@ -34,7 +33,7 @@ WAYS = {
     "stale": "frame interval, zeros in between",
 }
 SHORT = ["by frame", "by tick", "zeros between"]
-TOUR = Exploration(radius=10.0, speed=30.0, rounds=1000, max_time=1e6)
+TOUR = for_ever(LONG)
 LAST_TOURS = 5.0
 """s at the end of a tour over which Ĵ is judged: the error of a flow rule comes and goes with every
 round."""

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
-from rcmservo.experiments.harness.lab.closed_loop import servo_for
-from rcmservo.experiments.harness.lab.methods import DEFAULT, FLOW_RULE, Learner
+from rcmservo.experiments.harness.lab.closed_loop import FAST_LAW, servo_for
+from rcmservo.experiments.harness.lab.methods import FLOW_RULE, OUR_METHODS, Learner
 from rcmservo.experiments.harness.lab.path import PathWay, Trace, circle
 from rcmservo.experiments.harness.lab.witness import EVERY, laboratory
 from rcmservo.experiments.harness.sentences import OURS
@@ -31,7 +31,7 @@ from rcmservo.method.features import SCALE
 from rcmservo.servo.servo import State
 from rcmservo.sim import SceneSettings
 
-METHODS: Mapping[str, Learner] = {"ours": DEFAULT, "flow": FLOW_RULE}
+METHODS: Mapping[str, Learner] = {**OUR_METHODS, "flow": FLOW_RULE}
 
 AT_START = 0.15
 """Scaled feature error at which the first point of a path counts as reached."""
@@ -49,8 +49,8 @@ class Settings:
     """px."""
     approach: float = 20.0
     """s allowed for the way to the circle's first point, after the exploration."""
-    controller: SaturatedController = field(default_factory=SaturatedController)
-    """Of both methods; it has no feed-forward."""
+    controller: SaturatedController = FAST_LAW
+    """Of every method but our default; it has no feed-forward."""
     radius: float = 10.0
     """mm."""
     period: float = 30.0
@@ -61,10 +61,9 @@ class Settings:
         """v mm/s on the circle."""
         return 2.0 * np.pi * self.radius / self.period
 
-    @property
-    def lag(self) -> float:
-        """v/k mm, by which a law without feed-forward stays behind."""
-        return self.speed / self.controller.gain
+    def law(self, method: Learner) -> SaturatedController:
+        """A method's own controller, or that of all."""
+        return method.controller or self.controller
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ def follow_all(folder: Path, settings: Settings, method: str) -> Followings:
 def follow(settings: Settings, method: Learner, seed: int) -> Following:
     """Explore, go to the path's first point, then servo to reference pixels that move along it."""
     rig, plant = laboratory(seed, settings.scene, settings.noise)
-    servo = servo_for(rig, method.estimator, method.exploration, settings.controller)
+    servo = servo_for(rig, method.estimator, method.exploration, settings.law(method))
     trace = Trace(circle(rig, settings.radius, settings.period))
     state, target = servo.init(), trace.path.reference(0.0)
     servo.warm_up()
@@ -145,6 +144,16 @@ class PathsFollowed:
     """What followed the paths."""
     trials: list[Following]
     """One for each scene."""
+
+    @property
+    def gain(self) -> float:
+        """k, 1/s."""
+        return self.settings.law(self.method).gain
+
+    @property
+    def lag(self) -> float:
+        """v/k mm, by which a law without feed-forward stays behind."""
+        return self.settings.speed / self.gain
 
     @property
     def ways(self) -> list[PathWay]:
@@ -196,11 +205,11 @@ def lags_by_v_over_k(found: PathsFollowed) -> Claim:
         median([way.rms for way in ways]),
         "mm rms",
         "<=",
-        1.5 * settings.lag,
+        1.5 * found.lag,
         settings.seeds,
         case=(found.method.name, ""),
         remark=found.failures,
-        detail=f"median over the scenes; v/k = {settings.lag:.2f} mm; in a scene at most "
+        detail=f"median over the scenes; v/k = {found.lag:.2f} mm; in a scene at most "
         f"{median([way.max for way in ways]):.2f} mm (median), {worst:.2f} mm (worst), "
         f"{median([way.pixels_rms for way in ways]):.1f} px rms in the picture",
         figure="path",
@@ -223,7 +232,7 @@ def keeps_beside(found: PathsFollowed) -> Claim:
         case=(found.method.name, ""),
         remark="; ".join(filter(None, (found.failures, late if beside > 0.3 else ""))),
         detail=f"median over the scenes, after a lag of {median([way.lag for way in ways]):.2f} s; "
-        f"1/k is {1.0 / settings.controller.gain:.2f} s",
+        f"1/k is {1.0 / found.gain:.2f} s",
         figure="path",
     )
 
@@ -235,14 +244,14 @@ def _figure(settings: Settings, found: list[PathsFollowed]) -> Shown:
         f"Left, marker 1 in the picture of scene {first.seed if first else '–'}; right, how far it "
         "is from the moving reference, median over the scenes."
     )
-    pictures = _pictures(done)
+    pictures, lags = _pictures(done), {one.gain: one.lag for one in found}
     panels = [
         Panel("u [px]", "v [px], downwards", pictures, y_limits=_downwards(pictures)),
         Panel(
             "time on the path [s]",
             "$\\|p_1 - p_{ref}\\|$ [mm]",
             [_errors(one, style) for style, one in enumerate(done)],
-            levels=[("v/k", settings.lag)],
+            levels=[(f"v/k, k = {k:g}", lag) for k, lag in lags.items()],
         ),
     ]
     figure = Figure("Following a path", panels, columns=2)
@@ -277,8 +286,8 @@ def _downwards(curves: Sequence[Curve]) -> tuple[float, float]:
 EXPERIMENT = Experiment(
     name="path-following",
     title="Following a path",
-    about="Path following by moving reference pixels, as in [10]: our default and the paper's flow "
-    "rule, without a calibration and without feed-forward.",
+    about="Path following by moving reference pixels, as in [10]: our projection-based method, "
+    "our default and the paper's flow rule, without a calibration and without feed-forward.",
     whole=Settings(),
     quick=Settings(seeds=(0,), approach=8.0, radius=5.0, period=15.0),
     tasks=tasks,

@@ -14,6 +14,8 @@ import numpy as np
 
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
 from rcmservo.experiments.harness.lab.closed_loop import (
+    FAST_FIT,
+    FAST_LAW,
     FLOW,
     LONG,
     NOISE,
@@ -31,7 +33,6 @@ from rcmservo.interfaces import Target
 from rcmservo.loop.run import Tick
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
-from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.features import SCALE
 from rcmservo.servo.servo import Servo
@@ -42,7 +43,7 @@ STOPS = 0.25
 """s within which the tool must stand still: 3 frames to notice, and the ramp from full speed."""
 
 METHODS: dict[str, tuple[Estimator, Exploration]] = {
-    "projection": (ProjectionEstimator(), Exploration()),
+    "projection": (FAST_FIT, Exploration()),
     "flow": (FLOW, LONG),
 }
 
@@ -57,7 +58,7 @@ class Settings:
     """Of the way in Δy that is left when the camera is relocated."""
     duration: float = 50.0
     """s of each part."""
-    controller: SaturatedController = field(default_factory=SaturatedController)
+    controller: SaturatedController = FAST_LAW
     """Of both estimators."""
     scene: SceneSettings = field(
         default_factory=lambda: SceneSettings(room=12.0, travel=(30.0, 60.0))
@@ -226,7 +227,7 @@ def is_noticed(found: Relocations) -> Claim:
         ">=",
         100.0,
         found.settings.seeds,
-        detail=f"{len(found.stops)} runs, both estimators, default gains",
+        detail=f"{len(found.stops)} runs, both estimators, k = {found.settings.controller.gain:g}",
         figure="relocated",
     )
 

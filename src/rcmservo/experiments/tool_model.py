@@ -251,8 +251,7 @@ def _loop_figure(settings: Settings, loops: list[ToolLoops]) -> Shown:
         for i, (label, groups) in enumerate(numbers.items())
     ]
     caption = (
-        "Closed loops with default gains, one mark for each seed; runs that did not settle have "
-        "no time."
+        "Closed loops with k = 2, one mark for each seed; runs that did not settle have no time."
     )
     figure = Figure("Either tool model in the loop", panels, columns=3)
     return Shown("tool-loops", "II-B", caption, settings.loops, figure)

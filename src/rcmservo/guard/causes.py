@@ -69,7 +69,8 @@ class Cause(Enum):
     NOT_FOLLOWING = (
         "the joints do not follow the commands",
         Action.FAULT,
-        "look for a blocked, slipping or wrongly wired axis, then clear and enable again",
+        "look for a blocked, slipping or wrongly wired axis, or set thresholds.drive_lag for slow "
+        "drives, then clear and enable again",
     )
     CREEPS = (
         "the joints move while nothing is commanded",
@@ -99,6 +100,25 @@ class Cause(Enum):
         "or the camera moved",
         Action.PAUSE,
         "see that nothing else looks like a marker, then resume",
+    )
+    FROZEN = (
+        "the picture stands still while the tool moves",
+        Action.PAUSE,
+        "let the camera's picture run again, then resume",
+    )
+    DRIFTS = (
+        "the markers drift away from where the joints put them: the camera moves, turns or zooms, "
+        "or something slides along with them",
+        Action.PAUSE,
+        "see that the camera stands still, show the target again, then resume: the servo explores "
+        "anew",
+    )
+    ELSEWHERE = (
+        "the picture shows the tool at the target, but the joints say that it is elsewhere: a "
+        "pose beyond a singular surface looks the same, or since the target was shown the camera "
+        "was moved or zoomed, or the arm's zero has changed",
+        Action.PAUSE,
+        "show the target again, then resume",
     )
     DIVERGED = (
         "the markers keep moving otherwise than the estimate says",
@@ -194,8 +214,8 @@ class Cause(Enum):
         "resume: the servo explores anew",
     )
     SINGULAR = (
-        "the target lies at or beyond a singular surface: the scaled Jacobian's condition passed "
-        "its limit",
+        "the target lies at or beyond a singular surface: no motion that the estimate knows of "
+        "brings the features nearer to it",
         Action.HOLD,
         "bring the tool nearer to the target or away from the singular pose, then resume",
     )
@@ -220,8 +240,22 @@ class Cause(Enum):
         Action.SLOW,
         "",
     )
+    WITHOUT_MARKER_1 = (
+        "marker 1 is not seen: marker 2 and the joints tell the pose",
+        Action.SLOW,
+        "",
+    )
+    WITHOUT_MARKER_2 = (
+        "marker 2 is not seen: marker 1 and the joints tell the pose",
+        Action.SLOW,
+        "",
+    )
     AGEING = "no new frame has come for longer than usual", Action.SLOW, ""
-    NEARLY_SINGULAR = "the scaled Jacobian's condition is near its limit", Action.SLOW, ""
+    NEARLY_SINGULAR = (
+        "a singular surface nearly closes the way to the target",
+        Action.SLOW,
+        "",
+    )
 
     LATE_TICK = "the loop ran late by a tick", Action.WARN, ""
 
@@ -272,6 +306,8 @@ def graver(one: int, other: int) -> int:
 def gravest(found: int) -> int:
     """The place of the gravest cause in a set of them; 0 where there is none."""
     cause = 0
+    if found == 0:
+        return cause
     for place in range(1, len(ACTIONS)):
         if found >> (place - 1) & 1 and ACTIONS[place] > ACTIONS[cause]:
             cause = place

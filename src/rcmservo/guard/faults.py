@@ -19,12 +19,16 @@ ARM_SILENT, BEYOND_LIMIT = Cause.ARM_SILENT.bit, Cause.BEYOND_LIMIT.bit
 NOT_FOLLOWING, CREEPS = Cause.NOT_FOLLOWING.bit, Cause.CREEPS.bit
 CLOCK_STOOD = Cause.CLOCK_STOOD.bit
 OVERRUN, LATE_TICK, NOT_RECORDED = Cause.OVERRUN.bit, Cause.LATE_TICK.bit, Cause.NOT_RECORDED.bit
+FRAMES_CLOCK = Cause.FRAMES_CLOCK.bit
 FRAMES_NOT_NEW, JOINTS_UNKNOWN = Cause.FRAMES_NOT_NEW.bit, Cause.JOINTS_UNKNOWN.bit
 LATE, AGEING, REJECTED = Cause.LATE.bit, Cause.AGEING.bit, Cause.REJECTED.bit
 SWAPPED, CAMERA_MOVED = Cause.SWAPPED.bit, Cause.CAMERA_MOVED.bit
 SURPRISED = Cause.SURPRISED.bit
 LOST = (0, Cause.MARKER_1_LOST.bit, Cause.MARKER_2_LOST.bit, Cause.MARKERS_LOST.bit)
 """By which markers are lost: none, 1, 2, both."""
+
+WITHOUT = (0, Cause.WITHOUT_MARKER_1.bit, Cause.WITHOUT_MARKER_2.bit, Cause.MARKERS_LOST.bit)
+"""The same where the other marker suffices."""
 
 DROPPED_CAUSES = {
     Dropped.NONE: Cause.STALE,
@@ -77,14 +81,17 @@ def camera_faults(w: Watch, seen: Told, rcm: Rcm, t: Thresholds) -> int:
     if seen.frame < 0:
         return found
     first, second = lost(seen.points)
-    found |= LOST[(1 if first else 0) + (2 if second else 0)]
+    which = (1 if first else 0) + (2 if second else 0)
+    found |= WITHOUT[which] if w.spared else LOST[which]
     if not reachable(rcm, seen.q_exposure, t.slack):
         found |= JOINTS_UNKNOWN
     if not w.latency <= t.latency * 1e9:
         found |= LATE
-    age = (seen.now - seen.arrival) / (w.period if w.period != 0.0 else 1e9 * t.first_period)
+    period = w.period if w.period != 0.0 else 1e9 * t.first_period
+    age = (seen.now - seen.arrival) / period
     if not age <= t.stale_hold:
-        found |= DROPPED[seen.dropped]
+        coming = (seen.now - w.taken) / period <= t.stale_slow
+        found |= FRAMES_CLOCK if coming else DROPPED[seen.dropped]
     elif not age <= t.stale_slow:
         found |= AGEING
     if w.rejected > 0:

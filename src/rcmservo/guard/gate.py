@@ -18,7 +18,7 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Command, Floats
-from rcmservo.loops import all_finite, put
+from rcmservo.loops import all_finite, fill
 from rcmservo.method.kinematics import Rcm
 from rcmservo.rows import Row, Rows, as_row, flag, reals, whole
 
@@ -32,30 +32,29 @@ def within(
     last: Floats,
     q: Floats,
     rcm: Rcm,
-    gate: "Rows[Gate]",
+    gate: "Gate",
     dt: float,
     share: float,
-) -> tuple[Floats, bool]:
-    """The joint rates (3,) that may be sent, and whether all that came in was finite and time had
-    passed."""
-    bounds = gate[0]
-    allowed = np.zeros(3)
+) -> bool:
+    """Write the joint rates (3,) that may be sent over the `last` ones; whether all that came in
+    was finite and time had passed."""
     if not (all_finite(rates) and all_finite(q) and all_finite(last) and dt > 0.0):
-        return allowed, False
+        fill(last, 0.0)
+        return False
     slower = 1.0
     if share > 0.0:
         for i in range(3):
-            slower = max(slower, abs(rates[i]) / (share * bounds.speed[i]))
+            slower = max(slower, abs(rates[i]) / (share * gate.speed[i]))
     for i in range(3):
-        allowed[i] = rates[i] / slower if share > 0.0 else 0.0
-        slew = bounds.slew[i]
-        half = 0.5 * slew * (np.e * bounds.latency + dt)
+        allowed = rates[i] / slower if share > 0.0 else 0.0
+        slew = gate.slew[i]
+        half = 0.5 * slew * (np.e * gate.latency + dt)
         up = np.sqrt(half**2 + slew * max(rcm.upper[i] - q[i], 0.0)) - half
         down = half - np.sqrt(half**2 + slew * max(q[i] - rcm.lower[i], 0.0))
-        allowed[i] = min(max(allowed[i], down), up)
+        allowed = min(max(allowed, down), up)
         step = slew * dt * ROUNDING
-        allowed[i] = min(max(allowed[i], last[i] - step), last[i] + step)
-    return allowed, True
+        last[i] = min(max(allowed, last[i] - step), last[i] + step)
+    return True
 
 
 class Sent(Row):
@@ -86,34 +85,32 @@ def command_of(last: Sent) -> Command:
 
 
 @compiled
-def issue(d: Sent, rates: Floats, now: int, gate: "Gate") -> None:
-    """Write the next command over the last one."""
-    d.number, d.time = d.number + 1, now
+def issue(d: Sent, on: bool, now: int, gate: "Gate") -> None:
+    """Number and times of the next command."""
+    d.number, d.time, d.on = d.number + 1, now, on
     d.deadline = now + int(np.round(gate.deadline * 1e9))
-    put(d.sent, rates)
 
 
 @compiled
 def admit(
-    d: Sent, rates: Floats, q: Floats, rcm: Rcm, now: int, share: float, gate: "Rows[Gate]"
+    d: Sent, rates: Floats, q: Floats, rcm: Rcm, now: int, share: float, gate: "Gate"
 ) -> bool:
     """Make the wanted joint rates (3,) a command, from the last one and the measured q (3,).
 
     ``share`` of the full speed may be used; at 0 the rates go to zero as fast as the slew allows.
     False where something that came in was not finite or no time had passed: then it is zero.
     """
-    dt = min((now - d.time) * 1e-9, gate[0].max_period)
-    allowed, finite = within(rates, d.sent, q, rcm, gate, dt, share)
-    issue(d, allowed, now, gate[0])
-    d.on = True
+    dt = min((now - d.time) * 1e-9, gate.max_period)
+    finite = within(rates, d.sent, q, rcm, gate, dt, share)
+    issue(d, True, now, gate)
     return finite
 
 
 @compiled
-def stop(d: Sent, now: int, gate: "Rows[Gate]") -> None:
+def stop(d: Sent, now: int, gate: "Gate") -> None:
     """Zero at once, with the drive off."""
-    issue(d, np.zeros(3), now, gate[0])
-    d.on = False
+    fill(d.sent, 0.0)
+    issue(d, False, now, gate)
 
 
 class Passed(NamedTuple):
@@ -182,11 +179,11 @@ class Gate:
     ) -> Passed:
         """`admit`, from a Command to a Command."""
         row = Sent.of(**sent(last))
-        finite = admit(cast(Any, row.rows)[0], rates, q, rcm, now, float(share), self.row)
+        finite = admit(cast(Any, row.rows)[0], rates, q, rcm, now, float(share), self.row[0])
         return Passed(command_of(row), finite)
 
     def stop(self, last: Command, now: int) -> Command:
         """Zero at once, with the drive off."""
         row = Sent.of(**sent(last))
-        stop(cast(Any, row.rows)[0], now, self.row)
+        stop(cast(Any, row.rows)[0], now, self.row[0])
         return command_of(row)

@@ -6,9 +6,13 @@ Every check is written so that NaN trips it.
 import numpy as np
 
 from rcmservo.compiled import compiled
+from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Floats
 from rcmservo.loops import largest, length, minus, over, product
 from rcmservo.method.features import SCALE, about, difference, features
+from rcmservo.method.foresight import spread
+from rcmservo.method.prospect import UNIT, Foretold, Prospect, both
+from rcmservo.method.tool import Shaft
 
 NO_PIXEL = 1e6
 """px from where on a coordinate is no marker's."""
@@ -24,53 +28,60 @@ def lost(points: Floats) -> tuple[bool, bool]:
 
 
 @compiled
-def placed(y: Floats, toward: float) -> Floats:
-    """The markers (4,) px from o_c of the features y, on a line through it; `toward` is −1 if m₁
-    lies beyond o_c."""
-    c, s = np.cos(y[0]), np.sin(y[0])
-    r, end = toward * y[1], toward * y[1] + y[2]
-    return np.array([r * c, r * s, end * c, end * s])
+def sound(v: Prospect, t: Thresholds) -> bool:
+    """Whether the fit is that of a camera: what it leaves over is no more than noise, and its depth
+    does not change faster than before any camera."""
+    return v.noise <= t.left_over**2 and length(v.g) <= UNIT / t.nearest_camera
 
 
 @compiled
 def misplaced(
-    points: Floats,
-    before: Floats,
-    o_c: Floats,
-    y: Floats,
-    J_hat: Floats,
-    delta_p: Floats,
-    jump: float,
+    v: Prospect, p1: Floats, points: Floats, before: Floats, shaft: Shaft, t: Thresholds
 ) -> tuple[bool, bool, bool]:
-    """Whether marker 1, marker 2 are not where the motion Δp₁ puts them, and whether each is where
-    the other should be.
+    """Whether marker 1, marker 2 are not where the camera should see them with marker 1 at p1 (3,)
+    mm, and whether each is where the other should be. The newest frame believed had them at
+    `before` (2, 2) px."""
+    first, second = both(v, p1, shaft)
+    one = doubtful(v, first, 0, points[0], before[0], t)
+    two = doubtful(v, second, 1, points[1], before[1], t)
+    if not (one and two):
+        return one, two, False
+    crossed = not doubtful(v, first, 0, points[1], before[0], t)
+    return one, two, crossed and not doubtful(v, second, 1, points[0], before[1], t)
 
-    The markers' predicted motion follows from y + Ĵ Δp₁, as the imaged tool passes through o_c.
-    """
-    c, s = np.cos(y[0]), np.sin(y[0])
-    toward = 1.0 if (before[0, 0] - o_c[0]) * c + (before[0, 1] - o_c[1]) * s >= 0.0 else -1.0
-    foretold = product(J_hat, delta_p)
-    for i in range(len(y)):
-        foretold[i] += y[i]
-    way = minus(placed(foretold, toward), placed(y, toward))
-    off, crossed, there = np.empty(2), np.empty(2), np.empty((2, 2))
-    for i in range(2):
-        for k in range(2):
-            there[i, k] = before[i, k] + way[2 * i + k]
-    for i in range(2):
-        allowed = jump + length(way[2 * i : 2 * i + 2])
-        off[i] = apart(points[i], there[i]) - allowed
-        crossed[i] = apart(points[i], there[1 - i]) - allowed
-    return not off[0] <= 0.0, not off[1] <= 0.0, crossed[0] <= 0.0 and crossed[1] <= 0.0
+
+@compiled
+def doubtful(
+    v: Prospect, there: Foretold, k: int, point: Floats, before: Floats, t: Thresholds
+) -> bool:
+    """Whether a `point` (2,) px is further from where marker k should be than noise, what the fit
+    does not know, its errors and wrong times of a motion since `before` explain."""
+    u = v.origin[3] + there.m[0] + v.offset[k, 0]
+    w = v.origin[4] + there.m[1] + v.offset[k, 1]
+    off_u, off_w = point[0] - u, point[1] - w
+    distance = np.sqrt(off_u * off_u + off_w * off_w)
+    way = np.sqrt((u - before[0]) ** 2 + (w - before[1]) ** 2)
+    excess = distance - t.model_error - t.mistimed * way
+    if excess <= 0.0:
+        return False
+    share, noise = excess / distance, v.noise * (1.0 + 1.0 / max(v.weight[k], 1.0))
+    return not share * share * squared(off_u, off_w, spread(v, there), noise) <= t.innovation**2
+
+
+@compiled
+def squared(u: float, v: float, cov: tuple[float, float, float], noise: float) -> float:
+    """xᵀ (C + noise I)⁻¹ x of x = (u, v) and the covariance C of u, of u with v, and of v."""
+    uu, uv, vv = cov[0] + noise, cov[1], cov[2] + noise
+    return (vv * u**2 - 2.0 * uv * u * v + uu * v**2) / (uu * vv - uv * uv)
 
 
 @compiled
 def leapt(
-    points: Floats, before: Floats, delta_p: Floats, jump: float, nearest: float
+    points: Floats, before: Floats, way: float, jump: float, nearest: float
 ) -> tuple[bool, bool, bool]:
     """The same without an estimate: whether they moved further than any camera sees a tool move by
-    Δp₁ mm, which is `nearest` px a mm."""
-    allowed = jump + nearest * length(delta_p)
+    `way` mm, which is `nearest` px a mm."""
+    allowed = jump + nearest * way
     off = np.empty(2)
     crossed = np.empty(2)
     for i in range(2):

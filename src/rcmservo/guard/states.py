@@ -226,5 +226,5 @@ def go_on(s: Standing, cause: int, signs: Signs, now: int, t: Thresholds) -> Non
                 good if signs.ready else 0,
                 action,
             )
-    elif s.cause != cause:
+    elif s.cause != cause or s.asks != action:
         s.phase, s.cause, s.since, s.good, s.asks = SERVO, cause, s.since, 0, action

@@ -26,8 +26,9 @@ class Thresholds:
     following: tuple[float, float, float] = (0.008, 0.008, 0.6)
     """How far each joint may stand from where its commands should have brought it (rad, rad,
     mm)."""
-    drive_lag: float = 0.025
-    """Time by which a joint is taken to follow its commanded rate, s."""
+    drive_lag: float = 0.0
+    """Time constant with which the joints are taken to follow their commanded rates, s; 0: as the
+    first motion measures it."""
     forget: float = 1.0
     """Time over which the following error forgets, s: a slow drift is no fault of the drive, unless
     nothing is commanded."""
@@ -44,15 +45,51 @@ class Thresholds:
     late_ticks: int = 3
     """Late ticks in a row that are an overrun."""
 
+    innovation: float = 6.0
+    """How many standard deviations a marker may be from where the camera should see it,"""
+    model_error: float = 1.0
+    """beside so many px that a projection does not fit,"""
+    mistimed: float = 0.25
+    """and this share of its motion in the picture since the frame before."""
+
+    left_over: float = 2.5
+    """How much the fit of what the camera should see may leave over, px rms: what leaves more is no
+    projection."""
+    nearest_camera: float = 30.0
+    """How near to the tool any camera is at most, mm: by the fit, a marker that stands still in the
+    picture is far behind the other."""
+
+    drift: float = 6.0
+    """How many standard deviations the mean of what the fit leaves over may be from none,"""
+    drift_px: float = 1.25
+    """and how many px,"""
+    drift_frames: int = 20
+    """over so many frames, before the picture counts as drifting."""
+    stuck: float = 1.0
+    """Way of the tool, mm, after which a picture that is the same to the last bit counts as frozen
+    while the tool explores,"""
+    stuck_px: float = 2.0
+    """and px that a marker goes at most which stands still, while the other goes five times as
+    far."""
+    elsewhere: float = 2.0
+    """How far from where the target was shown, by the joints, the tool may be where the picture
+    shows it there, mm, beside what noise explains; inf: as far as it likes."""
+    elsewhere_time: float = 0.2
+    """for so long, s. The same where it has been there and leaves again."""
+
+    without_marker: float = 1.5
+    """Deviation of the pose, mm, up to which one lost marker only slows the tool, as the other and
+    the joints tell where it is; 0: never."""
+
     jump: float = 3.0
-    """How far a marker may be from where the tool's motion puts it, px, beside the predicted motion
-    itself."""
+    """How far a marker may move in the picture of a tool at rest while nothing foretells it, px,
+    beside ``innovation`` standard deviations."""
     nearest: float = 20.0
     """How far 1 mm of motion may move a marker in the picture, px, where no estimate tells it
     better."""
     comparable: float = 10.0
-    """Motion from one frame to the next up to which the markers' places are foretold, mm. By hand a
-    tool moves further."""
+    """Motion from one frame to the next up to which the markers of a tool that has not explored yet
+    are compared, mm. By hand a tool moves further."""
     agreement: float = 2.0
     """How far apart markers may be that jumped to the same new place, in ``jump``."""
     rejected: int = 3
@@ -67,8 +104,12 @@ class Thresholds:
     """Share of the predicted change by which the measured one may differ, beside ``telling``."""
     disagreements: int = 5
     """Judgements in a row against the estimate that spoil it."""
-    nearly_singular: float = 0.5
-    """Share of the controller's ``max_condition`` from which on the tool goes slowly."""
+    closed: float = 0.02
+    """Share of the error that the damped law works off below which the way is closed: singular."""
+    nearly_closed: float = 0.2
+    """The same for going slowly."""
+    small_error: float = 0.2
+    """A scaled error √(2V) up to which this is not judged: noise has any direction."""
     least_room: float = 0.2
     """Share of the exploration's full volume that the joint limits must leave."""
     largest: float = 30.0
@@ -78,7 +119,7 @@ class Thresholds:
     """Time of standing still after which only a person resumes, s."""
     good_to_recover: int = 5
     """New good frames that end a HOLD."""
-    good_to_servo: int = 10
+    good_to_servo: int = 6
     """New good frames in ACQUIRE, with the estimate at hand, before SERVO."""
 
     limit_horizon: float = 0.1
@@ -101,12 +142,17 @@ class Thresholds:
         self._require(self.stale_slow >= 1.0, "stale_slow", "at least 1 frame period")
         above = self.stale_slow <= self.stale_hold < math.inf
         self._require(above, "stale_hold", "a number of frame periods not below stale_slow")
-        for name in ("latency", "silence", "overrun", "first_period", "drive_lag", "come_to_rest"):
+        for name in ("latency", "silence", "overrun", "first_period", "come_to_rest"):
             good = 0.0 < getattr(self, name) <= 1.0
             self._require(good, name, "a time above 0 and at most 1 s")
+        self._require(0.0 <= self.drive_lag <= 1.0, "drive_lag", "a time of 0 to 1 s")
         good = len(self.following) == 3 and all(0.0 < value < math.inf for value in self.following)
         self._require(good, "following", "three positive numbers (rad, rad, mm)")
         self._require(0.0 < self.jump < math.inf, "jump", "a positive number of px")
+        self._require(self.elsewhere > 0.0, "elsewhere", "a positive number of mm, or inf")
+        self._require(
+            0.0 <= self.without_marker < math.inf, "without_marker", "a number of mm, 0 or more"
+        )
         for name in POSITIVE:
             self._require(0.0 < getattr(self, name) < math.inf, name, "a positive number")
         for name in SHARES:
@@ -121,6 +167,16 @@ class Thresholds:
 
 POSITIVE = (
     "forget",
+    "left_over",
+    "nearest_camera",
+    "innovation",
+    "drift",
+    "drift_px",
+    "stuck",
+    "stuck_px",
+    "elsewhere_time",
+    "model_error",
+    "mistimed",
     "nearest",
     "comparable",
     "agreement",
@@ -128,6 +184,7 @@ POSITIVE = (
     "largest",
     "hold_time",
     "limit_horizon",
+    "small_error",
     "stall_error",
     "stall_fall",
     "stall_time",
@@ -137,7 +194,8 @@ SHARES = (
     "slack",
     "late_share",
     "wrong",
-    "nearly_singular",
+    "closed",
+    "nearly_closed",
     "least_room",
     "limit_share",
     "stall_share",
@@ -149,4 +207,5 @@ COUNTS = (
     "disagreements",
     "good_to_recover",
     "good_to_servo",
+    "drift_frames",
 )

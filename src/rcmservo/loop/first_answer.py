@@ -49,7 +49,8 @@ def _frame(answer: Any) -> bool:
 
 
 def _markers(answer: Any) -> bool:
-    return isinstance(answer, Markers) and _array(answer.points, 2, 2)
+    good = isinstance(answer, Markers) and _array(answer.points, 2, 2)
+    return good and _array(answer.radius, 2)
 
 
 ARRAY = "a writable float64 array of shape"
@@ -59,7 +60,7 @@ RIGHT = {
     ),
     "apply": Right(_rates, f"the joint rates it takes, {ARRAY} (3,)"),
     "latest": Right(_frame, "a Frame with its number and times as whole numbers, or None"),
-    "find": Right(_markers, f"Markers with points as {ARRAY} (2, 2)"),
+    "find": Right(_markers, f"Markers with points as {ARRAY} (2, 2) and radius as one of (2,)"),
 }
 """By the method's name."""
 

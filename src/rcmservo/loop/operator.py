@@ -12,7 +12,8 @@ import numpy as np
 
 from rcmservo.errors import require
 from rcmservo.guard.states import Request
-from rcmservo.interfaces import Command, Floats, Observation, Target
+from rcmservo.interfaces import Command, Observation, Target
+from rcmservo.loop.shown import TargetFrames
 from rcmservo.loop.tick import Tick
 from rcmservo.servo.servo import Servo
 
@@ -54,15 +55,13 @@ class Showing:
     """How many are wanted."""
     since: int | None = None
     """When the tool was told to stand still, ns; None while it moves."""
-    points: list[Floats] = field(default_factory=list[Floats])
-    """The markers (2, 2) px in each frame so far."""
-    joints: list[Floats] = field(default_factory=list[Floats])
-    """The joints (3,) beside it."""
+    shown: TargetFrames = field(default_factory=TargetFrames)
+    """Those so far."""
     last: int = -1
     """Number of the newest frame looked at."""
 
     def add(self, seen: Observation, command: Command) -> Target | None:
-        """Take what a tick has seen; the target once there are enough frames of it."""
+        """Take what a tick has seen; the target once there are enough frames that agree on it."""
         if command.rates.any():
             self.since = None
         elif self.since is None:
@@ -71,11 +70,13 @@ class Showing:
             return None
         self.last = seen.frame
         if seen.exposure >= self.since + SETTLE and np.isfinite(seen.points).all():
-            self.points.append(seen.points)
-            self.joints.append(seen.q)
-        if len(self.points) < self.frames:
+            self.shown.add(seen.points, seen.q)
+        if len(self.shown.points) < self.frames:
             return None
-        return Target(np.mean(self.points, axis=0), np.mean(self.joints, axis=0), self.since)
+        if self.shown.why_not():
+            self.shown = TargetFrames()
+            return None
+        return self.shown.target(self.since)
 
 
 class Agenda:

@@ -66,6 +66,7 @@ class Plant:
         self._dropped = Dropped.NONE
         self._past: deque[tuple[int, Floats]] = deque(maxlen=JOINT_HISTORY)
         self._began = 0
+        self._sizes = np.full(2, np.nan)
         self._q_exposure = np.full(3, np.nan)
         self._applied = np.zeros(3)
 
@@ -97,6 +98,7 @@ class Plant:
             points=np.full((2, 2), np.nan) if self.markers is None else self.markers.points,
             dropped=self._dropped,
             recorded=self.recorded(),
+            sizes=self._sizes,
         )
 
     def reset(self) -> None:
@@ -110,6 +112,7 @@ class Plant:
         self._past.clear()
         self.markers = self.frame = None
         self._dropped = Dropped.NONE
+        self._sizes = np.full(2, np.nan)
         self._q_exposure = np.full(3, np.nan)
 
     def send(self, command: Command) -> Floats:
@@ -167,6 +170,7 @@ class Plant:
         if "find" in self._new:
             self._meet(self.tracker, "find", markers)
         self.markers, self.frame = replace(markers, points=markers.points.copy()), frame
+        self._sizes = _sizes(markers)
         self._q_exposure = self._joints_at(frame.exposure)
 
     def _wrong(self, frame: Frame) -> Dropped:
@@ -193,6 +197,12 @@ class Plant:
             return q
         end, moved = self._past[later]
         return q + (moved - q) / (end - began) * (time - began)
+
+
+def _sizes(markers: Markers) -> Floats:
+    """The markers' apparent radii (2,) px, NaN for one that is lost."""
+    seen = np.isfinite(markers.points).all(axis=1)
+    return np.where(seen, markers.radius, np.nan)
 
 
 def _shape(frame: Frame) -> tuple[int, ...] | None:

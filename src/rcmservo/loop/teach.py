@@ -3,9 +3,10 @@
 import numpy as np
 
 from rcmservo.errors import RcmServoError, require
-from rcmservo.interfaces import Floats, Target
+from rcmservo.interfaces import Target
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
+from rcmservo.loop.shown import TargetFrames
 from rcmservo.loop.unseen import unseen
 
 TEACH_TIMEOUT = 2.0
@@ -21,20 +22,21 @@ def teach(plant: Plant, frames: int = 30) -> Target:
     moves anything."""
     require(frames >= 1, "frames", frames, "a whole number of at least 1 frames")
     plant.reset()
-    points: list[Floats] = []
-    joints: list[Floats] = []
+    shown = TargetFrames()
     seen = plant.read()
     last, began = seen.frame, plant.clock.now()
     good = began
     for _ in ticks(plant.clock):
         seen = plant.read()
         if seen.frame > last and seen.exposure >= began and np.isfinite(seen.points).all():
-            points.append(seen.points)
-            joints.append(seen.q)
+            shown.add(seen.points, seen.q)
             good = seen.now
         last = max(last, seen.frame)
-        if len(points) == frames:
-            return Target(np.mean(points, axis=0), np.mean(joints, axis=0), began)
+        if len(shown.points) == frames:
+            why = shown.why_not()
+            if why:
+                raise NotShown(f"the target cannot be taught: {why}")
+            return shown.target(began)
         if not seen.now - good <= TEACH_TIMEOUT * 1e9:
             break
     raise NotShown(f"the target cannot be taught: {unseen(plant, seen, began)}")

@@ -1,35 +1,49 @@
 """From the feature error to a velocity: the saturated potential (32) and the law (31), v = −k Ĵ⁻¹
 ∂V/∂y.
 
-The inverse is taken on the scaled Jacobian diag(1/SCALE) Ĵ, where a condition number means the same
-in every scene. It is damped when the condition nears its limit, and where the estimate is worse
-than that there is no velocity at all.
+Features and Jacobian are scaled, diag(1/SCALE) Ĵ, so that a condition number means the same in
+every scene. The inverse is damped in directions that Ĵ hardly tells: what is left of the error then
+tells whether the way is open.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
-from rcmservo.loops import all_finite, length, over
+from rcmservo.loops import all_finite, fill, length
+from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.features import SCALE
-from rcmservo.method.singular import right_angled
+from rcmservo.method.kinematics import Point
+from rcmservo.method.singular import extremes, inverted, put_right
+
+MOST = 6
+"""Features that the law acts on at most."""
+
+SURE = 1e3
+"""Condition of the scaled Ĵ up to which its inverse is taken as it is, where nothing is damped."""
 
 
 @compiled
 def potential_gradient(delta: Floats, bounds: Floats, printed: bool) -> Floats:
-    """∂V/∂y (3,): Δy inside ±b and, beyond, ±b (continuous, Fig. 5) or ±b/2 (as (32) is
+    """∂V/∂y (n,): Δy inside ±b and, beyond, ±b (continuous, Fig. 5) or ±b/2 (as (32) is
     printed)."""
+    gradient = np.empty(len(delta))
+    saturate(delta, bounds, printed, gradient)
+    return gradient
+
+
+@compiled
+def saturate(delta: Floats, bounds: Floats, printed: bool, gradient: Floats) -> None:
+    """Write it over `gradient` (n,)."""
     beyond = 0.5 if printed else 1.0
-    gradient = np.empty(3)
-    for i in range(3):
+    for i in range(len(delta)):
         inside = abs(delta[i]) < bounds[i]
         gradient[i] = delta[i] if inside else np.sign(delta[i]) * beyond * bounds[i]
-    return gradient
 
 
 @compiled
@@ -37,7 +51,7 @@ def potential(delta: Floats, bounds: Floats, printed: bool) -> float:
     """V = Σ Vᵢ of (32): ½Δy² inside ±b and, beyond, b|Δy| − ½b² (continuous) or ½b|Δy|
     (printed)."""
     total = 0.0
-    for i in range(3):
+    for i in range(len(delta)):
         size = abs(delta[i])
         if size < bounds[i]:
             total += 0.5 * size**2
@@ -52,86 +66,132 @@ def potential(delta: Floats, bounds: Floats, printed: bool) -> float:
 def scaled(J: Floats) -> Floats:
     """diag(1/SCALE) J: every norm and condition is judged on this."""
     out = np.empty(J.shape)
-    for i in range(J.shape[0]):
-        for j in range(J.shape[1]):
-            out[i, j] = J[i, j] / SCALE[i]
+    scale(J, out)
     return out
 
 
 @compiled
-def law(
-    J_hat: Floats, gradient: Floats, gain: float, max_condition: float, max_speed: float
-) -> tuple[Floats, float]:
-    """v (3,) mm/s of eq. (31) and the condition of the scaled Ĵ; v is zero where the condition is
-    above its limit.
+def scale(J: Floats, out: Floats) -> None:
+    """Write diag(1/SCALE) J."""
+    for i in range(J.shape[0]):
+        for j in range(J.shape[1]):
+            out[i, j] = J[i, j] / SCALE[i]
 
-    v is built along the right-angled columns of B = diag(1/SCALE) Ĵ V, whose lengths σ are the
-    singular values. From half the limit of the condition on, those below 2σ₁/limit are damped, so
-    that |v| stops growing. The whole velocity is scaled down where it exceeds max_speed, so that
-    its direction stays.
+
+class Heading(NamedTuple):
+    """Where the law goes, and how well it can."""
+
+    v: Point
+    """mm/s of marker 1."""
+    condition: float
+    """Of Ĵ, scaled."""
+    open: float
+    """Share of the error, scaled, that v works off: 1 where nothing is damped, 0 where no motion
+    that Ĵ knows of makes it smaller."""
+    left: float
+    """mm that marker 1 is away from the target by what v works off, however slow v is."""
+
+
+@compiled
+def law(
+    J: Floats, gradient: Floats, gain: float, max_condition: float, max_speed: float
+) -> Heading:
+    """The heading of eq. (31), by least squares where there are more than three features, all of
+    them scaled: J (n, 3) in 1/mm and ∂V/∂y (n,).
+
+    The whole velocity is scaled down where it exceeds max_speed, so that its direction stays.
     """
-    v = np.zeros(3)
-    if not all_finite(J_hat):
-        return v, np.inf
-    B, V = right_angled(scaled(J_hat))
-    low, high = np.inf, 0.0
-    for i in range(3):
-        sigma = length(B[:, i])
-        low, high = min(low, sigma), max(high, sigma)
-    condition = high / low if low > 0.0 and high < np.inf else np.inf
-    if not condition < max_condition:
-        return v, condition
+    if not (all_finite(J) and length(J) > 0.0):
+        return Heading((0.0, 0.0, 0.0), np.inf, 0.0, np.inf)
+    v, back, g, way = scratch(3), scratch_table(3, 3), gradient, 1.0
+    condition = inverted(J, back) if len(J) == 3 else np.inf
+    if condition < min(0.5 * max_condition, SURE):
+        for k in range(3):
+            v[k] = -gain * (back[k, 0] * g[0] + back[k, 1] * g[1] + back[k, 2] * g[2])
+    else:
+        condition, way = damped(J.copy(), g, gain, max_condition, v)
+    speed = length(v)
+    slower = max(1.0, speed / max_speed)
+    u, w, x = v[0] / slower, v[1] / slower, v[2] / slower
+    return Heading((u, w, x), condition, way, speed / gain)
+
+
+@compiled
+def damped(
+    B: Floats, g: Floats, gain: float, max_condition: float, v: Floats
+) -> tuple[float, float]:
+    """Write v (3,) mm/s of the scaled gradient g (n,) and the scaled Ĵ, B (n, 3), which is turned
+    in place; the condition of Ĵ, and the share of the error that v works off.
+
+    v is built along the right-angled columns of B = Ĵ V, whose lengths σ are the
+    singular values. Those below 2σ₁/max_condition are damped, so that |v| stops growing.
+    """
+    V, total, done = scratch_table(3, 3), 0.0, 0.0
+    put_right(B, V)
+    fill(v, 0.0)
+    low, high = extremes(B)
     floor = 2.0 * high / max_condition
+    for k in range(len(B)):
+        total += g[k] ** 2
     for i in range(3):
         sigma, along = length(B[:, i]), 0.0
         for k in range(len(B)):
-            along += B[k, i] * gradient[k] / SCALE[k]
+            along += B[k, i] * g[k]
         shortfall = max(1.0 - sigma / floor, 0.0)
-        share = gain * along / (sigma**2 + (shortfall * floor) ** 2)
+        share = along / (sigma**2 + (shortfall * floor) ** 2)
+        done += along * share
         for k in range(3):
-            v[k] -= V[k, i] * share
-    slower = max(1.0, length(v) / max_speed)
-    for k in range(3):
-        v[k] /= slower
-    return v, condition
+            v[k] -= gain * V[k, i] * share
+    condition = high / low if low > 0.0 and high < np.inf else np.inf
+    return condition, done / total if total > 0.0 else 1.0
 
 
 @compiled
 def control(
-    J_hat: Floats,
+    J: Floats,
     delta: Floats,
     bounds: Floats,
     printed: bool,
     gain: float,
     max_condition: float,
     max_speed: float,
-) -> tuple[Floats, float, float]:
-    """For the error Δy (3,): v (3,) mm/s by (32) and (31), the scaled condition of Ĵ, and √(2V) of
-    the scaled error.
+) -> tuple[Heading, float]:
+    """For the scaled error Δy (n,), bounds b (n,) and Jacobian (n, 3): the heading by (32) and
+    (31), and √(2V).
 
     √(2V) is |Δy| where nothing is saturated. (33) makes V fall, while one component alone may rise
     on the way.
     """
-    gradient = potential_gradient(delta, bounds, printed)
-    v, condition = law(J_hat, gradient, gain, max_condition, max_speed)
-    return v, condition, np.sqrt(2.0 * potential(over(delta, SCALE), over(bounds, SCALE), printed))
+    gradient = scratch(MOST)[: len(delta)]
+    saturate(delta, bounds, printed, gradient)
+    heading = law(J, gradient, gain, max_condition, max_speed)
+    return heading, np.sqrt(2.0 * potential(delta, bounds, printed))
 
 
 @dataclass(frozen=True)
 class SaturatedController:
     """The law (31) with the saturated potential (32)."""
 
-    gain: float = 2.0
-    """k, 1/s."""
+    features: Literal["srd", "points"] = "srd"
+    """What it acts on: the paper's angle and two distances, or the four coordinates of both markers
+    by least squares."""
+    gain: float = 8.0
+    """k, 1/s. The greatest gain without overshoot is 1/(e T), where the drives follow T s after the
+    joints were read: as built in T = 46 ms, of delay, lag and tick. The camera's latency does not
+    count, as the error is carried on to the present joints, and noise neither, where the estimator
+    averages it out; where it does not (projection, flow, broyden), a smaller gain is quieter."""
     bounds: tuple[float, float, float] = (float(np.radians(50.0)), 50.0, 50.0)
     """b, the feature errors (rad, px, px) from which on the action is saturated."""
     potential: Literal["continuous", "printed"] = "continuous"
     """V: continuous as Fig. 5 asks, or printed as (32) reads, where the action drops to half at
     b."""
     max_speed: float = 40.0
-    """Cap on |v|, mm/s."""
+    """Cap on the speed of both markers and of the tip, mm/s."""
+    tip: float = 0.0
+    """How far the tip is beyond marker 2, mm."""
     max_condition: float = 150.0
-    """Condition number of the scaled Jacobian above which the tool stands still."""
+    """Condition number of the scaled Jacobian up to which its inverse is not damped by much: the
+    damping begins at half of it."""
 
     @cached_property
     def b(self) -> Floats:
@@ -142,6 +202,8 @@ class SaturatedController:
         require(0.0 < self.gain < np.inf, "controller.gain", self.gain, "a positive gain in 1/s")
         good = len(self.bounds) == 3 and all(0.0 < b < np.inf for b in self.bounds)
         require(good, "controller.bounds", self.bounds, "three positive numbers (rad, px, px)")
+        known = self.features in ("srd", "points")
+        require(known, "controller.features", self.features, "'srd' or 'points'")
         known = self.potential in ("continuous", "printed")
         require(known, "controller.potential", self.potential, "'continuous' or 'printed'")
         require(
@@ -150,6 +212,8 @@ class SaturatedController:
             self.max_speed,
             "a positive speed in mm/s",
         )
+        right = "a length of 0 to 1000 mm"
+        require(0.0 <= self.tip <= 1000.0, "controller.tip", self.tip, right)
         require(
             1.0 < self.max_condition < np.inf,
             "controller.max_condition",

@@ -1,147 +1,77 @@
-"""The first motion, from nothing: visit the corners of a small tetrahedron around the start, until
-Ĵ predicts.
+"""The first motion, from nothing: the joints visit the corners of a small tetrahedron, round after
+round, until the estimate is known well enough.
 
 Neither â = 0 nor Ĵ = 0 can be inverted, and coplanar positions leave the projection undetermined
-(rank 8), so the policy asks for yaw, pitch and insertion together. It ends when the estimate
-predicts the feature changes between the corners that were seen, and says so when it does not after
-the time allowed.
+(rank 8), so the policy asks for yaw, pitch and insertion together. The corners are alternate ones
+of a box in joint space with the start at one corner, on the side that the joint limits leave free;
+so no joint has to go far, wherever the tool stands, and a round ends at the start. The next round
+is mirrored and larger. It ends as soon as what the camera should see (prospect.py) is known to
+`uncertainty` and Ĵ agrees with it to `tolerance`, and says so when that is not so after the time
+allowed.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
-from rcmservo.loops import length, minus, product, put
-from rcmservo.method.features import SCALE, about, difference, features
-from rcmservo.method.kinematics import Rcm, axis, joints, position
-from rcmservo.rows import Row, Rows, as_row, flag, reals, whole
+from rcmservo.loops import length, minus, put
+from rcmservo.method.drive_lag import DriveLag, begin_lag
+from rcmservo.method.kinematics import Rcm, position_jacobian
+from rcmservo.rows import flag, reals, whole
 
-CORNERS = np.array(
-    [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]
-) / np.sqrt(3.0)
-MIRRORED = -CORNERS
-ROUNDING = 1e-9
-"""Share by which the volume of a tour with all its room may differ from it."""
+CORNERS = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 0.0]])
+"""Of a box of sides 1, in the order of the visits; the last is the start."""
 
 LIMIT_MARGIN = 0.02
 """Share of each joint's range that the corners keep from its ends."""
 
+NEAR = 0.15
+"""Share of a box's side by which a joint may be off a corner that counts as visited."""
 
-@compiled
-def cross(a: Floats, b: Floats) -> Floats:
-    """a × b (3,)."""
-    return np.array(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
-
-
-@compiled
-def right_angle(n: Floats) -> Floats:
-    """A unit vector (3,) at right angles to n (3,)."""
-    helper, least = np.zeros(3), 0
-    for k in range(3):
-        if abs(n[k]) < abs(n[least]):
-            least = k
-    helper[least] = 1.0
-    across = cross(n, helper)
-    size = length(across)
-    return np.array([across[0] / size, across[1] / size, across[2] / size])
-
-
-@compiled
-def corners(rcm: Rcm, q: Floats, radius: float, shape: Floats) -> Floats:
-    """Four positions p₁ (4, 3) mm on a sphere about the present one, moved inside the joint
-    limits."""
-    n, start, p, places = axis(rcm, q), position(rcm, q), np.empty(3), np.empty((4, 3))
-    t1 = right_angle(n)
-    t2 = cross(n, t1)
-    for i in range(4):
-        for k in range(3):
-            way = shape[i, 0] * t1[k] + shape[i, 1] * t2[k] + shape[i, 2] * n[k]
-            p[k] = start[k] + radius * way
-        near = joints(rcm, p)
-        for k in range(3):
-            if k < 2:
-                near[k] += 2.0 * np.pi * np.round((q[k] - near[k]) / (2.0 * np.pi))
-            margin = LIMIT_MARGIN * (rcm.upper[k] - rcm.lower[k])
-            near[k] = min(max(near[k], rcm.lower[k] + margin), rcm.upper[k] - margin)
-        put(places[i], position(rcm, near))
-    return places
-
-
-@compiled
-def volume(places: Floats) -> float:
-    """Volume (mm³) of the tetrahedron with these corners (4, 3)."""
-    a, b = minus(places[1], places[0]), minus(places[2], places[0])
-    normal, c = cross(a, b), minus(places[3], places[0])
-    return abs(normal[0] * c[0] + normal[1] * c[1] + normal[2] * c[2]) / 6.0
-
-
-@compiled
-def towards(p1: Floats, goal: Floats, speed: float, reach: float) -> Floats:
-    """Velocity (3,) mm/s from p1 to the goal at `speed`, slower within twice `reach` of it."""
-    way = minus(goal, p1)
-    distance = length(way)
-    share = speed / max(distance, 1e-9) * min(distance / (2.0 * reach), 1.0)
-    return np.array([way[0] * share, way[1] * share, way[2] * share])
-
-
-@compiled
-def unexplained(seen: Floats, J_hat: Floats, o_c: Floats) -> float:
-    """Share of the feature changes between successive rows [p₁, raw m₁ m₂] (n, 7) that Ĵ Δp₁ leaves
-    open, scaled."""
-    left, total = 0.0, 0.0
-    y = features(about(seen[0, 3:], o_c))
-    for i in range(1, len(seen)):
-        y_next = features(about(seen[i, 3:], o_c))
-        change = difference(y_next, y)
-        foretold = product(J_hat, minus(seen[i, :3], seen[i - 1, :3]))
-        for k in range(len(change)):
-            left += ((change[k] - foretold[k]) / SCALE[k]) ** 2
-            total += (change[k] / SCALE[k]) ** 2
-        y = y_next
-    return np.sqrt(left / total) if total > 0.0 else np.inf
+BRAKE = 0.03
+"""s from a corner from which on the joints go slower."""
 
 
 @dataclass(frozen=True)
 class Exploration:
     """How the tool moves while nothing is known yet."""
 
-    radius: float = 7.0
-    """How far the tool leaves its start, mm."""
-    speed: float = 35.0
-    """Speed on the way, mm/s."""
+    leg: float = 0.15
+    """Time from corner to corner in the first round, s."""
+    share: float = 0.2
+    """Share of every joint's greatest speed at which it moves."""
+    reach: float = 8.0
+    """How far marker 1 goes from corner to corner at most, mm."""
+    growth: float = 1.5
+    """How many times as large every round is as the one before."""
+    uncertainty: float = 1.0
+    """Share of a motion by which the estimate may mistake it, one standard deviation."""
     tolerance: float = 0.3
-    """Share of the observed feature changes that a good enough estimate may leave unexplained, 0 to
-    1."""
+    """Share by which Ĵ may differ from what the camera should see."""
+    legs: int = 3
+    """Least number of corners to visit."""
     max_time: float = 10.0
     """Time after which exploration is given up, s."""
-    reach: float = 1.0
-    """How near to a corner of the tour counts as being there, mm."""
-    rounds: int = 1
-    """Least number of tours round the four corners."""
 
     def __post_init__(self) -> None:
-        for name in ("radius", "speed", "tolerance", "max_time", "reach"):
+        for name in ("leg", "reach", "uncertainty", "tolerance", "max_time"):
             value = getattr(self, name)
             require(0.0 < value < np.inf, f"exploration.{name}", value, "a positive number")
-        require(1 <= self.rounds <= 1000, "exploration.rounds", self.rounds, "from 1 to 1000")
+        good = 0.0 < self.share <= 1.0
+        require(good, "exploration.share", self.share, "a share above 0 and at most 1")
+        good = 1.0 <= self.growth <= 10.0
+        require(good, "exploration.growth", self.growth, "a factor from 1 to 10")
+        require(1 <= self.legs <= 1000, "exploration.legs", self.legs, "from 1 to 1000")
 
-    @cached_property
-    def row(self) -> "Rows[Exploration]":
-        """The settings for compiled functions."""
-        return as_row(self)
 
-
-class Exploring(Row):
+class Exploring(DriveLag):
     """Where an exploration stands."""
 
-    corners: Floats = reals((4, 3), "mm", "the places p₁ that marker 1 visits in turn")
-    seen: Floats = reals((4, 7), "mm, mm, mm, px, px, px, px", "[p₁, raw m₁ m₂] at the last visits")
+    home: Floats = reals(3, "rad, rad, mm", "the joints at its start")
+    sides: Floats = reals(3, "rad, rad, mm", "of this round's box, with their signs")
     visits: int = whole("", "corners visited so far, over all rounds")
     start: int = whole("ns", "when it began")
     begun: bool = flag("whether there are corners to visit")
@@ -151,42 +81,78 @@ class Exploring(Row):
 
 @compiled
 def begin(
-    tour: Exploring, rcm: Rcm, q: Floats, now: int, least_room: float, x: Exploration
+    tour: Exploring, rcm: Rcm, fastest: Floats, q: Floats, now: int, least: float, x: Exploration
 ) -> None:
-    """Plan the tour from the configuration q (3,), or note that the joint limits leave less than
-    the share `least_room` of its volume."""
-    full = x.radius**3 * volume(CORNERS)
-    for shape in (CORNERS, MIRRORED):
-        places = corners(rcm, q, x.radius, shape)
-        if volume(places) > least_room * (1.0 - ROUNDING) * full:
-            put(tour.corners, places)
-            tour.begun, tour.visits, tour.start = True, 0, now
-            return
-    tour.no_room = True
+    """Plan the first round from the joints q (3,), or note that the limits leave a joint less than
+    the share `least` of its side. The joints move at `fastest` (3,) at most."""
+    put(tour.home, q)
+    tour.visits, tour.start = 0, now
+    begin_lag(tour)
+    tour.begun = box(tour, rcm, fastest, least, x)
+    tour.no_room = not tour.begun
 
 
 @compiled
-def corner(tour: Exploring) -> Floats:
-    """The place (3,) mm to go to next."""
-    return tour.corners[tour.visits % 4]
-
-
-@compiled
-def visit(tour: Exploring, p1: Floats, points: Floats) -> None:
-    """Note what was seen at a corner: p1 (3,) mm and raw points (2, 2) px of one frame."""
+def box(tour: Exploring, rcm: Rcm, fastest: Floats, least: float, x: Exploration) -> bool:
+    """The sides of the next round; whether there is room for them."""
+    number, wanted, room = tour.visits // len(CORNERS), np.empty(3), True
     for i in range(3):
-        put(tour.seen[i], tour.seen[i + 1])
-    put(tour.seen[3][:3], p1)
-    for i in range(4):
-        tour.seen[3][3 + i] = points[i // 2, i % 2]
-    tour.visits += 1
+        wanted[i] = x.share * x.leg * fastest[i] * x.growth**number
+    shorter = min(x.reach / max(span(rcm, tour.home, wanted), 1e-9), 1.0)
+    for i in range(3):
+        side, margin = shorter * wanted[i], LIMIT_MARGIN * (rcm.upper[i] - rcm.lower[i])
+        up = max(rcm.upper[i] - margin - tour.home[i], 0.0)
+        down = max(tour.home[i] - rcm.lower[i] - margin, 0.0)
+        first, second = (up, down) if number % 2 == 0 else (down, up)
+        other = first < side and second > first
+        sign = 1.0 if other == (number % 2 == 1) else -1.0
+        free = min(max(first, second) if other else first, side)
+        tour.sides[i] = sign * free
+        room = room and free >= least * side
+    return room
 
 
 @compiled
-def complete(tour: Exploring, J_hat: Floats, o_c: Floats, x: Exploration) -> bool:
-    """Whether all corners were seen and Ĵ explains what was seen there."""
-    toured = tour.visits >= 4 * x.rounds
-    return toured and unexplained(tour.seen, J_hat, o_c) <= x.tolerance
+def span(rcm: Rcm, q: Floats, sides: Floats) -> float:
+    """mm that marker 1 moves at most from corner to corner of a box in joint space."""
+    jacobian, longest = position_jacobian(rcm, q), 0.0
+    for i in range(3):
+        for j in range(i):
+            squared = 0.0
+            for k in range(3):
+                one, other = jacobian[k, i] * sides[i], jacobian[k, j] * sides[j]
+                squared += (abs(one) + abs(other)) ** 2
+            longest = max(longest, np.sqrt(squared))
+    return longest
+
+
+@compiled
+def towards(tour: Exploring, fastest: Floats, q: Floats, x: Exploration) -> Floats:
+    """Joint rates (3,) towards the next corner."""
+    rates, corner = np.empty(3), CORNERS[tour.visits % len(CORNERS)]
+    for i in range(3):
+        speed = x.share * fastest[i]
+        way = tour.home[i] + corner[i] * tour.sides[i] - q[i]
+        rates[i] = min(max(way / BRAKE, -speed), speed)
+    return rates
+
+
+@compiled
+def arrived(tour: Exploring, q: Floats) -> bool:
+    """Whether the joints q (3,) are at the next corner."""
+    corner = CORNERS[tour.visits % len(CORNERS)]
+    for i in range(3):
+        way = tour.home[i] + corner[i] * tour.sides[i] - q[i]
+        if not abs(way) <= NEAR * abs(tour.sides[i]):
+            return False
+    return True
+
+
+@compiled
+def disagreement(J_hat: Floats, J: Floats) -> float:
+    """Share of J (3, 3), scaled, by which Ĵ differs from it."""
+    size = length(J)
+    return length(minus(J_hat.ravel(), J.ravel())) / size if size > 0.0 else np.inf
 
 
 @compiled

@@ -9,6 +9,8 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 from rcmservo.loops import minus
+from rcmservo.memory import scratch
+from rcmservo.method.imaged_rcm import principal
 
 FEATURES = 3
 """How many there are."""
@@ -32,21 +34,30 @@ def features_jacobian(m: Floats) -> Floats:
     du, dv = m[2] - m[0], m[3] - m[1]
     d = np.sqrt(du**2 + dv**2)
     r = np.sqrt(m[0] ** 2 + m[1] ** 2)
-    return np.array(
-        [
-            [dv / d**2, -du / d**2, -dv / d**2, du / d**2],
-            [m[0] / r, m[1] / r, 0.0, 0.0],
-            [-du / d, -dv / d, du / d, dv / d],
-        ]
-    )
+    jacobian = np.zeros((3, 4))
+    jacobian[0, 2], jacobian[0, 3] = -dv / d**2, du / d**2
+    jacobian[1, 0], jacobian[1, 1] = m[0] / r, m[1] / r
+    jacobian[2, 2], jacobian[2, 3] = du / d, dv / d
+    for k in range(2):
+        jacobian[0, k], jacobian[2, k] = -jacobian[0, 2 + k], -jacobian[2, 2 + k]
+    return jacobian
 
 
 @compiled
 def difference(y: Floats, y_d: Floats) -> Floats:
     """Δy = y − y_d (3,) with the angle wrapped to (−π, π]."""
     delta = minus(y, y_d)
-    delta[0] = -((np.pi - delta[0]) % (2.0 * np.pi)) + np.pi
+    delta[0] = wrapped(delta[0])
     return delta
+
+
+@compiled
+def wrapped(angle: float) -> float:
+    """An angle, rad, in (−π, π]."""
+    short = np.pi - angle
+    if not 0.0 <= short < 2.0 * np.pi:
+        short %= 2.0 * np.pi
+    return -short + np.pi
 
 
 @compiled
@@ -54,9 +65,68 @@ def about(points: Floats, o_c: Floats) -> Floats:
     """m (4,) px from the imaged RCM, of raw marker pixels (2, 2) or (4,): the shift of the origin
     to o_c."""
     m = np.empty(4)
-    for k, pixel in enumerate(points.flat):
-        m[k] = pixel - o_c[k % 2]
+    shift(points, o_c, m)
     return m
+
+
+@compiled
+def shift(points: Floats, o_c: Floats | tuple[float, float], m: Floats) -> None:
+    """Write it over m (4,)."""
+    for k in range(4):
+        m[k] = points.flat[k] - o_c[k % 2]
+
+
+@compiled
+def straight(m: Floats) -> Floats:
+    """y = [s r d] of the line through the origin that passes nearest to both markers m (4,) px: the
+    imaged tool, told by the long way from the RCM instead of by the short one between them."""
+    angle, r, d = along_line(m)
+    return np.array([angle, r, d])
+
+
+@compiled
+def along_line(m: Floats) -> tuple[float, float, float]:
+    """The same as three numbers."""
+    c, s = heading(m)
+    r = c * m[0] + s * m[1]
+    return np.arctan2(s, c), r, c * m[2] + s * m[3] - r
+
+
+@compiled
+def heading(m: Floats) -> tuple[float, float]:
+    """The cosine and sine of that line's angle, from the origin to the markers."""
+    along = m[0] ** 2 - m[1] ** 2 + m[2] ** 2 - m[3] ** 2
+    c, s = principal(along, 2.0 * (m[0] * m[1] + m[2] * m[3]))
+    way = 1.0 if c * (m[0] + m[2]) + s * (m[1] + m[3]) >= 0.0 else -1.0
+    return way * c, way * s
+
+
+@compiled
+def straight_jacobian(m: Floats, J: Floats) -> None:
+    """Write ∂y/∂m of `straight` over J (3, 4)."""
+    c, s = heading(m)
+    along = m[0] ** 2 - m[1] ** 2 + m[2] ** 2 - m[3] ** 2
+    across = 2.0 * (m[0] * m[1] + m[2] * m[3])
+    for k in range(4):
+        sign, other = (1.0, m[k + 1]) if k % 2 == 0 else (-1.0, m[k - 1])
+        J[0, k] = (along * other - across * sign * m[k]) / (along**2 + across**2)
+    beside_1, beside_2 = c * m[1] - s * m[0], c * m[3] - s * m[2]
+    for k in range(4):
+        forward, near = (c if k % 2 == 0 else s), (1.0 if k < 2 else 0.0)
+        J[1, k] = near * forward + beside_1 * J[0, k]
+        J[2, k] = (1.0 - near) * forward + beside_2 * J[0, k] - J[1, k]
+
+
+@compiled
+def near_origin(o_c: Floats, points: Floats, reach: float) -> tuple[float, float]:
+    """o_c (2,) px, or where it is further than `reach` px from the middle of the markers' `points`
+    (2, 2), the point so far on the way there."""
+    middle, way = scratch(2), scratch(2)
+    for k in range(2):
+        middle[k] = 0.5 * (points[0, k] + points[1, k])
+        way[k] = o_c[k] - middle[k]
+    share = min(reach / np.sqrt(way[0] ** 2 + way[1] ** 2), 1.0)
+    return middle[0] + share * way[0], middle[1] + share * way[1]
 
 
 @compiled

@@ -18,6 +18,7 @@ from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.loops import length, product
+from rcmservo.memory import scratch
 
 SPHERICAL, PITCH_YAW = 0, 1
 MIN_LEVER = 1e-3
@@ -26,6 +27,10 @@ undefined."""
 
 FULL_TURN, LONGEST_TRAVEL, LEAST_TRAVEL = 2.0 * np.pi, 2000.0, 1.0
 """rad and mm that limits can have: what is beyond was given in another unit."""
+
+
+Point = tuple[float, float, float]
+"""A point as compiled functions pass it on where no array is needed, mm."""
 
 
 class Rcm(NamedTuple):
@@ -48,39 +53,59 @@ def floats(numbers: Sequence[float]) -> tuple[float, float, float]:
 
 
 @compiled
-def axis(rcm: Rcm, q: Floats) -> Floats:
-    """Unit direction n of the tool from the RCM outwards; eq. (2) divided by ρ."""
-    if rcm.kind == SPHERICAL:
-        theta, phi = q[0], q[1]
-        return np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
-    yaw, pitch = q[0], q[1]
-    return np.array([np.cos(pitch) * np.sin(yaw), -np.sin(pitch), -np.cos(pitch) * np.cos(yaw)])
+def apart(one: Point, other: Point) -> float:
+    """mm between two points."""
+    return np.sqrt((one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2 + (one[2] - other[2]) ** 2)
 
 
 @compiled
-def axis_jacobian(rcm: Rcm, q: Floats) -> Floats:
-    """∂n/∂(angle, angle), shape (3, 2); its columns are orthogonal to each other and to n."""
+def direction(rcm: Rcm, q: Floats | Point) -> tuple[float, float, float]:
+    """Unit direction n of the tool from the RCM outwards; eq. (2) divided by ρ."""
     if rcm.kind == SPHERICAL:
-        st, ct, sf, cf = np.sin(q[0]), np.cos(q[0]), np.sin(q[1]), np.cos(q[1])
-        return np.array([[ct * cf, -st * sf], [ct * sf, st * cf], [-st, 0.0]])
-    sy, cy, sp, cp = np.sin(q[0]), np.cos(q[0]), np.sin(q[1]), np.cos(q[1])
-    return np.array([[cp * cy, -sp * sy], [0.0, -cp], [cp * sy, sp * cy]])
+        theta, phi = q[0], q[1]
+        return np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
+    yaw, pitch = q[0], q[1]
+    return np.cos(pitch) * np.sin(yaw), -np.sin(pitch), -np.cos(pitch) * np.cos(yaw)
+
+
+@compiled
+def axis(rcm: Rcm, q: Floats) -> Floats:
+    """n (3,)."""
+    x, y, z = direction(rcm, q)
+    return np.array([x, y, z])
+
+
+@compiled
+def axis_jacobian(rcm: Rcm, q: Floats | Point) -> tuple[Point, Point]:
+    """∂n/∂(angle, angle), its two columns: orthogonal to each other and to n."""
+    s1, c1, s2, c2 = np.sin(q[0]), np.cos(q[0]), np.sin(q[1]), np.cos(q[1])
+    if rcm.kind == SPHERICAL:
+        return (c1 * c2, c1 * s2, -s1), (-s1 * s2, s1 * c2, 0.0)
+    return (c2 * c1, 0.0, c2 * s1), (-s2 * s1, -c2, s2 * c1)
 
 
 @compiled
 def position(rcm: Rcm, q: Floats) -> Floats:
     """p = ρ n(q) in mm, eq. (2)."""
-    n, rho = axis(rcm, q), q[2] + rcm.zero
-    return np.array([rho * n[0], rho * n[1], rho * n[2]])
+    x, y, z = point_at(rcm, q)
+    return np.array([x, y, z])
 
 
 @compiled
-def position_jacobian(rcm: Rcm, q: Floats) -> Floats:
+def point_at(rcm: Rcm, q: Floats | Point) -> Point:
+    """p = ρ n(q) in mm, eq. (2), as three numbers."""
+    x, y, z = direction(rcm, q)
+    rho = q[2] + rcm.zero
+    return rho * x, rho * y, rho * z
+
+
+@compiled
+def position_jacobian(rcm: Rcm, q: Floats | Point) -> Floats:
     """∂p/∂q, shape (3, 3), mm per rad, rad, mm."""
-    jacobian = np.empty((3, 3))
-    n, turn, rho = axis(rcm, q), axis_jacobian(rcm, q), q[2] + rcm.zero
+    jacobian, n, rho = np.empty((3, 3)), direction(rcm, q), q[2] + rcm.zero
+    one, two = axis_jacobian(rcm, q)
     for i in range(3):
-        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = rho * turn[i, 0], rho * turn[i, 1], n[i]
+        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = rho * one[i], rho * two[i], n[i]
     return jacobian
 
 
@@ -99,16 +124,29 @@ def joints(rcm: Rcm, p: Floats) -> Floats:
 def joint_rates(rcm: Rcm, q: Floats, v: Floats) -> Floats:
     """q̇ (rad/s, rad/s, mm/s) that moves the point with v mm/s; finite even where (2) is
     singular."""
-    jacobian = position_jacobian(rcm, q)
-    shortest = (MIN_LEVER * (q[2] + rcm.zero)) ** 2
-    rates = np.empty(3)
-    for i in range(3):
-        along, squared = 0.0, 0.0
-        for k in range(3):
-            along += jacobian[k, i] * v[k]
-            squared += jacobian[k, i] ** 2
-        rates[i] = along / max(squared, shortest)
-    return rates
+    one, two, three = rates_of(rcm, q, v)
+    return np.array([one, two, three])
+
+
+@compiled
+def rates_of(rcm: Rcm, q: Floats | Point, v: Floats) -> Point:
+    """The same as three numbers."""
+    rho = q[2] + rcm.zero
+    shortest = (MIN_LEVER * rho) ** 2
+    (x1, y1, z1), (x2, y2, z2) = axis_jacobian(rcm, q)
+    return (
+        along_column((rho * x1, rho * y1, rho * z1), v, shortest),
+        along_column((rho * x2, rho * y2, rho * z2), v, shortest),
+        along_column(direction(rcm, q), v, shortest),
+    )
+
+
+@compiled
+def along_column(column: Point, v: Floats, shortest: float) -> float:
+    """The rate of the joint that moves the point along a `column` of ∂p/∂q; `shortest` is the least
+    square of a length that is divided by."""
+    x, y, z = column
+    return (x * v[0] + y * v[1] + z * v[2]) / max(x**2 + y**2 + z**2, shortest)
 
 
 @compiled
@@ -124,18 +162,18 @@ def reachable(rcm: Rcm, q: Floats, slack: float) -> bool:
 
 @compiled
 def blocked(
-    rcm: Rcm, q: Floats, v: Floats, fastest: Floats, horizon: float, share: float
-) -> tuple[int, Floats]:
-    """The joint (or -1) whose limit stands in the way of v (3,) mm/s, and v's joint rates (3,).
+    rcm: Rcm, q: Floats | Point, v: Floats, fastest: Floats, horizon: float, share: float
+) -> tuple[int, Point]:
+    """The joint (or -1) whose limit stands in the way of v (3,) mm/s, and v's joint rates.
 
     The joints move at `fastest` (3,) at most. One stands in the way if its limit would be passed
     within `horizon` s, and if without it less than `share` of the speed is left.
     """
-    wanted = joint_rates(rcm, q, v)
+    wanted = rates_of(rcm, q, v)
     slower = 1.0
     for i in range(3):
         slower = max(slower, abs(wanted[i]) / fastest[i])
-    joint, rates = -1, np.empty(3)
+    joint, rates = -1, scratch(3)
     for i in range(3):
         rates[i] = wanted[i] / slower
         ahead = q[i] + rates[i] * horizon

@@ -16,6 +16,7 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
+from rcmservo.method.kinematics import Point
 
 RIGID, SCALED = 0, 1
 
@@ -30,7 +31,7 @@ class Shaft(NamedTuple):
 
 
 @compiled
-def stretch(shaft: Shaft, p1: Floats) -> float:
+def stretch(shaft: Shaft, p1: Floats | Point) -> float:
     """|p₂|/|p₁|: λ itself, or 1 + l/ρ."""
     if shaft.kind == SCALED:
         return shaft.value
@@ -40,8 +41,27 @@ def stretch(shaft: Shaft, p1: Floats) -> float:
 @compiled
 def second_marker(shaft: Shaft, p1: Floats) -> Floats:
     """p₂ (3,) mm from p₁ (3,) mm."""
+    x, y, z = second_point(shaft, p1)
+    return np.array([x, y, z])
+
+
+@compiled
+def second_point(shaft: Shaft, p1: Floats | Point) -> Point:
+    """p₂ mm from p₁ (3,) mm, as three numbers."""
     reach = stretch(shaft, p1)
-    return np.array([reach * p1[0], reach * p1[1], reach * p1[2]])
+    return reach * p1[0], reach * p1[1], reach * p1[2]
+
+
+@compiled
+def fastest_point(shaft: Shaft, p1: Floats | Point, v: Floats | Point, tip: float) -> float:
+    """Speed mm/s of the fastest of marker 1, which moves with v (3,) mm/s at p1 (3,) mm, marker 2,
+    and the tip, which is `tip` mm beyond marker 2: it turns about the RCM with the tool."""
+    squared = p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
+    along = v[0] * p1[0] + v[1] * p1[1] + v[2] * p1[2]
+    total = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    radial = along * along / squared
+    lever = max(stretch(shaft, p1) + tip / np.sqrt(squared), 1.0)
+    return np.sqrt(radial + max(total - radial, 0.0) * lever**2)
 
 
 @compiled
@@ -55,6 +75,18 @@ def second_marker_jacobian(shaft: Shaft, p1: Floats) -> Floats:
         for j in range(3):
             jacobian[i, j] -= along * p1[i] * p1[j]
     return jacobian
+
+
+@compiled
+def by_first_marker(shaft: Shaft, p1: Floats, motion: Floats) -> None:
+    """Make ∂m₂/∂p₂ (n, 3) to ∂m₂/∂p₁ in place: times `second_marker_jacobian`, which is a multiple
+    of I but along p₁."""
+    reach, squared = stretch(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
+    share = 0.0 if shaft.kind == SCALED else (reach - 1.0) / squared
+    for k in range(len(motion)):
+        along = share * (motion[k, 0] * p1[0] + motion[k, 1] * p1[1] + motion[k, 2] * p1[2])
+        for i in range(3):
+            motion[k, i] = reach * motion[k, i] - along * p1[i]
 
 
 SHORTEST, LONGEST = 1.0, 1000.0

@@ -59,6 +59,7 @@ class _Seen:
     p1: Floats
     points: Floats
     dt: float
+    sizes: Floats
 
 
 def replay(
@@ -100,7 +101,7 @@ def _found(poses: list[Pose], markers: list[Markers]) -> list[_Seen]:
     before: Pose | None = None
     for pose, found in zip(poses, markers, strict=True):
         if np.isfinite(found.points).all():
-            seen.append(_Seen(pose.p1, found.points, _since(before, pose)))
+            seen.append(_Seen(pose.p1, found.points, _since(before, pose), found.radius))
             before = pose
     return seen
 
@@ -155,7 +156,7 @@ def _score(
         since_learnt = None if since_learnt is None else since_learnt + one.dt
         if not np.isfinite(o_c).all():
             continue
-        sample = Sample(one.p1, one.points, o_c, since_learnt or 0.0)
+        sample = Sample(one.p1, one.points, o_c, since_learnt or 0.0, one.sizes)
         memory, since_learnt = estimator.update(memory, tool, sample), 0.0
         if t < FIRST or t + 1 == len(seen):
             continue

@@ -19,6 +19,7 @@ PLACE = ("x [mm]", "y [mm]", "z [mm]")
 SPEED = ("x [mm/s]", "y [mm/s]", "z [mm/s]")
 FEATURES = ("s [rad]", "r [px]", "d [px]")
 PIXEL = ("u [px]", "v [px]")
+SIZES = ("m1 [px]", "m2 [px]")
 MARKERS = ("m1_u [px]", "m1_v [px]", "m2_u [px]", "m2_v [px]")
 JACOBIAN = tuple(
     f"{y}_{x} [{unit}/mm]" for y, unit in (("s", "rad"), ("r", "px"), ("d", "px")) for x in "xyz"
@@ -85,9 +86,13 @@ REALS = (
     Column("v", SPEED, at("state.v")),
     Column("command", RATES, at("state.command.rates")),
     Column("applied", RATES, at("applied")),
+    Column("sizes", SIZES, at("seen.sizes")),
 )
 """A tick's other numbers. `applied_before` are the rates that the observation tells, `applied`
 those that the arm took of the command."""
+
+LATER = {"sizes"}
+"""Those of them that records did not hold at first: NaN where one without them is read."""
 
 FLAGS = (
     Column("enabled", TRUE_OR_NOT, at("seen.enabled")),

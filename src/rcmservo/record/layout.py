@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rcmservo.guard.states import Mode, Phase
 from rcmservo.interfaces import Floats
 from rcmservo.loop.tick import Tick
-from rcmservo.record.columns import FLAGS, INTEGERS, REALS, TRUTH, WORDS, Column
+from rcmservo.record.columns import FLAGS, INTEGERS, LATER, REALS, TRUTH, WORDS, Column
 
 CRTK = {phase: phase.name for phase in (Phase.DISABLED, Phase.PAUSED, Phase.FAULT)}
 """CRTK's name of a phase; all others are ENABLED."""
@@ -40,6 +40,18 @@ def _arrays(numbers: Mapping[str, tuple[str, ...]]) -> list[str]:
     return [f"float64[{len(parts)}] {name.lower()}" for name, parts in numbers.items()]
 
 
+def _tick_definition(reals: Sequence[Column]) -> str:
+    return _definition(
+        *(f"int64 {column.name}" for column in INTEGERS),
+        *_arrays({column.name: column.parts for column in reals}),
+        *(f"bool {column.name}" for column in FLAGS),
+        *(f"string {column.name}" for column in WORDS),
+    )
+
+
+FIRST_REALS = [column for column in REALS if column.name not in LATER]
+"""The real numbers that ticks held at first."""
+
 DEFINITIONS = {
     "std_msgs/msg/String": "string data\n",
     "sensor_msgs/msg/JointState": _definition(
@@ -51,12 +63,7 @@ DEFINITIONS = {
     "sensor_msgs/msg/CompressedImage": _definition("string format", "uint8[] data"),
     "rcmservo_msgs/msg/Truth": _definition(*_arrays(TRUTH)),
     "rcmservo_msgs/msg/Memory": _definition("float64[] numbers"),
-    "rcmservo_msgs/msg/Tick": _definition(
-        *(f"int64 {column.name}" for column in INTEGERS),
-        *_arrays({column.name: column.parts for column in REALS}),
-        *(f"bool {column.name}" for column in FLAGS),
-        *(f"string {column.name}" for column in WORDS),
-    ),
+    "rcmservo_msgs/msg/Tick": _tick_definition(REALS),
 }
 """Every message's definition as ROS 2 writes it, by its type."""
 
@@ -84,10 +91,19 @@ def _numbers(columns: Sequence[Column], code: str) -> list[tuple[str, str, tuple
 
 
 START = [("start", "S4"), ("sec", "<i4"), ("nanosec", "<u4"), ("frame_id", "<u4"), ("end", "<u4")]
-TICK = np.dtype(
-    [*START, *_numbers(INTEGERS, "<i8"), *_numbers(REALS, "<f8"), *_numbers(FLAGS, "?")]
-)
+
+
+def _tick_layout(reals: Sequence[Column]) -> np.dtype[Any]:
+    return np.dtype(
+        [*START, *_numbers(INTEGERS, "<i8"), *_numbers(reals, "<f8"), *_numbers(FLAGS, "?")]
+    )
+
+
+TICK = _tick_layout(REALS)
 """A tick up to its words."""
+
+TICKS = {_tick_definition(reals): _tick_layout(reals) for reals in (FIRST_REALS, REALS)}
+"""The same as every version wrote it, by its definition."""
 
 TRUTH_LAYOUT = np.dtype(
     [("start", "S20"), *((name, "<f8", (len(parts),)) for name, parts in TRUTH.items())]
@@ -248,4 +264,14 @@ def columns(layout: np.dtype[Any], rows: Sequence[bytes]) -> dict[str, NDArray[A
     table = np.frombuffer(joined, layout)
     return {
         name: np.ascontiguousarray(table[name]) for name in layout.names or () if layout[name].shape
+    }
+
+
+def tick_columns(layout: np.dtype[Any], rows: Sequence[bytes]) -> dict[str, NDArray[Any]]:
+    """Ticks of one of `TICKS` as columns; NaN in those that it does not hold."""
+    found = columns(layout, rows)
+    return {
+        name: found.get(name, np.full((len(rows), *TICK[name].shape), np.nan))
+        for name in TICK.names or ()
+        if TICK[name].shape
     }

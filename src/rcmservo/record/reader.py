@@ -5,7 +5,7 @@ read is as it was written, bit for bit: see mcap_chunks.py.
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -22,11 +22,13 @@ from rcmservo.record.columns import TRUTH, WORDS
 from rcmservo.record.layout import (
     DEFINITIONS,
     TICK,
+    TICKS,
     TOPICS,
     TRUTH_LAYOUT,
     columns,
     image_of,
     operating_words,
+    tick_columns,
     words_of,
 )
 from rcmservo.record.mcap_chunks import Message, Messages
@@ -162,13 +164,14 @@ class _Rows:
         self.stages: list[Stage] = []
         self.memory: dict[int, Floats] = {}
         self.operating: list[tuple[int, str]] = []
+        self._layout = TICK
         self._tails: dict[bytes, tuple[str, ...]] = {}
         self._words: list[tuple[str, ...]] = []
 
     def add(self, message: Message) -> None:
         """Keep one message."""
         topic = message.topic
-        if topic in TOPICS and message.definition != DEFINITIONS[TOPICS[topic]]:
+        if topic in TOPICS and message.definition not in _definitions(topic):
             raise UnusableFile(
                 self.path,
                 f"its {topic} has another form: another version of rcmservo has written it",
@@ -182,6 +185,7 @@ class _Rows:
 
     def _keep(self, topic: str, message: Message) -> None:
         if topic == "rcmservo/tick":
+            self._take(TICKS[message.definition])
             self.times.append(message.time)
             self.ticks.append(message.data)
             self._words.append(self._tail(message.data))
@@ -196,11 +200,17 @@ class _Rows:
         elif topic == "rcmservo/about":
             self.about = _json(message.data)
 
+    def _take(self, layout: np.dtype[Any]) -> None:
+        """Read ticks of this layout: a record's are all of one."""
+        if self.ticks and layout != self._layout:
+            raise ValueError("it is of another version than those before")
+        self._layout = layout
+
     def _tail(self, data: bytes) -> tuple[str, ...]:
-        tail = data[TICK.itemsize :]
+        tail = data[self._layout.itemsize :]
         words = self._tails.get(tail)
         if words is None:
-            words = self._tails[tail] = words_of(data, TICK.itemsize, len(WORDS))
+            words = self._tails[tail] = words_of(data, self._layout.itemsize, len(WORDS))
         return words
 
     def record(self, messages: Messages) -> Record:
@@ -210,7 +220,8 @@ class _Rows:
             path=self.path,
             about=self.about if is_table(self.about) else {},
             time=time,
-            ticks=columns(TICK, self.ticks) | memory.column(self.memory, len(self.ticks)),
+            ticks=tick_columns(self._layout, self.ticks)
+            | memory.column(self.memory, len(self.ticks)),
             words={one.name: [row[i] for row in self._words] for i, one in enumerate(WORDS)},
             operating=self.operating,
             truth=self._truth(),
@@ -229,6 +240,11 @@ class _Rows:
             name: np.concatenate([truth[name], np.full((lost, len(parts)), np.nan)])
             for name, parts in TRUTH.items()
         }
+
+
+def _definitions(topic: str) -> Collection[str]:
+    """Those of a topic's messages that can be read."""
+    return TICKS if topic == "rcmservo/tick" else (DEFINITIONS[TOPICS[topic]],)
 
 
 def _planned(about: object) -> float | None:

@@ -168,6 +168,7 @@ def _observation(then: Record, i: int) -> Observation:
         points=ticks["points"][i].reshape(2, 2),
         dropped=then.named(Dropped, "dropped", i),
         recorded=bool(ticks["recorded"][i, 0]),
+        sizes=ticks["sizes"][i],
     )
 
 

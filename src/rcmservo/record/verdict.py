@@ -65,6 +65,9 @@ class Outcome:
     """Root mean square (3,) of Δy over the last second, rad, px, px."""
     explored_at: float | None
     """s at which exploration ended, or None."""
+    remark: str = ""
+    """What was not as it should be at the end although nothing stopped, in words; empty if all
+    was."""
 
 
 def settle_time(times: Floats, errors: Floats) -> float | None:
@@ -142,7 +145,8 @@ def judged(
     error = np.sqrt(np.mean(errors[times > times[-1] - LAST] ** 2, axis=0))
     settled_at = settle_time(times, errors)
     cause = _cause(mode, explored_at, settled_at, away)
-    return Outcome(cause == "", cause, settled_at, error, explored_at)
+    remark = "" if mode.cause.stopping else mode.cause.value
+    return Outcome(cause == "", cause, settled_at, error, explored_at, remark)
 
 
 def _cause(mode: Mode, explored_at: float | None, settled_at: float | None, away: float) -> str:

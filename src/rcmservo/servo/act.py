@@ -1,13 +1,12 @@
 """What follows from what a tick brought: the next move of an exploration, the next mode, what is
 forgotten with it, and the command."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.guard.causes import ACTIONS, Cause, gravest
 from rcmservo.guard.gate import admit, stop
+from rcmservo.guard.plausible import sound
 from rcmservo.guard.states import (
     ACQUIRE,
     DISABLED,
@@ -20,20 +19,34 @@ from rcmservo.guard.states import (
     transition,
 )
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import Told, Watch, unwatch, watch_estimate
-from rcmservo.interfaces import Floats
-from rcmservo.loops import length, minus, put
-from rcmservo.method.exploration import Exploring, begin, complete, corner, towards, visit
-from rcmservo.method.kinematics import joint_rates, position
+from rcmservo.guard.watch import Told, unwatch, watch_estimate
+from rcmservo.loops import put
+from rcmservo.method.controller import scaled
+from rcmservo.method.drive_lag import follow_drives, measure_lag
+from rcmservo.method.exploration import (
+    CORNERS,
+    arrived,
+    begin,
+    box,
+    disagreement,
+    towards,
+)
+from rcmservo.method.foresight import features_motion, order, uncertainty
+from rcmservo.method.prospect import Prospect, empty
 from rcmservo.rows import Rows
 from rcmservo.servo.decide import decide
-from rcmservo.servo.dials import Asked, Fixed, rcm_of
+from rcmservo.servo.dials import Asked, Fixed, rcm_of, shaft_of
 from rcmservo.servo.forget import forget, forget_but_places, restart, stand
-from rcmservo.servo.look import BELIEVED, LEARN
-from rcmservo.servo.state import Decision, Estimate, Parts
+from rcmservo.servo.learn import BELIEVED, LEARN
+from rcmservo.servo.state import Decision, Kept
 
 NOT_FINITE, SURPRISED = Cause.NOT_FINITE.place, Cause.SURPRISED.place
 CAMERA_MOVED, SWAPPED = Cause.CAMERA_MOVED.place, Cause.SWAPPED.place
+DRIFTS = Cause.DRIFTS.place
+
+SURELY = 0.5
+"""Share of its limit that the condition of eq. (16) has at most at the end of an exploration: it
+must stay known."""
 
 UNLEARNT = (
     Cause.DIVERGED.place,
@@ -50,73 +63,74 @@ is noticed.
 """
 
 
-class Kept(NamedTuple):
-    """What a tick changes, but for the estimator's own memory."""
-
-    watch: Rows[Watch]
-    """What the checks remember."""
-    estimate: Rows[Estimate]
-    """What frames have taught, in numbers."""
-    tour: Rows[Exploring]
-    """Where an exploration stands."""
-    decision: Rows[Decision]
-    """Mode, wishes and command."""
-    lines: Floats
-    """The imaged tool's lines that eq. (16) is made of."""
-
-
 @compiled
 def act(
-    kept: Kept, news: int, more: int, seen: Told, asked: Asked, fixed: Fixed
-) -> tuple[Kept, bool]:
-    """What is kept after a tick that brought `news`, with the causes found and `more` of them; and
-    whether the estimator must forget all.
-
-    Watch and estimate are this tick's own already; tour and decision are copied.
-    """
-    tours, decisions, lines = kept.tour.copy(), kept.decision.copy(), kept.lines
-    s = Parts(kept.watch[0], kept.estimate[0], tours[0], decisions[0])
+    kept: Rows[Kept], news: int, more: int, seen: Told, asked: Asked, rows: Rows[Fixed]
+) -> bool:
+    """Keep what follows from a tick that brought `news`, with the causes found and `more` of them;
+    whether the estimator must forget all."""
+    s, fixed = kept[0], rows[0]
     believed, now = news >= BELIEVED, seen.now
     if asked.other:
         restart(s.decision, now)
-    if news == LEARN and s.tour.done:
-        e, t = s.estimate, fixed.thresholds[0]
+    if news == LEARN and s.tour.done and s.estimate.rcm_condition > 0.0:
+        e, t = s.estimate, fixed.thresholds
         watch_estimate(s.watch, e.p1, e.points, e.o_c, e.J_hat, t)
     if not s.tour.done:
-        explore(s, seen, believed, fixed)
-    found = decide(s, seen, asked, fixed) | more
+        explore(s, s.prospect, seen, news, fixed)
+    found = decide(s, s.prospect, seen, asked, fixed) | more
     signs = Signs(seen.enabled, believed or s.watch.believed >= 0, believed, s.tour.done)
-    forgot = enter(s, found, signs, asked.request, now, fixed.thresholds[0])
+    forgot = enter(s, found, signs, asked.request, now, fixed.thresholds)
     if not send(s.decision, seen, fixed):
         forgot = fail(s, now) or forgot
     if forgot:
-        lines = np.zeros_like(lines)
-    return Kept(kept.watch, kept.estimate, tours, decisions, lines), forgot
+        empty(s.prospect)
+    return forgot
 
 
 @compiled
-def explore(s: Parts, seen: Told, believed: bool, fixed: Fixed) -> None:
-    """The first motion: on the tour, until Ĵ predicts what was seen there."""
-    tour, d, x, rcm = s.tour, s.decision, fixed.exploration[0], rcm_of(fixed.dials[0])
+def explore(s: Kept, v: Prospect, seen: Told, news: int, fixed: Fixed) -> None:
+    """The first motion: on the tour, until the estimate is known."""
+    tour, d, x, c = s.tour, s.decision, fixed.exploration, fixed.dials
     if d.phase != ACQUIRE or tour.no_room:
         stand(d)
         return
     if not tour.begun:
-        begin(tour, rcm, seen.q, seen.now, fixed.thresholds[0].least_room, x)
+        room = fixed.thresholds.least_room
+        begin(tour, rcm_of(c), c.fastest, seen.q, seen.now, room, x)
         return
-    p1 = position(rcm, seen.q)
-    if believed and length(minus(p1, corner(tour))) < x.reach:
-        visit(tour, s.estimate.p1, s.estimate.points)
-        if complete(tour, s.estimate.J_hat, s.estimate.o_c, x):
-            tour.done = True
-            return
-    v = towards(p1, corner(tour), x.speed, x.reach)
-    put(d.v, v)
-    put(d.rates, joint_rates(rcm, seen.q, v))
+    follow_drives(tour, seen.q, seen.q_time, seen.applied, c.fastest)
+    if news == LEARN and known(s, v, fixed):
+        tour.done = True
+        measure_lag(tour)
+        return
+    if arrived(tour, seen.q):
+        tour.visits += 1
+        if tour.visits % len(CORNERS) == 0:
+            box(tour, rcm_of(c), c.fastest, 0.0, x)
+    put(d.rates, towards(tour, c.fastest, seen.q, x))
 
 
 @compiled
-def enter(s: Parts, found: int, signs: Signs, request: int, now: int, t: Thresholds) -> bool:
+def known(s: Kept, v: Prospect, fixed: Fixed) -> bool:
+    """Whether there is an estimate to servo with: what the camera should see is certain enough, an
+    Ĵ that is not made of it agrees with it, and the markers stand in their order."""
+    e, x = s.estimate, fixed.exploration
+    if s.tour.visits < x.legs or not uncertainty(v, e.p1, shaft_of(fixed.dials)) <= x.uncertainty:
+        return False
+    if not sound(v, fixed.thresholds):
+        return False
+    if not e.rcm_condition <= SURELY * fixed.dials.rcm_condition:
+        return False
+    if e.rcm_condition > 0.0:
+        J = scaled(features_motion(v, e.p1, e.points, e.o_c, shaft_of(fixed.dials)))
+        if not disagreement(scaled(e.J_hat), J) <= x.tolerance:
+            return False
+    return order(v) > 0.0
+
+
+@compiled
+def enter(s: Kept, found: int, signs: Signs, request: int, now: int, t: Thresholds) -> bool:
     """Into the next mode. A pause or fault forgets what it must not go on with; whether that is
     the estimate."""
     d, before, cause, forgot = s.decision, s.decision.phase, gravest(found), False
@@ -133,7 +147,7 @@ def enter(s: Parts, found: int, signs: Signs, request: int, now: int, t: Thresho
 
 
 @compiled
-def unlearn(s: Parts, cause: int, now: int) -> bool:
+def unlearn(s: Kept, cause: int, now: int) -> bool:
     """Begin all counts anew, and forget the estimate if a cause spoils it.
 
     Without an estimate nobody can tell one false marker from a camera that was moved: then it
@@ -141,7 +155,7 @@ def unlearn(s: Parts, cause: int, now: int) -> bool:
     before.
     """
     explored, d = s.tour.done, s.decision
-    moved = cause == CAMERA_MOVED or (cause == SURPRISED and not explored)
+    moved = cause in (CAMERA_MOVED, DRIFTS) or (cause == SURPRISED and not explored)
     spoilt = moved or cause in UNLEARNT or (cause == SWAPPED and not explored)
     unwatch(s.watch, spoilt)
     d.peak = np.inf
@@ -163,11 +177,11 @@ def send(d: Decision, seen: Told, fixed: Fixed) -> bool:
     if d.phase in (FAULT, DISABLED):
         stop(d, seen.now, fixed.gate)
         return True
-    return admit(d, d.rates, seen.q, rcm_of(fixed.dials[0]), seen.now, share, fixed.gate)
+    return admit(d, d.rates, seen.q, rcm_of(fixed.dials), seen.now, share, fixed.gate)
 
 
 @compiled
-def fail(s: Parts, now: int) -> bool:
+def fail(s: Kept, now: int) -> bool:
     """Into the fault that a number is which is not finite: the gate made zero of it."""
     d = s.decision
     d.phase, d.cause, d.since, d.good, d.asks = FAULT, NOT_FINITE, now, 0, FAULTED

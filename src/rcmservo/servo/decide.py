@@ -1,34 +1,56 @@
 """The law where there is an estimate, and all that is wrong at a tick, as a set of causes."""
 
+import numpy as np
+
 from rcmservo.compiled import compiled
 from rcmservo.guard.causes import Cause
+from rcmservo.guard.drift import drift_faults
 from rcmservo.guard.faults import arm_faults, camera_faults, loop_faults
+from rcmservo.guard.plausible import sound
 from rcmservo.guard.states import DISABLED, FAULT, PAUSED, SERVO
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Told, Watch
-from rcmservo.loops import all_finite, largest, minus, product, put
-from rcmservo.method.controller import control, scaled
+from rcmservo.interfaces import Floats
+from rcmservo.loops import all_finite, largest
+from rcmservo.memory import scratch, scratch_table
+from rcmservo.method.controller import Heading, control, scale
 from rcmservo.method.exploration import Exploring, overdue
-from rcmservo.method.features import difference
-from rcmservo.method.kinematics import blocked, position
-from rcmservo.method.tool import Shaft, second_marker
-from rcmservo.servo.dials import Asked, Dials, Fixed, rcm_of
-from rcmservo.servo.state import Decision, Estimate, Parts
+from rcmservo.method.features import SCALE, wrapped
+from rcmservo.method.foresight import order, pose_deviation
+from rcmservo.method.kinematics import Point, apart, blocked, point_at
+from rcmservo.method.prospect import Prospect
+from rcmservo.method.tool import fastest_point, second_point, stretch
+from rcmservo.servo.dials import Asked, Dials, Fixed, rcm_of, shaft_of
+from rcmservo.servo.state import Decision, Estimate, Kept
 
 ESTIMATE_NOT_FINITE, RCM_UNKNOWN = Cause.ESTIMATE_NOT_FINITE.bit, Cause.RCM_UNKNOWN.bit
 ESTIMATE_LARGE, SINGULAR = Cause.ESTIMATE_LARGE.bit, Cause.SINGULAR.bit
 NEARLY_SINGULAR, DIVERGED = Cause.NEARLY_SINGULAR.bit, Cause.DIVERGED.bit
+ELSEWHERE, FROZEN = Cause.ELSEWHERE.bit, Cause.FROZEN.bit
 STALLED, STALE, TARGET_OLD = Cause.STALLED.bit, Cause.STALE.bit, Cause.TARGET_OLD.bit
 NO_ROOM, SWAPPED, NOT_EXPLORED = Cause.NO_ROOM.bit, Cause.SWAPPED.bit, Cause.NOT_EXPLORED.bit
 LIMITS = (Cause.JOINT_1_LIMIT.bit, Cause.JOINT_2_LIMIT.bit, Cause.JOINT_3_LIMIT.bit)
 
 
+CROSSED = -0.3
+"""Order of the markers below which they are taken for each other."""
+
+NEAR = 1.0
+"""mm from the target, by the picture, up to which the tool counts as being there."""
+
+SHOWN = 30.0
+"""Frames that a target is taken to be the mean of."""
+
+CERTAIN = 3.0
+"""Standard deviations."""
+
+
 @compiled
-def decide(s: Parts, seen: Told, asked: Asked, fixed: Fixed) -> int:
+def decide(s: Kept, v: Prospect, seen: Told, asked: Asked, fixed: Fixed) -> int:
     """Head for the target by the law, where there is an estimate; the causes that are there at this
     tick."""
-    w, e, tour, d = s
-    c, t = fixed.dials[0], fixed.thresholds[0]
+    w, e, tour, d = s.watch, s.estimate, s.tour, s.decision
+    c, t = fixed.dials, fixed.thresholds
     on = d.phase not in (DISABLED, FAULT)
     found = arm_faults(w, seen, on, rcm_of(c), t) | loop_faults(w, seen, c.period, t)
     found |= camera_faults(w, seen, rcm_of(c), t)
@@ -39,23 +61,32 @@ def decide(s: Parts, seen: Told, asked: Asked, fixed: Fixed) -> int:
     if asked.shown < d.moved:
         found |= TARGET_OLD
     if not tour.done:
-        return found | tour_faults(e, tour, seen.now, fixed)
-    steer(e, d, seen, d.phase == SERVO, c, t)
-    return found | estimate_faults(w, e, c, t) | way_faults(d, seen.now, c, t)
+        return found | tour_faults(w, v, tour, seen.now, fixed)
+    steer(e, d, seen, d.phase == SERVO, fixed)
+    stray(s, v, seen, asked, fixed)
+    found |= drift_faults(w, t) | estimate_faults(w, e, c, t)
+    if not sound(v, t):
+        found |= DIVERGED
+    return found | way_faults(d, seen.now, c, t)
 
 
 @compiled
-def steer(e: Estimate, d: Decision, seen: Told, servoing: bool, c: Dials, t: Thresholds) -> None:
+def steer(e: Estimate, d: Decision, seen: Told, servoing: bool, fixed: Fixed) -> None:
     """The law on Δy + Ĵ (p₁(now) − p₁), and how it gets on."""
-    rcm = rcm_of(c)
-    put(e.ahead, difference(e.delta, product(e.J_hat, minus(e.p1, position(rcm, seen.q)))))
-    v, condition, error = control(
-        e.J_hat, e.ahead, c.bounds, c.printed, c.gain, c.max_condition, c.max_speed
-    )
-    joint, rates = blocked(rcm, seen.q, v, c.fastest, t.limit_horizon, t.limit_share)
-    put(d.v, v)
-    put(d.rates, rates)
-    e.condition, d.blocked = condition, joint
+    c, t, rcm = fixed.dials, fixed.thresholds, rcm_of(fixed.dials)
+    q = (seen.q[0], seen.q[1], seen.q[2])
+    p1 = point_at(rcm, q)
+    carry(e, p1)
+    heading, error = head(e, p1, c)
+    speed = fastest_point(shaft_of(fixed.dials), p1, heading.v, c.tip)
+    slower = max(1.0, speed / c.max_speed)
+    for k in range(3):
+        d.v[k] = heading.v[k] / slower
+    joint, rates = blocked(rcm, q, d.v, c.fastest, t.limit_horizon, t.limit_share)
+    d.rates[0], d.rates[1], d.rates[2] = rates
+    e.condition, d.blocked = heading.condition, joint
+    d.open = heading.open if error > t.small_error else 1.0
+    d.left = heading.left / d.open  # of a damped law that is less than the way
     peak = max(d.peak, error)
     if error < peak - min(t.stall_fall, t.stall_share * peak) or not servoing:
         peak, d.peak_time = error, seen.now
@@ -63,15 +94,86 @@ def steer(e: Estimate, d: Decision, seen: Told, servoing: bool, c: Dials, t: Thr
 
 
 @compiled
+def carry(e: Estimate, p1: Point) -> None:
+    """Δy as predicted for marker 1 at p1 mm."""
+    J, x, y, z = e.J_hat, e.p1[0] - p1[0], e.p1[1] - p1[1], e.p1[2] - p1[2]
+    for i in range(3):
+        e.ahead[i] = e.delta[i] - (J[i, 0] * x + J[i, 1] * y + J[i, 2] * z)
+    e.ahead[0] = wrapped(e.ahead[0])
+
+
+@compiled
+def head(e: Estimate, p1: Point, c: Dials) -> tuple[Heading, float]:
+    """The law with marker 1 at p1 mm: on [s r d], or on the four coordinates of the markers, of
+    which 10 px are one unit."""
+    if c.by_points:
+        L, off, most, px = scratch_table(4, 3), scratch(4), scratch(4), SCALE[1]
+        for k in range(4):
+            off[k], most[k] = e.off[k] / px, c.bounds[1] / px
+            for i in range(3):
+                L[k, i] = e.motion[k, i] / px
+                off[k] -= L[k, i] * (e.p1[i] - p1[i])
+        return control(L, off, most, c.printed, c.gain, c.max_condition, c.max_speed)
+    J, delta, bounds = scratch_table(3, 3), scratch(3), scratch(3)
+    scale(e.J_hat, J)
+    for k in range(3):
+        delta[k], bounds[k] = e.ahead[k] / SCALE[k], c.bounds[k] / SCALE[k]
+    return control(J, delta, bounds, c.printed, c.gain, c.max_condition, c.max_speed)
+
+
+@compiled
+def stray(s: Kept, v: Prospect, seen: Told, asked: Asked, fixed: Fixed) -> None:
+    """Whether the picture shows the tool at the target, or leads it away again, while the joints,
+    beyond what noise explains, are not where they were shown: since when."""
+    e, d, t = s.estimate, s.decision, fixed.thresholds
+    been = d.arrived and not asked.other
+    if d.phase != SERVO or not (been or d.left < NEAR):
+        d.arrived, d.astray = False, -1
+        return
+    if away_at_most(seen.q, asked.q, fixed) < t.elsewhere:
+        d.arrived, d.astray = not asked.other, -1
+        return
+    off, allowed = away(seen.q, asked.q, fixed), t.elsewhere
+    if not off < allowed:
+        frames = max(min(v.weight[0], v.weight[1]), 1.0)
+        noise = pose_deviation(v, e.p1, shaft_of(fixed.dials)) * np.sqrt(1.0 / frames + 1.0 / SHOWN)
+        allowed += CERTAIN * noise
+    d.arrived = not asked.other and (been or off < allowed)
+    if not off - min(d.left, NEAR) > allowed:
+        d.astray = -1
+    elif d.astray < 0:
+        d.astray = seen.now
+
+
+@compiled
+def away(q: Floats, q_d: Floats, fixed: Fixed) -> float:
+    """mm from one place of the tool, by the joints q (3,), to another, of the marker that has the
+    longer way."""
+    rcm = rcm_of(fixed.dials)
+    p1, p1_d = point_at(rcm, q), point_at(rcm, q_d)
+    p2, p2_d = second_point(shaft_of(fixed.dials), p1), second_point(shaft_of(fixed.dials), p1_d)
+    return max(apart(p1, p1_d), apart(p2, p2_d))
+
+
+@compiled
+def away_at_most(q: Floats, q_d: Floats, fixed: Fixed) -> float:
+    """What `away` is at most, in a fraction of the time: no direction turns by more than the angles
+    do."""
+    zero = fixed.dials.zero
+    rho, rho_d = q[2] + zero, q_d[2] + zero
+    turned = abs(q[0] - q_d[0]) + abs(q[1] - q_d[1])
+    longest = max(stretch(shaft_of(fixed.dials), (0.0, 0.0, rho)), 1.0)
+    return longest * (abs(rho - rho_d) + max(abs(rho), abs(rho_d)) * turned)
+
+
+@compiled
 def estimate_faults(w: Watch, e: Estimate, c: Dials, t: Thresholds) -> int:
     """What is wrong with the estimate."""
     found = 0 if e.rcm_condition <= c.rcm_condition else RCM_UNKNOWN
-    if not largest(scaled(e.J_hat)) <= t.largest:
+    J = scratch_table(3, 3)
+    scale(e.J_hat, J)
+    if not largest(J) <= t.largest:
         found |= ESTIMATE_LARGE
-    if not e.condition < c.max_condition:
-        found |= SINGULAR
-    elif not e.condition < t.nearly_singular * c.max_condition:
-        found |= NEARLY_SINGULAR
     if w.wrong >= t.disagreements:
         found |= DIVERGED
     return found
@@ -81,6 +183,12 @@ def estimate_faults(w: Watch, e: Estimate, c: Dials, t: Thresholds) -> int:
 def way_faults(d: Decision, now: int, c: Dials, t: Thresholds) -> int:
     """What stands in the way to the target."""
     found = LIMITS[d.blocked] if d.blocked >= 0 else 0
+    if d.astray >= 0 and now - d.astray > t.elsewhere_time * 1e9:
+        found |= ELSEWHERE
+    if not d.open >= t.closed:
+        found |= SINGULAR
+    elif not d.open >= t.nearly_closed:
+        found |= NEARLY_SINGULAR
     patience = max(t.stall_time, t.stall_gains / c.gain)
     if d.peak > t.stall_error and now - d.peak_time > patience * 1e9:
         found |= STALLED
@@ -88,24 +196,12 @@ def way_faults(d: Decision, now: int, c: Dials, t: Thresholds) -> int:
 
 
 @compiled
-def tour_faults(e: Estimate, tour: Exploring, now: int, fixed: Fixed) -> int:
+def tour_faults(w: Watch, v: Prospect, tour: Exploring, now: int, fixed: Fixed) -> int:
     """What is wrong while exploring."""
     if tour.no_room:
         return NO_ROOM
-    if not overdue(tour, now, fixed.exploration[0]):
+    if w.frozen:
+        return FROZEN
+    if not overdue(tour, now, fixed.exploration):
         return 0
-    return SWAPPED if out_of_order(e, fixed.shaft) else NOT_EXPLORED
-
-
-@compiled
-def out_of_order(e: Estimate, shaft: Shaft) -> bool:
-    """Whether marker 1 stands beyond marker 2 as seen from o_c, though its tool has it nearer the
-    RCM."""
-    along, far, outwards, p2 = 0.0, 0.0, 0.0, second_marker(shaft, e.p1)
-    for i in range(2):
-        first, second = e.points[0, i] - e.o_c[i], e.points[1, i] - e.o_c[i]
-        along += first * second
-        far += second * second
-    for i in range(3):
-        outwards += e.p1[i] * (p2[i] - e.p1[i])
-    return along > far and outwards > 0.0
+    return SWAPPED if order(v) < CROSSED else NOT_EXPLORED

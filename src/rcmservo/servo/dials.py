@@ -1,5 +1,6 @@
 """What the compiled parts of a step know of the servo's boxes, and what a person wants."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from rcmservo.compiled import compiled
@@ -10,7 +11,7 @@ from rcmservo.method.exploration import Exploration
 from rcmservo.method.features import FEATURES
 from rcmservo.method.kinematics import Rcm
 from rcmservo.method.tool import Shaft
-from rcmservo.rows import Row, Rows, flag, real, reals, whole
+from rcmservo.rows import Row, flag, real, reals, whole
 
 
 class Dials(Row):
@@ -22,14 +23,21 @@ class Dials(Row):
     upper: Floats = reals(3, "rad, rad, mm", "the joints' upper limits")
     fastest: Floats = reals(3, "rad/s, rad/s, mm/s", "bounds on the joint rates")
     gain: float = real("1/s", "k of the law (31)")
+    by_points: bool = flag("whether the law acts on the markers' coordinates")
     bounds: Floats = reals(FEATURES, "rad, px, px", "b of the potential (32)")
     printed: bool = flag("whether the potential is as printed")
-    max_condition: float = real("", "condition of the scaled Ĵ above which the tool stands still")
-    max_speed: float = real("mm/s", "cap on |v|")
+    max_condition: float = real(
+        "", "condition of the scaled Ĵ up to which its inverse is hardly damped"
+    )
+    max_speed: float = real("mm/s", "cap on the speed of both markers and of the tip")
+    tip: float = real("mm", "from marker 2 to the tip")
     refinements: int = whole("", "steps after eq. (16)")
     rcm_printed: bool = flag("whether eq. (16) is as printed")
     rcm_condition: float = real("", "condition of eq. (16) up to which o_c is known")
+    spares: bool = flag("whether the estimator goes on while one marker is lost")
     period: int = whole("ns", "from tick to tick")
+    tool: int = whole("", "RIGID or SCALED")
+    spacing: float = real("", "l in mm of a rigid tool, λ of a scaled one")
 
 
 @compiled
@@ -40,19 +48,24 @@ def rcm_of(c: Dials) -> Rcm:
     return Rcm(c.kind, c.zero, low, high)
 
 
-class Fixed(NamedTuple):
-    """What no tick changes."""
-
-    dials: Rows[Dials]
-    """Mechanism, law and imaged RCM."""
-    thresholds: Rows[Thresholds]
-    """From where on something is a fault."""
-    gate: Rows[Gate]
-    """Bounds on every command."""
-    exploration: Rows[Exploration]
-    """The first motion."""
-    shaft: Shaft
+@compiled
+def shaft_of(c: Dials) -> Shaft:
     """Where the markers are on the tool."""
+    return Shaft(c.tool, c.spacing)
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """What no tick changes. Compiled functions take it as one row."""
+
+    dials: Dials
+    """Mechanism, tool, law and imaged RCM."""
+    thresholds: Thresholds
+    """From where on something is a fault."""
+    gate: Gate
+    """Bounds on every command."""
+    exploration: Exploration
+    """The first motion."""
 
 
 class Asked(NamedTuple):
@@ -60,6 +73,8 @@ class Asked(NamedTuple):
 
     points: Floats
     """The target's markers (2, 2) raw px."""
+    q: Floats
+    """The joints (3,) while it was shown."""
     shown: int
     """When it was shown, ns."""
     other: bool

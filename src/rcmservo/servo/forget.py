@@ -4,29 +4,32 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.loops import fill, put
-from rcmservo.servo.state import Decision, Parts
+from rcmservo.method.drive_lag import forget_lag
+from rcmservo.servo.state import Decision, Kept
 
 
 @compiled
-def forget(s: Parts) -> None:
+def forget(s: Kept) -> None:
     """Nothing learnt: Ĵ = 0."""
     e, tour = s.estimate, s.tour
     fill(e.points, np.nan)
     fill(e.p1, np.nan)
     fill(e.o_c, np.nan)
+    fill(e.o_c_covariance, np.nan)
     fill(e.y, np.nan)
     fill(e.delta, np.nan)
     fill(e.ahead, np.nan)
     fill(e.J_hat, 0.0)
     e.exposure, e.line_count, e.rcm_condition, e.condition = -1, 0, np.inf, np.inf
-    fill(tour.corners, 0.0)
-    fill(tour.seen, 0.0)
+    fill(tour.home, 0.0)
+    fill(tour.sides, 0.0)
+    forget_lag(tour)
     tour.visits, tour.start = 0, 0
     tour.begun, tour.no_room, tour.done = False, False, False
 
 
 @compiled
-def forget_but_places(s: Parts) -> None:
+def forget_but_places(s: Kept) -> None:
     """Nothing learnt, but for where the markers were seen last."""
     points, p1 = s.estimate.points.copy(), s.estimate.p1.copy()
     forget(s)

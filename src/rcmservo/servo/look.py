@@ -1,92 +1,83 @@
-"""What a tick brings: a new frame, whether it is believed, where the imaged RCM is, and what the
-new Ĵ says of it."""
+"""What a tick brings: a new frame, and whether it is believed."""
+
+import numpy as np
 
 from rcmservo.compiled import compiled
+from rcmservo.guard.drift import watch_drift, watch_stuck
 from rcmservo.guard.plausible import leapt, lost, misplaced
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import (
-    Told,
-    Watch,
-    stays,
-    watch_frame,
-    watch_loop,
-    watch_markers,
-)
+from rcmservo.guard.watch import Told, Watch, stays, watch_frame, watch_loop, watch_markers
 from rcmservo.interfaces import Floats
-from rcmservo.loops import length, minus, put
-from rcmservo.method.features import measured
-from rcmservo.method.imaged_rcm import follow
-from rcmservo.method.kinematics import position, reachable
+from rcmservo.loops import distance, put
+from rcmservo.memory import scratch, scratch_table
+from rcmservo.method.drive_lag import lag_of
+from rcmservo.method.foresight import deviation_without, located
+from rcmservo.method.kinematics import point_at, reachable
 from rcmservo.rows import Rows
-from rcmservo.servo.dials import Fixed, rcm_of
-from rcmservo.servo.state import Estimate
-
-NOTHING, BELIEVED, LEARN = 0, 1, 2
-"""What a tick brought: no frame to believe, one that is believed, or one to learn from too."""
+from rcmservo.servo.dials import Fixed, rcm_of, shaft_of
+from rcmservo.servo.learn import BELIEVED, LEARN, NOTHING
+from rcmservo.servo.state import Estimate, Kept
 
 
 @compiled
-def look(
-    watch: Rows[Watch],
-    estimate: Rows[Estimate],
-    lines: Floats,
-    seen: Told,
-    explored: bool,
-    fixed: Fixed,
-) -> tuple[Rows[Watch], Rows[Estimate], Floats, int, float]:
-    """What this tick shows: copies of watch, estimate and lines with it, what it brought, and s
-    since the exposure learnt from before (0 for the first)."""
-    watch, estimate = watch.copy(), estimate.copy()
-    w, e, c, t = watch[0], estimate[0], fixed.dials[0], fixed.thresholds[0]
-    watch_loop(w, seen, c.period, t)
+def look(rows: Rows[Kept], seen: Told, fixed: Rows[Fixed]) -> tuple[int, float]:
+    """Keep what this tick shows; what that is, and s since the exposure learnt from before (0 for
+    the first)."""
+    kept, c, t = rows[0], fixed[0].dials, fixed[0].thresholds
+    w, e, v, tour, d = kept.watch, kept.estimate, kept.prospect, kept.tour, kept.decision
+    gap = seen.now - d.time if d.number > 0 else c.period
+    watch_loop(w, seen, gap, c.period, lag_of(tour, t.drive_lag), t)
     if not seen.frame > w.frame:
-        return watch, estimate, lines, NOTHING, 0.0
+        return NOTHING, 0.0
     watch_frame(w, seen, t)
-    first, second = lost(seen.points)
-    if first or second or not reachable(rcm_of(c), seen.q_exposure, t.slack):
-        return watch, estimate, lines, NOTHING, 0.0
-    p1 = position(rcm_of(c), seen.q_exposure)
-    doubt(w, e, seen, minus(p1, e.p1), explored and e.rcm_condition <= c.rcm_condition, t)
+    if not reachable(rcm_of(c), seen.q_exposure, t.slack):
+        return NOTHING, 0.0
+    p1, points = scratch(3), scratch_table(2, 2)
+    p1[0], p1[1], p1[2] = point_at(rcm_of(c), seen.q_exposure)
+    put(points, seen.points)
+    w.spared = completed(kept, p1, points, fixed[0])
+    first, second = lost(points)
+    if first or second:
+        return NOTHING, 0.0
+    if tour.done:
+        first, second, crossed = misplaced(v, p1, points, e.points, shaft_of(c), t)
+        watch_markers(w, first, second, crossed, points, t)
+        watch_drift(w, v, p1, points, seen.points, shaft_of(c), t)
+    else:
+        jump = t.jump + t.innovation * np.sqrt(2.0 * v.noise)
+        doubt(w, e, seen, p1, jump, t)
     if w.rejected > 0:
-        return watch, estimate, lines, NOTHING, 0.0
+        return NOTHING, 0.0
     w.believed = seen.frame
-    lines, count, o_c, condition = follow(
-        lines, e.line_count, seen.points, c.refinements, c.rcm_printed
-    )
-    put(e.points, seen.points)
+    put(e.points, points)
     put(e.p1, p1)
-    put(e.o_c, o_c)
-    e.line_count, e.rcm_condition = count, condition
-    news = LEARN if condition <= c.rcm_condition else BELIEVED
-    dt = (seen.exposure - e.exposure) * 1e-9 if e.exposure >= 0 else 0.0
-    return watch, estimate, lines, news, dt
+    teaches = tour.done or not tour.begun or seen.exposure >= tour.start
+    news = LEARN if teaches else BELIEVED  # a hand may have moved the tool until then
+    return news, (seen.exposure - e.exposure) * 1e-9 if e.exposure >= 0 else 0.0
 
 
 @compiled
-def doubt(w: Watch, e: Estimate, seen: Told, way: Floats, foretold: bool, t: Thresholds) -> None:
-    """Count a frame as rejected if its markers are not where the motion `way` (3,) mm puts them."""
-    first, second, crossed = False, False, False
-    if length(way) < t.comparable:
-        if foretold:
-            first, second, crossed = misplaced(
-                seen.points, e.points, e.o_c, e.y, e.J_hat, way, t.jump
-            )
-        else:
-            first, second, crossed = leapt(seen.points, e.points, way, t.jump, t.nearest)
-            if w.jumped > 0 and stays(w, seen.points, t):
-                first, second = True, True
+def completed(kept: Kept, p1: Floats, points: Floats, fixed: Fixed) -> bool:
+    """Put a lost one of the markers (2, 2) raw px where it should be; whether there was one, and
+    the other and the joints tell the pose."""
+    first, second = lost(points)
+    if first == second or not (kept.tour.done and fixed.dials.spares):
+        return False
+    v, k, shaft = kept.prospect, 0 if first else 1, shaft_of(fixed.dials)
+    if not deviation_without(v, p1, k, shaft) <= fixed.thresholds.without_marker:
+        return False
+    put(points[k], located(v, p1, shaft)[k])
+    return True
+
+
+@compiled
+def doubt(w: Watch, e: Estimate, seen: Told, p1: Floats, jump: float, t: Thresholds) -> None:
+    """While nothing foretells the markers: count a frame as rejected if they leapt by more than
+    `jump` px and what the way of the tool to p1 (3,) mm allows, or if one is stuck."""
+    way, crossed = distance(p1, e.p1), False
+    first, second = watch_stuck(w, p1, seen.points, t)
+    if way < t.comparable and not (first or second):
+        first, second, crossed = leapt(seen.points, e.points, way, jump, t.nearest)
+        if w.jumped > 0 and stays(w, seen.points, t):
+            first, second = True, True
     watch_markers(w, first, second, crossed, seen.points, t)
-
-
-@compiled
-def learn(
-    estimate: Rows[Estimate], J_hat: Floats, points: Floats, target: Floats, exposure: int
-) -> None:
-    """Take in the new Ĵ: features of the markers' `points` about the present o_c, and the error to
-    the `target`, both (2, 2) px."""
-    e = estimate[0]
-    e.exposure = exposure
-    put(e.J_hat, J_hat)
-    y, delta = measured(points, target, e.o_c)
-    put(e.y, y)
-    put(e.delta, delta)

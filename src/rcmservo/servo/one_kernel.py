@@ -1,33 +1,55 @@
 """A tick as one compiled function, from observation to command, with an estimator that compiles.
 
-The parts are those of look.py and act.py. Other estimators go through them one by one, and the
-answers are the same to the last bit. In a live loop nothing of a step is in the processor's caches
-any more, and every call from Python costs as much as what it calls.
+The parts are those of look.py, learn.py and act.py. Other estimators go through them one by one,
+and the answers are the same to the last bit. In a live loop nothing of a step is in the processor's
+caches any more, and every array and named tuple that is passed from Python, or back, costs as much
+as a good part of the tick: so there are as few as can be, and rows are written over.
 """
+
+from typing import Any
 
 from rcmservo.compiled import compiled
 from rcmservo.guard.watch import Told
-from rcmservo.method.estimators.compiled_ones import AnyRule, Memory, emptied, learned
-from rcmservo.servo.act import Kept, act
+from rcmservo.memory import unowned
+from rcmservo.rows import Rows
+from rcmservo.servo.act import act
+from rcmservo.servo.compiled_ones import AnyRule, emptied, learned
 from rcmservo.servo.dials import Asked, Fixed
-from rcmservo.servo.look import LEARN, learn, look
+from rcmservo.servo.learn import LEARN
+from rcmservo.servo.look import look
+from rcmservo.servo.state import Beside, Kept
 
 
 @compiled
 def tick(
-    kept: Kept, memory: Memory, seen: Told, asked: Asked, fixed: Fixed, rule: AnyRule
-) -> tuple[Kept, Memory]:
-    """What is kept after one tick."""
-    explored = kept.tour[0].done
-    watch, estimate, lines, news, dt = look(
-        kept.watch, kept.estimate, kept.lines, seen, explored, fixed
-    )
+    kept: Rows[Kept],
+    beside: Beside | tuple[()],
+    seen: tuple[Any, ...],
+    asked: tuple[Any, ...],
+    fixed: Rows[Fixed],
+    rule: AnyRule,
+) -> tuple[Beside | tuple[()], bool]:
+    """Write one tick over what is kept, with the numbers of a Told and of an Asked; what is
+    remembered beside, and whether there is another cause than before."""
+    kept, fixed = unowned(kept), unowned(fixed)
+    cause = kept[0].decision.cause
+    beside = go_on(kept, beside, Told(*seen), Asked(*asked), fixed, rule)
+    return beside, kept[0].decision.cause != cause
+
+
+@compiled
+def go_on(
+    kept: Rows[Kept],
+    beside: Beside | tuple[()],
+    seen: Told,
+    asked: Asked,
+    fixed: Rows[Fixed],
+    rule: AnyRule,
+) -> Beside | tuple[()]:
+    """`tick` as a batch goes through it."""
+    news, dt = look(kept, seen, fixed)
     if news == LEARN:
-        e = estimate[0]
-        memory, J_hat, points = learned(memory, e.p1, seen.points, e.o_c, dt, rule, fixed.shaft)
-        learn(estimate, J_hat, points, asked.points, seen.exposure)
-    now = Kept(watch, estimate, kept.tour, kept.decision, lines)
-    after, forgot = act(now, news, 0, seen, asked, fixed)
-    if forgot:
-        memory = emptied(memory)
-    return after, memory
+        beside, news = learned(kept, beside, seen, asked.points, dt, rule, fixed)
+    if act(kept, news, 0, seen, asked, fixed):
+        beside = emptied(beside)
+    return beside

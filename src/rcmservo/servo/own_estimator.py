@@ -17,6 +17,7 @@ from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.tool import Tool
 
 NOTHING, NOWHERE = np.empty(0), np.full((2, 2), np.nan)
+LOST = np.full((4, 3), np.nan)
 TRIES = 30
 """Made-up samples that an estimator is tried on."""
 
@@ -34,6 +35,11 @@ class Guarded(NamedTuple):
     """Ĵ (3, 3) as it gave it; NaN where it failed."""
     points: Floats
     """Where it has the markers (2, 2) px."""
+    motion: Floats
+    """∂m/∂p₁ (4, 3) where it tells it; NaN elsewhere, and where it failed."""
+    placed: tuple[Floats, Floats] | None
+    """Where it has the imaged RCM (2,) px, and the covariance (2, 2) px²; None where eq. (16) is to
+    tell it."""
     numbers: Floats
     """What a record keeps of its memory (n,)."""
     failure: str
@@ -75,41 +81,59 @@ class Guard(Estimator):
     def init(self) -> Guarded:
         try:
             memory = self._of("init")
-            return Guarded(memory, np.zeros((3, 3)), NOWHERE, self._numbers(memory), "")
+            return Guarded(memory, np.zeros((3, 3)), NOWHERE, LOST, None, self._numbers(memory), "")
         except UnusableEstimator as error:
-            return Guarded(None, np.full((3, 3), np.nan), NOWHERE, NOTHING, str(error))
+            return Guarded(None, np.full((3, 3), np.nan), NOWHERE, LOST, None, NOTHING, str(error))
 
     def update(self, memory: Guarded, tool: Tool, sample: Sample) -> Guarded:
         started = perf_counter_ns()
         try:
             return self._updated(memory, tool, sample)
         except UnusableEstimator as error:
-            return memory._replace(J_hat=np.full((3, 3), np.nan), failure=str(error))
+            return memory._replace(J_hat=LOST[:3], motion=LOST, failure=str(error))
         finally:
             self.slowest = max(self.slowest, perf_counter_ns() - started)
 
     def _updated(self, before: Guarded, tool: Tool, sample: Sample) -> Guarded:
-        sample = Sample(sample.p1.copy(), sample.points.copy(), sample.o_c.copy(), sample.dt)
+        p1, points, o_c, dt, sizes = sample
+        sample = Sample(p1.copy(), points.copy(), o_c.copy(), dt, sizes.copy())
         memory = self._of("update", before.memory, tool, sample)
-        J_hat = self._array("jacobian", (3, 3), memory, tool, sample)
-        if not np.isfinite(J_hat).all():
-            raise self._wrong("jacobian", "is not finite")
         points = self._array("located", (2, 2), memory, tool, sample)
         if not np.isfinite(points).all():
             raise self._wrong("located", "is not finite")
+        placed = self._placed(memory)
+        if placed is not None:
+            sample = sample._replace(points=points.copy(), o_c=placed[0].copy())
+        J_hat = self._array("jacobian", (3, 3), memory, tool, sample)
+        if not np.isfinite(J_hat).all():
+            raise self._wrong("jacobian", "is not finite")
+        asked = placed is not None or self.own.tells_motion
+        motion = self._motion(memory, tool, sample) if asked else LOST
         self._model(memory, tool, sample.p1)
         numbers = self._numbers(memory)
         if numbers.shape != before.numbers.shape:
             raise self._wrong(
                 "remembered", f"gave {len(numbers)} numbers after {before.numbers.size}"
             )
-        return Guarded(memory, J_hat, points, numbers, "")
+        return Guarded(memory, J_hat, points, motion, placed, numbers, "")
+
+    def _motion(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
+        motion = self._array("motion", (4, 3), memory, tool, sample)
+        if not np.isfinite(motion).all():
+            raise self._wrong("motion", "is not finite")
+        return motion
 
     def jacobian(self, memory: Guarded, tool: Tool, sample: Sample) -> Floats:
         return memory.J_hat
 
     def located(self, memory: Guarded, tool: Tool, sample: Sample) -> Floats:
         return sample.points if memory.failure else memory.points
+
+    def motion(self, memory: Guarded, tool: Tool, sample: Sample) -> Floats:
+        return memory.motion
+
+    def imaged_rcm(self, memory: Guarded) -> tuple[Floats, Floats] | None:
+        return memory.placed
 
     def predict(self, memory: Guarded, tool: Tool, p1: Floats) -> Floats | None:
         try:
@@ -119,6 +143,22 @@ class Guard(Estimator):
 
     def remembered(self, memory: Guarded) -> Floats | None:
         return memory.numbers if memory.numbers.size else None
+
+    def _placed(self, memory: Any) -> tuple[Floats, Floats] | None:
+        if not self.own.places_rcm:
+            return None
+        value = self._of("imaged_rcm", memory)
+        try:
+            place, covariance = (np.array(part, dtype=np.float64) for part in value)
+        except (TypeError, ValueError) as error:
+            what = f"gave {one_line(repr(value))} instead of a place and its covariance"
+            raise self._wrong("imaged_rcm", what) from error
+        if place.shape != (2,) or covariance.shape != (2, 2):
+            what = f"gave numbers of shape {place.shape} and {covariance.shape}"
+            raise self._wrong("imaged_rcm", f"{what}, not (2,) and (2, 2)")
+        if not np.isfinite(place).all():
+            raise self._wrong("imaged_rcm", "is not finite")
+        return place, covariance
 
     def _model(self, memory: Any, tool: Tool, p1: Floats) -> Floats | None:
         if type(self.own).predict is Estimator.predict:

@@ -3,7 +3,7 @@
 No clock, no input, no output: the same state and observation always give the same answer. A step
 looks (what a new frame shows), learns, plans (the velocity wanted of marker 1), asks what is wrong
 and what follows from that (states.py), and sends what is left through the gate. What can be
-compiled of it stands in core.py.
+compiled of it is one function in one_kernel.py.
 """
 
 from dataclasses import dataclass, field
@@ -17,24 +17,32 @@ from rcmservo.guard.causes import Cause
 from rcmservo.guard.gate import Gate, sent
 from rcmservo.guard.states import REQUESTS, Mode, Phase, Request, standing
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import Told, Watch, begin, told
+from rcmservo.guard.watch import Told, begin, told
 from rcmservo.interfaces import Floats, Observation, Target
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.estimators.compiled_ones import AnyRule, rule_of
-from rcmservo.method.estimators.projection import ProjectionEstimator
-from rcmservo.method.exploration import Exploration, Exploring
+from rcmservo.method.estimators.dlt import DltEstimator
+from rcmservo.method.exploration import Exploration
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.method.kinematics import Kinematics, Rcm, floats, position
 from rcmservo.method.tool import Tool
-from rcmservo.rows import Rows, as_row, changed
-from rcmservo.servo.act import Kept, act
+from rcmservo.rows import Rows, as_row, changed, copied
+from rcmservo.servo.act import act
+from rcmservo.servo.compiled_ones import AnyRule, rule_of
 from rcmservo.servo.diagnosis import detail
 from rcmservo.servo.dials import Asked, Dials, Fixed
-from rcmservo.servo.look import LEARN, learn, look
+from rcmservo.servo.learn import (
+    LEARN,
+    learn,
+    learn_points,
+    learn_straight,
+    line_up,
+    place_rcm,
+)
+from rcmservo.servo.look import look
 from rcmservo.servo.one_kernel import tick
 from rcmservo.servo.own_estimator import examine, failure, learner, time_anew
-from rcmservo.servo.state import Decision, Estimate, Learnt, State, ignorance
+from rcmservo.servo.state import Beside, Decision, Kept, State, ignorance
 
 STILL = np.zeros(3)
 WARM_UP = 8
@@ -48,7 +56,7 @@ class Servo:
     """The arm's kinematics."""
     tool: Tool
     """Where the markers are on the tool."""
-    estimator: Estimator = field(default_factory=ProjectionEstimator)
+    estimator: Estimator = field(default_factory=DltEstimator)
     """How Ĵ is learnt."""
     controller: SaturatedController = field(default_factory=SaturatedController)
     """The law."""
@@ -67,6 +75,9 @@ class Servo:
         good = self.rate * self.gate.deadline >= 2.0 and self.rate <= 1000.0
         right = "at least two ticks in gate.deadline, and at most 1000 Hz"
         require(good, "rate", self.rate, right)
+        known = self.controller.features == "srd" or self.estimator.tells_motion
+        right = "'srd', or an estimator that tells the markers' motion, such as dlt or projection"
+        require(known, "controller.features", self.controller.features, right)
 
     @cached_property
     def learner(self) -> Estimator:
@@ -84,7 +95,7 @@ class Servo:
         return self.mechanism.rcm(self.tool.offset)
 
     @cached_property
-    def dials(self) -> Rows[Dials]:
+    def dials(self) -> Dials:
         """What the compiled parts know of the boxes."""
         law, rcm = self.controller, self.rcm
         return Dials.of(
@@ -94,15 +105,20 @@ class Servo:
             upper=rcm.upper,
             fastest=floats(self.gate.speed),
             gain=law.gain,
+            by_points=law.features == "points",
             bounds=floats(law.bounds),
             printed=law.potential == "printed",
             max_condition=law.max_condition,
             max_speed=law.max_speed,
+            tip=law.tip,
             refinements=self.imaged_rcm.refinements,
             rcm_printed=self.imaged_rcm.printed,
             rcm_condition=self.imaged_rcm.max_condition,
+            spares=self.estimator.spares_marker and self.estimator.places_rcm,
             period=self.period,
-        ).rows
+            tool=self.tool.kind,
+            spacing=self.tool.value,
+        )
 
     @cached_property
     def rule(self) -> AnyRule | None:
@@ -110,15 +126,9 @@ class Servo:
         return rule_of(self.estimator)
 
     @cached_property
-    def fixed(self) -> Fixed:
+    def fixed(self) -> Rows[Fixed]:
         """What the compiled parts know of all this."""
-        return Fixed(
-            self.dials,
-            as_row(self.thresholds),
-            self.gate.row,
-            self.exploration.row,
-            self.tool.shaft,
-        )
+        return as_row(Fixed(self.dials, self.thresholds, self.gate, self.exploration))
 
     def marker_1(self, q: Floats) -> Floats:
         """p₁ (3,) mm at the joints q (3,)."""
@@ -126,11 +136,15 @@ class Servo:
 
     def init(self) -> State:
         """Nothing seen, nothing known: Ĵ = 0, drive off."""
-        decision = Decision.of(**sent(self.gate.rest()), blocked=-1, peak=np.inf, moved=-1)
-        return State(decision, begin(), self._ignorance())
+        decision = Decision.of(
+            **sent(self.gate.rest()), blocked=-1, astray=-1, peak=np.inf, moved=-1
+        )
+        kept = Kept.of(decision=decision, watch=begin(), **ignorance())
+        return State(kept, self._nothing())
 
-    def _ignorance(self) -> Learnt:
-        return ignorance(self.imaged_rcm.init()[0], self.learner.init())
+    def _nothing(self) -> Beside | tuple[()]:
+        """What is remembered beside while nothing is known."""
+        return Beside(self.imaged_rcm.init()[0], self.learner.init()) if self.rule != () else ()
 
     def again(self, state: State) -> State:
         """The state to begin another run with: drive off, at rest, with what was learnt. A fault
@@ -141,15 +155,15 @@ class Servo:
         """
         mode = state.mode if state.phase is Phase.FAULT else Mode()
         decision = changed(state.decision, **standing(mode), **sent(self.gate.rest()))
-        learnt, places = state.learnt, state.learnt.estimate
-        if not state.explored:
-            learnt = self._ignorance()
-            estimate = changed(learnt.estimate, points=places.points, p1=places.p1)
+        parts, beside, places = ignorance(), state.beside, state.kept.estimate
+        if state.explored:
+            tour = changed(state.kept.tour, begun=False, no_room=False)
+            parts = {"estimate": changed(places, exposure=-1), "tour": tour}
         else:
-            estimate = changed(places, exposure=-1)
-        tour = changed(learnt.tour, begun=False, no_room=False)
-        learnt = learnt._replace(estimate=estimate, tour=tour)
-        return state._replace(decision=decision, watch=begin(), learnt=learnt, detail=mode.detail)
+            known = {"points": places.points, "p1": places.p1}
+            parts["estimate"], beside = changed(parts["estimate"], **known), self._nothing()
+        kept = changed(state.kept, decision=decision, watch=begin(), **parts)
+        return State(kept, beside, state.target, mode.detail)
 
     def warm_up(self) -> None:
         """Compile all that `step` calls, on made-up observations, so that nothing compiles while an
@@ -177,44 +191,55 @@ class Servo:
 
         ``request`` is what a person asks for at this tick.
         """
-        last = state.decision
-        numbers = told(seen, seen.now - last.time if last.number > 0 else self.period)
-        asked = Asked(
-            target.points, target.shown, target is not state.target, REQUESTS.index(request)
-        )
-        learnt, failed = state.learnt, ""
-        kept = Kept(
-            state.watch.rows, learnt.estimate.rows, learnt.tour.rows, last.rows, learnt.lines
-        )
+        kept = copied(state.kept)
+        numbers, other = told(seen), target is not state.target
+        asked = (target.points, target.q, target.shown, other, REQUESTS.index(request))
+        beside, failed = state.beside, ""
         if self.rule is not None:
-            kept, memory = tick(kept, learnt.memory, numbers, asked, self.fixed, self.rule)
+            beside, new = tick(kept.rows, beside, numbers, asked, self.fixed, self.rule)
         else:
-            kept, memory, failed = self._by_parts(kept, learnt.memory, numbers, asked)
-        watch, estimate, tour, decision, lines = kept
-        learnt = Learnt(Estimate(estimate), lines, memory, Exploring(tour))
-        after = State(Decision(decision), Watch(watch), learnt, target, state.detail)
-        if after.decision.cause == last.cause:
-            return after
-        return after._replace(detail=failed or self._detail(after, seen))
+            seen_so, asked_so = Told(*numbers), Asked(*asked)
+            beside, failed = self._by_parts(kept, beside, seen_so, asked_so, seen.sizes)
+            new = kept.decision.cause != state.decision.cause
+        after = State(kept, beside, target, state.detail)
+        return after._replace(detail=failed or self._detail(after, seen)) if new else after
 
-    def _by_parts(self, kept: Kept, memory: Any, seen: Told, asked: Asked) -> tuple[Kept, Any, str]:
+    def _by_parts(
+        self, kept: Kept, beside: Any, seen: Told, asked: Asked, sizes: Floats
+    ) -> tuple[Beside, str]:
         """`tick` with another estimator, and how that failed."""
-        explored, fixed = Exploring(kept.tour).done, self.fixed
-        watch, estimate, lines, news, dt = look(
-            kept.watch, kept.estimate, kept.lines, seen, explored, fixed
-        )
+        rows, (lines, memory) = kept.rows, beside
+        news, dt = look(rows, seen, self.fixed)
         if news == LEARN:
-            e = Estimate(estimate)
-            sample = Sample(e.p1, seen.points, e.o_c, dt)
-            memory = self.learner.update(memory, self.tool, sample)
-            J_hat = self.learner.jacobian(memory, self.tool, sample)
-            points = self.learner.located(memory, self.tool, sample)
-            learn(estimate, J_hat, points, asked.points, seen.exposure)
+            lines, news = line_up(rows, lines, seen.points, self.fixed)
+            if news == LEARN or self.estimator.places_rcm:
+                news, memory = LEARN, self._learn(kept, memory, seen, asked.points, dt, sizes)
         failed = failure(memory)
         more = Cause.ESTIMATOR_FAILED.bit if failed else 0
-        now = Kept(watch, estimate, kept.tour, kept.decision, lines)
-        after, forgot = act(now, news, more, seen, asked, fixed)
-        return after, self.learner.init() if forgot else memory, failed
+        if act(rows, news, more, seen, asked, self.fixed):
+            lines, memory = np.zeros_like(lines), self.learner.init()
+        return Beside(lines, memory), failed
+
+    def _learn(
+        self, kept: Kept, memory: Any, seen: Told, target: Floats, dt: float, sizes: Floats
+    ) -> Any:
+        """The memory after one new frame; Ĵ and features go into the estimate."""
+        learner, rows, e = self.learner, kept.rows, kept.estimate
+        sample = Sample(e.p1, seen.points, e.o_c, dt, sizes)
+        memory = learner.update(memory, self.tool, sample)
+        points = learner.located(memory, self.tool, sample)
+        placed = learner.imaged_rcm(memory)
+        if placed is None:
+            J_hat = learner.jacobian(memory, self.tool, sample)
+            learn(rows, J_hat, points, target, seen.exposure)
+        else:
+            place_rcm(rows, *placed)
+            motion = learner.motion(memory, self.tool, sample)
+            learn_straight(rows, motion, points, target, seen.exposure)
+        if self.controller.features == "points":
+            motion = learner.motion(memory, self.tool, sample)
+            learn_points(rows, motion, points, target)
+        return memory
 
     def _detail(self, state: State, seen: Observation) -> str:
         """What a person should know of a cause that is new."""

@@ -11,7 +11,10 @@ from rcmservo.guard.watch import Watch
 from rcmservo.interfaces import Command, Floats, Target
 from rcmservo.method.exploration import Exploring
 from rcmservo.method.features import FEATURES
-from rcmservo.rows import Row, changed, real, reals, whole
+from rcmservo.method.prospect import Prospect, blank
+from rcmservo.rows import Row, changed, flag, part, real, reals, whole
+
+NO_LINES = np.zeros((0, 4))
 
 
 class Estimate(Row):
@@ -21,10 +24,13 @@ class Estimate(Row):
     points: Floats = reals((2, 2), "px", "the markers in the newest frame believed")
     p1: Floats = reals(3, "mm", "marker 1 in space at that exposure")
     line_count: int = whole("", "lines of the tool kept for eq. (16)")
-    o_c: Floats = reals(2, "px", "the imaged RCM, eq. (16)")
-    rcm_condition: float = real("", "condition of eq. (16)")
+    o_c: Floats = reals(2, "px", "the imaged RCM")
+    o_c_covariance: Floats = reals((2, 2), "px²", "of o_c, where a fit of the projection tells it")
+    rcm_condition: float = real("", "condition of eq. (16), 0 where o_c is of such a fit")
     J_hat: Floats = reals((FEATURES, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14)")
     condition: float = real("", "condition of the scaled Ĵ")
+    motion: Floats = reals((4, 3), "px/mm", "∂m/∂p₁ of both markers, where the law acts on them")
+    off: Floats = reals(4, "px", "m − m_d of both markers at the exposure, where it does")
     y: Floats = reals(FEATURES, "rad, px, px", "the features, eq. (6)")
     delta: Floats = reals(FEATURES, "rad, px, px", "Δy at the exposure")
     ahead: Floats = reals(FEATURES, "rad, px, px", "Δy as predicted for now")
@@ -37,22 +43,33 @@ class Decision(Standing, Sent):
     v: Floats = reals(3, "mm/s", "velocity wanted of marker 1")
     rates: Floats = reals(3, "rad/s, rad/s, mm/s", "the joint rates that make it")
     blocked: int = whole("", "the joint whose limit stands in the way, -1 for none")
+    open: float = real("", "share of the error that the damped law works off, 1 where it is small")
+    left: float = real("mm", "how far marker 1 is from the target by the picture")
+    arrived: bool = flag("whether the joints have been where the target was shown")
+    astray: int = whole("ns", "since when it is elsewhere than the target's joints, -1: not so")
     peak: float = real("", "the error √(2V) that has last been fallen short of")
     peak_time: int = whole("ns", "when that was")
     moved: int = whole("ns", "when the camera was last noticed to have been moved, -1: never")
 
 
-class Parts(NamedTuple):
-    """One row of each, as compiled functions pass them on."""
+class Kept(Row):
+    """What a tick changes, but for what an estimator remembers beside it. All of it is one row:
+    each array that a compiled function is passed costs as much as what it does with it."""
 
-    watch: Watch
-    """What the checks remember."""
-    estimate: Estimate
-    """What frames have taught, in numbers."""
-    tour: Exploring
-    """Where an exploration stands."""
-    decision: Decision
-    """What was decided."""
+    watch: Watch = part(Watch, "what the checks remember")
+    estimate: Estimate = part(Estimate, "what frames have taught, in numbers")
+    tour: Exploring = part(Exploring, "where an exploration stands")
+    decision: Decision = part(Decision, "mode, wishes and command")
+    prospect: Prospect = part(Prospect, "what the camera should see")
+
+
+class Beside(NamedTuple):
+    """What is remembered beside, for which no row has room."""
+
+    lines: Floats
+    """The imaged tool's lines that eq. (16) is made of."""
+    memory: Any
+    """The estimator's own memory."""
 
 
 class Learnt(NamedTuple):
@@ -62,28 +79,31 @@ class Learnt(NamedTuple):
     """What frames have taught, in numbers."""
     lines: Floats
     """The imaged tool's lines that eq. (16) is made of."""
+    prospect: Prospect
+    """What the camera should see."""
     memory: Any
     """The estimator's own memory."""
     tour: Exploring
     """Where an exploration stands."""
 
 
-def ignorance(lines: Floats, memory: Any) -> Learnt:
-    """Nothing learnt yet: Ĵ = 0."""
-    unknown = dict.fromkeys(("points", "o_c", "p1", "y", "delta", "ahead"), np.nan)
+def ignorance() -> dict[str, Row]:
+    """Nothing learnt yet, by the parts of a Kept: Ĵ = 0."""
+    unknown = dict.fromkeys(
+        ("points", "o_c", "o_c_covariance", "p1", "y", "delta", "ahead"), np.nan
+    )
     estimate = Estimate.of(exposure=-1, rcm_condition=np.inf, condition=np.inf, **unknown)
-    return Learnt(estimate, lines, memory, Exploring.of())
+    return {"estimate": estimate, "prospect": blank(), "tour": Exploring.of()}
 
 
 class State(NamedTuple):
     """All that the servo remembers, and what it decided at the last tick."""
 
-    decision: Decision
-    """What it decided: mode, wishes, command."""
-    watch: Watch
-    """What the checks for faults remember."""
-    learnt: Learnt
-    """What it has learnt of camera and tool."""
+    kept: Kept
+    """Its numbers."""
+    beside: Beside | tuple[()]
+    """What it remembers beside; nothing where what the camera should see is all the estimator
+    is."""
     target: Target | None = None
     """Where it servoes to."""
     detail: str = ""
@@ -93,10 +113,31 @@ class State(NamedTuple):
         self, *, mode: Mode | None = None, watch: Watch | None = None, learnt: Learnt | None = None
     ) -> "State":
         """The same state with some parts changed."""
-        decision, detail = self.decision, self.detail
+        parts: dict[str, Row] = {} if watch is None else {"watch": watch}
+        detail, beside = self.detail, self.beside
         if mode is not None:
-            decision, detail = changed(decision, **standing(mode)), mode.detail
-        return State(decision, watch or self.watch, learnt or self.learnt, self.target, detail)
+            parts["decision"], detail = changed(self.decision, **standing(mode)), mode.detail
+        if learnt is not None:
+            parts |= {name: getattr(learnt, name) for name in ("estimate", "prospect", "tour")}
+            beside = self.beside and Beside(learnt.lines, learnt.memory)
+        return State(changed(self.kept, **parts), beside, self.target, detail)
+
+    @property
+    def decision(self) -> Decision:
+        """What it decided: mode, wishes, command."""
+        return self.kept.decision
+
+    @property
+    def watch(self) -> Watch:
+        """What the checks for faults remember."""
+        return self.kept.watch
+
+    @property
+    def learnt(self) -> Learnt:
+        """What it has learnt of camera and tool."""
+        kept = self.kept
+        lines, memory = self.beside or (NO_LINES, kept.prospect.rows)
+        return Learnt(kept.estimate, lines, kept.prospect, memory, kept.tour)
 
     @property
     def mode(self) -> Mode:
@@ -136,37 +177,37 @@ class State(NamedTuple):
     @property
     def explored(self) -> bool:
         """Whether there is an estimate to servo with."""
-        return self.learnt.tour.done
+        return self.kept.tour.done
 
     @property
     def o_c(self) -> Floats:
-        """The imaged RCM (2,) px, eq. (16)."""
-        return self.learnt.estimate.o_c
+        """The imaged RCM (2,) px."""
+        return self.kept.estimate.o_c
 
     @property
     def J_hat(self) -> Floats:
         """Ĵ (3, 3) of eq. (14), rad/mm, px/mm, px/mm."""
-        return self.learnt.estimate.J_hat
+        return self.kept.estimate.J_hat
 
     @property
     def condition(self) -> float:
         """Condition of the scaled Ĵ."""
-        return self.learnt.estimate.condition
+        return self.kept.estimate.condition
 
     @property
     def p1(self) -> Floats:
         """Marker 1 (3,) mm at the exposure of the newest frame believed."""
-        return self.learnt.estimate.p1
+        return self.kept.estimate.p1
 
     @property
     def y(self) -> Floats:
         """The features (3,) rad, px, px."""
-        return self.learnt.estimate.y
+        return self.kept.estimate.y
 
     @property
     def delta(self) -> Floats:
         """Δy (3,) rad, px, px at the exposure."""
-        return self.learnt.estimate.delta
+        return self.kept.estimate.delta
 
     @property
     def v(self) -> Floats:

@@ -16,6 +16,9 @@ import numpy as np
 
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
+from rcmservo.loops import cross
+from rcmservo.rows import Rows
+from rcmservo.sim.lens import Lens, project_jacobian
 
 WIDEST = 100.0
 """The slope beyond which no lens looks aside."""
@@ -77,6 +80,20 @@ class Optics:
         )
         return K @ self.rotation @ np.column_stack([np.eye(3), -self.position])
 
+    @cached_property
+    def lens(self) -> Rows[Lens]:
+        """What compiled functions know of it."""
+        return Lens.of(
+            width=self.width,
+            height=self.height,
+            focal=self.focal,
+            centre=self.centre,
+            distortion=self.distortion,
+            fold=self.fold,
+            rotation=self.rotation,
+            position=self.position,
+        ).rows
+
     def depth(self, points: Floats) -> Floats:
         """How far world `points` (N, 3) mm lie before the camera along its z axis, (N,) mm.
 
@@ -94,13 +111,7 @@ class Optics:
 
     def project_jacobian(self, point: Floats) -> Floats:
         """The derivative of `project` at a world `point` (3,) mm: (2, 3) px/mm."""
-        X = self._in_camera(point[None])[0]
-        slope = X[:2] / X[2]
-        k1, k2 = self.distortion
-        r = np.linalg.norm(slope)
-        of_slope = self._stretch(r) * np.eye(2) + (2 * k1 + 4 * k2 * r**2) * np.outer(slope, slope)
-        of_point = np.column_stack([np.eye(2), -slope]) / X[2]
-        return self.focal * of_slope @ of_point @ self.rotation
+        return project_jacobian(self.lens[0], np.ascontiguousarray(point, dtype=float))
 
     def slopes(self, pixels: Floats) -> Floats:
         """x and y of the ray (x, y, 1), in camera axes, that each of `pixels` (..., 2) px sees.
@@ -179,12 +190,13 @@ class Optics:
     def fold(self) -> float:
         """The radius (as a slope) beyond which the polynomial falls again and means nothing.
 
-        inf where it never falls. The roots are 1 / r^2 where the distorted radius has its maximum.
+        inf where it never falls. x = 1 / r^2 with x^2 + 3 k1 x + 5 k2 = 0 is where the distorted
+        radius has its maximum.
         """
         k1, k2 = self.distortion
-        roots = np.roots([1.0, 3 * k1, 5 * k2])
-        turning = [one.real for one in roots if abs(one.imag) < 1e-12 and one.real > WIDEST**-2]
-        return float(1 / np.sqrt(max(turning))) if turning else np.inf
+        within = 9 * k1**2 - 20 * k2
+        root = -1.5 * k1 + 0.5 * np.sqrt(within) if within >= 0 else 0.0
+        return float(1 / np.sqrt(root)) if root > WIDEST**-2 else np.inf
 
     @property
     def _corner(self) -> float:
@@ -206,9 +218,9 @@ def look_at(position: Floats, target: Floats, roll: float = 0.0) -> Floats:
     require(bool(distance > 0), "target", target, "away from the camera's position")
     forward = sight / distance
     up = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 1 - 1e-9 else np.array([0.0, 1.0, 0.0])
-    right = np.cross(forward, up)
+    right = cross(forward, up)
     right /= np.linalg.norm(right)
-    down = np.cross(forward, right)
+    down = cross(forward, right)
     c, s = np.cos(roll), np.sin(roll)
     return np.stack([c * right + s * down, c * down - s * right, forward])
 

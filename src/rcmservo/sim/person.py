@@ -19,7 +19,7 @@ THINKS = 1_000_000_000
 LOOKS = 3_000_000_000
 """ns that the person takes before showing the target again."""
 
-BY_HAND = {Cause.CAMERA_MOVED, Cause.TARGET_OLD}
+BY_HAND = {Cause.CAMERA_MOVED, Cause.DRIFTS, Cause.ELSEWHERE, Cause.TARGET_OLD}
 """Causes that ask for the target to be shown again."""
 
 

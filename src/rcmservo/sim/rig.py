@@ -15,7 +15,7 @@ from rcmservo.sim.body import Body
 from rcmservo.sim.cameras import PictureCamera, PointCamera, Timing
 from rcmservo.sim.clock import SimulatedClock
 from rcmservo.sim.disturb.arm_faults import DisturbedArm
-from rcmservo.sim.disturb.camera_moves import bumped, rolled
+from rcmservo.sim.disturb.camera_moves import Hands
 from rcmservo.sim.disturb.camera_view import View
 from rcmservo.sim.disturb.disturbance import Disturbance
 from rcmservo.sim.disturb.frame_delivery import Delivery
@@ -24,7 +24,7 @@ from rcmservo.sim.disturb.schedule import Event, Schedule
 from rcmservo.sim.disturb.stalls import Stalls
 from rcmservo.sim.rendering import Look, Renderer
 from rcmservo.sim.scene import Scene, SceneSettings
-from rcmservo.sim.scene_drawing import Draws, draw, relocated
+from rcmservo.sim.scenes.drawing import Draws, draw, relocated
 from rcmservo.sim.truth import Truth
 
 SETTLE = 100_000_000
@@ -89,7 +89,8 @@ def _draws(s: RigSettings, body: Body, seed: np.random.SeedSequence) -> Draws:
 
 
 class Rig:
-    """A simulated laboratory at the start of a run. Everything in it follows from the seed.
+    """A simulated laboratory at the start of a run. Everything in it follows from the seed, but for
+    a `scene` of one's own.
 
     A plant is made of its `arm`, `camera` and `clock`. `truth` is for the judge of the run.
     ``pictures=False`` gives the camera that tells points instead of frames. ``disturbances`` happen
@@ -102,18 +103,19 @@ class Rig:
         settings: RigSettings | None = None,
         pictures: bool = True,
         disturbances: Sequence[Disturbance] = (),
+        scene: Scene | None = None,
     ) -> None:
         self.seed, self.settings = seed, settings or RigSettings()
         s = self.settings
         drawing, noise, elsewhere, chance = _seeds(seed)
         self.body = Body(s.mechanism, s.tool)
-        self.scene = draw(_draws(s, self.body, drawing))
+        self.scene = scene or draw(_draws(s, self.body, drawing))
         self._elsewhere = _draws(s, self.body, elsewhere)
         self._arm = SimulatedArm(s.mechanism, s.drive)
         self._camera = self._new_camera(pictures, np.random.default_rng(noise))
         self.clock = SimulatedClock(self._arm)
         self.truth = Truth(self._arm, self.body, self.scene.optics)
-        self.schedule = Schedule(disturbances, chance)
+        self.schedule, self._hands = Schedule(disturbances, chance), Hands()
         self.arm: SimulatedArm | DisturbedArm = self._arm
         self.camera: Camera = self._camera
         if disturbances:
@@ -173,16 +175,13 @@ class Rig:
         frame on."""
         self._see(relocated(self._elsewhere, self.scene))
 
-    def _touch_camera(self, event: Event) -> None:
-        """What an event does to where the camera stands."""
+    def _touch_camera(self, event: Event, seconds: float) -> None:
+        """What an event does to where the camera stands when it goes on for so many s."""
         if event.kind == "relocate":
             self.relocate_camera()
             return
-        optics, markers = self.scene.optics, self.truth.markers(self.clock.now())
-        if event.kind == "bump":
-            moved = bumped(optics, markers, event.number("px"), event.random)
-        else:
-            moved = rolled(optics, markers, np.radians(event.number("deg")))
+        markers = self.truth.markers(self.clock.now())
+        moved = self._hands.moved(event, seconds, self.scene.optics, markers)
         self._see(replace(self.scene, optics=moved))
 
     def _see(self, scene: Scene) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError, require
 from rcmservo.interfaces import Floats
+from rcmservo.sim.body import Body
 from rcmservo.sim.optics import Optics
 from rcmservo.sim.rendering import Tissue
 
@@ -92,6 +93,9 @@ class Scene:
 
     optics: Optics
     """The true camera."""
+
+    body: Body
+    """The tool."""
 
     way: Floats
     """(n, 3) joints from the start to the target."""

@@ -5,10 +5,9 @@ import numpy as np
 
 from rcmservo.interfaces import Floats
 from rcmservo.method.controller import scaled
-from rcmservo.method.features import about, features_jacobian
-from rcmservo.method.tool import second_marker_jacobian
 from rcmservo.sim.arm import SimulatedArm
 from rcmservo.sim.body import Body
+from rcmservo.sim.lens import true_jacobian
 from rcmservo.sim.optics import Optics
 
 
@@ -47,9 +46,4 @@ class Truth:
 def feature_jacobian(body: Body, optics: Optics, q: Floats, o_c: Floats) -> Floats:
     """J (3, 3) of eq. (15) through the true camera, its distortion included, at the joints q
     (3,)."""
-    p1, p2 = body.points(q)[:2]
-    second = second_marker_jacobian(body.tool.shaft, p1)
-    markers = np.empty((4, 3))
-    markers[:2] = optics.project_jacobian(p1)
-    markers[2:] = optics.project_jacobian(p2) @ second
-    return features_jacobian(about(optics.project(np.stack([p1, p2])), o_c)) @ markers
+    return true_jacobian(optics.lens[0], body.tool.shaft, body.points(q)[0], o_c)

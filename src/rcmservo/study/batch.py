@@ -14,16 +14,15 @@ from rcmservo.errors import require
 from rcmservo.guard.causes import CAUSES, Cause
 from rcmservo.guard.states import PHASES, Phase
 from rcmservo.interfaces import Floats
-from rcmservo.method.estimators.compiled_ones import COMPILED, AnyRule
-from rcmservo.servo.act import Kept
+from rcmservo.servo.compiled_ones import COMPILED, AnyRule
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
 from rcmservo.sim.arm import HARD_STOP
-from rcmservo.sim.body import Body
 from rcmservo.sim.rig import drawn
 from rcmservo.sim.scene import Scene
 from rcmservo.study.closed_loop import Course, Goal, Start, closed_loop
-from rcmservo.study.twin import PAST, QUEUE, STEP, Drives, Lens, Twin
+from rcmservo.study.cramer_rao import bound
+from rcmservo.study.twin import PAST, QUEUE, STEP, Drives, Pace, Twin
 
 BEGIN = 1_000_000_000
 """ns on the twin's clock at the first tick."""
@@ -43,6 +42,9 @@ class StudyRun:
     """(n,) places in Phase."""
     causes: NDArray[np.int8]
     """(n,) places in Cause."""
+    bound: float
+    """mm, rms: the Cramér-Rao bound of the error, at the laboratory's noise, of a target that was
+    shown so, with all frames of the closed loop."""
 
     def first_within(self, mm: float) -> float:
         """s until the error was first at most so large; inf if it never was."""
@@ -87,12 +89,11 @@ class Study:
     def run(self, seed: int) -> StudyRun:
         """One closed loop, in the scene that `Rig(seed)` has."""
         scene, random = drawn(seed, self.settings)
-        body = Body(self.settings.mechanism, self.settings.tool)
-        markers = body.points(scene.target)[:2]
+        markers = scene.body.points(scene.target)[:2]
         blur = random.standard_normal((2, 2)) / np.sqrt(self.shown)
         points = scene.optics.project(markers) + self.settings.point_noise * blur
         noise = self.settings.point_noise * random.standard_normal((self._frames, 2, 2))
-        return self.of(seed, scene, Goal(points, markers[1]), noise)
+        return self.of(seed, scene, Goal(points, scene.target, markers[1]), noise)
 
     def of(self, seed: int, scene: Scene, shown: Goal, noise: Floats) -> StudyRun:
         """One closed loop in a scene, to what was shown, with the noise (frames, 2, 2) px."""
@@ -101,7 +102,8 @@ class Study:
         ticks = round(self.duration * self.servo.rate)
         trace = Course(np.empty(ticks), np.empty(ticks, np.int8), np.empty(ticks, np.int8))
         closed_loop(self._start, self._twin(scene), shown, noise, trace)
-        return StudyRun(seed, self.servo.rate, trace.error, trace.phase, trace.cause)
+        least = bound(scene, self.settings.point_noise, self._frames, self.shown).rms
+        return StudyRun(seed, self.servo.rate, trace.error, trace.phase, trace.cause, least)
 
     def runs(self, seeds: Iterable[int]) -> Iterator[StudyRun]:
         """A closed loop of every seed, in their order, on all cores."""
@@ -115,35 +117,19 @@ class Study:
 
     @property
     def _start(self) -> Start:
-        """The servo at the start; nothing of it is changed by a closed loop."""
+        """The servo at the start, in memory of its own."""
         servo, state = self.servo, self.servo.init()
-        learnt = state.learnt
-        kept = Kept(
-            state.watch.rows,
-            learnt.estimate.rows,
-            learnt.tour.rows,
-            state.decision.rows,
-            learnt.lines,
-        )
-        return Start(kept, learnt.memory, servo.fixed, cast(AnyRule, servo.rule), BEGIN)
+        return Start(state.kept.rows, state.beside, servo.fixed, cast(AnyRule, servo.rule), BEGIN)
 
     def _twin(self, scene: Scene) -> Twin:
         """The laboratory before a scene's start."""
-        timing, optics = self.settings.timing, scene.optics
-        lens = Lens.of(
-            width=optics.width,
-            height=optics.height,
-            focal=optics.focal,
-            centre=optics.centre,
-            distortion=optics.distortion,
-            fold=optics.fold,
-            rotation=optics.rotation,
-            place=optics.position,
-            period=1e9 / timing.frame_rate,
-            late=round((0.5 * timing.exposure + timing.delay) * 1e9),
-        )
+        timing = self.settings.timing
+        late = round((0.5 * timing.exposure + timing.delay) * 1e9)
+        pace = Pace.of(period=1e9 / timing.frame_rate, late=late)
         rings = np.zeros((QUEUE, 3)), np.zeros(QUEUE, np.int64), np.zeros((PAST, 3))
-        return Twin(self._drives(scene.start).rows, *rings, np.zeros((PAST, 3)), lens.rows)
+        drives = self._drives(scene.start).rows
+        frame = np.full(3, np.nan), np.full((2, 2), np.nan)
+        return Twin(drives, *rings, np.zeros((PAST, 3)), scene.optics.lens, pace.rows, *frame)
 
     def _drives(self, q: Floats) -> Drives:
         drive, limits = self.settings.drive, self.settings.mechanism.limits

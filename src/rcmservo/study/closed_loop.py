@@ -9,23 +9,24 @@ from numpy.typing import NDArray
 from rcmservo.compiled import compiled
 from rcmservo.guard.watch import Told
 from rcmservo.interfaces import Floats
-from rcmservo.loops import fill, length, minus, put
-from rcmservo.method.estimators.compiled_ones import AnyRule, Memory
-from rcmservo.method.kinematics import position
-from rcmservo.method.tool import second_marker
-from rcmservo.servo.act import Kept
-from rcmservo.servo.dials import Asked, Fixed, rcm_of
-from rcmservo.servo.one_kernel import tick
+from rcmservo.memory import scratch, unowned
+from rcmservo.method.kinematics import Point, apart, point_at
+from rcmservo.method.tool import Shaft, second_point
+from rcmservo.rows import Rows
+from rcmservo.servo.compiled_ones import AnyRule
+from rcmservo.servo.dials import Asked, Fixed, rcm_of, shaft_of
+from rcmservo.servo.one_kernel import go_on
+from rcmservo.servo.state import Beside, Kept
+from rcmservo.sim.lens import Lens, picture
 from rcmservo.study.twin import (
     PAST,
     Twin,
     advance,
     between,
-    counted,
+    count,
     joints_at,
     newest,
     place,
-    project,
     take,
 )
 
@@ -33,11 +34,11 @@ from rcmservo.study.twin import (
 class Start(NamedTuple):
     """What a closed loop begins with."""
 
-    kept: Kept
+    kept: Rows[Kept]
     """What the servo remembers."""
-    memory: Memory
-    """What its estimator does."""
-    fixed: Fixed
+    beside: Beside | tuple[()]
+    """What it remembers beside."""
+    fixed: Rows[Fixed]
     """What the servo is made of."""
     rule: AnyRule
     """What its estimator is."""
@@ -50,6 +51,8 @@ class Goal(NamedTuple):
 
     points: Floats
     """The target's markers (2, 2) raw px."""
+    q: Floats
+    """The joints (3,) then."""
     p2: Floats
     """Where marker 2 truly was, (3,) mm."""
 
@@ -74,63 +77,61 @@ class Newest(NamedTuple):
     """ns."""
     arrival: int
     """ns."""
-    q: Floats
-    """The joints (3,) at the exposure, as the arm told them."""
-    points: Floats
-    """The markers (2, 2) px."""
 
 
 @compiled
 def closed_loop(start: Start, twin: Twin, shown: Goal, noise: Floats, trace: Course) -> None:
-    """Servo for as many ticks as the trace is long.
+    """Servo for as many ticks as the trace is long, and write over what it begins with.
 
     `noise` (frames, 2, 2) px is added to what the camera sees in each frame from the first tick on.
     """
-    kept, memory, fixed = start.kept, start.memory, start.fixed
-    c, a = fixed.dials[0], twin.drives[0]
+    start, twin, shown = unowned(start), unowned(twin), unowned(shown)
+    noise, trace = unowned(noise), unowned(trace)
+    beside, fixed, d = start.beside, start.fixed, start.kept[0].decision
+    c, a = fixed[0].dials, twin.drives[0]
     place(twin, start.now)
-    skipped = newest(twin.lens[0], start.now)
-    frame = Newest(-1, 0, 0, np.full(3, np.nan), np.full((2, 2), np.nan))
+    skipped = newest(twin.pace[0], start.now)
+    frame = Newest(-1, 0, 0)
     for k in range(len(trace.error)):
         now = start.now + k * c.period
         advance(twin, now)
-        q = counted(twin)
-        put(twin.told[k % PAST], q)
-        number = newest(twin.lens[0], now)
+        q = twin.told[k % PAST]
+        count(twin, q)
+        number = newest(twin.pace[0], now)
         if number > max(frame.number, skipped):
-            frame = taken(twin, number, noise[number - skipped - 1], start, k, fixed)
-        last = kept.decision[0]
-        gap = now - last.time if last.number > 0 else c.period
-        seen = Told(
-            now, gap, q, now, a.on, a.applied.copy(), frame.number, frame.exposure, frame.arrival,
-            frame.q, frame.points, 0, True,
+            frame = taken(twin, number, noise[number - skipped - 1], start, k)
+        told = Told(
+            now, q, now, a.on, a.applied, frame.number, frame.exposure, frame.arrival,
+            twin.exposed, twin.points, 0, True,
         )  # fmt: skip
-        asked = Asked(shown.points, start.now, k == 0, 0)
-        kept, memory = tick(kept, memory, seen, asked, fixed, start.rule)
-        d = kept.decision[0]
+        asked = Asked(shown.points, shown.q, start.now, k == 0, 0)
+        beside = go_on(start.kept, beside, told, asked, fixed, start.rule)
         take(twin, d.sent, d.on)
-        p2 = second_marker(fixed.shaft, position(rcm_of(c), a.q))
-        trace.error[k] = length(minus(p2, shown.p2))
+        p2 = second_point(shaft_of(c), point_at(rcm_of(c), a.q))
+        trace.error[k] = apart(p2, (shown.p2[0], shown.p2[1], shown.p2[2]))
         trace.phase[k], trace.cause[k] = d.phase, d.cause
 
 
 @compiled
-def taken(twin: Twin, number: int, noise: Floats, start: Start, k: int, fixed: Fixed) -> Newest:
+def taken(twin: Twin, number: int, noise: Floats, start: Start, k: int) -> Newest:
     """The frame of this number, as it is seen at the k-th tick."""
-    lens, c, points = twin.lens[0], fixed.dials[0], np.empty((2, 2))
-    exposure = int(np.round(number * lens.period))
+    pace, c, q = twin.pace[0], start.fixed[0].dials, scratch(3)
+    exposure = int(np.round(number * pace.period))
     if exposure < start.now:  # the tool may have been moved by hand before
-        return Newest(-1, 0, 0, np.full(3, np.nan), np.full((2, 2), np.nan))
-    p1 = position(rcm_of(c), joints_at(twin, exposure))
-    put(points[0], project(lens, p1))
-    put(points[1], project(lens, second_marker(fixed.shaft, p1)))
-    for i in range(2):
-        points[i] += noise[i]
-        u, v = points[i, 0], points[i, 1]
-        if not (0.0 <= u <= lens.width - 1.0 and 0.0 <= v <= lens.height - 1.0):
-            fill(points[i], np.nan)
+        return Newest(-1, 0, 0)
+    joints_at(twin, exposure, q)
+    see(twin.lens[0], shaft_of(c), point_at(rcm_of(c), q), noise, twin.points)
     j = (exposure - start.now) // c.period
     share = (exposure - start.now - j * c.period) / c.period
-    later = twin.told[min(j + 1, k) % PAST]
-    q = between(twin.told[j % PAST], later, share)
-    return Newest(number, exposure, exposure + lens.late, q, points)
+    between(twin.told[j % PAST], twin.told[min(j + 1, k) % PAST], share, twin.exposed)
+    return Newest(number, exposure, exposure + pace.late)
+
+
+@compiled
+def see(lens: Lens, shaft: Shaft, p1: Point, noise: Floats, points: Floats) -> None:
+    """Write both markers (2, 2) px with their noise; NaN where one is not in the picture."""
+    picture(lens, shaft, p1, points)
+    for i in range(2):
+        u, v = points[i, 0] + noise[i, 0], points[i, 1] + noise[i, 1]
+        within = 0.0 <= u <= lens.width - 1.0 and 0.0 <= v <= lens.height - 1.0
+        points[i, 0], points[i, 1] = (u, v) if within else (np.nan, np.nan)

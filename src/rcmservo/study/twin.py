@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 from rcmservo.loops import fill, put
+from rcmservo.memory import scratch
 from rcmservo.rows import Row, Rows, flag, real, reals, whole
+from rcmservo.sim.lens import Lens
 
 STEP = 1_000_000
 """ns of one step of the arm."""
@@ -25,17 +27,9 @@ QUEUE = 128
 """Commands that may be on their way to the drives."""
 
 
-class Lens(Row):
-    """The true camera."""
+class Pace(Row):
+    """When the camera's frames are taken and arrive."""
 
-    width: int = whole("px", "of the picture")
-    height: int = whole("px", "of the picture")
-    focal: float = real("px", "its focal length")
-    centre: Floats = reals(2, "px", "the principal point")
-    distortion: Floats = reals(2, "", "k1 and k2")
-    fold: float = real("", "the slope beyond which the lens folds")
-    rotation: Floats = reals((3, 3), "", "from world axes to camera axes")
-    place: Floats = reals(3, "mm", "the camera's centre in the world")
     period: float = real("ns", "from frame to frame")
     late: int = whole("ns", "from a frame's exposure to its arrival")
 
@@ -74,6 +68,12 @@ class Twin(NamedTuple):
     """(PAST, 3) the joints as the arm told them at the last ticks."""
     lens: Rows[Lens]
     """The camera."""
+    pace: Rows[Pace]
+    """Its frames."""
+    exposed: Floats
+    """(3,) the joints at the newest frame's exposure, as the arm told them."""
+    points: Floats
+    """(2, 2) px, the markers in it."""
 
 
 @compiled
@@ -81,20 +81,34 @@ def advance(twin: Twin, until: int) -> None:
     """Let time pass until a moment (ns), to the nearest step."""
     a = twin.drives[0]
     while a.time + STEP // 2 < until:
-        a.time += STEP
         if not a.on:
             a.first = a.last
             fill(a.wanted, 0.0)
             fill(a.rates, 0.0)
-        while a.first < a.last and twin.due[a.first % QUEUE] <= a.time:
+        while a.first < a.last and twin.due[a.first % QUEUE] <= a.time + STEP:
             put(a.wanted, twin.queue[a.first % QUEUE])
             a.first += 1
+        steps = (until - a.time + STEP // 2 - 1) // STEP
+        if a.first < a.last:
+            steps = min(steps, max((twin.due[a.first % QUEUE] - a.time - 1) // STEP, 1))
+        move(a, twin.past, steps)
+        a.time += steps * STEP
+
+
+@compiled
+def move(a: Drives, past: Floats, steps: int) -> None:
+    """So many steps towards the rates that are wanted."""
+    follow, first, q, rates = a.follow, a.time // STEP + 1, scratch(3), scratch(3)
+    put(q, a.q)
+    put(rates, a.rates)
+    for k in range(first, first + steps):
         for i in range(3):
-            a.rates[i] += a.follow * (a.wanted[i] - a.rates[i])
-            if abs(a.rates[i]) > a.deadband[i]:
-                there = a.q[i] + a.rates[i] * STEP * 1e-9
-                a.q[i] = min(max(there, a.lower[i]), a.upper[i])
-        put(twin.past[a.time // STEP % PAST], a.q)
+            rates[i] += follow * (a.wanted[i] - rates[i])
+            there = min(max(q[i] + rates[i] * STEP * 1e-9, a.lower[i]), a.upper[i])
+            q[i] = there if abs(rates[i]) > a.deadband[i] else q[i]
+            past[k % PAST, i] = q[i]
+    put(a.q, q)
+    put(a.rates, rates)
 
 
 @compiled
@@ -119,48 +133,29 @@ def take(twin: Twin, rates: Floats, on: bool) -> None:
 
 
 @compiled
-def between(earlier: Floats, later: Floats, share: float) -> Floats:
-    """The joints (3,) a share of the way from one place to another."""
-    out = np.empty(3)
+def between(earlier: Floats, later: Floats, share: float, into: Floats) -> None:
+    """Write the joints (3,) a share of the way from one place to another."""
     for i in range(3):
-        out[i] = earlier[i] + share * (later[i] - earlier[i])
-    return out
+        into[i] = earlier[i] + share * (later[i] - earlier[i])
 
 
 @compiled
-def joints_at(twin: Twin, time: int) -> Floats:
-    """The joints (3,) as they were at a moment (ns) of the last second."""
+def joints_at(twin: Twin, time: int, into: Floats) -> None:
+    """Write the joints (3,) as they were at a moment (ns) of the last second."""
     step = time // STEP
     share = (time - step * STEP) / STEP
-    return between(twin.past[step % PAST], twin.past[(step + 1) % PAST], share)
+    between(twin.past[step % PAST], twin.past[(step + 1) % PAST], share, into)
 
 
 @compiled
-def counted(twin: Twin) -> Floats:
-    """The joints (3,) as the encoders count them now."""
-    a, q = twin.drives[0], np.empty(3)
+def count(twin: Twin, into: Floats) -> None:
+    """Write the joints (3,) as the encoders count them now."""
+    a = twin.drives[0]
     for i in range(3):
-        q[i] = np.round(a.q[i] / a.encoder[i]) * a.encoder[i]
-    return q
+        into[i] = np.round(a.q[i] / a.encoder[i]) * a.encoder[i]
 
 
 @compiled
-def newest(lens: Lens, now: int) -> int:
+def newest(pace: Pace, now: int) -> int:
     """Number of the newest frame that has arrived, -1 before the first."""
-    return max(int(np.floor((now - lens.late) / lens.period + 1e-6)), -1)
-
-
-@compiled
-def project(lens: Lens, p: Floats) -> Floats:
-    """Where a point p (3,) mm appears, (2,) px; NaN outside of the picture."""
-    x, out = np.zeros(3), np.full(2, np.nan)
-    for i in range(3):
-        for k in range(3):
-            x[i] += lens.rotation[i, k] * (p[k] - lens.place[k])
-    u, v = x[0] / x[2], x[1] / x[2]
-    r = np.sqrt(u * u + v * v)
-    stretch = 1.0 + lens.distortion[0] * r**2 + lens.distortion[1] * r**4
-    if x[2] > 0.0 and r < lens.fold:
-        out[0] = lens.focal * stretch * u + lens.centre[0]
-        out[1] = lens.focal * stretch * v + lens.centre[1]
-    return out
+    return max(int(np.floor((now - pace.late) / pace.period + 1e-6)), -1)

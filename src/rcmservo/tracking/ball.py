@@ -1,12 +1,23 @@
 """One ball in a picture, and whether what was seen is a ball at all."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.interfaces import Floats
-from rcmservo.tracking.outline import disc_centre, fit_outline
+from rcmservo.interfaces import Floats, Image
+from rcmservo.tracking.colours import MIXES, weights
+from rcmservo.tracking.outline import (
+    COS,
+    RAYS,
+    SIN,
+    agreed,
+    disc_centre,
+    fit_outline,
+    supported,
+)
+from rcmservo.tracking.rim import fit_rim
+from rcmservo.tracking.smeared import smeared_outline
 
 LEAST_RADIUS = 4.0
 """px. In a smaller ball, half a pixel of noise looks like roundness."""
@@ -14,14 +25,28 @@ LEAST_RADIUS = 4.0
 LEAST_SUPPORT = 0.45
 """Of the outline. A shorter arc fixes the centre too badly."""
 
-LEAST_FILLED = 0.35
-"""Of the disc. The shaft hides less; what is emptier is a ring."""
+LEAST_SEEKING = 0.3
+"""Of the outline, about the coarse ellipse. Shading shifts it on large balls."""
+
+NEARLY = 0.9
+"""Of the coarse ellipse's support. The fitted one stands if it has so much: pixels that are smeared
+by motion, or that show no shaded ball, lead it astray."""
+
+LEAST_DEPTH = 0.3
+"""Of the radius. A ball's colour reaches so far in from DEEP of the rays at least, also where the
+shaft leaves a crescent of it; a ring's does not."""
+
+DEEP = 6
+"""Rays."""
+
+STEPS = 32
+"""Along a ray from the centre to the outline."""
 
 LEAST_CONTRAST = 15.0
 """Grey levels. It must be four times the picture's noise too."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Ball:
     """The silhouette of a whole ball, also where something hides a part of it."""
 
@@ -36,6 +61,21 @@ class Ball:
 
     quality: float
     """How well it was seen: above 0, at most 1."""
+
+    covariance: Floats = field(default_factory=lambda: np.full((3, 3), np.nan))
+    """(3, 3) px², of the noise in u, v and radius. NaN where only the place was asked for."""
+
+    support: float = 0.0
+    """Share of the outline that was seen."""
+
+    @property
+    def fixed(self) -> bool:
+        """Whether enough of the outline was seen to fix the centre."""
+        return self.support >= LEAST_SUPPORT
+
+    def moved(self, du: float, dv: float) -> "Ball":
+        """The same ball elsewhere."""
+        return replace(self, u=self.u + du, v=self.v + dv)
 
     def distance(self, other: "Ball") -> float:
         """From centre to centre."""
@@ -56,41 +96,72 @@ def noise(weights: Floats) -> float:
 
 
 @compiled
-def filled(weights: Floats, centre: tuple[float, float], radius: float, level: float) -> float:
-    """The share of a disc's pixels that weigh more than `level`."""
-    u, v = centre
-    height, width = weights.shape
-    full, count = 0, 0
-    for i in range(max(int(v - radius), 0), min(int(v + radius) + 2, height)):
-        for j in range(max(int(u - radius), 0), min(int(u + radius) + 2, width)):
-            if (i - v) ** 2 + (j - u) ** 2 <= radius**2:
-                count += 1
-                full += weights[i, j] > level
-    return full / max(count, 1)
+def depth(weights: Floats, ellipse: Floats, level: float) -> float:
+    """The share of a ray from the centre out that weighs more than `level`, on the fullest rays: so
+    much at least on DEEP of them."""
+    shares = np.zeros(RAYS)
+    for k in range(RAYS):
+        for n in range(STEPS):
+            way = ellipse[2] * (n + 0.5) / STEPS
+            i, j = round(ellipse[1] + way * SIN[k]), round(ellipse[0] + way * COS[k])
+            if 0 <= i < weights.shape[0] and 0 <= j < weights.shape[1]:
+                shares[k] += (weights[i, j] > level) / STEPS
+    return np.sort(shares)[-DEEP]
 
 
-def ball_near(weights: Floats, u: float, v: float, radius: float) -> Ball | None:
-    """The ball whose place and radius are known to about a third of the radius."""
-    u, v = disc_centre(weights, u, v, 1.2 * radius)
-    return _judged(weights, fit_outline(weights, u, v, radius, 1.45 * radius), noise(weights))
+def ball_near(image: Image, colour: int, u: float, v: float, radius: float) -> Ball | None:
+    """The ball in a piece of a picture whose place and radius are known to about a third of the
+    radius, as exactly as the pixels tell."""
+    amounts = weights(image, colour)
+    start = disc_centre(amounts, u, v, 1.2 * radius)
+    ellipse, rays, spread = fit_outline(amounts, start, radius, 1.45 * radius)
+    marks, grain = (*supported(rays, ellipse, ellipse), spread), noise(amounts)
+    if _judged(amounts, ellipse, marks, grain) is None:
+        return None
+    fine, covariance = fit_rim(image, MIXES[colour], ellipse, agreed(rays, ellipse))
+    if not supported(rays, ellipse, fine)[0] >= NEARLY * marks[0]:
+        fine, covariance = ellipse, spread**2 * np.eye(3)
+    marks = (*supported(rays, ellipse, fine), spread)
+    ball = _judged(amounts, fine, marks, grain)
+    return replace(ball, covariance=covariance) if ball and ball.fixed else None
+
+
+def smeared_ball(image: Image, colour: int, last: Ball, smear: tuple[float, float]) -> Ball | None:
+    """As ball_near, of a ball that moves by `smear` px during the exposure."""
+    amounts = weights(image, colour)
+    start = disc_centre(amounts, last.u, last.v, 1.2 * last.radius)
+    ellipse, rays, spread = smeared_outline(amounts, start, last.radius, smear)
+    marks = (*supported(rays, ellipse, ellipse), spread)
+    ball = _judged(amounts, ellipse, marks, noise(amounts))
+    return replace(ball, covariance=spread**2 * np.eye(3)) if ball and ball.fixed else None
 
 
 def ball_about(weights: Floats, u: float, v: float, radius: float, grain: float) -> Ball | None:
-    """The ball about a point inside it, its radius known to a factor of about 1.5.
+    """The place of a ball about a point inside it, its radius known to a factor of about 1.5.
 
     `grain` is the noise of the weights.
     """
-    return _judged(weights, fit_outline(weights, u, v, radius, 1.8 * radius), grain)
+    first = fit_outline(weights, (u, v), radius, 1.8 * radius)[0]
+    start = (float(first[0]), float(first[1]))
+    ellipse, rays, spread = fit_outline(weights, start, float(first[2]), 1.45 * float(first[2]))
+    return _judged(weights, ellipse, (*supported(rays, ellipse, ellipse), spread), grain)
 
 
-def _judged(weights: Floats, outline: Floats, grain: float) -> Ball | None:
-    """The outline as a ball with its quality, or None where it is no ball's."""
-    u, v, radius, support, spread, contrast = (float(x) for x in outline)
+def _judged(
+    weights: Floats, ellipse: Floats, marks: tuple[float, float, float], grain: float
+) -> Ball | None:
+    """The outline as a ball with its quality, or None where it is no ball's.
+
+    The `marks` are its support, contrast and spread.
+    """
+    u, v, radius = (float(x) for x in ellipse[:3])
+    support, contrast, spread = marks
     widest = 0.5 + 0.04 * radius
-    good = radius >= LEAST_RADIUS and support >= LEAST_SUPPORT and spread <= widest
+    good = radius >= LEAST_RADIUS and support >= LEAST_SEEKING and spread <= widest
     if not (good and contrast >= max(LEAST_CONTRAST, 4.0 * grain)):
         return None
-    if filled(weights, (u, v), radius, 0.3 * contrast) < LEAST_FILLED:
+    if depth(weights, ellipse, 0.3 * contrast) < LEAST_DEPTH:
         return None
     clear = contrast / (contrast + LEAST_CONTRAST + 4.0 * grain)
-    return Ball(u, v, radius, support * clear / (1.0 + (spread / widest) ** 2))
+    quality = support * clear / (1.0 + (spread / widest) ** 2)
+    return Ball(u, v, radius, quality, support=support)

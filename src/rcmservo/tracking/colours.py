@@ -1,9 +1,12 @@
-"""How much of a marker's colour is in a pixel: a signed weight, linear in the light.
+"""How much of a marker's colour is in a pixel: a signed weight.
 
 The weight of a primary colour is its channel minus the larger of the other two. The weight of a
 mixed colour is the smaller of its two channels minus the third. "bright" is the plain mean. In
-colours, grey weighs 0 however bright it is. A pixel that the marker covers by half weighs half as
-much; so edges are found to a fraction of a pixel.
+colours, grey weighs 0 however bright it is. So balls are found among other colours.
+
+A pixel that a ball covers by half does not weigh half as much before a background in which another
+channel is the larger one. Where fractions of a pixel count, MIXES are taken: linear, and grey is 0
+in them too.
 """
 
 import numpy as np
@@ -12,6 +15,19 @@ from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats, Image
 
 COLOURS = ("red", "green", "blue", "yellow", "cyan", "magenta", "bright")
+
+MIXES: Floats = np.array(
+    [
+        [-0.5, -0.5, 1.0],
+        [-0.5, 1.0, -0.5],
+        [1.0, -0.5, -0.5],
+        [-1.0, 0.5, 0.5],
+        [0.5, 0.5, -1.0],
+        [0.5, -1.0, 0.5],
+        [1 / 3, 1 / 3, 1 / 3],
+    ]
+)
+"""What each of COLOURS makes of blue, green and red."""
 
 
 @compiled

@@ -6,74 +6,99 @@ import numpy as np
 
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Frame, Image, Markers
-from rcmservo.tracking.ball import Ball, ball_near
-from rcmservo.tracking.colours import COLOURS, weights
+from rcmservo.tracking.ball import Ball
+from rcmservo.tracking.choice import Both, nearest, plain, rivals
+from rcmservo.tracking.close import ball_followed, balls_seen
+from rcmservo.tracking.colours import COLOURS
 from rcmservo.tracking.look import MarkerLook
-from rcmservo.tracking.search import balls
 from rcmservo.tracking.unseen import why_unseen
 
-JUMP = 0.75
-"""Of its radius: a marker that moved further between two frames is looked for afresh."""
-
-SWELL = 1.25
-"""A marker whose radius changed by more than this factor is looked for afresh."""
+LONGEST = 3.0
+"""Frames for which a motion is expected to go on as it went in one."""
 
 Pair = tuple[Ball | None, Ball | None]
+NOTHING: Pair = (None, None)
 
 
 @final
 class ColourMarkers:
-    """Two coloured balls on the shaft, followed from frame to frame.
+    """Two coloured balls on the shaft, followed from frame to frame: each is expected to go on as
+    it went.
 
-    A lost one is looked for in the whole picture.
+    A lost one is looked for in the whole picture. It stays lost where several balls can be it.
     """
 
     def __init__(self, look: MarkerLook | None = None) -> None:
         self.look = look or MarkerLook()
         self._colours = COLOURS.index(self.look.colour_1), COLOURS.index(self.look.colour_2)
-        self._last: Pair = (None, None)
+        self.reset()
 
     def reset(self) -> None:
-        self._last = (None, None)
+        self._last = self._before = self._remembered = NOTHING
+        self._times = (0, 0)
 
     def find(self, frame: Frame) -> Markers:
         image = _picture(frame)
-        pair = self._follow(image)
+        expected = self._expected(frame.exposure)
+        pair = self._follow(image, expected)
         if pair[0] is None or pair[1] is None:
             pair = self._search(image, pair)
-        self._last = pair
+        self._before, self._last = self._last, pair
+        self._remembered = pair[0] or self._remembered[0], pair[1] or self._remembered[1]
+        self._times = self._times[1], frame.exposure
         return _markers(pair)
 
     def why(self, frame: Frame) -> str:
         """Why the markers are not found in a frame; empty where they are. It takes its time."""
         return why_unseen(_picture(frame), self.look)
 
-    def _follow(self, image: Image) -> Pair:
-        """The markers near where they were. Of two that look alike both or none: one alone might
-        be the other."""
+    def _expected(self, now: int) -> Pair:
+        """Where the markers are if they went on as they did between the last two frames."""
+        before, last = self._times
+        share = (now - last) / (last - before) if last > before else 0.0
+        share = min(max(share, 0.0), LONGEST)
         first, second = (
-            _near(image, c, ball) for c, ball in zip(self._colours, self._last, strict=True)
+            b.moved(share * (b.u - a.u), share * (b.v - a.v)) if a and b else b
+            for a, b in zip(self._before, self._last, strict=True)
         )
-        if self.look.alike and not _continued(self._last, (first, second)):
+        return first, second
+
+    def _follow(self, image: Image, expected: Pair) -> Pair:
+        """The markers near where they are expected, or else where they were. Of two that look alike
+        both or none: one alone might be the other."""
+        first, second = (
+            _followed(image, c, there, last)
+            for c, there, last in zip(self._colours, expected, self._last, strict=True)
+        )
+        if self.look.alike and not _continued(expected, (first, second)):
             return None, None
         return first, second
 
     def _search(self, image: Image, followed: Pair) -> Pair:
         """The followed ones as they are, and the missing ones from the whole picture."""
-        found = [[ball] if ball else [] for ball in followed]
-        for colour in dict.fromkeys(
-            c for c, some in zip(self._colours, found, strict=True) if not some
-        ):
-            everywhere = balls(weights(np.array(image), colour))
-            for some, c in zip(found, self._colours, strict=True):
-                if c == colour and not some:
-                    some.extend(everywhere)
-        pairs = [(a, b) for a in found[0] for b in found[1] if self.look.fits(a, b)]
+        missing = {c for c, ball in zip(self._colours, followed, strict=True) if ball is None}
+        everywhere = {c: balls_seen(image, c) for c in missing}
+        first, second = (
+            [ball] if ball else everywhere[c]
+            for c, ball in zip(self._colours, followed, strict=True)
+        )
+        pairs = rivals(self.look, first, second)
+        if len(pairs) == 1:
+            return pairs[0]
         if pairs:
-            return max(pairs, key=lambda pair: pair[0].quality + pair[1].quality)
-        if self.look.alike or (found[0] and found[1]):
+            return self._remembered_one(pairs, followed)
+        if self.look.alike or (first and second):
             return followed
-        return (found[0] or [None])[0], (found[1] or [None])[0]
+        return plain(first), plain(second)
+
+    def _remembered_one(self, pairs: list[Both], followed: Pair) -> Pair:
+        """Of several pairs that can be the markers, that with the followed one in which the other
+        is clearly nearest to where it was seen last; else only what is followed."""
+        for k, (lost, memory) in enumerate(zip(followed, self._remembered, strict=True)):
+            if lost is None and memory and followed[1 - k]:
+                one = nearest([pair[k] for pair in pairs], memory)
+                return (one, followed[1]) if k == 0 else (followed[0], one)
+        return followed
 
 
 def _picture(frame: Frame) -> Image:
@@ -86,26 +111,14 @@ def _picture(frame: Frame) -> Image:
     return image
 
 
-def _near(image: Image, colour: int, last: Ball | None) -> Ball | None:
-    """The marker about its last place. None if it jumped, swelled or touches the picture's
-    border."""
-    if last is None:
+def _followed(image: Image, colour: int, there: Ball | None, last: Ball | None) -> Ball | None:
+    """A marker where it is expected, or else where it was, or where it is if it turned back."""
+    if there is None or last is None:
         return None
-    height, width = image.shape[:2]
-    reach = 2.2 * last.radius + 8.0
-    left, top = max(int(last.u - reach), 0), max(int(last.v - reach), 0)
-    window = np.array(image[top : int(last.v + reach) + 1, left : int(last.u + reach) + 1])
-    if min(window.shape) == 0:
-        return None
-    seen = ball_near(weights(window, colour), last.u - left, last.v - top, last.radius)
-    if seen is None:
-        return None
-    ball = Ball(seen.u + left, seen.v + top, seen.radius, seen.quality)
-    steady = (
-        ball.distance(last) <= JUMP * last.radius
-        and 1.0 / SWELL < ball.radius / last.radius < SWELL
-    )
-    return ball if steady and ball.within(width, height) else None
+    way = there.u - last.u, there.v - last.v
+    places = [there] if there is last else [there, last, last.moved(-way[0], -way[1])]
+    looks = (ball_followed(image, colour, place, way) for place in places)
+    return next((ball for ball in looks if ball), None)
 
 
 def _continued(before: Pair, now: Pair) -> bool:
@@ -119,10 +132,12 @@ def _continued(before: Pair, now: Pair) -> bool:
 
 def _markers(pair: Pair) -> Markers:
     points, radius, quality = np.full((2, 2), np.nan), np.full(2, np.nan), np.zeros(2)
+    covariance = np.full((2, 3, 3), np.nan)
     for i, ball in enumerate(pair):
         if ball is not None:
             points[i], radius[i], quality[i] = (ball.u, ball.v), ball.radius, ball.quality
-    return Markers(points, radius, quality)
+            covariance[i] = ball.covariance
+    return Markers(points, radius, quality, covariance)
 
 
 @final

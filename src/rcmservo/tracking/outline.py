@@ -5,11 +5,11 @@ outline point. The shaft, a highlight or a worn patch puts some of these points 
 never outside. A circle through three points that most of the others agree with tells them apart.
 Then a robust least squares fit of
 
-    radius(phi) = r + dx cos(phi) + dy sin(phi) + e1 cos(2 phi) + e2 sin(2 phi)
+    radius(phi) = r + e1 cos(2 phi) + e2 sin(2 phi)    about the centre (u, v)
 
-gives the centre. The image of a ball off the optical axis is an ellipse: e1 and e2 are its
-elongation. A prior keeps them small, or a short arc could not tell an elongation from a shift. All
-lengths in px.
+gives the outline to about half a pixel; rim.py fits it to the pixels from there. The image of a
+ball off the optical axis is an ellipse: e1 and e2 are its elongation. A prior keeps them small, or
+a short arc could not tell an elongation from a shift. All lengths in px.
 """
 
 import numpy as np
@@ -35,26 +35,29 @@ ROWS = np.column_stack([np.ones(RAYS), COS, SIN, np.cos(2.0 * TURN), np.sin(2.0 
 
 
 @compiled
-def fit_outline(weights: Floats, u: float, v: float, radius: float, reach: float) -> Floats:
-    """The ball about (u, v) of roughly `radius`: (u, v, radius, support, spread, contrast).
+def fit_outline(
+    weights: Floats, start: tuple[float, float], radius: float, reach: float
+) -> tuple[Floats, Floats, float]:
+    """The ball about a `start` of roughly `radius`: its ellipse (u, v, r, e1, e2), the rays and the
+    spread of their points about it.
 
     NaN where there is none. The first rays are `reach` long: longer than the radius by as much as
-    start and radius are in doubt. `support` is the fraction of the outline that was seen where the
-    ellipse says, `spread` the standard deviation of those points, `contrast` the median fall of the
-    weight across them.
+    start and radius are in doubt. The rays (2, RAYS) are each point's distance from the ellipse's
+    centre and the colour's fall there; the spread is the standard deviation of those that agree.
     """
-    distance, fall = cast_rays(weights, (u, v), radius, reach)
+    if not radius >= 2.0:
+        return np.full(5, np.nan), np.full((2, RAYS), np.nan), np.nan
+    distance, _ = cast_rays(weights, start, (radius, reach))
     du, dv, radius = start_circle(distance, reach)
-    fit, spread = np.zeros(5), 0.0
-    for _ in range(2):
-        u, v = u + du, v + dv
-        if not (radius >= 2.0 and 0.0 <= u < weights.shape[1] and 0.0 <= v < weights.shape[0]):
-            return np.full(6, np.nan)
-        distance, fall = cast_rays(weights, (u, v), radius, 1.35 * radius + 2.0)
-        fit, spread = robust_ellipse(distance, radius)
-        radius, du, dv = fit[0], fit[1], fit[2]
-    support, contrast = supported(distance, fall, fit)
-    return np.array([u + du, v + dv, radius, support, spread, contrast])
+    u, v = start[0] + du, start[1] + dv
+    if not (radius >= 2.0 and 0.0 <= u < weights.shape[1] and 0.0 <= v < weights.shape[0]):
+        return np.full(5, np.nan), np.full((2, RAYS), np.nan), np.nan
+    distance, fall = cast_rays(weights, (u, v), (radius, 1.35 * radius + 2.0))
+    fit, spread = robust_ellipse(distance, radius)
+    ellipse = np.array([u + fit[1], v + fit[2], fit[0], fit[3], fit[4]])
+    rays = np.empty((2, RAYS))
+    rays[0], rays[1] = distance - fit[1] * COS - fit[2] * SIN, fall
+    return ellipse, rays, spread
 
 
 @compiled
@@ -81,13 +84,13 @@ def disc_centre(weights: Floats, u: float, v: float, radius: float) -> tuple[flo
 
 @compiled
 def cast_rays(
-    weights: Floats, start: tuple[float, float], radius: float, reach: float
+    weights: Floats, start: tuple[float, float], lengths: tuple[float, float]
 ) -> tuple[Floats, Floats]:
     """The distance from `start` to the outline along each ray, and the colour's fall there.
 
-    NaN where no outline is found.
+    NaN where no outline is found. The `lengths` are the radius that is expected, and the rays'.
     """
-    step = 0.5
+    (radius, reach), step = lengths, 0.5
     half = round(min(max(0.3 * radius, 2.0), 3.0) / step)
     profile = np.empty(int(reach / step) + half + 1)
     falls = np.zeros(profile.size)
@@ -135,7 +138,7 @@ def outermost_fall(profile: Floats, half: int, falls: Floats) -> int:
     steepest, strongest = 0.0, profile.max()
     for k in range(half, last + 1):
         inside, outside = mean(profile, k - half, k), mean(profile, k + 1, k + 1 + half)
-        falls[k] = inside - outside if inside > 0.2 * strongest else 0.0
+        falls[k] = inside - outside if inside > 0.16 * strongest else 0.0
         steepest = max(steepest, falls[k])
     if steepest <= 0.0:
         return -1
@@ -183,7 +186,7 @@ def start_circle(distance: Floats, largest: float) -> tuple[float, float, float]
     x, y = distance * COS, distance * SIN
     best, chosen = 0.0, (np.nan, np.nan, np.nan)
     for gap in (7, 11, 16, 21):
-        for i in range(RAYS):
+        for i in range(0, RAYS, 2):
             circle = through(x, y, (i, (i + gap) % RAYS, (i + 2 * gap) % RAYS))
             if circle[2] <= largest:
                 score = agreement(x, y, circle)
@@ -208,11 +211,11 @@ def through(x: Floats, y: Floats, three: tuple[int, int, int]) -> tuple[float, f
 
 @compiled
 def agreement(x: Floats, y: Floats, circle: tuple[float, float, float]) -> float:
-    """How many points lie on a circle. A near one counts up to 1, one outside counts -1."""
+    """How many of every other point lie on a circle. A near one counts up to 1, an outer one -1."""
     a, b, radius = circle
     tolerance = max(0.04 * radius, 0.7)
     score = 0.0
-    for i in range(x.size):
+    for i in range(0, x.size, 2):
         miss = (np.sqrt((x[i] - a) ** 2 + (y[i] - b) ** 2) - radius) / tolerance
         if abs(miss) < 1.0:
             score += 1.0 - miss * miss
@@ -253,6 +256,18 @@ def missed(distance: Floats, fit: Floats) -> Floats:
 
 
 @compiled
+def agreed(rays: Floats, ellipse: Floats) -> Floats:
+    """How much each ray's point agrees with the ellipse whose rays they are, 0 to 1 (RAYS,)."""
+    gate = max(1.5, 0.06 * ellipse[2])
+    miss = missed(rays[0], np.array([ellipse[2], 0.0, 0.0, ellipse[3], ellipse[4]]))
+    agrees = np.zeros(RAYS)
+    for i in range(RAYS):
+        if abs(miss[i]) < gate:
+            agrees[i] = min(2.0 - 2.0 * abs(miss[i]) / gate, 1.0)
+    return agrees
+
+
+@compiled
 def correction(miss: Floats, fit: Floats, gate: float, prior: float) -> Floats:
     """The least squares step of the fit. Points count the less the more they miss; beyond `gate`
     they count nothing."""
@@ -290,13 +305,15 @@ def solved(system: Floats) -> Floats:
 
 
 @compiled
-def supported(distance: Floats, fall: Floats, fit: Floats) -> tuple[float, float]:
-    """The fraction of rays whose point lies on the ellipse, and the median fall there.
+def supported(rays: Floats, ellipse: Floats, other: Floats) -> tuple[float, float]:
+    """The fraction of the rays of an ellipse whose point lies on the `other` one, hardly elsewhere,
+    and the median fall there.
 
     A point counts if its fall is about as large as the others'.
     """
-    on = np.abs(missed(distance, fit)) < 0.4 + 0.02 * fit[0]
+    fit = np.array([other[2], other[0] - ellipse[0], other[1] - ellipse[1], other[3], other[4]])
+    on = np.abs(missed(rays[0], fit)) < 0.4 + 0.02 * fit[0]
     if not on.any():
         return 0.0, 0.0
-    contrast = float(np.median(fall[on]))
-    return (fall[on] > 0.3 * contrast).sum() / RAYS, contrast
+    contrast = float(np.median(rays[1][on]))
+    return (rays[1][on] > 0.3 * contrast).sum() / RAYS, contrast

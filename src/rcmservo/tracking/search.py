@@ -34,11 +34,11 @@ def balls(weights: Floats) -> list[Ball]:
             continue
         ball = ball_about(weights, u, v, radius, grain)
         if ball and ball.within(width, height):
-            found = _with(found, ball)
+            found = without_worse(found, ball)
     return sorted(found, key=lambda ball: -ball.quality)
 
 
-def _with(found: list[Ball], ball: Ball) -> list[Ball]:
+def without_worse(found: list[Ball], ball: Ball) -> list[Ball]:
     """The list with one more ball, unless it is a worse view of one that is there."""
     same = [b for b in found if b.distance(ball) < 0.7 * max(b.radius, ball.radius)]
     if any(b.quality >= ball.quality for b in same):

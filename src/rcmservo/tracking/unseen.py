@@ -4,9 +4,10 @@ import numpy as np
 
 from rcmservo.interfaces import Image
 from rcmservo.tracking.ball import Ball
-from rcmservo.tracking.colours import COLOURS, weights
+from rcmservo.tracking.choice import Both, rivals
+from rcmservo.tracking.close import balls_seen
+from rcmservo.tracking.colours import COLOURS
 from rcmservo.tracking.look import MarkerLook
-from rcmservo.tracking.search import balls
 
 DARK = 20
 """Grey levels: a picture is dark where hardly a pixel is brighter."""
@@ -26,19 +27,29 @@ def why_unseen(image: Image, look: MarkerLook) -> str:
         return f"of two {look.colour_1} balls the picture shows {len(first)} whole"
     if not (first and second):
         return _missing(look, first, second)
-    if any(look.fits(a, b) for a in first for b in second):
-        return ""
-    return _misfit(look, first[0], second[1 if look.alike else 0])
+    pairs = rivals(look, first, second)
+    if len(pairs) > 1:
+        return _ambiguous(look, pairs)
+    return "" if pairs else _misfit(look, first[0], second[1 if look.alike else 0])
 
 
 def _found(image: Image, colour: str) -> list[Ball]:
-    return balls(weights(np.array(image), COLOURS.index(colour)))
+    return balls_seen(image, COLOURS.index(colour))
 
 
 def _missing(look: MarkerLook, first: list[Ball], second: list[Ball]) -> str:
     names = [] if first else [f"no {look.colour_1} ball (marker 1)"]
     names += [] if second else [f"no {look.colour_2} ball (marker 2)"]
     return f"the picture shows {' and '.join(names)} whole"
+
+
+def _ambiguous(look: MarkerLook, pairs: list[Both]) -> str:
+    places = [
+        f"{look.colour_1} at ({a.u:.0f}, {a.v:.0f}) with {look.colour_2} at ({b.u:.0f}, {b.v:.0f})"
+        for a, b in pairs[:2]
+    ]
+    count = "two" if len(pairs) == 2 else str(len(pairs))
+    return f"{count} pairs of balls can be the markers: {' or '.join(places)}; cover what is none"
 
 
 def _misfit(look: MarkerLook, a: Ball, b: Ball) -> str:

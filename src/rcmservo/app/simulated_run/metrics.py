@@ -70,6 +70,8 @@ class RunMetrics:
     """Whether the errors stayed small to the end, with nothing wrong then."""
     cause: str = "the run was stopped before its first tick"
     """Why it did not settle; empty where it did."""
+    remark: str = ""
+    """What was not as it should be at the end although nothing stopped; empty if all was."""
     settle_time_s: float | None = None
     """When the errors became small for good; None where they did not."""
     pose_error_mm: float | None = None
@@ -129,6 +131,7 @@ def measured(metrics: RunMetrics, record: Record, beside: Unrecorded) -> RunMetr
         metrics,
         settled=outcome.settled,
         cause=outcome.cause if outcome.settled else beside.ended or outcome.cause,
+        remark=outcome.remark,
         settle_time_s=outcome.settle_time,
         pose_error_mm=number(float(np.sqrt(np.mean(pose**2)))) if len(pose) else None,
         feature_error=FeatureError(*map(number, outcome.error)),

@@ -84,6 +84,7 @@ def _remarks(metrics: RunMetrics) -> Iterator[tuple[str, str]]:
     """What is told of some runs only: a title, and words that are empty where there is nothing."""
     given = metrics.estimator_time_per_frame_s
     yield "estimator's own time", f"{given:g} s for every frame, not real time" if given else ""
+    yield "at the end", metrics.remark
     yield "the person", _person(metrics)
     yield "not recorded", metrics.not_recorded
     yield "not filmed", metrics.not_filmed

@@ -4,6 +4,8 @@ and pure steps."""
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
+
 from rcmservo.interfaces import Floats
 from rcmservo.method.tool import Tool
 
@@ -16,10 +18,12 @@ class Sample(NamedTuple):
     points: Floats
     """The markers (2, 2) raw px."""
     o_c: Floats
-    """The imaged RCM (2,) px as known now."""
+    """The imaged RCM (2,) px as known now; NaN where the estimator is to tell it."""
     dt: float
     """s since the exposure of the sample before; 0 for the first of a run, and for the first after
     all was forgotten."""
+    sizes: Floats = np.full(2, np.nan)
+    """The markers' apparent radii (2,) px, NaN where not known."""
 
 
 class Estimator(ABC):
@@ -30,6 +34,12 @@ class Estimator(ABC):
     """What it is called where its settings are options."""
     models: ClassVar[bool] = False
     """Whether it has a model that predicts where the markers are: `predict`."""
+    places_rcm: ClassVar[bool] = False
+    """Whether it tells the imaged RCM itself, with `imaged_rcm` and `motion`. Otherwise eq. (16)
+    does."""
+    spares_marker: ClassVar[bool] = False
+    """Whether it goes on where the points of one marker are NaN, and places that marker itself;
+    asked only of one that tells the imaged RCM."""
     advice: ClassVar[str] = ""
     """What a person may change of it where an exploration ends without a usable estimate."""
 
@@ -50,6 +60,21 @@ class Estimator(ABC):
         estimator averages their noise out."""
         del memory, tool
         return sample.points
+
+    def imaged_rcm(self, memory: Any) -> tuple[Floats, Floats] | None:
+        """o_c (2,) raw px and its covariance (2, 2) px², or None where eq. (16) is to tell it."""
+        del memory
+        return None
+
+    def motion(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
+        """∂m/∂p₁ (4, 3) px/mm of both markers at the sample. Asked of an estimator that tells the
+        imaged RCM itself, and of any where the law acts on the markers' coordinates."""
+        raise NotImplementedError(type(self).__name__)
+
+    @property
+    def tells_motion(self) -> bool:
+        """Whether it has a `motion` of its own."""
+        return type(self).motion is not Estimator.motion
 
     def predict(self, memory: Any, tool: Tool, p1: Floats) -> Floats | None:
         """The markers' pixels m (4,) from o_c that the estimate expects at p1, or None where it has

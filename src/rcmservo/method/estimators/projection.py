@@ -317,11 +317,14 @@ class ProjectionEstimator(Estimator):
         return Rule(rate, float(self.epsilon), bool(self.both_markers), float(self.estimator_time))
 
     def update(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> ProjectionMemory:
-        p1, points, o_c, dt = sample
+        p1, points, o_c, dt, _ = sample
         return update(memory, p1, points, o_c, dt, self.rule, tool.shaft)
 
     def jacobian(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
         return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.shaft)
+
+    def motion(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
+        return markers_jacobian(memory.a_hat, sample.p1, tool.shaft)
 
     def predict(self, memory: ProjectionMemory, tool: Tool, p1: Floats) -> Floats:
         return predict(memory.a_hat, p1, tool.shaft)

@@ -1,11 +1,26 @@
-"""Where the camera stands after somebody bumped into it or rolled it."""
+"""Where the camera stands, and how it sees, after somebody bumped into it, rolled or zoomed it, or
+while it is turned or pushed slowly.
+
+What moves it slowly does so step by step, each from where it stands by then: whatever else moves it
+meanwhile is kept.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 
 from rcmservo.interfaces import Floats
+from rcmservo.sim.disturb.schedule import Event
 from rcmservo.sim.optics import Optics
+
+SUDDEN = "bump", "roll", "relocate", "zoom"
+"""What happens to it at one moment."""
+
+SLOW = "pan", "rolling", "dolly"
+"""What goes on for some time. When it is over the camera stays where it is by then."""
+
+FARTHEST = 10.0
+"""s of a slow turn for which a direction is sought that keeps both markers in the picture."""
 
 TRIES = 20
 """Bumps that are tried until both markers stay in the picture."""
@@ -15,6 +30,55 @@ BORDER = 15.0
 
 SHAKE = 0.5
 """mm by which a bumped camera is displaced. It is turned as well."""
+
+
+class Hands:
+    """What moves the camera; each turns it in a direction of its own, drawn when it begins."""
+
+    def __init__(self) -> None:
+        self._ways: dict[Event, float] = {}
+
+    def moved(self, event: Event, seconds: float, optics: Optics, markers: Floats) -> Optics:
+        """The camera after an event has gone on moving it for so many s.
+
+        `markers` (2, 3) mm is where they are meanwhile.
+        """
+        match event.kind:
+            case "bump":
+                return bumped(optics, markers, event.number("px"), event.random)
+            case "roll":
+                return rolled(optics, markers, np.radians(event.number("deg")))
+            case "zoom":
+                return replace(optics, focal=optics.focal * (1.0 + event.number("share")))
+            case "rolling":
+                return rolled(optics, markers, np.radians(event.number("speed")) * seconds)
+            case "dolly":
+                return pushed(optics, event.number("speed") * seconds)
+            case _:
+                px = event.number("speed") * seconds
+                return panned(optics, px, self._way(event, optics, markers))
+
+    def _way(self, event: Event, optics: Optics, markers: Floats) -> float:
+        """In which direction an event turns the camera, rad: both markers stay in the picture if
+        that can be."""
+        if event not in self._ways:
+            px = event.number("speed") * min(event.disturbance.lasts, FARTHEST)
+            ways = event.random.uniform(-np.pi, np.pi, TRIES)
+            good = [_shows(panned(optics, px, way), markers) for way in ways]
+            self._ways[event] = float(ways[int(np.argmax(good))])
+        return self._ways[event]
+
+
+def panned(optics: Optics, px: float, way: float) -> Optics:
+    """The camera turned about an axis across its line of sight, so that the picture moves by about
+    `px`. The axis is at `way` rad from the picture's u."""
+    axis = np.array([np.cos(way), np.sin(way), 0.0])
+    return replace(optics, rotation=_turn(axis, px / optics.focal) @ optics.rotation)
+
+
+def pushed(optics: Optics, way: float) -> Optics:
+    """The camera moved along its line of sight by `way` mm, towards what it sees."""
+    return replace(optics, position=optics.position + way * optics.rotation[2])
 
 
 def bumped(optics: Optics, markers: Floats, px: float, random: np.random.Generator) -> Optics:

@@ -1,5 +1,5 @@
 """What the camera sees when markers are lost, exchanged or mimicked, in smoke, with blood on its
-lens, or moved.
+lens, when it is moved, or shows the same picture for ever.
 
 In pictures such things are drawn. A camera that tells points loses the markers that would be
 hidden. What is seen is decided by the moment of the exposure.
@@ -12,14 +12,11 @@ import numpy as np
 
 from rcmservo.interfaces import Floats, Frame
 from rcmservo.sim.cameras import PictureCamera, SimulatedCamera
+from rcmservo.sim.disturb.camera_moves import SLOW, SUDDEN
+from rcmservo.sim.disturb.likenesses import Likenesses
 from rcmservo.sim.disturb.schedule import Event, Schedule
 from rcmservo.sim.disturb.smoke_and_blood import Smoke, Stain, Veil
 from rcmservo.sim.rendering import Between, Colour, Light, Look
-
-MOVES = "bump", "roll", "relocate"
-
-MARGIN = 20.0
-"""px that a false marker keeps from the picture's border, if any direction lets it."""
 
 DROP = 1.6, 45.0
 """A drop of blood on a marker is so many times as large, and by so many px larger."""
@@ -29,39 +26,55 @@ BROKEN = np.array([[np.nan, np.inf], [-np.inf, np.nan]])
 
 
 class View:
-    """A camera before whose lens things happen. `moved` is called when the camera itself is
-    moved."""
+    """A camera before whose lens things happen. `moved` is called when the camera itself is moved,
+    with the s for which it has been since it was called last."""
 
     def __init__(
         self,
         camera: SimulatedCamera,
         look: Look,
         schedule: Schedule,
-        moved: Callable[[Event], None],
+        moved: Callable[[Event, float], None],
     ) -> None:
         self.camera, self.look, self.schedule, self.moved = camera, look, schedule, moved
-        self._done: set[Event] = set()
+        self.likenesses = Likenesses(camera, look, schedule)
+        self._moved_until: dict[Event, float] = {}
         self._veils: dict[Event, Veil] = {}
-        self._offsets: dict[Event, Floats] = {}
+        self._stills: dict[Event, Frame] = {}
         self._raw: Frame | None = None
         self._frame: Frame | None = None
 
     def latest(self) -> Frame | None:
         time = self.camera.timing.newest(self.camera.arm.time)[1]
-        for event in self.schedule.begun(time, *MOVES):
-            if event not in self._done:
-                self._done.add(event)
-                self.moved(event)
+        self._move(time)
         if isinstance(self.camera, PictureCamera):
             self.camera.renderer.look = self._worn(time)
             self.camera.between = self._between(time)
         raw = self.camera.latest()
         if raw is not self._raw:
             self._raw = raw
-            self._frame = raw
-            if raw is not None and raw.points is not None:
-                self._frame = replace(raw, points=self._points(raw.points, time))
+            self._frame = None if raw is None else self._seen_in(raw, time)
         return self._frame
+
+    def _move(self, time: int) -> None:
+        """Move the camera itself as far as it has been by the exposure at `time` ns."""
+        for event in self.schedule.begun(time, *SUDDEN, *SLOW):
+            since = self._moved_until.get(event)
+            until = min(time, event.end) if event.kind in SLOW else event.start
+            if since is None or until > since:
+                self._moved_until[event] = until
+                self.moved(event, (until - (event.start if since is None else since)) * 1e-9)
+
+    def _seen_in(self, raw: Frame, time: int) -> Frame:
+        """The frame that the camera gives: of a picture that is frozen, the numbers are fresh."""
+        frame = raw
+        if raw.points is not None:
+            frame = replace(raw, points=self._points(raw.points, time))
+        for event in self.schedule.acting(time, "freeze"):
+            if event.number("marker") == 0:
+                still = self._stills.setdefault(event, frame)
+                frame = replace(frame, image=still.image, points=still.points)
+        return frame
 
     # ------------------------------------------------------------ pictures
 
@@ -71,18 +84,19 @@ class View:
         if any(self.schedule.acting(time, "swap")):
             radii.reverse()
             colours.reverse()
-        for event in self.schedule.acting(time, "marker_loss", "false_marker"):
+        for event in self.schedule.acting(time, "marker_loss"):
             for i in _which(event):
                 radii[i] = 0.0
+        for i, _ in self.likenesses.at(time):
+            radii[i] = 0.0
         return replace(self.look, marker_radii=tuple(radii), marker_colours=tuple(colours))
 
     def _between(self, time: int) -> Between | None:
         """What stands between the scene and the sensor."""
         layers: list[Between] = []
-        for event in self.schedule.acting(time, "false_marker"):
-            i = int(event.number("marker")) - 1
-            u, v = self._seen(time)[i] + self._offset(event, time, i)
-            layers.append(_ball(u, v, self._radius(time, i), self.look.marker_colours[i]))
+        for i, (u, v) in self.likenesses.at(time):
+            radius = self.likenesses.radius(time, i)
+            layers.append(_ball(u, v, radius, self.look.marker_colours[i]))
         for event in self.schedule.acting(time, "smoke", "stain"):
             layers.append(_laid(self._veil(event, time), (time - event.start) * 1e-9))
 
@@ -99,9 +113,9 @@ class View:
         points = points.copy()
         if any(self.schedule.acting(time, "swap")):
             points = points[::-1].copy()
-        for event in self.schedule.acting(time, "false_marker"):
-            for i in _which(event):
-                points[i] += self._offset(event, time, i)
+        for i, there in self.likenesses.at(time):
+            noise = np.nan_to_num(points[i] - self.likenesses.true(time)[i])
+            points[i] = there + noise if self.likenesses.inside(there) else np.nan
         for event in self.schedule.acting(time, "smoke", "stain"):
             points[self._veil(event, time).hides(points, (time - event.start) * 1e-9)] = np.nan
         for event in self.schedule.acting(time, "marker_loss"):
@@ -114,43 +128,18 @@ class View:
     def _size(self) -> tuple[int, int]:
         return self.camera.optics.width, self.camera.optics.height
 
-    def _markers(self, time: int) -> Floats:
-        """p₁ and p₂ (2, 3) mm at a moment (ns)."""
-        return self.camera.points_at(time)[:2]
-
-    def _seen(self, time: int) -> Floats:
-        """Where the markers truly are in the picture, (2, 2) px."""
-        return self.camera.optics.project(self._markers(time))
-
-    def _radius(self, time: int, i: int) -> float:
-        return self.camera.optics.silhouette_radius(
-            self._markers(time)[i], self.look.marker_radii[i]
-        )
-
     def _veil(self, event: Event, time: int) -> Veil:
         if event not in self._veils:
-            lasts, seen = event.disturbance.lasts, self._seen(time)
+            lasts, seen = event.disturbance.lasts, self.likenesses.true(time)
             if event.kind == "smoke":
                 self._veils[event] = Smoke(self._size, lasts, seen.mean(axis=0), event.random)
             else:
                 larger, by = DROP
-                drops = [[*seen[i], larger * self._radius(time, i) + by] for i in range(2)]
+                drops = [
+                    [*seen[i], larger * self.likenesses.radius(time, i) + by] for i in range(2)
+                ]
                 self._veils[event] = Stain(self._size, lasts, np.array(drops), event.random)
         return self._veils[event]
-
-    def _offset(self, event: Event, time: int, i: int) -> Floats:
-        """How far from the true marker i the false one appears, (2,) px.
-
-        It appears within the picture if that can be.
-        """
-        if event not in self._offsets:
-            margin = MARGIN + self._radius(time, i)
-            ways = event.random.uniform(0.0, 2.0 * np.pi, 16)
-            offsets = event.number("px") * np.column_stack([np.cos(ways), np.sin(ways)])
-            there = self._seen(time)[i] + offsets
-            inside = ((there > margin) & (there < np.array(self._size) - margin)).all(axis=1)
-            self._offsets[event] = offsets[int(np.argmax(inside))]
-        return self._offsets[event]
 
 
 def _which(event: Event) -> list[int]:

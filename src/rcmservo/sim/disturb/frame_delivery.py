@@ -66,7 +66,11 @@ class Delivery:
         for event in self.schedule.acting(time, "latency", "delay"):
             late += event.number("s") * (event.random.uniform() if event.kind == "delay" else 1.0)
         arrival = max(time + round(late * 1e9), self._coming[-1][0] if self._coming else 0)
-        steps = self.schedule.acting(time, "clock_step")
-        wrong = sum(round(event.number("s") * 1e9) for event in steps)
-        frame = replace(frame, exposure=frame.exposure + wrong, arrival=arrival + wrong)
+        wrong, apart = self._wrong(time, "clock_step"), self._wrong(time, "clocks_apart")
+        told = frame.exposure + wrong + apart
+        frame = replace(frame, exposure=told, arrival=arrival + wrong)
         self._coming.append((arrival, frame))
+
+    def _wrong(self, time: int, kind: str) -> int:
+        """By how many ns stamps are wrong at `time` ns."""
+        return sum(round(event.number("s") * 1e9) for event in self.schedule.acting(time, kind))

@@ -35,6 +35,9 @@ class Kind:
     pictures: bool = True
     """False if only a camera that tells points can suffer it."""
 
+    stays: bool = False
+    """Whether what it brought about stays when it is over, and may be noticed long after."""
+
     @property
     def keys(self) -> list[str]:
         """What can be given of it, by name."""
@@ -49,13 +52,18 @@ class Kind:
         return ",".join(["at", *keys])
 
 
-LOST = Cause.MARKERS_LOST, Cause.MARKER_1_LOST, Cause.MARKER_2_LOST
+WITHOUT = Cause.WITHOUT_MARKER_1, Cause.WITHOUT_MARKER_2
+LOST = Cause.MARKERS_LOST, Cause.MARKER_1_LOST, Cause.MARKER_2_LOST, *WITHOUT
 UNLIKELY = Cause.SURPRISED, Cause.REJECTED
-MOVED = Cause.CAMERA_MOVED, Cause.TARGET_OLD, *UNLIKELY, *LOST
+SEEN_OTHERWISE = Cause.DRIFTS, Cause.ELSEWHERE
+MOVED = Cause.CAMERA_MOVED, Cause.TARGET_OLD, *SEEN_OTHERWISE, *UNLIKELY, *LOST
+MISLED = *UNLIKELY, *SEEN_OTHERWISE, Cause.DIVERGED, Cause.NOT_EXPLORED
+MOVING = *MOVED, Cause.DIVERGED, Cause.NOT_EXPLORED
 TOO_OLD = Cause.STALE, Cause.AGEING
 LATE_LOOP = Cause.LATE_TICK, Cause.OVERRUN, Cause.DRIVE_OFF
 NOT_FOLLOWING = (Cause.NOT_FOLLOWING,)
 
+EITHER = {"marker": Number(1, 1, 2, (1, 2), whole=True)}
 AXIS = {"axis": Number(1, 1, 3, (1, 3), whole=True)}
 
 KINDS: Mapping[str, Kind] = MappingProxyType(
@@ -69,10 +77,25 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "false_marker": Kind(
             "a marker is hidden, and something that looks like it appears some way off",
             UNLIKELY,
-            {
-                "marker": Number(1, 1, 2, (1, 2), whole=True),
-                "px": Number(60.0, 1.0, 1000.0, (15.0, 150.0), "px"),
-            },
+            {**EITHER, "px": Number(60.0, 1.0, 1000.0, (15.0, 150.0), "px")},
+        ),
+        "flicker": Kind(
+            "the same in every second frame only",
+            MISLED,
+            {**EITHER, "px": Number(60.0, 1.0, 1000.0, (6.0, 150.0), "px")},
+        ),
+        "slide": Kind(
+            "a marker is hidden, and something that looks like it slides away from it",
+            (*MISLED, *LOST),
+            {**EITHER, "speed": Number(5.0, 0.1, 1000.0, (2.0, 10.0), "px/s")},
+            likely=(2.0, 8.0),
+        ),
+        "freeze": Kind(
+            "the picture is frozen while frames come with fresh numbers and times; 1 or 2: that "
+            "marker only stays where it is seen",
+            (Cause.FROZEN, *MISLED, Cause.FRAMES_NOT_NEW),
+            {"marker": Number(0, 0, 2, (0, 2), whole=True)},
+            likely=(0.5, 4.0),
         ),
         "nan_points": Kind(
             "the tracker gives coordinates that are not finite", LOST, pictures=False
@@ -98,6 +121,38 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "relocate": Kind(
             "the camera is moved elsewhere and sees the tool from another side", MOVED, lasts=None
         ),
+        "pan": Kind(
+            "the camera turns slowly in some direction: the picture moves at speed, and stays "
+            "where it is then",
+            MOVING,
+            {"speed": Number(10.0, 0.1, 1000.0, (2.0, 20.0), "px/s")},
+            lasts=4.5,
+            likely=(2.0, 6.0),
+            stays=True,
+        ),
+        "rolling": Kind(
+            "the camera rolls slowly about its line of sight, and stays where it is then",
+            MOVING,
+            {"speed": Number(1.0, -90.0, 90.0, (-4.0, 4.0), "deg/s")},
+            lasts=8.0,
+            likely=(2.0, 8.0),
+            stays=True,
+        ),
+        "dolly": Kind(
+            "the camera moves slowly along its line of sight, and stays where it is then",
+            MOVING,
+            {"speed": Number(2.0, -50.0, 50.0, (-4.0, 4.0), "mm/s")},
+            lasts=4.0,
+            likely=(2.0, 6.0),
+            stays=True,
+        ),
+        "zoom": Kind(
+            "the camera's focal length grows by a share of itself",
+            MOVING,
+            {"share": Number(0.02, -0.2, 1.0, (-0.05, 0.05))},
+            lasts=None,
+            stays=True,
+        ),
         "stuck": Kind("the camera stands still: no frame comes", TOO_OLD),
         "delay": Kind(
             "every frame comes later by another time of up to s",
@@ -122,6 +177,12 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             "the camera's clock is wrong by s",
             (Cause.FRAMES_CLOCK, Cause.AGEING),
             {"s": Number(3600.0, -1e6, 1e6, (-3600.0, 3600.0), "s")},
+        ),
+        "clocks_apart": Kind(
+            "the camera's clock is s ahead of the computer's: exposures are told wrongly, arrivals "
+            "are not",
+            (Cause.FRAMES_CLOCK, Cause.JOINTS_UNKNOWN, Cause.LATE, *TOO_OLD, *MISLED),
+            {"s": Number(-0.03, -1.0, 1.0, (-0.06, 0.06), "s")},
         ),
         "corrupt": Kind(
             "frames come damaged: of another size, half missing, with flipped bits, or empty",

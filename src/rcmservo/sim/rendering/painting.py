@@ -15,7 +15,7 @@ from rcmservo.sim.rendering.coverage import TILE, uniform
 from rcmservo.sim.rendering.light import Lamp, shade
 from rcmservo.sim.rendering.vectors import Light, times
 
-SAMPLES = 16
+SAMPLES = 32
 """On a pixel at an outline."""
 
 
@@ -38,14 +38,15 @@ class Shot(NamedTuple):
 def pattern_of(moments: int) -> Floats:
     """Where in the pixel and when each sample is taken, at so many moments: `Shot.pattern`.
 
-    The places are Hammersley's. Up to four moments, each one's samples have their mean at the
-    pixel's centre, so that blur shifts nothing.
+    The places are a lattice without a favoured direction, symmetric about the pixel's centre: an
+    outline of any direction is cut evenly. Opposite places share a moment, so each moment's samples
+    have their mean at the centre, and blur shifts nothing.
     """
     i = np.arange(SAMPLES)
-    mirrored = sum(((i >> bit) & 1) << (3 - bit) for bit in range(4))
-    turn = (i // 4 + i % 4) % 4 * 4 + i // 4
-    u, v = (i + 0.5) / 16 - 0.5, (mirrored + 0.5) / 16 - 0.5
-    return np.stack([u, v, 1 + turn * moments // SAMPLES], axis=1)
+    u, v = (i + 0.5) / SAMPLES - 0.5, ((7 * i + 3) % SAMPLES + 0.5) / SAMPLES - 0.5
+    pair = np.minimum(i, SAMPLES - 1 - i)
+    turn = 5 * pair % (SAMPLES // 2)
+    return np.stack([u, v, 1 + turn * moments // (SAMPLES // 2)], axis=1)
 
 
 @compiled

@@ -24,7 +24,7 @@ from rcmservo.loop.teach import teach
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.flow import FlowEstimator
-from rcmservo.method.estimators.projection import PRINTED
+from rcmservo.method.estimators.projection import PRINTED, ProjectionEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.record import reader
@@ -40,8 +40,18 @@ PRINTED_LAW = SaturatedController(gain=0.1, bounds=(float(np.radians(10.0)), 10.
 PRINTED_FIT = PRINTED
 """The paper's projection-based estimator."""
 
-WIDE = Exploration(radius=15.0, speed=30.0, max_time=60.0)
-"""An exploration for the printed fit: ten noisy observations of one marker need 15 mm."""
+FAST_LAW = SaturatedController(gain=2.0)
+"""The paper's law with k = 2 and our b."""
+
+FAST_FIT = ProjectionEstimator()
+"""The paper's projection-based estimator with our Γ, which is fast, on both markers."""
+
+STEADY = Exploration(leg=1.0, share=0.12, growth=1.0, max_time=60.0)
+"""A tour of equal rounds, whose size `reach` alone decides, at about 30 mm/s with FAST_ARM."""
+
+WIDE = replace(STEADY, reach=17.0, legs=8)
+"""An exploration for the printed fit: ten noisy observations of one marker need two rounds of 17
+mm."""
 
 PAPER_SCENES = SceneSettings(
     errors=(float(np.radians(40.0)), -80.0, -60.0),
@@ -59,7 +69,7 @@ picture.
 FLOW = FlowEstimator(gamma=0.001)
 """The paper's flow-based estimator."""
 
-LONG = Exploration(radius=10.0, speed=30.0, rounds=9, max_time=60.0, tolerance=0.2)
+LONG = replace(STEADY, reach=12.0, legs=60, tolerance=0.2)
 """An exploration for the flow rule, which learns by 1 − exp(−γ v L): about 20 s of touring."""
 
 PAPER_METHODS: dict[str, tuple[Estimator, Exploration]] = {
@@ -79,6 +89,11 @@ NEAR = np.array([np.radians(0.1), 0.2, 0.2])
 """Mean |Δy| (rad, px, px) over AVERAGED frames at which the tool counts as there."""
 
 AVERAGED = 30
+
+
+def for_ever(exploration: Exploration) -> Exploration:
+    """The same tour, without an end."""
+    return replace(exploration, legs=1000, max_time=1e6)
 
 
 def recorded(folder: Path) -> reader.Record:

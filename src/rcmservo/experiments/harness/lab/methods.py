@@ -1,17 +1,26 @@
 """The methods that are compared: what each is handed, and how it takes the tool to a target.
 
-Five learn Ĵ and need no calibration. One learns a constant Jacobian of the four marker coordinates
+Six learn Ĵ and need no calibration. One learns a constant Jacobian of the four marker coordinates
 from the same exploration. The others are handed a calibration, exact or wrong.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
-from rcmservo.experiments.harness.lab.calibration import (
+from rcmservo.experiments.harness.lab.closed_loop import (
+    FAST_FIT,
+    FAST_LAW,
+    FLOW,
+    LONG,
+    PRINTED_FIT,
+    WIDE,
+    servo_for,
+)
+from rcmservo.experiments.harness.lab.others.calibration import (
     Calibrated,
     Calibration,
     Miscalibration,
@@ -19,17 +28,18 @@ from rcmservo.experiments.harness.lab.calibration import (
     rolled,
     wrong,
 )
-from rcmservo.experiments.harness.lab.closed_loop import FLOW, LONG, PRINTED_FIT, WIDE, servo_for
-from rcmservo.experiments.harness.lab.laws import Law, PointLaw, PoseLaw, Seen, drive
+from rcmservo.experiments.harness.lab.others.constant import ConstantJacobian
+from rcmservo.experiments.harness.lab.others.laws import PoseLaw, drive
 from rcmservo.experiments.harness.lab.witness import Trial, Witness, laboratory
-from rcmservo.interfaces import Floats, Target
+from rcmservo.guard.thresholds import Thresholds
+from rcmservo.interfaces import Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.broyden import BroydenEstimator
-from rcmservo.method.estimators.projection import ProjectionEstimator
+from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, SceneSettings
@@ -37,6 +47,9 @@ from rcmservo.sim import Rig, SceneSettings
 LINES_ONLY = Exploration(tolerance=1e3)
 """The default tour, of which a calibrated law needs nothing but the lines for o_c: it trusts its
 Ĵ."""
+
+TRUSTING = Thresholds(disagreements=1000)
+"""Of a Jacobian that stays as it was while the tool goes on."""
 
 Quality = Literal["exact", "wrong", "rolled"]
 
@@ -49,8 +62,9 @@ class Conditions:
     """px, of every marker coordinate."""
     duration: float = 20.0
     """s after the exploration."""
-    controller: SaturatedController = field(default_factory=SaturatedController)
-    """Of every servo; laws that are not a servo's take its gain k and its greatest speed."""
+    controller: SaturatedController = FAST_LAW
+    """Of every servo but our default's; laws that are not a servo's take its gain k and its
+    greatest speed."""
     miscalibration: Miscalibration = field(default_factory=Miscalibration)
     """How wrong a wrong calibration is."""
     roll: float = float(np.radians(90.0))
@@ -82,9 +96,15 @@ class Attempt:
         random = np.random.default_rng([self.rig.seed, 1])
         return wrong(optics, conditions.miscalibration, random)
 
-    def servo(self, estimator: Estimator, exploration: Exploration) -> Servo:
-        """A servo with the controller of all methods."""
-        return servo_for(self.rig, estimator, exploration, self.conditions.controller)
+    def servo(
+        self,
+        estimator: Estimator,
+        exploration: Exploration,
+        controller: SaturatedController | None = None,
+    ) -> Servo:
+        """A servo, if not with a controller of its own with that of all methods."""
+        law = controller or self.conditions.controller
+        return servo_for(self.rig, estimator, exploration, law)
 
     def servo_by(self, servo: Servo) -> None:
         """Explore, then servo for as long as every method has."""
@@ -98,27 +118,11 @@ class Attempt:
         for tick in run(self.plant, servo, self.target, longest, done=over):
             witness.look_at(tick)
 
-    def move_by(self, law: Law, after: float = 0.0) -> None:
-        """Move by a law of its own, from `after` s on."""
-        robot = self.servo(ProjectionEstimator(), Exploration())
+    def move_by(self, law: PoseLaw) -> None:
+        """Move by a law of its own."""
+        robot = self.servo(FAST_FIT, Exploration())
         for time in drive(self.plant, robot, law, self.conditions.duration):
-            self.witness.look(after + time)
-
-    def explore(self) -> Seen:
-        """Explore as our default does, and keep what was seen on the way."""
-        servo = self.servo(ProjectionEstimator(), Exploration())
-        frames: dict[int, tuple[Floats, Floats]] = {}
-        longest = servo.exploration.max_time
-        for tick in run(self.plant, servo, self.target, longest, done=_explored):
-            self.witness.look_at(tick)
-            if 0 <= tick.state.believed == tick.seen.frame:
-                frames[tick.seen.frame] = (tick.state.p1, tick.seen.points.ravel())
-        p1, m = zip(*frames.values(), strict=True)
-        return Seen(np.array(p1), np.array(m))
-
-
-def _explored(tick: Tick) -> bool:
-    return tick.state.explored
+            self.witness.look(time)
 
 
 @dataclass(frozen=True)
@@ -143,9 +147,11 @@ class Learner(Method):
     """What Ĵ comes from."""
     exploration: Exploration
     """The first motion, as this estimator needs it."""
+    controller: SaturatedController | None = field(default=None, kw_only=True)
+    """Its own; None for that of all methods."""
 
     def run(self, attempt: Attempt) -> None:
-        attempt.servo_by(attempt.servo(self.estimator, self.exploration))
+        attempt.servo_by(attempt.servo(self.estimator, self.exploration, self.controller))
 
 
 @dataclass(frozen=True)
@@ -176,45 +182,50 @@ class PoseBased(Method):
     """Of the calibration."""
 
     def run(self, attempt: Attempt) -> None:
-        robot = attempt.servo(ProjectionEstimator(), Exploration())
+        robot = attempt.servo(FAST_FIT, Exploration())
         given, gain = attempt.calibration(self.quality), attempt.conditions.controller.gain
         attempt.move_by(PoseLaw(given, robot, attempt.target, gain))
 
 
 @dataclass(frozen=True)
 class PointBased(Method):
-    """Point-based control on four marker coordinates, with a calibration and no exploration."""
+    """The law on four marker coordinates, with a calibration."""
 
     quality: Quality
-    """Of the calibration."""
+    """Of the calibration: exact or wrong."""
 
     def run(self, attempt: Attempt) -> None:
-        given, tool = attempt.calibration(self.quality), attempt.rig.settings.tool
-
-        def jacobian(p1: Floats) -> Floats:
-            return given.points_jacobian(p1, tool)
-
-        attempt.move_by(PointLaw(jacobian, attempt.target, attempt.conditions.controller.gain))
+        law = replace(attempt.conditions.controller, features="points")
+        estimator = Calibrated(attempt.calibration(self.quality))
+        attempt.servo_by(attempt.servo(estimator, LINES_ONLY, law))
 
 
 @dataclass(frozen=True)
-class ConstantJacobian(Method):
-    """One constant Jacobian (4, 3) of the marker coordinates, learnt while exploring."""
+class Constant(Method):
+    """The law on four marker coordinates, with one constant Jacobian learnt while exploring."""
 
     def run(self, attempt: Attempt) -> None:
-        began = attempt.rig.clock.now()
-        L = attempt.explore().constant_jacobian()
-        explored = (attempt.rig.clock.now() - began) / 1e9
-        law = PointLaw(lambda _: L, attempt.target, attempt.conditions.controller.gain)
-        attempt.move_by(law, after=explored)
+        law = replace(attempt.conditions.controller, features="points")
+        servo = attempt.servo(ConstantJacobian(), LINES_ONLY, law)
+        attempt.servo_by(replace(servo, thresholds=TRUSTING))
 
 
-DEFAULT = Learner("our projection-based default", "ours", ProjectionEstimator(), Exploration())
+FAST = Learner("our projection-based method (fast Γ, k = 2)", "fast Γ", FAST_FIT, Exploration())
+DEFAULT = Learner(
+    "our default (the whole projection, k = 8)",
+    "default",
+    DltEstimator(),
+    Exploration(),
+    controller=SaturatedController(),
+)
+OUR_METHODS = {"fast": FAST, "default": DEFAULT}
+"""The two that are this software's own."""
+
 FLOW_RULE = Learner("the paper's flow rule (28) with γ = 0.001", "flow rule", FLOW, LONG)
 STEP = BroydenEstimator().min_step
 
 METHODS: Mapping[str, Method] = {
-    "ours": DEFAULT,
+    **OUR_METHODS,
     "printed": Learner(
         "the paper's projection rule (21) with 10⁴ s of its own time a fit",
         "printed Γ",
@@ -223,7 +234,7 @@ METHODS: Mapping[str, Method] = {
     ),
     "flow": FLOW_RULE,
     "broyden": Learner(
-        f"Broyden's update on displacements of {STEP:g} mm (our default)",
+        f"Broyden's update on displacements of {STEP:g} mm (as built in)",
         "Broyden",
         BroydenEstimator(),
         Exploration(),
@@ -234,7 +245,7 @@ METHODS: Mapping[str, Method] = {
         BroydenEstimator(min_step=1.0),
         Exploration(),
     ),
-    "constant": ConstantJacobian(
+    "constant": Constant(
         "one constant 4x3 Jacobian of the marker coordinates, learnt while exploring",
         "constant 4x3",
     ),

@@ -11,11 +11,13 @@ from typing import Any, Literal
 import numpy as np
 
 from rcmservo.experiments.harness.lab.closed_loop import (
+    FAST_FIT,
     FLOW,
     LONG,
     PAPER_SCENES,
     PRINTED_FIT,
     PRINTED_LAW,
+    for_ever,
     servo_for,
 )
 from rcmservo.experiments.harness.lab.random_observations import RandomObservations
@@ -25,7 +27,7 @@ from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
 from rcmservo.method.controller import scaled
 from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.estimators.projection import ProjectionEstimator
+from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.tool import Tool
 from rcmservo.servo.servo import State
@@ -38,20 +40,22 @@ ESTIMATORS: Mapping[str, Estimator] = {
     "random": RandomObservations(),
     "given time": PRINTED_FIT,
     "real time": RandomObservations(estimator_time=0.0),
-    "fast": ProjectionEstimator(),
+    "fast": FAST_FIT,
+    "whole": DltEstimator(),
 }
 LABELS = {
     "flow": "flow, γ = 0.001",
     "random": "printed Γ, 10⁴ s a fit, random observations",
     "given time": "printed Γ, 10⁴ s a fit, chosen observations",
     "real time": "printed Γ, real time, random observations",
-    "fast": "fast Γ, both markers (our default)",
+    "fast": "fast Γ, both markers (ours)",
+    "whole": "the whole projection (our default)",
 }
-SHORT = ["flow", "random", "chosen", "real time", "fast Γ"]
+SHORT = ["flow", "random", "chosen", "real time", "fast Γ", "whole"]
 NAMES = (
     "Random and chosen: the printed Γ, 10⁴ s a fit, on random observations and on those chosen by "
-    "leverage; real time: the printed Γ on random ones in real time; fast Γ: our default, both "
-    "markers."
+    "leverage; real time: the printed Γ on random ones in real time; fast Γ: ours, both "
+    "markers; whole: our default, the whole projection fitted to all frames."
 )
 """What the short names in the figures mean."""
 
@@ -72,7 +76,7 @@ class StreamSettings:
     scene: SceneSettings = PAPER_SCENES
     """What the scenes are drawn from."""
     exploration: Exploration = LONG
-    """Of a servo run; a tour takes its radius and speed."""
+    """Of a servo run; a tour is the same without an end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +96,9 @@ class Stream:
 
 
 def stream(seed: int, noise: float, settings: StreamSettings, kind: Kind) -> tuple[Rig, Stream]:
-    """The samples that a servo with the default estimator learnt from, and the truth at each."""
+    """The samples that a servo with the fast fit learnt from, and the truth at each."""
     rig, plant = laboratory(seed, settings.scene, noise)
-    servo = servo_for(rig, ProjectionEstimator(), _exploration(settings, kind), PRINTED_LAW)
+    servo = servo_for(rig, FAST_FIT, _exploration(settings, kind), PRINTED_LAW)
     rig.show_target()
     target = teach(plant)
     rig.go_home()
@@ -108,16 +112,15 @@ def stream(seed: int, noise: float, settings: StreamSettings, kind: Kind) -> tup
             continue
         dt = (state.learnt.estimate.exposure - last) * 1e-9 if last >= 0 else 0.0
         last = state.learnt.estimate.exposure
-        samples.append(Sample(state.p1, tick.seen.points, state.o_c, dt))
+        sizes = tick.seen.sizes
+        samples.append(Sample(state.p1, tick.seen.points, state.o_c, dt, sizes))
         rows.append((tick.time / 1e9, _phase(tick, settings, kind), *_truth(rig, state)))
     time, phases, Js, vs = (np.array(column) for column in zip(*rows, strict=True))
     return rig, Stream(samples, time, phases, Js, vs)
 
 
 def _exploration(settings: StreamSettings, kind: Kind) -> Exploration:
-    once = settings.exploration
-    tour = Exploration(once.radius, once.speed, rounds=1000, max_time=1e6)
-    return once if kind == "servo" else tour
+    return settings.exploration if kind == "servo" else for_ever(settings.exploration)
 
 
 def _truth(rig: Rig, state: State) -> tuple[Floats, Floats]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rcmservo.experiments.harness.lab.closed_loop import FAST_FIT, FAST_LAW
 from rcmservo.experiments.harness.statistics import median, rms
 from rcmservo.guard.causes import Cause
 from rcmservo.interfaces import Floats
@@ -139,13 +140,13 @@ class Witness:
 def settle(
     seed: int, settings: RigSettings, duration: float, known: Tool | None = None
 ) -> tuple[Trial, list[Tick]]:
-    """Servo from home to the scene's target with the default settings: the trial and its
-    ticks. The servo takes its tool as `known`, if not as it is."""
+    """Servo from home to the scene's target with the fast fit and law: the trial and its ticks. The
+    servo takes its tool as `known`, if not as it is."""
     rig, plant = seen_by_points(seed, settings)
     rig.show_target()
     target = teach(plant)
     rig.go_home()
-    servo = Servo(settings.mechanism, known or settings.tool)
+    servo = Servo(settings.mechanism, known or settings.tool, FAST_FIT, FAST_LAW)
     witness, ticks = Witness(rig), list[Tick]()
     for tick in run(plant, servo, target, duration):
         witness.look_at(tick)

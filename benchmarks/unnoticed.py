@@ -1,0 +1,274 @@
+"""What goes wrong without a word: for each row of disturbances that leave frames plausible, does
+the servo notice before the tool is millimetres off?
+
+    python benchmarks/unnoticed.py [ROW ...] [--runs 50] [--first 0] [--estimator projection]
+        [--processes N]
+
+Every run has a scene of its own, a camera that delivers points with 0.3 px of noise, a target that
+was shown with 300 frames, and 20 s. Nobody resumes: a pause ends it. The rows, and when what they
+tell of begins, are in unnoticed_rows.py; `one(row, seed)` below is one run.
+
+An onlooker knows the camera as it was when the target was shown, the true joints, and the noise
+(rcmservo.sim.disturb.oracle). The rule of visibility: a disturbance is visible from the first
+moment at which the largest coordinate of the innovation, the markers delivered less their true
+projection, has been at least 5 times the noise in every delivered frame for 0.3 s. A marker that is
+wrong in every second frame, a drive that lags and frames that come late are never visible so: they
+are judged by where the run ends.
+
+    settled  runs that end as if all were well: servoing, the features' errors (rms) within the
+             tolerance through the last second, the joints within 5 mm of where they were shown
+    wrong    of these, those more than 2.5 mm from where the target was shown (bar: 0)
+    worst    mm from there, the worst of those that settled
+    visible  runs in which it became visible
+    grown    mm by which the true error grew after that while the servo named no cause, the worst
+             (bar: 5)
+    stops    with a right cause, of all; a target that is refused while it is shown is a stop
+    silent   runs without any stop
+
+The true error is that of marker 2. Rows:
+
+{rows}
+"""
+
+import argparse
+import signal
+import sys
+from collections import Counter
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field
+from multiprocessing import Pool
+
+import numpy as np
+from unnoticed_rows import FIRST, MOVED, ROWS, RUN, SHOWING, TWO_RUNS, Trouble
+
+import rcmservo as rs
+from rcmservo.app.servo_options import ServoOptions
+from rcmservo.interfaces import Floats, Target
+from rcmservo.loop.teach import NotShown
+from rcmservo.record.verdict import SAME_POSE, TOLERANCE, Judge
+from rcmservo.servo.state import State
+from rcmservo.sim import Disturbance, RigSettings
+from rcmservo.sim.disturb import causes_of
+from rcmservo.sim.disturb.oracle import STOPPED, Oracle, Unnoticed
+from rcmservo.tracking import PointMarkers
+
+DURATION = 20.0
+FRAMES = 300
+NOISE = 0.3
+WRONG = 2.5
+"""mm from the target beyond which a run must not call itself settled."""
+
+UNREADY = "the first run did not settle"
+"""Such runs are left out of the figures."""
+
+GROWN = 5.0
+"""mm by which the true error may grow unnoticed."""
+
+
+@dataclass
+class Run:
+    """What became of one run: times in s, lengths in mm. ``grown`` as in the oracle's file."""
+
+    row: str
+    seed: int
+    disturbances: list[str]
+    end: str = ""
+    settled: bool = False
+    error: float = np.nan
+    visible: float = np.nan
+    grown: float = 0.0
+    stops: list[tuple[float, str, str, bool]] = field(default_factory=list)
+
+    @property
+    def wrong(self) -> bool:
+        return self.settled and not self.error <= WRONG
+
+
+class Trial:
+    """A laboratory in which one run of a row takes place."""
+
+    def __init__(
+        self, run: Run, row: Trouble, disturbances: list[Disturbance], estimator: str
+    ) -> None:
+        settings = RigSettings(point_noise=NOISE, drive=row.drive)
+        self.run, self.row, self.disturbances = run, row, disturbances
+        self.rig = rs.sim.Rig(run.seed, settings, False, disturbances)
+        self.plant = rs.Plant(self.rig.arm, self.rig.camera, PointMarkers(), self.rig.clock)
+        learner = ServoOptions().estimator(estimator)
+        self.servo = rs.Servo(settings.mechanism, settings.tool, learner)
+        self.unnoticed = Unnoticed(Oracle(self.rig.truth, NOISE))
+        self.shown = self.marker_2()
+
+    def marker_2(self) -> Floats:
+        """Where it is, (3,) mm."""
+        return self.rig.truth.markers(self.rig.clock.now())[1]
+
+    def teach(self) -> Target:
+        """A person shows the target and brings the tool back to the start."""
+        self.rig.show_target()
+        self.shown = self.marker_2()
+        if self.row.when == SHOWING:
+            self.rig.begin()
+        target = rs.teach(self.plant, FRAMES)
+        self.rig.go_home()
+        return target
+
+    def earlier(self, target: Target) -> State | None:
+        """A first run; its state, if it settled. Then the tool is brought back to the start."""
+        self.rig.begin()
+        began, judge = self.rig.clock.now(), Judge(self.servo, target)
+        for tick in rs.run(self.plant, self.servo, target, FIRST):
+            judge.add(tick)
+            last = tick
+        self.rig.let_pass(began + round((MOVED + 0.5) * 1e9))
+        self.rig.go_home()
+        return last.state if self.settled(last, target, judge) else None
+
+    def judged(self, target: Target, state: State | None = None) -> None:
+        """The run that counts, and what became of it."""
+        if self.row.when == RUN:
+            self.rig.begin()
+        run, judge = self.run, Judge(self.servo, target)
+        for tick in self.watched(rs.run(self.plant, self.servo, target, DURATION, state=state)):
+            judge.add(tick)
+        run.settled = self.settled(tick, target, judge)
+        run.end = judge.outcome().cause
+        run.error = float(np.linalg.norm(self.marker_2() - self.shown))
+        run.grown = self.unnoticed.grown
+
+    def settled(self, last: rs.Tick, target: Target, judge: Judge) -> bool:
+        """Whether a run ends as if all were well."""
+        marker_1 = self.servo.marker_1
+        away = np.linalg.norm(marker_1(last.seen.q) - marker_1(target.q))
+        there = bool((judge.outcome().error < TOLERANCE).all() and away <= SAME_POSE)
+        return there and last.state.phase is rs.Phase.SERVO
+
+    def watched(self, ticks: Iterator[rs.Tick]) -> Generator[rs.Tick]:
+        """The same ticks; notes when it became visible, and every stop."""
+        phase, events = None, self.rig.schedule.events
+        began = max((event.start for event in events), default=0)
+        for tick in ticks:
+            self.unnoticed.look(tick, float(np.linalg.norm(self.marker_2() - self.shown)))
+            visible = self.unnoticed.oracle.visible
+            if visible is not None and np.isnan(self.run.visible):
+                self.run.visible = tick.time * 1e-9
+            state = tick.state
+            if state.phase in STOPPED and phase not in STOPPED:
+                right = tick.seen.now >= began and state.cause in self.right
+                name = state.cause.name
+                self.run.stops.append((tick.time * 1e-9, state.phase.name, name, right))
+            phase = state.phase
+            yield tick
+
+    @property
+    def right(self) -> set[rs.Cause]:
+        """The causes that name what goes wrong."""
+        return set(self.row.causes).union(*(causes_of(one.kind) for one in self.disturbances))
+
+
+def one(name: str, seed: int, estimator: str = "dlt") -> Run:
+    """One run of a row and what became of it."""
+    row = ROWS[name]
+    disturbances = row.draw(np.random.default_rng([seed, 5]))
+    run = Run(name, seed, [str(disturbance) for disturbance in disturbances])
+    trial = Trial(run, row, disturbances, estimator)
+    try:
+        target = trial.teach()
+    except NotShown as refused:
+        run.end = str(refused)
+        run.stops.append((0.0, "REFUSED", "NOT_SHOWN", row.when == SHOWING))
+        return run
+    state = trial.earlier(target) if row.when == TWO_RUNS else None
+    if row.when == TWO_RUNS and state is None:
+        run.end = UNREADY
+        return run
+    trial.judged(target, state)
+    return run
+
+
+def report(runs: list[Run]) -> None:
+    """The table, and for each row the causes and the worst seeds."""
+    print("row            runs settled wrong  worst  visible  grown  stops right  silent")
+    rows = {name: [run for run in runs if run.row == name] for name in ROWS}
+    ready = {name: [run for run in rows[name] if run.end != UNREADY] for name in ROWS}
+    for name in ROWS:
+        if ready[name]:
+            print(line(name, ready[name]))
+    for name in ROWS:
+        if ready[name]:
+            details(name, ready[name])
+        if len(ready[name]) < len(rows[name]):
+            print(f"  {len(rows[name]) - len(ready[name])} more left out: {UNREADY}")
+
+
+def line(name: str, runs: list[Run]) -> str:
+    """A row of the table."""
+    stops = [stop for run in runs for stop in run.stops]
+    worst = max((run.error for run in runs if run.settled), default=np.nan)
+    return (
+        f"{name:<14} {len(runs):4d} {sum(run.settled for run in runs):7d} "
+        f"{sum(run.wrong for run in runs):5d} {worst:6.2f} "
+        f"{sum(np.isfinite(run.visible) for run in runs):8d} "
+        f"{max(run.grown for run in runs):6.2f} "
+        f"{sum(stop[3] for stop in stops):5d} of {len(stops):<3d} "
+        f"{sum(not run.stops for run in runs):6d}"
+    )
+
+
+def details(name: str, runs: list[Run]) -> None:
+    """Of a row: what its stops were called, and its worst runs."""
+    causes = Counter(
+        f"{cause}{'' if right else ' (wrong)'}" for run in runs for _, _, cause, right in run.stops
+    )
+    print(f"\n{name}: {ROWS[name].says}")
+    if causes:
+        print(f"  stops: {', '.join(f'{cause} {n}' for cause, n in causes.most_common())}")
+    odd = [run for run in runs if run.wrong or run.grown > GROWN]
+    for run in sorted(odd, key=lambda run: -max(run.grown, run.error))[:5]:
+        ends = "settled" if run.settled else run.end.partition(":")[0]
+        print(
+            f"  seed {run.seed}: {run.error:.1f} mm off, grown {run.grown:.1f} mm, visible at "
+            f"{run.visible:.1f} s, ends {ends}; {' '.join(run.disturbances)}"
+        )
+
+
+def main() -> None:
+    rows = "\n".join(f"    {name:<14} {row.says}" for name, row in ROWS.items())
+    parser = argparse.ArgumentParser(
+        description=(__doc__ or "").format(rows=rows),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("row", nargs="*", help="all, where none is named")
+    parser.add_argument("--runs", type=int, default=50)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--estimator", default="dlt")
+    parser.add_argument("--processes", type=int, help="as many as there are cores")
+    asked = parser.parse_args()
+    for name in asked.row:
+        if name not in ROWS:
+            parser.error(f"no row {name!r}: {', '.join(ROWS)}")
+    seeds = range(asked.first, asked.first + asked.runs)
+    jobs = [(name, seed, asked.estimator) for name in asked.row or ROWS for seed in seeds]
+    report(measured(jobs, asked.processes))
+
+
+def measured(jobs: list[tuple[str, int, str]], processes: int | None) -> list[Run]:
+    """All runs, or those that were done when nobody waited longer."""
+    runs: list[Run] = []
+    try:
+        with Pool(processes, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
+            for run in pool.imap(of_job, jobs, chunksize=2):
+                runs.append(run)
+                print(f"\r{len(runs)} of {len(jobs)}", end="", file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        print("\nstopped: what follows is of the runs so far", end="", file=sys.stderr)
+    print(file=sys.stderr)
+    return runs
+
+
+def of_job(job: tuple[str, int, str]) -> Run:
+    return one(*job)
+
+
+if __name__ == "__main__":
+    main()

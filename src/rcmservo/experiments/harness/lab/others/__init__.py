@@ -1,0 +1,1 @@
+"""What the methods of others, which ours are compared with, are made of."""

@@ -1,0 +1,55 @@
+"""What frames of a tool at rest show as a target, or why they do not agree on one."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rcmservo.interfaces import Floats, Target
+
+GAUSS = 1.4826
+"""Standard deviations of noise in its median absolute deviation."""
+
+NOISE = 2.0
+"""px of noise of a marker that no camera with a sound tracker has."""
+
+LEAST = 0.7
+"""px of noise that is always allowed: a few frames tell the noise badly."""
+
+OUTLYING = 6.0
+"""Standard deviations from the median from which on a marker is not where it was."""
+
+RARELY = 0.05
+"""Share of the frames that may be so."""
+
+
+@dataclass
+class TargetFrames:
+    """The frames that a target is made of."""
+
+    points: list[Floats] = field(default_factory=list[Floats])
+    """The markers (2, 2) px in each."""
+    joints: list[Floats] = field(default_factory=list[Floats])
+    """The joints (3,) beside it."""
+
+    def add(self, points: Floats, q: Floats) -> None:
+        """Take one more frame."""
+        self.points.append(points)
+        self.joints.append(q)
+
+    def target(self, since: int) -> Target:
+        """Their mean, shown since so many ns."""
+        return Target(np.mean(self.points, axis=0), np.mean(self.joints, axis=0), since)
+
+    def why_not(self) -> str:
+        """Why they make no target; empty where they agree."""
+        off = np.abs(self.points - np.median(self.points, axis=0))
+        noise = GAUSS * np.median(off, axis=0)
+        away = (off > OUTLYING * np.maximum(noise, LEAST)).mean(axis=0)
+        unsteady = ((noise > NOISE) | (away > RARELY)).any(axis=1)
+        if not unsteady.any():
+            return ""
+        which = " and ".join(f"marker {i + 1}" for i in np.flatnonzero(unsteady))
+        return (
+            f"{which} is seen in more than one place, {float(off.max()):.1f} px apart: see that "
+            "nothing else looks like a marker and that the camera stands still"
+        )

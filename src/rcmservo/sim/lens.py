@@ -1,0 +1,97 @@
+"""The true camera for compiled functions: the numbers of `Optics`, its projection and the
+derivative."""
+
+import numpy as np
+
+from rcmservo.compiled import compiled
+from rcmservo.interfaces import Floats
+from rcmservo.loops import products, put
+from rcmservo.method.features import about, features_jacobian
+from rcmservo.method.kinematics import Point
+from rcmservo.method.tool import Shaft, second_marker, second_marker_jacobian, second_point
+from rcmservo.rows import Row, real, reals, whole
+
+
+class Lens(Row):
+    """The true camera."""
+
+    width: int = whole("px", "of the picture")
+    height: int = whole("px", "of the picture")
+    focal: float = real("px", "its focal length")
+    centre: Floats = reals(2, "px", "the principal point")
+    distortion: Floats = reals(2, "", "k1 and k2")
+    fold: float = real("", "the slope beyond which the lens folds")
+    rotation: Floats = reals((3, 3), "", "from world axes to camera axes")
+    position: Floats = reals(3, "mm", "the camera's centre in the world")
+
+
+@compiled
+def in_camera(lens: Lens, p: Floats | Point) -> tuple[float, float, float]:
+    """A point p (3,) mm of the world in camera axes; the last number is its depth."""
+    R = lens.rotation
+    x, y, z = p[0] - lens.position[0], p[1] - lens.position[1], p[2] - lens.position[2]
+    return (
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
+    )
+
+
+@compiled
+def project(lens: Lens, p: Floats | Point) -> tuple[float, float]:
+    """Where a point p (3,) mm appears, px; NaN where `Optics.project` has it."""
+    x, y, z = in_camera(lens, p)
+    u, v = x / z, y / z
+    square = u * u + v * v
+    if not (z > 0.0 and np.sqrt(square) < lens.fold):
+        return np.nan, np.nan
+    stretch = 1.0 + square * (lens.distortion[0] + square * lens.distortion[1])
+    return lens.focal * stretch * u + lens.centre[0], lens.focal * stretch * v + lens.centre[1]
+
+
+@compiled
+def project_jacobian(lens: Lens, p: Floats) -> Floats:
+    """The derivative of `project` at p (3,) mm: (2, 3) px/mm."""
+    x, y, z = in_camera(lens, p)
+    u, v = x / z, y / z
+    square = u * u + v * v
+    k1, k2 = lens.distortion[0], lens.distortion[1]
+    stretch, more = 1.0 + square * (k1 + square * k2), 2.0 * k1 + 4.0 * k2 * square
+    uu, uv, vv = stretch + more * u * u, more * u * v, stretch + more * v * v
+    out, scale, R = np.empty((2, 3)), lens.focal / z, lens.rotation
+    for k in range(3):
+        du, dv = R[0, k] - u * R[2, k], R[1, k] - v * R[2, k]
+        out[0, k], out[1, k] = scale * (uu * du + uv * dv), scale * (uv * du + vv * dv)
+    return out
+
+
+@compiled
+def markers(lens: Lens, shaft: Shaft, p1: Floats) -> Floats:
+    """Where both markers appear, (2, 2) px, with marker 1 at p1 (3,) mm."""
+    out = np.empty((2, 2))
+    picture(lens, shaft, (p1[0], p1[1], p1[2]), out)
+    return out
+
+
+@compiled
+def picture(lens: Lens, shaft: Shaft, p1: Point, out: Floats) -> None:
+    """Write it."""
+    out[0, 0], out[0, 1] = project(lens, p1)
+    out[1, 0], out[1, 1] = project(lens, second_point(shaft, p1))
+
+
+@compiled
+def markers_jacobian(lens: Lens, shaft: Shaft, p1: Floats) -> Floats:
+    """∂(m₁, m₂)/∂p₁ (4, 3) px/mm: the second factor of eq. (15) through the true camera."""
+    out = np.empty((4, 3))
+    second = project_jacobian(lens, second_marker(shaft, p1))
+    put(out[:2], project_jacobian(lens, p1))
+    put(out[2:], products(second, second_marker_jacobian(shaft, p1)))
+    return out
+
+
+@compiled
+def true_jacobian(lens: Lens, shaft: Shaft, p1: Floats, o_c: Floats) -> Floats:
+    """J (3, 3) of eq. (15) with marker 1 at p1 (3,) mm, about the origin o_c (2,) px."""
+    m = about(markers(lens, shaft, p1), o_c)
+    return products(features_jacobian(m), markers_jacobian(lens, shaft, p1))

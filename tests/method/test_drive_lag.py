@@ -1,0 +1,94 @@
+"""The lag of the drives, measured by the first motion, and what is believed of it."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.thresholds import Thresholds
+from rcmservo.interfaces import Floats
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.run import run
+from rcmservo.loop.teach import teach
+from rcmservo.method.drive_lag import (
+    LONGEST,
+    SUPPOSED,
+    begin_lag,
+    follow_drives,
+    lag_of,
+    measure_lag,
+)
+from rcmservo.method.exploration import Exploring
+from rcmservo.servo.servo import Servo
+from rcmservo.sim import Drive, Rig, RigSettings
+from rcmservo.tracking import PointMarkers
+
+FASTEST = np.array([1.0, 1.0, 80.0])
+TICK = 10_000_000
+
+
+def told(lag: float, delay: float, moves: Floats) -> Exploring:
+    """What a second of going back and forth tells of drives of which only those that are 1 in
+    `moves` (3,) obey."""
+    tour, q, rate, steps = Exploring.of(), np.zeros(3), np.zeros(3), 10
+    begin_lag(tour.rows[0])
+    asked = [0.2 * FASTEST * np.sign(np.sin(2.0 * np.pi * k / 30 + 0.1)) for k in range(100)]
+    late = round(delay * 1000)
+    for k in range(100):
+        applied = asked[k - 1] if k else np.zeros(3)
+        follow_drives(tour.rows[0], q.copy(), (k + 1) * TICK, applied, FASTEST)
+        for j in range(steps):
+            at = (k * steps + j - late) // steps
+            wanted = asked[at] if at >= 0 else np.zeros(3)
+            rate += (1.0 - np.exp(-1e-3 / lag)) * (wanted * moves - rate)
+            q = q + 1e-3 * rate
+    measure_lag(tour.rows[0])
+    return tour
+
+
+@given(st.floats(0.005, 0.08), st.floats(0.0, 0.03))
+def test_it_measures_lag_and_delay_together(lag: float, delay: float) -> None:
+    """A delay that is long beside the time from one change of the rates to the next comes out
+    short."""
+    rel = 0.12 if delay <= 0.02 else 0.18
+    assert told(lag, delay, np.ones(3)).lag == pytest.approx(lag + delay, rel=rel, abs=2e-3)
+
+
+def test_a_joint_that_does_not_move_tells_nothing_and_the_others_do() -> None:
+    moves = np.array([1.0, 0.0, 1.0])
+    assert told(0.04, 0.0, moves).lag == pytest.approx(told(0.04, 0.0, np.ones(3)).lag, abs=1e-3)
+
+
+@pytest.mark.parametrize("moves", [np.zeros(3), -np.ones(3)])
+def test_what_cannot_be_a_lag_is_not_believed(moves: Floats) -> None:
+    tour = told(0.04, 0.0, moves)
+    assert tour.lag == 0.0
+    assert lag_of(tour.rows[0], 0.0) == SUPPOSED and lag_of(tour.rows[0], 0.3) == 0.3
+
+
+def went(lag: float, thresholds: Thresholds) -> tuple[set[Cause], float]:
+    """Why an arm with such drives stopped, and s of lag that it measured."""
+    settings = RigSettings(drive=Drive(lag=lag), point_noise=0.1)
+    rig = Rig(1, settings, pictures=False)
+    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
+    rig.show_target()
+    target = teach(plant)
+    rig.go_home()
+    servo = Servo(settings.mechanism, settings.tool, thresholds=thresholds)
+    states = [tick.state for tick in run(plant, servo, target, 4.0)]
+    return {s.cause for s in states if s.cause.stopping}, states[-1].learnt.tour.lag
+
+
+@pytest.mark.parametrize("lag", [0.005, 0.02, 0.06])
+def test_an_arm_that_lags_goes_there_without_a_word_as_its_lag_is_measured(lag: float) -> None:
+    causes, measured = went(lag, Thresholds())
+    assert not causes
+    assert measured == pytest.approx(lag + Drive().delay, rel=0.1)
+
+
+def test_a_slower_one_needs_its_lag_told_and_a_wrong_one_stops_it() -> None:
+    assert went(0.12, Thresholds())[0] == {Cause.NOT_FOLLOWING}
+    assert not went(0.12, Thresholds(drive_lag=0.12))[0]
+    assert went(0.06, Thresholds(drive_lag=0.01))[0] == {Cause.NOT_FOLLOWING}
+    assert LONGEST > 0.12

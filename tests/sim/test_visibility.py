@@ -1,0 +1,132 @@
+"""The oracle sees what goes wrong when it can be seen, and nothing where nothing is wrong. What
+goes unnoticed is counted from then on."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from conftest import first_quick, taught
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import Phase
+from rcmservo.interfaces import Command
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.run import run
+from rcmservo.servo.servo import Servo
+from rcmservo.sim import Disturbance, Rig, RigSettings
+from rcmservo.sim.disturb.oracle import LASTING, LOUD, Oracle, Unnoticed
+from rcmservo.tracking import PointMarkers
+
+NOISE = 0.3
+
+
+def when_visible(text: str, seconds: float = 2.0, moving: bool = True, seed: int = 1) -> float:
+    """s from the begin until the oracle sees it; NaN if it never does."""
+    disturbances = [Disturbance.parse(text)]
+    rig = Rig(seed, RigSettings(point_noise=NOISE), False, disturbances)
+    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
+    oracle = Oracle(rig.truth, NOISE)
+    rig.begin()
+    rig.arm.enable()
+    began, rates = rig.clock.now(), moving * np.array([0.1, -0.1, 10.0])
+    for k in range(round(seconds * 100)):
+        rig.clock.wait_until(began + (k + 1) * 10_000_000)
+        seen = plant.read()
+        oracle.look(seen)
+        plant.send(Command(k, seen.now, seen.now + 50_000_000, rates, True))
+    return np.nan if oracle.visible is None else (oracle.visible - began) * 1e-9
+
+
+@pytest.mark.parametrize("seed", first_quick(range(1, 4)))
+def test_a_pan_is_visible_when_it_has_been_beyond_the_noise_for_long_enough(seed: int) -> None:
+    loud = LOUD * NOISE / 10.0  # s that 10 px/s take, along u or v
+    seen = when_visible("pan:at=0.5,speed=10", seed=seed)
+    soonest = 0.5 + LASTING * 1e-9
+    assert soonest + 0.3 * loud < seen < soonest + 2.5 * loud + 0.1
+
+
+@pytest.mark.parametrize("text", ["freeze:at=0.5", "freeze:at=0.5,marker=2", "clocks_apart:at=0.5"])
+def test_what_only_motion_tells_is_visible_while_the_tool_moves_and_not_before_its_time(
+    text: str,
+) -> None:
+    assert 0.5 + LASTING * 1e-9 < when_visible(text) < 1.5
+    assert np.isnan(when_visible(text, moving=False))
+
+
+def test_a_marker_that_is_wrong_in_every_second_frame_is_never_visible_by_the_rule() -> None:
+    assert np.isnan(when_visible("flicker:at=0.2,px=100"))
+
+
+def test_a_camera_that_the_servo_learns_anew_is_what_counts_from_then_on() -> None:
+    zoomed = Disturbance("zoom", parameters={"share": 0.1})
+    rig = Rig(1, RigSettings(point_noise=NOISE), False, [zoomed])
+    plant, oracle = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock), Oracle(rig.truth, NOISE)
+    rig.begin()
+    plant.read()
+    rig.let_pass(rig.clock.now() + 60_000_000)
+    seen = plant.read()
+    before = np.abs(oracle.innovation(seen)).max()
+    oracle.learn()
+    assert before > LOUD > np.abs(oracle.innovation(seen)).max()
+
+
+def test_nothing_is_visible_in_20_runs_in_which_nothing_goes_wrong() -> None:
+    innovations = []
+    for seed in range(20):
+        rig = Rig(seed, RigSettings(point_noise=NOISE), pictures=False)
+        plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
+        target = taught(rig, plant)
+        servo = Servo(rig.settings.mechanism, rig.settings.tool)
+        oracle = Oracle(rig.truth, NOISE)
+        for tick in run(plant, servo, target, 3.0):
+            oracle.look(tick.seen)
+            if tick.seen.frame >= 0:
+                innovations.append(oracle.innovation(tick.seen))
+        assert oracle.visible is None
+    assert np.std(innovations) == pytest.approx(1.0, rel=0.05)
+
+
+class Sighted:
+    """An oracle to which something is visible from the k-th look on."""
+
+    def __init__(self, k: int) -> None:
+        self.left, self.visible = k, None
+
+    def look(self, seen: object) -> None:
+        self.left -= 1
+        self.visible = 1 if self.left < 0 else None
+
+    def look_away(self) -> None:
+        self.left, self.visible = 0, None
+
+
+def ticks(*phases: Phase, cause: Cause = Cause.NONE) -> list[SimpleNamespace]:
+    return [
+        SimpleNamespace(seen=None, state=SimpleNamespace(phase=phase, cause=cause))
+        for phase in phases
+    ]
+
+
+def grown(seen: list[SimpleNamespace], errors: list[float], k: int = 2) -> float:
+    unnoticed = Unnoticed(Sighted(k))
+    for tick, error in zip(seen, errors, strict=True):
+        unnoticed.look(tick, error)
+    return unnoticed.grown
+
+
+def test_growth_counts_from_the_moment_of_visibility() -> None:
+    assert grown(ticks(*[Phase.SERVO] * 5), [1.0, 9.0, 2.0, 3.0, 5.5]) == pytest.approx(3.5)
+    assert grown(ticks(*[Phase.SERVO] * 5), [1.0, 9.0, 7.0, 6.0, 5.5]) == 0.0
+    assert grown(ticks(*[Phase.SERVO] * 5), [1.0, 2.0, 3.0, 4.0, 5.0], 9) == 0.0
+
+
+def test_a_stop_and_a_cause_that_is_named_end_what_goes_unnoticed() -> None:
+    stopped = [Phase.SERVO, Phase.SERVO, Phase.HOLD, Phase.PAUSED]
+    assert grown(ticks(*stopped), [1.0, 2.0, 9.0, 9.0], 0) == pytest.approx(1.0)
+    named = ticks(Phase.SERVO, Phase.SERVO, cause=Cause.REJECTED)
+    assert grown(named, [1.0, 9.0], 0) == 0.0
+
+
+def test_after_a_stop_growth_counts_anew() -> None:
+    phases = [Phase.SERVO, Phase.HOLD, Phase.ACQUIRE, Phase.SERVO]
+    assert grown(ticks(*phases), [1.0, 5.0, 5.0, 6.5], 0) == pytest.approx(1.5)

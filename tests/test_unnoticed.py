@@ -1,0 +1,36 @@
+"""The rows of benchmarks/unnoticed.py are what they say, and a run of each can be judged."""
+
+import numpy as np
+import pytest
+from unnoticed import DURATION, UNREADY, one, report
+from unnoticed_rows import ROWS, RUN, SHOWING, TWO_RUNS
+
+from conftest import first_quick
+from rcmservo.sim.disturb import KINDS
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_every_row_draws_what_a_rig_can_suffer_within_the_time_of_its_run(name: str) -> None:
+    row = ROWS[name]
+    assert row.when in (RUN, SHOWING, TWO_RUNS)
+    for seed in range(20):
+        for disturbance in row.draw(np.random.default_rng(seed)):
+            assert disturbance.kind in KINDS
+            assert disturbance.at < DURATION - 5.0
+
+
+@pytest.mark.parametrize("name", first_quick(["freeze", "lag", "taught", "between_15", "none"]))
+def test_a_run_of_a_row_is_judged(name: str) -> None:
+    run = one(name, 3)
+    assert run.end != UNREADY
+    assert run.settled or run.stops or run.end
+    assert np.isfinite(run.error) or name == "taught"
+    assert name != "freeze" or (run.stops[0][2] == "FROZEN" and run.stops[0][3])
+    assert not (name == "none" and (run.stops or run.wrong or run.grown))
+
+
+def test_the_report_has_a_line_for_each_row_that_was_run(capsys: pytest.CaptureFixture) -> None:
+    report([one("arm_clock", 1)])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].startswith("arm_clock ")
+    assert len([line for line in lines if line.startswith("arm_clock")]) == 2

@@ -1,0 +1,65 @@
+"""What the tracker promises at the default rig, in small: benchmarks/tracking.py asks more."""
+
+import numpy as np
+import pytest
+from tracking_measures import (
+    about_trend,
+    errors_on_path,
+    from_rest,
+    lost_or_wrong,
+    renderer_of,
+    rms,
+    surprise,
+    third_ball,
+)
+
+from rcmservo.interfaces import Frame
+from rcmservo.sim.rig import Rig
+from rcmservo.tracking import ColourMarkers, PointMarkers
+
+
+def test_the_error_hardly_changes_with_the_place_on_the_grid_of_pixels() -> None:
+    errors = np.array([errors_on_path(seed, length=2.0) for seed in range(4)])[..., :2]
+    assert rms(np.linalg.norm(errors, axis=-1)) < 0.10
+    assert rms(np.array([about_trend(one) for one in errors])) < 0.02
+
+
+def test_the_covariance_that_is_told_explains_the_scatter_over_noise() -> None:
+    told = np.array([surprise(seed, 16) for seed in (0, 1, 3, 4)])
+    assert 0.5 < told.mean() < 1.6
+
+
+def test_the_covariance_is_unknown_where_a_marker_is_lost_or_only_a_point() -> None:
+    lost = ColourMarkers().find(Frame(0, 0, 0, np.zeros((60, 80, 3), np.uint8)))
+    point = PointMarkers().find(Frame(0, 0, 0, points=np.ones((2, 2))))
+    for seen in (lost, point):
+        assert seen.covariance.shape == (2, 3, 3)
+        assert np.isnan(seen.covariance).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_third_ball_of_a_markers_colour_is_told_and_not_chosen(seed: int) -> None:
+    frame = third_ball(seed)
+    assert np.isnan(ColourMarkers().find(frame).points).any()
+    assert "two pairs of balls can be the markers" in ColourMarkers().why(frame)
+
+
+def test_a_third_ball_changes_nothing_for_markers_that_are_followed() -> None:
+    rig, tracker = Rig(1), ColourMarkers()
+    alone = renderer_of(rig).render(rig.body.points(rig.scene.target)[None], 0)
+    first = tracker.find(Frame(0, 0, 0, alone)).points
+    assert np.abs(tracker.find(third_ball(1)).points - first).max() < 0.5
+
+
+def test_a_tool_that_moves_by_fifteen_pixels_a_frame_is_followed() -> None:
+    bad, due = np.sum([lost_or_wrong(seed, 15.0, 16) for seed in (0, 1)], axis=0)
+    assert due > 20
+    assert bad <= 0.02 * due
+
+
+def test_a_tool_that_gains_speed_is_followed_though_it_is_smeared() -> None:
+    """By up to 13.5 px, more than most balls' radius. By sharp outlines alone more than half of
+    these are lost or wrong; what is left is a fifth, which is not good yet."""
+    bad, due = np.sum([from_rest(seed, 15.0, 12, 0.015) for seed in range(10)], axis=0)
+    assert due > 100
+    assert bad <= 0.25 * due
