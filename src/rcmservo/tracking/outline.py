@@ -26,6 +26,10 @@ ELONGATION = 0.03
 SHARPEST = 0.08
 """px. No outline is trusted to be better than this."""
 
+ALIKE = 0.4
+"""px. What neighbouring rays may miss alike, so that their spread does not tell it: a crescent's
+tips lie too far out. The elongation gives way to no less."""
+
 TURN = 2.0 * np.pi * np.arange(RAYS) / RAYS
 COS, SIN = np.cos(TURN), np.sin(TURN)
 """The directions of the rays, rad."""
@@ -240,7 +244,8 @@ def robust_ellipse(distance: Floats, radius: float) -> tuple[Floats, float]:
             break
         spread = max(1.4826 * near[count // 2], SHARPEST)
         gate = min(gate, 4.0 * spread)
-        fit = fit + correction(miss, fit, gate, (spread / (ELONGATION * radius)) ** 2)
+        prior = (max(spread, ALIKE) / (ELONGATION * radius)) ** 2
+        fit = fit + correction(miss, fit, gate, prior)
     return fit, spread
 
 
