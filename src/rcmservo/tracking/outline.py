@@ -26,7 +26,7 @@ ELONGATION = 0.03
 SHARPEST = 0.08
 """px. No outline is trusted to be better than this."""
 
-ALIKE = 0.4
+ALIKE = 0.6
 """px. What neighbouring rays may miss alike, so that their spread does not tell it: a crescent's
 tips lie too far out. The elongation gives way to no less."""
 
