@@ -17,6 +17,7 @@ from functools import partial
 from multiprocessing import Pool
 from typing import Literal
 
+import laboratory
 import numpy as np
 import tyro
 from batch import share
@@ -155,35 +156,18 @@ def by_laboratory(options: Options, seed: int) -> Ended:
     """One closed loop of the laboratory, with rendered pictures."""
     scene = draw(seed, Body(rs.SphericalRcm(), settings_of(options).tool))
     if not options.hidden:
-        return judged(scene, list(ticks(options, seed, scene, [])))
+        return ended(scene, laboratory.course(seed, scene, ticks(options, seed, scene, [])))
     servoing = (t for t in ticks(options, seed, scene, []) if t.state.phase is Phase.SERVO)
     at = next((tick.time for tick in servoing), 0) * 1e-9
     lost = Disturbance.parse(f"marker_loss:at={at},marker={options.hidden}")
-    return judged(scene, list(ticks(options, seed, scene, [lost])))
+    return ended(scene, laboratory.course(seed, scene, ticks(options, seed, scene, [lost])))
 
 
 def ticks(
     options: Options, seed: int, scene: Scene, disturbances: list[Disturbance]
 ) -> Iterator[Tick]:
-    settings = settings_of(options)
-    rig = rs.sim.Rig(seed, settings, disturbances=disturbances, scene=scene)
-    plant = rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
-    rig.show_target()
-    target = rs.teach(plant, SHOWN)
-    rig.go_home()
-    rig.begin()
-    estimator = ServoOptions().estimator(options.estimator)
-    servo = rs.Servo(settings.mechanism, settings.tool, estimator)
-    yield from rs.run(plant, servo, target, 15.0)
-
-
-def judged(scene: Scene, run: list[Tick]) -> Ended:
-    """By the joints of the simulated arm, whose encoders hardly err."""
-    there = scene.body.points(scene.target)[1]
-    error = np.array([np.linalg.norm(scene.body.points(t.seen.q)[1] - there) for t in run])
-    phases = np.array([PHASES.index(tick.state.phase) for tick in run], np.int8)
-    causes = np.array([tick.state.cause.place for tick in run], np.int8)
-    return ended(scene, StudyRun(0, run[0].servo.rate, error, phases, causes, 0.0))
+    rig = rs.sim.Rig(seed, settings_of(options), disturbances=disturbances, scene=scene)
+    return laboratory.ticks(rig, rs.tracking.ColourMarkers(), options.estimator)
 
 
 def report(options: Options, runs: list[Ended]) -> None:
