@@ -155,6 +155,14 @@ def by_twin(options: Options, seed: int) -> Ended:
 def by_laboratory(options: Options, seed: int) -> Ended:
     """One closed loop of the laboratory, with rendered pictures."""
     scene = draw(seed, Body(rs.SphericalRcm(), settings_of(options).tool))
+    try:
+        return shown(options, seed, scene)
+    except rs.loop.NotShown:
+        return Ended(depth(scene), np.inf, np.inf, ("NOT_SHOWN",))
+
+
+def shown(options: Options, seed: int, scene: Scene) -> Ended:
+    """The same, of a target that the tracker sees whole."""
     if not options.hidden:
         return ended(scene, laboratory.course(seed, scene, ticks(options, seed, scene, [])))
     servoing = (t for t in ticks(options, seed, scene, []) if t.state.phase is Phase.SERVO)

@@ -17,7 +17,7 @@ from rcmservo.tracking.outline import (
     supported,
 )
 from rcmservo.tracking.rim import fit_rim
-from rcmservo.tracking.smeared import smeared_outline
+from rcmservo.tracking.smeared import most_like, smeared_outline
 
 LEAST_RADIUS = 4.0
 """px. In a smaller ball, half a pixel of noise looks like roundness."""
@@ -44,6 +44,15 @@ STEPS = 32
 
 LEAST_CONTRAST = 15.0
 """Grey levels. It must be four times the picture's noise too."""
+
+LEAST_LIKENESS = 0.75
+"""Of a smeared ball with a smeared disc: the shaft and shading take up to a fifth from 1."""
+
+FARTHEST = 3.0
+"""px from where a smeared ball looks most like one to the centre of its outline."""
+
+ROUGH = 2.0
+"""px, standard deviation of the former."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,13 +136,20 @@ def ball_near(image: Image, colour: int, u: float, v: float, radius: float) -> B
 
 
 def smeared_ball(image: Image, colour: int, last: Ball, smear: tuple[float, float]) -> Ball | None:
-    """As ball_near, of a ball that moves by `smear` px during the exposure."""
+    """As ball_near, of a ball that moves by `smear` px during the exposure: by its outline, or
+    where that is lost, only where the picture is most like it."""
     amounts = weights(image, colour)
-    start = disc_centre(amounts, last.u, last.v, 1.2 * last.radius)
-    ellipse, rays, spread = smeared_outline(amounts, start, last.radius, smear)
+    like, grain = most_like(amounts, last.radius, smear), noise(amounts)
+    if like is None or like.likeness < LEAST_LIKENESS:
+        return None
+    ellipse, rays, spread = smeared_outline(amounts, (like.u, like.v), last.radius, smear)
     marks = (*supported(rays, ellipse, ellipse), spread)
-    ball = _judged(amounts, ellipse, marks, noise(amounts))
-    return replace(ball, covariance=spread**2 * np.eye(3)) if ball and ball.fixed else None
+    ball = _judged(amounts, ellipse, marks, grain)
+    if ball and ball.fixed and np.hypot(ball.u - like.u, ball.v - like.v) < FARTHEST:
+        return replace(ball, covariance=spread**2 * np.eye(3))
+    if like.contrast < max(LEAST_CONTRAST, 4.0 * grain):
+        return None
+    return Ball(like.u, like.v, last.radius, 0.5 * like.likeness, ROUGH**2 * np.eye(3))
 
 
 def ball_about(weights: Floats, u: float, v: float, radius: float, grain: float) -> Ball | None:

@@ -18,6 +18,9 @@ SWELL = 1.25
 FAST = 0.3
 """Of its radius: a marker that moves further in a frame may be smeared by its motion."""
 
+GAIN = 0.5
+"""Of its way, by which the next one of a fast marker may differ."""
+
 DOUBT = 1.5
 """Times its radius that a ball may have which only the search has found."""
 
@@ -36,10 +39,10 @@ def ball_followed(image: Image, colour: int, last: Ball, way: Way) -> Ball | Non
     The sharp look counts where the outline supports it about as well. A smeared one keeps the
     radius it had, which would drift from frame to frame.
     """
-    sharp = _steady(_looked(image, colour, last, None), last)
-    if np.hypot(*way) <= FAST * last.radius:
+    sharp, speed = _steady(_looked(image, colour, last, None), last), float(np.hypot(*way))
+    if speed <= FAST * last.radius:
         return sharp
-    smeared = _steady(_looked(image, colour, last, way), last)
+    smeared = _steady(_looked(image, colour, last, way), last, GAIN * speed)
     if sharp and smeared and sharp.quality >= AS_GOOD * smeared.quality:
         return sharp
     return replace(smeared, radius=last.radius) if smeared else sharp
@@ -83,8 +86,8 @@ def _looked(image: Image, colour: int, last: Ball, way: Way | None) -> Ball | No
     return ball if ball and ball.within(width, height) else None
 
 
-def _steady(ball: Ball | None, last: Ball) -> Ball | None:
-    """The ball, if it is about where and as large as it was expected."""
-    if ball is None or ball.distance(last) > JUMP * last.radius:
+def _steady(ball: Ball | None, last: Ball, more: float = 0.0) -> Ball | None:
+    """The ball, if it is about where it was expected, to `more` px than usual, and as large."""
+    if ball is None or ball.distance(last) > JUMP * last.radius + more:
         return None
     return ball if 1.0 / SWELL < ball.radius / last.radius < SWELL else None

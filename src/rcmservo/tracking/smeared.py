@@ -1,12 +1,18 @@
-"""The outline of a ball that moves while the picture is exposed.
+"""A ball that moves while the picture is exposed: the mean of pictures along its way.
 
-A picture of it is the mean of pictures along its way. Where the ball was for half of the exposure,
-half of its colour is left, and that is so on its mean outline: along the way the outline is a ramp
-as long as the way, symmetric about it; across, it stays sharp. So along each ray the outermost
-place is taken where the colour is midway between its levels within the ramp and beyond it.
+It is where the picture is most like a disc that is smeared so: a place that is good to a few px,
+since the shaft hides a part of the ball. From there its outline tells more. Where the ball was for
+half of the exposure, half of its colour is left, and that is so on its mean outline: along the way
+the outline is a ramp as long as the way, symmetric about it; across, it stays sharp. So along each
+ray the outermost place is taken where the colour is midway between its levels within the ramp and
+beyond it.
 """
 
+from typing import NamedTuple
+
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
@@ -20,6 +26,45 @@ BEYOND = (1.5, 4.0)
 
 WITHIN = 0.8
 """Of the way from the ball's centre to the ramp: so far out its colour is measured."""
+
+BORDER = 3.0
+"""px of surroundings about the disc that the picture is compared with."""
+
+
+class Like(NamedTuple):
+    """Where a picture is most like a smeared disc."""
+
+    u: float
+    """px, of the centre."""
+    v: float
+    """px, of the centre."""
+    likeness: float
+    """Correlation of picture and disc there, at most 1."""
+    contrast: float
+    """What the picture shows more of the colour within the disc than about it."""
+
+
+def most_like(weights: Floats, radius: float, smear: tuple[float, float]) -> Like | None:
+    """Where the picture is most like a disc of this radius that moves by `smear` px; None where the
+    picture is smaller than that."""
+    disc = smeared_disc(radius, smear)
+    height, width = disc.shape
+    if weights.shape[0] < height or weights.shape[1] < width:
+        return None
+    like = cv2.matchTemplate(weights.astype(np.float32), disc, cv2.TM_CCOEFF_NORMED)
+    _, likeness, _, (u, v) = cv2.minMaxLoc(like)
+    contrast = likeness * weights[v : v + height, u : u + width].std() / disc.std()
+    return Like(u + width // 2, v + height // 2, likeness, float(contrast))
+
+
+def smeared_disc(radius: float, smear: tuple[float, float]) -> NDArray[np.float32]:
+    """A picture of the disc, 1 where it stayed for all of the exposure."""
+    half = int(radius + 0.5 * max(abs(smear[0]), abs(smear[1])) + BORDER) + 1
+    y, x = np.mgrid[-half : half + 1, -half : half + 1]
+    count = max(round(np.hypot(*smear)), 1)
+    along = (np.arange(count) + 0.5) / count - 0.5
+    shares = [radius + 0.5 - np.hypot(x - s * smear[0], y - s * smear[1]) for s in along]
+    return np.mean(np.clip(shares, 0.0, 1.0), axis=0, dtype=np.float32)
 
 
 @compiled
