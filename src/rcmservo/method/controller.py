@@ -27,9 +27,6 @@ MOST = 6
 ROWS = {"srd": 3, "points": 4, "size": 6}
 """Numbers that the law acts on, by what `SaturatedController.features` calls them."""
 
-SIZE_UNIT = 10.0
-"""px of an apparent radius that count as much as 10 px of a coordinate."""
-
 SURE = 1e3
 """Condition of the scaled Ĵ up to which its inverse is taken as it is, where nothing is damped."""
 
@@ -180,7 +177,10 @@ class SaturatedController:
 
     features: Literal["srd", "points", "size"] = "srd"
     """What it acts on: the paper's angle and two distances, or, by least squares, the four
-    coordinates of both markers, or these and both apparent radii: u₁ v₁ u₂ v₂ R₁ R₂."""
+    coordinates of both markers, or these and both apparent radii: u₁ v₁ u₂ v₂ R₁ R₂. A px of a
+    radius counts as one of a coordinate: in rendered pictures both scatter by 0.013 px, and with
+    three times the weight the error at the target was twice as large. A marker that is lost is left
+    out, as the other and its size tell the place."""
     gain: float = 8.0
     """k, 1/s. The greatest gain without overshoot is 1/(e T), where the drives follow T s after the
     joints were read: as built in T = 46 ms, of delay, lag and tick. The camera's latency does not

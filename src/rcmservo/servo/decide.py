@@ -13,7 +13,7 @@ from rcmservo.guard.watch import Told, Watch
 from rcmservo.interfaces import Floats
 from rcmservo.loops import all_finite, largest
 from rcmservo.memory import scratch, scratch_table
-from rcmservo.method.controller import MOST, SIZE_UNIT, Heading, control, scale
+from rcmservo.method.controller import MOST, Heading, control, scale
 from rcmservo.method.exploration import Exploring, overdue
 from rcmservo.method.features import SCALE, wrapped
 from rcmservo.method.foresight import order, pose_deviation
@@ -105,15 +105,14 @@ def carry(e: Estimate, p1: Point) -> None:
 @compiled
 def head(e: Estimate, p1: Point, c: Dials) -> tuple[Heading, float]:
     """The law with marker 1 at p1 mm: on [s r d], or on the markers' four coordinates, and maybe
-    both apparent radii, in units of 10 px and SIZE_UNIT."""
+    both apparent radii, of which 10 px are one unit."""
     if c.features > 3:
         n, px = c.features, SCALE[1]
         L, off, most = scratch_table(MOST, 3)[:n], scratch(MOST)[:n], scratch(MOST)[:n]
         for k in range(n):
-            unit = px if k < 4 else SIZE_UNIT
-            off[k], most[k] = e.off[k] / unit, c.bounds[1] / px
+            off[k], most[k] = e.off[k] / px, c.bounds[1] / px
             for i in range(3):
-                L[k, i] = e.motion[k, i] / unit
+                L[k, i] = e.motion[k, i] / px
                 off[k] -= L[k, i] * (e.p1[i] - p1[i])
         return control(L, off, most, c.printed, c.gain, c.max_condition, c.max_speed)
     J, delta, bounds = scratch_table(3, 3), scratch(3), scratch(3)
