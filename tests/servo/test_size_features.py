@@ -10,6 +10,10 @@ import pytest
 
 import rcmservo as rs
 from conftest import random_from
+from rcmservo.app.cli import main
+from rcmservo.app.simulated_run.target import setup_of
+from rcmservo.config import target_file
+from rcmservo.config.rig_file import Lab
 from rcmservo.interfaces import Floats, Observation
 from rcmservo.loop.plant import Plant
 from rcmservo.method.estimators.affine import AffineEstimator
@@ -169,3 +173,21 @@ def test_in_mid_run_it_is_refused_too_and_the_arm_is_brought_to_rest(by_target: 
 def test_an_estimator_that_cannot_tell_how_sizes_change_is_refused_at_once(name: str) -> None:
     with pytest.raises(rs.BadInput, match=r"controller\.features must be .*such as"):
         rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0), getattr(rs, name)(), SIZE)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "sentence"),
+    [("affine", "target must be shown with the markers' sizes"), ("dlt", "such as affine")],
+)
+def test_the_command_line_refuses_both_in_one_sentence(
+    estimator: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, rig = tmp_path / "target.json", Rig(3, pictures=False)
+    shown = rs.Target(np.array([[300.0, 200.0], [320.0, 260.0]]), rig.scene.target)
+    target_file.save(path, shown, setup_of(rig, Lab()))
+    law = ["--estimator", estimator, "--controller.features", "size"]
+    run = ["run", "--seed", "3", *law, "--target", str(path), "--out", str(tmp_path / "out")]
+    assert main(run) == 2
+    said = capsys.readouterr().err
+    assert sentence in " ".join(said.split()) and "Traceback" not in said
+    assert not (tmp_path / "out").exists()
