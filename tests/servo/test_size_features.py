@@ -87,6 +87,9 @@ def test_it_comes_to_the_target_with_one_marker_lost_on_the_way_too(lost: int) -
     assert began > 5.0 and lab.error() < 1.0
     assert bool(lost) == any(without) == all(without[300:])
     assert ticks[-1].state.phase is rs.Phase.SERVO
+    rows = ticks[-1].state.learnt.estimate.motion.any(axis=1)
+    asked = np.tile(np.arange(1, 3) != lost, (3, 1)).T  # u, v and R of each marker
+    np.testing.assert_array_equal(rows, [*asked[:, :2].ravel(), *asked[:, 2]])
 
 
 AFFINE = AffineEstimator()

@@ -93,8 +93,8 @@ def learn_sizes(
     """After `learn_points`, take in ∂R/∂p₁ (2, 3), and how far the apparent radii `sizes` are from
     those of the `target`, both (2,) px.
 
-    What was not seen, as raw `points` (2, 2) px or sizes, asks for nothing: where a fit has it, it
-    would hold the tool where the joints were, and what is seen tells the place.
+    What was not seen, as raw `points` (2, 2) px or sizes, asks for nothing. Put where a fit has it,
+    it pulls the tool to where the fit is wrong: by 0.5 to 4 mm in rendered scenes, instead of 0.1.
     """
     e = kept[0].estimate
     for k in range(2):
