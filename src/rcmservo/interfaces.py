@@ -126,6 +126,8 @@ class Target:
     shown: int = 0
     """When showing it began, ns on the plant's clock (0: earlier than all that is known). A target
     from before the camera was moved is refused."""
+    sizes: Floats = field(default_factory=lambda: np.full(2, np.nan))
+    """The markers' apparent radii (2,) px while it was shown; NaN where not known."""
 
 
 class Clock(Protocol):

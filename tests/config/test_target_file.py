@@ -70,6 +70,22 @@ def test_every_number_comes_back_bit_for_bit(
     assert loaded.q.tobytes() == np.array(q).tobytes()
 
 
+radii = st.one_of(st.just(np.nan), st.floats(1e-3, 640.0))
+
+
+@given(st.tuples(radii, radii))
+def test_the_sizes_come_back_bit_for_bit_and_what_is_not_known_stays_so(
+    tmp_path_factory: pytest.TempPathFactory, sizes: Any
+) -> None:
+    path, told = tmp_path_factory.mktemp("target") / "target.json", np.array(sizes)
+    target_file.save(path, replace(TARGET, sizes=told), SETUP)
+    assert target_file.load(path, SETUP).sizes.tobytes() == told.tobytes()
+
+
+def test_a_file_from_before_sizes_were_kept_tells_none(path: Path) -> None:
+    assert np.isnan(target_file.load(rewritten(path, sizes_px="left out"), SETUP).sizes).all()
+
+
 @pytest.mark.parametrize("reason", OTHERS)
 def test_another_setup_refuses_it_and_says_what_differs(reason: str, path: Path) -> None:
     with pytest.raises(rs.UnusableFile) as refused:
@@ -102,6 +118,9 @@ def test_another_setup_refuses_it_and_says_what_differs(reason: str, path: Path)
             {"markers_px": [[1.0, 2.0], [640.0, 2.0]]},
             "markers_px[1] must be within the picture of 640 x 480 px, got (640.0, 2.0)",
         ),
+        ({"sizes_px": [9.0, 0]}, "target.sizes_px[1] must be a positive radius within the picture"),
+        ({"sizes_px": [9.0]}, "target.sizes_px[1] must be given, got [9.0]"),
+        ({"sizes_px": ["a", 9.0]}, "target.sizes_px[0] must be a finite number, got 'a'"),
         ({"markers_px": [[1.0, 2.0], "ab"]}, "target.markers_px[1] must be a list, got 'ab'"),
         (
             {"markers_px": [[1.0, 2.0], ["a", "b"]]},

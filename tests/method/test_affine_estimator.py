@@ -18,6 +18,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.affine import AffineEstimator
 from rcmservo.method.estimators.base import Sample
 from rcmservo.method.features import SCALE, about, features
+from rcmservo.method.sized import pictured
 from rcmservo.method.tool import RigidTool, second_marker
 
 TOOL, AFFINE = RigidTool(SPACING), AffineEstimator()
@@ -102,6 +103,24 @@ def test_exact_pictures_teach_the_jacobian_wherever_the_rcm_is(seed: int, depth:
     J = derivative(lambda p: features(about(seen(C, p)[0], o_c)), way[-1], 1e-2)
     J_hat = AFFINE.jacobian(memory, TOOL, Sample(way[-1], points, o_c, 0.0))
     assert np.linalg.norm((J_hat - J) / SCALE[:, None]) < 5e-3 * np.linalg.norm(J / SCALE[:, None])
+
+
+@given(seeds, depths)
+def test_how_sizes_change_is_what_the_fit_says_nearby_and_what_is_true(
+    seed: int, depth: float
+) -> None:
+    C, way, memory = exact(seed, depth)
+    motion = AFFINE.size_motion(memory, TOOL, Sample(way[-1], *seen(C, way[-1])[:1], way[0], 0.0))
+    fitted = derivative(lambda p: sizes_by_fit(memory, p), way[-1], 1e-2)
+    np.testing.assert_allclose(motion, fitted, rtol=0.0, atol=1e-7 * np.abs(fitted).max())
+    true = derivative(lambda p: seen(C, p)[1], way[-1], 1e-2)
+    assert np.linalg.norm(motion - true) < 5e-3 * np.linalg.norm(true)
+
+
+def sizes_by_fit(memory: Any, p1: Floats) -> Floats:
+    """(2,) px that the fits have of both balls' radii."""
+    both = p1, second_marker(SHAFT, p1)
+    return np.array([1.0 / pictured(memory[k], p).shrink for k, p in enumerate(both)])
 
 
 @given(seeds)

@@ -31,6 +31,12 @@ def pixels(C, p1, spacing=30.0):
     return image[:, :2] / image[:, 2:] + np.array([320.0, 240.0])
 
 
+def radii(C, p1, spacing=30.0):
+    """Apparent radii (2,) px of balls of which one at a depth of 1 mm would have 1000 px."""
+    points = np.stack([p1, p1 * (1.0 + spacing / np.linalg.norm(p1))])
+    return 1000.0 / (np.column_stack([points, np.ones(2)]) @ C[2])
+
+
 class Scene(NamedTuple):
     """A tool in eight places before a camera, seen with a little noise."""
 
@@ -209,6 +215,7 @@ def sizing(seen):
     return {
         "sized C": np.stack([memory[k]["C"] for k in range(2)]),
         "sized J": affine.sized_jacobian(memory, p1, seen.points, seen.o_c, shaft),
+        "sizes motion": affine.sizes_motion(memory, p1, shaft),
         "sized markers": affine.sized_markers(memory, p1, shaft),
         "sized rcm": rcm[0],
         "sized rcm covariance": rcm[1],
@@ -406,6 +413,7 @@ def steps():
     from rcmservo.guard.states import Phase
     from rcmservo.interfaces import Observation, Target
     from rcmservo.method.controller import SaturatedController
+    from rcmservo.method.estimators.affine import AffineEstimator
     from rcmservo.method.estimators.broyden import BroydenEstimator
     from rcmservo.method.estimators.dlt import DltEstimator
     from rcmservo.method.estimators.flow import FlowEstimator
@@ -427,13 +435,15 @@ def steps():
         "flow": (FlowEstimator(0.05), RigidTool(30.0), "srd"),
         "broyden": (BroydenEstimator(), RigidTool(30.0), "srd"),
         "points": (DltEstimator(), RigidTool(30.0), "points"),
+        "size": (AffineEstimator(), RigidTool(30.0), "size"),
     }
     for name, (estimator, tool, features) in choices.items():
         exploration = Exploration(leg=0.1, tolerance=0.9)
         law = SaturatedController(features=features)
         servo = Servo(rcm, tool, estimator, law, exploration=exploration, rate=50.0)
         q = rcm.joints(np.array([20.0, -10.0, -100.0]))
-        target = Target(pixels(C, rcm.position(q + np.array([0.05, -0.04, 6.0]))), q)
+        there = rcm.position(q + np.array([0.05, -0.04, 6.0]))
+        target = Target(pixels(C, there), q, sizes=radii(C, there))
         state, phases = servo.init(), []
         rates, J, delta = [], [], []
         for k in range(1, 75):
@@ -441,7 +451,11 @@ def steps():
             applied, points = state.command.rates, pixels(C, rcm.position(q))
             if k in (60, 61):  # frames that are not believed
                 points = points + 30.0
-            seen = Observation(time, q, time, True, applied, k, time, time, q, points)
+            sizes = radii(C, rcm.position(q))
+            if name == "size" and k in (66, 67):
+                points[0], sizes[0] = np.nan, np.nan
+            frame = (k, time, time, q, points)
+            seen = Observation(time, q, time, True, applied, *frame, sizes=sizes)
             state = servo.step(state, seen, target)
             q = q + 0.02 * state.command.rates
             phases.append(list(Phase).index(state.phase))

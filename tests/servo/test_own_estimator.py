@@ -51,6 +51,16 @@ WRONG = {
         lambda: np.zeros((2, 3)),
         "gave numbers of shape (2, 3), not (4, 3)",
     ),
+    "a motion of sizes of wrong shape": (
+        "size_motion",
+        lambda: np.zeros(3),
+        "gave numbers of shape (3,), not (2, 3)",
+    ),
+    "a motion of sizes that is not finite": (
+        "size_motion",
+        lambda: np.full((2, 3), np.nan),
+        "is not finite",
+    ),
     "a memory in a table": ("remembered", lambda: np.zeros((2, 2)), "gave numbers of shape (2, 2)"),
     "init raises": ("init", lambda: {}["x"], "raised KeyError('x')"),
 }
@@ -102,6 +112,11 @@ class Faulty(rs.Estimator):
         if self._going_wrong("motion", memory[0]):
             return WRONG[self.wrong][1]()
         return np.arange(1.0, 13.0).reshape(4, 3)
+
+    def size_motion(self, memory: Any, tool: Any, sample: Any) -> Any:
+        if self._going_wrong("size_motion", memory[0]):
+            return WRONG[self.wrong][1]()
+        return np.ones((2, 3))
 
     def predict(self, memory: Any, tool: Any, p1: Floats) -> Any:
         if self._going_wrong("predict", memory[0]):

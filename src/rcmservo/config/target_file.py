@@ -1,8 +1,8 @@
 """Targets on disk: what was shown, when, and by which camera, arm, tool and markers.
 
     {"format": "rcmservo target 1", "sha256": "…", "taught": "2026-11-21T11:30:00Z",
-     "markers_px": [[u1, v1], [u2, v2]], "joints": [rad, rad, mm], "setup": {"camera": "…", "width":
-     640, "height": 480, "mechanism": {…}, "tool": {…}, "markers": {…}}}
+     "markers_px": [[u1, v1], [u2, v2]], "sizes_px": [R1, R2], "joints": [rad, rad, mm], "setup":
+     {"camera": "…", "width": 640, "height": 480, "mechanism": {…}, "tool": {…}, "markers": {…}}}
 
 Raw pixels mean something to the setup that saw them only. A file is taken whole, by that setup, or
 not at all, with the reason in one sentence. The checksum finds accidents; it is no signature.
@@ -65,6 +65,8 @@ class Content:
     """rad, rad, mm while the target was shown."""
     setup: texts.Table
     """The Setup that it was shown by, in plain words and numbers."""
+    sizes_px: texts.Sizes = texts.NO_SIZES
+    """Apparent radii, px, of marker 1 and of marker 2; null where not known."""
 
     def __post_init__(self) -> None:
         try:
@@ -78,6 +80,7 @@ def save(path: Path, target: Target, setup: Setup) -> None:
     content = {
         "taught": datetime.now(UTC).strftime(TAUGHT),
         "markers_px": target.points.tolist(),
+        "sizes_px": texts.sizes(target.sizes),
         "joints": target.q.tolist(),
         "setup": _told(setup),
     }
@@ -128,8 +131,12 @@ def _target(content: Content, setup: Setup) -> Target:
         inside = -0.5 <= u <= right and -0.5 <= v <= below
         size = f"within the picture of {setup.width} x {setup.height} px"
         require(inside, f"target.markers_px[{i}]", (u, v), size)
+    for i, radius in enumerate(content.sizes_px):
+        good = radius is None or 0.0 < radius <= setup.width
+        require(good, f"target.sizes_px[{i}]", radius, "a positive radius within the picture")
     _within(content.joints, setup)
-    return Target(np.array(content.markers_px), np.array(content.joints))
+    sizes = np.array(content.sizes_px, dtype=np.float64)
+    return Target(np.array(content.markers_px), np.array(content.joints), sizes=sizes)
 
 
 def _within(q: tuple[float, float, float], setup: Setup) -> None:

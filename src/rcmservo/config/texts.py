@@ -10,6 +10,7 @@ from collections import Counter
 from typing import Any, TypeGuard
 
 from rcmservo.errors import told
+from rcmservo.interfaces import Floats
 
 MAX_LINE = 1000
 """Characters of a line of TOML: a key of ten thousand parts keeps the parser busy for minutes."""
@@ -17,6 +18,12 @@ MAX_LINE = 1000
 
 Table = dict[str, Any]
 """What TOML calls a table and JSON an object."""
+
+
+Sizes = tuple[float | None, float | None]
+"""Apparent radii of both markers, px; None where not known."""
+
+NO_SIZES: Sizes = (None, None)
 
 
 class Refused(ValueError):
@@ -49,6 +56,11 @@ def _number(text: str) -> float:
     if not math.isfinite(value):
         raise Refused(f"holds the number {text[:30]}, which is not finite")
     return value
+
+
+def sizes(radii: Floats) -> list[float | None]:
+    """Apparent radii (2,) px, of which NaN is not known, as JSON tells them."""
+    return [float(radius) if math.isfinite(radius) else None for radius in radii]
 
 
 def is_table(value: object) -> TypeGuard[Table]:

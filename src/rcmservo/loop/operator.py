@@ -70,7 +70,7 @@ class Showing:
             return None
         self.last = seen.frame
         if seen.exposure >= self.since + SETTLE and np.isfinite(seen.points).all():
-            self.shown.add(seen.points, seen.q)
+            self.shown.add(seen)
         if len(self.shown.points) < self.frames:
             return None
         if self.shown.why_not():
@@ -109,6 +109,7 @@ class Agenda:
             case Target():
                 self._aim(want)
             case Servo():
+                want.demand(self.target)
                 self.servo = goes_on(self.servo, want)
             case Teach():
                 self.request, self._showing = Request.PAUSE, Showing(want.frames)
@@ -124,6 +125,7 @@ class Agenda:
     def _aim(self, target: Target) -> None:
         """Aim at another target; at the same numbers it aims already."""
         if not same(target, self.target):
+            self.servo.demand(target)
             self.target = target
 
 
@@ -133,6 +135,7 @@ def same(one: Target, other: Target) -> bool:
         one.points.tobytes() == other.points.tobytes()
         and one.q.tobytes() == other.q.tobytes()
         and one.shown == other.shown
+        and np.array_equal(one.sizes, other.sizes, equal_nan=True)
     )
 
 

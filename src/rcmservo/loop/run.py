@@ -35,6 +35,7 @@ def run(
     fault, and, where no `operator` stands by to resume, with a pause. However it ends, by itself,
     by an error or by Ctrl-C, the last thing it does is to bring the arm to rest and switch it off.
     """
+    servo.demand(target)
     servo.warm_up()
     plant.reset()
     state = servo.init() if state is None else servo.again(state)

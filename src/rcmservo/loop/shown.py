@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rcmservo.interfaces import Floats, Target
+from rcmservo.interfaces import Floats, Observation, Target
 
 GAUSS = 1.4826
 """Standard deviations of noise in its median absolute deviation."""
@@ -22,23 +22,34 @@ RARELY = 0.05
 """Share of the frames that may be so."""
 
 
+def mean_known(rows: Floats) -> Floats:
+    """The mean of each column of (n, k), of what is not NaN in it; NaN where all of it is."""
+    known = np.isfinite(rows)
+    total, count = np.where(known, rows, 0.0).sum(axis=0), known.sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
 @dataclass
 class TargetFrames:
     """The frames that a target is made of."""
 
     points: list[Floats] = field(default_factory=list[Floats])
     """The markers (2, 2) px in each."""
+    sizes: list[Floats] = field(default_factory=list[Floats])
+    """Their apparent radii (2,) px in each, NaN where not known."""
     joints: list[Floats] = field(default_factory=list[Floats])
     """The joints (3,) beside it."""
 
-    def add(self, points: Floats, q: Floats) -> None:
-        """Take one more frame."""
-        self.points.append(points)
-        self.joints.append(q)
+    def add(self, seen: Observation) -> None:
+        """Take the newest frame of a tick."""
+        self.points.append(seen.points)
+        self.sizes.append(seen.sizes)
+        self.joints.append(seen.q)
 
     def target(self, since: int) -> Target:
-        """Their mean, shown since so many ns."""
-        return Target(np.mean(self.points, axis=0), np.mean(self.joints, axis=0), since)
+        """Their mean, shown since so many ns. A size is that of the frames that tell it."""
+        points, q = np.mean(self.points, axis=0), np.mean(self.joints, axis=0)
+        return Target(points, q, since, mean_known(np.array(self.sizes)))
 
     def why_not(self) -> str:
         """Why they make no target; empty where they agree."""

@@ -29,7 +29,7 @@ def teach(plant: Plant, frames: int = 30) -> Target:
     for _ in ticks(plant.clock):
         seen = plant.read()
         if seen.frame > last and seen.exposure >= began and np.isfinite(seen.points).all():
-            shown.add(seen.points, seen.q)
+            shown.add(seen)
             good = seen.now
         last = max(last, seen.frame)
         if len(shown.points) == frames:

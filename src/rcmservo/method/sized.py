@@ -204,6 +204,15 @@ def motion_of(b: SizedBall, p: Floats) -> Floats:
 
 
 @compiled
+def size_motion_of(b: SizedBall, p: Floats) -> Floats:
+    """∂R/∂p = −R² c₃ / 100 mm, (3,) px/mm, of the fit at a point p (3,) mm: 1/R = c₃ᵀx̄."""
+    there, slope = pictured(b, p), np.empty(3)
+    for i in range(3):
+        slope[i] = -b.C[2, i] / (there.shrink**2 * UNIT)
+    return slope
+
+
+@compiled
 def image_of(b: SizedBall, p: Floats) -> tuple[Floats, Floats]:
     """Where the fit has the picture of a point p (3,) mm, (2,) raw px, and its covariance (2, 2)
     px²."""

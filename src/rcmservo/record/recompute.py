@@ -116,6 +116,7 @@ def _ticks(then: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
     for number, (stage, servo) in enumerate(zip(then.stages, servos, strict=True)):
         state = _begun(then, stage, servo, ends)
         target = _aim(stage, state)
+        servo.demand(target)
         last = then.stages[number + 1].first if number + 1 < len(then.stages) else len(then.time)
         for i in range(stage.first, last):
             seen, request = _observation(then, i), then.named(Request, "request", i)

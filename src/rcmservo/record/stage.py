@@ -1,7 +1,7 @@
 """A part of a record in which servo and target stay the same. One record holds one or more.
 
-    {"origin": 0, "mid_run": false, "target": {"points": [[…], […]], "q": […]}, "servo": {…},
-     "version": "0.2.0", "source": ""}
+    {"origin": 0, "mid_run": false, "target": {"points": [[…], […]], "q": […], "sizes": […]},
+     "servo": {…}, "version": "0.2.0", "source": ""}
 
 A stage goes on from the last tick of an earlier one, whose number its ``origin`` is. A run begins
 it, or a person who changed target or settings in mid-run.
@@ -17,7 +17,7 @@ from rcmservo import __version__
 from rcmservo.config.decode import decode
 from rcmservo.config.own_code import source
 from rcmservo.config.servo_json import describe
-from rcmservo.config.texts import Table
+from rcmservo.config.texts import NO_SIZES, Sizes, Table, sizes
 from rcmservo.errors import require
 from rcmservo.interfaces import Target
 from rcmservo.servo.servo import Servo
@@ -50,6 +50,7 @@ class Stage:
 def text_of(servo: Servo, target: Target, origin: int, mid_run: bool) -> str:
     """A stage as JSON."""
     told = {"points": target.points.tolist(), "q": target.q.tolist(), "shown": target.shown}
+    told["sizes"] = sizes(target.sizes)
     stage = {"origin": origin, "mid_run": mid_run, "target": told, "servo": describe(servo)}
     by = {"version": __version__, "source": source(servo.estimator)}
     return json.dumps({**stage, **by})
@@ -65,6 +66,8 @@ class TargetTable:
     """rad, rad, mm."""
     shown: int = 0
     """ns on the plant's clock; 0 where the JSON does not tell."""
+    sizes: Sizes = NO_SIZES
+    """Apparent radii of both markers, px; null where not known, or where the JSON does not tell."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,11 @@ def stage_of(table: object, first: int, number: int) -> Stage:
     require(ELSEWHERE <= told.origin <= last, "stage.origin", told.origin, "an earlier stage")
     follows = not told.mid_run or told.origin == last >= 0
     require(follows, "stage.origin", told.origin, "the stage before, as it goes on in mid-run")
-    target = Target(np.array(told.target.points), np.array(told.target.q), told.target.shown)
     by = told.version, told.source
-    return Stage(first, told.servo, target, told.origin, told.mid_run, *by)
+    return Stage(first, told.servo, _shown(told.target), told.origin, told.mid_run, *by)
+
+
+def _shown(told: TargetTable) -> Target:
+    """The target that a table tells."""
+    radii = np.array(told.sizes, dtype=np.float64)
+    return Target(np.array(told.points), np.array(told.q), told.shown, radii)

@@ -67,7 +67,7 @@ def by_rule_21(
         memory = projection_update(memory, e.p1, seen.points, e.o_c, dt, rule, shaft)
         J_hat = projection_jacobian(memory.a_hat, e.p1, seen.points, e.o_c, shaft)
         learn(kept, J_hat, seen.points, target, seen.exposure)
-        if fixed[0].dials.by_points:
+        if fixed[0].dials.features > 3:
             motion = markers_jacobian(memory.a_hat, e.p1, shaft)
             learn_points(kept, motion, seen.points, target)
     return Beside(lines, memory), news
@@ -94,7 +94,7 @@ def by_whole_fit(
     add_offset(v, points)
     motions(v, e.p1, shaft, motion)
     learn_straight(kept, motion, points, target, seen.exposure)
-    if fixed[0].dials.by_points:
+    if fixed[0].dials.features > 3:
         learn_points(kept, motion, points, target)
     return beside, LEARN
 

@@ -13,7 +13,7 @@ from rcmservo.guard.watch import Told, Watch
 from rcmservo.interfaces import Floats
 from rcmservo.loops import all_finite, largest
 from rcmservo.memory import scratch, scratch_table
-from rcmservo.method.controller import Heading, control, scale
+from rcmservo.method.controller import MOST, Heading, control, scale
 from rcmservo.method.exploration import Exploring, overdue
 from rcmservo.method.features import SCALE, wrapped
 from rcmservo.method.foresight import order, pose_deviation
@@ -104,11 +104,12 @@ def carry(e: Estimate, p1: Point) -> None:
 
 @compiled
 def head(e: Estimate, p1: Point, c: Dials) -> tuple[Heading, float]:
-    """The law with marker 1 at p1 mm: on [s r d], or on the four coordinates of the markers, of
-    which 10 px are one unit."""
-    if c.by_points:
-        L, off, most, px = scratch_table(4, 3), scratch(4), scratch(4), SCALE[1]
-        for k in range(4):
+    """The law with marker 1 at p1 mm: on [s r d], or on the markers' four coordinates, and maybe
+    both apparent radii, of which 10 px are one unit."""
+    if c.features > 3:
+        n, px = c.features, SCALE[1]
+        L, off, most = scratch_table(MOST, 3)[:n], scratch(MOST)[:n], scratch(MOST)[:n]
+        for k in range(n):
             off[k], most[k] = e.off[k] / px, c.bounds[1] / px
             for i in range(3):
                 L[k, i] = e.motion[k, i] / px

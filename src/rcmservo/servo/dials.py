@@ -23,7 +23,7 @@ class Dials(Row):
     upper: Floats = reals(3, "rad, rad, mm", "the joints' upper limits")
     fastest: Floats = reals(3, "rad/s, rad/s, mm/s", "bounds on the joint rates")
     gain: float = real("1/s", "k of the law (31)")
-    by_points: bool = flag("whether the law acts on the markers' coordinates")
+    features: int = whole("", "numbers that the law acts on: 3 of [s r d], more of the markers'")
     bounds: Floats = reals(FEATURES, "rad, px, px", "b of the potential (32)")
     printed: bool = flag("whether the potential is as printed")
     max_condition: float = real(

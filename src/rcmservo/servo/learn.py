@@ -1,9 +1,11 @@
 """What a frame that is believed teaches: where the imaged RCM is, what the camera should see, Ĵ and
 the features."""
 
+import numpy as np
+
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
-from rcmservo.loops import all_finite, multiply, put
+from rcmservo.loops import all_finite, fill, multiply, put
 from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.features import (
     along_line,
@@ -18,7 +20,7 @@ from rcmservo.method.imaged_rcm import follow
 from rcmservo.method.prospect import RCM, see
 from rcmservo.rows import Rows
 from rcmservo.servo.dials import Fixed, shaft_of
-from rcmservo.servo.state import Kept
+from rcmservo.servo.state import Estimate, Kept
 
 NOTHING, BELIEVED, LEARN = 0, 1, 2
 """What a tick brought: no frame to believe, one that is believed, or one that Ĵ is learnt from."""
@@ -78,10 +80,38 @@ def learn_points(kept: Rows[Kept], motion: Floats, points: Floats, target: Float
     """Take in the markers' `motion` ∂m/∂p₁ (4, 3), and how far their `points` are from those of the
     `target`, both (2, 2) px: for a law that acts on these."""
     e = kept[0].estimate
-    put(e.motion, motion)
+    put(e.motion[:4], motion)
     for k in range(2):
         for i in range(2):
             e.off[2 * k + i] = points[k, i] - target[k, i]
+
+
+@compiled
+def learn_sizes(
+    kept: Rows[Kept], motion: Floats, points: Floats, sizes: Floats, target: Floats
+) -> None:
+    """After `learn_points`, take in ∂R/∂p₁ (2, 3), and how far the apparent radii `sizes` are from
+    those of the `target`, both (2,) px.
+
+    What was not seen, as raw `points` (2, 2) px or sizes, asks for nothing. Put where a fit has it,
+    it pulls the tool to where the fit is wrong: by 0.5 to 4 mm in rendered scenes, instead of 0.1.
+    """
+    e = kept[0].estimate
+    for k in range(2):
+        e.off[4 + k] = sizes[k] - target[k]
+        put(e.motion[4 + k], motion[k])
+        for i in range(2):
+            if not np.isfinite(points[k, i]):
+                ask_nothing(e, 2 * k + i)
+        if not np.isfinite(sizes[k]):
+            ask_nothing(e, 4 + k)
+
+
+@compiled
+def ask_nothing(e: Estimate, k: int) -> None:
+    """Leave out the k-th number that the law acts on."""
+    e.off[k] = 0.0
+    fill(e.motion[k], 0.0)
 
 
 @compiled

@@ -37,6 +37,8 @@ class Guarded(NamedTuple):
     """Where it has the markers (2, 2) px."""
     motion: Floats
     """∂m/∂p₁ (4, 3) where it tells it; NaN elsewhere, and where it failed."""
+    size_motion: Floats
+    """∂R/∂p₁ (2, 3) where it tells it; NaN elsewhere, and where it failed."""
     placed: tuple[Floats, Floats] | None
     """Where it has the imaged RCM (2,) px, and the covariance (2, 2) px²; None where eq. (16) is to
     tell it."""
@@ -67,6 +69,12 @@ def failure(memory: object) -> str:
     return memory.failure if isinstance(memory, Guarded) else ""
 
 
+def _knowing_nothing(memory: Any, J_hat: float, numbers: Floats, failure: str) -> Guarded:
+    """The same before the first frame, with this number all over Ĵ."""
+    J = np.full((3, 3), J_hat)
+    return Guarded(memory, J, NOWHERE, LOST, LOST[:2], None, numbers, failure)
+
+
 class Guard(Estimator):
     """Calls a user's estimator, and judges what it gives.
 
@@ -81,16 +89,17 @@ class Guard(Estimator):
     def init(self) -> Guarded:
         try:
             memory = self._of("init")
-            return Guarded(memory, np.zeros((3, 3)), NOWHERE, LOST, None, self._numbers(memory), "")
+            return _knowing_nothing(memory, 0.0, self._numbers(memory), "")
         except UnusableEstimator as error:
-            return Guarded(None, np.full((3, 3), np.nan), NOWHERE, LOST, None, NOTHING, str(error))
+            return _knowing_nothing(None, np.nan, NOTHING, str(error))
 
     def update(self, memory: Guarded, tool: Tool, sample: Sample) -> Guarded:
         started = perf_counter_ns()
         try:
             return self._updated(memory, tool, sample)
         except UnusableEstimator as error:
-            return memory._replace(J_hat=LOST[:3], motion=LOST, failure=str(error))
+            lost = {"J_hat": LOST[:3], "motion": LOST, "size_motion": LOST[:2]}
+            return memory._replace(**lost, failure=str(error))
         finally:
             self.slowest = max(self.slowest, perf_counter_ns() - started)
 
@@ -108,19 +117,21 @@ class Guard(Estimator):
         if not np.isfinite(J_hat).all():
             raise self._wrong("jacobian", "is not finite")
         asked = placed is not None or self.own.tells_motion
-        motion = self._motion(memory, tool, sample) if asked else LOST
+        motion = self._motion("motion", 4, memory, tool, sample) if asked else LOST
+        asked = self.own.tells_size_motion
+        sizes = self._motion("size_motion", 2, memory, tool, sample) if asked else LOST[:2]
         self._model(memory, tool, sample.p1)
         numbers = self._numbers(memory)
         if numbers.shape != before.numbers.shape:
             raise self._wrong(
                 "remembered", f"gave {len(numbers)} numbers after {before.numbers.size}"
             )
-        return Guarded(memory, J_hat, points, motion, placed, numbers, "")
+        return Guarded(memory, J_hat, points, motion, sizes, placed, numbers, "")
 
-    def _motion(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
-        motion = self._array("motion", (4, 3), memory, tool, sample)
+    def _motion(self, method: str, rows: int, memory: Any, tool: Tool, sample: Sample) -> Floats:
+        motion = self._array(method, (rows, 3), memory, tool, sample)
         if not np.isfinite(motion).all():
-            raise self._wrong("motion", "is not finite")
+            raise self._wrong(method, "is not finite")
         return motion
 
     def jacobian(self, memory: Guarded, tool: Tool, sample: Sample) -> Floats:
@@ -131,6 +142,9 @@ class Guard(Estimator):
 
     def motion(self, memory: Guarded, tool: Tool, sample: Sample) -> Floats:
         return memory.motion
+
+    def size_motion(self, memory: Guarded, tool: Tool, sample: Sample) -> Floats:
+        return memory.size_motion
 
     def imaged_rcm(self, memory: Guarded) -> tuple[Floats, Floats] | None:
         return memory.placed
@@ -243,5 +257,6 @@ def _made_up(tool: Tool) -> Iterator[Sample]:
     for i in range(TRIES):
         p1 = np.array([10.0 * np.sin(0.3 * i), 10.0 * np.cos(0.2 * i), 100.0 + 0.5 * i])
         both = np.stack([p1, tool.second_marker(p1)])
-        points = o_c + 3.0 * both[:, [0, 2]] / (1.0 + 0.002 * both[:, [1]])
-        yield Sample(p1, points, o_c, 1.0 / 60.0 if i else 0.0)
+        depth = 1.0 + 0.002 * both[:, 1]
+        points = o_c + 3.0 * both[:, [0, 2]] / depth[:, None]
+        yield Sample(p1, points, o_c, 1.0 / 60.0 if i else 0.0, 10.0 / depth)

@@ -19,7 +19,7 @@ from rcmservo.guard.states import REQUESTS, Mode, Phase, Request, standing
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Told, begin, told
 from rcmservo.interfaces import Floats, Observation, Target
-from rcmservo.method.controller import SaturatedController
+from rcmservo.method.controller import ROWS, SaturatedController
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.exploration import Exploration
@@ -35,6 +35,7 @@ from rcmservo.servo.learn import (
     LEARN,
     learn,
     learn_points,
+    learn_sizes,
     learn_straight,
     line_up,
     place_rcm,
@@ -44,6 +45,7 @@ from rcmservo.servo.one_kernel import tick
 from rcmservo.servo.own_estimator import examine, failure, learner, time_anew
 from rcmservo.servo.state import Beside, Decision, Kept, State, ignorance
 
+Both = tuple[Floats, Floats]
 STILL = np.zeros(3)
 WARM_UP = 8
 
@@ -75,9 +77,13 @@ class Servo:
         good = self.rate * self.gate.deadline >= 2.0 and self.rate <= 1000.0
         right = "at least two ticks in gate.deadline, and at most 1000 Hz"
         require(good, "rate", self.rate, right)
-        known = self.controller.features == "srd" or self.estimator.tells_motion
+        features, estimator = self.controller.features, self.estimator
+        known = features == "srd" or estimator.tells_motion
         right = "'srd', or an estimator that tells the markers' motion, such as dlt or projection"
-        require(known, "controller.features", self.controller.features, right)
+        require(known, "controller.features", features, right)
+        known = features != "size" or estimator.tells_size_motion
+        right = "'srd' or 'points', or an estimator that tells how sizes change, such as affine"
+        require(known, "controller.features", features, right)
 
     @cached_property
     def learner(self) -> Estimator:
@@ -105,7 +111,7 @@ class Servo:
             upper=rcm.upper,
             fastest=floats(self.gate.speed),
             gain=law.gain,
-            by_points=law.features == "points",
+            features=ROWS[law.features],
             bounds=floats(law.bounds),
             printed=law.potential == "printed",
             max_condition=law.max_condition,
@@ -133,6 +139,12 @@ class Servo:
     def marker_1(self, q: Floats) -> Floats:
         """p₁ (3,) mm at the joints q (3,)."""
         return position(self.rcm, q)
+
+    def demand(self, target: Target) -> None:
+        """BadInput for a target that does not tell what the law acts on."""
+        known = self.controller.features != "size" or bool(np.isfinite(target.sizes).all())
+        right = "shown with the markers' sizes, on which controller.features = 'size' acts"
+        require(known, "target", "one without", right)
 
     def init(self) -> State:
         """Nothing seen, nothing known: Ĵ = 0, drive off."""
@@ -199,15 +211,17 @@ class Servo:
             beside, new = tick(kept.rows, beside, numbers, asked, self.fixed, self.rule)
         else:
             seen_so, asked_so = Told(*numbers), Asked(*asked)
-            beside, failed = self._by_parts(kept, beside, seen_so, asked_so, seen.sizes)
+            sizes = seen.sizes, target.sizes
+            beside, failed = self._by_parts(kept, beside, seen_so, asked_so, sizes)
             new = kept.decision.cause != state.decision.cause
         after = State(kept, beside, target, state.detail)
         return after._replace(detail=failed or self._detail(after, seen)) if new else after
 
     def _by_parts(
-        self, kept: Kept, beside: Any, seen: Told, asked: Asked, sizes: Floats
+        self, kept: Kept, beside: Any, seen: Told, asked: Asked, sizes: Both
     ) -> tuple[Beside, str]:
-        """`tick` with another estimator, and how that failed."""
+        """`tick` with another estimator, and how that failed; `sizes` are those seen and those of
+        the target."""
         rows, (lines, memory) = kept.rows, beside
         news, dt = look(rows, seen, self.fixed)
         if news == LEARN:
@@ -221,11 +235,11 @@ class Servo:
         return Beside(lines, memory), failed
 
     def _learn(
-        self, kept: Kept, memory: Any, seen: Told, target: Floats, dt: float, sizes: Floats
+        self, kept: Kept, memory: Any, seen: Told, target: Floats, dt: float, sizes: Both
     ) -> Any:
         """The memory after one new frame; Ĵ and features go into the estimate."""
         learner, rows, e = self.learner, kept.rows, kept.estimate
-        sample = Sample(e.p1, seen.points, e.o_c, dt, sizes)
+        sample = Sample(e.p1, seen.points, e.o_c, dt, sizes[0])
         memory = learner.update(memory, self.tool, sample)
         points = learner.located(memory, self.tool, sample)
         placed = learner.imaged_rcm(memory)
@@ -236,9 +250,12 @@ class Servo:
             place_rcm(rows, *placed)
             motion = learner.motion(memory, self.tool, sample)
             learn_straight(rows, motion, points, target, seen.exposure)
-        if self.controller.features == "points":
+        if self.controller.features != "srd":
             motion = learner.motion(memory, self.tool, sample)
             learn_points(rows, motion, points, target)
+        if self.controller.features == "size":
+            motion = learner.size_motion(memory, self.tool, sample)
+            learn_sizes(rows, motion, seen.points, *sizes)
         return memory
 
     def _detail(self, state: State, seen: Observation) -> str:

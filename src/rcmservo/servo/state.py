@@ -9,6 +9,7 @@ from rcmservo.guard.gate import Sent, command_of
 from rcmservo.guard.states import PHASES, Mode, Phase, Standing, mode_of, standing
 from rcmservo.guard.watch import Watch
 from rcmservo.interfaces import Command, Floats, Target
+from rcmservo.method.controller import MOST
 from rcmservo.method.exploration import Exploring
 from rcmservo.method.features import FEATURES
 from rcmservo.method.prospect import Prospect, blank
@@ -29,8 +30,10 @@ class Estimate(Row):
     rcm_condition: float = real("", "condition of eq. (16), 0 where o_c is of such a fit")
     J_hat: Floats = reals((FEATURES, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14)")
     condition: float = real("", "condition of the scaled Ĵ")
-    motion: Floats = reals((4, 3), "px/mm", "∂m/∂p₁ of both markers, where the law acts on them")
-    off: Floats = reals(4, "px", "m − m_d of both markers at the exposure, where it does")
+    motion: Floats = reals(
+        (MOST, 3), "px/mm", "∂/∂p₁ of u₁ v₁ u₂ v₂ R₁ R₂, where the law acts on it"
+    )
+    off: Floats = reals(MOST, "px", "how far these are from the target at the exposure, where so")
     y: Floats = reals(FEATURES, "rad, px, px", "the features, eq. (6)")
     delta: Floats = reals(FEATURES, "rad, px, px", "Δy at the exposure")
     ahead: Floats = reals(FEATURES, "rad, px, px", "Δy as predicted for now")

@@ -39,7 +39,9 @@ def target_of(job: Job, rig: Rig, plant: Plant) -> Target:
     start."""
     setup = setup_of(rig, job.lab)
     if job.target is not None:
-        return target_file.load(job.target, setup)
+        target = target_file.load(job.target, setup)
+        job.servo.demand(target)
+        return target
     rig.show_target()
     target = teach(plant)
     rig.go_home()

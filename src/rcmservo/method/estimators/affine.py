@@ -26,6 +26,7 @@ from rcmservo.method.sized import (
     pictured,
     place_told,
     see_ball,
+    size_motion_of,
 )
 from rcmservo.method.tool import Shaft, Tool, second_marker, second_marker_jacobian
 from rcmservo.rows import Rows
@@ -60,6 +61,16 @@ def sized_motion(memory: Rows[SizedBall], p1: Floats, shaft: Shaft) -> Floats:
     motion, p2 = np.empty((4, 3)), second_marker(shaft, p1)
     put(motion[:2], motion_of(memory[0], p1))
     put(motion[2:], products(motion_of(memory[1], p2), second_marker_jacobian(shaft, p1)))
+    return motion
+
+
+@compiled
+def sizes_motion(memory: Rows[SizedBall], p1: Floats, shaft: Shaft) -> Floats:
+    """∂R/∂p₁ (2, 3) px/mm of both markers' apparent radii, with marker 1 at p1 (3,) mm."""
+    motion, second = np.empty((2, 3)), np.empty((1, 3))
+    put(motion[0], size_motion_of(memory[0], p1))
+    put(second[0], size_motion_of(memory[1], second_marker(shaft, p1)))
+    put(motion[1:], products(second, second_marker_jacobian(shaft, p1)))
     return motion
 
 
@@ -133,6 +144,9 @@ class AffineEstimator(Estimator):
 
     def motion(self, memory: Rows[SizedBall], tool: Tool, sample: Sample) -> Floats:
         return sized_motion(memory, sample.p1, tool.shaft)
+
+    def size_motion(self, memory: Rows[SizedBall], tool: Tool, sample: Sample) -> Floats:
+        return sizes_motion(memory, sample.p1, tool.shaft)
 
     def imaged_rcm(self, memory: Rows[SizedBall]) -> tuple[Floats, Floats] | None:
         return sized_rcm(memory) if both_known(memory) else None

@@ -76,6 +76,16 @@ class Estimator(ABC):
         """Whether it has a `motion` of its own."""
         return type(self).motion is not Estimator.motion
 
+    def size_motion(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
+        """∂R/∂p₁ (2, 3) px/mm of both markers' apparent radii at the sample. Asked where the law
+        acts on these too."""
+        raise NotImplementedError(type(self).__name__)
+
+    @property
+    def tells_size_motion(self) -> bool:
+        """Whether it has a `size_motion` of its own."""
+        return type(self).size_motion is not Estimator.size_motion
+
     def predict(self, memory: Any, tool: Tool, p1: Floats) -> Floats | None:
         """The markers' pixels m (4,) from o_c that the estimate expects at p1, or None where it has
         no such model."""
