@@ -26,6 +26,7 @@ import rcmservo as rs
 from rcmservo.app.servo_options import ServoOptions
 from rcmservo.guard.states import PHASES, Phase
 from rcmservo.interfaces import Floats
+from rcmservo.loop.teach import NotShown
 from rcmservo.loop.tick import Tick
 from rcmservo.sim import Disturbance
 from rcmservo.sim.body import Body
@@ -157,7 +158,7 @@ def by_laboratory(options: Options, seed: int) -> Ended:
     scene = draw(seed, Body(rs.SphericalRcm(), settings_of(options).tool))
     try:
         return shown(options, seed, scene)
-    except rs.loop.NotShown:
+    except NotShown:
         return Ended(depth(scene), np.inf, np.inf, ("NOT_SHOWN",))
 
 

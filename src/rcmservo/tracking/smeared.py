@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
@@ -51,20 +50,27 @@ def most_like(weights: Floats, radius: float, smear: tuple[float, float]) -> Lik
     height, width = disc.shape
     if weights.shape[0] < height or weights.shape[1] < width:
         return None
-    like = cv2.matchTemplate(weights.astype(np.float32), disc, cv2.TM_CCOEFF_NORMED)
+    both = weights.astype(np.float32), disc.astype(np.float32)
+    like = cv2.matchTemplate(*both, cv2.TM_CCOEFF_NORMED)
     _, likeness, _, (u, v) = cv2.minMaxLoc(like)
     contrast = likeness * weights[v : v + height, u : u + width].std() / disc.std()
     return Like(u + width // 2, v + height // 2, likeness, float(contrast))
 
 
-def smeared_disc(radius: float, smear: tuple[float, float]) -> NDArray[np.float32]:
+@compiled
+def smeared_disc(radius: float, smear: tuple[float, float]) -> Floats:
     """A picture of the disc, 1 where it stayed for all of the exposure."""
     half = int(radius + 0.5 * max(abs(smear[0]), abs(smear[1])) + BORDER) + 1
-    y, x = np.mgrid[-half : half + 1, -half : half + 1]
-    count = max(round(np.hypot(*smear)), 1)
-    along = (np.arange(count) + 0.5) / count - 0.5
-    shares = [radius + 0.5 - np.hypot(x - s * smear[0], y - s * smear[1]) for s in along]
-    return np.mean(np.clip(shares, 0.0, 1.0), axis=0, dtype=np.float32)
+    disc = np.zeros((2 * half + 1, 2 * half + 1))
+    moments = max(round(np.hypot(smear[0], smear[1])), 1)
+    for n in range(moments):
+        along = (n + 0.5) / moments - 0.5
+        u, v = half + along * smear[0], half + along * smear[1]
+        for i in range(len(disc)):
+            for j in range(len(disc)):
+                within = radius + 0.5 - np.hypot(j - u, i - v)
+                disc[i, j] += min(max(within, 0.0), 1.0) / moments
+    return disc
 
 
 @compiled
