@@ -13,8 +13,8 @@ from rcmservo.guard.gate import Gate
 from rcmservo.interfaces import Floats
 from rcmservo.method.exploration import CORNERS, NEAR, Exploration, Exploring, begin, box
 from rcmservo.method.kinematics import SphericalRcm, position
-from rcmservo.method.planning import directed, off_target, plan
-from rcmservo.method.prospect import Prospect, blank, see
+from rcmservo.method.planning import CLOSE, directed, off_target, plan
+from rcmservo.method.prospect import STEP, Prospect, blank, see
 from rcmservo.rows import as_row
 
 RCM, FASTEST, FRAMES = SphericalRcm(), np.array(Gate.speed), 8
@@ -101,14 +101,27 @@ def pull(known: Prospect, p: Floats) -> Floats:
     return np.linalg.pinv(H)
 
 
+def counted(seen: Floats) -> list[Floats]:
+    """The places that the sums take."""
+    found = [seen[0]]
+    for p in seen:
+        found += [p] if np.linalg.norm(p - found[-1]) >= STEP else []
+    return found
+
+
+def the_way(t: Toured) -> Floats:
+    """To the target, mm, by the fit as it is here."""
+    seen = fitted(t.v, t.p1) + t.v.offset.ravel() + np.tile(t.v.origin[3:], 2)
+    return pull(t.v, t.p1) @ (t.target.ravel() - seen)
+
+
 def by_books(t: Toured, more: Floats, weights: Floats) -> float:
     """The error expected after more frames with these weights, by NumPy alone."""
-    D = np.concatenate([by_theta(t.v, p) for p in t.seen])
+    D = np.concatenate([by_theta(t.v, p) for p in counted(t.seen)])
     E = [np.sqrt(w) * by_theta(t.v, p) for p, w in zip(more, weights, strict=True)]
     prior = t.v.noise * np.diag([1e-6] * 8 + [1.0] * 3)
     N = prior + sum((e.T @ e for e in E), D.T @ D)
-    seen = fitted(t.v, t.p1) + t.v.offset.ravel() + np.tile(t.v.origin[3:], 2)
-    way = pull(t.v, t.p1) @ (t.target.ravel() - seen)
+    way = the_way(t)
     part = min(10.0 / np.linalg.norm(way), 1.0)
     T = pull(t.v, t.p1) @ (by_theta(t.v, t.p1 + part * way) - by_theta(t.v, t.p1)) / part
     return float(np.sqrt(t.v.noise * np.trace(T @ np.linalg.solve(N, T.T))))
@@ -119,8 +132,8 @@ def by_books(t: Toured, more: Floats, weights: Floats) -> float:
 def test_the_error_of_the_way_is_that_of_the_books(seed: int) -> None:
     t = Toured(seed)
     error, far = off_target(t.v.rows[0], t.p1, t.target, SHAFT)
-    assert error == pytest.approx(by_books(t, t.seen[:0], np.empty(0)), rel=0.01)
-    assert far == pytest.approx(9.0, rel=0.3)
+    assert error == pytest.approx(by_books(t, t.seen[:0], np.empty(0)), rel=0.05)
+    assert far == pytest.approx(np.linalg.norm(the_way(t)))
 
 
 @given(seeds, st.sampled_from([0.0, 0.2]), st.integers(0, 1))
@@ -163,21 +176,30 @@ def moved(known: Prospect, t: Toured) -> Floats:
 
 def test_servoing_begins_sooner_towards_a_target_whose_direction_is_known_better() -> None:
     """The tool went far to and fro along one way, and hardly across it."""
+    ratios = []
     for seed in range(10):
         t = Toured(seed)
-        along, across = np.linalg.qr(t.random.standard_normal((3, 3)))[0][:2]
-        steps = 3.0 * np.linspace(-1.0, 1.0, 30)[:, None] * along
+        ways = np.linalg.qr(t.random.standard_normal((3, 3)))[0]
+        steps = 3.0 * np.linspace(-1.0, 1.0, 30)[:, None] * ways[0]
         t.seen = t.p1 + steps + 0.3 * t.random.standard_normal((30, 3))
-        known = t.fit(1.0)
-        shares = []
-        for way in (along, across):
+        row, shares = t.fit(0.1).rows[0], []
+        for way in ways:
             target = markers_seen(t.C, t.p1 + 3.0 * way)
-            error, far = off_target(known.rows[0], t.p1, target, SHAFT)
+            error, far = off_target(row, t.p1, target, SHAFT)
             shares.append(error / far)
-            for limit in (0.9, 1.1):
-                x = as_row(Exploration(uncertainty=limit * error / far))[0]
-                assert directed(known.rows[0], t.p1, target, SHAFT, x) == (limit > 1.0)
-        assert shares[0] < 0.8 * shares[1]
+        ratios.append(shares[0] / np.mean(shares[1:]))
+    assert np.median(ratios) < 0.6
+
+
+@given(seeds)
+@settings(max_examples=10)
+def test_the_direction_is_known_from_the_share_of_the_way_that_is_set(seed: int) -> None:
+    """And where the error is so small that it does not matter."""
+    t = Toured(seed, noise=1.0)
+    error, far = off_target(t.v.rows[0], t.p1, t.target, SHAFT)
+    for limit in (0.9, 1.1):
+        x = as_row(Exploration(uncertainty=limit * error / far))[0]
+        assert directed(t.v.rows[0], t.p1, t.target, SHAFT, x) == (limit > 1.0 or error <= CLOSE)
 
 
 @given(seeds)
