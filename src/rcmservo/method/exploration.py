@@ -43,7 +43,7 @@ BRAKE = 0.03
 class Exploration:
     """How the tool moves while nothing is known yet."""
 
-    leg: float = 0.12
+    leg: float = 0.15
     """Time from corner to corner in the first round, s."""
     share: float = 0.2
     """Share of every joint's greatest speed at which it moves."""
