@@ -19,6 +19,7 @@ from rcmservo.method.exploration import (
     begin,
     box,
     disagreement,
+    face,
     overdue,
     span,
     towards,
@@ -145,6 +146,7 @@ def drive(rcm, q, visits, dt=0.01):
             tour.rows["visits"] += 1
             if tour.visits % len(CORNERS) == 0:
                 box(tour.rows[0], rcm.rcm(), FASTEST, 0.0, x)
+            face(tour.rows[0])
         q = q + towards(tour.rows[0], FASTEST, q, x) * dt
         assert np.all(q >= rcm.limits.lower) and np.all(q <= rcm.limits.upper)
     return tour, there

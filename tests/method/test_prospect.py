@@ -3,7 +3,7 @@ too."""
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import (
@@ -28,7 +28,6 @@ from rcmservo.method.foresight import (
     located,
     motion,
     pose_deviation,
-    uncertainty,
 )
 from rcmservo.method.prospect import (
     NOISE_FRAMES,
@@ -229,49 +228,13 @@ def test_a_motion_too_short_to_tell_the_denominator_does_not_make_it_large() -> 
         assert np.linalg.norm(scene.model(0.5).g) < 2.0
 
 
-def uncertain(places: Floats, C: Floats) -> float:
-    return uncertainty(model(places, pictures(C, places)).rows[0], places[0], SHAFT)
-
-
 @given(seeds)
-def test_without_noise_to_see_a_motion_in_a_plane_or_of_hardly_any_length_is_uncertain(
-    seed: int,
-) -> None:
-    """And the same camera, with as many frames of a motion that spans space, is not."""
-    scene = Scene(seed, 40)
-    across = np.cross(scene.middle, scene.random.standard_normal(3))
-    across /= np.linalg.norm(across)
-    flat = scene.places - np.outer(scene.places @ across, across)
-    still = scene.middle + 1e-3 * (scene.places - scene.middle)
-    least = uncertain(scene.places, scene.C)
-    assume(least < 0.5)
-    assert uncertain(flat, scene.C) > 20.0 * least
-    assert uncertain(still, scene.C) > 20.0 * least
-
-
-@given(seeds)
-def test_uncertainty_and_deviation_of_the_pose_are_those_of_the_books(seed: int) -> None:
+def test_the_deviation_of_the_pose_is_that_of_the_books(seed: int) -> None:
     scene = Scene(seed, 40)
     known, p1 = scene.model(0.3), scene.places[0]
-    H, S = both_motions(known.rows[0], p1, SHAFT), known.S_inverse[:3, :3] / 100.0**2
+    H = both_motions(known.rows[0], p1, SHAFT)
     pose = known.noise * np.trace(np.linalg.inv(H.T @ H))
     assert pose_deviation(known.rows[0], p1, SHAFT) == pytest.approx(np.sqrt(pose))
-    wanted = np.sqrt(pose * np.trace(S))
-    assert uncertainty(known.rows[0], p1, SHAFT) == pytest.approx(wanted)
-
-
-def test_half_of_all_motions_are_mistaken_by_less_than_the_uncertainty() -> None:
-    """By three times as much one in ten at most: that of g is not in it."""
-    ratios = []
-    for seed in range(100):
-        scene = Scene(seed, 60)
-        known, p1 = scene.model(0.3), scene.middle
-        H = derivative(lambda p, C=scene.C: markers_seen(C, p).ravel(), p1, 1e-2)
-        wrong = np.linalg.pinv(H) @ (both_motions(known.rows[0], p1, SHAFT) - H)
-        way = scene.random.standard_normal(3)
-        mistaken = np.linalg.norm(wrong @ way) / np.linalg.norm(way)
-        ratios.append(mistaken / uncertainty(known.rows[0], p1, SHAFT))
-    assert np.median(ratios) < 1.0 and np.quantile(ratios, 0.9) < 3.0
 
 
 def test_at_rest_the_offset_averages_the_noise_and_the_sums_take_nothing() -> None:
@@ -296,7 +259,6 @@ def test_one_frame_tells_where_the_markers_are_and_no_more() -> None:
     p1, points = scene.places[0], pictures(scene.C, scene.places)[0]
     row = model(scene.places, points[None]).rows[0]
     np.testing.assert_allclose(located(row, p1, SHAFT), points, atol=1e-9)
-    assert uncertainty(row, p1, SHAFT) > 10.0
     covariance = imaged(row, p1 + FAR)[1]
     assert covariance.trace() > 100.0**2
 
@@ -304,7 +266,6 @@ def test_one_frame_tells_where_the_markers_are_and_no_more() -> None:
 def test_before_the_first_frame_nothing_is_foretold() -> None:
     row = blank().rows[0]
     assert np.isnan(expected(row, FAR, SHAFT)).all()
-    assert not uncertainty(row, FAR, SHAFT) <= 1e6
 
 
 def test_emptied_it_is_as_at_first() -> None:

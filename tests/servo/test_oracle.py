@@ -248,13 +248,35 @@ def expecting(seen):
         "weakness": foresight.weakness(v, p1, shaft),
         "pose deviation": foresight.pose_deviation(v, p1, shaft),
         "without marker 2": foresight.deviation_without(v, p1, 1, shaft),
-        "uncertainty": foresight.uncertainty(v, p1, shaft),
         "order": foresight.order(v),
         "nothing beside": compiled_ones.emptied(()),
     }
+    out |= planned(v, seen, shaft)
     prospect.empty(v)
     empty = prospect.Prospect(memory)
     return out | {f"emptied {field.name}": getattr(empty, field.name) for field in empty.fields}
+
+
+def planned(v, seen, shaft):
+    """How well the way to the target is known, and the next corner."""
+    from rcmservo.method import exploration, kinematics, planning
+    from rcmservo.rows import as_row
+
+    x, p1, limits = (
+        as_row(exploration.Exploration())[0],
+        seen.places[0],
+        ((-4.0,) * 3, (200.0,) * 3),
+    )
+    rcm = kinematics.Rcm(0, 2.0, *limits)
+    q = kinematics.joints(rcm, p1)
+    tour = exploration.Exploring.of(home=q, goal=q, sides=[0.03, 0.03, 2.5], visits=3)
+    planning.plan(tour.rows[0], v, rcm, shaft, q, seen.target, 9.0)
+    assert not np.array_equal(tour.goal, q)
+    return {
+        "off target": planning.off_target(v, p1, seen.target, shaft),
+        "directed": planning.directed(v, p1, seen.target, shaft, x),
+        "planned": tour.goal,
+    }
 
 
 def drifting(seen):

@@ -1,13 +1,17 @@
-"""The first motion, from nothing: the joints visit the corners of a small tetrahedron, round after
-round, until the estimate is known well enough.
+"""The first motion, from nothing: the joints visit the corners of a small tetrahedron, and then
+others of that size, until the estimate is known well enough.
 
 Neither â = 0 nor Ĵ = 0 can be inverted, and coplanar positions leave the projection undetermined
 (rank 8), so the policy asks for yaw, pitch and insertion together. The corners are alternate ones
 of a box in joint space with the start at one corner, on the side that the joint limits leave free;
 so no joint has to go far, wherever the tool stands, and a round ends at the start. The next round
-is mirrored and larger. It ends as soon as what the camera should see (prospect.py) is known to
-`uncertainty` and Ĵ agrees with it to `tolerance`, and says so when that is not so after the time
-allowed.
+is mirrored and larger.
+
+Once the least number of corners is visited, each next one may be another of the round's size: the
+one that tells most of the way to the target (planning.py). Exploration ends as soon as the
+direction to the target is known to `uncertainty` and Ĵ agrees to `tolerance` with what the camera
+should see (prospect.py), and says so when that is not so after the time allowed. Learning goes on
+while the tool servoes.
 """
 
 from dataclasses import dataclass
@@ -48,7 +52,8 @@ class Exploration:
     growth: float = 1.5
     """How many times as large every round is as the one before."""
     uncertainty: float = 1.0
-    """Share of a motion by which the estimate may mistake it, one standard deviation."""
+    """Share of the way to the target by which the estimate may mistake it as servoing begins, one
+    standard deviation."""
     tolerance: float = 0.3
     """Share by which Ĵ may differ from what the camera should see."""
     legs: int = 3
@@ -72,6 +77,7 @@ class Exploring(DriveLag):
 
     home: Floats = reals(3, "rad, rad, mm", "the joints at its start")
     sides: Floats = reals(3, "rad, rad, mm", "of this round's box, with their signs")
+    goal: Floats = reals(3, "rad, rad, mm", "the joints at the next corner")
     visits: int = whole("", "corners visited so far, over all rounds")
     start: int = whole("ns", "when it began")
     begun: bool = flag("whether there are corners to visit")
@@ -90,6 +96,15 @@ def begin(
     begin_lag(tour)
     tour.begun = box(tour, rcm, fastest, least, x)
     tour.no_room = not tour.begun
+    face(tour)
+
+
+@compiled
+def face(tour: Exploring) -> None:
+    """Make the round's own corner the next one."""
+    corner = CORNERS[tour.visits % len(CORNERS)]
+    for i in range(3):
+        tour.goal[i] = tour.home[i] + corner[i] * tour.sides[i]
 
 
 @compiled
@@ -129,10 +144,10 @@ def span(rcm: Rcm, q: Floats, sides: Floats) -> float:
 @compiled
 def towards(tour: Exploring, fastest: Floats, q: Floats, x: Exploration) -> Floats:
     """Joint rates (3,) towards the next corner."""
-    rates, corner = np.empty(3), CORNERS[tour.visits % len(CORNERS)]
+    rates = np.empty(3)
     for i in range(3):
         speed = x.share * fastest[i]
-        way = tour.home[i] + corner[i] * tour.sides[i] - q[i]
+        way = tour.goal[i] - q[i]
         rates[i] = min(max(way / BRAKE, -speed), speed)
     return rates
 
@@ -140,12 +155,16 @@ def towards(tour: Exploring, fastest: Floats, q: Floats, x: Exploration) -> Floa
 @compiled
 def arrived(tour: Exploring, q: Floats) -> bool:
     """Whether the joints q (3,) are at the next corner."""
-    corner = CORNERS[tour.visits % len(CORNERS)]
+    return at(tour.goal, tour.sides, q)
+
+
+@compiled
+def at(corner: Floats, sides: Floats, q: Floats) -> bool:
+    """Whether the joints q (3,) are at a corner (3,) of a box with these `sides` (3,)."""
+    there = True
     for i in range(3):
-        way = tour.home[i] + corner[i] * tour.sides[i] - q[i]
-        if not abs(way) <= NEAR * abs(tour.sides[i]):
-            return False
-    return True
+        there = there and abs(corner[i] - q[i]) <= NEAR * abs(sides[i])
+    return there
 
 
 @compiled

@@ -170,14 +170,6 @@ def deviation_without(v: Prospect, p1: Floats, k: int, shaft: Shaft) -> float:
 
 
 @compiled
-def uncertainty(v: Prospect, p1: Floats, shaft: Shaft) -> float:
-    """By which share of its length a small motion of the tool is mistaken, one standard deviation:
-    σ √(tr S⁻¹ₓₓ tr(HᵀH)⁻¹), with H = ∂m/∂p₁ of both markers."""
-    known = v.S_inverse[0, 0] + v.S_inverse[1, 1] + v.S_inverse[2, 2]
-    return np.sqrt(v.noise * known * weakness(v, p1, shaft)) / UNIT
-
-
-@compiled
 def order(v: Prospect) -> float:
     """Of the way in the picture from marker 1 to marker 2, the share that a marker makes which
     moves from the place of the one to that of the other: about 1, and −1 where they are taken for

@@ -20,6 +20,7 @@ from rcmservo.guard.states import (
 )
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Told, unwatch, watch_estimate
+from rcmservo.interfaces import Floats
 from rcmservo.loops import put
 from rcmservo.method.controller import scaled
 from rcmservo.method.drive_lag import follow_drives, measure_lag
@@ -29,9 +30,11 @@ from rcmservo.method.exploration import (
     begin,
     box,
     disagreement,
+    face,
     towards,
 )
-from rcmservo.method.foresight import features_motion, order, uncertainty
+from rcmservo.method.foresight import features_motion, order
+from rcmservo.method.planning import directed, plan
 from rcmservo.method.prospect import Prospect, empty
 from rcmservo.rows import Rows
 from rcmservo.servo.decide import decide
@@ -77,7 +80,7 @@ def act(
         e, t = s.estimate, fixed.thresholds
         watch_estimate(s.watch, e.p1, e.points, e.o_c, e.J_hat, t)
     if not s.tour.done:
-        explore(s, s.prospect, seen, news, fixed)
+        explore(s, s.prospect, seen, news, asked.points, fixed)
     found = decide(s, s.prospect, seen, asked, fixed) | more
     signs = Signs(seen.enabled, believed or s.watch.believed >= 0, believed, s.tour.done)
     forgot = enter(s, found, signs, asked.request, now, fixed.thresholds)
@@ -89,8 +92,9 @@ def act(
 
 
 @compiled
-def explore(s: Kept, v: Prospect, seen: Told, news: int, fixed: Fixed) -> None:
-    """The first motion: on the tour, until the estimate is known."""
+def explore(s: Kept, v: Prospect, seen: Told, news: int, target: Floats, fixed: Fixed) -> None:
+    """The first motion: on the tour, until the estimate is known well enough to go to the `target`
+    (2, 2) raw px."""
     tour, d, x, c = s.tour, s.decision, fixed.exploration, fixed.dials
     if d.phase != ACQUIRE or tour.no_room:
         stand(d)
@@ -100,23 +104,35 @@ def explore(s: Kept, v: Prospect, seen: Told, news: int, fixed: Fixed) -> None:
         begin(tour, rcm_of(c), c.fastest, seen.q, seen.now, room, x)
         return
     follow_drives(tour, seen.q, seen.q_time, seen.applied, c.fastest)
-    if news == LEARN and known(s, v, fixed):
+    if news == LEARN and known(s, v, target, fixed):
         tour.done = True
         measure_lag(tour)
         return
     if arrived(tour, seen.q):
-        tour.visits += 1
-        if tour.visits % len(CORNERS) == 0:
-            box(tour, rcm_of(c), c.fastest, 0.0, x)
+        visit(s, v, seen.q, target, fixed)
     put(d.rates, towards(tour, c.fastest, seen.q, x))
 
 
 @compiled
-def known(s: Kept, v: Prospect, fixed: Fixed) -> bool:
-    """Whether there is an estimate to servo with: what the camera should see is certain enough, an
-    Ĵ that is not made of it agrees with it, and the markers stand in their order."""
+def visit(s: Kept, v: Prospect, q: Floats, target: Floats, fixed: Fixed) -> None:
+    """The joints q (3,) are at a corner: on to the round's next one, or, once the least number is
+    visited, to that which tells most of the way to the `target` (2, 2) raw px."""
+    tour, x, c = s.tour, fixed.exploration, fixed.dials
+    tour.visits += 1
+    if tour.visits % len(CORNERS) == 0:
+        box(tour, rcm_of(c), c.fastest, 0.0, x)
+    face(tour)
+    if tour.visits >= x.legs and not directed(v, s.estimate.p1, target, shaft_of(c), x):
+        plan(tour, v, rcm_of(c), shaft_of(c), q, target, x.reach)
+
+
+@compiled
+def known(s: Kept, v: Prospect, target: Floats, fixed: Fixed) -> bool:
+    """Whether there is an estimate to servo with: the direction to the `target` (2, 2) raw px is
+    certain enough, an Ĵ that is not made of the fit agrees with it, and the markers stand in their
+    order."""
     e, x = s.estimate, fixed.exploration
-    if s.tour.visits < x.legs or not uncertainty(v, e.p1, shaft_of(fixed.dials)) <= x.uncertainty:
+    if s.tour.visits < x.legs or not directed(v, e.p1, target, shaft_of(fixed.dials), x):
         return False
     if not sound(v, fixed.thresholds):
         return False

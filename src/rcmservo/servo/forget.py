@@ -23,6 +23,7 @@ def forget(s: Kept) -> None:
     e.exposure, e.line_count, e.rcm_condition, e.condition = -1, 0, np.inf, np.inf
     fill(tour.home, 0.0)
     fill(tour.sides, 0.0)
+    fill(tour.goal, 0.0)
     forget_lag(tour)
     tour.visits, tour.start = 0, 0
     tour.begun, tour.no_room, tour.done = False, False, False
