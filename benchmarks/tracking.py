@@ -147,7 +147,7 @@ def default_rig(count: int) -> None:
     for px in (5.0, 15.0):
         bad, due = np.sum([lost_or_wrong(seed, px) for seed in range(count)], axis=0)
         print(f"{px:g} px a frame: {bad} of {due} lost or wrong ({bad / due:.1%})")
-    for exposure in (0.008, 0.015):
+    for exposure in (0.008, 0.015, PERIOD):
         bad, due = np.sum([from_rest(seed, 15.0, 12, exposure) for seed in range(count)], axis=0)
         print(f"the same from rest, smeared by {15.0 * exposure / PERIOD:.1f} px: {bad} of {due}")
 

@@ -59,7 +59,8 @@ def test_a_tool_that_moves_by_fifteen_pixels_a_frame_is_followed() -> None:
 
 def test_a_tool_that_gains_speed_is_followed_though_it_is_smeared() -> None:
     """By up to 13.5 px, more than most balls' radius. By sharp outlines alone more than half of
-    these are lost or wrong; what is left is a fifth, which is not good yet."""
+    these are lost or wrong, by the smeared one alone a sixth; what is left is found, 3 to 4 px
+    off."""
     bad, due = np.sum([from_rest(seed, 15.0, 12, 0.015) for seed in range(10)], axis=0)
     assert due > 100
-    assert bad <= 0.25 * due
+    assert bad <= 0.08 * due

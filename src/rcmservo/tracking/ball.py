@@ -48,7 +48,7 @@ LEAST_CONTRAST = 15.0
 LEAST_LIKENESS = 0.75
 """Of a smeared ball with a smeared disc: the shaft and shading take up to a fifth from 1."""
 
-FARTHEST = 3.0
+FARTHEST = 5.0
 """px from where a smeared ball looks most like one to the centre of its outline."""
 
 ROUGH = 2.0
