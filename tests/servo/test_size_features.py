@@ -92,6 +92,15 @@ def test_it_comes_to_the_target_with_one_marker_lost_on_the_way_too(lost: int) -
     np.testing.assert_array_equal(rows, [*asked[:, :2].ravel(), *asked[:, 2]])
 
 
+@pytest.mark.parametrize("lost", [1, 2])
+def test_on_the_papers_features_too_it_comes_there_with_one_marker_lost(lost: int) -> None:
+    lab = SizedLab((f"marker_loss:at=1,marker={lost}",))
+    law = rs.SaturatedController(features="srd")
+    ticks = list(rs.run(lab.plant, lab.servo(controller=law), lab.target, 7.0))
+    assert ticks[-1].state.phase is rs.Phase.SERVO
+    assert lab.error() < 1.0
+
+
 AFFINE = AffineEstimator()
 
 

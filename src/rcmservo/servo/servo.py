@@ -237,11 +237,13 @@ class Servo:
     def _learn(
         self, kept: Kept, memory: Any, seen: Told, target: Floats, dt: float, sizes: Both
     ) -> Any:
-        """The memory after one new frame; Ĵ and features go into the estimate."""
+        """The memory after one new frame; Ĵ and features go into the estimate, with a lost marker
+        where the fit of all frames has it."""
         learner, rows, e = self.learner, kept.rows, kept.estimate
         sample = Sample(e.p1, seen.points, e.o_c, dt, sizes[0])
         memory = learner.update(memory, self.tool, sample)
         points = learner.located(memory, self.tool, sample)
+        points = np.where(np.isfinite(seen.points), points, e.points)
         placed = learner.imaged_rcm(memory)
         if placed is None:
             J_hat = learner.jacobian(memory, self.tool, sample)
