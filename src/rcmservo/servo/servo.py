@@ -23,6 +23,7 @@ from rcmservo.method.controller import ROWS, SaturatedController
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.exploration import Exploration
+from rcmservo.method.foresight import located
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.method.kinematics import Kinematics, Rcm, floats, position
 from rcmservo.method.tool import Tool
@@ -243,7 +244,9 @@ class Servo:
         sample = Sample(e.p1, seen.points, e.o_c, dt, sizes[0])
         memory = learner.update(memory, self.tool, sample)
         points = learner.located(memory, self.tool, sample)
-        points = np.where(np.isfinite(seen.points), points, e.points)
+        if not np.isfinite(seen.points).all():
+            fitted = located(kept.prospect.rows[0], e.p1, self.tool.shaft)
+            points = np.where(np.isfinite(seen.points), points, fitted)
         placed = learner.imaged_rcm(memory)
         if placed is None:
             J_hat = learner.jacobian(memory, self.tool, sample)
