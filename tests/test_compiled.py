@@ -35,6 +35,7 @@ def run(source: Path, **variables: str) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.slow
 def test_a_change_of_any_file_with_compiled_functions_makes_a_new_cache(tmp_path: Path) -> None:
     source = copied(tmp_path / "src")
     before = run(source)[0]

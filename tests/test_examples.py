@@ -4,9 +4,12 @@ import re
 import subprocess
 import sys
 
+import pytest
+
 from conftest import ROOT
 
 
+@pytest.mark.slow
 def test_gains_are_compared_in_the_same_scenes() -> None:
     code = [sys.executable, "examples/03_many_runs.py", "6"]
     done = subprocess.run(code, cwd=ROOT, capture_output=True, text=True, check=True)

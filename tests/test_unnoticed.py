@@ -29,6 +29,13 @@ def test_a_run_of_a_row_is_judged(name: str) -> None:
     assert not (name == "none" and (run.stops or run.wrong or run.grown))
 
 
+@pytest.mark.slow
+def test_a_picture_frozen_where_the_tool_hardly_moves_in_it_is_told_before_it_is_far_off() -> None:
+    """Seed 25 went 2.6 mm, which moved the markers by half a px."""
+    run = one("freeze_after", 25)
+    assert [cause for _, _, cause, _ in run.stops] == ["FROZEN"] and run.error < 1.5
+
+
 def test_the_report_has_a_line_for_each_row_that_was_run(capsys: pytest.CaptureFixture) -> None:
     report([one("arm_clock", 1)])
     lines = capsys.readouterr().out.splitlines()

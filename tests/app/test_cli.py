@@ -134,6 +134,7 @@ def test_with_other_settings_replay_tells_what_would_have_differed_and_that_the_
         )
 
 
+@pytest.mark.slow
 def test_replay_tells_the_two_projection_estimators_apart(
     small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -170,6 +171,7 @@ def test_the_frames_of_a_record_make_a_recording_that_can_be_replayed(
     )
 
 
+@pytest.mark.slow
 def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
     small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -215,6 +217,7 @@ def test_what_cannot_be_done_is_one_sentence(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_full_disk_pauses_the_run_and_leaves_what_was_written_readable(
     small: list[str],
     tmp_path: Path,
@@ -249,6 +252,7 @@ def test_a_video_that_cannot_be_written_is_removed_and_told_and_the_run_goes_on(
     assert not (tmp_path / "overlay.mp4").exists() and (tmp_path / RECORD).exists()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_record(small: list[str], tmp_path: Path) -> None:
     rows = []
     for name in "ab":

@@ -34,6 +34,7 @@ def said(capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_it_runs_with_its_settings_and_its_replay_is_the_same_bit_for_bit(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

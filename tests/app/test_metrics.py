@@ -79,6 +79,7 @@ def test_show_and_metrics_agree_on_a_run_that(ending: str, tmp_path: Path) -> No
     assert kept == json.loads(json.dumps(asdict(metrics)))
 
 
+@pytest.mark.slow
 def test_a_run_that_ends_without_a_marker_says_so_beside_its_verdict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -161,6 +161,7 @@ def unmeasured(settings: object, results: Results) -> Chapter:
     raise NotMeasured("how far it is", float("nan"))
 
 
+@pytest.mark.slow
 def test_what_could_not_be_measured_is_left_out_of_the_report_which_says_so(tmp_path: Path) -> None:
     """Whether a task fails or the judging of its results."""
     good = EXPERIMENTS["potential"]

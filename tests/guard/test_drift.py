@@ -135,6 +135,26 @@ def test_the_very_same_picture_of_a_tool_that_moves_is_frozen_and_of_one_at_rest
     assert watched.tells(there, other) is None, "no camera delivers the same twice"
 
 
+def hardly_seen(watched: Watched, way: float) -> Floats:
+    """p₁ (3,) mm so far from the middle, in the direction in which the markers move least."""
+    row, at, steps = watched.fit.rows[0], watched.middle, 0.5 * np.eye(3)
+    changes = [expected(row, at + s, SHAFT) - expected(row, at - s, SHAFT) for s in steps]
+    return at + way * np.linalg.svd(np.stack([c.ravel() for c in changes], axis=1))[2][-1]
+
+
+@pytest.mark.parametrize("share,cause", [(0.9, None), (1.1, Cause.FROZEN)])
+def test_the_very_same_picture_is_frozen_also_where_the_tool_hardly_moves_in_it(
+    share: float, cause: Cause | None
+) -> None:
+    watched = Watched(0.1)
+    points, there = watched.seen(watched.middle), hardly_seen(watched, share * Thresholds.stuck)
+    row = watched.fit.rows[0]
+    less = np.abs(expected(row, there, SHAFT) - expected(row, watched.middle, SHAFT)).max()
+    assert less < 0.5 * Thresholds.drift_px
+    assert watched.tells(watched.middle, points) is None
+    assert watched.tells(there, points.copy()) is cause
+
+
 @NOISES
 def test_a_frame_with_a_marker_that_is_elsewhere_is_told_and_by_which(noise: float) -> None:
     watched = Watched(noise)

@@ -19,7 +19,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import with_tests
+from conftest import first_quick, with_tests
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
 from rcmservo.guard.thresholds import Thresholds
@@ -412,6 +412,7 @@ def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tm
     assert not np.allclose(last["q"], before)
 
 
+@pytest.mark.slow
 def test_an_arm_that_takes_its_time_to_stop_is_not_taken_for_a_servo_that_hangs(bench, tmp_path):
     slow, paths = replace(LAB.gate, slew=(0.1, 0.1, 8.0)), map(tmp_path.joinpath, "abcdef")
 
@@ -424,7 +425,11 @@ def test_an_arm_that_takes_its_time_to_stop_is_not_taken_for_a_servo_that_hangs(
 
 
 @pytest.mark.parametrize(
-    ("blow", "word"), [(signal.SIGKILL, "killed (SIGKILL)"), (signal.SIGSTOP, "stopped")]
+    ("blow", "word"),
+    [
+        (signal.SIGKILL, "killed (SIGKILL)"),
+        pytest.param(signal.SIGSTOP, "stopped", marks=pytest.mark.slow),
+    ],
 )
 def test_a_servo_process_that_is_killed_or_stopped_is_noticed_and_the_arm_stands_still(
     bench, tmp_path, blow, word
@@ -485,7 +490,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("blow", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("blow", first_quick([signal.SIGINT, signal.SIGKILL]))
 def test_ctrl_c_ends_a_run_in_order_and_a_supervisor_that_is_killed_leaves_no_process(
     tmp_path, blow
 ):

@@ -55,6 +55,7 @@ def ran(script: Path, text: str, enter: str = "") -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_the_live_wing_runs_an_arm_and_a_camera_of_ones_own_where_there_is_no_simulator(
     tmp_path: Path,
 ) -> None:

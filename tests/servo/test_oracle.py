@@ -527,6 +527,7 @@ def test_a_servo_takes_the_same_steps_compiled_and_as_plain_python(plain):
     assert np.abs(results["fast rates"]).max() > 0.1
 
 
+@pytest.mark.slow
 def test_the_oracle_knows_every_compiled_function_of_the_core():
     """A function that nothing above calls directly is called by one that is."""
     called, core = _called_when_plain(), compiled_functions()

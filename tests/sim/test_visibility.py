@@ -70,6 +70,7 @@ def test_a_camera_that_the_servo_learns_anew_is_what_counts_from_then_on() -> No
     assert before > LOUD > np.abs(oracle.innovation(seen)).max()
 
 
+@pytest.mark.slow
 def test_nothing_is_visible_in_20_runs_in_which_nothing_goes_wrong() -> None:
     innovations = []
     for seed in range(20):

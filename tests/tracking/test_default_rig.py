@@ -57,6 +57,7 @@ def test_a_tool_that_moves_by_fifteen_pixels_a_frame_is_followed() -> None:
     assert bad <= 0.02 * due
 
 
+@pytest.mark.slow
 def test_a_tool_that_gains_speed_is_followed_though_it_is_smeared() -> None:
     """By up to 13.5 px, more than most balls' radius. By sharp outlines alone more than half of
     these are lost or wrong, by the smeared one alone a sixth; what is left is found, 3 to 4 px

@@ -223,6 +223,7 @@ def test_the_frame_is_not_touched_and_may_be_read_only_or_a_view() -> None:
 # ---------------------------------------------------------------- which one is which
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=15)
 @given(offset=st.floats(-6, 6), step=st.floats(4, 12), seed=st.integers(0, 99))
 def test_markers_of_two_colours_are_never_swapped_where_their_paths_cross(

@@ -41,9 +41,11 @@ def watch_drift(
     average(w, v, 0, one, points[0], places[0], t)
     average(w, v, 1, other, points[1], places[1], t)
     same = alike(seen, w.seen)
-    w.frozen = same and farthest(places, w.foretold) > t.drift_px
+    moved = distance(p1, w.stood) > t.stuck or farthest(places, w.foretold) > t.drift_px
+    w.frozen = same and moved
     if not same:
         put(w.seen, seen)
+        put(w.stood, p1)
         put(w.foretold, places)
 
 

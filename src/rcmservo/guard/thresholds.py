@@ -66,11 +66,11 @@ class Thresholds:
     drift_frames: int = 20
     """over so many frames, before the picture counts as drifting."""
     stuck: float = 1.0
-    """Way of the tool, mm, after which a picture that is the same to the last bit counts as frozen
-    while the tool explores,"""
+    """Way of the tool, mm, after which a picture that is the same to the last bit counts as
+    frozen,"""
     stuck_px: float = 2.0
-    """and px that a marker goes at most which stands still, while the other goes five times as
-    far."""
+    """and px that a marker goes at most which stands still while the tool explores and the other
+    goes five times as far."""
     elsewhere: float = 2.0
     """How far from where the target was shown, by the joints, the tool may be where the picture
     shows it there, mm, beside what noise explains; inf: as far as it likes."""
