@@ -42,6 +42,9 @@ DEEP = 6
 STEPS = 32
 """Along a ray from the centre to the outline."""
 
+ENOUGH = 1000
+"""Pixels at least, whose neighbours tell a picture's noise to a twentieth."""
+
 LEAST_CONTRAST = 15.0
 """Grey levels. It must be four times the picture's noise too."""
 
@@ -99,23 +102,27 @@ class Ball:
 @compiled
 def noise(weights: Floats) -> float:
     """The standard deviation of a weight, from the differences of neighbouring pixels."""
-    stride = max(weights.size // 4000, 1)
+    stride = max(weights.size // ENOUGH, 1)
     line = weights.ravel()
     return 1.05 * float(np.median(np.abs(line[1::stride] - line[:-1:stride])))
 
 
 @compiled
-def depth(weights: Floats, ellipse: Floats, level: float) -> float:
-    """The share of a ray from the centre out that weighs more than `level`, on the fullest rays: so
-    much at least on DEEP of them."""
-    shares = np.zeros(RAYS)
+def full(weights: Floats, ellipse: Floats, level: float) -> bool:
+    """Whether more than `level` weighs for LEAST_DEPTH of the way from the centre out, on DEEP of
+    the rays at least."""
+    deep = 0
     for k in range(RAYS):
+        count = 0
         for n in range(STEPS):
             way = ellipse[2] * (n + 0.5) / STEPS
             i, j = round(ellipse[1] + way * SIN[k]), round(ellipse[0] + way * COS[k])
             if 0 <= i < weights.shape[0] and 0 <= j < weights.shape[1]:
-                shares[k] += (weights[i, j] > level) / STEPS
-    return np.sort(shares)[-DEEP]
+                count += weights[i, j] > level
+        deep += count >= LEAST_DEPTH * STEPS
+        if deep == DEEP:
+            return True
+    return False
 
 
 def ball_near(image: Image, colour: int, u: float, v: float, radius: float) -> Ball | None:
@@ -147,7 +154,7 @@ def smeared_ball(image: Image, colour: int, last: Ball, smear: tuple[float, floa
     ball = _judged(amounts, ellipse, marks, grain)
     if ball and ball.fixed and np.hypot(ball.u - like.u, ball.v - like.v) < FARTHEST:
         return replace(ball, covariance=spread**2 * np.eye(3))
-    if like.contrast < max(LEAST_CONTRAST, 4.0 * grain):
+    if like.contrast(amounts) < max(LEAST_CONTRAST, 4.0 * grain):
         return None
     return Ball(like.u, like.v, last.radius, 0.5 * like.likeness, ROUGH**2 * np.eye(3))
 
@@ -176,7 +183,7 @@ def _judged(
     good = radius >= LEAST_RADIUS and support >= LEAST_SEEKING and spread <= widest
     if not (good and contrast >= max(LEAST_CONTRAST, 4.0 * grain)):
         return None
-    if depth(weights, ellipse, 0.3 * contrast) < LEAST_DEPTH:
+    if not full(weights, ellipse, 0.3 * contrast):
         return None
     clear = contrast / (contrast + LEAST_CONTRAST + 4.0 * grain)
     quality = support * clear / (1.0 + (spread / widest) ** 2)

@@ -33,14 +33,21 @@ BORDER = 3.0
 class Like(NamedTuple):
     """Where a picture is most like a smeared disc."""
 
-    u: float
+    u: int
     """px, of the centre."""
-    v: float
+    v: int
     """px, of the centre."""
     likeness: float
     """Correlation of picture and disc there, at most 1."""
-    contrast: float
-    """What the picture shows more of the colour within the disc than about it."""
+    disc: Floats
+    """The disc's picture."""
+
+    def contrast(self, weights: Floats) -> float:
+        """What the picture shows more of the colour within the disc than about it."""
+        rows, columns = self.disc.shape
+        i, j = self.v - rows // 2, self.u - columns // 2
+        there = weights[i : i + rows, j : j + columns]
+        return self.likeness * float(there.std() / self.disc.std())
 
 
 def most_like(weights: Floats, radius: float, smear: tuple[float, float]) -> Like | None:
@@ -53,8 +60,7 @@ def most_like(weights: Floats, radius: float, smear: tuple[float, float]) -> Lik
     both = weights.astype(np.float32), disc.astype(np.float32)
     like = cv2.matchTemplate(*both, cv2.TM_CCOEFF_NORMED)
     _, likeness, _, (u, v) = cv2.minMaxLoc(like)
-    contrast = likeness * weights[v : v + height, u : u + width].std() / disc.std()
-    return Like(u + width // 2, v + height // 2, likeness, float(contrast))
+    return Like(u + width // 2, v + height // 2, likeness, disc)
 
 
 @compiled
