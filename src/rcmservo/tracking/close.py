@@ -87,7 +87,8 @@ def _looked(image: Image, colour: int, last: Ball, way: Way | None) -> Ball | No
 
 
 def _steady(ball: Ball | None, last: Ball, more: float = 0.0) -> Ball | None:
-    """The ball, if it is about where it was expected, by up to `more` px more than usual, and as large."""
+    """The ball, if it is about where it was expected, `more` px off beside what is usual, and as
+    large."""
     if ball is None or ball.distance(last) > JUMP * last.radius + more:
         return None
     return ball if 1.0 / SWELL < ball.radius / last.radius < SWELL else None
