@@ -16,7 +16,9 @@ SWELL = 1.25
 """A marker whose radius changed by more than this factor is looked for afresh."""
 
 FAST = 0.3
-"""Of its radius: a marker that moves further in a frame may be smeared by its motion."""
+"""Of its radius: a marker that moves further in a frame may be smeared by its motion,"""
+SURELY = 0.15
+"""and one that no sharp look finds, if it moves so far."""
 
 GAIN = 0.5
 """Of its way, by which the next one of a fast marker may differ."""
@@ -40,7 +42,7 @@ def ball_followed(image: Image, colour: int, last: Ball, way: Way) -> Ball | Non
     radius it had, which would drift from frame to frame.
     """
     sharp, speed = _steady(_looked(image, colour, last, None), last), float(np.hypot(*way))
-    if speed <= FAST * last.radius:
+    if speed <= (FAST if sharp else SURELY) * last.radius:
         return sharp
     smeared = _steady(_looked(image, colour, last, way), last, GAIN * speed)
     if sharp and smeared and sharp.quality >= AS_GOOD * smeared.quality:
