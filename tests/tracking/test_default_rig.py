@@ -65,3 +65,9 @@ def test_a_tool_that_gains_speed_is_followed_though_it_is_smeared() -> None:
     bad, due = np.sum([from_rest(seed, 15.0, 12, 0.015) for seed in range(10)], axis=0)
     assert due > 100
     assert bad <= 0.08 * due
+
+
+def test_a_ball_of_which_half_is_seen_is_followed_when_it_begins_to_be_smeared() -> None:
+    """Scene 306: the shaft hides half of it, and it was lost as soon as no sharp look found it."""
+    bad, due = from_rest(306, 15.0, 12, 1.0 / 60.0)
+    assert bad == 0 and due >= 10
