@@ -14,11 +14,13 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from tracking_measures import (
     PERIOD,
     about_trend,
+    bad_of,
     errors_on_path,
     from_rest,
     lost_or_wrong,
@@ -148,7 +150,8 @@ def default_rig(count: int) -> None:
         bad, due = np.sum([lost_or_wrong(seed, px) for seed in range(count)], axis=0)
         print(f"{px:g} px a frame: {bad} of {due} lost or wrong ({bad / due:.1%})")
     for exposure in (0.008, 0.015, PERIOD):
-        bad, due = np.sum([from_rest(seed, 15.0, 12, exposure) for seed in range(count)], axis=0)
+        runs = (from_rest(seed, 15.0, 12, exposure) for seed in range(count))
+        bad, due = bad_of(chain.from_iterable(runs))
         print(f"the same from rest, smeared by {15.0 * exposure / PERIOD:.1f} px: {bad} of {due}")
 
 

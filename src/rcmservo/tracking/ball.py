@@ -55,7 +55,9 @@ FARTHEST = 5.0
 """px from where a smeared ball looks most like one to the centre of its outline."""
 
 ROUGH = 2.0
-"""px, standard deviation of the former."""
+"""px, standard deviation of the former,"""
+SMEARED = 0.08
+"""and of the latter, of the way: shading and the shaft shift the ramp that the outline is then."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +155,8 @@ def smeared_ball(image: Image, colour: int, last: Ball, smear: tuple[float, floa
     marks = (*supported(rays, ellipse, ellipse), spread)
     ball = _judged(amounts, ellipse, marks, grain)
     if ball and ball.fixed and np.hypot(ball.u - like.u, ball.v - like.v) < FARTHEST:
-        return replace(ball, covariance=spread**2 * np.eye(3))
+        wrong = spread**2 + SMEARED**2 * (smear[0] ** 2 + smear[1] ** 2)
+        return replace(ball, covariance=wrong * np.eye(3))
     if like.contrast(amounts) < max(LEAST_CONTRAST, 4.0 * grain):
         return None
     return Ball(like.u, like.v, last.radius, 0.5 * like.likeness, ROUGH**2 * np.eye(3))

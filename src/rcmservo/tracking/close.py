@@ -27,7 +27,9 @@ DOUBT = 1.5
 """Times its radius that a ball may have which only the search has found."""
 
 AS_GOOD = 0.75
-"""Of the smeared ball's quality. The sharp one is taken if it has so much."""
+"""Of the smeared ball's quality. The sharp one is taken if it has so much,"""
+SHIFTED = 0.04
+"""and may be off by so much of its way: one standard deviation."""
 
 Way = tuple[float, float]
 """px that a marker moves between two frames."""
@@ -45,9 +47,10 @@ def ball_followed(image: Image, colour: int, last: Ball, way: Way) -> Ball | Non
     if speed <= (FAST if sharp else SURELY) * last.radius:
         return sharp
     smeared = _steady(_looked(image, colour, last, way), last, GAIN * speed)
-    if sharp and smeared and sharp.quality >= AS_GOOD * smeared.quality:
-        return sharp
-    return replace(smeared, radius=last.radius) if smeared else sharp
+    if sharp and not (smeared and sharp.quality < AS_GOOD * smeared.quality):
+        shift = (SHIFTED * speed) ** 2 * np.diag([1.0, 1.0, 0.0])
+        return replace(sharp, covariance=sharp.covariance + shift)
+    return replace(smeared, radius=last.radius) if smeared else None
 
 
 def balls_seen(image: Image, colour: int) -> list[Ball]:

@@ -1,5 +1,6 @@
 """From a picture to the two markers: where they were, where they are, and which one is which."""
 
+from dataclasses import replace
 from typing import final
 
 import numpy as np
@@ -42,7 +43,7 @@ class ColourMarkers:
         expected = self._expected(frame.exposure)
         pair = self._follow(image, expected)
         if pair[0] is None or pair[1] is None:
-            pair = self._search(image, pair)
+            pair = self._as_large(self._search(image, pair))
         self._before, self._last = self._last, pair
         self._remembered = pair[0] or self._remembered[0], pair[1] or self._remembered[1]
         self._times = self._times[1], frame.exposure
@@ -53,13 +54,18 @@ class ColourMarkers:
         return why_unseen(_picture(frame), self.look)
 
     def _expected(self, now: int) -> Pair:
-        """Where the markers are if they went on as they did between the last two frames."""
+        """Where the markers are if they went on as they did between the last two frames; one that
+        was seen in the last alone, as the other did."""
         before, last = self._times
         share = (now - last) / (last - before) if last > before else 0.0
         share = min(max(share, 0.0), LONGEST)
-        first, second = (
-            b.moved(share * (b.u - a.u), share * (b.v - a.v)) if a and b else b
+        ways = [
+            (share * (b.u - a.u), share * (b.v - a.v)) if a and b else None
             for a, b in zip(self._before, self._last, strict=True)
+        ]
+        first, second = (
+            ball.moved(*way) if ball and way else ball
+            for ball, way in zip(self._last, (ways[0] or ways[1], ways[1] or ways[0]), strict=True)
         )
         return first, second
 
@@ -90,6 +96,17 @@ class ColourMarkers:
         if self.look.alike or (first and second):
             return followed
         return plain(first), plain(second)
+
+    def _as_large(self, pair: Pair) -> Pair:
+        """The markers; one that only the search has found, and may be smeared, is as large as it
+        was before."""
+        first, second = (
+            replace(ball, radius=memory.radius)
+            if ball and memory and np.isnan(ball.covariance).any()
+            else ball
+            for ball, memory in zip(pair, self._remembered, strict=True)
+        )
+        return first, second
 
     def _remembered_one(self, pairs: list[Both], followed: Pair) -> Pair:
         """Of several pairs that can be the markers, that with the followed one in which the other
