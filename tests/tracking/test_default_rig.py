@@ -20,13 +20,17 @@ from rcmservo.tracking import ColourMarkers, PointMarkers
 
 
 def test_the_error_hardly_changes_with_the_place_on_the_grid_of_pixels() -> None:
-    errors = np.array([errors_on_path(seed, length=2.0) for seed in range(4)])[..., :2]
+    """In scenes 6, 8, 13 and 14 it jumped: the fit to the pixels stood in one picture and not in
+    the next."""
+    errors = np.array([errors_on_path(seed, length=2.0) for seed in (0, 2, 6, 8, 13, 14)])[..., :2]
     assert rms(np.linalg.norm(errors, axis=-1)) < 0.10
     assert rms(np.array([about_trend(one) for one in errors])) < 0.02
 
 
 def test_the_covariance_that_is_told_explains_the_scatter_over_noise() -> None:
-    told = np.array([surprise(seed, 16) for seed in (0, 1, 3, 4)])
+    """In scene 6 the ball was not looked at from where it was, and in one picture of eight no
+    covariance was told."""
+    told = np.array([surprise(seed, 16) for seed in (0, 1, 3, 4, 6, 13)])
     assert 0.5 < told.mean() < 1.6
 
 

@@ -30,7 +30,10 @@ LEAST_SEEKING = 0.3
 
 NEARLY = 0.9
 """Of the coarse ellipse's support. The fitted one stands if it has so much: pixels that are smeared
-by motion, or that show no shaded ball, lead it astray."""
+by motion, or that show no shaded ball, lead it astray,"""
+SURE = 0.04
+"""or if its place has no more than this standard deviation, px: by pixels that lead it astray it
+has twice as much, and a coarse one may have its support of the shaft's edges."""
 
 LEAST_DEPTH = 0.3
 """Of the radius. A ball's colour reaches so far in from DEEP of the rays at least, also where the
@@ -129,15 +132,23 @@ def full(weights: Floats, ellipse: Floats, level: float) -> bool:
 
 def ball_near(image: Image, colour: int, u: float, v: float, radius: float) -> Ball | None:
     """The ball in a piece of a picture whose place and radius are known to about a third of the
-    radius, as exactly as the pixels tell."""
+    radius, as exactly as the pixels tell.
+
+    Where the shaft hides one side, what is seen of the ball may lie too far beside its centre to
+    begin from.
+    """
     amounts = weights(image, colour)
-    start = disc_centre(amounts, u, v, 1.2 * radius)
-    ellipse, rays, spread = fit_outline(amounts, start, radius, 1.45 * radius)
-    marks, grain = (*supported(rays, ellipse, ellipse), spread), noise(amounts)
-    if _judged(amounts, ellipse, marks, grain) is None:
+    grain = noise(amounts)
+    for start in (disc_centre(amounts, u, v, 1.2 * radius), (u, v)):
+        ellipse, rays, spread = fit_outline(amounts, start, radius, 1.45 * radius)
+        marks = (*supported(rays, ellipse, ellipse), spread)
+        if _judged(amounts, ellipse, marks, grain):
+            break
+    else:
         return None
     fine, covariance = fit_rim(image, MIXES[colour], ellipse, agreed(rays, ellipse))
-    if not supported(rays, ellipse, fine)[0] >= NEARLY * marks[0]:
+    sure = max(covariance[0, 0], covariance[1, 1]) <= SURE**2
+    if not (sure or supported(rays, ellipse, fine)[0] >= NEARLY * marks[0]):
         fine, covariance = ellipse, spread**2 * np.eye(3)
     marks = (*supported(rays, ellipse, fine), spread)
     ball = _judged(amounts, fine, marks, grain)

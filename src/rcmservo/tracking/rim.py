@@ -32,7 +32,10 @@ STILL = 0.05
 """px. A step so small is the last one."""
 
 UNEXPLAINED = 2.0
-"""Times the noise's variance. Of pixels that miss by more, something else than this is shown."""
+"""Times the noise's variance. Of pixels that miss by more, something else than this is shown,"""
+QUIET = 2.0
+"""grey levels; a picture with less noise counts as one with so much: no ball is quite as the fit
+has it."""
 
 SHORT, SPARE = 0.5, 1.0
 """px. A sector counts nothing whose light falls short of the ellipse, or exceeds it, by so much."""
@@ -78,7 +81,7 @@ def fit_rim(image: Image, mix: Floats, ellipse: Floats, trust: Floats) -> tuple[
             break
     away = np.hypot(x[0] - ellipse[0], x[1] - ellipse[1]) + abs(x[2] - ellipse[2])
     noise = grain(pixels, left, weights)
-    explained = variance <= UNEXPLAINED * noise
+    explained = variance <= UNEXPLAINED * max(noise, QUIET**2)
     if not (on_rim >= LEAST_RIM and explained and away < FARTHEST + 0.1 * ellipse[2]):
         return np.full(5, np.nan), np.full((3, 3), np.nan)
     return x[:5], noise * inverse(system)
