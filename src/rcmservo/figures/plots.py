@@ -17,7 +17,8 @@ DEGREES = np.array([180.0 / np.pi, 1.0, 1.0])
 TIME = "time [s] (shaded: exploration)"
 ERRORS = ("$|\\Delta s|$ [deg]", "$|\\Delta r|$ [px]", "$|\\Delta d|$ [px]")
 LEAST = 1e-3
-"""Where the logarithmic axis of the errors ends."""
+"""Where the logarithmic axis of the errors ends. What is less is drawn there, and the figure says
+so."""
 
 SYMBOLS = ("$|\\Delta s|$", "$|\\Delta r|$", "$|\\Delta d|$")
 LABEL = 48
@@ -57,7 +58,7 @@ def errors(record: Record) -> Figure:
         )
         for i, name in enumerate(ERRORS)
     ]
-    return Figure("Feature errors", panels)
+    return Figure(f"Feature errors (less than {LEAST} is drawn there)", panels)
 
 
 def timeline(record: Record) -> Figure:
@@ -69,7 +70,7 @@ def timeline(record: Record) -> Figure:
     ratios = np.maximum(np.abs(record.ticks["delta"]) / TOLERANCE, LEAST)
     errors = Panel(
         "time [s]",
-        "error / tolerance",
+        f"error / tolerance, ≥ {LEAST}",
         [curve(name, record.time, ratios[:, i], style=i) for i, name in enumerate(SYMBOLS)],
         levels=[("tolerance", 1.0)],
         log_y=True,
