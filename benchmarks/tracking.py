@@ -151,8 +151,13 @@ def default_rig(count: int) -> None:
         print(f"{px:g} px a frame: {bad} of {due} lost or wrong ({bad / due:.1%})")
     for exposure in (0.008, 0.015, PERIOD):
         runs = (from_rest(seed, 15.0, 12, exposure) for seed in range(count))
-        bad, due = bad_of(chain.from_iterable(runs))
-        print(f"the same from rest, smeared by {15.0 * exposure / PERIOD:.1f} px: {bad} of {due}")
+        found = list(chain.from_iterable(runs))
+        (bad, due), (far, _) = bad_of(found), bad_of(found, 8.0)
+        print(
+            f"the same from rest, smeared by {15.0 * exposure / PERIOD:.1f} px: {bad} of {due}",
+            end=" ",
+        )
+        print(f"lost or more than 3 px off, {far} more than 8")
 
 
 if __name__ == "__main__":

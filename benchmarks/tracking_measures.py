@@ -150,10 +150,10 @@ def from_rest(
             yield seen, balls
 
 
-def bad_of(found: Iterable[tuple[Markers, Floats]]) -> tuple[int, int]:
-    """How many markers are lost or more than 3 px off, of how many."""
+def bad_of(found: Iterable[tuple[Markers, Floats]], wrong: float = 3.0) -> tuple[int, int]:
+    """How many markers are lost or more than `wrong` px off, of how many."""
     away = [np.linalg.norm(seen.points - balls[:, :2], axis=1) for seen, balls in found]
-    return int((~(np.array(away) < 3.0)).sum()), 2 * len(away)
+    return int((~(np.array(away) < wrong)).sum()), 2 * len(away)
 
 
 def gained(time: float) -> float:
