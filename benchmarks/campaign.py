@@ -28,6 +28,7 @@ import numpy as np
 
 import rcmservo as rs
 from rcmservo.interfaces import Floats
+from rcmservo.loop.plant import NotEnabled
 from rcmservo.record.verdict import TOLERANCE, Judge
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, RigSettings
@@ -160,6 +161,8 @@ def one(seed: int, kind: str) -> Run:
             unnoticed.look(tick, float(np.linalg.norm(rig.truth.markers(tick.seen.now)[1] - p_d)))
     except Killed:
         run.end = "killed"
+    except NotEnabled as why:
+        run.end, run.words = "not enabled", str(why)
     run.resumed, run.shown, run.unnoticed = person.resumed, person.shown, unnoticed.grown
     run.pose_error = float(np.linalg.norm(rig.truth.markers(rig.clock.now())[1] - p_d))
     if not run.end:
@@ -275,7 +278,8 @@ def main() -> None:
                 print(f"\r{len(runs)} of {count}", end="", file=sys.stderr, flush=True)
     except KeyboardInterrupt:
         print("\nstopped: what follows is of the runs so far", file=sys.stderr)
-    report(runs, kind)
+    finally:
+        report(runs, kind)
 
 
 if __name__ == "__main__":

@@ -59,3 +59,11 @@ def test_nothing_stops_a_run_without_faults_and_short_ones_do_not_keep_it_from_a
 ) -> None:
     assert all(not run.stops and run.end == "settled" for run in runs["none"])
     assert all(run.end == "settled" for run in runs["short"])
+
+
+@pytest.mark.slow
+def test_an_arm_that_falls_silent_as_its_drive_comes_on_ends_the_run_in_one_sentence() -> None:
+    run = one(1667, "faults")
+    assert run.end == "not enabled"
+    assert "the drive does not come on" in run.words
+    assert not run.wrong_commands and not run.too_slow
