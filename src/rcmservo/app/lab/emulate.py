@@ -1,0 +1,79 @@
+"""`rcmservo emulate`: a controller that is not there, with a simulated arm behind it."""
+
+import time
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+
+from rcmservo.app.parse import OptionalPath
+from rcmservo.app.preparing import simulator
+from rcmservo.app.terminal import console
+from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.errors import require
+from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
+from rcmservo.hardware.galil.emulator.faults import KINDS, Fault
+from rcmservo.hardware.galil.emulator.server import Server
+
+AXES = 4
+COUNTS = 50000.0, 50000.0, 500.0
+"""Of a rad, rad and mm of the emulated arm."""
+
+
+@dataclass(frozen=True)
+class EmulateOptions:
+    """A motion controller on 127.0.0.1 that drives a simulated arm, for developing without the
+    hardware. It runs until Ctrl-C. Nothing real moves."""
+
+    device: Annotated[Literal["galil"], tyro.conf.Positional]
+    """The controller: galil (a DMC-4040 with four axes, the joints on A, B and C)."""
+    port: int = 2323
+    """Where it listens on 127.0.0.1, by TCP and UDP; 0 takes one that is free."""
+    seed: int = 0
+    """Draws where the arm stands."""
+    rig: OptionalPath = None
+    """TOML file with your own mechanism, drives and scene."""
+    fault: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """What goes wrong, as kind:at=5,for=0.5; may be given several times. --fault help lists the
+    kinds."""
+
+
+def emulate(options: EmulateOptions) -> int:
+    """Be the controller until Ctrl-C; the exit code is 0."""
+    if "help" in options.fault:
+        for name, words in KINDS.items():
+            print(f"{name:9} {words}")
+        return 0
+    require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
+    require(0 <= options.port < 65536, "--port", options.port, "a whole number from 0 to 65535")
+    lab = load_lab(options.rig) if options.rig else Lab()
+    faults = [Fault.parse(text) for text in options.fault]
+    with simulator("emulate"):
+        controller = _controller(options.seed, lab)
+    with closing(Server(controller, options.port, faults)) as server:
+        words = f"emulated Galil DMC-40{AXES}0 at 127.0.0.1:{server.port}, simulated arm"
+        console(False).print(f"{words}, seed {options.seed}; Ctrl-C ends it", soft_wrap=True)
+        _serve(server)
+    return 0
+
+
+def _controller(seed: int, lab: Lab) -> Controller:
+    from rcmservo.sim.motors import ArmMotors
+    from rcmservo.sim.rig import Rig
+    from rcmservo.sim.rig_file import rig_settings
+
+    rig = Rig(seed, rig_settings(lab), pictures=False)
+    return Controller(ArmMotors(rig.truth.arm, np.array(COUNTS), AXES), AXES)
+
+
+def _serve(server: Server) -> None:
+    start = time.monotonic()
+    try:
+        while True:
+            seconds = time.monotonic() - start
+            server.turn(seconds)
+            server.wait(SAMPLE - (time.monotonic() - start) % SAMPLE)
+    except KeyboardInterrupt:
+        return

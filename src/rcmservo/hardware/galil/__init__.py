@@ -1,0 +1,1 @@
+"""Galil DMC-40x0 motion controllers."""

@@ -1,0 +1,55 @@
+"""The simulated arm as the motors, encoders and limit switches that a motion controller drives."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rcmservo.interfaces import Command, Floats
+from rcmservo.sim.arm import SimulatedArm
+
+AT_LIMIT = 0.99
+"""Of the joint limits' half range about their middle: where the limit switches are."""
+
+
+class ArmMotors:
+    """One motor for each joint, in turn, and after them axes to which nothing is wired.
+
+    ``counts`` (3,) are those of a rad, rad and mm, negative where a motor turns the other way.
+    """
+
+    def __init__(self, arm: SimulatedArm, counts: Floats, axes: int) -> None:
+        self.arm, self.counts, self.axes = arm, counts, axes
+        self._number, self._until = 0, float(arm.time)
+        self._zero = arm.q_true
+        limits = arm.mechanism.limits
+        lower, upper = np.array(limits.lower), np.array(limits.upper)
+        middle, half = (upper + lower) / 2.0, AT_LIMIT * (upper - lower) / 2.0
+        self._lower, self._upper = middle - half, middle + half
+
+    def step(self, speeds: Sequence[float], on: Sequence[bool], seconds: float) -> Sequence[float]:
+        """Let a sample pass with these speeds [counts/s]; where the encoders are then, counts."""
+        self._drive(np.where(on[:3], speeds[:3], 0.0) / self.counts, any(on[:3]))
+        self._until += seconds * 1e9
+        self.arm.advance_until(round(self._until))
+        counted = np.round((self.arm.q_true - self._zero) * self.counts)
+        return [*counted.tolist(), *[0.0] * (self.axes - 3)]
+
+    def _drive(self, rates: Floats, on: bool) -> None:
+        """Have the arm's drives obey, who want to hear from the controller all the time."""
+        arm = self.arm
+        if on and not arm.watchdog.enabled:
+            arm.enable()
+            self._number = 0
+        if on or arm.watchdog.enabled:
+            self._number += 1
+            deadline = arm.time + arm.watchdog.patience
+            arm.apply(Command(self._number, arm.time, deadline, rates, on))
+
+    def switches(self) -> Sequence[tuple[bool, bool]]:
+        """Whether the forward and the reverse limit switch of each axis are tripped."""
+        q = self.arm.q_true
+        over, under = (q > self._upper).tolist(), (q < self._lower).tolist()
+        forward = [o if c > 0 else u for o, u, c in zip(over, under, self.counts, strict=True)]
+        reverse = [u if c > 0 else o for o, u, c in zip(over, under, self.counts, strict=True)]
+        free = [(False, False)] * (self.axes - 3)
+        return [*zip(forward, reverse, strict=True), *free]

@@ -1,0 +1,74 @@
+"""`rcmservo emulate`, as a person runs it."""
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+from conftest import ROOT
+from rcmservo.app.cli import main
+
+WORDS = r"emulated Galil DMC-4040 at 127.0.0.1:(\d+), simulated arm, seed 3; Ctrl-C ends it\n"
+
+
+def test_it_says_where_it_is_moves_its_arm_and_ends_in_order() -> None:
+    command = [sys.executable, "-m", "rcmservo", "emulate", "galil", "--port", "0", "--seed", "3"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as it:
+        try:
+            assert it.stdout is not None
+            said = re.fullmatch(WORDS, it.stdout.readline())
+            assert said is not None
+            with socket.create_connection(("127.0.0.1", int(said[1])), timeout=10.0) as wire:
+                assert moved(wire) > 100
+        finally:
+            it.send_signal(signal.SIGINT)
+        assert it.communicate(timeout=30.0) == ("", "")
+        assert it.returncode == 0
+
+
+def moved(wire: socket.socket) -> float:
+    """The counts that axis A goes in a jog that is stopped again."""
+
+    def ask(text: bytes) -> bytes:
+        wire.sendall(text)
+        return wire.recv(4096)
+
+    begin = float(ask(b"TP A\r").split(b"\r")[0])
+    assert ask(b"SH ABC;JG 2000,0,0;BG ABC\r") == b":::"
+    end, now = time.monotonic() + 20.0, begin
+    while now - begin <= 100 and time.monotonic() < end:
+        now = float(ask(b"TP A\r").split(b"\r")[0])
+    assert ask(b"ST ABC\r") == b":"
+    return now - begin
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--port", "70000"], "--port must be a whole number from 0 to 65535, got 70000"),
+        (["--seed", "-1"], "--seed must be a whole number that is not negative, got -1"),
+        (["--fault", "slwo"], "(did you mean slow?), got 'slwo'"),
+        (["--rig", "nowhere.toml"], "nowhere.toml"),
+    ],
+)
+def test_what_it_cannot_do_is_one_sentence(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["emulate", "galil", *arguments]) == 2
+    told = capsys.readouterr()
+    assert said in told.err and told.err.count("\n") == 1 and not told.out
+
+
+def test_its_faults_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["emulate", "galil", "--fault", "help"]) == 0
+    assert "silence" in capsys.readouterr().out
+
+
+def test_its_page_shows_a_command_that_can_be_parsed() -> None:
+    """The command itself is what the first test runs, on a port that is free."""
+    page = (ROOT / "docs/galil.md").read_text()
+    assert ".venv/bin/rcmservo emulate galil --port 2323\n" in page
