@@ -1,0 +1,134 @@
+"""An arm whose joints hang on three axes of a Galil controller.
+
+A thread of its own talks with the controller, so that the loop never waits for it. What it hears
+last is what `measure` tells: where the controller does not answer, that grows old, and the servo
+stops. A connection that is lost is not made again by itself.
+"""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from rcmservo.errors import RcmServoError
+from rcmservo.hardware.galil.session import GalilSession, NotReady, Told
+from rcmservo.hardware.galil.settings import GalilSettings
+from rcmservo.hardware.galil.wire import Conversation, Stream, TcpStream
+from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.method.kinematics import JointLimits
+
+LOOK = 0.004
+"""s between two data records where no command comes."""
+
+
+class GalilArm:
+    """An arm on a Galil controller, set up with its motors off; `close` it at the end."""
+
+    def __init__(self, settings: GalilSettings, limits: JointLimits) -> None:
+        self.settings = settings
+        self._talks: list[Conversation] = []
+        self._lock, self._wake, self._over = threading.Lock(), threading.Event(), False
+        self._next: Command | None = None
+        self._lost = ""
+        try:
+            talk, messages = self._connected(), self._connected()
+            self._session = GalilSession(talk, messages, settings)
+            self._session.set_up(limits)
+            self._measured = self._told(self._session.look)
+        except BaseException:
+            self._hang_up()
+            raise
+        self._thread = threading.Thread(target=self._run, name="galil", daemon=True)
+        self._thread.start()
+
+    @property
+    def why_off(self) -> str:
+        """Why the drive went off by itself, in a sentence; empty where it did not."""
+        return self._lost or self._session.why_off
+
+    def enable(self) -> None:
+        """Switch the motors on, at rest, watched over by the controller."""
+        with self._in_use():
+            self._next = None
+            self._session.start()
+            self._measured = self._told(self._session.look)
+
+    def define(self, q: Floats) -> None:
+        """A person says that the joints (3,) stand at q, at rest and with the drive off."""
+        with self._in_use():
+            self._session.define(q)
+            self._measured = self._told(self._session.look)
+
+    def homed(self) -> bool:
+        """Whether a person has said where the arm stands since the controller was reset."""
+        with self._in_use():
+            return self._session.homed()
+
+    def measure(self) -> Measured:
+        """What the controller told last."""
+        return self._measured
+
+    def apply(self, command: Command) -> Floats:
+        """Pass a command on; the joint rates (3,) as the controller's steps have them."""
+        self._next = command
+        self._wake.set()
+        if not (command.enabled and self._measured.enabled):
+            return np.zeros(3)
+        return self._session.steps(command.rates) / np.array(self.settings.counts)
+
+    def close(self) -> None:
+        """Stop, switch off, and hang up."""
+        self._over = True
+        self._wake.set()
+        self._thread.join()
+        with contextlib.suppress(RcmServoError):
+            self._session.switch_off()
+        self._hang_up()
+
+    def _connected(self) -> Conversation:
+        s = self.settings
+        stream: Stream = TcpStream(s.address, s.port, s.answer_within)
+        self._talks.append(Conversation(stream, s.answer_within))
+        return self._talks[-1]
+
+    def _run(self) -> None:
+        while not self._over:
+            self._wake.wait(LOOK)
+            self._wake.clear()
+            with self._lock:
+                try:
+                    self._turn()
+                except RcmServoError as error:
+                    self._lost = str(error)
+                    self._hang_up()
+                    return
+
+    def _turn(self) -> None:
+        command, self._next = self._next, None
+        session = self._session
+        if command is not None and session.watched:
+            if not command.enabled:
+                session.switch_off()
+            elif time.monotonic_ns() <= command.deadline:
+                self._measured = self._told(lambda: session.exchange(command.rates))
+                return
+        self._measured = self._told(session.look)
+
+    def _told(self, ask: Callable[[], Told]) -> Measured:
+        """What the controller tells, with the time in the middle of asking."""
+        before = time.monotonic_ns()
+        told = ask()
+        return Measured((before + time.monotonic_ns()) // 2, told.q, told.on)
+
+    @contextlib.contextmanager
+    def _in_use(self):
+        with self._lock:
+            if not self._thread.is_alive():
+                raise NotReady(f"{self._lost or 'the controller is lost'}; connect again")
+            yield
+
+    def _hang_up(self) -> None:
+        for talk in self._talks:
+            talk.close()

@@ -1,0 +1,237 @@
+"""What an arm's driver says to a Galil controller, in which order.
+
+    set up      whoever has the arm already is left alone; the motors go off, limits and the
+                watchdog program are set
+    define      a person says where the arm stands, after each reset of the controller
+    start       the axes servo at rest, and the watchdog program runs
+    exchange    speeds, counted for the watchdog, and the data record behind them
+    switch off  the axes come to rest by their own deceleration, then the motors go off
+
+It waits for every answer. Source: command reference; docs/galil.md tells what was tried.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rcmservo.errors import RcmServoError, require
+from rcmservo.errors import told as words
+from rcmservo.hardware.galil import data_record as record
+from rcmservo.hardware.galil import watchdog_program as program
+from rcmservo.hardware.galil.codes import STOPS
+from rcmservo.hardware.galil.settings import LETTERS, GalilSettings
+from rcmservo.hardware.galil.wire import Conversation, Rejected
+from rcmservo.interfaces import Floats
+from rcmservo.method.kinematics import JointLimits
+
+HOMED = "rcmhome"
+"""A variable in the controller's memory: it is gone after a reset."""
+
+LATEST = "rcmsess"
+"""Another, the number of the newest session."""
+
+BEATS = 1_000_000
+"""So far apart the counts of two sessions begin,"""
+SESSIONS = 2000
+"""of which there are so many until they begin anew."""
+
+CHECK = 0.05
+"""s between two looks at the watchdog program."""
+OFF_WITHIN = 0.3
+"""s within which the motors are off after they were told to."""
+
+
+class NotReady(RcmServoError):
+    """A controller that cannot be used as it stands."""
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What the controller told of the arm."""
+
+    q: Floats
+    """The joints (3,) rad, rad, mm."""
+    on: bool
+    """Whether all its motors are on."""
+    rows: record.DataRecord
+    """All of it."""
+
+
+class GalilSession:
+    """The arm's use of a controller."""
+
+    def __init__(self, talk: Conversation, messages: Conversation, settings: GalilSettings) -> None:
+        self.settings = settings
+        self.why_off = ""
+        """Why the controller switched the motors off, in a sentence; empty where it did not."""
+        self.watched = False
+        """Whether the watchdog program is to run."""
+        self._talk, self._messages = talk, messages
+        self._places = [LETTERS.index(axis) for axis in settings.axes]
+        self._axes = self._beat = 0
+        self._checked, self._sent = 0.0, np.zeros(3)
+
+    def set_up(self, limits: JointLimits) -> None:
+        """Look who it is, and make it ready, with the motors off."""
+        self._talk.ask("CW 1")
+        self._messages.ask("CF I")
+        self._axes = self._know()
+        names = self.settings.axes
+        if self._talk.number(f"_XQ{program.THREAD}") >= 0.0:
+            raise NotReady("another host has the arm: end it there, or its program with HX")
+        if any(self._talk.number(f"_BG{axis}") for axis in names):
+            raise NotReady(f"the axes {names} move: whoever moves them must stop them first")
+        self._talk.ask(f"MO {names}")
+        self._configure(limits)
+        self._talk.download(program.lines(names, round(1e3 * self.settings.patience)))
+
+    def homed(self) -> bool:
+        """Whether a person has said where the arm stands since the controller was reset."""
+        return self._known(HOMED) == 1.0
+
+    def define(self, q: Floats) -> None:
+        """A person says that the joints (3,) stand at q, at rest and with the drive off."""
+        require(bool(np.isfinite(q).all()), "q", q.tolist(), "three numbers")
+        counts = np.round(q * np.array(self.settings.counts)).astype(int).tolist()
+        self._talk.ask(*self._each("DP", counts))
+        self._talk.ask(f"{HOMED}=1")
+
+    def start(self) -> None:
+        """Servo at rest, and be watched over."""
+        if not self.homed():
+            raise NotReady(
+                "nobody has said where the arm stands since the controller was reset: bring it "
+                "to a mark and define its position"
+            )
+        names, talk = self.settings.axes, self._talk
+        session = int(self._known(LATEST)) % SESSIONS + 1
+        self._beat, self.why_off = session * BEATS, ""
+        talk.ask(f"HX {program.THREAD}", f"MO {names}", f"{LATEST}={session}", f"hb={self._beat}")
+        talk.ask(*self._speeds(np.zeros(3)))
+        talk.ask(f"SH {names}")
+        try:
+            begun = f"BG {names}", f"XQ #RCMWD,{program.THREAD}", f"MG _XQ{program.THREAD}"
+            runs = talk.numbers(*begun)[0] >= 0.0
+        except Rejected:
+            self.switch_off()
+            raise
+        if not runs:
+            self.switch_off()
+            raise NotReady("the watchdog program does not run on the controller")
+        self.watched, self._checked = True, talk.now()
+
+    def look(self, *commands: str) -> Told:
+        """Send some commands, and read how the arm is."""
+        rows = self._talk.record(self._axes, *commands)
+        axes = rows.axes[self._places]
+        q = axes["position"] / np.array(self.settings.counts)
+        on = not (axes["status"] & record.OFF).any()
+        told = Told(q, bool(on), rows)
+        self._watch(told)
+        return told
+
+    def exchange(self, rates: Floats) -> Told:
+        """Jog with these joint rates (3,), and read how the arm is.
+
+        Before that the speeds are asked for: who else has sent some is told, though these take
+        their place at once. JG tells sizes alone: others of the same size go unnoticed, for 10 ms.
+        """
+        if self.watched and self._foreign():
+            self.switch_off()
+            self.why_off = program.WHYS[program.FOREIGN]
+            return self.look()
+        self._beat += 1
+        return self.look(*self._speeds(self.steps(rates)), f"hb={self._beat}")
+
+    def _foreign(self) -> bool:
+        """Whether the controller has other speeds than were sent last."""
+        told = self._talk.numbers("MG " + ",".join(f"_JG{axis}" for axis in self.settings.axes))
+        return told != np.abs(self._sent).tolist()
+
+    def steps(self, rates: Floats) -> Floats:
+        """Joint rates (3,) in counts/s as the controller can jog: even, and never faster."""
+        return 2.0 * np.trunc(rates * np.array(self.settings.counts) / 2.0)
+
+    def switch_off(self) -> None:
+        """Come to rest, then the motors off: the watchdog program does it, or else an abort."""
+        names, talk = self.settings.axes, self._talk
+        self.watched = False
+        talk.ask(f"ST {names}", "hb=-1")
+        end = talk.now() + OFF_WITHIN
+        while not all(talk.number(f"_MO{axis}") for axis in names):
+            if talk.now() > end:
+                talk.ask(f"HX {program.THREAD}", "AB 1")
+                talk.ask(f"MO {names}")
+
+    def _know(self) -> int:
+        """How many axes it has, if it is a DMC-40x0."""
+        told = self._talk.ask("QZ")[0]
+        try:
+            axes, *sizes = (int(part) for part in told.split(","))
+        except ValueError:
+            axes, sizes = 0, []
+        if tuple(sizes) != record.SIZES or not max(self._places) < axes <= len(LETTERS):
+            model = self._talk.ask("\x12\x16")[0]
+            right = f"?, {', '.join(map(str, record.SIZES))} with axes {self.settings.axes}"
+            raise NotReady(f"QZ of a DMC-40x0 must be {right}, got {words(told)} of {words(model)}")
+        return axes
+
+    def _configure(self, limits: JointLimits) -> None:
+        s = self.settings
+        ends = np.array([limits.lower, limits.upper]) * np.array(s.counts)
+        lower, upper = np.sort(ends, axis=0).round()
+        for name, values in (
+            ("AC", s.in_counts(s.acceleration)),
+            ("DC", s.in_counts(s.deceleration)),
+            ("SD", s.in_counts(s.deceleration)),
+            ("ER", s.in_counts(s.following_error)),
+            ("OE", np.ones(3)),
+            ("BL", lower),
+            ("FL", upper),
+        ):
+            self._talk.ask(*self._each(name, [int(value) for value in values]))
+
+    def _each(self, name: str, values: list[int]) -> list[str]:
+        return [f"{name}{axis}={v}" for axis, v in zip(self.settings.axes, values, strict=True)]
+
+    def _known(self, variable: str) -> float:
+        """A variable's value, 0 where there is none."""
+        try:
+            return self._talk.number(variable)
+        except Rejected:
+            return 0.0
+
+    def _speeds(self, counts: Floats) -> list[str]:
+        """Commands that jog with these counts/s (3,), noted for the watchdog program."""
+        self._sent = counts
+        letters = [axis.lower() for axis in self.settings.axes]
+        noted = [f"v{a}={int(n)}" for a, n in zip(letters, counts, strict=True)]
+        fields = [""] * (max(self._places) + 1)
+        for place, letter in zip(self._places, letters, strict=True):
+            fields[place] = f"v{letter}"
+        return ["up=1", *noted, "JG " + ",".join(fields), "up=0"]
+
+    def _watch(self, told: Told) -> None:
+        """Notice that the controller switched the motors off, or that its program has ended."""
+        if not self.watched:
+            return
+        if not told.on:
+            self.watched, self.why_off = False, self._reason(told)
+        elif self._talk.now() - self._checked > CHECK:
+            self._checked = self._talk.now()
+            if self._talk.number(f"_XQ{program.THREAD}") < 0.0:
+                self.switch_off()
+                self.why_off = "the watchdog program on the controller has ended"
+
+    def _reason(self, told: Told) -> str:
+        why = int(self._known("why"))
+        if why in program.WHYS and why != program.RESTING:
+            return program.WHYS[why]
+        stopped = [
+            f"axis {axis} {STOPS.get(stop, 'stands for a reason without a name')}"
+            for axis, stop in zip(
+                self.settings.axes, told.rows.axes[self._places]["stop"].tolist(), strict=True
+            )
+            if stop not in (0, 4)
+        ]
+        return "; ".join(stopped) or program.WHYS.get(why, "the motors went off")

@@ -1,0 +1,258 @@
+"""The driver's side of the talk with a controller, against the emulated one, in simulated time."""
+
+import numpy as np
+import pytest
+
+from hardware.ideal_motors import IdealMotors
+from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
+from rcmservo.hardware.galil.session import GalilSession, NotReady, Told
+from rcmservo.hardware.galil.settings import GalilSettings
+from rcmservo.hardware.galil.wire import Conversation, Lost
+from rcmservo.interfaces import Floats
+from rcmservo.method.kinematics import JointLimits
+
+SETTINGS = GalilSettings(address="nowhere", counts=(50000.0, -50000.0, 500.0))
+LIMITS = JointLimits((-1.0, -1.0, 0.0), (1.0, 1.0, 200.0))
+HOME = np.array([0.1, -0.2, 100.0])
+RATES = np.array([0.2, 0.3, -20.0])
+TICK = 0.01
+
+
+class EmulatedWire:
+    """A host's stream to an emulated controller, whose time passes while the host waits."""
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+        self.handle = controller.connect()
+        self.deaf = False
+
+    def send(self, data: bytes) -> None:
+        if self.handle not in self.controller.lines:
+            raise BrokenPipeError("gone")
+        if not self.deaf:
+            assert self.handle is not None
+            self.controller.hear(self.handle, data)
+        self.controller.sample()  # what the way there takes
+
+    def receive(self, seconds: float) -> bytes:
+        end = self.controller.state.samples * SAMPLE + seconds
+        while self.handle in self.controller.lines:
+            told = self.controller.answers(self.handle)
+            if told or self.controller.state.samples * SAMPLE >= end:
+                return told
+            self.controller.sample()
+        raise ConnectionResetError("gone")
+
+    def close(self) -> None:
+        assert self.handle is not None
+        self.controller.disconnect(self.handle)
+
+
+class Rig:
+    """A session with an emulated controller, and whoever else talks with that."""
+
+    def __init__(self, settings: GalilSettings = SETTINGS) -> None:
+        self.motors = IdealMotors()
+        self.controller = Controller(self.motors)
+        self.wires: list[EmulatedWire] = []
+        self.session = self.connected(settings)
+
+    def connected(self, settings: GalilSettings = SETTINGS) -> GalilSession:
+        talks = [self.talk(settings.answer_within) for _ in range(2)]
+        session = GalilSession(*talks, settings)
+        session.set_up(LIMITS)
+        return session
+
+    def talk(self, within: float = 0.25) -> Conversation:
+        self.wires.append(EmulatedWire(self.controller))
+        return Conversation(self.wires[-1], within, self.now)
+
+    def now(self) -> float:
+        return self.controller.state.samples * SAMPLE
+
+    def wait(self, seconds: float) -> None:
+        for _ in range(round(seconds / SAMPLE)):
+            self.controller.sample()
+
+    def started(self) -> "Rig":
+        self.session.define(HOME)
+        self.session.start()
+        return self
+
+    def jog(self, rates: Floats, seconds: float) -> Told:
+        """Speeds every 10 ms, as the loop sends them."""
+        told = self.session.exchange(rates)
+        for _ in range(round(seconds / TICK)):
+            self.wait(TICK)
+            told = self.session.exchange(rates)
+        return told
+
+    @property
+    def still(self) -> bool:
+        return not any(axis.moving or axis.speed for axis in self.controller.state.axes)
+
+    @property
+    def off(self) -> bool:
+        return all(axis.off for axis in self.controller.state.axes[:3])
+
+
+def test_joints_go_at_their_rates_by_the_signs_and_units_of_the_settings() -> None:
+    rig = Rig().started()
+    begin, since = rig.jog(RATES, 0.3), rig.now()
+    end = rig.jog(RATES, 0.5)
+    assert (end.q - begin.q) / (rig.now() - since) == pytest.approx(RATES, rel=0.01)
+    assert begin.on and end.on
+    counts = rig.motors.counts
+    assert counts[0] > 0 and counts[1] < 0 and counts[2] < 0
+
+
+def test_where_a_person_says_it_stands_is_where_it_is() -> None:
+    rig = Rig()
+    rig.session.define(HOME)
+    assert rig.session.look().q == pytest.approx(HOME, abs=1e-3)
+
+
+def test_until_a_person_says_where_it_stands_nobody_enables_and_a_reset_forgets() -> None:
+    rig = Rig()
+    with pytest.raises(NotReady, match="nobody has said where the arm stands"):
+        rig.session.start()
+    rig.started()
+    rig.controller.reset()
+    with pytest.raises(Lost):
+        rig.session.look()
+    again = rig.connected()
+    assert not again.homed()
+    with pytest.raises(NotReady, match="nobody has said"):
+        again.start()
+
+
+def silent_for(rig: Rig, seconds: float) -> tuple[float, float]:
+    """s until the axes stand, and until the motors are off, from now on."""
+    begin, stood, off = rig.now(), np.inf, np.inf
+    while rig.now() - begin < seconds:
+        rig.wait(SAMPLE)
+        stood = min(stood, rig.now() - begin) if rig.still else np.inf
+        off = min(off, rig.now() - begin) if rig.off else np.inf
+    return stood, off
+
+
+def test_a_host_that_falls_silent_is_noticed_by_the_controller_alone() -> None:
+    rig = Rig().started()
+    rig.jog(RATES, 0.5)
+    stood, off = silent_for(rig, 0.5)
+    fall = max(0.3 / 10.0, 20.0 / 1000.0)
+    assert 0.03 < stood < SETTINGS.patience + fall + 0.01
+    assert off < stood + 0.01
+
+
+def test_what_comes_after_the_controller_stopped_moves_nothing_until_somebody_enables() -> None:
+    rig = Rig().started()
+    rig.jog(RATES, 0.5)
+    silent_for(rig, 0.2)
+    told = rig.session.exchange(RATES)
+    assert not told.on and not rig.session.watched
+    assert "heard nothing from the servo" in rig.session.why_off
+    rig.talk().ask("JG 5000,5000,5000")
+    rig.jog(RATES, 0.1)
+    assert rig.off and rig.still
+    rig.session.start()
+    assert rig.jog(RATES, 0.1).on and not rig.still
+
+
+@pytest.mark.parametrize("phase", range(11))
+def test_somebody_else_who_jogs_once_stops_the_arm_whenever_that_is(phase: int) -> None:
+    rig = Rig().started()
+    rig.jog(RATES, 0.5)
+    other = rig.talk()
+    rig.wait(phase * SAMPLE)
+    other.ask("JG 700")
+    rig.wait((10 - phase) * SAMPLE)
+    for _ in range(10):
+        told = rig.session.exchange(RATES)
+        rig.wait(TICK)
+    assert not told.on and rig.still and rig.off
+    assert "somebody else sent speeds" in rig.session.why_off
+
+
+def test_an_earlier_session_that_goes_on_stops_the_arm() -> None:
+    rig = Rig().started()
+    earlier = rig.session
+    silent_for(rig, 0.2)
+    rig.session = rig.connected()
+    rig.session.start()
+    rig.jog(RATES, 0.1)
+    earlier.exchange(RATES)
+    rig.wait(0.1)
+    rig.session.look()
+    assert rig.off and rig.still
+    assert "earlier session" in rig.session.why_off or "somebody else" in rig.session.why_off
+
+
+def test_another_host_is_refused_while_one_has_the_arm_and_moves_nothing() -> None:
+    rig = Rig().started()
+    rig.jog(RATES, 0.1)
+    with pytest.raises(NotReady, match="another host has the arm"):
+        rig.connected()
+    assert rig.jog(RATES, 0.1).on
+
+
+def test_axes_that_somebody_moves_are_left_alone() -> None:
+    rig = Rig()
+    rig.talk().ask("SH B", "JG ,500", "BG B")
+    with pytest.raises(NotReady, match="the axes ABC move"):
+        rig.connected()
+    assert rig.controller.state.axes[1].moving
+
+
+def test_a_program_that_somebody_ends_is_noticed_within_a_moment_and_stops_the_arm() -> None:
+    for text in ("HX", "ST"):
+        rig = Rig().started()
+        rig.jog(RATES, 0.1)
+        rig.talk().ask(text)
+        rig.jog(RATES, 0.1)
+        rig.jog(RATES, 0.2)
+        assert rig.off and rig.still
+        assert rig.session.why_off
+
+
+def test_a_joint_that_does_not_follow_is_told_by_its_axis() -> None:
+    rig = Rig().started()
+    rig.controller.stuck = 1
+    rig.jog(RATES, 0.4)
+    assert rig.off and rig.still
+    assert "axis B was switched off because it did not follow" in rig.session.why_off
+
+
+def test_a_limit_of_the_mechanism_is_the_controllers_too() -> None:
+    rig = Rig().started()
+    rig.jog(np.array([0.0, 0.0, -40.0]), 2.7)
+    assert rig.off and rig.still
+    assert "axis C was stopped by its reverse limit" in rig.session.why_off
+    assert rig.session.look().q[2] > -2.0
+
+
+def test_switching_off_comes_to_rest_with_the_settings_deceleration() -> None:
+    rig = Rig().started()
+    told = rig.jog(RATES, 0.5)
+    rig.session.switch_off()
+    assert rig.off and rig.still
+    way = np.abs(rig.session.look().q - told.q)
+    assert (way <= RATES**2 / (2 * np.array([10.0, 10.0, 1000.0])) + np.abs(RATES) * 0.02).all()
+
+
+def test_a_controller_of_another_kind_is_refused() -> None:
+    rig = Rig()
+    rig.controller.disconnect(0)
+    with pytest.raises(NotReady, match="QZ of a DMC-40x0"):
+        Rig(GalilSettings(address="x", counts=(1e5, 1e5, 1e3), axes="ABH"))
+
+
+def test_a_controller_that_is_deaf_is_lost_for_good() -> None:
+    rig = Rig().started()
+    for wire in rig.wires:
+        wire.deaf = True
+    with pytest.raises(Lost, match=r"has not answered for 0\.25 s"):
+        rig.session.exchange(RATES)
+    assert rig.off and rig.still
+    with pytest.raises(Lost):
+        rig.session.look()

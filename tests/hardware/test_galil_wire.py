@@ -1,0 +1,166 @@
+"""The driver against bytes typed from public sources, and against bytes that make no sense.
+
+TMT  tmtsoftware/galil-prototype, GalilIoTest.scala
+EP   motorapp/Galil, GalilConnector.cpp and GalilController.cpp
+BL   ESRF BLISS, galil.py
+CR   Galil's command reference
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hardware.test_galil_record import typed
+from hardware.test_galil_session import HOME, LIMITS, RATES, SETTINGS
+from rcmservo.errors import RcmServoError
+from rcmservo.hardware.galil.session import GalilSession
+from rcmservo.hardware.galil.wire import Conversation, Lost, Rejected
+
+
+class Typed:
+    """A stream that answers each line with the next of some packets, and whose time passes while
+    one waits."""
+
+    def __init__(self, *packets: bytes) -> None:
+        self.packets, self.sent, self.time = list(packets), b"", 0.0
+
+    def now(self) -> float:
+        return self.time
+
+    def send(self, data: bytes) -> None:
+        self.sent += data
+
+    def receive(self, seconds: float) -> bytes:
+        self.time += seconds if not self.packets else 1e-4
+        return self.packets.pop(0) if self.packets else b""
+
+    def close(self) -> None:
+        pass
+
+
+def talk_of(*packets: bytes) -> tuple[Conversation, Typed]:
+    stream = Typed(*packets)
+    return Conversation(stream, 0.25, stream.now), stream
+
+
+ANSWERS: list[tuple[str, list[str], list[bytes], list[str]]] = [
+    ("TMT", ["MG TIME"], [b"12345\r\n:"], ["12345"]),
+    ("TMT", ["speed[0]=500"], [b":"], [""]),
+    ("TMT", ["a=1", "b=2", "c=3"], [b":::"], ["", "", ""]),
+    (
+        "TMT: in two reads",
+        ["speed[0]=500", "MG speed[0]"],
+        [b":", b"500.0000\r\n:"],
+        ["", "500.0000"],
+    ),
+    ("TMT: in three packets", ["LV"], [b"PART1", b"PART2", b"FINAL\r\n:"], ["PART1PART2FINAL"]),
+    ("CR", ["QZ"], [b" 4, 52, 26, 36\r\n:"], ["4, 52, 26, 36"]),
+    ("BL", ["\x12\x16"], [b"DMC4010 Rev 1.3c-SER\r\n:"], ["DMC4010 Rev 1.3c-SER"]),
+]
+
+
+@pytest.mark.parametrize(("source", "asked", "packets", "told"), ANSWERS)
+def test_answers_are_told_apart_by_their_prompts(
+    source: str, asked: list[str], packets: list[bytes], told: list[str]
+) -> None:
+    talk, stream = talk_of(*packets)
+    assert talk.ask(*asked) == told, source
+    assert stream.sent == ";".join(asked).encode() + b"\r"
+
+
+def test_a_refused_command_is_told_with_the_controllers_reason() -> None:
+    """TMT b":?" for a=1;BADCMD; CR and BL: TC1 answers "1 Unrecognized command"."""
+    talk, stream = talk_of(b":?", b"1 Unrecognized command\r\n:")
+    with pytest.raises(Rejected, match="refused 'BADCMD': 1 Unrecognized command"):
+        talk.ask("a=1", "BADCMD")
+    assert stream.sent == b"a=1;BADCMD\rTC1\r"
+
+
+def test_a_record_comes_behind_the_prompts_of_its_line_even_in_pieces() -> None:
+    """EP: over TCP the record is followed by a colon, 227 bytes in all for four axes."""
+    whole = b"::" + typed() + b":"
+    for cut in (1, 2, 3, 100, len(whole) - 1):
+        talk, _ = talk_of(whole[:cut], whole[cut:])
+        assert talk.record(4, "JG 0", "hb=1").axes[1]["position"] == -1008
+    talk, _ = talk_of(b":?" + typed() + b":", b"6 Number out of range\r\n:")
+    with pytest.raises(Rejected, match="refused 'hb=1': 6"):
+        talk.record(4, "JG 0", "hb=1")
+
+
+@pytest.mark.parametrize("packets", [(b"::",), (b":x",), (b" 1.0000\r\n: 2.0000\r\n:",)])
+def test_more_than_was_asked_for_ends_the_conversation(packets: tuple[bytes, ...]) -> None:
+    """Or the next answer would be taken for this one's."""
+    talk, _ = talk_of(*packets)
+    with pytest.raises(Lost, match="more than"):
+        talk.ask("MG 1")
+
+
+@pytest.mark.parametrize("packets", [(), (b" 1.0",), (b"1\r\n",), (b"x" * (1 << 21),)])
+def test_less_ends_it_after_its_patience(packets: tuple[bytes, ...]) -> None:
+    talk, stream = talk_of(*packets)
+    with pytest.raises(Lost):
+        talk.ask("MG 1")
+    assert stream.time <= 0.26
+
+
+def test_a_program_is_downloaded_line_by_line_and_answered_twice_at_its_end() -> None:
+    """EP programDownload and TMT: nothing but "::" behind the backslash."""
+    talk, stream = talk_of(b"::")
+    talk.download(["#A", "EN"])
+    assert stream.sent == b"DL\r#A\rEN\r\\\r"
+
+
+def test_a_program_line_that_is_refused_is_told() -> None:
+    """TMT: b"?" before the backslash."""
+    talk, _ = talk_of(b"?", b":", b"60 Download error\r\n:")
+    with pytest.raises(RcmServoError):
+        talk.download(["#A", "EN"])
+
+
+ASKED: dict[str, Callable[[GalilSession], Any]] = {
+    "set_up": lambda session: session.set_up(LIMITS),
+    "define": lambda session: session.define(HOME),
+    "start": lambda session: session.start(),
+    "exchange": lambda session: session.exchange(RATES),
+    "look": lambda session: session.look(),
+    "switch_off": lambda session: session.switch_off(),
+}
+
+PIECES = st.one_of(
+    st.binary(max_size=300),
+    st.sampled_from([b":", b"?", b" 1.0000\r\n:", b" -1.0000\r\n:", b" 4, 52, 26, 36\r\n:",
+                     typed() + b":", b"nan\r\n:", b" inf\r\n:", b"::::", b"\x1a:"]),
+)  # fmt: skip
+
+
+def fuzzed(packets: Iterable[bytes], asked: str) -> Typed:
+    """What is asked for, answered with these packets: one sentence at most, and soon."""
+    streams = Typed(*packets), Typed(b":")
+    talks = [Conversation(stream, 0.25, streams[0].now) for stream in streams]
+    session = GalilSession(*talks, SETTINGS)
+    try:
+        ASKED[asked](session)
+    except RcmServoError as error:
+        assert "\n" not in str(error) and len(str(error)) < 500
+    return streams[0]
+
+
+@pytest.mark.parametrize("asked", ASKED)
+@given(packets=st.lists(PIECES, max_size=40))
+def test_whatever_it_answers_it_ends_in_time_in_a_sentence(
+    asked: str, packets: list[bytes]
+) -> None:
+    stream = fuzzed(packets, asked)
+    assert stream.time < 40 * 0.26 + 0.6
+
+
+@given(packets=st.lists(PIECES, max_size=40))
+def test_whatever_it_answers_the_axes_are_not_begun_but_behind_a_watchdog(
+    packets: list[bytes],
+) -> None:
+    sent = fuzzed(packets, "start").sent
+    for line in sent.split(b"\r"):
+        assert b"BG" not in line.replace(b"_BG", b"") or b"XQ #RCMWD,1" in line
