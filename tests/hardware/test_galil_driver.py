@@ -1,0 +1,124 @@
+"""The driver as the loop meets it, in wall time, over TCP, with the emulator in its own process."""
+
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from rcmservo.hardware.galil.driver import GalilArm
+from rcmservo.hardware.galil.session import NotReady
+from rcmservo.hardware.galil.settings import GalilSettings
+from rcmservo.hardware.galil.wire import Lost
+from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.loop.clock import WallClock
+from rcmservo.method.kinematics import SphericalRcm
+
+pytestmark = pytest.mark.alone
+
+HOME = np.array([0.1, -0.2, 100.0])
+RATES = np.array([0.1, -0.1, 10.0])
+TICK, PATIENCE = 10_000_000, 50_000_000
+
+
+class Emulated:
+    """The emulator in a process of its own."""
+
+    def __init__(self) -> None:
+        command = [sys.executable, "-m", "rcmservo", "emulate", "galil", "--port", "0"]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
+        said = re.search(r"127\.0\.0\.1:(\d+)", self.process.stdout.readline())
+        assert said is not None
+        self.port = int(said[1])
+
+    def arm(self) -> GalilArm:
+        settings = GalilSettings("127.0.0.1", (50000.0, 50000.0, 500.0), self.port)
+        return GalilArm(settings, SphericalRcm().limits)
+
+    def close(self) -> None:
+        os.kill(self.process.pid, signal.SIGCONT)
+        self.process.send_signal(signal.SIGINT)
+        self.process.communicate(timeout=30.0)
+
+
+@pytest.fixture(scope="module")
+def emulated() -> Iterator[Emulated]:
+    with contextlib.closing(Emulated()) as one:
+        yield one
+
+
+def sent(arm: GalilArm, rates: Floats, ticks: int) -> Measured:
+    """Commands every 10 ms, as the loop sends them; how the arm is after the last."""
+    clock = WallClock()
+    start = clock.now()
+    for number in range(ticks):
+        now = start + number * TICK
+        clock.wait_until(now)
+        arm.apply(Command(number, now, now + PATIENCE, rates, True))
+    clock.wait_until(start + ticks * TICK)
+    return arm.measure()
+
+
+def test_it_moves_an_arm_whose_place_a_person_has_told_and_leaves_it_off(
+    emulated: Emulated,
+) -> None:
+    with contextlib.closing(emulated.arm()) as arm:
+        assert not arm.measure().enabled
+        assert not arm.homed()
+        with pytest.raises(NotReady, match="nobody has said where the arm stands"):
+            arm.enable()
+        arm.define(HOME)
+        assert arm.measure().q == pytest.approx(HOME, abs=2e-3)
+        arm.enable()
+        assert arm.measure().enabled
+        first = sent(arm, RATES, 20)
+        last = sent(arm, RATES, 50)
+        assert last.enabled, arm.why_off
+        rates = (last.q - first.q) / ((last.time - first.time) * 1e-9)
+        assert rates == pytest.approx(RATES, rel=0.1)
+        assert WallClock().now() - last.time < 50_000_000
+    with contextlib.closing(emulated.arm()) as arm:
+        assert arm.homed() and not arm.measure().enabled
+
+
+def test_a_command_that_is_not_enabled_switches_the_motors_off(emulated: Emulated) -> None:
+    with contextlib.closing(emulated.arm()) as arm:
+        arm.define(HOME)
+        arm.enable()
+        sent(arm, RATES, 10)
+        clock = WallClock()
+        arm.apply(Command(10, clock.now(), clock.now() + PATIENCE, np.zeros(3), False))
+        end = clock.now() + 2_000_000_000
+        while arm.measure().enabled and clock.now() < end:
+            clock.wait_until(clock.now() + TICK)
+        assert not arm.measure().enabled
+        assert arm.apply(Command(11, 0, 0, RATES, True)).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_controller_that_stands_still_is_told_by_the_age_of_its_answer(
+    emulated: Emulated,
+) -> None:
+    """And it is off when it goes on, though nobody tells it to."""
+    with contextlib.closing(emulated.arm()) as arm:
+        arm.define(HOME)
+        arm.enable()
+        sent(arm, RATES, 10)
+        os.kill(emulated.process.pid, signal.SIGSTOP)
+        told = sent(arm, RATES, 50)
+        assert WallClock().now() - told.time > 300_000_000
+        os.kill(emulated.process.pid, signal.SIGCONT)
+        with pytest.raises(NotReady, match="has not answered"):
+            arm.enable()
+    with contextlib.closing(emulated.arm()) as arm:
+        assert not arm.measure().enabled
+
+
+def test_where_there_is_no_controller_it_says_so() -> None:
+    with pytest.raises(Lost, match=r"127\.0\.0\.1:1 cannot be reached"):
+        GalilArm(GalilSettings("127.0.0.1", (1e5, 1e5, 1e3), 1), SphericalRcm().limits)
