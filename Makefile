@@ -3,8 +3,9 @@
 #   make test      adds what checks the code, and runs the tests but for the slow ones
 # and beyond them
 #   make test-all  runs the slow tests too, and reports a short live run
+#   make peers     adds other people's clients that tests run, which are skipped without them
 #   make bench     measures everything at length, for about an hour
-.PHONY: run test test-all check bench
+.PHONY: run test test-all check peers bench
 BIN := .venv/bin
 RUNNING := .venv/.running
 TESTING := .venv/.testing
@@ -24,6 +25,10 @@ test-all: $(TESTING)
 	$(BIN)/pytest -m 'alone and slow'
 	$(BIN)/python benchmarks/soak.py --seconds 10
 	-$(BIN)/python benchmarks/kill.py --count 4
+
+# Of a peer only what its test needs.
+peers: $(TESTING)
+	$(PIP) --no-deps socs==0.6.4
 
 check: $(TESTING)
 	$(BIN)/ruff format --check --quiet src tests benchmarks examples docs

@@ -2,15 +2,13 @@
 
 import contextlib
 import os
-import re
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
+from hardware.emulated import Emulated
 from rcmservo.hardware.galil.driver import GalilArm
 from rcmservo.hardware.galil.session import NotReady
 from rcmservo.hardware.galil.settings import GalilSettings
@@ -24,27 +22,6 @@ pytestmark = pytest.mark.alone
 HOME = np.array([0.1, -0.2, 100.0])
 RATES = np.array([0.1, -0.1, 10.0])
 TICK, PATIENCE = 10_000_000, 50_000_000
-
-
-class Emulated:
-    """The emulator in a process of its own."""
-
-    def __init__(self) -> None:
-        command = [sys.executable, "-m", "rcmservo", "emulate", "galil", "--port", "0"]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        assert self.process.stdout is not None
-        said = re.search(r"127\.0\.0\.1:(\d+)", self.process.stdout.readline())
-        assert said is not None
-        self.port = int(said[1])
-
-    def arm(self) -> GalilArm:
-        settings = GalilSettings("127.0.0.1", (50000.0, 50000.0, 500.0), self.port)
-        return GalilArm(settings, SphericalRcm().limits)
-
-    def close(self) -> None:
-        os.kill(self.process.pid, signal.SIGCONT)
-        self.process.send_signal(signal.SIGINT)
-        self.process.communicate(timeout=30.0)
 
 
 @pytest.fixture(scope="module")

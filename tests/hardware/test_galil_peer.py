@@ -1,0 +1,59 @@
+"""A public client that was not written here drives the emulated controller unchanged: the one of
+the Simons Observatory, socs 0.6.4, which speaks raw TCP to DMC-40x0 controllers.
+
+    .venv/bin/pip install --no-deps socs==0.6.4
+"""
+
+import contextlib
+import importlib
+import time
+from typing import Any
+
+import pytest
+
+from hardware.emulated import Emulated
+
+INSTALL = "socs is not installed: make peers"
+
+pytestmark = [pytest.mark.slow, pytest.mark.alone]
+
+
+@pytest.fixture(scope="module")
+def client() -> Any:
+    """Their module."""
+    return pytest.importorskip("socs.agents.galil_axis.drivers", reason=INSTALL)
+
+
+def test_it_is_the_version_that_was_read(client: Any) -> None:
+    assert importlib.metadata.version("socs") == "0.6.4"
+
+
+def test_it_moves_queries_stops_and_reads_errors_out(
+    client: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with contextlib.closing(Emulated()) as emulated:
+        axis = client.GalilAxis("127.0.0.1", emulated.port)
+        assert set(axis.get_data(["A", "B"])) == {"A", "B"}
+        axis.set_motor_state("A", "enable")
+        assert axis.get_motor_state("A")[0] == 0
+        axis.set_speed("A", 20000)
+        axis.set_acceleration("A", 102400)
+        axis.set_deceleration("A", 102400)
+        axis.set_relative_position("A", 1.5, counts_per_unit=4000)
+        assert axis.begin_motion("A") == (True, "Axis A is in motion.")
+        time_out = time.monotonic() + 30.0
+        while float(axis.is_running("A")) and time.monotonic() < time_out:
+            pass
+        assert axis.get_data(["A"])["A"]["position"] == pytest.approx(6000.0, abs=3.0)
+        axis.set_motor_state("B", "enable")
+        axis.set_jog_speed("B", -500)
+        assert axis.begin_motion("B")[0]
+        axis.stop_motion("B")
+        while float(axis.is_running("B")) and time.monotonic() < time_out:
+            pass
+        assert axis.get_data(["B"])["B"]["position"] < 0.0
+        axis.set_motor_state("A", "disable")
+        assert axis.get_motor_state("A")[0] == 1
+        assert axis.begin_motion("A")[0] is False
+        assert axis.galil_command("QQ", expect_response=True) == "?"
+        assert "1 Unrecognized command" in capsys.readouterr().out
