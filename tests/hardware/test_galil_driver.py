@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from galil_measures import Emulated
 
-from hardware.emulated import Emulated
 from rcmservo.hardware.galil.driver import GalilArm
 from rcmservo.hardware.galil.session import NotReady
 from rcmservo.hardware.galil.settings import GalilSettings

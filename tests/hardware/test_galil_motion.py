@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hardware.ideal_motors import Talk
+from hardware.talk import Talk
 from rcmservo.hardware.galil.emulator.axis import StopCode
 
 

@@ -10,8 +10,7 @@ import time
 from typing import Any
 
 import pytest
-
-from hardware.emulated import Emulated
+from galil_measures import Emulated
 
 INSTALL = "socs is not installed: make peers"
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hardware.ideal_motors import Talk
+from hardware.talk import Talk
 from rcmservo.hardware.galil import data_record as record
 
 HEADER = bytes.fromhex("87 0F E2 00")

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
+from galil_measures import IdealMotors
 
-from hardware.ideal_motors import IdealMotors
 from rcmservo.errors import BadInput
 from rcmservo.hardware.galil.emulator.controller import Controller
 from rcmservo.hardware.galil.emulator.faults import KINDS, Fault

@@ -2,50 +2,15 @@
 
 import numpy as np
 import pytest
+from galil_measures import HOME, LIMITS, RATES, SETTINGS, EmulatedWire, IdealMotors
 
-from hardware.ideal_motors import IdealMotors
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
 from rcmservo.hardware.galil.session import GalilSession, NotReady, Told
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.wire import Conversation, Lost
 from rcmservo.interfaces import Floats
-from rcmservo.method.kinematics import JointLimits
 
-SETTINGS = GalilSettings(address="nowhere", counts=(50000.0, -50000.0, 500.0))
-LIMITS = JointLimits((-1.0, -1.0, 0.0), (1.0, 1.0, 200.0))
-HOME = np.array([0.1, -0.2, 100.0])
-RATES = np.array([0.2, 0.3, -20.0])
 TICK = 0.01
-
-
-class EmulatedWire:
-    """A host's stream to an emulated controller, whose time passes while the host waits."""
-
-    def __init__(self, controller: Controller) -> None:
-        self.controller = controller
-        self.handle = controller.connect()
-        self.deaf = False
-
-    def send(self, data: bytes) -> None:
-        if self.handle not in self.controller.lines:
-            raise BrokenPipeError("gone")
-        if not self.deaf:
-            assert self.handle is not None
-            self.controller.hear(self.handle, data)
-        self.controller.sample()  # what the way there takes
-
-    def receive(self, seconds: float) -> bytes:
-        end = self.controller.state.samples * SAMPLE + seconds
-        while self.handle in self.controller.lines:
-            told = self.controller.answers(self.handle)
-            if told or self.controller.state.samples * SAMPLE >= end:
-                return told
-            self.controller.sample()
-        raise ConnectionResetError("gone")
-
-    def close(self) -> None:
-        assert self.handle is not None
-        self.controller.disconnect(self.handle)
 
 
 class Rig:

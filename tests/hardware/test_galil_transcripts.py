@@ -13,7 +13,7 @@ SO   simonsobs/socs 0.6.4, agents/galil_axis/drivers.py
 
 import pytest
 
-from hardware.ideal_motors import Talk
+from hardware.talk import Talk
 
 EXCHANGES = [
     # framing and prompts

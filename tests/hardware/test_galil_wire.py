@@ -6,39 +6,16 @@ BL   ESRF BLISS, galil.py
 CR   Galil's command reference
 """
 
-from collections.abc import Callable, Iterable
-from typing import Any
+import random
 
 import pytest
+from galil_measures import ASKED, Typed, fuzzed, garbled
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hardware.test_galil_record import typed
-from hardware.test_galil_session import HOME, LIMITS, RATES, SETTINGS
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.galil.session import GalilSession
 from rcmservo.hardware.galil.wire import Conversation, Lost, Rejected
-
-
-class Typed:
-    """A stream that answers each line with the next of some packets, and whose time passes while
-    one waits."""
-
-    def __init__(self, *packets: bytes) -> None:
-        self.packets, self.sent, self.time = list(packets), b"", 0.0
-
-    def now(self) -> float:
-        return self.time
-
-    def send(self, data: bytes) -> None:
-        self.sent += data
-
-    def receive(self, seconds: float) -> bytes:
-        self.time += seconds if not self.packets else 1e-4
-        return self.packets.pop(0) if self.packets else b""
-
-    def close(self) -> None:
-        pass
 
 
 def talk_of(*packets: bytes) -> tuple[Conversation, Typed]:
@@ -120,32 +97,11 @@ def test_a_program_line_that_is_refused_is_told() -> None:
         talk.download(["#A", "EN"])
 
 
-ASKED: dict[str, Callable[[GalilSession], Any]] = {
-    "set_up": lambda session: session.set_up(LIMITS),
-    "define": lambda session: session.define(HOME),
-    "start": lambda session: session.start(),
-    "exchange": lambda session: session.exchange(RATES),
-    "look": lambda session: session.look(),
-    "switch_off": lambda session: session.switch_off(),
-}
-
 PIECES = st.one_of(
     st.binary(max_size=300),
     st.sampled_from([b":", b"?", b" 1.0000\r\n:", b" -1.0000\r\n:", b" 4, 52, 26, 36\r\n:",
                      typed() + b":", b"nan\r\n:", b" inf\r\n:", b"::::", b"\x1a:"]),
 )  # fmt: skip
-
-
-def fuzzed(packets: Iterable[bytes], asked: str) -> Typed:
-    """What is asked for, answered with these packets: one sentence at most, and soon."""
-    streams = Typed(*packets), Typed(b":")
-    talks = [Conversation(stream, 0.25, streams[0].now) for stream in streams]
-    session = GalilSession(*talks, SETTINGS)
-    try:
-        ASKED[asked](session)
-    except RcmServoError as error:
-        assert "\n" not in str(error) and len(str(error)) < 500
-    return streams[0]
 
 
 @pytest.mark.parametrize("asked", ASKED)
@@ -164,3 +120,15 @@ def test_whatever_it_answers_the_axes_are_not_begun_but_behind_a_watchdog(
     sent = fuzzed(packets, "start").sent
     for line in sent.split(b"\r"):
         assert b"BG" not in line.replace(b"_BG", b"") or b"XQ #RCMWD,1" in line
+
+
+@given(seed=st.integers(0, 1 << 30))
+def test_on_a_wire_that_garbles_answers_no_step_hangs_and_nothing_goes_on_moving(seed: int) -> None:
+    longest, _, off = garbled(random.Random(seed))
+    assert longest < 2.0
+    assert off
+
+
+def test_such_a_wire_is_often_good_enough_to_begin() -> None:
+    """Or nothing would be tried."""
+    assert sum(garbled(random.Random(seed))[1] for seed in range(40)) > 10

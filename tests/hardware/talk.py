@@ -1,22 +1,8 @@
-"""Motors that do at once what they are asked for, and an emulated controller that drives them."""
+"""A host that talks with an emulated controller in simulated time."""
 
-from collections.abc import Sequence
+from galil_measures import IdealMotors
 
 from rcmservo.hardware.galil.emulator.controller import Controller
-
-
-class IdealMotors:
-    def __init__(self, axes: int = 4) -> None:
-        self.counts = [0.0] * axes
-        self.tripped = [(False, False)] * axes
-
-    def step(self, speeds: Sequence[float], on: Sequence[bool], seconds: float) -> Sequence[float]:
-        made = zip(self.counts, speeds, on, strict=True)
-        self.counts = [count + speed * seconds * ready for count, speed, ready in made]
-        return self.counts
-
-    def switches(self) -> Sequence[tuple[bool, bool]]:
-        return self.tripped
 
 
 class Talk:

@@ -1,0 +1,95 @@
+"""The Galil driver at length: answers that make no sense, and exchanges with the emulator.
+
+    python benchmarks/galil.py fuzz [COUNT]         conversations: nine of ten with noise, the tenth
+                                                    with the emulator's answers garbled (100,000)
+    python benchmarks/galil.py exchanges [SECONDS]  of speeds and record, 500 a second (60)
+
+Both say at once what went wrong. The emulator runs in a process of its own, on loopback.
+"""
+
+import platform
+import random
+import sys
+import time
+from contextlib import closing
+
+import numpy as np
+from galil_measures import ASKED, HOME, Emulated, fuzzed, garbled
+
+from rcmservo.errors import RcmServoError
+from rcmservo.hardware.galil.session import GalilSession
+from rcmservo.hardware.galil.settings import GalilSettings
+from rcmservo.hardware.galil.wire import Conversation, TcpStream
+from rcmservo.method.kinematics import SphericalRcm
+
+RATE = 500.0
+"""Exchanges a second."""
+
+
+def fuzz(count: int) -> int:
+    """How many conversations took too long, ended otherwise than in a sentence, or left an axis
+    moving or a motor on."""
+    chance, wrong, begun = random.Random(0), 0, 0
+    for number in range(count):
+        try:
+            if number % 10:
+                noise = [chance.randbytes(chance.randrange(60)) for _ in range(20)]
+                good = fuzzed(noise, chance.choice(list(ASKED))).time < 6.0
+            else:
+                longest, began, off = garbled(chance)
+                good, begun = longest < 2.0 and off, begun + began
+        except Exception as error:  # what must not be
+            print(f"conversation {number}: {error!r}")
+            good = False
+        wrong += not good
+        print(f"\r{number + 1} of {count}", end="", file=sys.stderr, flush=True)
+    print(f"{count} conversations, {begun} of them had begun the axes: {wrong} wrong")
+    return wrong
+
+
+def exchanges(seconds: float) -> int:
+    """Speeds and record, again and again on an absolute schedule; how many came too late."""
+    with closing(Emulated()) as emulated:
+        settings = GalilSettings("127.0.0.1", (50000.0, 50000.0, 500.0), emulated.port)
+        streams = [TcpStream("127.0.0.1", emulated.port, 1.0) for _ in range(2)]
+        session = GalilSession(*(Conversation(stream, 0.25) for stream in streams), settings)
+        session.set_up(SphericalRcm().limits)
+        session.define(HOME)
+        session.start()
+        took, late, start = [], 0, time.perf_counter()
+        try:
+            for number in range(round(seconds * RATE)):
+                due = start + number / RATE
+                time.sleep(max(due - time.perf_counter(), 0.0))
+                begin = time.perf_counter()
+                rates = 0.05 * np.sin(number / RATE) * np.array([1.0, -1.0, 100.0])
+                if not session.exchange(rates).on:
+                    raise SystemExit(f"after {number} exchanges: {session.why_off}")
+                took.append(time.perf_counter() - begin)
+                late += begin - due > 1.0 / RATE
+        except (KeyboardInterrupt, RcmServoError) as error:
+            print(f"ended early: {error!r}")
+        whole = time.perf_counter() - start
+        session.switch_off()
+        for stream in streams:
+            stream.close()
+    p50, p99 = 1e3 * np.percentile(took, [50, 99])
+    print(f"{len(took)} exchanges in {whole:.2f} s: {len(took) / whole:.1f} a second")
+    print(f"one takes {p50:.2f} ms (median), {p99:.2f} (99 %), {1e3 * max(took):.2f} (worst)")
+    print(f"begun more than a period late: {late} ({late / len(took):.2%})")
+    return late
+
+
+def main() -> None:
+    kind = sys.argv[1] if len(sys.argv) > 1 else ""
+    print(f"{platform.machine()}, Python {platform.python_version()}")
+    if kind == "fuzz":
+        sys.exit(fuzz(int(sys.argv[2]) if len(sys.argv) > 2 else 100_000) > 0)
+    if kind == "exchanges":
+        exchanges(float(sys.argv[2]) if len(sys.argv) > 2 else 60.0)
+        return
+    sys.exit(__doc__)
+
+
+if __name__ == "__main__":
+    main()
