@@ -62,6 +62,14 @@ def test_nothing_stops_a_run_without_faults_and_short_ones_do_not_keep_it_from_a
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [264, 1853])
+def test_points_that_are_noise_leave_the_estimate_what_it_was(seed: int) -> None:
+    """Of 10^12 px and more: the servo stopped as if the estimator were wrong."""
+    run = one(seed, "faults")
+    assert run.stops and all(stop[3] for stop in run.stops), run
+
+
+@pytest.mark.slow
 def test_an_arm_that_falls_silent_as_its_drive_comes_on_ends_the_run_in_one_sentence() -> None:
     run = one(1667, "faults")
     assert run.end == "not enabled"

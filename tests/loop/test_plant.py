@@ -211,3 +211,18 @@ def test_it_tells_the_sizes_that_the_tracker_tells_but_not_of_a_marker_that_is_l
     np.testing.assert_array_equal(plant.read().sizes, [9.5, np.nan])
     plant.reset()
     assert np.isnan(plant.read().sizes).all(), "all is forgotten"
+
+
+@pytest.mark.parametrize("far", [1e6, -1.25e12, 3.7e156, np.inf])
+def test_a_marker_where_no_camera_has_a_pixel_is_a_lost_one(far: float) -> None:
+    """Or what is learnt from it is no camera's: one such frame made the estimate not finite."""
+    lab = laboratory()
+    points = np.array([[300.0, 200.0], [310.0, far]])
+    told = rs.Markers(points, np.array([9.0, 9.0]), np.ones(2))
+    plant = rs.Plant(lab.rig.arm, lab.rig.camera, OddTracker(told), lab.rig.clock)
+    while plant.frame is None:
+        lab.rig.clock.wait_until(lab.rig.clock.now() + 10_000_000)
+        seen = plant.read()
+    assert seen.points[0].tolist() == [300.0, 200.0] and seen.sizes[0] == 9.0
+    assert np.isnan(seen.points[1]).all() and np.isnan(seen.sizes[1])
+    assert points[1, 1] == far

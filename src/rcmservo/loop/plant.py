@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rcmservo.errors import BadInput, RcmServoError
+from rcmservo.guard.plausible import NO_PIXEL
 from rcmservo.interfaces import (
     Arm,
     Camera,
@@ -169,8 +170,8 @@ class Plant:
             return
         if "find" in self._new:
             self._meet(self.tracker, "find", markers)
-        self.markers, self.frame = replace(markers, points=markers.points.copy()), frame
-        self._sizes = _sizes(markers)
+        self.markers, self.frame = replace(markers, points=_points(markers)), frame
+        self._sizes = _sizes(self.markers)
         self._q_exposure = self._joints_at(frame.exposure)
 
     def _wrong(self, frame: Frame) -> Dropped:
@@ -197,6 +198,13 @@ class Plant:
             return q
         end, moved = self._past[later]
         return q + (moved - q) / (end - began) * (time - began)
+
+
+def _points(markers: Markers) -> Floats:
+    """The markers (2, 2) raw px, NaN for one that is where no camera has a pixel: what is learnt
+    from would take any other number for a place."""
+    seen = (np.abs(markers.points) < NO_PIXEL).all(axis=1, keepdims=True)
+    return np.where(seen, markers.points, np.nan)
 
 
 def _sizes(markers: Markers) -> Floats:
