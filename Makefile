@@ -26,9 +26,9 @@ test-all: $(TESTING)
 	$(BIN)/python benchmarks/soak.py --seconds 10
 	-$(BIN)/python benchmarks/kill.py --count 4
 
-# Of a peer only what its test needs.
+# Of a peer only what its test needs, apart from what the project needs.
 peers: $(TESTING)
-	$(PIP) --no-deps socs==0.6.4
+	$(PIP) --no-deps --upgrade --target .peers socs==0.6.4
 
 check: $(TESTING)
 	$(BIN)/ruff format --check --quiet src tests benchmarks examples docs

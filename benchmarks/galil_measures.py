@@ -170,20 +170,20 @@ def garbled(chance: random.Random) -> tuple[float, bool, bool]:
 class Emulated:
     """`rcmservo emulate galil`, on a port that is free; `close` it at the end."""
 
-    def __init__(self) -> None:
-        command = [sys.executable, "-m", "rcmservo", "emulate", "galil", "--port", "0"]
+    def __init__(self, *options: str) -> None:
+        command = [sys.executable, "-m", "rcmservo", "emulate", "galil", "--port", "0", *options]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
-        said = re.search(r"127\.0\.0\.1:(\d+)", self.process.stdout.readline())
+        said = re.search(r"127\.0\.0\.1:(\d+)(?: and (\S+),)?", self.process.stdout.readline())
         assert said is not None
-        self.port = int(said[1])
+        self.port, self.serial = int(said[1]), said[2]
 
     def arm(self) -> GalilArm:
-        """The driver of the arm behind it."""
-        settings = GalilSettings("127.0.0.1", (50000.0, 50000.0, 500.0), self.port)
+        """The driver of the arm behind it, by its serial port where it has one."""
+        settings = GalilSettings(self.serial or "127.0.0.1", (50000.0, 50000.0, 500.0), self.port)
         return GalilArm(settings, SphericalRcm().limits)
 
     def close(self) -> None:
         os.kill(self.process.pid, signal.SIGCONT)
-        self.process.send_signal(signal.SIGINT)
+        self.process.terminate()
         self.process.communicate(timeout=30.0)

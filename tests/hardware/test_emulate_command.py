@@ -12,11 +12,29 @@ import pytest
 from conftest import ROOT
 from rcmservo.app.cli import main
 
+HEEDING_CTRL_C = """
+import signal, sys
+from rcmservo.__main__ import main
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.exit(main())
+"""
+"""The command, also where a script runs the tests in the background, deaf to Ctrl-C."""
+
 WORDS = r"emulated Galil DMC-4040 at 127.0.0.1:(\d+), simulated arm, seed 3; Ctrl-C ends it\n"
 
 
 def test_it_says_where_it_is_moves_its_arm_and_ends_in_order() -> None:
-    command = [sys.executable, "-m", "rcmservo", "emulate", "galil", "--port", "0", "--seed", "3"]
+    command = [
+        sys.executable,
+        "-c",
+        HEEDING_CTRL_C,
+        "emulate",
+        "galil",
+        "--port",
+        "0",
+        "--seed",
+        "3",
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as it:
         try:
             assert it.stdout is not None
@@ -24,9 +42,10 @@ def test_it_says_where_it_is_moves_its_arm_and_ends_in_order() -> None:
             assert said is not None
             with socket.create_connection(("127.0.0.1", int(said[1])), timeout=10.0) as wire:
                 assert moved(wire) > 100
-        finally:
             it.send_signal(signal.SIGINT)
-        assert it.communicate(timeout=30.0) == ("", "")
+            assert it.communicate(timeout=30.0) == ("", "")
+        finally:
+            it.kill()
         assert it.returncode == 0
 
 

@@ -24,9 +24,10 @@ RATES = np.array([0.1, -0.1, 10.0])
 TICK, PATIENCE = 10_000_000, 50_000_000
 
 
-@pytest.fixture(scope="module")
-def emulated() -> Iterator[Emulated]:
-    with contextlib.closing(Emulated()) as one:
+@pytest.fixture(scope="module", params=["by network", "by a serial port"])
+def emulated(request: pytest.FixtureRequest) -> Iterator[Emulated]:
+    serial = ["--serial"] if request.param == "by a serial port" else []
+    with contextlib.closing(Emulated(*serial)) as one:
         yield one
 
 

@@ -1,16 +1,17 @@
 """A public client that was not written here drives the emulated controller unchanged: the one of
 the Simons Observatory, socs 0.6.4, which speaks raw TCP to DMC-40x0 controllers.
-
-    .venv/bin/pip install --no-deps socs==0.6.4
 """
 
 import contextlib
 import importlib
+import sys
 import time
 from typing import Any
 
 import pytest
 from galil_measures import Emulated
+
+from conftest import ROOT
 
 INSTALL = "socs is not installed: make peers"
 
@@ -20,6 +21,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.alone]
 @pytest.fixture(scope="module")
 def client() -> Any:
     """Their module."""
+    sys.path.append(str(ROOT / ".peers"))
     return pytest.importorskip("socs.agents.galil_axis.drivers", reason=INSTALL)
 
 

@@ -5,7 +5,7 @@ import pytest
 from galil_measures import HOME, LIMITS, RATES, SETTINGS, EmulatedWire, IdealMotors
 
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
-from rcmservo.hardware.galil.session import GalilSession, NotReady, Told
+from rcmservo.hardware.galil.session import ArmReading, GalilSession, NotReady
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.wire import Conversation, Lost
 from rcmservo.interfaces import Floats
@@ -44,7 +44,7 @@ class Rig:
         self.session.start()
         return self
 
-    def jog(self, rates: Floats, seconds: float) -> Told:
+    def jog(self, rates: Floats, seconds: float) -> ArmReading:
         """Speeds every 10 ms, as the loop sends them."""
         told = self.session.exchange(rates)
         for _ in range(round(seconds / TICK)):

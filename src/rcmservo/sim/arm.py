@@ -140,6 +140,7 @@ class SimulatedArm:
         self._data = PHYSICS.MjData(self._model)
         self._queue: deque[tuple[int, list[float]]] = deque()
         self._wanted, self._rates = [0.0] * 3, [0.0] * 3
+        self._controlled = False
         self._follow = float(1.0 - np.exp(-STEP * 1e-9 / drive.lag))
         self._encoder = np.maximum(np.array(drive.encoder), 1e-12)
         self._past = Past(STEP)
@@ -168,13 +169,22 @@ class SimulatedArm:
         self.time += STEP
         if self.before_step is not None:
             self.before_step()
-        if not self.watchdog.check(self._clock):
+        if not self._controlled and not self.watchdog.check(self._clock):
             self._come_to_rest()
         while self._queue and self._queue[0][0] <= self.time:
             self._wanted = self._queue.popleft()[1]
         self._drive()
         PHYSICS.mj_step(self._model, self._data)
         self._past.keep(self.time, self._data.qpos.copy())
+
+    def control(self, rates: list[float], on: bool) -> None:
+        """Have the drives follow joint rates (3,), in place of commands: as a motion controller
+        between them and the computer does, which has a watchdog of its own."""
+        self._controlled = True
+        if on:
+            self._queue.append((self.time + round(self.drive.delay * 1e9), rates))
+        else:
+            self._come_to_rest()
 
     def _come_to_rest(self) -> None:
         self._queue.clear()

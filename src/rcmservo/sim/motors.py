@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rcmservo.interfaces import Command, Floats
+from rcmservo.interfaces import Floats
 from rcmservo.sim.arm import SimulatedArm
 
 AT_LIMIT = 0.99
@@ -19,7 +19,7 @@ class ArmMotors:
 
     def __init__(self, arm: SimulatedArm, counts: Floats, axes: int) -> None:
         self.arm, self.counts, self.axes = arm, counts, axes
-        self._number, self._until = 0, float(arm.time)
+        self._until = float(arm.time)
         self._zero = arm.q_true
         limits = arm.mechanism.limits
         lower, upper = np.array(limits.lower), np.array(limits.upper)
@@ -28,22 +28,12 @@ class ArmMotors:
 
     def step(self, speeds: Sequence[float], on: Sequence[bool], seconds: float) -> Sequence[float]:
         """Let a sample pass with these speeds [counts/s]; where the encoders are then, counts."""
-        self._drive(np.where(on[:3], speeds[:3], 0.0) / self.counts, any(on[:3]))
+        rates = np.where(on[:3], speeds[:3], 0.0) / self.counts
+        self.arm.control(rates.tolist(), any(on[:3]))
         self._until += seconds * 1e9
         self.arm.advance_until(round(self._until))
         counted = np.round((self.arm.q_true - self._zero) * self.counts)
         return [*counted.tolist(), *[0.0] * (self.axes - 3)]
-
-    def _drive(self, rates: Floats, on: bool) -> None:
-        """Have the arm's drives obey, who want to hear from the controller all the time."""
-        arm = self.arm
-        if on and not arm.watchdog.enabled:
-            arm.enable()
-            self._number = 0
-        if on or arm.watchdog.enabled:
-            self._number += 1
-            deadline = arm.time + arm.watchdog.patience
-            arm.apply(Command(self._number, arm.time, deadline, rates, on))
 
     def switches(self) -> Sequence[tuple[bool, bool]]:
         """Whether the forward and the reverse limit switch of each axis are tripped."""

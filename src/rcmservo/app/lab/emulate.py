@@ -15,6 +15,7 @@ from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.errors import require
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
 from rcmservo.hardware.galil.emulator.faults import KINDS, Fault
+from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 from rcmservo.hardware.galil.emulator.server import Server
 
 AXES = 4
@@ -31,6 +32,8 @@ class EmulateOptions:
     """The controller: galil (a DMC-4040 with four axes, the joints on A, B and C)."""
     port: int = 2323
     """Where it listens on 127.0.0.1, by TCP and UDP; 0 takes one that is free."""
+    serial: bool = False
+    """Offer a serial port too, a pseudo-terminal whose path is told."""
     seed: int = 0
     """Draws where the arm stands."""
     rig: OptionalPath = None
@@ -52,8 +55,10 @@ def emulate(options: EmulateOptions) -> int:
     faults = [Fault.parse(text) for text in options.fault]
     with simulator("emulate"):
         controller = _controller(options.seed, lab)
-    with closing(Server(controller, options.port, faults)) as server:
-        words = f"emulated Galil DMC-40{AXES}0 at 127.0.0.1:{server.port}, simulated arm"
+    serial = SerialPort() if options.serial else None
+    with closing(Server(controller, options.port, faults, serial)) as server:
+        at = f"127.0.0.1:{server.port}" + (f" and {serial.path}" if serial else "")
+        words = f"emulated Galil DMC-40{AXES}0 at {at}, simulated arm"
         console(False).print(f"{words}, seed {options.seed}; Ctrl-C ends it", soft_wrap=True)
         _serve(server)
     return 0

@@ -13,9 +13,9 @@ from collections.abc import Callable
 import numpy as np
 
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.galil.session import GalilSession, NotReady, Told
+from rcmservo.hardware.galil.session import ArmReading, GalilSession, NotReady
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.hardware.galil.wire import Conversation, Stream, TcpStream
+from rcmservo.hardware.galil.wire import ByteStream, Conversation, SerialStream, TcpStream
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.method.kinematics import JointLimits
 
@@ -33,7 +33,8 @@ class GalilArm:
         self._next: Command | None = None
         self._lost = ""
         try:
-            talk, messages = self._connected(), self._connected()
+            talk = self._connected()
+            messages = None if settings.serial else self._connected()
             self._session = GalilSession(talk, messages, settings)
             self._session.set_up(limits)
             self._measured = self._told(self._session.look)
@@ -89,7 +90,11 @@ class GalilArm:
 
     def _connected(self) -> Conversation:
         s = self.settings
-        stream: Stream = TcpStream(s.address, s.port, s.answer_within)
+        stream: ByteStream = (
+            SerialStream(s.address, s.baud)
+            if s.serial
+            else TcpStream(s.address, s.port, s.answer_within)
+        )
         self._talks.append(Conversation(stream, s.answer_within))
         return self._talks[-1]
 
@@ -116,7 +121,7 @@ class GalilArm:
                 return
         self._measured = self._told(session.look)
 
-    def _told(self, ask: Callable[[], Told]) -> Measured:
+    def _told(self, ask: Callable[[], ArmReading]) -> Measured:
         """What the controller tells, with the time in the middle of asking."""
         before = time.monotonic_ns()
         told = ask()

@@ -46,7 +46,7 @@ class NotReady(RcmServoError):
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class ArmReading:
     """What the controller told of the arm."""
 
     q: Floats
@@ -60,7 +60,9 @@ class Told:
 class GalilSession:
     """The arm's use of a controller."""
 
-    def __init__(self, talk: Conversation, messages: Conversation, settings: GalilSettings) -> None:
+    def __init__(
+        self, talk: Conversation, messages: Conversation | None, settings: GalilSettings
+    ) -> None:
         self.settings = settings
         self.why_off = ""
         """Why the controller switched the motors off, in a sentence; empty where it did not."""
@@ -74,7 +76,8 @@ class GalilSession:
     def set_up(self, limits: JointLimits) -> None:
         """Look who it is, and make it ready, with the motors off."""
         self._talk.ask("CW 1")
-        self._messages.ask("CF I")
+        if self._messages is not None:
+            self._messages.ask("CF I")
         self._axes = self._know()
         names = self.settings.axes
         if self._talk.number(f"_XQ{program.THREAD}") >= 0.0:
@@ -120,17 +123,17 @@ class GalilSession:
             raise NotReady("the watchdog program does not run on the controller")
         self.watched, self._checked = True, talk.now()
 
-    def look(self, *commands: str) -> Told:
+    def look(self, *commands: str) -> ArmReading:
         """Send some commands, and read how the arm is."""
         rows = self._talk.record(self._axes, *commands)
         axes = rows.axes[self._places]
         q = axes["position"] / np.array(self.settings.counts)
         on = not (axes["status"] & record.OFF).any()
-        told = Told(q, bool(on), rows)
+        told = ArmReading(q, bool(on), rows)
         self._watch(told)
         return told
 
-    def exchange(self, rates: Floats) -> Told:
+    def exchange(self, rates: Floats) -> ArmReading:
         """Jog with these joint rates (3,), and read how the arm is.
 
         Before that the speeds are asked for: who else has sent some is told, though these take
@@ -211,7 +214,7 @@ class GalilSession:
             fields[place] = f"v{letter}"
         return ["up=1", *noted, "JG " + ",".join(fields), "up=0"]
 
-    def _watch(self, told: Told) -> None:
+    def _watch(self, told: ArmReading) -> None:
         """Notice that the controller switched the motors off, or that its program has ended."""
         if not self.watched:
             return
@@ -223,7 +226,7 @@ class GalilSession:
                 self.switch_off()
                 self.why_off = "the watchdog program on the controller has ended"
 
-    def _reason(self, told: Told) -> str:
+    def _reason(self, told: ArmReading) -> str:
         why = int(self._known("why"))
         if why in program.WHYS and why != program.RESTING:
             return program.WHYS[why]

@@ -19,11 +19,14 @@ class GalilSettings:
     """A Galil DMC-40x0 and what hangs on it."""
 
     address: str
-    """Its name or number on the network."""
+    """Its name or number on the network, or the serial port that it hangs on, such as
+    /dev/ttyUSB0."""
     counts: Joints
     """Encoder counts of a rad, rad and mm of the joints; negative where counts fall as it rises."""
     port: int = 23
-    """Its port there."""
+    """Its port on the network."""
+    baud: int = 115200
+    """bits/s of a serial port."""
     axes: str = "ABC"
     """The axes that drive the first, the second and the third joint."""
     acceleration: Joints = (10.0, 10.0, 1000.0)
@@ -40,6 +43,8 @@ class GalilSettings:
     def __post_init__(self) -> None:
         require(bool(self.address.strip()), "galil.address", self.address, "a name or an address")
         require(0 < self.port < 65536, "galil.port", self.port, "a whole number from 1 to 65535")
+        right = "9600, 19200, 38400 or 115200 bits/s"
+        require(self.baud in (9600, 19200, 38400, 115200), "galil.baud", self.baud, right)
         good = len(set(self.axes)) == len(self.axes) == 3 and set(self.axes) <= set(LETTERS)
         require(good, "galil.axes", self.axes, "three different letters of A to H, such as ABC")
         _numbers("counts", self.counts, 1e-3, 1e9, signed=True)
@@ -55,6 +60,11 @@ class GalilSettings:
         )
         right = "from 0.02 to 2 s"
         require(0.02 <= self.answer_within <= 2.0, "galil.answer_within", self.answer_within, right)
+
+    @property
+    def serial(self) -> bool:
+        """Whether it hangs on a serial port."""
+        return self.address.startswith(("/", "COM"))
 
     def in_counts(self, joints: Joints) -> Floats:
         """Sizes of joint motions (3,) in counts, without signs."""

@@ -12,7 +12,7 @@ import contextlib
 import socket
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 from rcmservo.errors import RcmServoError, one_line, told
 from rcmservo.hardware.galil.data_record import DataRecord, size_of, unpacked
@@ -34,7 +34,7 @@ class Rejected(RcmServoError):
     """A command that the controller did not take."""
 
 
-class Stream(Protocol):
+class ByteStream(Protocol):
     """Bytes to and from a device."""
 
     def send(self, data: bytes) -> None:
@@ -78,11 +78,51 @@ class TcpStream:
         self._wire.close()
 
 
+class SerialStream:
+    """A connection by a serial port, on which the controller is told not to repeat what it
+    hears."""
+
+    QUIET = 0.1
+    """s of silence after which nothing more of what was said before is to come."""
+
+    def __init__(self, port: str, baud: int) -> None:
+        try:
+            import serial
+        except ImportError as error:
+            words = "pyserial is not installed: pip install 'rcmservo[hardware]'"
+            raise Lost(f"{port} cannot be opened: {words}") from error
+        self._failed = serial.SerialException
+        try:
+            self._wire: Any = serial.Serial(port, baud)
+        except (self._failed, ValueError) as error:
+            raise Lost(f"{port} cannot be opened: {one_line(error)}") from error
+        self.send(b"EO 0" + END)
+        while self.receive(self.QUIET):
+            pass
+
+    def send(self, data: bytes) -> None:
+        try:
+            self._wire.write(data)
+        except self._failed as error:
+            raise ConnectionError(str(error)) from error
+
+    def receive(self, seconds: float) -> bytes:
+        try:
+            self._wire.timeout = seconds
+            first = self._wire.read(1)
+            return first + self._wire.read(self._wire.in_waiting) if first else b""
+        except (self._failed, TypeError) as error:  # TypeError: of a port that is closed meanwhile
+            raise ConnectionError(str(error)) from error
+
+    def close(self) -> None:
+        self._wire.close()
+
+
 class Conversation:
     """Questions to a controller, one after the other."""
 
     def __init__(
-        self, stream: Stream, seconds: float, now: Callable[[], float] = time.monotonic
+        self, stream: ByteStream, seconds: float, now: Callable[[], float] = time.monotonic
     ) -> None:
         self.now = now
         self._stream, self._seconds = stream, seconds

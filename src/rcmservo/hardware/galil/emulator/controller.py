@@ -29,6 +29,9 @@ SILENCE = 3072
 TCP, UDP = 2, 1
 """How a handle is used, as the data record tells."""
 
+SERIAL = HANDLES
+"""The place of the serial port among the lines, behind the handles."""
+
 
 @dataclass
 class Line:
@@ -48,6 +51,8 @@ class Line:
     """Commands that wait for an earlier one."""
     answers: bytearray = field(default_factory=bytearray)
     """What it has not been sent yet."""
+    echoes: bool = False
+    """Whether what is heard is sent back."""
 
 
 class Controller:
@@ -118,6 +123,8 @@ class Controller:
                 return self._stream_records(rest)
             case "CF":
                 return self._route_messages(rest, caller)
+            case "EO":
+                return self._echo(rest, caller)
             case "BZ":
                 if "=" in rest:
                     self._silent_until = state.samples + SILENCE
@@ -143,15 +150,22 @@ class Controller:
     def _route_messages(self, rest: str, caller: Caller) -> str:
         to = rest.strip()
         if to == "I" and isinstance(caller, Host):
-            to = LETTERS[caller.handle]
+            to = "S" if caller.handle == SERIAL else LETTERS[caller.handle]
         if len(to) != 1 or to not in LETTERS + "ST":
             raise Refusal(6)
         self.state.messages_to = to
         return ""
 
+    def _echo(self, rest: str, caller: Caller) -> str:
+        """EO: whether the serial port repeats what it hears; taken from there alone."""
+        if not isinstance(caller, Host) or caller.handle != SERIAL:
+            raise Refusal(1)
+        self.lines[SERIAL].echoes = value_of(rest, self.state) != 0.0
+        return ""
+
     def _send_messages(self) -> None:
         for to, text in self.state.messages:
-            line = self.lines.get(LETTERS.find(to))
+            line = self.lines.get(SERIAL if to == "S" else LETTERS.find(to))
             if line is not None:
                 sent = f"{text}\r\n".encode("latin-1")
                 marked = bytes(byte | 0x80 for byte in sent)
@@ -159,6 +173,10 @@ class Controller:
         self.state.messages.clear()
 
     # Hosts
+
+    def connect_serial(self) -> None:
+        """A host is at the serial port, which repeats what it hears until EO 0."""
+        self.lines[SERIAL] = Line(Host(handle=SERIAL), kind=0, echoes=True)
 
     def connect(self, kind: int = TCP) -> int | None:
         """The handle that a new host gets; None where all are in use."""
@@ -170,12 +188,14 @@ class Controller:
 
     def disconnect(self, handle: int) -> None:
         """A host is gone."""
-        if self.lines.pop(handle, None) is not None:
+        if self.lines.pop(handle, None) is not None and handle != SERIAL:
             self.state.handles[handle] = 0
 
     def hear(self, handle: int, data: bytes) -> None:
         """What a host sends; all of it that can be is done at once."""
         line = self.lines[handle]
+        if line.echoes:
+            line.answers += data
         for character in data.decode("latin-1"):
             if line.host.loading is not None:
                 self._load(line, character)

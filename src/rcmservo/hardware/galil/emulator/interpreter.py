@@ -9,7 +9,7 @@ from rcmservo.hardware.galil.emulator.state import Caller, ControllerState, Exec
 COMMANDS: dict[str, Execute] = {
     **{name: settings.set_axes(name) for name in (*settings.RANGES, *settings.KEPT)},
     **dict.fromkeys(
-        ("BA", "BI", "BN", "BP", "BV", "CB", "CF", "DV", "EO", "IH", "LZ", "NO", "PF", "SB", "VF"),
+        ("BA", "BI", "BN", "BP", "BV", "CB", "DV", "IH", "LZ", "NO", "PF", "SB", "VF"),
         settings.accept,
     ),
     "AB": motion.abort,
@@ -49,7 +49,8 @@ COMMANDS: dict[str, Execute] = {
     "WT": threads.wait,
     "XQ": threads.execute_program,
 }
-"""All but those that need the wire or the power: CF, DR, QR, RS, UL and BZ are the controller's."""
+"""All but those that need the wire or the power: BZ, CF, DR, EO, QR, RS and UL are the
+controller's."""
 
 MODEL = "\x12\x16"
 

@@ -1,4 +1,5 @@
-"""The emulated controller on the network: eight handles on one port, by TCP or UDP.
+"""The emulated controller on the network: eight handles on one port, by TCP or UDP, and a serial
+port where that is asked for.
 
 A ninth host is sent away. Source: command reference, TH and IH.
 """
@@ -13,8 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.galil.emulator.controller import SAMPLE, TCP, UDP, Controller
+from rcmservo.hardware.galil.emulator.controller import SAMPLE, SERIAL, TCP, UDP, Controller
 from rcmservo.hardware.galil.emulator.faults import LATE, Fault
+from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 
 PACKET = 1024
 """Bytes that are read in one go."""
@@ -31,7 +33,7 @@ class NoPort(RcmServoError):
 class Peer:
     """A host that is connected."""
 
-    wire: socket.socket
+    wire: socket.socket | SerialPort
     """Its connection; the common one of UDP."""
     address: tuple[str, int] | None = None
     """Where to send to by UDP."""
@@ -42,8 +44,14 @@ class Peer:
 class Server:
     """Offers a controller to hosts; `turn` does all that is due."""
 
-    def __init__(self, controller: Controller, port: int, faults: Sequence[Fault] = ()) -> None:
-        self.controller, self.faults = controller, faults
+    def __init__(
+        self,
+        controller: Controller,
+        port: int,
+        faults: Sequence[Fault] = (),
+        serial: SerialPort | None = None,
+    ) -> None:
+        self.controller, self.faults, self._serial = controller, faults, serial
         self._peers: dict[int, Peer] = {}
         self._random = random.Random(0)
         self._seconds, self._samples, self._was_reset = 0.0, 0, False
@@ -53,6 +61,7 @@ class Server:
         self._listening.listen(16)
         self._listening.setblocking(False)
         self._datagrams.setblocking(False)
+        self._plug_in()
 
     def close(self) -> None:
         """Let all hosts go."""
@@ -95,6 +104,12 @@ class Server:
         if acts and not self._was_reset:
             self.controller.reset()
         self._was_reset = acts
+
+    def _plug_in(self) -> None:
+        """The serial cable is always there, also behind a reset."""
+        if self._serial is not None and SERIAL not in self.controller.lines:
+            self.controller.connect_serial()
+            self._peers[SERIAL] = Peer(self._serial)
 
     def _accept(self) -> None:
         with contextlib.suppress(BlockingIOError):
@@ -145,6 +160,7 @@ class Server:
     def _answer(self, handle: int) -> None:
         if handle not in self.controller.lines:
             self._drop(handle)
+            self._plug_in()
             return
         peer = self._peers[handle]
         told = self._damaged(self.controller.answers(handle))
@@ -162,7 +178,7 @@ class Server:
     def _send(self, handle: int, peer: Peer, told: bytes) -> None:
         try:
             if peer.address is not None:
-                peer.wire.sendto(told, peer.address)
+                self._datagrams.sendto(told, peer.address)
             else:
                 peer.wire.sendall(told)
         except BlockingIOError:  # a host that reads nothing: what it misses is lost
@@ -173,7 +189,7 @@ class Server:
     def _drop(self, handle: int) -> None:
         peer = self._peers.pop(handle)
         self.controller.disconnect(handle)
-        if peer.address is None:
+        if peer.address is None and handle != SERIAL:
             peer.wire.close()
 
 

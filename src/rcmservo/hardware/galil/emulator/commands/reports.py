@@ -99,7 +99,7 @@ def own_handle(state: ControllerState, rest: str, caller: Caller) -> str:
     """WH: by which handle the host is connected."""
     if not isinstance(caller, Host):
         raise Refusal(3)
-    return f"IH{LETTERS[caller.handle]}"
+    return f"IH{LETTERS[caller.handle]}" if caller.handle < HANDLES else "RS232"
 
 
 def all_handles(state: ControllerState, rest: str, _: Caller) -> str:
