@@ -3,7 +3,7 @@ promised, Ĵ becomes J."""
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
@@ -94,6 +94,8 @@ def test_proposition_1_u_never_rises_under_the_printed_gamma_even_as_observation
 
 
 @given(seeds, times, st.booleans())
+@example(1879503239, 1e3, True)
+@example(30282166, 259.0, False)
 def test_u_never_rises_under_the_fast_gamma_while_observations_are_added(seed, t, both):
     """½ΔaᵀΓ₀⁻¹Δa, although Γ changes with every observation."""
     assert steepest_rise(seed, t, True, both, room=20) < 1e-9

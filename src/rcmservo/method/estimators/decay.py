@@ -14,6 +14,10 @@ from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 from rcmservo.loops import largest, length, minus, product, products
 
+UNSEEN = 1e-14
+"""Of the largest eigenvalue of H: a mode with less was never observed. It does not move, as A â − b
+has nothing of it but rounding, which would grow with t."""
+
 SHORT = 4.0
 """Largest Frobenius norm of H t that is summed as a series: the sum loses one digit at most."""
 
@@ -44,8 +48,11 @@ def by_series(H: Floats, away: Floats, t: float) -> Floats:
 def by_modes(H: Floats, away: Floats, t: float) -> Floats:
     """∫₀ᵗ e^{−Hs} ds `away`, by the eigenvectors of H."""
     eigenvalues, Q = np.linalg.eigh(H)
-    modes = product(Q.T, away)
+    modes, least = product(Q.T, away), UNSEEN * eigenvalues[-1]
     for i in range(len(away)):
         rate = max(eigenvalues[i], 0.0)
-        modes[i] *= -np.expm1(-rate * t) / rate if rate * t > 1e-12 else t
+        if rate > least:
+            modes[i] *= -np.expm1(-rate * t) / rate if rate * t > 1e-12 else t
+        else:
+            modes[i] = 0.0
     return product(Q, modes)
