@@ -7,7 +7,7 @@ from galil_measures import HOME, LIMITS, RATES, SETTINGS, EmulatedWire, IdealMot
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
 from rcmservo.hardware.galil.session import ArmReading, GalilSession, NotReady
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.hardware.galil.wire import Conversation, Lost
+from rcmservo.hardware.galil.wire import Conversation, Lost, Rejected
 from rcmservo.interfaces import Floats
 
 TICK = 0.01
@@ -221,3 +221,18 @@ def test_a_controller_that_is_deaf_is_lost_for_good() -> None:
     assert rig.off and rig.still
     with pytest.raises(Lost):
         rig.session.look()
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [(["#OTHER", "EN"], "refused 'XQ #RCMWD,1'"), (["#RCMWD", "EN"], "the axes do not begin")],
+)
+def test_a_program_that_somebody_has_put_in_its_place_begins_nothing(
+    lines: list[str], said: str
+) -> None:
+    rig = Rig()
+    rig.session.define(HOME)
+    rig.talk().download(lines)
+    with pytest.raises((Rejected, NotReady), match=said):
+        rig.session.start()
+    assert rig.off and rig.still

@@ -8,7 +8,7 @@ stops. A connection that is lost is not made again by itself.
 import contextlib
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 
 import numpy as np
 
@@ -73,7 +73,8 @@ class GalilArm:
 
     def apply(self, command: Command) -> Floats:
         """Pass a command on; the joint rates (3,) as the controller's steps have them."""
-        self._next = command
+        if self._next is None or self._next.enabled:  # nothing takes the place of switching off
+            self._next = command
         self._wake.set()
         if not (command.enabled and self._measured.enabled):
             return np.zeros(3)
@@ -84,8 +85,9 @@ class GalilArm:
         self._over = True
         self._wake.set()
         self._thread.join()
-        with contextlib.suppress(RcmServoError):
-            self._session.switch_off()
+        if self._session.watched:  # else it is off, and maybe somebody else's by now
+            with contextlib.suppress(RcmServoError):
+                self._session.switch_off()
         self._hang_up()
 
     def _connected(self) -> Conversation:
@@ -128,7 +130,7 @@ class GalilArm:
         return Measured((before + time.monotonic_ns()) // 2, told.q, told.on)
 
     @contextlib.contextmanager
-    def _in_use(self):
+    def _in_use(self) -> Generator[None]:
         with self._lock:
             if not self._thread.is_alive():
                 raise NotReady(f"{self._lost or 'the controller is lost'}; connect again")

@@ -18,7 +18,7 @@ from rcmservo.errors import RcmServoError, require
 from rcmservo.errors import told as words
 from rcmservo.hardware.galil import data_record as record
 from rcmservo.hardware.galil import watchdog_program as program
-from rcmservo.hardware.galil.codes import STOPS
+from rcmservo.hardware.galil.codes import ERRORS, STOPS
 from rcmservo.hardware.galil.settings import LETTERS, GalilSettings
 from rcmservo.hardware.galil.wire import Conversation, Rejected
 from rcmservo.interfaces import Floats
@@ -37,6 +37,8 @@ SESSIONS = 2000
 
 CHECK = 0.05
 """s between two looks at the watchdog program."""
+BEGUN_WITHIN = 0.02
+"""s within which the axes are begun after the program was started."""
 OFF_WITHIN = 0.3
 """s within which the motors are off after they were told to."""
 
@@ -112,16 +114,20 @@ class GalilSession:
         talk.ask(f"HX {program.THREAD}", f"MO {names}", f"{LATEST}={session}", f"hb={self._beat}")
         talk.ask(*self._speeds(np.zeros(3)))
         talk.ask(f"SH {names}")
+        self.watched, self._checked = True, talk.now()
         try:
-            begun = f"BG {names}", f"XQ #RCMWD,{program.THREAD}", f"MG _XQ{program.THREAD}"
-            runs = talk.numbers(*begun)[0] >= 0.0
-        except Rejected:
+            talk.ask(f"XQ #RCMWD,{program.THREAD}")
+            self._await_begun()
+        except (Rejected, NotReady):
             self.switch_off()
             raise
-        if not runs:
-            self.switch_off()
-            raise NotReady("the watchdog program does not run on the controller")
-        self.watched, self._checked = True, talk.now()
+
+    def _await_begun(self) -> None:
+        """Wait until the watchdog program has begun the jog."""
+        end = self._talk.now() + BEGUN_WITHIN
+        while not all(self._talk.number(f"_BG{axis}") for axis in self.settings.axes):
+            if self._talk.now() > end:
+                raise NotReady(f"the axes do not begin: {self._reason(self.look())}")
 
     def look(self, *commands: str) -> ArmReading:
         """Send some commands, and read how the arm is."""
@@ -237,4 +243,5 @@ class GalilSession:
             )
             if stop not in (0, 4)
         ]
-        return "; ".join(stopped) or program.WHYS.get(why, "the motors went off")
+        error = ERRORS.get(int(self._known("_TC")), "the motors went off")
+        return "; ".join(stopped) or program.WHYS.get(why, error)

@@ -9,9 +9,9 @@ A host's every line that moves ends by counting `hb` up. The program looks each 
     that came with it          as a line is not executed all at once
     an axis has come to rest   a limit or somebody has stopped it: stop the others (why 4)
 
-Stopping is by the axes' own deceleration (DC), then the motors go off. Only BG moves them again,
-which a host sends after a person enabled it, and never in a line that moves. An error in the
-program begins its stop too. `_XQ1` is -1 where it does not run, then nobody may enable.
+It begins the jog itself (BG), so that no axis moves without it. Stopping is by the axes' own
+deceleration (DC), then the motors go off; what a host sends then moves nothing, until a person has
+it enable them and start the program. An error in the program begins its stop too.
 """
 
 THREAD = 1
@@ -41,6 +41,7 @@ def lines(axes: str, patience: int) -> list[str]:
     return [
         "#RCMWD",
         "seen=hb;at=TIME;why=0",
+        f"BG {axes}",
         "#RCMLOOK",
         f"WT {PERIOD}",
         "IF (hb>seen)",
