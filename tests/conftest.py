@@ -43,6 +43,14 @@ settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 ROOT = Path(__file__).resolve().parents[1]
 
+HEEDING_CTRL_C = """
+import signal, sys
+from rcmservo.__main__ import main
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.exit(main())
+"""
+"""The command, also where a script runs the tests in the background, deaf to Ctrl-C."""
+
 DATA = ROOT.parent / "shared/data/dvrk_two_balls"
 """A recording of a real arm, which is not part of this repository."""
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from conftest import wait_until
+from conftest import HEEDING_CTRL_C, wait_until
 from rcmservo.app.cli import main
 from rcmservo.experiments.harness.paper import EXPERIMENTS
 from rcmservo.experiments.harness.sentences import SENTENCES
@@ -39,14 +39,6 @@ KEYS = {
     "case",
     "trials",
 }
-HEEDING_CTRL_C = """
-import signal, sys
-from rcmservo.__main__ import main
-signal.signal(signal.SIGINT, signal.default_int_handler)
-sys.exit(main())
-"""
-"""The command, also where a script runs the tests in the background, deaf to Ctrl-C."""
-
 COMPARED = ("baselines", "path-following")
 CHEAP = ("potential", "imaged-rcm", "showing")
 """Experiments that are run a second time: a computation, a Monte Carlo, and closed loops."""

@@ -9,16 +9,8 @@ import time
 
 import pytest
 
-from conftest import ROOT
+from conftest import HEEDING_CTRL_C, ROOT
 from rcmservo.app.cli import main
-
-HEEDING_CTRL_C = """
-import signal, sys
-from rcmservo.__main__ import main
-signal.signal(signal.SIGINT, signal.default_int_handler)
-sys.exit(main())
-"""
-"""The command, also where a script runs the tests in the background, deaf to Ctrl-C."""
 
 WORDS = r"emulated Galil DMC-4040 at 127.0.0.1:(\d+), simulated arm, seed 3; Ctrl-C ends it\n"
 

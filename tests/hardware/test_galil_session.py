@@ -236,3 +236,12 @@ def test_a_program_that_somebody_has_put_in_its_place_begins_nothing(
     with pytest.raises((Rejected, NotReady), match=said):
         rig.session.start()
     assert rig.off and rig.still
+
+
+def test_what_follows_a_refused_line_of_a_program_is_not_sent() -> None:
+    """The emulator takes it for commands, as a controller may."""
+    rig = Rig()
+    with pytest.raises(Rejected, match="refused '#A': 61 Duplicate or bad label"):
+        rig.talk().download(["#A", "#A", "JG 500"])
+    assert rig.controller.state.axes[0].settings.JG != 500.0
+    assert rig.session.look().q[0] == 0.0

@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 from rcmservo.errors import RcmServoError
 
+LETTERS = "ABCDEFGH"
+"""The axes' names, and the handles'."""
+
 SIZES = 52, 26, 36
 """Bytes of general part, coordinated motion and one axis."""
 

@@ -19,7 +19,7 @@ from rcmservo.errors import told as words
 from rcmservo.hardware.galil import data_record as record
 from rcmservo.hardware.galil import watchdog_program as program
 from rcmservo.hardware.galil.codes import ERRORS, STOPS
-from rcmservo.hardware.galil.settings import LETTERS, GalilSettings
+from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.wire import Conversation, Rejected
 from rcmservo.interfaces import Floats
 from rcmservo.method.kinematics import JointLimits
@@ -71,7 +71,7 @@ class GalilSession:
         self.watched = False
         """Whether the watchdog program is to run."""
         self._talk, self._messages = talk, messages
-        self._places = [LETTERS.index(axis) for axis in settings.axes]
+        self._places = [record.LETTERS.index(axis) for axis in settings.axes]
         self._axes = self._beat = 0
         self._checked, self._sent = 0.0, np.zeros(3)
 
@@ -179,7 +179,7 @@ class GalilSession:
             axes, *sizes = (int(part) for part in told.split(","))
         except ValueError:
             axes, sizes = 0, []
-        if tuple(sizes) != record.SIZES or not max(self._places) < axes <= len(LETTERS):
+        if tuple(sizes) != record.SIZES or not max(self._places) < axes <= len(record.LETTERS):
             model = self._talk.ask("\x12\x16")[0]
             right = f"?, {', '.join(map(str, record.SIZES))} with axes {self.settings.axes}"
             raise NotReady(f"QZ of a DMC-40x0 must be {right}, got {words(told)} of {words(model)}")

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmservo.errors import require
+from rcmservo.hardware.galil.data_record import LETTERS
 from rcmservo.interfaces import Floats
 
-LETTERS = "ABCDEFGH"
 LEAST_RATE, MOST_RATE = 1024, 1073740800
 """counts/s² that AC and DC take."""
 

@@ -171,11 +171,18 @@ class Conversation:
         return unpacked(data[:-1], axes)
 
     def download(self, lines: list[str]) -> None:
-        """Put a program in the controller's memory, the one before is gone."""
+        """Put a program in the controller's memory, the one before is gone.
+
+        A line that is refused is told before the end; what followed it would count as commands.
+        """
         self._write("DL")
         for line in lines:
             self._write(line)
-        self._stream.send(b"\\" + END)
+            self._receive(0.0)
+            if self._heard.startswith(b"?"):
+                self._heard.clear()
+                raise self._rejected(line)
+        self._write("\\")
         first, second = self._answer(), self._answer()
         self._at_its_end(("DL",))
         if first is None or second is None:
@@ -220,8 +227,11 @@ class Conversation:
             raise self._lost(f"it has not answered for {self._seconds:g} s")
         if len(self._heard) > LONGEST_ANSWER:
             raise self._lost("its answer has no end")
+        self._receive(left)
+
+    def _receive(self, seconds: float) -> None:
         try:
-            self._heard += self._stream.receive(left)
+            self._heard += self._stream.receive(seconds)
         except OSError as error:
             raise self._lost(error.strerror or str(error)) from error
 

@@ -26,7 +26,7 @@ class MoveMode(Enum):
 
 
 class StopCode:
-    """StopCode codes (SC)."""
+    """Why an axis stands or comes to rest (SC)."""
 
     RUNNING, DONE, FORWARD, REVERSE, COMMAND, ABORTED = 0, 1, 2, 3, 4, 7
     OFF_ON_ERROR, AMPLIFIER = 8, 15
@@ -147,11 +147,9 @@ class Axis:
         """Hold the motor where it is."""
         self.off, self.reference = False, self.position
 
-    def define(self, position: float) -> float:
-        """Call the present place `position`; by how much all places shift."""
-        shift = position - self.position
+    def define(self, position: float) -> None:
+        """Call the present place `position`."""
         self.reference = self.position = position
-        return shift
 
     def step(self, seconds: float) -> float:
         """A sample passes; the speed that the motor is then asked for."""

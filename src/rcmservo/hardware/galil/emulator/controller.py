@@ -81,7 +81,7 @@ class Controller:
         state.samples += 1
         self._move()
         run_threads(state, self._execute)
-        for line in self.lines.values():
+        for line in list(self.lines.values()):  # RS, behind a wait, leaves none
             self._serve(line)
         self._send_messages()
         if self._record_every and state.samples % self._record_every == 0:

@@ -63,7 +63,7 @@ FUNCTIONS: dict[str, Callable[[float], float]] = {
 
 
 class Names(Protocol):
-    """What the names in an expression stand for. Unknown ones are Refusal."""
+    """What the names in an expression stand for. Unknown ones are refused."""
 
     def variable(self, name: str) -> float:
         """A variable's value."""

@@ -73,7 +73,7 @@ def _assigns(text: str, word: str) -> bool:
 
 
 def execute(state: ControllerState, text: str, caller: Caller) -> str:
-    """Do what a command says; what it answers. Refusal where it cannot be done."""
+    """Do what a command says; what it answers. Refused where it cannot be done."""
     text = text.strip()
     if text == MODEL:
         return reports.model(state)

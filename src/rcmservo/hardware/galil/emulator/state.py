@@ -5,13 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from rcmservo.hardware.galil.codes import ERRORS
-from rcmservo.hardware.galil.data_record import SIZES
+from rcmservo.hardware.galil.data_record import LETTERS, SIZES
 from rcmservo.hardware.galil.emulator.axis import Axis
 from rcmservo.hardware.galil.emulator.numbers import Refusal
 from rcmservo.hardware.galil.emulator.program import Program
 
-LETTERS = "ABCDEFGH"
-"""The axes' names, and the handles'."""
 OTHER_LETTERS = str.maketrans("XYZW", "ABCD")
 """The older names of the axes."""
 THREADS, HANDLES, VARIABLES = 8, 8, 510
