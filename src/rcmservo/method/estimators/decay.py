@@ -14,12 +14,12 @@ from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 from rcmservo.loops import largest, length, minus, product, products
 
-UNSEEN = 1e-14
-"""Of the largest eigenvalue of H: a mode with less was never observed. It does not move, as A â − b
-has nothing of it but rounding, which would grow with t."""
-
 SHORT = 4.0
 """Largest Frobenius norm of H t that is summed as a series: the sum loses one digit at most."""
+
+UNSEEN = 1e-14
+"""Of the largest eigenvalue of H: a mode with less was never observed. A â − b has nothing of it
+but rounding, which does not grow with t beyond what the series lets it."""
 
 
 @compiled
@@ -48,11 +48,11 @@ def by_series(H: Floats, away: Floats, t: float) -> Floats:
 def by_modes(H: Floats, away: Floats, t: float) -> Floats:
     """∫₀ᵗ e^{−Hs} ds `away`, by the eigenvectors of H."""
     eigenvalues, Q = np.linalg.eigh(H)
-    modes, least = product(Q.T, away), UNSEEN * eigenvalues[-1]
+    modes, size = product(Q.T, away), length(H)
     for i in range(len(away)):
         rate = max(eigenvalues[i], 0.0)
-        if rate > least:
-            modes[i] *= -np.expm1(-rate * t) / rate if rate * t > 1e-12 else t
+        if rate < UNSEEN * size:
+            modes[i] *= min(t, SHORT / size)
         else:
-            modes[i] = 0.0
+            modes[i] *= -np.expm1(-rate * t) / rate if rate * t > 1e-12 else t
     return product(Q, modes)
