@@ -174,6 +174,7 @@ class Conversation:
         """Put a program in the controller's memory, the one before is gone.
 
         A line that is refused is told before the end; what followed it would count as commands.
+        Some may be under way when it is told: have the motors off.
         """
         self._write("DL")
         for line in lines:

@@ -18,8 +18,8 @@ SHORT = 4.0
 """Largest Frobenius norm of H t that is summed as a series: the sum loses one digit at most."""
 
 UNSEEN = 1e-14
-"""Of the largest eigenvalue of H: a mode with less was never observed. A â − b has nothing of it
-but rounding, which does not grow with t beyond what the series lets it."""
+"""Of the Frobenius norm of H: a mode with a smaller eigenvalue was never observed. A â − b has
+nothing of it but rounding, which does not grow with t beyond what the series lets it."""
 
 
 @compiled
