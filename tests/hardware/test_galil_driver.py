@@ -10,10 +10,10 @@ import pytest
 from galil_measures import Emulated
 
 from rcmservo.hardware.galil.driver import GalilArm
-from rcmservo.hardware.galil.session import NotReady
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.wire import Lost
 from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.live.lab import NotReady
 from rcmservo.loop.clock import WallClock
 from rcmservo.method.kinematics import SphericalRcm
 

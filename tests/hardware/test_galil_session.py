@@ -5,10 +5,11 @@ import pytest
 from galil_measures import HOME, LIMITS, RATES, SETTINGS, EmulatedWire, IdealMotors
 
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
-from rcmservo.hardware.galil.session import ArmReading, GalilSession, NotReady
+from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.wire import Conversation, Lost, Rejected
 from rcmservo.interfaces import Floats
+from rcmservo.live.lab import NotReady
 
 TICK = 0.01
 

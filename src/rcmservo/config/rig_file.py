@@ -1,5 +1,5 @@
-"""A laboratory described in a TOML file: what the robot knows of itself, and what a simulation of
-it needs.
+"""A laboratory described in a TOML file: what the robot knows of itself, its devices, and what a
+simulation of it needs.
 
 The file's sections are the settings dataclasses, its keys their fields. Everything is checked; see
 decode.py.
@@ -9,7 +9,7 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rcmservo.config import texts
 from rcmservo.config.decode import decode, key_of
@@ -24,7 +24,9 @@ from rcmservo.tracking import MarkerLook
 
 MAX_SIZE = 64 * 1024
 ROBOT_SECTIONS = ("mechanism", "tool", "markers", "gate", "thresholds")
+DEVICE_SECTIONS = ("arm", "camera")
 SIMULATION_SECTIONS = ("camera", "drive", "look", "scene")
+"""A [camera] that names a kind is a device; another one is simulated."""
 
 Section = TypeVar("Section")
 Tables = Mapping[str, texts.Table]
@@ -51,8 +53,16 @@ class Lab:
     """Bounds on every command."""
     thresholds: Thresholds = field(default_factory=Thresholds)
     """From where on something is a fault."""
+    devices: Tables = field(default_factory=dict[str, texts.Table])
+    """Those of DEVICE_SECTIONS that the file has, as they are written; `device` reads them."""
     simulation: Tables = field(default_factory=dict[str, texts.Table])
     """Those of SIMULATION_SECTIONS that the file has, as they are written; `section` reads them."""
+
+    def device(self, name: str, kinds: Mapping[str, type[Any]]) -> Any:
+        """The settings of a device, of the class that its section's `kind` names."""
+        if name not in self.devices:
+            raise BadInput(f"section {name}", None, f"given, with a kind: {' or '.join(kinds)}")
+        return chosen(kinds, self.devices[name], name)
 
     def section(self, name: str, kind: type[Section], **known: object) -> Section:
         """A section for the simulation as its settings; what the robot knows already is `known`,
@@ -91,13 +101,14 @@ def told_with(path: Path) -> Generator[None]:
 
 
 def _lab(tables: texts.Table) -> Lab:
-    known = (*ROBOT_SECTIONS, *SIMULATION_SECTIONS)
+    known = tuple(dict.fromkeys((*ROBOT_SECTIONS, *DEVICE_SECTIONS, *SIMULATION_SECTIONS)))
     for name, table in tables.items():
         if name not in known or not texts.is_table(table):
             raise BadInput(
                 f"section {key_of(name)}", table, f"one of the sections {', '.join(known)}"
             )
     default = Lab()
+    devices = {name: tables[name] for name in DEVICE_SECTIONS if _is_device(name, tables)}
     looks = {**asdict(default.markers), **tables.get("markers", {})}
     return Lab(
         mechanism=_mechanism(tables["mechanism"]) if "mechanism" in tables else default.mechanism,
@@ -105,8 +116,17 @@ def _lab(tables: texts.Table) -> Lab:
         markers=decode(MarkerLook, looks, "markers"),
         gate=decode(Gate, tables.get("gate", {}), "gate"),
         thresholds=decode(Thresholds, tables.get("thresholds", {}), "thresholds"),
-        simulation={name: tables[name] for name in SIMULATION_SECTIONS if name in tables},
+        devices=devices,
+        simulation={
+            name: tables[name]
+            for name in SIMULATION_SECTIONS
+            if name in tables and name not in devices
+        },
     )
+
+
+def _is_device(name: str, tables: texts.Table) -> bool:
+    return name in tables and (name == "arm" or "kind" in tables[name])
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Arm, Camera, Command, Floats, Target, Tracker
+from rcmservo.live.lab import Stopped
 from rcmservo.live.realtime import realtime
 from rcmservo.live.reports import LiveResult, ReportThread
 from rcmservo.live.tracking_thread import TrackingThread
@@ -43,10 +44,6 @@ Device = TypeVar("Device")
 
 class NoFrames(RcmServoError):
     """A camera that delivers nothing of use."""
-
-
-class Stopped(RcmServoError):
-    """A run that was told to end before it began."""
 
 
 @dataclass(frozen=True)

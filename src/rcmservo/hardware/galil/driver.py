@@ -13,10 +13,11 @@ from collections.abc import Callable, Generator
 import numpy as np
 
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.galil.session import ArmReading, GalilSession, NotReady
+from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.wire import ByteStream, Conversation, SerialStream, TcpStream
 from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.live.lab import NotReady
 from rcmservo.method.kinematics import JointLimits
 
 LOOK = 0.004

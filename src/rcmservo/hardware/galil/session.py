@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.errors import RcmServoError, require
+from rcmservo.errors import require
 from rcmservo.errors import told as words
 from rcmservo.hardware.galil import data_record as record
 from rcmservo.hardware.galil import watchdog_program as program
@@ -22,6 +22,7 @@ from rcmservo.hardware.galil.codes import ERRORS, STOPS
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.wire import Conversation, Rejected
 from rcmservo.interfaces import Floats
+from rcmservo.live.lab import NotReady
 from rcmservo.method.kinematics import JointLimits
 
 HOMED = "rcmhome"
@@ -41,10 +42,6 @@ BEGUN_WITHIN = 0.02
 """s within which the axes are begun after the program was started."""
 OFF_WITHIN = 0.3
 """s within which the motors are off after they were told to."""
-
-
-class NotReady(RcmServoError):
-    """A controller that cannot be used as it stands."""
 
 
 @dataclass(frozen=True, eq=False)

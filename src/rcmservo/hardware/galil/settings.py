@@ -1,6 +1,7 @@
-"""How an arm's joints hang on a controller's axes: the section [galil] of a rig file."""
+"""How an arm's joints hang on a controller's axes: a rig file's section [arm] of the kind galil."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,6 +18,9 @@ Joints = tuple[float, float, float]
 @dataclass(frozen=True)
 class GalilSettings:
     """A Galil DMC-40x0 and what hangs on it."""
+
+    name: ClassVar[str] = "galil"
+    """Its kind in rig files."""
 
     address: str
     """Its name or number on the network, or the serial port that it hangs on, such as
@@ -41,12 +45,12 @@ class GalilSettings:
     """s within which it must answer."""
 
     def __post_init__(self) -> None:
-        require(bool(self.address.strip()), "galil.address", self.address, "a name or an address")
-        require(0 < self.port < 65536, "galil.port", self.port, "a whole number from 1 to 65535")
+        require(bool(self.address.strip()), "arm.address", self.address, "a name or an address")
+        require(0 < self.port < 65536, "arm.port", self.port, "a whole number from 1 to 65535")
         right = "9600, 19200, 38400 or 115200 bits/s"
-        require(self.baud in (9600, 19200, 38400, 115200), "galil.baud", self.baud, right)
+        require(self.baud in (9600, 19200, 38400, 115200), "arm.baud", self.baud, right)
         good = len(set(self.axes)) == len(self.axes) == 3 and set(self.axes) <= set(LETTERS)
-        require(good, "galil.axes", self.axes, "three different letters of A to H, such as ABC")
+        require(good, "arm.axes", self.axes, "three different letters of A to H, such as ABC")
         _numbers("counts", self.counts, 1e-3, 1e9, signed=True)
         for name in ("acceleration", "deceleration", "following_error"):
             _numbers(name, getattr(self, name), 1e-6, 1e6)
@@ -54,12 +58,10 @@ class GalilSettings:
             rates = self.in_counts(getattr(self, name))
             right = f"from {LEAST_RATE} to {MOST_RATE} counts/s² for every joint"
             inside = bool(((rates >= LEAST_RATE) & (rates <= MOST_RATE)).all())
-            require(inside, f"galil.{name}", getattr(self, name), right)
-        require(
-            0.01 <= self.patience <= 0.05, "galil.patience", self.patience, "from 0.01 to 0.05 s"
-        )
+            require(inside, f"arm.{name}", getattr(self, name), right)
+        require(0.01 <= self.patience <= 0.05, "arm.patience", self.patience, "from 0.01 to 0.05 s")
         right = "from 0.02 to 2 s"
-        require(0.02 <= self.answer_within <= 2.0, "galil.answer_within", self.answer_within, right)
+        require(0.02 <= self.answer_within <= 2.0, "arm.answer_within", self.answer_within, right)
 
     @property
     def serial(self) -> bool:
@@ -75,4 +77,4 @@ def _numbers(name: str, values: Joints, least: float, most: float, signed: bool 
     sizes = [abs(value) if signed else value for value in values]
     good = len(values) == 3 and all(least <= size <= most for size in sizes)
     right = f"three numbers (for rad, rad, mm) of {least:g} to {most:g}"
-    require(good, f"galil.{name}", values, right + (", or negative" if signed else ""))
+    require(good, f"arm.{name}", values, right + (", or negative" if signed else ""))

@@ -1,0 +1,86 @@
+"""What a laboratory's devices offer beside what the loop needs of them, and the person beside them.
+
+An arm of the laboratory is connected with its drive off. It knows whether anybody has said where
+it stands, and why its drive went off by itself. A camera keeps account of its frames.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from rcmservo.errors import RcmServoError
+from rcmservo.interfaces import Arm, Camera, Floats
+
+
+class NotReady(RcmServoError):
+    """A device that cannot be used as it stands."""
+
+
+class LabArm(Arm, Protocol):
+    """An arm that is connected."""
+
+    @property
+    def why_off(self) -> str:
+        """Why the drive went off by itself, in a sentence; empty where it did not."""
+        ...
+
+    def homed(self) -> bool:
+        """Whether the arm knows where it stands since it was reset."""
+        ...
+
+    def define(self, q: Floats) -> None:
+        """A person says that the joints (3,) stand at q, at rest and with the drive off.
+        :class:`NotReady` of an arm that is homed by its own software."""
+        ...
+
+    def close(self) -> None:
+        """Bring it to rest, switch it off, and hang up."""
+        ...
+
+
+@dataclass(frozen=True)
+class CameraAccount:
+    """What became of a camera's frames so far."""
+
+    frames: int = 0
+    """Those that were delivered."""
+    lost: int = 0
+    """Those whose numbers were left out: the camera took them, and they never came."""
+    incomplete: int = 0
+    """Those that came with parts missing, or damaged, and were dropped."""
+    reconnects: int = 0
+    """How often the camera was opened again."""
+    uncertainty: float = float("nan")
+    """s, how well exposure times are known on the computer's clock; NaN where the camera tells no
+    times and its latency is taken from the rig file."""
+    trouble: str = ""
+    """What is wrong with it now, in a sentence; empty where nothing is."""
+
+
+class LabCamera(Camera, Protocol):
+    """A camera that is open."""
+
+    def account(self) -> CameraAccount:
+        """What became of its frames so far."""
+        ...
+
+    def close(self) -> None:
+        """Let it go."""
+        ...
+
+
+class Person(Protocol):
+    """Somebody at the arm, who answers what is asked."""
+
+    def tell(self, words: str) -> None:
+        """Say something that needs no answer."""
+        ...
+
+    def ask(self, question: str) -> str:
+        """What the person answers, without spaces about it. Lines that were typed before the
+        question was asked are no answer. It raises :class:`Stopped` where the person ends it
+        (Ctrl-C, Ctrl-D), and whoever else ends the program."""
+        ...
+
+
+class Stopped(RcmServoError):
+    """Something that was told to end before it was done."""
