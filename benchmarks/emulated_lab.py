@@ -1,0 +1,171 @@
+"""A laboratory of emulated devices, for what is measured on it: `rcmservo emulate galil` with its
+camera in processes of their own, and live runs over TCP.
+
+Its target is shown, and the tool brought back, as by hand: a host of its own jogs the arm while the
+servo's driver has not switched it on.
+"""
+
+import contextlib
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from rcmservo.config.rig_file import Lab
+from rcmservo.hardware.devices import open_arm, open_camera
+from rcmservo.interfaces import Arm, Camera, Floats, Target
+from rcmservo.live.servo_process import Session
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.teach import teach
+from rcmservo.record.writer import Recorder
+from rcmservo.servo.servo import Servo
+from rcmservo.sim.body import Body
+from rcmservo.sim.rig import Rig
+from rcmservo.tracking import ColourMarkers
+
+COUNTS = np.array([50000.0, 50000.0, 500.0])
+CAMERAS = {
+    "mjpeg": (["--mjpeg", "0"], {"kind": "opencv", "latency": 0.035}),
+    "gige": (["--gige"], {"kind": "aravis", "latency": 0.03}),
+}
+"""How the emulator offers each camera, and how a rig file then names it. The latencies were
+measured."""
+PATIENCE = 30.0
+"""s for which an answer is waited for."""
+SETTLED = 0.3
+"""s after a motion from which on frames show the tool where it is."""
+
+
+class Host:
+    """One that talks with the controller beside the servo, by plain lines over TCP."""
+
+    def __init__(self, port: int) -> None:
+        self._wire = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
+        self._wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def ask(self, *commands: str) -> list[str]:
+        """What each command tells."""
+        self._wire.sendall((";".join(commands) + "\r").encode())
+        heard = b""
+        while heard.count(b":") + heard.count(b"?") < len(commands):
+            more = self._wire.recv(4096)
+            if not more:
+                raise ConnectionError("the emulator has closed the connection")
+            heard += more
+        if b"?" in heard:
+            raise RuntimeError(f"{commands} refused")
+        return [part.strip() for part in heard.decode("latin-1").split(":")[:-1]]
+
+    def numbers(self, command: str) -> Floats:
+        return np.array([float(part) for part in self.ask(command)[0].replace(",", " ").split()])
+
+    def places(self) -> Floats:
+        """The encoders of the three joints, counts."""
+        return self.numbers("TP ABC")
+
+    def off(self) -> bool:
+        """Whether all three motors are off."""
+        return bool(self.numbers("MG _MOA,_MOB,_MOC").all())
+
+    def go(self, places: Floats) -> None:
+        """Move the joints' encoders there, at rest and with the motors off afterwards."""
+        there = ",".join(str(round(place)) for place in places)
+        self.ask("SH ABC", f"PA {there}", "BG ABC")
+        while self.numbers("MG _BGA,_BGB,_BGC").any():
+            time.sleep(0.01)
+        time.sleep(SETTLED)
+        self.ask("MO ABC")
+
+    def close(self) -> None:
+        self._wire.close()
+
+
+class EmulatedLab:
+    """The emulator with one of CAMERAS, drawn from a seed; use it as a context."""
+
+    def __init__(self, seed: int, camera: str) -> None:
+        options, self._camera = CAMERAS[camera]
+        command = [sys.executable, "-m", "rcmservo", "emulate", "galil", "--port", "0", *options]
+        self._process = subprocess.Popen(
+            [*command, "--seed", str(seed)], stdout=subprocess.PIPE, text=True
+        )
+        assert self._process.stdout is not None
+        words = self._process.stdout.readline()
+        said = re.search(r"at 127\.0\.0\.1:(\d+).*?(?:camera at ([^\s,]+))?, seed", words)
+        assert said is not None, words
+        self.port, self._address = int(said[1]), said[2]
+        self.pid = self._process.pid
+        rig = Rig(seed, pictures=False)
+        self.start, self.target = rig.scene.start, rig.scene.target
+        self.host = Host(self.port)
+
+    def __enter__(self) -> "EmulatedLab":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.host.close()
+        self._process.send_signal(signal.SIGINT)
+        try:
+            self._process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+
+    def lab(self, port: int = 0) -> Lab:
+        """The rig file of it, with the controller behind another port where that is given."""
+        where = "source" if self._camera["kind"] == "opencv" else "address"
+        arm = {"kind": "galil", "address": "127.0.0.1", "port": port or self.port}
+        return replace(
+            Lab(),
+            devices={
+                "arm": {**arm, "counts": COUNTS.tolist()},
+                "camera": {**self._camera, where: self._address},
+            },
+        )
+
+    def session(self, servo: Servo, duration: float, record: Path, port: int = 0) -> Session:
+        """A live run of `duration` s, recorded in a new file."""
+        lab = self.lab(port)
+        shown = partial(shown_by_jog, self.port, self.target * COUNTS, self.start * COUNTS)
+        return Session(
+            servo,
+            duration,
+            arm=partial(_homed, lab, self.start),
+            camera=partial(_opened, lab),
+            tracker=partial(ColourMarkers, lab.markers),
+            recorder=partial(Recorder, record, {}),
+            target=shown,
+        )
+
+    def error(self) -> float:
+        """‖p₂ − p_d‖ mm, by the emulator's encoders: how far the tool is from where it was shown."""
+        body = Body(Lab().mechanism, Lab().tool)
+        now = self.host.places() / COUNTS
+        ends = [body.points(q)[1] for q in (now, self.target)]
+        return float(np.linalg.norm(ends[0] - ends[1]))
+
+
+def shown_by_jog(port: int, target: Floats, start: Floats, plant: Plant) -> Target:
+    """The target, shown with the encoders at `target` (3,) counts; then the tool is brought back to
+    the start."""
+    with contextlib.closing(Host(port)) as host:
+        host.go(target)
+        shown = teach(plant)
+        host.go(start)
+    return shown
+
+
+def _homed(lab: Lab, start: Floats) -> Arm:
+    arm = open_arm(lab)
+    arm.define(start)
+    return arm
+
+
+def _opened(lab: Lab) -> Camera:
+    return open_camera(lab)

@@ -1,0 +1,144 @@
+"""The whole loop over TCP and a camera on this computer, beside the same with simulated devices.
+
+    python benchmarks/whole_loop.py [--camera gige|mjpeg] [--seeds N]
+
+For each seed a run with emulated devices (`rcmservo emulate galil`, its camera, the drivers, live
+tracking and servo) and one on the simulated bench, in turns, in wall time. Beside each row stands
+for how long this computer stood still meanwhile, by a thread that looks each millisecond: no
+software can help that. Exit code 1 where a bar is missed: all settled, pose error 0.5 mm (median),
+lateness p99 1.5 times that of the bench, 0.1 % of the ticks missed.
+"""
+
+import argparse
+import contextlib
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from emulated_lab import EmulatedLab
+
+import rcmservo as rs
+from rcmservo.config.rig_file import Lab
+from rcmservo.live.realtime import urgent
+from rcmservo.live.reports import LiveResult
+from rcmservo.live.supervisor import run_live
+from rcmservo.sim.processes.bench import Bench
+from rcmservo.sim.rig_file import rig_settings
+
+DURATION = 15.0
+"""s of each run."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of a run; `stall` is the longest time ms for which the computer stood still."""
+
+    result: LiveResult
+    error: float
+    stall: float
+
+    @property
+    def words(self) -> str:
+        r, timing = self.result, self.result.timing
+        time_s = f"{r.outcome.settle_time:5.2f} s" if r.outcome.settled else "   -   "
+        late = latency = missed = "-"
+        if timing is not None:
+            late, missed = f"{timing.lateness.p99:.2f}", f"{timing.missed} of {timing.ticks}"
+            latency = f"{timing.latency.median:.0f}/{timing.latency.p99:.0f}"
+        return (
+            f"{time_s} {self.error:7.3f} mm  late p99 {late} ms  missed {missed}  latency "
+            f"{latency} ms  stall {self.stall:.0f} ms  {r.outcome.cause}"
+        )
+
+
+@contextlib.contextmanager
+def stalls(found: list[float]):
+    """Note the longest time ms for which nothing ran, above all else where that is allowed."""
+    over = threading.Event()
+
+    def watch() -> None:
+        urgent()
+        longest, last = 0.0, time.monotonic()
+        while not over.is_set():
+            time.sleep(0.001)
+            now = time.monotonic()
+            longest, last = max(longest, now - last), now
+        found.append(longest * 1e3)
+
+    thread = threading.Thread(target=watch)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def emulated(seed: int, camera: str, servo: rs.Servo, record: Path) -> Row:
+    found: list[float] = []
+    with EmulatedLab(seed, camera) as lab, stalls(found):
+        result = run_live(lab.session(servo, DURATION, record))
+        error = lab.error()
+    return Row(result, error, found[0])
+
+
+def simulated(seed: int, servo: rs.Servo, record: Path) -> Row:
+    found: list[float] = []
+    lab = Lab()
+    with Bench(seed, rig_settings(lab)) as bench, stalls(found):
+        result = run_live(bench.session(servo, lab.markers, DURATION, record), bench.off)
+        error = bench.error()
+    return Row(result, error, found[0])
+
+
+def judged(rows: dict[str, list[Row]]) -> bool:
+    """Print what the rows come to; whether all bars are met."""
+    ours = rows["emulated"]
+    settled = sum(row.result.outcome.settled for row in ours)
+    error = float(np.median([row.error for row in ours]))
+    late = {
+        name: float(np.median([r.result.timing.lateness.p99 for r in some if r.result.timing]))
+        for name, some in rows.items()
+    }
+    timings = [row.result.timing for row in ours if row.result.timing]
+    missed = sum(t.missed for t in timings) / max(sum(t.ticks for t in timings), 1)
+    ratio = late["emulated"] / late["simulated"]
+    print(
+        f"settled {settled} of {len(ours)}; pose error {error:.3f} mm (median); lateness p99 "
+        f"{late['emulated']:.2f} ms, {ratio:.2f} times the bench's; {100 * missed:.2f} % of the "
+        "ticks missed"
+    )
+    return settled == len(ours) and error <= 0.5 and ratio <= 1.5 and missed <= 0.001
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--camera", choices=("gige", "mjpeg"), default="gige")
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0)
+    chosen = parser.parse_args()
+    lab = Lab()
+    servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool, gate=lab.gate)
+    servo.warm_up()
+    rows: dict[str, list[Row]] = {"emulated": [], "simulated": []}
+    with tempfile.TemporaryDirectory() as folder, contextlib.suppress(KeyboardInterrupt):
+        for seed in range(chosen.first, chosen.first + chosen.seeds):
+            for name in sorted(rows, reverse=seed % 2 == 1):
+                record = Path(folder) / f"{name}{seed}.mcap"
+                if name == "emulated":
+                    row = emulated(seed, chosen.camera, servo, record)
+                else:
+                    row = simulated(seed, servo, record)
+                rows[name].append(row)
+                print(f"seed {seed} {name:9} {row.words}", flush=True)
+    if not rows["simulated"]:
+        return 1
+    return 0 if judged(rows) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
