@@ -1,5 +1,6 @@
 """`rcmservo emulate`: a controller that is not there, with a simulated arm behind it."""
 
+import contextlib
 import time
 from contextlib import closing
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
 from rcmservo.hardware.galil.emulator.faults import KINDS, Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 from rcmservo.hardware.galil.emulator.server import Server
+from rcmservo.live.realtime import realtime
 
 AXES = 4
 COUNTS = 50000.0, 50000.0, 500.0
@@ -75,11 +77,10 @@ def emulate(options: EmulateOptions) -> int:
 
 
 def _serve(server: Server) -> None:
+    """As punctually as the system allows: a controller waits for no other program."""
     start = time.monotonic()
-    try:
+    with realtime(), contextlib.suppress(KeyboardInterrupt):
         while True:
             seconds = time.monotonic() - start
             server.turn(seconds)
             server.wait(SAMPLE - (time.monotonic() - start) % SAMPLE)
-    except KeyboardInterrupt:
-        return
