@@ -144,7 +144,7 @@ class EmulatedLab:
         )
 
     def error(self) -> float:
-        """‖p₂ − p_d‖ mm, by the emulator's encoders: how far the tool is from where it was shown."""
+        """‖p₂ − p_d‖ mm by the encoders: how far the tool is from where it was shown."""
         body = Body(Lab().mechanism, Lab().tool)
         now = self.host.places() / COUNTS
         ends = [body.points(q)[1] for q in (now, self.target)]
@@ -163,7 +163,8 @@ def shown_by_jog(port: int, target: Floats, start: Floats, plant: Plant) -> Targ
 
 def _homed(lab: Lab, start: Floats) -> Arm:
     arm = open_arm(lab)
-    arm.define(start)
+    if not arm.homed():
+        arm.define(start)
     return arm
 
 

@@ -1,0 +1,289 @@
+"""The cable to the controller pulled while the tool moves, and whatever else cuts it off.
+
+    python benchmarks/cable.py [--count N] [--camera gige|mjpeg]
+
+The emulator is asked by a host of its own, on a connection that nothing happens to, where the axes
+are and whether the motors are off. Exit code 1 where one trial breaks a bound: axes at rest within
+100 ms with the motors off, and so half a second later; the servo in FAULT, for the right cause.
+
+    closed    both connections are closed
+    silence   nothing passes any more
+    garbage   bytes without sense go both ways
+    stopped   the servo process is stopped (SIGSTOP), and goes on 0.3 s later (SIGCONT)
+    foreign   a second host jogs the axes at another speed
+"""
+
+import argparse
+import contextlib
+import os
+import random
+import selectors
+import signal
+import socket
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from multiprocessing import get_context
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+
+import numpy as np
+from emulated_lab import COUNTS, EmulatedLab, Host
+
+import rcmservo as rs
+from rcmservo.config.rig_file import Lab
+from rcmservo.interfaces import Floats
+from rcmservo.live.child import Child, heard
+from rcmservo.live.realtime import realtime
+from rcmservo.live.reports import LiveResult, Report
+from rcmservo.live.servo_process import Session
+from rcmservo.live.supervisor import ServoProcess
+
+BOUND = 100.0
+"""ms from the moment at which it happens until the axes stand still and the motors are off."""
+STAYS = 0.6
+"""s for which the arm is looked at."""
+MOVING = 0.1
+"""Share of the bound on its speed with which one joint moves at least as it happens."""
+DEADLINE = 60.0
+"""s within which a trial must have begun."""
+SILENT, OFF = "the arm has not answered", "the arm's drive went off"
+CAUSES = {
+    "closed": (SILENT, OFF),
+    "silence": (SILENT,),
+    "garbage": (SILENT, OFF),
+    "stopped": (OFF, SILENT, "the loop ran late"),
+    "foreign": (OFF,),
+}
+"""What the servo may say of each: a servo that was stopped sees all of it at once."""
+
+
+def pass_on(port: int, control: Connection) -> None:
+    """Be the cable, in a process of its own, until the other end of `control` says "end"; it says
+    where it listens, and hears what happens to it."""
+    with realtime():
+        cable = Cable(port)
+        control.send(cable.port)
+        said = ""
+        while said != "end":
+            cable.turn(said)
+            said = heard(control) if control.poll() else said
+    cable.part()
+
+
+class Cable:
+    """Passes bytes on between the driver and the controller, until something happens to it."""
+
+    def __init__(self, port: int) -> None:
+        self._to, self._chance = port, random.Random(0)
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.port = int(self._listening.getsockname()[1])
+        self._eyes, self._other = selectors.DefaultSelector(), dict[socket.socket, socket.socket]()
+        self._eyes.register(self._listening, selectors.EVENT_READ)
+
+    def turn(self, kind: str) -> None:
+        """Pass on what comes within a moment, or do with it as its kind is."""
+        if kind == "closed":
+            self.part()
+        for key, _ in self._eyes.select(0.002):
+            wire = key.fileobj
+            assert isinstance(wire, socket.socket)
+            if wire is self._listening:
+                self._connect(kind)
+            elif wire in self._other:
+                self._pass_on(wire, kind)
+
+    def part(self) -> None:
+        """Close all connections."""
+        for wire in list(self._other):
+            self._cut(wire)
+
+    def _connect(self, kind: str) -> None:
+        host, _ = self._listening.accept()
+        if kind:
+            host.close()
+            return
+        device = socket.create_connection(("127.0.0.1", self._to))
+        for wire, other in ((host, device), (device, host)):
+            wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._other[wire] = other
+            self._eyes.register(wire, selectors.EVENT_READ)
+
+    def _pass_on(self, wire: socket.socket, kind: str) -> None:
+        with contextlib.suppress(OSError):
+            data = wire.recv(4096)
+            if data and kind != "silence":
+                garbage = kind == "garbage"
+                self._other[wire].sendall(self._chance.randbytes(len(data)) if garbage else data)
+            if data:
+                return
+        self._cut(wire)
+
+    def _cut(self, wire: socket.socket) -> None:
+        for one in (wire, self._other.get(wire)):
+            if one in self._other:
+                del self._other[one]
+                self._eyes.unregister(one)
+                one.close()
+
+
+@dataclass(frozen=True)
+class Pulled:
+    """One trial: ms until the axes stood still and the motors were off; the joints' speeds (3,)
+    rad/s, rad/s, mm/s as it happened; whether anything moved or came on later; the servo's
+    words."""
+
+    kind: str
+    still: float
+    off: float
+    speed: Floats
+    moved: bool
+    words: str
+
+    @property
+    def good(self) -> bool:
+        told = any(cause in self.words for cause in CAUSES[self.kind])
+        fault = self.words.startswith("fault")
+        return max(self.still, self.off) <= BOUND and not self.moved and told and fault
+
+
+class Words:
+    """What the servo process says, read while something else is waited for."""
+
+    def __init__(self, child: ServoProcess) -> None:
+        self.child, self.phase, self.ended = child, "", False
+
+    def hear(self, seconds: float = 0.0) -> None:
+        wait([self.child.wire], seconds)
+        while not self.ended and self.child.wire.poll():
+            try:
+                said = self.child.wire.recv()
+            except (EOFError, OSError):
+                self.ended = True
+                return
+            if isinstance(said, Report):
+                self.phase = said.words
+            else:
+                self.ended = True
+                words = said.outcome.cause if isinstance(said, LiveResult) else str(said)
+                if not self.phase.startswith("fault"):
+                    self.phase = words
+
+
+def happen(kind: str, cable: Child, child: ServoProcess, port: int) -> Callable[[], None]:
+    """Have it happen; what ends it."""
+    if kind == "stopped":
+        assert child.process.pid is not None
+        os.kill(child.process.pid, signal.SIGSTOP)
+        return lambda: os.kill(child.process.pid or 0, signal.SIGCONT)
+    if kind == "foreign":
+        other = Host(port)
+        other.ask("JG 12000,-12000,3000")
+        return other.close
+    cable.tell(kind)
+    return lambda: None
+
+
+def trial(lab: EmulatedLab, session: Session, cable: Child, kind: str, tick: int) -> Pulled:
+    child = ServoProcess(session)
+    words, moving = Words(child), Host(lab.port)
+    try:
+        speed = until_moving(words, moving, tick)
+        struck = time.monotonic()
+        end = happen(kind, cable, child, lab.port)
+        rows: list[tuple[float, Floats, bool]] = []
+        ended = False
+        while (now := time.monotonic()) < struck + STAYS:
+            rows.append((now - struck, moving.places(), moving.off()))
+            if not ended and now > struck + 0.3:
+                ended = True
+                end()
+        while not words.ended and time.monotonic() < struck + DEADLINE:
+            words.hear(0.05)
+        rows.append((STAYS, moving.places(), moving.off()))
+    finally:
+        child.process.kill()
+        child.end()
+        moving.close()
+    return judged(kind, speed, rows, words.phase)
+
+
+def until_moving(words: Words, host: Host, tick: int) -> Floats:
+    """Wait for the tick, and then for a tool that moves; its joints' speeds."""
+    begun, fast = time.monotonic(), np.array(Lab().gate.speed)
+    while time.monotonic() < begun + DEADLINE:
+        words.hear(0.005)
+        if words.ended:
+            raise RuntimeError(f"the run ended before: {words.phase}")
+        if words.child.beats.value >= tick:
+            speed = host.numbers("TV ABC") / COUNTS
+            if (np.abs(speed) > MOVING * fast).any():
+                return speed
+    raise RuntimeError("the tool does not move")
+
+
+def judged(kind: str, speed: Floats, rows: list[tuple[float, Floats, bool]], words: str) -> Pulled:
+    times = [row[0] * 1e3 for row in rows]
+    moves = [(np.abs(b[1] - a[1]) > 2.0).any() for a, b in pairwise(rows)]
+    still = times[max((k for k, moved in enumerate(moves) if moved), default=-1) + 1]
+    off = next((t for t, row in zip(times, rows, strict=True) if row[2]), np.inf)
+    later = [row for t, row in zip(times, rows, strict=True) if t > BOUND]
+    moved = any(not row[2] or (np.abs(row[1] - later[0][1]) > 2.0).any() for row in later)
+    return Pulled(kind, still, off, speed, bool(moved), words)
+
+
+def report(trials: list[Pulled]) -> None:
+    for kind in CAUSES:
+        some = [t for t in trials if t.kind == kind]
+        if some:
+            still, off = ([getattr(t, name) for t in some] for name in ("still", "off"))
+            print(
+                f"{kind:8} {len(some):3d}  still {np.median(still):5.1f} ms (median), "
+                f"{max(still):5.1f} at most; off {np.median(off):5.1f}, {max(off):5.1f}; "
+                f"e.g. {some[-1].words[:70]}"
+            )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--camera", choices=("gige", "mjpeg"), default="gige")
+    parser.add_argument("--seed", type=int, default=0)
+    chosen = parser.parse_args()
+    chance, lab = np.random.default_rng(chosen.seed), Lab()
+    servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool, gate=lab.gate)
+    servo.warm_up()
+    trials: list[Pulled] = []
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        EmulatedLab(chosen.seed, chosen.camera) as emulated,
+        contextlib.suppress(KeyboardInterrupt),
+    ):
+        while len(trials) < chosen.count:
+            kind = list(CAUSES)[len(trials) % len(CAUSES)]
+            record = Path(folder) / f"{time.monotonic_ns()}.mcap"
+            cable = Child(get_context("spawn"), pass_on, emulated.port)
+            try:
+                session = emulated.session(servo, 60.0, record, cable.hear())
+                one = trial(emulated, session, cable, kind, int(chance.integers(20, 230)))
+            except RuntimeError as why:
+                print(f"not begun: {why}", flush=True)
+                continue
+            finally:
+                cable.end()
+            trials.append(one)
+            if not one.good:
+                print(f"trial {len(trials)}: {one}", flush=True)
+            if len(trials) % 10 == 0:
+                print(f"{len(trials)} trials", flush=True)
+    report(trials)
+    bad = sum(not t.good for t in trials)
+    print(f"{len(trials)} trials, {bad} beyond a bound")
+    return 1 if bad or len(trials) < chosen.count else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
