@@ -96,3 +96,11 @@ def test_no_time_is_later_than_the_arrival() -> None:
     device, clock = Device(3, "uniform"), ClockMap()
     for stamp, arrival in zip(device.stamps, device.arrivals, strict=True):
         assert clock.take(stamp, arrival) <= arrival
+
+
+def test_a_frame_that_comes_again_is_as_old_as_it_was() -> None:
+    clock = ClockMap()
+    told = clock.take(1_000_000_000, 5_000_000_000)
+    assert clock.take(1_000_000_000, 8_000_000_000) == told
+    clock.take(1_016_000_000, 5_016_000_000)
+    assert clock.uncertainty < 0.11
