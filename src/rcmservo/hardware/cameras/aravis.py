@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from rcmservo.hardware.cameras.aravis_library import (
+    CHECKED,
     CONTINUOUS,
     OFF,
     SUCCESS,
@@ -117,6 +118,7 @@ class AravisStream:
     def _set_up(self, s: AravisSettings) -> None:
         """Set what is given, and read it back."""
         call, camera = self._library.call, self._camera
+        call("camera_set_range_check_policy", camera, CHECKED)
         self._choose_format()
         if s.width is not None or s.height is not None:
             size = s.width or AS_IT_IS, s.height or AS_IT_IS

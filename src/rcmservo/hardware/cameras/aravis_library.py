@@ -22,6 +22,8 @@ CONTINUOUS = 0
 """Acquisition mode."""
 OFF = 0
 """Of what a camera would choose by itself."""
+CHECKED = 1
+"""Of a setting: that it lies within the camera's own bounds."""
 SUCCESS = 0
 """Status of a buffer whose frame is whole."""
 
@@ -54,6 +56,7 @@ CAN_FAIL: dict[str, tuple[Any, tuple[Any, ...]]] = {
 """Result and arguments, without the last one: where to leave an error."""
 
 CANNOT_FAIL: dict[str, tuple[Any, tuple[Any, ...]]] = {
+    "camera_set_range_check_policy": (None, (POINTER_, INT)),
     "camera_is_gv_device": (c_bool, (POINTER_,)),
     "stream_push_buffer": (None, (POINTER_, POINTER_)),
     "stream_timeout_pop_buffer": (POINTER_, (POINTER_, LONG)),
