@@ -30,7 +30,8 @@ MANUAL = 1
 UNITS = 1e4
 """V4L2 counts exposures in 100 µs."""
 UNBUFFERED = "fflags;nobuffer|flags;low_delay"
-"""What FFmpeg is told, so that it keeps no frames back."""
+"""What FFmpeg is told of the network, so that it keeps no frames back; a file's first ones would be
+lost by it."""
 
 
 def opencv_camera(settings: OpencvSettings) -> StreamedCamera:
@@ -44,8 +45,8 @@ class OpencvStream:
 
     def __init__(self, settings: OpencvSettings) -> None:
         self._settings = settings
-        os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", UNBUFFERED)
-        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+        os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = UNBUFFERED if settings.remote else ""
+        os.environ["OPENCV_FFMPEG_LOGLEVEL"] = "-8"
         cv2.utils.logging.setLogLevel(0)
         self._capture: Any = _capture(settings)
         if not self._capture.isOpened():

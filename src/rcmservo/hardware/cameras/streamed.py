@@ -40,6 +40,8 @@ class Shot:
     """Those before it that never came."""
     passed: int = 0
     """Those before it that came, and were passed over for it."""
+    spoilt: int = 0
+    """Those before it that came incomplete."""
     uncertainty: float = float("nan")
     """s, how well the exposure is known; NaN where the camera tells no times."""
 
@@ -127,17 +129,20 @@ class StreamedCamera:
     def _take(self, shot: Shot) -> None:
         """Make a picture the newest frame, and keep account of it."""
         then, account, self._heard = self._frame, self._account, time.monotonic()
-        self._number += 1 + shot.missed + shot.passed
-        lost = account.lost + shot.missed
-        image = shot.image
-        changed = then is not None and then.image is not None and _shape(image) != then.image.shape
-        if image is None or changed:
-            trouble = "pictures come of another size than before" if image is not None else ""
-            self._note(lost=lost, incomplete=account.incomplete + 1, trouble=trouble)
-            return
-        self._frame = Frame(self._number, shot.exposure, shot.arrival, image=image)
-        frames = account.frames + 1 + shot.passed
-        self._note(frames=frames, lost=lost, uncertainty=shot.uncertainty, trouble="")
+        self._number += 1 + shot.missed + shot.passed + shot.spoilt
+        image, trouble = shot.image, ""
+        known = None if then is None else then.image
+        if image is not None and known is not None and image.shape != known.shape:
+            image, trouble = None, "pictures come of another size than before"
+        if image is not None:
+            self._frame = Frame(self._number, shot.exposure, shot.arrival, image=image)
+        self._note(
+            frames=account.frames + shot.passed + (image is not None),
+            lost=account.lost + shot.missed,
+            incomplete=account.incomplete + shot.spoilt + (image is None),
+            uncertainty=account.uncertainty if image is None else shot.uncertainty,
+            trouble=trouble,
+        )
 
     def _note(self, **changes: float | str) -> None:
         self._account = replace(self._account, **changes)  # pyright: ignore[reportArgumentType]
@@ -146,7 +151,3 @@ class StreamedCamera:
         if self._stream is not None:
             self._stream.close()
             self._stream = None
-
-
-def _shape(image: Image | None) -> tuple[int, ...]:
-    return () if image is None else image.shape
