@@ -1,7 +1,6 @@
 """A command at a terminal of its own, and the emulated laboratory beside it, with a hand that moves
 the arm and looks how it is over a connection of its own."""
 
-import fcntl
 import os
 import pty
 import re
@@ -10,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import termios
 import time
 from pathlib import Path
 from typing import Any
@@ -24,8 +22,15 @@ from rcmservo.interfaces import Floats
 from rcmservo.sim import Rig
 from rcmservo.sim.rig_file import rig_settings
 
-PATIENCE = 300.0
+PATIENCE = 120.0
 """s within which all that is waited for must come on a machine that is busy."""
+
+
+AT_ITS_TERMINAL = """
+import fcntl, os, sys, termios
+fcntl.ioctl(2, termios.TIOCSCTTY, 0)
+os.execvp(sys.argv[1], sys.argv[1:])
+"""
 
 
 class AtTerminal:
@@ -36,16 +41,12 @@ class AtTerminal:
         self.shown, self._read = "", 0
         self.master, slave = pty.openpty()
 
-        def take() -> None:
-            fcntl.ioctl(slave, termios.TIOCSCTTY, 0)
-
         self.process: subprocess.Popen[bytes] = subprocess.Popen(
-            command,
+            [sys.executable, "-c", AT_ITS_TERMINAL, *command],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE if json else slave,
             stderr=slave,
             start_new_session=True,
-            preexec_fn=take,
             env=with_tests(COLUMNS="500", TERM="dumb", **variables),
         )
         os.close(slave)
@@ -155,6 +156,12 @@ class Laboratory:
     def off(self) -> bool:
         """Whether all motors are off."""
         return [float(p) for p in self.ask("MG _MOA,_MOB,_MOC")[:-1].split()] == [1.0, 1.0, 1.0]
+
+    @property
+    def homed(self) -> bool:
+        """Whether it knows where it stands."""
+        told = self.ask("MG rcmhome")
+        return "?" not in told and float(told[:-1]) == 1.0
 
     @property
     def sessions(self) -> float:
