@@ -158,6 +158,18 @@ class Laboratory:
         return [float(p) for p in self.ask("MG _MOA,_MOB,_MOC")[:-1].split()] == [1.0, 1.0, 1.0]
 
     @property
+    def q(self) -> Floats:
+        """The joints by its counters, which begin at the start and tell them once they were
+        defined."""
+        zero = self.start if "?" in self.ask("MG rcmhome") else np.zeros(3)
+        return zero + np.array(self.counts) / np.array(COUNTS)
+
+    def forget(self) -> None:
+        """Have it forget where it stands, as a reset does."""
+        if "?" not in self.ask("MG rcmhome"):
+            self.ask("rcmhome=0")
+
+    @property
     def homed(self) -> bool:
         """Whether it knows where it stands."""
         told = self.ask("MG rcmhome")
@@ -171,10 +183,9 @@ class Laboratory:
 
     def bring(self, q: Floats) -> None:
         """A person brings the arm there by hand: these motors do it, and are off then."""
-        zero = self.start if "?" in self.ask("MG rcmhome") else np.zeros(3)
-        goal = np.round((q - zero) * np.array(COUNTS)).astype(int).tolist()
+        goal = np.round((q - self.q) * np.array(COUNTS)).astype(int).tolist()
         self.ask("SH ABC")
-        self.ask("PA " + ",".join(map(str, goal)))
+        self.ask("PR " + ",".join(map(str, goal)))
         self.ask("BG ABC")
         end = time.monotonic() + PATIENCE
         while any(float(p) for p in self.ask("MG _BGA,_BGB,_BGC")[:-1].split()):

@@ -33,6 +33,9 @@ TARGET = "Bring the tool to the target by hand, then press Enter: "
 START = "Bring the tool to its start by hand, then press Enter: "
 WORD = "anything else ends this: "
 
+NEAR = np.array([0.005, 0.005, 0.3])
+"""rad, rad, mm within which the hand brings the arm to a place."""
+
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Laboratory]:
@@ -43,11 +46,11 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Laboratory]:
 
 @contextmanager
 def unmoved(lab: Laboratory) -> Iterator[None]:
-    """In here nothing moves and the drive is never on."""
-    then, sessions = np.array(lab.counts), lab.sessions
+    """In here the drive is never on, and nothing moves but by the hand, which brings it back."""
+    then, sessions = lab.q, lab.sessions
     yield
     assert lab.off and lab.sessions == sessions
-    assert np.abs(np.array(lab.counts) - then).max() <= 2.0
+    assert (np.abs(lab.q - then) <= NEAR).all()
 
 
 def led(at: AtTerminal, lab: Laboratory) -> None:
@@ -94,7 +97,8 @@ def test_without_a_terminal_nothing_is_connected(lab: Laboratory, tmp_path: Path
 
 
 def test_another_word_and_words_typed_ahead_enable_nothing(lab: Laboratory, tmp_path: Path) -> None:
-    lab.ask("rcmhome=0")
+    lab.forget()
+    lab.bring(lab.start)
     with unmoved(lab), at_terminal(lab, tmp_path) as at:
         at.until("preparing")
         at.type("\n\n\nenable\nenable\n")
@@ -106,8 +110,10 @@ def test_another_word_and_words_typed_ahead_enable_nothing(lab: Laboratory, tmp_
         at.until("the joints must be within theta")
         led(at, lab)
         assert "0.1 rad/s, 0.1 rad/s and 8 mm/s, which is 10 % of the full speed" in at.shown
+        then = lab.counts
         at.type("yes\n")
         assert at.end() == 2
+        assert lab.counts == then
         assert "rcmservo: nothing was switched on: the answer was not enable\n" in at.shown
 
 
@@ -129,7 +135,7 @@ QUESTIONS = WORD, STANDS, SO, TARGET, START
 def test_a_person_can_end_it_at_every_question(
     lab: Laboratory, tmp_path: Path, question: str, typed: str, code: int
 ) -> None:
-    lab.ask("rcmhome=0")
+    lab.forget()
     with unmoved(lab), at_terminal(lab, tmp_path) as at:
         for asked in (STANDS, SO, TARGET, START, WORD):
             at.until(asked)
@@ -238,6 +244,4 @@ def test_it_goes_to_the_target_at_the_speed_that_its_file_has_earned(
     share = 1.0 if checked else 0.1
     speeds = np.abs(record.ticks["command"]) / np.array(load_lab(lab.lab()).gate.speed)
     assert metrics["speed_share"] == share and speeds.max() <= share * (1.0 + 1e-9)
-    there = np.array(lab.counts) / np.array([50000.0, 50000.0, 500.0])
-    assert there == pytest.approx(lab.target, abs=0.5)
-    assert np.abs(there - lab.target)[2] < 1.0
+    assert (np.abs(lab.q - lab.target) < np.array([0.03, 0.03, 2.0])).all()
