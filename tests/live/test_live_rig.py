@@ -16,13 +16,17 @@ import numpy as np
 import pytest
 from at_terminal import PATIENCE, AtTerminal, Laboratory, live, words_of
 
-from conftest import SMALL, first_quick
+from conftest import ROOT, SMALL, first_quick
+from rcmservo.app.cli import COMMANDS
+from rcmservo.app.lab.live_on_hardware import require_devices
+from rcmservo.app.parse import parse
 from rcmservo.config.checked import digest_of, note_checked
 from rcmservo.config.rig_file import load_lab
 from rcmservo.config.target_file import Setup, save
 from rcmservo.interfaces import Target
 from rcmservo.method.tool import RigidTool
 from rcmservo.record.reader import read
+from rcmservo.sim import Rig
 from stalls import undisturbed
 
 pytestmark = pytest.mark.alone
@@ -78,6 +82,21 @@ def wait_for(reached: Any) -> None:
     end = time.monotonic() + PATIENCE
     while not reached():
         assert time.monotonic() < end
+
+
+def test_its_page_shows_a_file_and_commands_that_are_understood(tmp_path: Path) -> None:
+    """The other tests run them, on ports that are free."""
+    page = (ROOT / "docs/live_on_hardware.md").read_text()
+    (path := tmp_path / "lab.toml").write_text(page.split("```toml\n")[1].split("```")[0])
+    require_devices(load_lab(path), path)
+    told = [block.split("```")[0].split() for block in page.split("```sh\n")[1:]]
+    assert [words[:2] for words in told] == [
+        [".venv/bin/rcmservo", "emulate"],
+        [".venv/bin/rcmservo", "live"],
+    ]
+    for words in told:
+        parse({name: kind for name, (kind, _) in COMMANDS.items()}, words[1:])
+    assert f"`{' '.join(f'{x:.4f}' for x in Rig(0).scene.start[:2])} " in page
 
 
 # ---------------------------------------------------------------- refused
