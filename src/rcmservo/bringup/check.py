@@ -172,7 +172,7 @@ def _times(
 ) -> None:
     """How late frames come and drives follow."""
     joint = int(np.argmax(ranging.shown))
-    way = float(ranging.ways[joint])
+    way = ranging.farthest_way(joint)
     agreed(person, ranging.question(joint, way, f" to and fro, {SWINGS} times"))
     track = mover.to_and_fro(joint, way, SWINGS)
     report.lateness = late = lateness(track, joint)
@@ -224,7 +224,7 @@ def _judge(
         return
 
     def show(joint: int) -> None:
-        mover.there_and_back(joint, (float(ranging.ways[joint]),))
+        mover.there_and_back(joint, (ranging.farthest_way(joint),))
 
     start = ranging.start
     named = {m for kind in kinds for m in deciding.members(kind)}

@@ -32,7 +32,9 @@ FACTOR_WITHIN, ZERO_WITHIN = 2.0, 50.0
 USUAL = 2.0, 4.0, 10.0, 25.4, 180.0 / np.pi, 2.0 * np.pi, 1000.0
 """Factors by which counts are wrong if they are: edges of an encoder, inches, degrees."""
 NEAR = 0.04
-"""How near to one a factor must come, in its logarithm."""
+"""How near to one a factor must come, in its logarithm,"""
+DEVIATIONS = 3.0
+"""or in standard deviations."""
 UNUSUAL = 12.0
 """Squared standard deviations by which another factor is less likely."""
 
@@ -147,16 +149,16 @@ def _sized(guess: Guess, fit: Fit) -> Judged:
     size, within = float(fit.free[0]), float(fit.within[0])
     misfit = fit.misfit
     if guess.wrong == COUNTS:
-        usual = usual_factor(size)
+        usual = usual_factor(size, within)
         misfit += 0.0 if usual else UNUSUAL
         size = usual or size
     return Judged(replace(guess, size=size), within, misfit)
 
 
-def usual_factor(size: float) -> float:
+def usual_factor(size: float, within: float) -> float:
     """The logarithm of the usual factor that one (its logarithm given) is near to, 0 if none."""
     for factor in USUAL:
-        if abs(abs(size) - np.log(factor)) < NEAR:
+        if abs(abs(size) - np.log(factor)) < max(NEAR, min(DEVIATIONS * within, 0.3)):
             return float(np.copysign(np.log(factor), size))
     return 0.0
 

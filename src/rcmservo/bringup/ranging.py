@@ -99,13 +99,16 @@ class Ranging:
         small = (said < BLIND) & (shown < BLIND) & (shown < MORE * said + noise)
         return np.where(small, 2.0 * self.ways, 0.0)
 
-    def _allowed(self, joint: int) -> float:
-        """The way doubled, or less where that would be too far for a guess that is left; 0 where it
-        is not worth it."""
+    def farthest_way(self, joint: int) -> float:
+        """The way (rad or mm) that is not too far for any guess that is left."""
         left = [one for one in self.judged if one.close(self.judged[0])]
         way = float(self.ways[joint])
-        farthest = max(self._farthest(one, joint, way) for one in left)
-        longer = min(2.0, MOST / farthest) * way
+        return way * MOST / max(self._farthest(one, joint, way) for one in left)
+
+    def _allowed(self, joint: int) -> float:
+        """The way doubled, or less where that would be too far; 0 where it is not worth it."""
+        way = float(self.ways[joint])
+        longer = min(2.0 * way, self.farthest_way(joint))
         return longer if longer > WORTH * way else 0.0
 
     def _farthest(self, one: Judged, joint: int, way: float) -> float:

@@ -119,8 +119,8 @@ def _left_over(seen: Seen, places: Places, within: Floats) -> Callable[[Floats],
     def left_over(x: Floats) -> Floats:
         scaled = np.clip(x, -50.0, 50.0) * units
         R = turned(scaled[:, :3]) @ rotation
-        open_ = scaled[:, CAMERA:]
-        P = np.stack([usual if not o.any() else places(o) for o in open_]) - origin
+        different, which = np.unique(scaled[:, CAMERA:], axis=0, return_inverse=True)
+        P = np.stack([places(free) for free in different])[which.ravel()] - origin
         depth = focal / scale * np.exp(scaled[:, 5])[:, None, None]
         X = P.reshape(len(x), -1, 3) @ R.transpose(0, 2, 1)
         X[:, :, :2] += (aside + scaled[:, 3:5])[:, None] * depth
