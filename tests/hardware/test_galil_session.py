@@ -162,6 +162,15 @@ def test_another_host_is_refused_while_one_has_the_arm_and_moves_nothing() -> No
     assert rig.jog(RATES, 0.1).on
 
 
+def test_a_host_that_waited_does_not_take_the_arm_from_one_who_has_it_since() -> None:
+    rig = Rig()
+    waiting, rig.session = rig.session, rig.connected()
+    rig.started().jog(RATES, 0.1)
+    with pytest.raises(NotReady, match="the arm is theirs"):
+        waiting.start()
+    assert rig.jog(RATES, 0.1).on
+
+
 def test_axes_that_somebody_moves_are_left_alone() -> None:
     rig = Rig()
     rig.talk().ask("SH B", "JG ,500", "BG B")

@@ -78,9 +78,19 @@ class Lab:
 
 def load_lab(path: Path) -> Lab:
     """The laboratory in a TOML file; what the file leaves out is as in the built-in one."""
+    return lab_of(path, bytes_of(path))
+
+
+def bytes_of(path: Path) -> bytes:
+    """What a rig file holds."""
+    return read_small(path, MAX_SIZE, "a rig file")
+
+
+def lab_of(path: Path, data: bytes) -> Lab:
+    """The laboratory that the bytes of a rig file describe."""
     try:
         with told_with(path):
-            return _lab(texts.toml(read_small(path, MAX_SIZE, "a rig file")))
+            return _lab(texts.toml(data))
     except BadInput:
         raise
     except texts.Refused as error:

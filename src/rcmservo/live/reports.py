@@ -11,6 +11,7 @@ from types import TracebackType
 import numpy as np
 
 from rcmservo.interfaces import Floats, Target
+from rcmservo.live.lab import CameraAccount
 from rcmservo.live.realtime import Realtime
 from rcmservo.loop.tick import Tick
 from rcmservo.record.verdict import Judge, Outcome
@@ -78,6 +79,10 @@ class LiveResult:
     """Why the record could not be written, empty if it could."""
     timing: LoopTiming | None = None
     """How the loop kept its time; None where its process came to no end."""
+    why_off: str = ""
+    """Why the arm's drive went off by itself, if it did and the arm tells."""
+    camera: CameraAccount | None = None
+    """What became of the camera's frames, if it keeps account of them."""
 
 
 class ReportThread:

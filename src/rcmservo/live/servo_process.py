@@ -6,7 +6,6 @@ it; ticks are recorded and reported in two more.
 """
 
 import contextlib
-import signal
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -17,9 +16,10 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Arm, Camera, Command, Floats, Target, Tracker
-from rcmservo.live.lab import Stopped
+from rcmservo.live.lab import CameraAccount, Stopped
 from rcmservo.live.realtime import realtime
 from rcmservo.live.reports import LiveResult, ReportThread
+from rcmservo.live.told_to_end import ToldToEnd
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import Punctuality, WallClock, ticks
 from rcmservo.loop.operator import Operator
@@ -71,17 +71,31 @@ class Session:
     """Gets the target, before the drive is on. By default it is what the camera sees then."""
     operator: Callable[[], Operator] | None = None
     """Makes the person beside the loop; without one a pause ends the run."""
+    consent: Callable[[Plant], None] | None = None
+    """Asks for leave at the last moment before the drive is switched on, and raises an error where
+    it is not given; without it nobody is asked."""
 
 
 class HeartbeatPlant(Plant):
     """A plant that counts its commands in ``beats`` once the drive is on, also those that bring
-    the arm to rest."""
+    the arm to rest. Whoever asks a person goes on asking whether it is ``told_to_end``."""
 
-    def __init__(self, arm: Arm, eye: TrackingThread, clock: Punctuality, beats: Any) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        eye: TrackingThread,
+        clock: Punctuality,
+        beats: Any,
+        told_to_end: ToldToEnd,
+        consent: Callable[[Plant], None] | None = None,
+    ) -> None:
         super().__init__(arm, eye, eye, clock)
-        self.lateness, self.beats = clock.lateness, beats
+        self.lateness, self.beats, self.told_to_end = clock.lateness, beats, told_to_end
+        self._consent = consent
 
     def enable(self) -> None:
+        if self._consent is not None:
+            self._consent(self)
         self.beats.value = ENABLING
         super().enable()
         self.beats.value = 0
@@ -99,10 +113,11 @@ def serve(session: Session, beats: Any, supervisor: Connection) -> None:
     ``beats`` counts the ticks while the loop runs. What is sent: a Report now and then, at the end
     a LiveResult, an RcmServoError, or, of an error in the software, its traceback (str).
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    told_to_end = ToldToEnd(supervisor)
+    told_to_end.heed()
     beats.value = STANDING
     try:
-        said: Any = _live(session, beats, supervisor)
+        said: Any = _live(session, beats, supervisor, told_to_end)
     except RcmServoError as error:
         said = RcmServoError(str(error))
     except Exception:
@@ -111,17 +126,28 @@ def serve(session: Session, beats: Any, supervisor: Connection) -> None:
         supervisor.send(said)
 
 
-def _live(session: Session, beats: Any, supervisor: Connection) -> LiveResult:
-    """Make the devices, run, and tell how it went."""
+def _live(
+    session: Session, beats: Any, supervisor: Connection, told_to_end: ToldToEnd
+) -> LiveResult:
+    """Make the devices, run, and tell how it went. Why the arm's drive went off is known for sure
+    when the arm is closed."""
     clock = Punctuality(WallClock())
     with contextlib.ExitStack() as stack:
         arm, camera = _made(session.arm, stack), _made(session.camera, stack)
         tracker = _made(session.tracker, stack)
         operator = None if session.operator is None else _made(session.operator, stack)
         eye = stack.enter_context(TrackingThread(camera, tracker, clock.clock))
-        plant = HeartbeatPlant(arm, eye, clock, beats)
-        target = _target(session, plant, supervisor)
-        return _servoed(session, plant, target, operator, supervisor)
+        plant = HeartbeatPlant(arm, eye, clock, beats, told_to_end, session.consent)
+        target = _target(session, plant)
+        result = _servoed(session, plant, target, operator, supervisor)
+        result = replace(result, camera=_account(camera))
+    return replace(result, why_off=getattr(arm, "why_off", ""))
+
+
+def _account(camera: object) -> CameraAccount | None:
+    """What became of a camera's frames, if it keeps account of them."""
+    account = getattr(camera, "account", None)
+    return None if account is None else account()
 
 
 def _made(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:
@@ -133,28 +159,28 @@ def _made(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:
     return device
 
 
-def _target(session: Session, plant: Plant, supervisor: Connection) -> Target:
+def _target(session: Session, plant: HeartbeatPlant) -> Target:
     """The target, with everything warm: the first frame is searched, the next is followed, and
     after both nothing needs to be loaded. At the end the newest frame shows the tool as it is."""
     for _ in range(2):
-        _await_frame(plant, supervisor)
+        _await_frame(plant)
     target = session.target(plant)
-    _await_frame(plant, supervisor)
+    _await_frame(plant)
     return target
 
 
-def _go_on(supervisor: Connection) -> None:
-    """Stop here if the supervisor has spoken or is gone."""
-    if supervisor.poll():
+def _go_on(told_to_end: Callable[[], bool]) -> None:
+    """Stop here if this process was told to end."""
+    if told_to_end():
         raise Stopped("stopped before the drive was on")
 
 
-def _await_frame(plant: Plant, supervisor: Connection) -> None:
+def _await_frame(plant: HeartbeatPlant) -> None:
     """Wait for a frame that is exposed from now on."""
     now, why = plant.clock.now(), ""
     for _ in ticks(plant.clock, duration=PATIENCE):
         seen = plant.read()
-        _go_on(supervisor)
+        _go_on(plant.told_to_end)
         if seen.exposure >= now:
             return
         why = seen.dropped.value
@@ -180,9 +206,9 @@ def _servoed(
         with realtime() as system:
 
             def ended(tick: Tick) -> bool:
-                return supervisor.poll()
+                return plant.told_to_end()
 
-            _go_on(supervisor)
+            _go_on(plant.told_to_end)
             began = plant.clock.now()
             try:
                 for tick in run(plant, servo, target, duration, ended, operator=operator):
@@ -192,7 +218,10 @@ def _servoed(
                 plant.beats.value = STANDING
     timing = reports.timing(np.array(plant.lateness, dtype=float), system)
     outcome, blind = reports.judge.outcome(), reports.judge.blind
-    if blind is not None:
+    if plant.told_to_end.signal:
+        cause = f"it was ended by {plant.told_to_end.signal}"
+        outcome = replace(outcome, settled=False, cause=cause)
+    elif blind is not None:
         cause = held(blind.state.mode, unseen(plant, blind.seen, began))
         outcome = replace(outcome, cause=cause or outcome.cause)
     return LiveResult(outcome, reports.target, recorder.failed, timing)

@@ -22,8 +22,10 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError
 from rcmservo.live.child import END, Child, Context
+from rcmservo.live.lab import Stopped
 from rcmservo.live.reports import LiveResult, Report
 from rcmservo.live.servo_process import STANDING, Session, serve
+from rcmservo.live.told_to_end import stopped_by_signals
 from rcmservo.record.verdict import Outcome
 
 LOOK = 10_000_000
@@ -87,15 +89,21 @@ def run_live(
 ) -> LiveResult:
     """Run a session in a process of its own, in wall time, and watch over it.
 
-    Ctrl-C lets the servo bring the arm to rest and end its record, and is then raised as usual.
+    Ctrl-C, a signal that ends a program in order, a terminal that is closed: each lets the servo
+    bring the arm to rest and end its record, and is then raised.
     """
+    with stopped_by_signals():
+        return _run_live(session, off, progress)
+
+
+def _run_live(session: Session, off: SwitchOff, progress: Callable[[Report], None]) -> LiveResult:
     servo = ServoProcess(session)
     try:
         return supervise(servo, off, progress)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Stopped, OSError):  # OSError of a terminal that shows no progress
         servo.tell("end")
         with contextlib.suppress(RcmServoError):
-            supervise(servo, off, progress)
+            supervise(servo, off)
         raise
     finally:
         servo.end()

@@ -31,6 +31,8 @@ class GalilArm:
         self.settings = settings
         self._talks: list[Conversation] = []
         self._lock, self._wake, self._over = threading.Lock(), threading.Event(), False
+        self._handing = threading.Lock()
+        """Held while a command passes from the loop to the thread, and never for long."""
         self._next: Command | None = None
         self._lost = ""
         try:
@@ -53,7 +55,7 @@ class GalilArm:
     def enable(self) -> None:
         """Switch the motors on, at rest, watched over by the controller."""
         with self._in_use():
-            self._next = None
+            self._taken()
             self._session.start()
             self._measured = self._told(self._session.look)
 
@@ -74,8 +76,9 @@ class GalilArm:
 
     def apply(self, command: Command) -> Floats:
         """Pass a command on; the joint rates (3,) as the controller's steps have them."""
-        if self._next is None or self._next.enabled:  # nothing takes the place of switching off
-            self._next = command
+        with self._handing:
+            if self._next is None or self._next.enabled:  # nothing replaces switching off
+                self._next = command
         self._wake.set()
         if not (command.enabled and self._measured.enabled):
             return np.zeros(3)
@@ -87,8 +90,10 @@ class GalilArm:
         self._wake.set()
         self._thread.join()
         if self._session.watched:  # else it is off, and maybe somebody else's by now
-            with contextlib.suppress(RcmServoError):
+            try:
                 self._session.switch_off()
+            except RcmServoError as error:
+                self._lost = self._lost or str(error)
         self._hang_up()
 
     def _connected(self) -> Conversation:
@@ -114,8 +119,7 @@ class GalilArm:
                     return
 
     def _turn(self) -> None:
-        command, self._next = self._next, None
-        session = self._session
+        command, session = self._taken(), self._session
         if command is not None and session.watched:
             if not command.enabled:
                 session.switch_off()
@@ -123,6 +127,12 @@ class GalilArm:
                 self._measured = self._told(lambda: session.exchange(command.rates))
                 return
         self._measured = self._told(session.look)
+
+    def _taken(self) -> Command | None:
+        """The newest command, which is not there any more."""
+        with self._handing:
+            command, self._next = self._next, None
+        return command
 
     def _told(self, ask: Callable[[], ArmReading]) -> Measured:
         """What the controller tells, with the time in the middle of asking."""

@@ -106,6 +106,8 @@ class GalilSession:
                 "to a mark and define its position"
             )
         names, talk = self.settings.axes, self._talk
+        if not all(talk.number(f"_MO{axis}") for axis in names):
+            raise NotReady("somebody else has switched the motors on since: the arm is theirs")
         session = int(self._known(LATEST)) % SESSIONS + 1
         self._beat, self.why_off = session * BEATS, ""
         talk.ask(f"HX {program.THREAD}", f"MO {names}", f"{LATEST}={session}", f"hb={self._beat}")

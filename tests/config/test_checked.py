@@ -1,0 +1,84 @@
+"""Which lab files have passed `rig check`."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rcmservo.config.checked import digest_of, forget_checked, is_checked, note_checked
+from rcmservo.config.rig_file import bytes_of, lab_of
+from rcmservo.errors import UnusableFile
+
+ONE, OTHER = digest_of(b"[arm]\n"), digest_of(b"[arm] \n")
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return tmp_path / "state/rcmservo/checked"
+
+
+def test_a_file_that_passed_is_known_by_its_bytes_until_it_fails() -> None:
+    assert not is_checked(ONE)
+    forget_checked(ONE)
+    note_checked(ONE)
+    note_checked(ONE)
+    assert is_checked(ONE) and not is_checked(OTHER)
+    forget_checked(ONE)
+    assert not is_checked(ONE)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda whole: "",
+        lambda whole: whole[:-20],
+        lambda whole: whole.replace("checked 1", "checked 2"),
+        lambda whole: whole.replace(ONE, OTHER),
+        lambda whole: json.dumps([whole]),
+        lambda whole: whole + " " * 5000,
+        lambda whole: "[" * 4000,
+    ],
+)
+def test_a_note_that_is_damaged_counts_as_none(damage, state: Path) -> None:
+    note_checked(ONE)
+    note = state / f"{ONE}.json"
+    note.write_text(damage(note.read_text()))
+    assert not is_checked(ONE)
+    note_checked(ONE)
+    assert is_checked(ONE)
+
+
+def test_a_note_that_is_no_text_or_no_file_counts_as_none(state: Path) -> None:
+    state.mkdir(parents=True)
+    (state / f"{ONE}.json").write_bytes(b"\xff\xfe")
+    (state / f"{OTHER}.json").mkdir()
+    assert not is_checked(ONE) and not is_checked(OTHER)
+
+
+def test_a_state_folder_that_cannot_be_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "state").write_text("")
+    with pytest.raises(UnusableFile, match="cannot be made"):
+        note_checked(ONE)
+    assert not is_checked(ONE)
+    forget_checked(ONE)
+
+
+def test_a_relative_state_folder_is_none_by_its_standard(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", "here")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    note_checked(ONE)
+    assert (tmp_path / f".local/state/rcmservo/checked/{ONE}.json").is_file()
+
+
+def test_the_digest_and_the_settings_come_of_the_same_bytes(tmp_path: Path) -> None:
+    """Whoever changes the file between two readings changes nothing."""
+    path = tmp_path / "lab.toml"
+    path.write_text("[gate]\nspeed = [0.5, 0.5, 40.0]\n")
+    data = bytes_of(path)
+    path.write_text("[gate]\nspeed = [5.0, 5.0, 400.0]\n")
+    assert lab_of(path, data).gate.speed == (0.5, 0.5, 40.0)
