@@ -187,10 +187,8 @@ class WrongLab:
         self.person = Onlooker(self.arm, 30.0)
         self.gate = Gate()
         eye = LabEye(self.rig, mistake.mirrored, change)
-        self.mover = Mover(
-            self.arm, eye, PointMarkers(), self.rig.clock, self.robot, self.gate
-        )
-        self.latency = 0.0
+        self.mover = Mover(self.arm, eye, PointMarkers(), self.rig.clock, self.robot, self.gate)
+        self.latency = 0.022
         self.thresholds = Thresholds()
 
     def check(self) -> Report:

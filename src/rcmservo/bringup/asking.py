@@ -28,7 +28,9 @@ def agreed(person: Person, question: str) -> None:
         raise Stopped(f"the answer was no to: {question}")
 
 
-def numbers(person: Person, question: str, count: int, right: Callable[[float], bool]) -> list[float]:
+def numbers(
+    person: Person, question: str, count: int, right: Callable[[float], bool]
+) -> list[float]:
     """So many numbers, with spaces or commas between them, all of them right."""
 
     def read(answer: str) -> list[float] | None:

@@ -4,19 +4,18 @@ It is told nothing but what arm and camera tell, and what a person answers. It e
 off, however it ends.
 """
 
-import dataclasses
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from rcmservo.bringup import deciding
 from rcmservo.bringup.asking import agreed, numbers, one_of
-from rcmservo.bringup.guesses import Judged, explains
-from rcmservo.bringup.motion import Mover, Sight, Trouble
+from rcmservo.bringup.guesses import Guess, Judged, explains, places
+from rcmservo.bringup.motion import Mover, Sight, Track, Trouble
 from rcmservo.bringup.ranging import Ranging
 from rcmservo.bringup.timing import Lateness, Pace, drive_lag, lateness, pace
 from rcmservo.bringup.wiring import Finding, Robot
-from rcmservo.errors import BadInput
+from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Floats
 from rcmservo.live.lab import Person, Stopped
@@ -41,7 +40,7 @@ ROOM = 3.0
 class Report:
     """What the check found."""
 
-    findings: list[Finding] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list[Finding])
     """All that is not as it must be."""
     q: Floats | None = None
     """The joints (3,) at first."""
@@ -57,7 +56,7 @@ class Report:
     """s that the drives are behind; 0 where it was not measured."""
     farthest: float = 0.0
     """px that a marker went at most."""
-    undecided: list[str] = field(default_factory=list)
+    undecided: list[str] = field(default_factory=list[str])
     """What was told apart only by asking, in words."""
     done: bool = False
     """Whether it came to its end."""
@@ -84,6 +83,16 @@ def check(
     finally:
         mover.off()
     return report
+
+
+def warm_up(robot: Robot, gate: Gate) -> None:
+    """Have all compiled before an arm is connected, which must not wait for it."""
+    command = gate.admit(np.zeros(3), gate.rest(), np.zeros(3), robot.mechanism.rcm(), 1).command
+    gate.stop(command, 2)
+    drive_lag(Track(answers=[(k, np.zeros(3), np.zeros(3)) for k in range(3)]), np.ones(3))
+    q = np.array(robot.mechanism.limits.arrays).mean(axis=0)
+    robot.way(q, 0)
+    places(Guess(), robot, q[None], q, 0.0)
 
 
 def _whole(
@@ -177,7 +186,16 @@ def _times(
     track = mover.to_and_fro(joint, way, SWINGS)
     report.lateness = late = lateness(track, joint)
     report.lag = drive_lag(track, np.array(mover.gate.speed))
-    if late is not None and abs(late.latency - late.told) > max(LATE, SURE * late.within):
+    if late is None:
+        report.findings.append(
+            Finding(
+                "how late frames are cannot be told",
+                "camera.latency",
+                f"too few frames with both markers while joint {joint + 1} moved",
+                "both markers in nearly every frame",
+            )
+        )
+    elif latency == 0.0 or abs(late.latency - late.told) > max(LATE, SURE * late.within):
         right = latency + late.latency - late.told
         report.findings.append(
             Finding(
@@ -188,17 +206,17 @@ def _times(
                 f"latency = {right:.3f}",
             )
         )
-    if thresholds.drive_lag > 0.0 and report.lag > 0.0:
-        if not abs(report.lag - thresholds.drive_lag) <= LAG_OFF:
-            report.findings.append(
-                Finding(
-                    "the drives follow otherwise",
-                    "thresholds.drive_lag",
-                    f"{thresholds.drive_lag:g} s",
-                    f"{report.lag:.3f} s",
-                    f"drive_lag = {report.lag:.3f}",
-                )
+    known = thresholds.drive_lag > 0.0 and report.lag > 0.0
+    if known and not abs(report.lag - thresholds.drive_lag) <= LAG_OFF:
+        report.findings.append(
+            Finding(
+                "the drives follow otherwise",
+                "thresholds.drive_lag",
+                f"{thresholds.drive_lag:g} s",
+                f"{report.lag:.3f} s",
+                f"drive_lag = {report.lag:.3f}",
             )
+        )
 
 
 def _judge(
@@ -240,7 +258,7 @@ def _plainly(kind: Judged) -> str:
     return kind.guess.wrong
 
 
-def told(guess: deciding.Guess, robot: Robot, q: Floats) -> list[str]:
+def told(guess: Guess, robot: Robot, q: Floats) -> list[str]:
     """A guess in words."""
     found = deciding.findings(guess, 0.0, robot, q)
     return [f"{one.where}: {one.what}" for one in found] or ["all as the rig file says"]

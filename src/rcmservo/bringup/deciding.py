@@ -54,7 +54,9 @@ def words(robot: Robot, joint: int, way: int) -> str:
     return WAYS[robot.mechanism.kind == SPHERICAL][joint][0 if way > 0 else 1]
 
 
-def decided(kinds: Sequence[Judged], robot: Robot, q: Floats, person: Person, show: Show) -> list[Guess]:
+def decided(
+    kinds: Sequence[Judged], robot: Robot, q: Floats, person: Person, show: Show
+) -> list[Guess]:
     """The guesses that are left of these kinds after a person was asked; several only where the
     answers do not tell either."""
     left = [member for kind in kinds for member in members(kind)]
@@ -141,7 +143,7 @@ def _counts(guess: Guess, within: float, robot: Robot) -> list[Finding]:
         if factor == 1.0:
             continue
         value = wiring.counts[joint]
-        ways = []
+        ways: list[str] = []
         if factor < 0.0:
             ways.append("it runs the other way")
         if guess.wrong == COUNTS and guess.joint == joint:

@@ -13,7 +13,7 @@ it tells that of the insertion and how many of the others and of mirrors there a
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import permutations, product
+from itertools import product
 
 import numpy as np
 
@@ -22,6 +22,16 @@ from rcmservo.bringup.wiring import Order, Robot
 from rcmservo.interfaces import Floats
 from rcmservo.method.kinematics import position
 from rcmservo.method.tool import RIGID, Shaft, second_marker
+
+ORDERS: tuple[Order, ...] = (
+    (0, 1, 2),
+    (0, 2, 1),
+    (1, 0, 2),
+    (1, 2, 0),
+    (2, 0, 1),
+    (2, 1, 0),
+)
+"""In which the axes may drive the joints."""
 
 RIGHT, COUNTS, ZERO, SPACING = "", "counts", "insertion_zero", "spacing"
 """Which number is wrong."""
@@ -123,7 +133,7 @@ def kinds() -> Iterator[Guess]:
     """One guess of each kind that a picture can tell apart."""
     signs = [(False, False, back) for back in (False, True)]
     for back, mirrored in product(signs, (False, True)):
-        for order in permutations(range(3)):
+        for order in ORDERS:
             yield Guess(order=order, reversed=back, mirrored=mirrored)
         for joint in range(3):
             yield Guess(reversed=back, mirrored=mirrored, wrong=COUNTS, joint=joint)

@@ -89,9 +89,11 @@ class Sight:
 class Track:
     """All that was told while something moved."""
 
-    answers: list[tuple[int, Floats, Floats]] = field(default_factory=list)
+    answers: list[tuple[int, Floats, Floats]] = field(
+        default_factory=list[tuple[int, Floats, Floats]]
+    )
     """When the joints were read (ns), the joints (3,), and the rates (3,) taken before."""
-    frames: list[tuple[int, int, Floats]] = field(default_factory=list)
+    frames: list[tuple[int, int, Floats]] = field(default_factory=list[tuple[int, int, Floats]])
     """When a frame was exposed and when it arrived (ns), and its markers (2, 2) px."""
 
 
@@ -117,7 +119,7 @@ class Mover:
         self._count = 1.0 / np.abs(np.array(robot.wiring.counts))
         self._last = gate.rest()
         self._asked = np.zeros(3)
-        self._frame = -1
+        self._frame, self._new = -1, False
 
     def off(self) -> None:
         """Zero and off, now."""
@@ -168,7 +170,7 @@ class Mover:
     def _go(self, joint: int, wanted: Floats, here: Floats, way: float) -> None:
         """Bring the joint to its place, `way` from `here` at most."""
         count = float(self._count[joint])
-        began = last = self._read().q.copy()
+        began = last = q = self._read().q.copy()
         self._asked, since = np.zeros(3), self.clock.now()
         for _ in ticks(self.clock, RATE, WITHIN):
             q = self._tick(wanted)
@@ -217,9 +219,7 @@ class Mover:
             raise Trouble(_went_off(self.arm.why_off))
         apart = wanted - seen.q
         rates = np.where(np.abs(apart) < self._count, 0.0, GAIN * apart)
-        self._last = self.gate.admit(
-            rates, self._last, seen.q, self._rcm, seen.now, SHARE
-        ).command
+        self._last = self.gate.admit(rates, self._last, seen.q, self._rcm, seen.now, SHARE).command
         self._asked = self._asked + self._plant.send(self._last) / RATE
         return seen.q.copy()
 

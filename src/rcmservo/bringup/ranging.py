@@ -17,7 +17,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.live.lab import Person
 
 FIRST = 0.06
-"""mm by which the rig file says that marker 2 goes at first: an inch taken for a mm makes it 1.5."""
+"""mm that marker 2 goes at first, as the rig file says: an inch taken for a mm makes it 1.5."""
 MOST = 1.5
 """mm by which it goes at most, by all that is known."""
 BLIND = 0.4

@@ -81,14 +81,14 @@ def fitted(seen: Seen, places: Places, within: Floats) -> Fit:
     """The best camera for these places. What they leave open is about 0 beforehand, ``within`` so
     many standard deviations."""
     left_over = _left_over(seen, places, within)
-    x = np.zeros(CAMERA + len(within))
+    x: Floats = np.zeros(CAMERA + len(within))
     steps = np.vstack([np.zeros_like(x), SMALL * np.eye(len(x))])
     damping = 1e-3
     at = left_over(x + steps)
     for _ in range(STEPS):
         r, J = at[0], (at[1:] - at[0]).T / SMALL
         square = J.T @ J
-        step = np.linalg.solve(square + damping * np.eye(len(x)), -J.T @ r)
+        step = _damped(square, damping, -J.T @ r)
         then = left_over(x + step + steps)
         gained = r @ r - then[0] @ then[0]
         if not gained >= 0.0:
@@ -100,8 +100,14 @@ def fitted(seen: Seen, places: Places, within: Floats) -> Fit:
         if gained < ENOUGH:
             break
     J = (at[1:] - at[0]).T / SMALL
-    spread = np.sqrt(np.abs(np.diag(np.linalg.pinv(J.T @ J))))[CAMERA:]
+    inverse = np.asarray(np.linalg.pinv(J.T @ J), float)
+    spread = np.sqrt(np.abs(np.diag(inverse)))[CAMERA:]
     return Fit(float(at[0] @ at[0]), x[CAMERA:] * within, spread * within)
+
+
+def _damped(square: Floats, damping: float, downhill: Floats) -> Floats:
+    """The step of damped least squares."""
+    return np.asarray(np.linalg.solve(square + damping * np.eye(len(square)), downhill), float)
 
 
 def _left_over(seen: Seen, places: Places, within: Floats) -> Callable[[Floats], Floats]:
