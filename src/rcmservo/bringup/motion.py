@@ -48,9 +48,9 @@ FRAMES = 60
 SEEN = 0.5
 """Share of the frames that must show both markers."""
 SILENCE = 0.5
-"""s without a frame after which it ends, and"""
+"""s without a frame, or with the drive off without an answer of the arm, after which it ends."""
 UNANSWERED = 0.05
-"""without an answer of the arm."""
+"""s without one while the drive is on."""
 
 WITHOUT_PICTURE = 640, 480
 """px, of a camera that tells the markers' places alone."""
@@ -226,8 +226,9 @@ class Mover:
     def _read(self) -> Observation:
         """What arm and camera tell."""
         seen = self._plant.read()
-        if not seen.now - seen.q_time <= UNANSWERED * 1e9:
-            raise Trouble(_silent_arm(self.arm.why_off))
+        patience = UNANSWERED if self._last.enabled else SILENCE
+        if not seen.now - seen.q_time <= patience * 1e9:
+            raise Trouble(_silent_arm(self.arm.why_off, patience))
         answers = self.track.answers
         if not answers or seen.q_time > answers[-1][0]:
             answers.append((seen.q_time, seen.q, seen.applied))
@@ -268,8 +269,8 @@ def _went_off(why: str) -> Finding:
     return Finding("the drive went off by itself", "arm", words, "on until it is switched off")
 
 
-def _silent_arm(why: str) -> Finding:
-    words = why or f"no answer for {1e3 * UNANSWERED:g} ms"
+def _silent_arm(why: str, patience: float) -> Finding:
+    words = why or f"no answer for {1e3 * patience:g} ms"
     return Finding("the arm does not answer", "arm", words, "an answer in every tick")
 
 
