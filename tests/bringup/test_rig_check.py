@@ -5,18 +5,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from wrong_lab import COUNTS, MISTAKES, Mistake, WrongLab
 
 from conftest import first_quick
-from rcmservo.bringup.check import Report
+from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.motion import SHARE
 from rcmservo.interfaces import Frame, Measured
-from wrong_lab import COUNTS, MISTAKES, Mistake, WrongLab
 
 FAR = 2.0
 """mm that marker 2 may go at most before the mistake is named."""
 
 
-def wheres(report: Report) -> list[str]:
+def wheres(report: CheckReport) -> list[str]:
     return [finding.where for finding in report.findings]
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rcmservo.bringup.check import Report, check
+from rcmservo.bringup.check import CheckReport, check
 from rcmservo.bringup.motion import Mover
 from rcmservo.bringup.wiring import Robot, Wiring
 from rcmservo.guard.gate import Gate
@@ -191,7 +191,7 @@ class WrongLab:
         self.latency = 0.022
         self.thresholds = Thresholds()
 
-    def check(self) -> Report:
+    def check(self) -> CheckReport:
         return check(self.mover, self.person, self.robot, self.thresholds, self.latency)
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from rcmservo.bringup import deciding
 from rcmservo.bringup.asking import agreed, numbers, one_of
-from rcmservo.bringup.guesses import Guess, Judged, explains, places
+from rcmservo.bringup.guesses import Guess, Weighed, explains, places
 from rcmservo.bringup.motion import Mover, Sight, Track, Trouble
 from rcmservo.bringup.ranging import Ranging
-from rcmservo.bringup.timing import Lateness, Pace, drive_lag, lateness, pace
+from rcmservo.bringup.timing import Lateness, Rhythm, drive_lag, lateness, pace
 from rcmservo.bringup.wiring import Finding, Robot
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
@@ -37,16 +37,16 @@ ROOM = 3.0
 
 
 @dataclass
-class Report:
+class CheckReport:
     """What the check found."""
 
     findings: list[Finding] = field(default_factory=list[Finding])
     """All that is not as it must be."""
     q: Floats | None = None
     """The joints (3,) at first."""
-    arm: Pace | None = None
+    arm: Rhythm | None = None
     """How often the arm answers."""
-    camera: Pace | None = None
+    camera: Rhythm | None = None
     """How often frames are exposed."""
     rest: Sight | None = None
     """What was seen at first."""
@@ -69,9 +69,9 @@ class Report:
 
 def check(
     mover: Mover, person: Person, robot: Robot, thresholds: Thresholds, latency: float
-) -> Report:
+) -> CheckReport:
     """Look, move a little, decide; `latency` is what the rig file says of the camera's."""
-    report = Report()
+    report = CheckReport()
     try:
         _whole(report, mover, person, robot, thresholds, latency)
         report.done = True
@@ -96,7 +96,7 @@ def warm_up(robot: Robot, gate: Gate) -> None:
 
 
 def _whole(
-    report: Report,
+    report: CheckReport,
     mover: Mover,
     person: Person,
     robot: Robot,
@@ -131,7 +131,7 @@ def _home(mover: Mover, person: Person, robot: Robot) -> None:
     mover.arm.define(np.array([np.radians(told[0]), np.radians(told[1]), told[2]]))
 
 
-def _look(report: Report, mover: Mover, robot: Robot) -> Sight:
+def _look(report: CheckReport, mover: Mover, robot: Robot) -> Sight:
     """What arm and camera tell while nothing moves."""
     rest = mover.look()
     report.q = rest.q
@@ -172,7 +172,7 @@ def _look(report: Report, mover: Mover, robot: Robot) -> Sight:
 
 
 def _times(
-    report: Report,
+    report: CheckReport,
     mover: Mover,
     person: Person,
     ranging: Ranging,
@@ -220,12 +220,12 @@ def _times(
 
 
 def _judge(
-    report: Report,
+    report: CheckReport,
     mover: Mover,
     person: Person,
     robot: Robot,
     ranging: Ranging,
-    kinds: list[Judged],
+    kinds: list[Weighed],
 ) -> None:
     """What is wrong with the rig file."""
     seen = ranging.seen()
@@ -254,7 +254,7 @@ def _judge(
         report.findings += [one for one in found if one not in report.findings]
 
 
-def _plainly(kind: Judged) -> str:
+def _plainly(kind: Weighed) -> str:
     return kind.guess.wrong
 
 

@@ -15,7 +15,7 @@ from rcmservo.bringup.guesses import (
     SPACING,
     ZERO,
     Guess,
-    Judged,
+    Weighed,
     members,
     stretched,
 )
@@ -55,7 +55,7 @@ def words(robot: Robot, joint: int, way: int) -> str:
 
 
 def decided(
-    kinds: Sequence[Judged], robot: Robot, q: Floats, person: Person, show: Show
+    kinds: Sequence[Weighed], robot: Robot, q: Floats, person: Person, show: Show
 ) -> list[Guess]:
     """The guesses that are left of these kinds after a person was asked; several only where the
     answers do not tell either."""

@@ -17,7 +17,7 @@ from itertools import product
 
 import numpy as np
 
-from rcmservo.bringup.view import Fit, Seen, fitted
+from rcmservo.bringup.view import Fit, Views, fitted
 from rcmservo.bringup.wiring import Order, Robot
 from rcmservo.interfaces import Floats
 from rcmservo.method.kinematics import position
@@ -92,7 +92,7 @@ class Guess:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class Weighed:
     """A guess, fitted to what was seen."""
 
     guess: Guess
@@ -102,7 +102,7 @@ class Judged:
     misfit: float
     """What is left over, squared standard deviations."""
 
-    def close(self, best: "Judged") -> bool:
+    def close(self, best: "Weighed") -> bool:
         """Whether it explains what was seen about as well as the best one."""
         return self.misfit < best.misfit + CLOSE
 
@@ -141,7 +141,7 @@ def kinds() -> Iterator[Guess]:
             yield Guess(reversed=back, mirrored=mirrored, wrong=wrong)
 
 
-def judged(guess: Guess, robot: Robot, seen: Seen) -> Judged:
+def judged(guess: Guess, robot: Robot, seen: Views) -> Weighed:
     """How well a guess explains what was seen, the first place being the start."""
     start = seen.q[0]
     within = {RIGHT: [], ZERO: [ZERO_WITHIN]}.get(guess.wrong, [FACTOR_WITHIN])
@@ -153,16 +153,16 @@ def judged(guess: Guess, robot: Robot, seen: Seen) -> Judged:
     return _sized(guess, fit)
 
 
-def _sized(guess: Guess, fit: Fit) -> Judged:
+def _sized(guess: Guess, fit: Fit) -> Weighed:
     if guess.wrong == RIGHT:
-        return Judged(guess, 0.0, fit.misfit)
+        return Weighed(guess, 0.0, fit.misfit)
     size, within = float(fit.free[0]), float(fit.within[0])
     misfit = fit.misfit
     if guess.wrong == COUNTS:
         usual = usual_factor(size, within)
         misfit += 0.0 if usual else UNUSUAL
         size = usual or size
-    return Judged(replace(guess, size=size), within, misfit)
+    return Weighed(replace(guess, size=size), within, misfit)
 
 
 def usual_factor(size: float, within: float) -> float:
@@ -173,12 +173,12 @@ def usual_factor(size: float, within: float) -> float:
     return 0.0
 
 
-def judge_all(robot: Robot, seen: Seen) -> list[Judged]:
+def judge_all(robot: Robot, seen: Views) -> list[Weighed]:
     """All kinds of guesses, the best first."""
     return sorted((judged(kind, robot, seen) for kind in kinds()), key=lambda one: one.misfit)
 
 
-def believed(all_: list[Judged]) -> list[Judged]:
+def believed(all_: list[Weighed]) -> list[Weighed]:
     """Those that explain what was seen about as well as the best one, which is the first.
 
     One that needs no wrong number is believed before all that need one.
@@ -188,12 +188,12 @@ def believed(all_: list[Judged]) -> list[Judged]:
     return plain or close
 
 
-def explains(one: Judged, seen: Seen) -> bool:
+def explains(one: Weighed, seen: Views) -> bool:
     """Whether a guess leaves over no more than noise and a lens may."""
     return one.misfit < EXPLAINED * seen.points.size
 
 
-def members(kind: Judged) -> Iterator[Guess]:
+def members(kind: Weighed) -> Iterator[Guess]:
     """All guesses of which a picture cannot tell this one apart."""
     guess = kind.guess
     for one, other, mirrored in product((False, True), repeat=3):

@@ -47,10 +47,10 @@ FRAMES = 60
 """Over which the markers are averaged at rest."""
 SEEN = 0.5
 """Share of the frames that must show both markers."""
-SILENCE = 0.5
-"""s without a frame, or with the drive off without an answer of the arm, after which it ends."""
-UNANSWERED = 0.05
-"""s without one while the drive is on."""
+UNSEEN, UNANSWERED = 0.5, 0.05
+"""s without a frame, and without an answer of the arm, after which it ends, the drive being on;"""
+PATIENCE = 3.0
+"""for both while it is off."""
 
 WITHOUT_PICTURE = 640, 480
 """px, of a camera that tells the markers' places alone."""
@@ -191,8 +191,9 @@ class Mover:
         newest = began
         for _ in ticks(self.clock, RATE):
             q = self._read().q if wanted is None else self._tick(wanted)
-            if self.clock.now() - newest > SILENCE * 1e9:
-                raise Trouble(_silent_camera(self.camera.account().trouble))
+            patience = PATIENCE if wanted is None else UNSEEN
+            if not self.clock.now() - newest <= patience * 1e9:
+                raise Trouble(_silent_camera(self.camera.account().trouble, patience))
             if not self._new:
                 continue
             newest = self.clock.now()
@@ -226,7 +227,7 @@ class Mover:
     def _read(self) -> Observation:
         """What arm and camera tell."""
         seen = self._plant.read()
-        patience = UNANSWERED if self._last.enabled else SILENCE
+        patience = UNANSWERED if self._last.enabled else PATIENCE
         if not seen.now - seen.q_time <= patience * 1e9:
             raise Trouble(_silent_arm(self.arm.why_off, patience))
         answers = self.track.answers
@@ -270,12 +271,12 @@ def _went_off(why: str) -> Finding:
 
 
 def _silent_arm(why: str, patience: float) -> Finding:
-    words = why or f"no answer for {1e3 * patience:g} ms"
+    words = why or f"no answer for {patience:g} s"
     return Finding("the arm does not answer", "arm", words, "an answer in every tick")
 
 
-def _silent_camera(trouble: str) -> Finding:
-    words = trouble or f"no frame for {SILENCE:g} s"
+def _silent_camera(trouble: str, patience: float) -> Finding:
+    words = trouble or f"no frame for {patience:g} s"
     return Finding("no frames come", "camera", words, "frames all the time")
 
 

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from rcmservo.bringup.asking import agreed
-from rcmservo.bringup.guesses import COUNTS, SPACING, ZERO, Judged, believed, judge_all, places
+from rcmservo.bringup.guesses import COUNTS, SPACING, ZERO, Weighed, believed, judge_all, places
 from rcmservo.bringup.motion import Mover, Sight
-from rcmservo.bringup.view import Seen
+from rcmservo.bringup.view import Views
 from rcmservo.bringup.wiring import Robot
 from rcmservo.interfaces import Floats
 from rcmservo.live.lab import Person
@@ -43,14 +43,14 @@ class Ranging:
         self.mover, self.person, self.robot = mover, person, robot
         self.start = rest.q
         self.sights = [rest]
-        self.judged: list[Judged] = []
+        self.judged: list[Weighed] = []
         """All guesses, the best first."""
         self.ways = FIRST * np.array([robot.way(rest.q, joint) for joint in range(3)])
         """rad, rad, mm that each joint went last, to either side."""
         self.shown = np.zeros(3)
         """px by which a marker moved then."""
 
-    def run(self) -> list[Judged]:
+    def run(self) -> list[Weighed]:
         """Go on until the guesses are told apart, or until it would become too far."""
         active = [0, 1, 2]
         while active:
@@ -66,11 +66,11 @@ class Ranging:
             self.ways = np.where(further > 0.0, further, self.ways)
         return believed(self.judged)
 
-    def seen(self) -> Seen:
+    def seen(self) -> Views:
         """All that was seen."""
         q, points = (np.stack([getattr(s, name) for s in self.sights]) for name in ("q", "points"))
         noise = np.array([max(sight.mean_noise, LEAST_NOISE) for sight in self.sights])
-        return Seen(q, points, noise, self.mover.size)
+        return Views(q, points, noise, self.mover.size)
 
     def question(self, joint: int, way: float, words: str = "") -> str:
         """How a motion is asked for."""
@@ -111,7 +111,7 @@ class Ranging:
         longer = min(2.0 * way, self.farthest_way(joint))
         return longer if longer > WORTH * way else 0.0
 
-    def _farthest(self, one: Judged, joint: int, way: float) -> float:
+    def _farthest(self, one: Weighed, joint: int, way: float) -> float:
         """mm that marker 2 goes if a guess is true."""
         q = np.stack([self.start, self.start])
         q[1, joint] += way

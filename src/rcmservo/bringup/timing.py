@@ -25,7 +25,7 @@ FEWEST = 20
 
 
 @dataclass(frozen=True)
-class Pace:
+class Rhythm:
     """How often something comes, and how evenly."""
 
     rate: float
@@ -48,10 +48,10 @@ class Lateness:
     """s, that of what frames tell, from one to the next."""
 
 
-def pace(times: list[int]) -> Pace:
+def pace(times: list[int]) -> Rhythm:
     """Of things that came at these moments (ns)."""
     apart = np.diff(np.array(times)) * 1e-9
-    return Pace(1.0 / float(np.mean(apart)), float(np.std(apart)))
+    return Rhythm(1.0 / float(np.mean(apart)), float(np.std(apart)))
 
 
 def lateness(track: Track, joint: int) -> Lateness | None:

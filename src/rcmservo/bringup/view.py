@@ -43,7 +43,7 @@ FAR = 1e3
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Views:
     """What was seen while the arm stood at several places."""
 
     q: Floats
@@ -55,10 +55,10 @@ class Seen:
     size: tuple[int, int]
     """px, width and height of the picture."""
 
-    def mirrored(self) -> "Seen":
+    def mirrored(self) -> "Views":
         """The same in a mirror."""
         flipped = self.points * [-1.0, 1.0] + [self.size[0] - 1.0, 0.0]
-        return Seen(self.q, flipped, self.noise, self.size)
+        return Views(self.q, flipped, self.noise, self.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ Places = Callable[[Floats], Floats]
 """The markers (n, 2, 3) mm, given what they leave open."""
 
 
-def fitted(seen: Seen, places: Places, within: Floats) -> Fit:
+def fitted(seen: Views, places: Places, within: Floats) -> Fit:
     """The best camera for these places. What they leave open is about 0 beforehand, ``within`` so
     many standard deviations."""
     left_over = _left_over(seen, places, within)
@@ -110,7 +110,7 @@ def _damped(square: Floats, damping: float, downhill: Floats) -> Floats:
     return np.asarray(np.linalg.solve(square + damping * np.eye(len(square)), downhill), float)
 
 
-def _left_over(seen: Seen, places: Places, within: Floats) -> Callable[[Floats], Floats]:
+def _left_over(seen: Views, places: Places, within: Floats) -> Callable[[Floats], Floats]:
     """What a fit leaves over (b, rows), in standard deviations, at several x (b, numbers)."""
     width, height = seen.size
     middle = np.array([width - 1.0, height - 1.0]) / 2.0

@@ -13,9 +13,9 @@ from rich.console import Console
 from rich.table import Table
 
 from rcmservo.app.terminal import console
-from rcmservo.bringup.check import Report, check, warm_up
+from rcmservo.bringup.check import CheckReport, check, warm_up
 from rcmservo.bringup.motion import Mover
-from rcmservo.bringup.timing import Pace
+from rcmservo.bringup.timing import Rhythm
 from rcmservo.bringup.wiring import Robot
 from rcmservo.config.checked import digest_of, forget_checked, note_checked
 from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
@@ -71,7 +71,7 @@ def rig_check(
     return 0 if report.ok else 1
 
 
-def show(report: Report, robot: Robot, out: Console) -> None:
+def show(report: CheckReport, robot: Robot, out: Console) -> None:
     """The report as tables."""
     seen = Table(title="rig check", show_header=False)
     for name, words in measured(report, robot):
@@ -88,7 +88,7 @@ def show(report: Report, robot: Robot, out: Console) -> None:
     out.print(wrong)
 
 
-def measured(report: Report, robot: Robot) -> list[tuple[str, str]]:
+def measured(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
     """What was measured, in words."""
     rows: list[tuple[str, str]] = []
     if report.q is not None:
@@ -113,5 +113,5 @@ def measured(report: Report, robot: Robot) -> list[tuple[str, str]]:
     return rows
 
 
-def _pace(pace: Pace) -> str:
+def _pace(pace: Rhythm) -> str:
     return f"{pace.rate:.1f} per s, jitter {1e3 * pace.jitter:.1f} ms"
