@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from wrong_lab import COUNTS, MISTAKES, Mistake, WrongLab
+from rig_check_lab import COUNTS, MISTAKES, Mistake, WrongLab
 
 from conftest import first_quick
 from rcmservo.bringup.check import CheckReport

@@ -1,4 +1,7 @@
-"""A simulated laboratory whose rig file is wrong, and a person beside it who sees what is true."""
+"""A simulated laboratory whose rig file is wrong, and a person beside it who sees what is true.
+
+benchmarks/rig_check.py checks many; tests ask a part.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
