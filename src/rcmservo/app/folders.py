@@ -1,4 +1,5 @@
-"""The folder that a command writes to: new or empty, and gone again where nothing came of it."""
+"""Where a command writes to: a folder that is new or empty, and gone again where nothing came of
+it; a target's file that is new."""
 
 import contextlib
 import os
@@ -6,7 +7,7 @@ from collections.abc import Generator
 from datetime import datetime
 from pathlib import Path
 
-from rcmservo.errors import UnusableFile
+from rcmservo.errors import UnusableFile, require
 
 
 def dated(name: str) -> Path:
@@ -32,6 +33,17 @@ def new_folder(out: Path | None, name: str) -> Generator[Path]:
         for path in made:
             if path.is_dir() and not any(path.iterdir()):
                 path.rmdir()
+
+
+def require_new(target: Path | None, save: Path | None) -> None:
+    """Refuse to keep a target that is read from a file, or in a file that is there."""
+    if save is None:
+        return
+    right = "left out with --target: no target is shown then"
+    require(target is None, "--save-target", save, right)
+    if save.exists():
+        why = "is there already, and nothing is overwritten: name a new file"
+        raise UnusableFile(save, why)
 
 
 def _make_empty(folder: Path) -> None:

@@ -1,29 +1,33 @@
-"""`rcmservo live`: a run in wall time, the arm, its camera and the servo in processes of their
-own."""
+"""`rcmservo live`: a run in wall time, the arm, its camera and the servo in processes of their own;
+of a laboratory's devices where the rig file names an arm."""
 
 import json
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from rich.console import Console
 from rich.live import Live
-from rich.table import Table
 from rich.text import Text
 
-from rcmservo.app.folders import new_folder
+from rcmservo.app.folders import new_folder, require_new
+from rcmservo.app.lab.live_on_hardware import (
+    HardwareJob,
+    live_on_hardware,
+    require_devices,
+    show_hardware,
+)
+from rcmservo.app.lab.live_told import LoopMetrics, Progress, add_loop, kept, loop_metrics
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.preparing import compiling, simulator
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
-from rcmservo.app.simulated_run.metrics import METRICS, FeatureError, number
-from rcmservo.app.simulated_run.unwritten import written
+from rcmservo.app.simulated_run.metrics import FeatureError, number
 from rcmservo.app.terminal import console, result_table, unit
-from rcmservo.config.files import write_whole
-from rcmservo.config.rig_file import Lab, load_lab, told_with
-from rcmservo.errors import UnusableFile, require
-from rcmservo.live.reports import LiveResult, LoopTiming, Report, Spread
+from rcmservo.config.checked import digest_of
+from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
+from rcmservo.errors import require
+from rcmservo.live.reports import LiveResult
 from rcmservo.live.supervisor import run_live
-from rcmservo.record import reader
 from rcmservo.record.reader import RECORD
 
 UNSETTLED = 1
@@ -32,8 +36,9 @@ UNSETTLED = 1
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """Servo in wall time, at 100 Hz: the simulated arm, its camera and the servo in processes of
-    their own, and one that watches."""
+    """Servo in wall time, at 100 Hz: the arm, its camera and the servo in processes of their own,
+    and one that watches. Simulated, unless the rig file names an arm: then a person at the terminal
+    is asked at each step, and nothing moves before."""
 
     seed: int = 0
     """Draws the camera, the start, the target and the noise."""
@@ -42,45 +47,19 @@ class LiveOptions:
     estimator: EstimatorName = "dlt"
     """How the Jacobian is learnt; as of `rcmservo run`."""
     rig: OptionalPath = None
-    """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene."""
+    """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene; or with
+    your own devices, [arm] and [camera] with a kind."""
+    target: OptionalPath = None
+    """File with the target, as --save-target wrote it, for your own devices; by default the target
+    is shown by hand."""
+    save_target: OptionalPath = None
+    """New file to keep the target in that was shown, for your own devices."""
     out: OptionalPath = None
     """Folder to write to, new or empty; by default a new one under runs/."""
     json: bool = False
     """Print one JSON object on stdout and nothing else."""
     boxes: Boxes = field(default_factory=ServoOptions)
     """The settings of the servo's boxes."""
-
-
-@dataclass(frozen=True)
-class SpreadMetrics:
-    """How a time was spread over a run, ms; None where it never came up."""
-
-    median: float | None
-    """Half of the times were no longer."""
-    p99: float | None
-    """The 99th percentile."""
-    max: float | None
-    """The longest."""
-
-
-@dataclass(frozen=True)
-class LoopMetrics:
-    """How the loop kept its time."""
-
-    ticks: int
-    """How many there were."""
-    missed: int
-    """Ticks that the loop was not there to begin."""
-    rate_hz: float | None
-    """Ticks a second, the mean; None where there were fewer than two."""
-    lateness_ms: SpreadMetrics
-    """From when a tick was due until it began."""
-    latency_ms: SpreadMetrics
-    """From a frame's exposure to the command that it led to."""
-    collections: int
-    """How often the collection of garbage stopped the process."""
-    refused: list[str]
-    """What the operating system would not do, in sentences."""
 
 
 @dataclass(frozen=True)
@@ -122,8 +101,14 @@ def live(options: LiveOptions) -> int:
     require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
     good = 1.0 < options.duration <= 3600.0
     require(good, "--duration", options.duration, "more than 1 and at most 3600 s")
-    lab = load_lab(options.rig) if options.rig else Lab()
+    data = b"" if options.rig is None else bytes_of(options.rig)
+    lab = Lab() if options.rig is None else lab_of(options.rig, data)
     out = console(stderr=options.json)
+    if options.rig is not None and "arm" in lab.devices:
+        return _on_hardware(options, options.rig, lab, digest_of(data), out)
+    for name, path in (("--target", options.target), ("--save-target", options.save_target)):
+        right = "left out where no [arm] is given: a simulated arm is shown its target"
+        require(path is None, name, path, right)
     with simulator("live"), new_folder(options.out, f"live-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
         out.print(words, style="dim", soft_wrap=True)
@@ -132,6 +117,32 @@ def live(options: LiveOptions) -> int:
         print(json.dumps(asdict(metrics)))
     else:
         show_live(out, metrics)
+    return 0 if metrics.settled else UNSETTLED
+
+
+def _on_hardware(options: LiveOptions, rig: Path, lab: Lab, digest: str, out: Console) -> int:
+    """Run with the devices of a rig file, print the result; the exit code as of `live`."""
+    require(options.seed == 0, "--seed", options.seed, f"left out: nothing is simulated of {rig}")
+    require_new(options.target, options.save_target)
+    require_devices(lab, rig)
+    servo = options.boxes.servo(options.estimator, lab)
+    with new_folder(options.out, "live-hardware") as folder:
+        job = HardwareJob(
+            servo,
+            options.estimator,
+            options.duration,
+            lab,
+            rig,
+            digest,
+            folder,
+            options.target,
+            options.save_target,
+        )
+        metrics = live_on_hardware(job, out)
+    if options.json:
+        print(json.dumps(asdict(metrics)))
+    else:
+        show_hardware(out, metrics)
     return 0 if metrics.settled else UNSETTLED
 
 
@@ -153,37 +164,9 @@ def _run(options: LiveOptions, lab: Lab, folder: Path, out: Console) -> LiveMetr
             servo.warm_up()
         record, words = folder / RECORD, about(job, settings)
         session = bench.session(servo, lab.markers, seconds, record, words)
-        result = run_live(session, bench.off, _Progress(line, seconds))
+        result = run_live(session, bench.off, Progress(line, seconds))
         metrics = metrics_of(options, folder, result, bench.error())
     return kept(folder, metrics)
-
-
-def kept(folder: Path, metrics: LiveMetrics) -> LiveMetrics:
-    """The metrics, written with the figures; of a record that holds nothing there are none."""
-    from rcmservo.app.simulated_run.pictures import draw_figures
-
-    with suppress(UnusableFile):
-        record = reader.read(folder)
-        metrics = written(metrics, lambda: draw_figures(record, folder))
-    text = json.dumps(asdict(metrics), indent=2) + "\n"
-    return written(metrics, lambda: write_whole(folder / METRICS, text))
-
-
-class _Progress:
-    """Shows how a run goes: a live line, and a lasting one for every new phase or cause."""
-
-    def __init__(self, line: Live, duration: float) -> None:
-        self._line, self._duration, self._said = line, duration, ""
-
-    def __call__(self, report: Report) -> None:
-        time = report.time * 1e-9
-        if report.words != self._said:
-            self._said = report.words
-            words = f"{time:6.2f} s  {report.words}"
-            self._line.console.print(words, soft_wrap=True, highlight=False)
-        self._line.update(
-            Text(f"{time:6.2f} / {self._duration:g} s  {report.words}"), refresh=False
-        )
 
 
 def metrics_of(
@@ -204,24 +187,8 @@ def metrics_of(
         pose_error_mm=number(pose_error),
         not_recorded=result.not_recorded,
         target_q=None if target is None else target.q.tolist(),
-        loop=None if timing is None else _loop(timing),
+        loop=None if timing is None else loop_metrics(timing),
     )
-
-
-def _loop(timing: LoopTiming) -> LoopMetrics:
-    return LoopMetrics(
-        timing.ticks,
-        timing.missed,
-        number(timing.rate),
-        _spread(timing.lateness),
-        _spread(timing.latency),
-        timing.collections,
-        timing.refused,
-    )
-
-
-def _spread(spread: Spread) -> SpreadMetrics:
-    return SpreadMetrics(number(spread.median), number(spread.p99), number(spread.max))
 
 
 def show_live(out: Console, metrics: LiveMetrics) -> None:
@@ -233,25 +200,10 @@ def show_live(out: Console, metrics: LiveMetrics) -> None:
     pose = unit(metrics.pose_error_mm, "mm", 3)
     table.add_row("pose error ‖p₂ − p_d‖ (simulation's truth)", pose)
     if metrics.loop is not None:
-        _add_loop(table, metrics.loop)
+        add_loop(table, metrics.loop)
     if metrics.not_recorded:
         table.add_row("not recorded", metrics.not_recorded)
     if metrics.not_written:
         table.add_row("not written", metrics.not_written)
     out.print(table)
     out.print(f"files in {metrics.folder}", soft_wrap=True)
-
-
-def _add_loop(table: Table, loop: LoopMetrics) -> None:
-    missed = f"{loop.missed} of {loop.ticks} ticks missed"
-    table.add_row("loop", f"{unit(loop.rate_hz, 'Hz', 3)}, {missed}")
-    late = _words(loop.lateness_ms, 2)
-    table.add_row("lateness of ticks", f"{late}; {loop.collections} garbage collections")
-    table.add_row("latency, exposure to command", _words(loop.latency_ms, 1))
-    for sentence in loop.refused:
-        table.add_row("refused", sentence)
-
-
-def _words(spread: SpreadMetrics, digits: int) -> str:
-    parts = ("median", spread.median), ("p99", spread.p99), ("max", spread.max)
-    return ", ".join(f"{name} {unit(value, 'ms', digits)}" for name, value in parts)

@@ -9,14 +9,14 @@ import tyro
 from rich.live import Live
 from rich.text import Text
 
-from rcmservo.app.folders import new_folder
+from rcmservo.app.folders import new_folder, require_new
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.preparing import compiling, simulator
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.simulated_run.told import Story, show_run
 from rcmservo.app.terminal import console
 from rcmservo.config.rig_file import Lab, load_lab, told_with
-from rcmservo.errors import UnusableFile, require
+from rcmservo.errors import require
 
 if TYPE_CHECKING:
     from rcmservo.app.simulated_run.job import Job
@@ -94,14 +94,7 @@ def _check(options: RunOptions) -> None:
     require(good, "--duration", options.duration, "more than 1 and at most 3600 s")
     good = 0 <= options.resumes <= 1000
     require(good, "--resumes", options.resumes, "a whole number from 0 to 1000")
-    if options.save_target is None:
-        return
-    shown = options.target is None
-    right = "left out with --target: no target is shown then"
-    require(shown, "--save-target", options.save_target, right)
-    if options.save_target.exists():
-        why = "is there already, and nothing is overwritten: name a new file"
-        raise UnusableFile(options.save_target, why)
+    require_new(options.target, options.save_target)
 
 
 def _job(options: RunOptions, lab: Lab, folder: Path) -> "Job":

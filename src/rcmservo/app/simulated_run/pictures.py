@@ -1,19 +1,16 @@
-"""The pictures of a simulated run: the overlay video as it goes, and the figures of its record."""
+"""The pictures of a simulated run: the overlay video as it goes."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
 
 import numpy as np
 
 from rcmservo.app.simulated_run.job import Job
-from rcmservo.figures import charts, plots
 from rcmservo.figures.overlay import draw
 from rcmservo.figures.video import Video
 from rcmservo.interfaces import Frame, Image
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.tick import Tick
-from rcmservo.record.reader import Record
 from rcmservo.record.writer import Recorder
 from rcmservo.sim import RigSettings
 
@@ -57,10 +54,3 @@ def _overlay(image: Image, tick: Tick) -> Image:
         words += f"  ds {s:+.2f} deg  dr {r:+.2f} px  dd {d:+.2f} px"
     target = np.full((2, 2), np.nan) if state.target is None else state.target.points
     return draw(image, tick.seen.points, state.o_c, target, words)
-
-
-def draw_figures(record: Record, folder: Path) -> None:
-    """The figures of a run's record, where it came to hold anything to draw."""
-    if np.isfinite(record.ticks["delta"]).any():
-        charts.save(plots.errors(record), folder / "errors.png")
-        charts.save(plots.estimate(record), folder / "estimate.png")

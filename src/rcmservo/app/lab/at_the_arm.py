@@ -1,0 +1,164 @@
+"""What a person at the arm is asked before its drive goes on, in the process that will move it.
+
+Where the arm stands, if it does not know; the target, shown by hand or read from a file; and at
+last, for a word, leave to move. Nothing here moves anything.
+"""
+
+import json
+import time
+from collections.abc import Generator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from rcmservo.config import target_file
+from rcmservo.config.rig_file import Lab
+from rcmservo.config.target_file import Setup
+from rcmservo.errors import BadInput, require
+from rcmservo.interfaces import Floats, Target
+from rcmservo.live.lab import LabArm, NotReady, Stopped
+from rcmservo.live.servo_process import HeartbeatPlant
+from rcmservo.live.terminal_person import Terminal
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.teach import NotShown, teach
+
+WORD = "enable"
+AT_HAND = 1_000_000_000
+"""ns after it was typed for which the word counts."""
+
+UNITS = "rad", "rad", "mm"
+
+
+@dataclass(frozen=True)
+class Preparing:
+    """What is to be done with a person's help; it passes to the servo's process."""
+
+    lab: Lab
+    """The laboratory with its devices."""
+    intent: str
+    """What is going to happen once the drive is on, in words."""
+    target: Path | None = None
+    """The file that holds the target; None where it is shown by hand."""
+    save_target: Path | None = None
+    """A new file to keep the target in that is shown; None where it is not kept."""
+
+
+def target_at_the_arm(preparing: Preparing, plant: Plant) -> Target:
+    """Where the arm stands, and the target. At the end the tool is at its start."""
+    setup, given = setup_of(preparing.lab, plant), preparing.target
+    target = None if given is None else target_file.load(given, setup)
+    with _person(plant) as person:
+        if not arm_of(plant).homed():
+            define(person, plant, preparing.lab)
+        if target is None:
+            target = shown(person, plant)
+            if preparing.save_target is not None:
+                target_file.save(preparing.save_target, target, setup)
+                person.tell(f"The target is kept in {preparing.save_target}.")
+        else:
+            words = "It holds only if the camera stands where it stood when it was shown."
+            person.tell(f"The target is that of {given}. {words}")
+        enter(person, "The drive is off. Bring the tool to its start by hand, then press Enter:")
+    return target
+
+
+def leave_to_move(preparing: Preparing, plant: Plant) -> None:
+    """Ask for the word that lets the drive go on: it counts while it is fresh."""
+    with _person(plant) as person:
+        q = words_of(plant.arm.measure().q, preparing.lab)
+        person.tell(f"The arm stands at {q}. {preparing.intent}")
+        while True:
+            answer = person.ask(f"Type {WORD} to switch the drive on; anything else ends this:")
+            if answer != WORD:
+                raise Stopped(f"nothing was switched on: the answer was not {WORD}")
+            if time.monotonic_ns() - person.typed <= AT_HAND:
+                return
+            person.tell("That was typed a while ago, and nothing was switched on.")
+
+
+def setup_of(lab: Lab, plant: Plant) -> Setup:
+    """What a target is bound to: the camera by all that the rig file says of it."""
+    frame = plant.frame
+    image = None if frame is None else frame.image
+    assert image is not None
+    height, width = image.shape[:2]
+    name = json.dumps(lab.devices["camera"], sort_keys=True)
+    slack = lab.thresholds.slack
+    return Setup(name, width, height, lab.mechanism, lab.tool, lab.markers, slack=slack)
+
+
+def define(person: Terminal, plant: Plant, lab: Lab) -> None:
+    """A person says where the arm stands, until the arm says so too and the person agrees."""
+    arm = arm_of(plant)
+    person.tell(
+        "The arm does not know where it stands: nobody has said so since its controller was reset. "
+        "The drive is off. Bring the arm by hand to a mark whose joints are known."
+    )
+    while True:
+        answer = person.ask("The joints at the mark in rad, rad and mm, such as 0.1 -0.2 100:")
+        try:
+            q = joints(answer, lab)
+        except BadInput as error:
+            person.tell(f"{error}.")
+            continue
+        arm.define(q)
+        told = arm.measure().q
+        if not (np.abs(told - q) <= lab.thresholds.following).all():
+            raise NotReady(f"the arm was told that it stands elsewhere than {words_of(told, lab)}")
+        if not person.ask(f"It says that it stands at {words_of(told, lab)}. Enter if so:"):
+            return
+
+
+def joints(answer: str, lab: Lab) -> Floats:
+    """The joints (3,) that were typed, within their limits."""
+    try:
+        typed = np.array([float(part) for part in answer.replace(",", " ").split()])
+    except ValueError:
+        typed = np.empty(0)
+    require(typed.shape == (3,), "the joints", answer, "three numbers (rad, rad, mm)")
+    lower, upper = lab.mechanism.limits.arrays
+    inside = bool(((lower <= typed) & (typed <= upper)).all())
+    limits = f"within {words_of(lower, lab)} and {words_of(upper, lab)}"
+    require(inside, "the joints", answer, limits)
+    return typed
+
+
+def shown(person: Terminal, plant: Plant) -> Target:
+    """What the camera sees when a person says that the tool is at the target."""
+    question = "The drive is off. Bring the tool to the target by hand, then press Enter:"
+    while True:
+        enter(person, question)
+        try:
+            target = teach(plant)
+        except NotShown as error:
+            person.tell(f"{error}.")
+        else:
+            person.tell("The target is taught.")
+            return target
+
+
+def enter(person: Terminal, question: str) -> None:
+    """Wait for Enter and nothing else."""
+    while person.ask(question):
+        person.tell("Only Enter goes on; Ctrl-C ends this.")
+
+
+def words_of(q: Floats, lab: Lab) -> str:
+    """Joints (3,) in words, with their names and units."""
+    parts = zip(lab.mechanism.joint_names, q.tolist(), UNITS, strict=True)
+    return ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in parts)
+
+
+def arm_of(plant: Plant) -> LabArm:
+    """The plant's arm, which is one of a laboratory."""
+    return cast(Any, plant.arm)
+
+
+@contextmanager
+def _person(plant: Plant) -> Generator[Terminal]:
+    assert isinstance(plant, HeartbeatPlant)
+    with closing(Terminal(plant.told_to_end)) as person:
+        yield person

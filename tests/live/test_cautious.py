@@ -1,0 +1,42 @@
+"""A tenth of the speed: no command exceeds it, and the run still ends where it should."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from conftest import first_quick, laboratory
+from rcmservo.guard.gate import Gate
+from rcmservo.live.cautious import SHARE, cautious
+from rcmservo.loop.run import run
+from rcmservo.method.controller import SaturatedController
+from rcmservo.method.exploration import Exploration
+from rcmservo.record.verdict import Judge
+
+
+@pytest.mark.parametrize("seed", first_quick([1, 2, 3, 4]))
+def test_a_cautious_run_explores_and_settles_and_no_command_exceeds_its_speed(seed: int) -> None:
+    lab = laboratory(seed)
+    full = lab.servo()
+    servo = cautious(full)
+    judge, fastest = Judge(servo, lab.target), np.zeros(3)
+    for tick in run(lab.plant, servo, lab.target, 40.0):
+        judge.add(tick)
+        fastest = np.maximum(fastest, np.abs(tick.state.command.rates))
+    outcome = judge.outcome()
+    assert outcome.settled, outcome.cause
+    assert (fastest <= SHARE * np.array(full.gate.speed)).all()
+    assert fastest.max() > 0.0
+
+
+def test_all_that_bounds_the_speed_is_scaled_and_the_rest_stays() -> None:
+    own = laboratory().servo(
+        gate=Gate(speed=(2.0, 1.0, 50.0)),
+        controller=SaturatedController(max_speed=30.0, gain=3.0),
+        exploration=Exploration(max_time=8.0, reach=5.0),
+    )
+    servo = cautious(own, 0.25)
+    assert servo.gate == replace(own.gate, speed=(0.5, 0.25, 12.5))
+    assert servo.controller == replace(own.controller, max_speed=7.5)
+    assert servo.exploration == replace(own.exploration, max_time=32.0)
+    assert servo.thresholds == own.thresholds
