@@ -1,5 +1,6 @@
 """The arms and cameras that a rig file can name, and how each is opened."""
 
+from rcmservo.bringup.wiring import Wiring
 from rcmservo.config.rig_file import Lab
 from rcmservo.hardware.cameras.aravis import aravis_camera
 from rcmservo.hardware.cameras.opencv import opencv_camera
@@ -20,6 +21,15 @@ def open_arm(lab: Lab) -> LabArm:
     match lab.device("arm", ARMS):
         case GalilSettings() as settings:
             return GalilArm(settings, lab.mechanism.limits)
+        case other:
+            raise NotImplementedError(type(other).__name__)
+
+
+def wiring_of(lab: Lab) -> Wiring:
+    """What the rig file says of its arm's motors."""
+    match lab.device("arm", ARMS):
+        case GalilSettings() as settings:
+            return Wiring(settings.counts, axes=settings.axes)
         case other:
             raise NotImplementedError(type(other).__name__)
 

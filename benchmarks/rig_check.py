@@ -1,0 +1,52 @@
+"""Bar 8: `rig check` on simulated laboratories whose rig files hold one mistake each.
+
+Each mistake must be named, or one of the set that picture and encoders cannot tell apart after the
+person was asked, and marker 2 must not have gone 2 mm by then. Exit code 1 where one is missed.
+"""
+
+import argparse
+import sys
+import time
+
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+from rig_check_lab import MISTAKES, WrongLab
+
+FAR = 2.0
+"""mm."""
+
+
+def main() -> int:
+    """Check every mistake with every seed, and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=3)
+    seeds = parser.parse_args().seeds
+    named = dict.fromkeys(MISTAKES, 0)
+    farthest = dict.fromkeys(MISTAKES, 0.0)
+    asked = dict.fromkeys(MISTAKES, 0)
+    began, out = time.monotonic(), Console()
+    cases = [(name, seed) for seed in range(seeds) for name in MISTAKES]
+    for name, seed in track(cases, "checking", console=out):
+        lab = WrongLab(MISTAKES[name], seed)
+        report = lab.check()
+        where = MISTAKES[name].where
+        right = where in [one.where for one in report.findings] if where else report.ok
+        near = lab.arm.farthest < FAR
+        named[name] += right and near
+        farthest[name] = max(farthest[name], lab.arm.farthest)
+        asked[name] = max(asked[name], len(lab.person.asked))
+        if not (right and near):
+            out.print(f"{name}, seed {seed}: {report.findings}, {lab.arm.farthest:.2f} mm")
+    table = Table("mistake", "named", "marker 2 went at most", "questions at most")
+    for name in MISTAKES:
+        far = f"{farthest[name]:.2f} mm"
+        table.add_row(name, f"{named[name]} of {seeds}", far, str(asked[name]))
+    out.print(table)
+    whole = f"{sum(named.values())} of {len(cases)}"
+    out.print(f"{whole} in {time.monotonic() - began:.0f} s, to {max(farthest.values()):.2f} mm")
+    return 0 if sum(named.values()) == len(cases) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,216 @@
+"""A simulated laboratory whose rig file is wrong, and a person beside it who sees what is true.
+
+benchmarks/rig_check.py checks many; tests ask a part.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rcmservo.bringup.check import CheckReport, check
+from rcmservo.bringup.motion import Mover
+from rcmservo.bringup.wiring import Robot, Wiring
+from rcmservo.guard.gate import Gate
+from rcmservo.guard.thresholds import Thresholds
+from rcmservo.interfaces import Command, Floats, Frame, Measured
+from rcmservo.live.lab import CameraAccount, Stopped
+from rcmservo.method.kinematics import Kinematics, PitchYawRcm, SphericalRcm
+from rcmservo.method.tool import RigidTool
+from rcmservo.sim import Rig, RigSettings
+from rcmservo.tracking import PointMarkers
+
+COUNTS = 50000.0, 50000.0, 500.0
+"""True ones, of a rad, rad and mm."""
+AXES = "ABC"
+"""The letters of the true joints' motors."""
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """What is wrong, in the rig file or before the camera."""
+
+    where: str = ""
+    """The setting that is to be named; empty where nothing is wrong."""
+    factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Of the counts."""
+    axes: str = AXES
+    """The letters in the file."""
+    mirrored: bool = False
+    """Whether the picture is mirrored."""
+    zero: float = 0.0
+    """mm by which the file's insertion zero is too large."""
+    spacing: float = 1.0
+    """Factor of the markers' distance in the file."""
+
+
+class MiswiredArm:
+    """A simulated arm on encoders and motors that a rig file describes."""
+
+    def __init__(self, rig: Rig, counts: Floats, axes: str) -> None:
+        self.rig, self.counts, self.why_off = rig, counts, ""
+        self.axes = [AXES.index(letter) for letter in axes]
+        self.mark = rig.truth.arm.q_true.copy()
+        self.start = self._second()
+        self.farthest, self.past, self.known = 0.0, [], True
+        self.commands: list[Command] = []
+        self.enabled = 0
+        self.closed = False
+
+    @property
+    def q_true(self) -> Floats:
+        return self.rig.truth.arm.q_true
+
+    def _second(self) -> Floats:
+        return self.rig.body.points(self.q_true)[1]
+
+    def homed(self) -> bool:
+        return self.known
+
+    def define(self, q: Floats) -> None:
+        self.mark, self.known = q, True
+
+    def close(self) -> None:
+        self.closed = True
+
+    def enable(self) -> None:
+        self.enabled += 1
+        self.rig.arm.enable()
+
+    def measure(self) -> Measured:
+        told = self.rig.arm.measure()
+        moved = np.round((self.q_true - self.mark) * np.array(COUNTS))
+        return Measured(told.time, self.mark + moved[self.axes] / self.counts, told.enabled)
+
+    def apply(self, command: Command) -> Floats:
+        self.commands.append(command)
+        self.past.append(self.q_true.copy())
+        self.farthest = max(self.farthest, float(np.linalg.norm(self._second() - self.start)))
+        rates = np.zeros(3)
+        rates[self.axes] = command.rates * self.counts / np.array(COUNTS)[self.axes]
+        taken = self.rig.arm.apply(replace(command, rates=rates))
+        return taken[self.axes] * np.array(COUNTS)[self.axes] / self.counts
+
+
+class LabEye:
+    """A simulated camera as a laboratory has it."""
+
+    def __init__(self, rig: Rig, mirrored: bool, change: Callable[[Frame], Frame | None]) -> None:
+        self.rig, self.mirrored, self.change = rig, mirrored, change
+        self._seen: Frame | None = None
+        self._given: Frame | None = None
+
+    def latest(self) -> Frame | None:
+        frame = self.rig.camera.latest()
+        if frame is not self._seen and frame is not None:
+            self._seen = frame
+            if self.mirrored:
+                assert frame.points is not None
+                frame = replace(frame, points=frame.points * [-1.0, 1.0] + [639.0, 0.0])
+            self._given = self.change(frame) or self._given
+        return self._given
+
+    def account(self) -> CameraAccount:
+        return CameraAccount()
+
+    def close(self) -> None:
+        pass
+
+
+@dataclass
+class Onlooker:
+    """A person who says yes, and tells what the tool did truly."""
+
+    arm: MiswiredArm
+    """Which the person watches."""
+    spacing: float
+    """mm between the markers, by the ruler."""
+    instead: Callable[[str], str | None] = lambda question: None
+    """What is answered to a question otherwise, if anything."""
+    asked: list[str] = field(default_factory=list)
+    """All questions."""
+    told: list[str] = field(default_factory=list)
+    """All that was said."""
+
+    def tell(self, words: str) -> None:
+        self.told.append(words)
+        if words.startswith("Watch"):
+            self.arm.past.clear()
+
+    def ask(self, question: str) -> str:
+        self.asked.append(question)
+        other = self.instead(question)
+        if other is not None:
+            if other == "stop":
+                raise Stopped("ended by the person")
+            return other
+        if "which way" in question:
+            return self._seen()
+        if "By the ruler" in question:
+            return f"{self.spacing:.1f}"
+        if "May the drive" in question:
+            return "enable"
+        if "Where does it stand" in question:
+            q = self.arm.q_true
+            return f"{np.degrees(q[0])} {np.degrees(q[1])} {q[2]}"
+        assert question.startswith("Move joint"), question
+        return "yes"
+
+    def _seen(self) -> str:
+        """What the tool did when it went away from where it was."""
+        mechanism = self.arm.rig.settings.mechanism
+        robot = Robot(mechanism, self.arm.rig.settings.tool, Wiring(COUNTS))
+        moved = np.array(self.arm.past) - self.arm.past[0]
+        mm = moved / [robot.way(self.arm.past[0], joint) for joint in range(3)]
+        row, joint = np.unravel_index(np.argmax(np.abs(mm)), mm.shape)
+        spherical = mechanism.name == "spherical"
+        up = ("away", "clockwise", "in") if spherical else ("right", "down", "in")
+        down = ("towards", "anticlockwise", "out") if spherical else ("left", "up", "out")
+        return (up if mm[row, joint] > 0.0 else down)[joint]
+
+
+class WrongLab:
+    """All of it."""
+
+    def __init__(
+        self,
+        mistake: Mistake,
+        seed: int = 0,
+        mechanism: Kinematics | None = None,
+        settings: RigSettings | None = None,
+        change: Callable[[Frame], Frame | None] = lambda frame: frame,
+    ) -> None:
+        mechanism = mechanism or (SphericalRcm() if seed % 2 == 0 else PitchYawRcm())
+        self.rig = Rig(seed, settings or RigSettings(mechanism=mechanism), pictures=False)
+        file = replace(mechanism, insertion_zero=mechanism.insertion_zero + mistake.zero)
+        counts = np.array(COUNTS) * np.array(mistake.factors)
+        wiring = Wiring(tuple(counts.tolist()), axes=mistake.axes)
+        self.robot = Robot(file, RigidTool(spacing=30.0 * mistake.spacing), wiring)
+        self.arm = MiswiredArm(self.rig, counts, mistake.axes)
+        self.person = Onlooker(self.arm, 30.0)
+        self.gate = Gate()
+        eye = LabEye(self.rig, mistake.mirrored, change)
+        self.mover = Mover(self.arm, eye, PointMarkers(), self.rig.clock, self.robot, self.gate)
+        self.latency = 0.022
+        self.thresholds = Thresholds()
+
+    def check(self) -> CheckReport:
+        return check(self.mover, self.person, self.robot, self.thresholds, self.latency)
+
+
+MISTAKES = {
+    "nothing": Mistake(),
+    "joint 1 reversed": Mistake("arm.counts[0]", factors=(-1.0, 1.0, 1.0)),
+    "joint 2 reversed": Mistake("arm.counts[1]", factors=(1.0, -1.0, 1.0)),
+    "joint 3 reversed": Mistake("arm.counts[2]", factors=(1.0, 1.0, -1.0)),
+    "both angles reversed": Mistake("arm.counts[0]", factors=(-1.0, -1.0, 1.0)),
+    "axes 1 and 2 swapped": Mistake("arm.axes", axes="BAC"),
+    "axes 2 and 3 swapped": Mistake("arm.axes", axes="ACB"),
+    "counts of 1 doubled": Mistake("arm.counts[0]", factors=(2.0, 1.0, 1.0)),
+    "counts of 2 in inches": Mistake("arm.counts[1]", factors=(1.0, 25.4, 1.0)),
+    "counts of 3 in inches": Mistake("arm.counts[2]", factors=(1.0, 1.0, 25.4)),
+    "counts of 3 halved": Mistake("arm.counts[2]", factors=(1.0, 1.0, 0.5)),
+    "picture mirrored": Mistake("camera", mirrored=True),
+    "insertion zero": Mistake("mechanism.insertion_zero", zero=20.0),
+    "spacing": Mistake("tool.spacing", spacing=1.25),
+}

@@ -1,0 +1,56 @@
+"""Questions to the person at the arm, asked again until the answer can be one."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from rcmservo.live.lab import Person, Stopped
+
+Answer = TypeVar("Answer")
+
+TIMES = 5
+"""So often a question is asked before it ends."""
+
+
+def one_of(person: Person, question: str, words: Sequence[str]) -> str:
+    """The one of these words that the person answers."""
+    choice = " / ".join(words)
+
+    def read(answer: str) -> str | None:
+        return answer.lower() if answer.lower() in words else None
+
+    return _understood(person, f"{question} ({choice})", read, f"one of these: {choice}")
+
+
+def agreed(person: Person, question: str) -> None:
+    """The person says yes; :class:`Stopped` otherwise."""
+    if one_of(person, question, ("yes", "no")) == "no":
+        raise Stopped(f"the answer was no to: {question}")
+
+
+def numbers(
+    person: Person, question: str, count: int, right: Callable[[float], bool]
+) -> list[float]:
+    """So many numbers, with spaces or commas between them, all of them right."""
+
+    def read(answer: str) -> list[float] | None:
+        try:
+            values = [float(part) for part in answer.replace(",", " ").split()]
+        except ValueError:
+            return None
+        good = len(values) == count and all(math.isfinite(v) and right(v) for v in values)
+        return values if good else None
+
+    wanted = "a number" if count == 1 else f"{count} numbers with spaces between them"
+    return _understood(person, question, read, wanted)
+
+
+def _understood(
+    person: Person, question: str, read: Callable[[str], Answer | None], right: str
+) -> Answer:
+    for _ in range(TIMES):
+        answer = read(person.ask(question))
+        if answer is not None:
+            return answer
+        person.tell(f"Please answer with {right}.")
+    raise Stopped(f"no answer was understood to: {question}")

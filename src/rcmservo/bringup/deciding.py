@@ -1,0 +1,185 @@
+"""What only a person can tell, asked; and what is then wrong with the rig file.
+
+Picture and encoders do not tell a mirrored picture from one angle that runs the other way, nor both
+angles reversed from a camera turned about the tool, nor markers further apart from an insertion
+that counts otherwise. Which way the tool went, and a ruler, do.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from rcmservo.bringup.asking import numbers, one_of
+from rcmservo.bringup.guesses import (
+    COUNTS,
+    SPACING,
+    ZERO,
+    Guess,
+    Weighed,
+    members,
+    stretched,
+)
+from rcmservo.bringup.wiring import Finding, Robot
+from rcmservo.interfaces import Floats
+from rcmservo.live.lab import Person
+from rcmservo.method.kinematics import SPHERICAL
+from rcmservo.method.tool import RIGID, stretch
+
+LOOKING = {
+    True: "look from the point where the tool goes in, along the line theta = 0",
+    False: "look from the point where the tool goes in along the tool at q = 0, the yaw axis up",
+}
+"""From where a person looks: a spherical mechanism's words, or those of yaw and pitch."""
+
+WAYS = {
+    True: (("away", "towards"), ("clockwise", "anticlockwise"), ("in", "out")),
+    False: (("right", "left"), ("down", "up"), ("in", "out")),
+}
+"""What the tool does when joint 1, 2 or 3 rises, or falls."""
+
+MEANING = {
+    True: "away from that line or towards it, about it clockwise or anticlockwise, or further in "
+    "or out",
+    False: "right or left, up or down, or further in or out",
+}
+
+AGAIN = "again"
+
+Show = Callable[[int], None]
+"""Moves a joint up, and back again, so that a person sees it."""
+
+
+def words(robot: Robot, joint: int, way: int) -> str:
+    """What a person calls it when a joint rises (1) or falls (-1)."""
+    return WAYS[robot.mechanism.kind == SPHERICAL][joint][0 if way > 0 else 1]
+
+
+def decided(
+    kinds: Sequence[Weighed], robot: Robot, q: Floats, person: Person, show: Show
+) -> list[Guess]:
+    """The guesses that are left of these kinds after a person was asked; several only where the
+    answers do not tell either."""
+    left = [member for kind in kinds for member in members(kind)]
+    for joint in (0, 1, 2):
+        if len({one.moves(joint) for one in left}) > 1:
+            left = _by_its_way(left, robot, joint, person, show)
+    if len({_spacing(one, robot, q) for one in left}) > 1:
+        left = _by_ruler(left, robot, q, person)
+    return left
+
+
+def _by_its_way(
+    left: list[Guess], robot: Robot, joint: int, person: Person, show: Show
+) -> list[Guess]:
+    """Those for which the tool goes where the person saw it go."""
+    spherical = robot.mechanism.kind == SPHERICAL
+    name = f"joint {joint + 1} ({robot.mechanism.joint_names[joint]})"
+    choice = [word for pair in WAYS[spherical] for word in pair]
+    asked = f"{LOOKING[spherical]}: which way did the tool go first, {MEANING[spherical]}?"
+    while True:
+        person.tell(f"Watch the tool: {name} goes one way, waits, and comes back.")
+        show(joint)
+        answer = one_of(person, f"For {name}, {asked}", (*choice, AGAIN))
+        kept = [one for one in left if words(robot, *one.moves(joint)) == answer]
+        if kept:
+            return kept
+        if answer != AGAIN:
+            could = " or ".join(sorted({words(robot, *one.moves(joint)) for one in left}))
+            person.tell(f"By the picture it can only have been {could}. It is shown again.")
+
+
+def _by_ruler(left: list[Guess], robot: Robot, q: Floats, person: Person) -> list[Guess]:
+    """Those whose markers are as far apart as a ruler says."""
+    question = "By the ruler: how far apart are the middles of the two markers, in mm?"
+    measured = numbers(person, question, 1, lambda mm: 0.5 <= mm <= 2000.0)[0]
+    off = [abs(np.log(_spacing(one, robot, q) / measured)) for one in left]
+    return [one for one, by in zip(left, off, strict=True) if by <= min(off) + 1e-9]
+
+
+def _spacing(guess: Guess, robot: Robot, q: Floats) -> float:
+    """mm between the markers if a guess is true."""
+    shaft = robot.tool.shaft
+    if guess.wrong == SPACING:
+        shaft = stretched(shaft, guess.size)
+    p1 = robot.first(q)
+    return float(round((stretch(shaft, p1) - 1.0) * np.linalg.norm(p1), 6))
+
+
+def findings(guess: Guess, within: float, robot: Robot, q: Floats) -> list[Finding]:
+    """What a guess says is wrong with the rig file, and the lines that make it right."""
+    found = [*_order(guess, robot), *_counts(guess, within, robot)]
+    if guess.wrong == ZERO:
+        found.append(_zero(guess, within, robot))
+    if guess.wrong == SPACING:
+        found.append(_apart(guess, within, robot, q))
+    if guess.mirrored:
+        found.append(
+            Finding(
+                "the picture is mirrored",
+                "camera",
+                "left and right change places",
+                "as the eye sees it: switch mirroring off at the camera, or in what sends it",
+            )
+        )
+    return found
+
+
+def _order(guess: Guess, robot: Robot) -> list[Finding]:
+    if guess.order == (0, 1, 2):
+        return []
+    wiring = robot.wiring
+    changed = [j + 1 for j in range(3) if guess.order[j] != j]
+    found = "; ".join(f"joint {guess.order[j - 1] + 1} moves joint {j}" for j in changed)
+    letters = wiring.reordered(guess.order) if wiring.axes else ""
+    line = f'axes = "{letters}"' if letters else ""
+    expected = letters or "each joint moved by its own"
+    return [Finding("axes change places", "arm.axes", found, expected, line)]
+
+
+def _counts(guess: Guess, within: float, robot: Robot) -> list[Finding]:
+    wiring, factors = robot.wiring, guess.factors()
+    found: list[Finding] = []
+    for joint, factor in enumerate(factors):
+        if factor == 1.0:
+            continue
+        value = wiring.counts[joint]
+        ways: list[str] = []
+        if factor < 0.0:
+            ways.append("it runs the other way")
+        if guess.wrong == COUNTS and guess.joint == joint:
+            ways.append(f"it moves {np.exp(guess.size):.4g} times as far, to {100 * within:.1g} %")
+        found.append(
+            Finding(
+                f"joint {joint + 1} is not as its counts say: {' and '.join(ways)}",
+                f"arm.{wiring.key}[{joint}]",
+                f"{value:g}",
+                f"{value * factor:.6g}",
+                wiring.line(factors),
+            )
+        )
+    return found
+
+
+def _zero(guess: Guess, within: float, robot: Robot) -> Finding:
+    zero = robot.mechanism.insertion_zero
+    right = zero + guess.size
+    return Finding(
+        "the insertion's zero is elsewhere",
+        "mechanism.insertion_zero",
+        f"{zero:g} mm",
+        f"{right:.1f} mm, to {within:.1f} mm",
+        f"insertion_zero = {right:.1f}",
+    )
+
+
+def _apart(guess: Guess, within: float, robot: Robot, q: Floats) -> Finding:
+    tool = robot.tool
+    right = stretched(tool.shaft, guess.size).value
+    key, unit = ("spacing", " mm") if tool.kind == RIGID else ("scale", "")
+    return Finding(
+        "the markers are otherwise apart",
+        f"tool.{key}",
+        f"{tool.value:g}{unit}",
+        f"{right:.4g}{unit}, to {100 * within:.1g} %",
+        f"{key} = {right:.4g}",
+    )

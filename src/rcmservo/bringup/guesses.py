@@ -1,0 +1,206 @@
+"""What may be wrong with a rig file, and where the markers would be then.
+
+A guess says which axis drives which joint, which joints run the other way, whether the picture is
+mirrored, and which one number is wrong. From it follow the true joints, given those that the arm
+tells, about the place q₀ at which they are taken to be right:
+
+    qⱼ = q₀ⱼ + σⱼ fⱼ (cₖ/cⱼ) (q̃ₖ − q̃₀ₖ),    k the joint whose axis drives joint j
+
+with the counts c of the file, σ = −1 for a joint that runs the other way, and f = 1 but for wrong
+counts. First-order motion tells f, zero and spacing, by what a camera can see at all; of the signs
+it tells that of the insertion and how many of the others and of mirrors there are, even or odd.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from rcmservo.bringup.view import Fit, Views, fitted
+from rcmservo.bringup.wiring import Order, Robot
+from rcmservo.interfaces import Floats
+from rcmservo.method.kinematics import position
+from rcmservo.method.tool import RIGID, Shaft, second_marker
+
+ORDERS: tuple[Order, ...] = (
+    (0, 1, 2),
+    (0, 2, 1),
+    (1, 0, 2),
+    (1, 2, 0),
+    (2, 0, 1),
+    (2, 1, 0),
+)
+"""In which the axes may drive the joints."""
+
+RIGHT, COUNTS, ZERO, SPACING = "", "counts", "insertion_zero", "spacing"
+"""Which number is wrong."""
+
+FACTOR_WITHIN, ZERO_WITHIN = 2.0, 50.0
+"""How far it may be off: the logarithm of a factor, and mm."""
+
+USUAL = 2.0, 4.0, 10.0, 25.4, 180.0 / np.pi, 2.0 * np.pi, 1000.0
+"""Factors by which counts are wrong if they are: edges of an encoder, inches, degrees."""
+NEAR = 0.04
+"""How near to one a factor must come, in its logarithm,"""
+DEVIATIONS = 3.0
+"""or in standard deviations."""
+UNUSUAL = 12.0
+"""Squared standard deviations by which another factor is less likely."""
+
+CLOSE = 25.0
+"""Squared standard deviations within which two guesses explain a picture alike."""
+EXPLAINED = 4.0
+"""Of a number of the picture, on the average: what leaves over more explains nothing."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What may be wrong."""
+
+    order: Order = (0, 1, 2)
+    """The joints of the file whose axes drive joints 1, 2 and 3."""
+    reversed: tuple[bool, bool, bool] = (False, False, False)
+    """Which joints run the other way."""
+    mirrored: bool = False
+    """Whether the picture is mirrored."""
+    wrong: str = RIGHT
+    """RIGHT, or which number is wrong: COUNTS, ZERO or SPACING."""
+    joint: int = 0
+    """Whose counts are wrong."""
+    size: float = 0.0
+    """The logarithm of the factor that makes it right, or mm to add to the zero."""
+    everywhere: bool = False
+    """Whether wrong counts of the insertion count from its zero on, not from q₀ on."""
+
+    @property
+    def odd(self) -> bool:
+        """Whether mirror and reversed angles are odd in number: that, a picture can tell."""
+        return (self.mirrored + self.reversed[0] + self.reversed[1]) % 2 == 1
+
+    def moves(self, joint: int) -> tuple[int, int]:
+        """The joint that moves truly where the arm is told to move one up, and which way (±1)."""
+        true = self.order.index(joint)
+        return true, -1 if self.reversed[true] else 1
+
+    def factors(self) -> Floats:
+        """By what the counts (3,) of the file would have to be multiplied."""
+        factors = np.where(self.reversed, -1.0, 1.0)
+        if self.wrong == COUNTS:
+            factors[self.joint] /= np.exp(self.size)
+        return factors
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A guess, fitted to what was seen."""
+
+    guess: Guess
+    """With the size that fits best."""
+    within: float
+    """The standard deviation of that size."""
+    misfit: float
+    """What is left over, squared standard deviations."""
+
+    def close(self, best: "Weighed") -> bool:
+        """Whether it explains what was seen about as well as the best one."""
+        return self.misfit < best.misfit + CLOSE
+
+
+def places(guess: Guess, robot: Robot, q: Floats, start: Floats, size: float) -> Floats:
+    """Where the markers (n, 2, 3) mm are, the arm telling q (n, 3)."""
+    c, order = np.abs(robot.wiring.counts), list(guess.order)
+    moved = (q - start)[:, order] * c[order] / c * np.where(guess.reversed, -1.0, 1.0)
+    if guess.wrong == COUNTS:
+        moved[:, guess.joint] *= np.exp(size)
+    rcm, shaft = robot.mechanism.rcm(robot.tool.offset), robot.tool.shaft
+    if guess.wrong == ZERO:
+        rcm = rcm._replace(zero=rcm.zero + size)
+    if guess.wrong == SPACING:
+        shaft = stretched(shaft, size)
+    first = [position(rcm, joints) for joints in start + moved]
+    return np.array([[p, second_marker(shaft, p)] for p in first])
+
+
+def stretched(shaft: Shaft, size: float) -> Shaft:
+    """The tool with its markers further apart by the factor exp(size)."""
+    if shaft.kind == RIGID:
+        return Shaft(shaft.kind, shaft.value * float(np.exp(size)))
+    return Shaft(shaft.kind, 1.0 + (shaft.value - 1.0) * float(np.exp(size)))
+
+
+def kinds() -> Iterator[Guess]:
+    """One guess of each kind that a picture can tell apart."""
+    signs = [(False, False, back) for back in (False, True)]
+    for back, mirrored in product(signs, (False, True)):
+        for order in ORDERS:
+            yield Guess(order=order, reversed=back, mirrored=mirrored)
+        for joint in range(3):
+            yield Guess(reversed=back, mirrored=mirrored, wrong=COUNTS, joint=joint)
+        for wrong in (ZERO, SPACING):
+            yield Guess(reversed=back, mirrored=mirrored, wrong=wrong)
+
+
+def judged(guess: Guess, robot: Robot, seen: Views) -> Weighed:
+    """How well a guess explains what was seen, the first place being the start."""
+    start = seen.q[0]
+    within = {RIGHT: [], ZERO: [ZERO_WITHIN]}.get(guess.wrong, [FACTOR_WITHIN])
+
+    def at(free: Floats) -> Floats:
+        return places(guess, robot, seen.q, start, float(free[0]) if len(free) else 0.0)
+
+    fit = fitted(seen.mirrored() if guess.mirrored else seen, at, np.array(within))
+    return _sized(guess, fit)
+
+
+def _sized(guess: Guess, fit: Fit) -> Weighed:
+    if guess.wrong == RIGHT:
+        return Weighed(guess, 0.0, fit.misfit)
+    size, within = float(fit.free[0]), float(fit.within[0])
+    misfit = fit.misfit
+    if guess.wrong == COUNTS:
+        usual = usual_factor(size, within)
+        misfit += 0.0 if usual else UNUSUAL
+        size = usual or size
+    return Weighed(replace(guess, size=size), within, misfit)
+
+
+def usual_factor(size: float, within: float) -> float:
+    """The logarithm of the usual factor that one (its logarithm given) is near to, 0 if none."""
+    for factor in USUAL:
+        if abs(abs(size) - np.log(factor)) < max(NEAR, min(DEVIATIONS * within, 0.3)):
+            return float(np.copysign(np.log(factor), size))
+    return 0.0
+
+
+def judge_all(robot: Robot, seen: Views) -> list[Weighed]:
+    """All kinds of guesses, the best first."""
+    return sorted((judged(kind, robot, seen) for kind in kinds()), key=lambda one: one.misfit)
+
+
+def believed(all_: list[Weighed]) -> list[Weighed]:
+    """Those that explain what was seen about as well as the best one, which is the first.
+
+    One that needs no wrong number is believed before all that need one.
+    """
+    close = [one for one in all_ if one.close(all_[0])]
+    plain = [one for one in close if one.guess.wrong == RIGHT]
+    return plain or close
+
+
+def explains(one: Weighed, seen: Views) -> bool:
+    """Whether a guess leaves over no more than noise and a lens may."""
+    return one.misfit < EXPLAINED * seen.points.size
+
+
+def members(kind: Weighed) -> Iterator[Guess]:
+    """All guesses of which a picture cannot tell this one apart."""
+    guess = kind.guess
+    for one, other, mirrored in product((False, True), repeat=3):
+        back = (one, other, guess.reversed[2])
+        member = replace(guess, reversed=back, mirrored=mirrored)
+        if member.odd != guess.odd:
+            continue
+        yield member
+        if guess.wrong == SPACING:  # the whole world larger looks the same
+            yield replace(member, wrong=COUNTS, joint=2, size=-guess.size, everywhere=True)
