@@ -7,6 +7,7 @@ from typing import Any
 from rcmservo import __version__
 from rcmservo.app.export import ExportOptions, export
 from rcmservo.app.lab.emulate import EmulateOptions, emulate
+from rcmservo.app.lab.markers import MarkersOptions, markers
 from rcmservo.app.live import LiveOptions, live
 from rcmservo.app.own_options import with_own
 from rcmservo.app.paper import PaperOptions, paper
@@ -29,6 +30,7 @@ COMMANDS: dict[str, tuple[type[Any], Callable[[Any], int]]] = {
     "export": (ExportOptions, export),
     "paper": (PaperOptions, paper),
     "emulate": (EmulateOptions, emulate),
+    "markers": (MarkersOptions, markers),
 }
 """The options of every command by its name, and what it does."""
 
