@@ -1,5 +1,7 @@
 """The driver's side of the talk with a controller, against the emulated one, in simulated time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from galil_measures import HOME, LIMITS, RATES, SETTINGS, EmulatedWire, IdealMotors
@@ -160,6 +162,55 @@ def test_another_host_is_refused_while_one_has_the_arm_and_moves_nothing() -> No
     with pytest.raises(NotReady, match="another host has the arm"):
         rig.connected()
     assert rig.jog(RATES, 0.1).on
+
+
+def test_enabling_does_not_take_the_arm_from_a_host_that_has_it_by_now() -> None:
+    """Both were connected while it was free."""
+    rig = Rig()
+    other = rig.connected()
+    rig.started().jog(RATES, 0.1)
+    with pytest.raises(NotReady, match="another host has the arm"):
+        other.start()
+    assert rig.jog(RATES, 0.1).on and not rig.still
+
+
+def test_enabling_does_not_stop_axes_that_somebody_moves_without_a_program() -> None:
+    rig = Rig()
+    rig.session.define(HOME)
+    rig.talk().ask("SH B", "JG ,500", "BG B")
+    with pytest.raises(NotReady, match="the axes ABC move"):
+        rig.session.start()
+    assert rig.controller.state.axes[1].moving
+
+
+def test_who_has_it_may_enable_it_again_and_begins_at_rest() -> None:
+    rig = Rig().started()
+    rig.jog(RATES, 0.2)
+    rig.session.start()
+    assert rig.session.look().on and rig.jog(np.zeros(3), 0.1).on
+    assert not any(axis.speed for axis in rig.controller.state.axes)
+
+
+@pytest.mark.parametrize(
+    ("counts", "axes"),
+    [
+        ((50000.0, -50000.0, 500.5), "ABC"),
+        ((-50000.0, 50000.0, 500.0), "ABC"),
+        ((50000.0, -50000.0, 500.0), "BAC"),
+    ],
+)
+def test_whoever_edits_counts_or_axes_must_say_anew_where_the_arm_stands(
+    counts: tuple[float, float, float], axes: str
+) -> None:
+    rig = Rig()
+    rig.session.define(HOME)
+    assert rig.session.homed() and rig.connected().homed()
+    edited = rig.connected(replace(SETTINGS, counts=counts, axes=axes))
+    assert not edited.homed()
+    with pytest.raises(NotReady, match="counts and axes were changed"):
+        edited.start()
+    edited.define(HOME)
+    assert edited.homed() and not rig.session.homed()
 
 
 def test_axes_that_somebody_moves_are_left_alone() -> None:

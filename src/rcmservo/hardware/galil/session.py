@@ -26,7 +26,8 @@ from rcmservo.live.lab import NotReady
 from rcmservo.method.kinematics import JointLimits
 
 HOMED = "rcmhome"
-"""A variable in the controller's memory: it is gone after a reset."""
+"""A variable in the controller's memory: by which counts and axes somebody has said where the arm
+stands. It is gone after a reset."""
 
 LATEST = "rcmsess"
 """Another, the number of the newest session."""
@@ -79,36 +80,45 @@ class GalilSession:
             self._messages.ask("CF I")
         self._axes = self._know()
         names = self.settings.axes
-        if self._talk.number(f"_XQ{program.THREAD}") >= 0.0:
-            raise NotReady("another host has the arm: end it there, or its program with HX")
-        if any(self._talk.number(f"_BG{axis}") for axis in names):
-            raise NotReady(f"the axes {names} move: whoever moves them must stop them first")
+        self._require_free()
         self._talk.ask(f"MO {names}")
         self._configure(limits)
         self._talk.download(program.lines(names, round(1e3 * self.settings.patience)))
 
+    def _require_free(self) -> None:
+        """Leave the arm to whoever has it."""
+        names = self.settings.axes
+        if self._talk.number(f"_XQ{program.THREAD}") >= 0.0:
+            raise NotReady("another host has the arm: end it there, or its program with HX")
+        if any(self._talk.number(f"_BG{axis}") for axis in names):
+            raise NotReady(f"the axes {names} move: whoever moves them must stop them first")
+
     def homed(self) -> bool:
-        """Whether a person has said where the arm stands since the controller was reset."""
-        return self._known(HOMED) == 1.0
+        """Whether a person has said where the arm stands since the controller was reset, and by
+        these counts and axes: by others it stands elsewhere."""
+        return self._known(HOMED) == self.settings.scale_number
 
     def define(self, q: Floats) -> None:
         """A person says that the joints (3,) stand at q, at rest and with the drive off."""
         require(bool(np.isfinite(q).all()), "q", q.tolist(), "three numbers")
         counts = np.round(q * np.array(self.settings.counts)).astype(int).tolist()
         self._talk.ask(*self._each("DP", counts))
-        self._talk.ask(f"{HOMED}=1")
+        self._talk.ask(f"{HOMED}={self.settings.scale_number}")
 
     def start(self) -> None:
         """Servo at rest, and be watched over."""
         if not self.homed():
             raise NotReady(
-                "nobody has said where the arm stands since the controller was reset: bring it "
-                "to a mark and define its position"
+                "nobody has said where the arm stands since the controller was reset or its counts "
+                "and axes were changed: bring it to a mark and define its position"
             )
+        if self.watched:
+            self.switch_off()
+        self._require_free()
         names, talk = self.settings.axes, self._talk
         session = int(self._known(LATEST)) % SESSIONS + 1
         self._beat, self.why_off = session * BEATS, ""
-        talk.ask(f"HX {program.THREAD}", f"MO {names}", f"{LATEST}={session}", f"hb={self._beat}")
+        talk.ask(f"MO {names}", f"{LATEST}={session}", f"hb={self._beat}")
         talk.ask(*self._speeds(np.zeros(3)))
         talk.ask(f"SH {names}")
         self.watched, self._checked = True, talk.now()
