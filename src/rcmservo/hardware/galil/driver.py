@@ -23,6 +23,9 @@ from rcmservo.method.kinematics import JointLimits
 LOOK = 0.004
 """s between two data records where no command comes."""
 
+SERVOING = 115200
+"""bits/s of a serial port at least: some 350 bytes a command then take 30 ms."""
+
 
 class GalilArm:
     """An arm on a Galil controller, set up with its motors off; `close` it at the end."""
@@ -52,6 +55,11 @@ class GalilArm:
 
     def enable(self) -> None:
         """Switch the motors on, at rest, watched over by the controller."""
+        if self.settings.serial and self.settings.baud < SERVOING:
+            raise NotReady(
+                f"at {self.settings.baud} bits/s a command takes longer than the controller waits "
+                f"for the next: servo by network, or at {SERVOING} bits/s"
+            )
         with self._in_use():
             self._next = None
             self._session.start()
@@ -94,7 +102,7 @@ class GalilArm:
     def _connected(self) -> Conversation:
         s = self.settings
         stream: ByteStream = (
-            SerialStream(s.address, s.baud)
+            SerialStream(s.address, s.baud, s.answer_within)
             if s.serial
             else TcpStream(s.address, s.port, s.answer_within)
         )

@@ -10,12 +10,14 @@
 It waits for every answer. Source: command reference; docs/galil.md tells what was tried.
 """
 
+import contextlib
 from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.errors import require
+from rcmservo.errors import RcmServoError, require
 from rcmservo.errors import told as words
+from rcmservo.hardware.galil import amplifier
 from rcmservo.hardware.galil import data_record as record
 from rcmservo.hardware.galil import watchdog_program as program
 from rcmservo.hardware.galil.codes import ERRORS, STOPS
@@ -66,6 +68,9 @@ class GalilSession:
         self.settings = settings
         self.why_off = ""
         """Why the controller switched the motors off, in a sentence; empty where it did not."""
+        self.said = ""
+        """What the controller said last of its own accord; empty where nothing since it was
+        enabled."""
         self.watched = False
         """Whether the watchdog program is to run."""
         self._talk, self._messages = talk, messages
@@ -115,9 +120,12 @@ class GalilSession:
         if self.watched:
             self.switch_off()
         self._require_free()
+        wrong = self._amplifier_errors()
+        if wrong:
+            raise NotReady(f"the amplifiers are not ready: {', '.join(wrong)}")
         names, talk = self.settings.axes, self._talk
         session = int(self._known(LATEST)) % SESSIONS + 1
-        self._beat, self.why_off = session * BEATS, ""
+        self._beat, self.why_off, self.said = session * BEATS, "", ""
         talk.ask(f"MO {names}", f"{LATEST}={session}", f"hb={self._beat}")
         talk.ask(*self._speeds(np.zeros(3)))
         talk.ask(f"SH {names}")
@@ -125,8 +133,9 @@ class GalilSession:
         try:
             talk.ask(f"XQ #RCMWD,{program.THREAD}")
             self._await_begun()
-        except (Rejected, NotReady):
-            self.switch_off()
+        except RcmServoError:
+            with contextlib.suppress(RcmServoError):
+                self.switch_off()
             raise
 
     def _await_begun(self) -> None:
@@ -139,12 +148,18 @@ class GalilSession:
     def look(self, *commands: str) -> ArmReading:
         """Send some commands, and read how the arm is."""
         rows = self._talk.record(self._axes, *commands)
+        self._overhear()
         axes = rows.axes[self._places]
         q = axes["position"] / np.array(self.settings.counts)
         on = not (axes["status"] & record.OFF).any()
         told = ArmReading(q, bool(on), rows)
         self._watch(told)
         return told
+
+    def _overhear(self) -> None:
+        """Note what the controller says of its own accord; unread it would fill its buffers."""
+        if self._messages is not None:
+            self.said = [self.said, *self._messages.overheard()][-1]
 
     def exchange(self, rates: Floats) -> ArmReading:
         """Jog with these joint rates (3,), and read how the arm is.
@@ -240,6 +255,12 @@ class GalilSession:
                 self.why_off = "the watchdog program on the controller has ended"
 
     def _reason(self, told: ArmReading) -> str:
+        """Why the motors went off, or the axes do not begin, in a sentence."""
+        parts = [self._cause(told), *self._amplifier_errors()]
+        self._overhear()
+        return "; ".join([*parts, f"it said {words(self.said)}"] if self.said else parts)
+
+    def _cause(self, told: ArmReading) -> str:
         why = int(self._known("why"))
         if why in program.WHYS and why != program.RESTING:
             return program.WHYS[why]
@@ -252,3 +273,11 @@ class GalilSession:
         ]
         error = ERRORS.get(int(self._known("_TC")), "the motors went off")
         return "; ".join(stopped) or program.WHYS.get(why, error)
+
+    def _amplifier_errors(self) -> list[str]:
+        """What is wrong with the amplifiers of the axes, in words."""
+        try:
+            told = self._talk.numbers(amplifier.ASKED)
+        except Rejected:  # of a controller without amplifiers of its own
+            return []
+        return amplifier.errors(told, self.settings.axes)
