@@ -366,3 +366,23 @@ def test_what_the_controller_says_of_its_own_accord_is_read_and_told() -> None:
     rig.controller.stuck = None
     rig.session.start()
     assert not rig.session.said
+
+
+def test_joints_of_an_answer_that_is_held_up_bear_the_time_at_which_they_were_read() -> None:
+    rig = Rig().started()
+    rig.jog(RATES, 0.2)
+    wire, before = rig.wires[0], rig.now()
+    receive = wire.receive
+
+    def held_up(seconds: float) -> bytes:
+        told = receive(seconds)
+        rig.wait(0.015)
+        return told
+
+    wire.receive = held_up  # type: ignore[method-assign]
+    for _ in range(5):
+        told = rig.session.look()
+        sample = int(told.rows.general["sample"]) * SAMPLE
+        assert told.time == pytest.approx(sample, abs=2e-3)
+        assert before - 2e-3 < told.time <= rig.now() - 0.01
+        before = rig.now()

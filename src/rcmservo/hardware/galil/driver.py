@@ -8,7 +8,7 @@ stops. A connection that is lost is not made again by itself.
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 
 import numpy as np
 
@@ -36,12 +36,13 @@ class GalilArm:
         self._lock, self._wake, self._over = threading.Lock(), threading.Event(), False
         self._next: Command | None = None
         self._lost = ""
+        self._measured = Measured(0, np.zeros(3), False)
         try:
             talk = self._connected()
             messages = None if settings.serial else self._connected()
             self._session = GalilSession(talk, messages, settings)
             self._session.set_up(limits)
-            self._measured = self._told(self._session.look)
+            self._measured = self._told(self._session.look())
         except BaseException:
             self._hang_up()
             raise
@@ -63,13 +64,13 @@ class GalilArm:
         with self._in_use():
             self._next = None
             self._session.start()
-            self._measured = self._told(self._session.look)
+            self._measured = self._told(self._session.look())
 
     def define(self, q: Floats) -> None:
         """A person says that the joints (3,) stand at q, at rest and with the drive off."""
         with self._in_use():
             self._session.define(q)
-            self._measured = self._told(self._session.look)
+            self._measured = self._told(self._session.look())
 
     def homed(self) -> bool:
         """Whether a person has said where the arm stands since the controller was reset."""
@@ -128,15 +129,13 @@ class GalilArm:
             if not command.enabled:
                 session.switch_off()
             elif time.monotonic_ns() <= command.deadline:
-                self._measured = self._told(lambda: session.exchange(command.rates))
+                self._measured = self._told(session.exchange(command.rates))
                 return
-        self._measured = self._told(session.look)
+        self._measured = self._told(session.look())
 
-    def _told(self, ask: Callable[[], ArmReading]) -> Measured:
-        """What the controller tells, with the time in the middle of asking."""
-        before = time.monotonic_ns()
-        told = ask()
-        return Measured((before + time.monotonic_ns()) // 2, told.q, told.on)
+    def _told(self, told: ArmReading) -> Measured:
+        """What the controller tells, when its samples say; time never goes back."""
+        return Measured(max(round(1e9 * told.time), self._measured.time), told.q, told.on)
 
     @contextlib.contextmanager
     def _in_use(self) -> Generator[None]:

@@ -21,6 +21,7 @@ from rcmservo.hardware.galil import amplifier
 from rcmservo.hardware.galil import data_record as record
 from rcmservo.hardware.galil import watchdog_program as program
 from rcmservo.hardware.galil.codes import ERRORS, STOPS
+from rcmservo.hardware.galil.sample_clock import MICROSECONDS, SampleClock
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.wire import Conversation, Rejected
 from rcmservo.interfaces import Floats
@@ -39,6 +40,9 @@ BEATS = 1_000_000
 SESSIONS = 2000
 """of which there are so many until they begin anew."""
 
+USUAL = 1000.0
+"""TM, where it is not told."""
+
 CHECK = 0.05
 """s between two looks at the watchdog program."""
 BEGUN_WITHIN = 0.02
@@ -55,6 +59,8 @@ class ArmReading:
     """The joints (3,) rad, rad, mm."""
     on: bool
     """Whether all its motors are on."""
+    time: float
+    """When that was, s on the conversation's clock."""
     rows: record.DataRecord
     """All of it."""
 
@@ -77,6 +83,7 @@ class GalilSession:
         self._places = [record.LETTERS.index(axis) for axis in settings.axes]
         self._axes = self._beat = 0
         self._checked, self._sent = 0.0, np.zeros(3)
+        self._clock = SampleClock(USUAL * MICROSECONDS)
 
     def set_up(self, limits: JointLimits) -> None:
         """Look who it is, and make it ready, with the motors off."""
@@ -84,6 +91,7 @@ class GalilSession:
         if self._messages is not None:
             self._messages.ask("CF I")
         self._axes = self._know()
+        self._clock = SampleClock((self._known("_TM") or USUAL) * MICROSECONDS)
         names = self.settings.axes
         self._require_free()
         self._talk.ask(f"MO {names}")
@@ -147,12 +155,14 @@ class GalilSession:
 
     def look(self, *commands: str) -> ArmReading:
         """Send some commands, and read how the arm is."""
+        asked = self._talk.now()
         rows = self._talk.record(self._axes, *commands)
+        time = self._clock.time_of(int(rows.general["sample"]), asked, self._talk.now())
         self._overhear()
         axes = rows.axes[self._places]
         q = axes["position"] / np.array(self.settings.counts)
         on = not (axes["status"] & record.OFF).any()
-        told = ArmReading(q, bool(on), rows)
+        told = ArmReading(q, bool(on), time, rows)
         self._watch(told)
         return told
 
