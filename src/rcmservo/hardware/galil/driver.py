@@ -18,6 +18,7 @@ from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.wire import ByteStream, Conversation, SerialStream, TcpStream
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.live.lab import NotReady
+from rcmservo.live.realtime import urgent
 from rcmservo.method.kinematics import JointLimits
 
 LOOK = 0.004
@@ -111,6 +112,7 @@ class GalilArm:
         return self._talks[-1]
 
     def _run(self) -> None:
+        urgent()
         while not self._over:
             self._wake.wait(LOOK)
             self._wake.clear()
