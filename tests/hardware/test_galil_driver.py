@@ -10,8 +10,9 @@ import pytest
 from galil_measures import Emulated
 
 from rcmservo.hardware.galil.driver import GalilArm
+from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.hardware.galil.wire import Lost
+from rcmservo.hardware.galil.wire import Conversation, Lost, SerialStream
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.live.lab import NotReady
 from rcmservo.loop.clock import WallClock
@@ -100,3 +101,32 @@ def test_a_controller_that_stands_still_is_told_by_the_age_of_its_answer(
 def test_where_there_is_no_controller_it_says_so() -> None:
     with pytest.raises(Lost, match=r"127\.0\.0\.1:1 cannot be reached"):
         GalilArm(GalilSettings("127.0.0.1", (1e5, 1e5, 1e3), 1), SphericalRcm().limits)
+
+
+def test_a_serial_port_begins_anew_behind_what_somebody_else_asked_and_left() -> None:
+    """Answers that come later than a moment of silence would wait for."""
+    with contextlib.closing(Emulated("--serial", "--fault", "slow:at=0")) as emulated:
+        other = os.open(emulated.serial, os.O_RDWR | os.O_NOCTTY)
+        os.write(other, b"MG 111\rMG 222;TP;ST;JG 50")
+        stream = SerialStream(emulated.serial, 115200, 1.0)
+        with contextlib.closing(Conversation(stream, 1.0)) as talk:
+            assert talk.numbers("MG 333") == [333.0]
+            assert talk.numbers("MG 444") == [444.0]
+        os.close(other)
+
+
+def test_a_serial_port_behind_which_nothing_answers_is_told_in_a_sentence() -> None:
+    port = SerialPort()
+    with pytest.raises(Lost, match=r"no Galil controller answers there"):
+        SerialStream(port.path, 115200, 0.25)
+    port.close()
+
+
+def test_by_a_slow_serial_port_an_arm_is_set_up_but_not_enabled() -> None:
+    with contextlib.closing(Emulated("--serial")) as emulated:
+        settings = GalilSettings(emulated.serial, (50000.0, 50000.0, 500.0), baud=19200)
+        with contextlib.closing(GalilArm(settings, SphericalRcm().limits)) as arm:
+            arm.define(HOME)
+            assert arm.homed()
+            with pytest.raises(NotReady, match="at 19200 bits/s a command takes longer"):
+                arm.enable()

@@ -123,6 +123,7 @@ def test_each_fault_does_what_it_says_and_only_then() -> None:
                 "slow": (b"", b" 1.0000\r\n:"),
                 "reset": (b"", b""),
                 "stuck": (b" 1.0000\r\n:", b""),
+                "amplifier": (b" 1.0000\r\n:", b""),
             }
             if kind == "garbage":
                 assert told and told != b" 1.0000\r\n:"
@@ -132,6 +133,10 @@ def test_each_fault_does_what_it_says_and_only_then() -> None:
                 before = lab.ask(wire, b"TP A\r")
                 lab.turn(0.1)
                 assert lab.ask(wire, b"TP A\r") == before
+            if kind == "amplifier":
+                asked = b"MG _MOA,_SCA,_TA0;SH A;MG _MOA\r"
+                told = lab.ask(wire, asked)
+                assert told == b" 1.0000 15.0000 136.0000\r\n:: 0.0000\r\n:"
             lab.turn(1.0)
             heard(wire)
             again = lab.host() if kind == "reset" else wire

@@ -1,9 +1,12 @@
 """The driver's side of the talk with a controller, against the emulated one, in simulated time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from galil_measures import HOME, LIMITS, RATES, SETTINGS, EmulatedWire, IdealMotors
 
+from rcmservo.hardware.galil.amplifier import errors
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
 from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
@@ -162,13 +165,53 @@ def test_another_host_is_refused_while_one_has_the_arm_and_moves_nothing() -> No
     assert rig.jog(RATES, 0.1).on
 
 
-def test_a_host_that_waited_does_not_take_the_arm_from_one_who_has_it_since() -> None:
+def test_enabling_does_not_take_the_arm_from_a_host_that_has_it_by_now() -> None:
+    """Both were connected while it was free."""
     rig = Rig()
-    waiting, rig.session = rig.session, rig.connected()
+    other = rig.connected()
     rig.started().jog(RATES, 0.1)
-    with pytest.raises(NotReady, match="the arm is theirs"):
-        waiting.start()
-    assert rig.jog(RATES, 0.1).on
+    with pytest.raises(NotReady, match="another host has the arm"):
+        other.start()
+    assert rig.jog(RATES, 0.1).on and not rig.still
+
+
+def test_enabling_does_not_stop_axes_that_somebody_moves_without_a_program() -> None:
+    rig = Rig()
+    rig.session.define(HOME)
+    rig.talk().ask("SH B", "JG ,500", "BG B")
+    with pytest.raises(NotReady, match="the axes ABC move"):
+        rig.session.start()
+    assert rig.controller.state.axes[1].moving
+
+
+def test_who_has_it_may_enable_it_again_and_begins_at_rest() -> None:
+    rig = Rig().started()
+    rig.jog(RATES, 0.2)
+    rig.session.start()
+    assert rig.session.look().on and rig.jog(np.zeros(3), 0.1).on
+    assert not any(axis.speed for axis in rig.controller.state.axes)
+
+
+@pytest.mark.parametrize(
+    ("counts", "axes"),
+    [
+        ((50000.0, -50000.0, 500.5), "ABC"),
+        ((-50000.0, 50000.0, 500.0), "ABC"),
+        ((50000.0, -50000.0, 500.0), "BAC"),
+    ],
+)
+def test_whoever_edits_counts_or_axes_must_say_anew_where_the_arm_stands(
+    counts: tuple[float, float, float], axes: str
+) -> None:
+    rig = Rig()
+    rig.session.define(HOME)
+    assert rig.session.homed() and rig.connected().homed()
+    edited = rig.connected(replace(SETTINGS, counts=counts, axes=axes))
+    assert not edited.homed()
+    with pytest.raises(NotReady, match="counts and axes were changed"):
+        edited.start()
+    edited.define(HOME)
+    assert edited.homed() and not rig.session.homed()
 
 
 def test_axes_that_somebody_moves_are_left_alone() -> None:
@@ -255,3 +298,91 @@ def test_what_follows_a_refused_line_of_a_program_is_not_sent() -> None:
         rig.talk().download(["#A", "#A", "JG 500"])
     assert rig.controller.state.axes[0].settings.JG != 500.0
     assert rig.session.look().q[0] == 0.0
+
+
+def test_an_amplifier_that_fails_is_told_in_words_and_refuses_to_start() -> None:
+    rig = Rig().started()
+    rig.jog(RATES, 0.1)
+    rig.controller.unpowered = True
+    rig.jog(RATES, 0.1)
+    assert rig.off and rig.still
+    why = rig.session.why_off
+    assert "axis A was switched off by a fault of its amplifier" in why
+    assert "under-voltage on axes A-D" in why
+    with pytest.raises(NotReady, match="amplifiers are not ready: under-voltage on axes A-D"):
+        rig.session.start()
+    rig.controller.unpowered = False
+    rig.wait(0.01)
+    rig.session.start()
+    assert rig.jog(RATES, 0.1).on
+
+
+def test_amplifiers_and_sensors_of_other_axes_count_for_nothing() -> None:
+    rig = Rig()
+    rig.session.define(HOME)
+    rig.controller.state.amplifier = [0b01110000, 0b11111000, 0xFF, 0b10]
+    rig.session.start()
+    assert rig.jog(RATES, 0.1).on
+
+
+@pytest.mark.parametrize(
+    ("told", "axes", "said"),
+    [
+        ((0b0001, 0, 0), "ABC", ["over-current on axes A-D"]),
+        ((0b0110, 0, 0), "ABC", ["over-voltage on axes A-D", "over-temperature on axes A-D"]),
+        ((0x80, 0, 0), "AEF", ["under-voltage on axes E-H"]),
+        ((0, 0b101, 0), "CBA", ["hall sensor error on axis C", "hall sensor error on axis A"]),
+        ((0, 0, 0b01), "ABC", ["electronic lock-out of axes A-D"]),
+        ((0, 0, 0b10), "BCH", ["electronic lock-out of axes E-H"]),
+        ((0, 0, 0), "ABC", []),
+    ],
+)
+def test_bits_of_the_amplifiers_are_what_the_manual_says(
+    told: tuple[int, int, int], axes: str, said: list[str]
+) -> None:
+    """DMC-40x0 user manual, Amplifier Status: TA0 is bits 0 to 7, TA1 8 to 15, TA3 24 and 25."""
+    assert errors(told, axes) == said
+
+
+@pytest.mark.parametrize("told", [(0, 0), (0, -1, 0), (256, 0, 0), (0, 0, 1e9)])
+def test_what_are_no_amplifier_bits_is_refused(told: tuple[float, ...]) -> None:
+    with pytest.raises(NotReady, match="must tell three bytes"):
+        errors(told, "ABC")
+
+
+def test_what_the_controller_says_of_its_own_accord_is_read_and_told() -> None:
+    rig = Rig().started()
+    messages = rig.wires[1].handle
+    assert messages is not None
+    for number in range(100):
+        rig.controller.state.tell(f"hello {number}")
+        rig.controller.state.tell("oven is hot" if number == 99 else "")
+        rig.jog(RATES, 0.01)
+    assert rig.controller.answers(messages) == b"" and not rig.session.why_off
+    rig.controller.stuck = 1
+    rig.jog(RATES, 0.4)
+    assert "did not follow" in rig.session.why_off
+    assert "it said 'oven is hot'" in rig.session.why_off
+    rig.controller.stuck = None
+    rig.session.start()
+    assert not rig.session.said
+
+
+def test_joints_of_an_answer_that_is_held_up_bear_the_time_at_which_they_were_read() -> None:
+    rig = Rig().started()
+    rig.jog(RATES, 0.2)
+    wire, before = rig.wires[0], rig.now()
+    receive = wire.receive
+
+    def held_up(seconds: float) -> bytes:
+        told = receive(seconds)
+        rig.wait(0.015)
+        return told
+
+    wire.receive = held_up  # type: ignore[method-assign]
+    for _ in range(5):
+        told = rig.session.look()
+        sample = int(told.rows.general["sample"]) * SAMPLE
+        assert told.time == pytest.approx(sample, abs=2e-3)
+        assert before - 2e-3 < told.time <= rig.now() - 0.01
+        before = rig.now()

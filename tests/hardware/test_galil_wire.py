@@ -7,6 +7,8 @@ CR   Galil's command reference
 """
 
 import random
+import socket
+from contextlib import closing
 
 import pytest
 from galil_measures import ASKED, Typed, fuzzed, garbled
@@ -15,7 +17,7 @@ from hypothesis import strategies as st
 
 from hardware.test_galil_record import typed
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.galil.wire import Conversation, Lost, Rejected
+from rcmservo.hardware.galil.wire import Conversation, Lost, Rejected, TcpStream
 
 
 def talk_of(*packets: bytes) -> tuple[Conversation, Typed]:
@@ -129,3 +131,42 @@ def test_on_a_wire_that_garbles_answers_no_step_hangs_and_nothing_goes_on_moving
 def test_such_a_wire_is_often_good_enough_to_begin() -> None:
     """Or nothing would be tried."""
     assert sum(garbled(random.Random(seed))[1] for seed in range(40)) > 10
+
+
+def test_what_comes_unasked_is_read_line_by_line_without_its_mark() -> None:
+    marked = bytes(byte | 0x80 for byte in b"POSERR ON A\r\n\r\nhalf a li")
+    stream = Unasked(marked[:5], marked[5:], b"", b"ne\r\n", bytes(range(200)) * 50)
+    talk = Conversation(stream, 0.25)
+    assert talk.overheard() == []
+    assert talk.overheard() == ["POSERR ON A"]
+    assert talk.overheard() == []
+    assert talk.overheard() == ["half a line"]
+    talk.overheard()
+    assert len(talk._heard) <= 80 and stream.waited == 0.0
+
+
+class Unasked:
+    """A stream that says things, one after the other."""
+
+    def __init__(self, *packets: bytes) -> None:
+        self.packets, self.waited = list(packets), 0.0
+
+    def send(self, data: bytes) -> None:
+        raise AssertionError
+
+    def receive(self, seconds: float) -> bytes:
+        self.waited += seconds
+        return self.packets.pop(0)
+
+    def close(self) -> None:
+        pass
+
+
+def test_looking_whether_something_has_come_does_not_wait_and_sending_has_its_own_time() -> None:
+    with closing(socket.create_server(("127.0.0.1", 0))) as server:
+        stream = TcpStream("127.0.0.1", server.getsockname()[1], 0.25)
+        with closing(stream), closing(server.accept()[0]):
+            assert stream.receive(0.0) == b""
+            assert stream._wire.gettimeout() == 0.0
+            stream.send(b"x")
+            assert stream._wire.gettimeout() == 0.25

@@ -13,7 +13,7 @@ import pytest
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Dropped, Frame, Markers, Measured
 from rcmservo.live import realtime as module
-from rcmservo.live.realtime import realtime
+from rcmservo.live.realtime import realtime, urgent
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import Punctuality, WallClock, ticks
 from rcmservo.loop.plant import Plant
@@ -110,6 +110,45 @@ def test_the_loop_goes_first_then_the_threads_there_are_and_then_all_else():
     finally:
         ended.set()
         thread.join(PATIENCE)
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
+def test_a_thread_that_takes_commands_to_a_device_goes_behind_the_loop_and_before_the_others():
+    def priority(thread):
+        return os.sched_getparam(thread.native_id).sched_priority
+
+    def work():
+        found.append(urgent())
+        asked.set()
+        ended.wait(PATIENCE)
+
+    asked, ended, found = threading.Event(), threading.Event(), []
+    threads = [threading.Thread(target=one) for one in (work, lambda: ended.wait(PATIENCE))]
+    for thread in threads:
+        thread.start()
+    try:
+        assert asked.wait(PATIENCE)
+        if found != [""]:
+            pytest.skip(found[0])
+        alone = priority(threads[0])
+        with realtime():
+            assert os.sched_getparam(0).sched_priority > priority(threads[0]) > priority(threads[1])
+        assert priority(threads[0]) == alone > priority(threads[1])
+    finally:
+        ended.set()
+        for thread in threads:
+            thread.join(PATIENCE)
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
+def test_urgency_that_is_refused_is_noted_and_no_error(monkeypatch, caplog):
+    def refuse(*_):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with caplog.at_level("INFO"):
+        assert "real-time scheduling was refused (Operation not permitted)" in urgent()
+    assert "other work may delay what goes to the device" in caplog.text
 
 
 class Scripted:

@@ -1,6 +1,9 @@
 """Picture files are read whole or not at all."""
 
+import os
 import re
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -71,3 +74,38 @@ def test_what_is_no_picture_is_refused_with_the_reason(
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(UnusableFile, match=r"none\.png"):
         read_image(tmp_path / "none.png")
+
+
+def announced(picture: Image, kind: str, height: int, width: int) -> bytes:
+    """A small file whose head says that its picture is this large."""
+    data = bytearray(cv2.imencode(kind, picture)[1].tobytes())
+    if kind == ".png":
+        data[16:24] = struct.pack(">II", width, height)
+        data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    else:
+        head = data.index(b"\xff\xc0")
+        data[head + 5 : head + 9] = struct.pack(">HH", height, width)
+    return bytes(data)
+
+
+@pytest.mark.parametrize("kind", [".jpg", ".png"])
+def test_a_small_file_that_asks_for_gigabytes_is_refused_before_it_gets_them(
+    tmp_path: Path, picture: Image, kind: str
+) -> None:
+    path = tmp_path / f"bomb{kind}"
+    path.write_bytes(announced(picture, kind, 30_000, 30_000))
+    with pytest.raises(UnusableFile, match="too large"):
+        read_image(path)
+
+
+def test_a_file_of_terabytes_is_not_read(tmp_path: Path, picture: Image) -> None:
+    path = tmp_path / "huge.png"
+    path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+    os.truncate(path, 1 << 40)
+    with pytest.raises(UnusableFile, match="too large"):
+        read_image(path)
+
+
+def test_a_folder_is_no_picture(tmp_path: Path) -> None:
+    with pytest.raises(UnusableFile, match="is not a file"):
+        read_image(tmp_path)

@@ -7,6 +7,7 @@ from typing import Any
 from rcmservo import __version__
 from rcmservo.app.export import ExportOptions, export
 from rcmservo.app.lab.emulate import EmulateOptions, emulate
+from rcmservo.app.lab.markers import MarkersOptions, markers
 from rcmservo.app.lab.rig_check import RigOptions, rig_check
 from rcmservo.app.live import LiveOptions, live
 from rcmservo.app.own_options import with_own
@@ -31,6 +32,7 @@ COMMANDS: dict[str, tuple[type[Any], Callable[[Any], int]]] = {
     "paper": (PaperOptions, paper),
     "emulate": (EmulateOptions, emulate),
     "rig": (RigOptions, rig_check),
+    "markers": (MarkersOptions, markers),
 }
 """The options of every command by its name, and what it does."""
 

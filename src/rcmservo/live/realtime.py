@@ -7,10 +7,12 @@ this thread go first, and to keep its memory at hand.
 
 The process's other threads come next, before all other work of the computer: they share the
 interpreter's lock, and one that holds it while it waits for a processor keeps the loop waiting too.
+A thread that takes commands to a device asks to go before them: `urgent`.
 """
 
 import ctypes
 import gc
+import logging
 import os
 import sys
 import threading
@@ -27,6 +29,11 @@ PRIORITY = 20
 
 NEXT = 10
 """That of the other threads."""
+
+URGENT = 15
+"""That of a thread which takes the loop's commands to a device."""
+
+REFUSED = "real-time scheduling was refused"
 
 CURRENT, ON_FAULT = 1, 4
 """mlockall: of what is mapped by then, what is in memory stays there, and what comes to be used
@@ -77,6 +84,18 @@ def realtime() -> Generator[Realtime]:
             gc.enable()
 
 
+def urgent() -> str:
+    """Have the calling thread go before all others but the loop, until it ends; why that was
+    refused, in a sentence, which is noted: it works all the same."""
+    try:
+        _schedule(threading.get_native_id(), os.SCHED_FIFO, URGENT)
+    except (AttributeError, OSError) as error:
+        why = f"{REFUSED} ({_why(error)}): other work may delay what goes to the device"
+        logging.getLogger(__name__).info(why)
+        return why
+    return ""
+
+
 def _ahead(got: Realtime) -> list[tuple[int, int, int]]:
     """Ask for real-time scheduling; each thread changed, with the policy and priority to go back
     to."""
@@ -86,12 +105,12 @@ def _ahead(got: Realtime) -> list[tuple[int, int, int]]:
     try:
         for thread in (this, *(other for other in others if other is not None and other != this)):
             was = os.sched_getscheduler(thread), os.sched_getparam(thread).sched_priority
+            if thread != this and was[1] > NEXT:
+                continue  # it has asked for more itself
             _schedule(thread, os.SCHED_FIFO, PRIORITY if thread == this else NEXT)
             before.append((thread, *was))
     except (AttributeError, OSError) as error:
-        got.refused.append(
-            f"real-time scheduling was refused ({_why(error)}): other work may delay the loop"
-        )
+        got.refused.append(f"{REFUSED} ({_why(error)}): other work may delay the loop")
     return before
 
 

@@ -22,6 +22,12 @@ JPEG = [
     cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
 ]
 PNG_START, PNG_LAST = b"\x89PNG\r\n\x1a\n", b"IEND"
+SIZES = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF}
+"""The marks of a JPEG file behind which its height and width stand."""
+
+LARGEST, MOST_PIXELS = 256 << 20, 100_000_000
+"""Bytes of a file and pixels of a picture: no camera's frame is larger, and a small file can ask
+for gigabytes."""
 
 
 def read_image(path: str | Path) -> Image:
@@ -30,7 +36,10 @@ def read_image(path: str | Path) -> Image:
     The picture is not turned, even if the file asks for it.
     """
     try:
-        data = Path(path).read_bytes()
+        if Path(path).exists() and not Path(path).is_file():
+            raise UnusableFile(path, "is not a file")
+        with Path(path).open("rb") as file:
+            data = file.read(LARGEST + 1)
     except OSError as error:
         raise UnusableFile(path, f"cannot be read ({error.strerror})") from error
     return decode_image(data, path)
@@ -60,7 +69,23 @@ def _flaw(data: bytes) -> str:
         whole = _png_chunks_whole(data)
     else:
         return "is neither a JPEG nor a PNG picture"
+    if len(data) > LARGEST or _pixels(data) > MOST_PIXELS:
+        return f"is larger than {MOST_PIXELS // 1_000_000} million pixels, too large for a frame"
     return "" if whole else "is cut off or damaged, a part of the picture is missing"
+
+
+def _pixels(data: bytes) -> int:
+    """How many pixels the head of a JPEG or PNG file announces; 0 where it tells nothing."""
+    if data.startswith(PNG_START):
+        width, height = struct.unpack_from(">II", data, 16) if len(data) >= 24 else (0, 0)
+        return width * height
+    place = 2
+    while place + 9 <= len(data) and data[place] == 0xFF:
+        if data[place + 1] in SIZES:
+            height, width = struct.unpack_from(">HH", data, place + 5)
+            return height * width
+        place += 2 + struct.unpack_from(">H", data, place + 2)[0]
+    return 0
 
 
 def _png_chunks_whole(data: bytes) -> bool:

@@ -8,7 +8,7 @@ stops. A connection that is lost is not made again by itself.
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 
 import numpy as np
 
@@ -18,10 +18,14 @@ from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.wire import ByteStream, Conversation, SerialStream, TcpStream
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.live.lab import NotReady
+from rcmservo.live.realtime import urgent
 from rcmservo.method.kinematics import JointLimits
 
 LOOK = 0.004
 """s between two data records where no command comes."""
+
+SERVOING = 115200
+"""bits/s of a serial port at least: some 350 bytes a command then take 30 ms."""
 
 
 class GalilArm:
@@ -35,12 +39,13 @@ class GalilArm:
         """Held while a command passes from the loop to the thread, and never for long."""
         self._next: Command | None = None
         self._lost = ""
+        self._measured = Measured(0, np.zeros(3), False)
         try:
             talk = self._connected()
             messages = None if settings.serial else self._connected()
             self._session = GalilSession(talk, messages, settings)
             self._session.set_up(limits)
-            self._measured = self._told(self._session.look)
+            self._measured = self._told(self._session.look())
         except BaseException:
             self._hang_up()
             raise
@@ -54,16 +59,21 @@ class GalilArm:
 
     def enable(self) -> None:
         """Switch the motors on, at rest, watched over by the controller."""
+        if self.settings.serial and self.settings.baud < SERVOING:
+            raise NotReady(
+                f"at {self.settings.baud} bits/s a command takes longer than the controller waits "
+                f"for the next: servo by network, or at {SERVOING} bits/s"
+            )
         with self._in_use():
             self._taken()
             self._session.start()
-            self._measured = self._told(self._session.look)
+            self._measured = self._told(self._session.look())
 
     def define(self, q: Floats) -> None:
         """A person says that the joints (3,) stand at q, at rest and with the drive off."""
         with self._in_use():
             self._session.define(q)
-            self._measured = self._told(self._session.look)
+            self._measured = self._told(self._session.look())
 
     def homed(self) -> bool:
         """Whether a person has said where the arm stands since the controller was reset."""
@@ -99,7 +109,7 @@ class GalilArm:
     def _connected(self) -> Conversation:
         s = self.settings
         stream: ByteStream = (
-            SerialStream(s.address, s.baud)
+            SerialStream(s.address, s.baud, s.answer_within)
             if s.serial
             else TcpStream(s.address, s.port, s.answer_within)
         )
@@ -107,6 +117,7 @@ class GalilArm:
         return self._talks[-1]
 
     def _run(self) -> None:
+        urgent()
         while not self._over:
             self._wake.wait(LOOK)
             self._wake.clear()
@@ -124,9 +135,9 @@ class GalilArm:
             if not command.enabled:
                 session.switch_off()
             elif time.monotonic_ns() <= command.deadline:
-                self._measured = self._told(lambda: session.exchange(command.rates))
+                self._measured = self._told(session.exchange(command.rates))
                 return
-        self._measured = self._told(session.look)
+        self._measured = self._told(session.look())
 
     def _taken(self) -> Command | None:
         """The newest command, which is not there any more."""
@@ -134,11 +145,9 @@ class GalilArm:
             command, self._next = self._next, None
         return command
 
-    def _told(self, ask: Callable[[], ArmReading]) -> Measured:
-        """What the controller tells, with the time in the middle of asking."""
-        before = time.monotonic_ns()
-        told = ask()
-        return Measured((before + time.monotonic_ns()) // 2, told.q, told.on)
+    def _told(self, told: ArmReading) -> Measured:
+        """What the controller tells, when its samples say; time never goes back."""
+        return Measured(max(round(1e9 * told.time), self._measured.time), told.q, told.on)
 
     @contextlib.contextmanager
     def _in_use(self) -> Generator[None]:

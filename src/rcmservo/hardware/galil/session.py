@@ -10,15 +10,18 @@
 It waits for every answer. Source: command reference; docs/galil.md tells what was tried.
 """
 
+import contextlib
 from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.errors import require
+from rcmservo.errors import RcmServoError, require
 from rcmservo.errors import told as words
+from rcmservo.hardware.galil import amplifier
 from rcmservo.hardware.galil import data_record as record
 from rcmservo.hardware.galil import watchdog_program as program
 from rcmservo.hardware.galil.codes import ERRORS, STOPS
+from rcmservo.hardware.galil.sample_clock import MICROSECONDS, SampleClock
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.wire import Conversation, Rejected
 from rcmservo.interfaces import Floats
@@ -26,7 +29,8 @@ from rcmservo.live.lab import NotReady
 from rcmservo.method.kinematics import JointLimits
 
 HOMED = "rcmhome"
-"""A variable in the controller's memory: it is gone after a reset."""
+"""A variable in the controller's memory: by which counts and axes somebody has said where the arm
+stands. It is gone after a reset."""
 
 LATEST = "rcmsess"
 """Another, the number of the newest session."""
@@ -35,6 +39,9 @@ BEATS = 1_000_000
 """So far apart the counts of two sessions begin,"""
 SESSIONS = 2000
 """of which there are so many until they begin anew."""
+
+USUAL = 1000.0
+"""TM, where it is not told."""
 
 CHECK = 0.05
 """s between two looks at the watchdog program."""
@@ -52,6 +59,8 @@ class ArmReading:
     """The joints (3,) rad, rad, mm."""
     on: bool
     """Whether all its motors are on."""
+    time: float
+    """When that was, s on the conversation's clock."""
     rows: record.DataRecord
     """All of it."""
 
@@ -65,12 +74,16 @@ class GalilSession:
         self.settings = settings
         self.why_off = ""
         """Why the controller switched the motors off, in a sentence; empty where it did not."""
+        self.said = ""
+        """What the controller said last of its own accord; empty where nothing since it was
+        enabled."""
         self.watched = False
         """Whether the watchdog program is to run."""
         self._talk, self._messages = talk, messages
         self._places = [record.LETTERS.index(axis) for axis in settings.axes]
         self._axes = self._beat = 0
         self._checked, self._sent = 0.0, np.zeros(3)
+        self._clock = SampleClock(USUAL * MICROSECONDS)
 
     def set_up(self, limits: JointLimits) -> None:
         """Look who it is, and make it ready, with the motors off."""
@@ -78,47 +91,61 @@ class GalilSession:
         if self._messages is not None:
             self._messages.ask("CF I")
         self._axes = self._know()
+        self._clock = SampleClock((self._known("_TM") or USUAL) * MICROSECONDS)
+        names = self.settings.axes
+        self._require_free()
+        self._talk.ask(f"MO {names}")
+        self._configure(limits)
+        self._talk.download(program.lines(names, round(1e3 * self.settings.patience)))
+
+    def _require_free(self) -> None:
+        """Leave the arm to whoever has it."""
         names = self.settings.axes
         if self._talk.number(f"_XQ{program.THREAD}") >= 0.0:
             raise NotReady("another host has the arm: end it there, or its program with HX")
         if any(self._talk.number(f"_BG{axis}") for axis in names):
             raise NotReady(f"the axes {names} move: whoever moves them must stop them first")
-        self._talk.ask(f"MO {names}")
-        self._configure(limits)
-        self._talk.download(program.lines(names, round(1e3 * self.settings.patience)))
 
     def homed(self) -> bool:
-        """Whether a person has said where the arm stands since the controller was reset."""
-        return self._known(HOMED) == 1.0
+        """Whether a person has said where the arm stands since the controller was reset, and by
+        these counts and axes: by others it stands elsewhere."""
+        return self._known(HOMED) == self.settings.scale_number
 
     def define(self, q: Floats) -> None:
         """A person says that the joints (3,) stand at q, at rest and with the drive off."""
         require(bool(np.isfinite(q).all()), "q", q.tolist(), "three numbers")
         counts = np.round(q * np.array(self.settings.counts)).astype(int).tolist()
         self._talk.ask(*self._each("DP", counts))
-        self._talk.ask(f"{HOMED}=1")
+        self._talk.ask(f"{HOMED}={self.settings.scale_number}")
 
     def start(self) -> None:
         """Servo at rest, and be watched over."""
         if not self.homed():
             raise NotReady(
-                "nobody has said where the arm stands since the controller was reset: bring it "
-                "to a mark and define its position"
+                "nobody has said where the arm stands since the controller was reset or its counts "
+                "and axes were changed: bring it to a mark and define its position"
             )
+        if self.watched:
+            self.switch_off()
+        self._require_free()
+        wrong = self._amplifier_errors()
+        if wrong:
+            raise NotReady(f"the amplifiers are not ready: {', '.join(wrong)}")
         names, talk = self.settings.axes, self._talk
         if not all(talk.number(f"_MO{axis}") for axis in names):
             raise NotReady("somebody else has switched the motors on since: the arm is theirs")
         session = int(self._known(LATEST)) % SESSIONS + 1
-        self._beat, self.why_off = session * BEATS, ""
-        talk.ask(f"HX {program.THREAD}", f"MO {names}", f"{LATEST}={session}", f"hb={self._beat}")
+        self._beat, self.why_off, self.said = session * BEATS, "", ""
+        talk.ask(f"MO {names}", f"{LATEST}={session}", f"hb={self._beat}")
         talk.ask(*self._speeds(np.zeros(3)))
         talk.ask(f"SH {names}")
         self.watched, self._checked = True, talk.now()
         try:
             talk.ask(f"XQ #RCMWD,{program.THREAD}")
             self._await_begun()
-        except (Rejected, NotReady):
-            self.switch_off()
+        except RcmServoError:
+            with contextlib.suppress(RcmServoError):
+                self.switch_off()
             raise
 
     def _await_begun(self) -> None:
@@ -130,13 +157,21 @@ class GalilSession:
 
     def look(self, *commands: str) -> ArmReading:
         """Send some commands, and read how the arm is."""
+        asked = self._talk.now()
         rows = self._talk.record(self._axes, *commands)
+        time = self._clock.time_of(int(rows.general["sample"]), asked, self._talk.now())
+        self._overhear()
         axes = rows.axes[self._places]
         q = axes["position"] / np.array(self.settings.counts)
         on = not (axes["status"] & record.OFF).any()
-        told = ArmReading(q, bool(on), rows)
+        told = ArmReading(q, bool(on), time, rows)
         self._watch(told)
         return told
+
+    def _overhear(self) -> None:
+        """Note what the controller says of its own accord; unread it would fill its buffers."""
+        if self._messages is not None:
+            self.said = [self.said, *self._messages.overheard()][-1]
 
     def exchange(self, rates: Floats) -> ArmReading:
         """Jog with these joint rates (3,), and read how the arm is.
@@ -232,6 +267,12 @@ class GalilSession:
                 self.why_off = "the watchdog program on the controller has ended"
 
     def _reason(self, told: ArmReading) -> str:
+        """Why the motors went off, or the axes do not begin, in a sentence."""
+        parts = [self._cause(told), *self._amplifier_errors()]
+        self._overhear()
+        return "; ".join([*parts, f"it said {words(self.said)}"] if self.said else parts)
+
+    def _cause(self, told: ArmReading) -> str:
         why = int(self._known("why"))
         if why in program.WHYS and why != program.RESTING:
             return program.WHYS[why]
@@ -244,3 +285,11 @@ class GalilSession:
         ]
         error = ERRORS.get(int(self._known("_TC")), "the motors went off")
         return "; ".join(stopped) or program.WHYS.get(why, error)
+
+    def _amplifier_errors(self) -> list[str]:
+        """What is wrong with the amplifiers of the axes, in words."""
+        try:
+            told = self._talk.numbers(amplifier.ASKED)
+        except Rejected:  # of a controller without amplifiers of its own
+            return []
+        return amplifier.errors(told, self.settings.axes)

@@ -1,5 +1,6 @@
 """How an arm's joints hang on a controller's axes: a rig file's section [arm] of the kind galil."""
 
+import zlib
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -67,6 +68,13 @@ class GalilSettings:
     def serial(self) -> bool:
         """Whether it hangs on a serial port."""
         return self.address.startswith(("/", "COM"))
+
+    @property
+    def scale_number(self) -> int:
+        """A number that tells these counts and axes from others; never 0, and one that the
+        controller can keep."""
+        told = f"{self.axes} {' '.join(map(repr, map(float, self.counts)))}"
+        return zlib.crc32(told.encode()) % (2**31 - 1) + 1
 
     def in_counts(self, joints: Joints) -> Floats:
         """Sizes of joint motions (3,) in counts, without signs."""

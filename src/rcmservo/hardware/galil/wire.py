@@ -9,6 +9,7 @@ Source: command reference, Communications; motorapp/Galil, GalilConnector.cpp.
 """
 
 import contextlib
+import secrets
 import socket
 import time
 from collections.abc import Callable
@@ -24,6 +25,12 @@ GREATEST = 2.0**31
 LONGEST_ANSWER = 1 << 20
 """Bytes of one answer, more than the longest program has."""
 END = b"\r"
+
+BEGIN = 1.0
+"""s within which a controller at a serial port has told all that was asked before."""
+
+MARK = 0x80
+"""In each byte that the controller says of its own accord, as CW 1 has it."""
 
 
 class Lost(RcmServoError):
@@ -60,15 +67,17 @@ class TcpStream:
             words = error.strerror or str(error)
             raise Lost(f"{host}:{port} cannot be reached: {words}") from error
         self._wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._seconds = seconds
 
     def send(self, data: bytes) -> None:
+        self._wire.settimeout(self._seconds)
         self._wire.sendall(data)
 
     def receive(self, seconds: float) -> bytes:
-        self._wire.settimeout(max(seconds, 1e-4))
+        self._wire.settimeout(max(seconds, 0.0))
         try:
             data = self._wire.recv(4096)
-        except TimeoutError:
+        except (TimeoutError, BlockingIOError):
             return b""
         if not data:
             raise ConnectionResetError("the controller has closed the connection")
@@ -82,10 +91,7 @@ class SerialStream:
     """A connection by a serial port, on which the controller is told not to repeat what it
     hears."""
 
-    QUIET = 0.1
-    """s of silence after which nothing more of what was said before is to come."""
-
-    def __init__(self, port: str, baud: int) -> None:
+    def __init__(self, port: str, baud: int, seconds: float) -> None:
         try:
             import serial
         except ImportError as error:
@@ -96,9 +102,25 @@ class SerialStream:
             self._wire: Any = serial.Serial(port, baud)
         except (self._failed, ValueError) as error:
             raise Lost(f"{port} cannot be opened: {one_line(error)}") from error
-        self.send(b"EO 0" + END)
-        while self.receive(self.QUIET):
-            pass
+        try:
+            self._begin_anew(f"rcm{secrets.token_hex(4)}".encode(), seconds)
+        except OSError as error:
+            raise Lost(f"{port} cannot be used: {one_line(error)}") from error
+
+    def _begin_anew(self, word: bytes, seconds: float) -> None:
+        """Have a word come back that nobody has said before: what comes ahead of it answers others.
+
+        Half a line may stand there, which the first end of line ends. What is repeated as it is
+        heard is no answer: it has quotes about the word.
+        """
+        for line in (b"EO 0", b"EO 0", b'MG "' + word + b'"'):
+            self.send(line + END)
+        heard, end = b"", time.monotonic() + BEGIN + seconds
+        while not heard.endswith(word + b"\r\n:"):
+            if time.monotonic() > end or len(heard) > LONGEST_ANSWER:
+                self.close()
+                raise OSError("no Galil controller answers there: look at port and baud")
+            heard += self.receive(seconds)
 
     def send(self, data: bytes) -> None:
         try:
@@ -108,7 +130,7 @@ class SerialStream:
 
     def receive(self, seconds: float) -> bytes:
         try:
-            self._wire.timeout = seconds
+            self._wire.timeout = max(seconds, 0.0)
             first = self._wire.read(1)
             return first + self._wire.read(self._wire.in_waiting) if first else b""
         except (self._failed, TypeError) as error:  # TypeError: of a port that is closed meanwhile
@@ -169,6 +191,15 @@ class Conversation:
         if not data.endswith(b":"):
             raise self._lost("a data record must end with a colon")
         return unpacked(data[:-1], axes)
+
+    def overheard(self) -> list[str]:
+        """What it has said of its own accord, where nothing is asked: whole lines, without
+        waiting."""
+        self._receive(0.0)
+        *lines, rest = bytes(byte & ~MARK for byte in self._heard).split(b"\n")
+        self._heard = bytearray(rest[-LONGEST_LINE:])
+        texts = (one_line(line.decode("ascii", "replace")) for line in lines)
+        return [text for text in texts if text]
 
     def download(self, lines: list[str]) -> None:
         """Put a program in the controller's memory, the one before is gone.

@@ -7,6 +7,7 @@ was refused. Source: command reference, Communications; motorapp/Galil, GalilCon
 from collections import deque
 from dataclasses import dataclass, field
 
+from rcmservo.hardware.galil.emulator.axis import StopCode
 from rcmservo.hardware.galil.emulator.commands import reports
 from rcmservo.hardware.galil.emulator.commands.arguments import split
 from rcmservo.hardware.galil.emulator.commands.threads import interrupt, run_threads
@@ -22,6 +23,9 @@ SAMPLE = 1.0 / 1024.0
 
 AVERAGED = 0.125
 """s, the time constant of TV's filter."""
+
+UNDER_VOLTAGE = 0b10001000
+"""The bits of TA0 for all axes."""
 
 SILENCE = 3072
 """Samples for which BZ keeps the controller from answering."""
@@ -63,6 +67,8 @@ class Controller:
         self.lines: dict[int, Line] = {}
         self.stuck: int | None = None
         """An axis that does not move, whatever its motor does."""
+        self.unpowered = False
+        """Whether its amplifiers are short of voltage."""
         self._axes, self._encoders = axes, [0.0] * axes
         self.reset()
 
@@ -93,6 +99,7 @@ class Controller:
         axes = self.state.axes
         for axis, (forward, reverse) in zip(axes, self.motors.switches(), strict=True):
             axis.forward, axis.reverse = forward, reverse
+        self._power()
         before = [(axis.off, axis.stopping and axis.stop_code in (2, 3)) for axis in axes]
         speeds = [axis.step(SAMPLE, self.motors.lag) for axis in axes]
         if self.stuck is not None:
@@ -108,6 +115,14 @@ class Controller:
             interrupt(self.state, "POSERR")
         if any(now[1] and not then[1] for then, now in zip(before, after, strict=True)):
             interrupt(self.state, "LIMSWI")
+
+    def _power(self) -> None:
+        """An amplifier that is short of voltage lets its motors go, and says so."""
+        told = self.state.amplifier
+        told[0] = told[0] | UNDER_VOLTAGE if self.unpowered else told[0] & ~UNDER_VOLTAGE
+        for axis in self.state.axes:
+            if self.unpowered and not axis.off:
+                axis.switch_off(StopCode.AMPLIFIER)
 
     def _execute(self, state: ControllerState, text: str, caller: Caller) -> str:
         """A command of anybody's; those that need more than the state are done here."""

@@ -17,6 +17,7 @@ KINDS = {
     "slow": "each of its answers comes 0.2 s late",
     "reset": "it is reset, as if its power had failed for a moment",
     "stuck": "its first axis does not move, whatever the motor does",
+    "amplifier": "its amplifiers are short of voltage, and let the motors go",
 }
 """The kinds, in words."""
 

@@ -80,6 +80,7 @@ class Server:
         """Let time pass up to `seconds` after the start, and hear and answer all hosts."""
         self._seconds = seconds
         self.controller.stuck = 0 if self._acting("stuck") else None
+        self.controller.unpowered = self._acting("amplifier")
         self._catch_up(int(seconds / SAMPLE))
         self._reset_if_due()
         if not self._acting("silence"):

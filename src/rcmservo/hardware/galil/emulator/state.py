@@ -84,6 +84,7 @@ class ControllerState:
         self.polarity = -1
         self.handles = [0] * HANDLES
         self.messages: list[tuple[str, str]] = []
+        self.amplifier = [0, 0, 0, 0]
 
     def tell(self, text: str, to: str = "") -> None:
         """Say something that no host asked for."""
@@ -152,6 +153,8 @@ class ControllerState:
             return float(running) if kind == "_HX" else float(thread.line if running else -1)
         if kind == "_ED":
             return {0: float(self.error_line), 1: float(self.error_thread)}.get(which, 0.0)
+        if kind == "_TA" and which < 4:
+            return float(self.amplifier[which])
         if kind == "_QZ" and which < 4:
             return float((len(self.axes), *SIZES)[which])
         raise Refusal(58)

@@ -116,6 +116,7 @@ def data_record(state: ControllerState) -> bytes:
     general, rows = record.blank(len(state.axes))
     general["sample"] = state.samples & 0xFFFF
     general["error"], general["threads"] = state.error, running(state)
+    general["amplifier"] = int.from_bytes(bytes(state.amplifier))
     general["handles"], general["inputs"] = state.handles, 255
     for axis, row in zip(state.axes, rows, strict=True):
         row["status"] = status(axis)

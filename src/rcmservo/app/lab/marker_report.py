@@ -1,0 +1,99 @@
+"""What `rcmservo markers` has found: as JSON, as a table, and drawn in the picture."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from rcmservo.figures.overlay import Ring, draw_balls
+from rcmservo.interfaces import Image
+from rcmservo.tracking.candidates import SAME, UNSEEN, Candidate, TakenPair
+from rcmservo.tracking.look import MarkerLook
+
+
+@dataclass(frozen=True)
+class CandidateReport:
+    """A ball that could be a marker."""
+
+    colour: str
+    """The colour that shows it best."""
+    u_px: float
+    """Of its centre."""
+    v_px: float
+    """Of its centre."""
+    radius_px: float
+    """Of its outline."""
+    quality: float
+    """How well it is seen: above 0, at most 1."""
+
+
+@dataclass(frozen=True)
+class MarkersReport:
+    """What `rcmservo markers --json` tells."""
+
+    candidates: list[CandidateReport]
+    """The balls of the picture, best seen first."""
+    look: MarkerLook | None
+    """The markers that the tracker looked for; None where no two balls could be."""
+    markers: list[tuple[float, float]] | None
+    """The centres (u, v) px of markers 1 and 2; None where the tracker does not take two."""
+    why: str
+    """Why it does not; empty where it does."""
+    written: bool
+    """Whether the markers were written into the rig file."""
+
+
+def markers_report(found: list[Candidate], pair: TakenPair | None, written: bool) -> MarkersReport:
+    """What was found as plain numbers."""
+    good = pair is not None and not pair.why
+    return MarkersReport(
+        [
+            CandidateReport(one.colour, one.ball.u, one.ball.v, one.ball.radius, one.ball.quality)
+            for one in found
+        ],
+        pair.look if pair else None,
+        [(float(u), float(v)) for u, v in pair.points] if pair and good else None,
+        pair.why if pair else "" if found else UNSEEN,
+        written,
+    )
+
+
+def show_markers(console: Console, found: list[Candidate], words: str) -> None:
+    """What was found as a table, and in words what the tracker makes of it."""
+    if not found:
+        console.print(UNSEEN, soft_wrap=True)
+        return
+    table = Table("colour")
+    for title in ("u [px]", "v [px]", "radius [px]", "quality"):
+        table.add_column(title, justify="right")
+    for one in found:
+        ball = one.ball
+        numbers = (f"{number:.1f}" for number in (ball.u, ball.v, ball.radius))
+        table.add_row(one.colour, *numbers, f"{ball.quality:.2f}")
+    console.print(table)
+    console.print(words, soft_wrap=True)
+
+
+def shown_in(
+    image: Image, found: list[Candidate], pair: TakenPair | None, words: str, numbered: bool
+) -> Image:
+    """The picture with the balls ringed, first those that the tracker takes; `numbered` where it is
+    known which one is marker 1."""
+    rings = [] if pair is None else _taken(pair, numbered)
+    for one in found:
+        ball = one.ball
+        if all(np.hypot(ball.u - r.u, ball.v - r.v) > SAME * r.radius for r in rings):
+            named = f"{one.colour} {ball.quality:.2f}"
+            rings.append(Ring(ball.u, ball.v, ball.radius, named, False))
+    return draw_balls(image, rings, words if found else UNSEEN)
+
+
+def _taken(pair: TakenPair, numbered: bool) -> list[Ring]:
+    colours = pair.look.colour_1, pair.look.colour_2
+    names = [f"{n}: {colour}" if numbered else colour for n, colour in enumerate(colours, 1)]
+    return [
+        Ring(float(u), float(v), float(radius), name, True)
+        for (u, v), radius, name in zip(pair.points, pair.radius, names, strict=True)
+        if np.isfinite(u)
+    ]
