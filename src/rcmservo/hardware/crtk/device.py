@@ -33,7 +33,7 @@ STEP = 1_000_000
 TOLD = 10_000_000
 """ns between two messages of where it is."""
 SILENCE = 80_000_000
-"""ns without a position after which it comes to rest."""
+"""ns after the last position was sent at which it comes to rest."""
 LATE = 500_000_000
 """ns that are made up for after this program was held up."""
 OLD = 1_000_000_000
@@ -51,11 +51,11 @@ SIGNS = np.ones(3)
 
 
 class RateJoints(Protocol):
-    """What moves: three joints with velocity drives."""
+    """What moves: three joints with velocity drives, and brakes that hold them at once."""
 
     def step(self, rates: Floats, on: bool, time: int) -> Floats:
-        """Let time pass until `time` ns with these joint rates (3,); the joints (3,) rad, rad, mm
-        then."""
+        """Let time pass until `time` ns with these joint rates (3,), or with the brakes on; the
+        joints (3,) rad, rad, mm then."""
         ...
 
 
@@ -119,7 +119,8 @@ class CrtkDevice:
         elif not bool(((position >= self._lower) & (position <= self._upper)).all()):
             self._warn("rejected servo_jp: a joint would be beyond its limit")
         else:
-            self._writer, self._setpoint, self._heard = writer, position, self._hearing
+            sent = self._hearing - (max(age, 0) if said.stamp else 0)
+            self._writer, self._setpoint, self._heard = writer, position, sent
 
     def hear_command(self, said: m.StringStamped, writer: str) -> None:
         """Take what it shall be, if that is right."""
@@ -141,8 +142,8 @@ class CrtkDevice:
                 self.homed = word == "home"
                 self._become(self.state)
             case "fault", _:
-                self._become("FAULT")
                 self._say(m.ERROR, "a fault was asked for")
+                self._become("FAULT")
             case "clear_fault" | "reset", "FAULT":
                 self._become("DISABLED")
             case _:
@@ -184,8 +185,7 @@ class CrtkDevice:
             far = m.in_rad_and_mm(tuple(self._setpoint[:3].tolist()), SIGNS) - self._q
             rates = np.clip(far / FOLLOW, -SPEED, SPEED)
             self._wrist += (self._setpoint[3:] - self._wrist) * (STEP * 1e-9 / FOLLOW)
-        on = self.state in ("ENABLED", "PAUSED")
-        self._q = self._joints.step(rates, on, self._time)
+        self._q = self._joints.step(rates, self._setpoint is not None, self._time)
 
     def _tell_joints(self) -> None:
         here = (*m.in_rad_and_m(self._q, SIGNS), *self._wrist.tolist())
