@@ -52,6 +52,9 @@ class Counted:
     def offer(self, topic: m.Topic[Any]) -> None:
         self.inner.offer(topic)
 
+    def listeners(self, topic: m.Topic[Any]) -> int:
+        return self.inner.listeners(topic)
+
     def subscribe(self, topic: m.Topic[Any], heard: Heard[Any]) -> None:
         def counted(said: Any, writer: str) -> None:
             self.heard[topic.name] = self.heard.get(topic.name, 0) + 1

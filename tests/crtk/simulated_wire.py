@@ -58,6 +58,10 @@ class End:
     def offer(self, topic: Topic[Any]) -> None:
         pass
 
+    def listeners(self, topic: Topic[Any]) -> int:
+        listening = self.wire.listeners.get(topic.name, [])
+        return sum(end is not self and end.open for end, _ in listening)
+
     def subscribe(self, topic: Topic[Any], heard: Callable[[Any, str], None]) -> None:
         self.wire.listeners.setdefault(topic.name, []).append((self, heard))
         if topic.latched and topic.name in self.wire.kept:

@@ -263,7 +263,14 @@ def test_a_second_client_is_seen_and_both_stop() -> None:
     arm.enable()
 
 
-def test_speeds_are_sent_only_where_the_lab_says_so() -> None:
+def test_an_arm_that_takes_no_speeds_is_not_sent_any(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rcmservo.hardware.crtk.arm.FOUND_WITHIN", 0.1)
+    with pytest.raises(NotReady, match="nobody hears PSM1/servo_jv"):
+        driven(jv=True)
+
+
+def test_speeds_are_sent_only_where_the_lab_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("simulated_wire.End.listeners", lambda end, topic: 1)
     lab, _ = driven(jv=True)
     said = [said for topic, said in lab.wire.said if topic == "PSM1/servo_jv"]
     assert len(said) == 50 and not sent(lab)

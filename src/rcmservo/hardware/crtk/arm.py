@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -167,26 +168,35 @@ class CrtkArm:
         return self.settings.namespace
 
     def _listen(self) -> None:
-        """Hear the arm until it has said where and how it is."""
-        for topic in (m.STATE_COMMAND, self._motion):
-            self._transport.offer(topic.under(self._name))
+        """Hear the arm until it has said where and how it is, and hears us."""
+        mine: list[m.Topic[Any]] = [
+            self._motion.under(self._name),
+            m.STATE_COMMAND.under(self._name),
+        ]
+        for topic in mine:
+            self._transport.offer(topic)
         self._transport.subscribe(m.MEASURED_JS.under(self._name), self._hear_joints)
         self._transport.subscribe(m.OPERATING_STATE.under(self._name), self._hear_state)
         for topic in (m.WARNING, m.ERROR):
             self._transport.subscribe(topic.under(self._name), self._hear_warning)
+        with self._told:
+            self._told.wait_for(lambda: not self._missing(mine), FOUND_WITHIN)
+            missing = self._missing(mine)
+            if missing:
+                s = self.settings
+                where = f"ROS 2, domain {s.domain} on {s.interface}" if s.ros == 2 else "ROS 1"
+                raise NotReady(self._hearsay.trouble or f"{missing} by {where}")
         for topic in (m.SERVO_JP, m.SERVO_JV):
             self._transport.subscribe(topic.under(self._name), self._hear_motion)
-        with self._told:
-            self._told.wait_for(self._known, FOUND_WITHIN)
-            if not self._known():
-                s = self.settings
-                missing = "measured_js" if self._hearsay.joints is None else "operating_state"
-                where = f"ROS 2, domain {s.domain} on {s.interface}" if s.ros == 2 else "ROS 1"
-                words = f"nobody tells {self._name}/{missing} by {where}"
-                raise NotReady(self._hearsay.trouble or words)
 
-    def _known(self) -> bool:
-        return self._hearsay.joints is not None and self._hearsay.state is not None
+    def _missing(self, mine: list[m.Topic[Any]]) -> str:
+        """What has not been found yet, in words; empty where all was."""
+        if self._hearsay.joints is None:
+            return f"nobody tells {self._name}/measured_js"
+        if self._hearsay.state is None:
+            return f"nobody tells {self._name}/operating_state"
+        deaf = [topic.name for topic in mine if not self._transport.listeners(topic)]
+        return f"nobody hears {deaf[0]}" if deaf else ""
 
     def _hear_joints(self, said: m.JointState, writer: str) -> None:
         with self._told:

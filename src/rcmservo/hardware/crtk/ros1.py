@@ -76,6 +76,9 @@ class Ros1:
     def offer(self, topic: Topic[Any]) -> None:
         self._writer(topic)
 
+    def listeners(self, topic: Topic[Any]) -> int:
+        return self._writer(topic).get_num_connections()
+
     def subscribe(self, topic: Topic[Said], heard: Heard[Said]) -> None:
         own: str = self._ros.get_name()
 

@@ -84,6 +84,9 @@ class Ros2:
     def offer(self, topic: Topic[Any]) -> None:
         self._writer(topic)
 
+    def listeners(self, topic: Topic[Any]) -> int:
+        return len(self._writer(topic).get_matched_subscriptions())
+
     def subscribe(self, topic: Topic[Said], heard: Heard[Said]) -> None:
         for latched in {False, topic.latched}:
             reader = self._dds.sub.DataReader(

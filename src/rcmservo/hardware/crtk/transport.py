@@ -30,6 +30,10 @@ class Transport(Protocol):
         """Make known that messages will be sent: who wants them needs a moment to be found."""
         ...
 
+    def listeners(self, topic: Topic[Any]) -> int:
+        """How many hear what is sent on a topic."""
+        ...
+
     def close(self) -> None:
         """No more of it."""
         ...
