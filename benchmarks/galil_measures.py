@@ -28,6 +28,8 @@ RATES = np.array([0.2, 0.3, -20.0])
 class IdealMotors:
     """Motors that do at once what they are asked for."""
 
+    lag = 0.0
+
     def __init__(self, axes: int = 4) -> None:
         self.counts = [0.0] * axes
         self.tripped = [(False, False)] * axes

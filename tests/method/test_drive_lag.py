@@ -13,6 +13,7 @@ from rcmservo.loop.run import run
 from rcmservo.loop.teach import teach
 from rcmservo.method.drive_lag import (
     LONGEST,
+    SHORTEST,
     SUPPOSED,
     begin_lag,
     follow_drives,
@@ -66,6 +67,20 @@ def test_what_cannot_be_a_lag_is_not_believed(moves: Floats) -> None:
     tour = told(0.04, 0.0, moves)
     assert tour.lag == 0.0
     assert lag_of(tour.rows[0], 0.0) == SUPPOSED and lag_of(tour.rows[0], 0.3) == 0.3
+
+
+@pytest.mark.parametrize("early", [0.0, 0.01])
+def test_a_drive_that_follows_at_once_or_is_told_late_is_believed_to(early: float) -> None:
+    """It was taken for one that lags by what is supposed, and stopped for not following."""
+    tour, q = Exploring.of(), np.zeros(3)
+    begin_lag(tour.rows[0])
+    for k in range(100):
+        applied = 0.2 * FASTEST * np.sign(np.sin(2.0 * np.pi * k / 30 + 0.1))
+        q = q + TICK * 1e-9 * applied
+        ahead = q + early * applied
+        follow_drives(tour.rows[0], ahead, (k + 1) * TICK, applied, FASTEST)
+    measure_lag(tour.rows[0])
+    assert tour.lag == SHORTEST == lag_of(tour.rows[0], 0.0)
 
 
 def went(lag: float, thresholds: Thresholds) -> tuple[set[Cause], float]:

@@ -18,6 +18,11 @@ SUPPOSED = 0.025
 LONGEST = 0.2
 """s. A drive that is slower than this does not follow."""
 
+SHORTEST = 0.001
+"""s. Of drives that follow at once,"""
+AHEAD = -0.02
+"""and of those whose joints are told so much later than the rates that they took."""
+
 
 class DriveLag(Row):
     """What the motion so far tells of the drives."""
@@ -65,9 +70,9 @@ def follow_drives(d: DriveLag, q: Floats, time: int, applied: Floats, fastest: F
 @compiled
 def measure_lag(d: DriveLag) -> None:
     """The motion is over: what T it tells, where it can be one."""
-    lag = d.slope[0] / d.slope[1] if d.slope[1] > 0.0 else 0.0
-    if 0.0 < lag <= LONGEST:
-        d.lag = lag
+    lag = d.slope[0] / d.slope[1] if d.slope[1] > 0.0 else np.nan
+    if AHEAD <= lag <= LONGEST:
+        d.lag = max(lag, SHORTEST)
 
 
 @compiled

@@ -26,6 +26,11 @@ class ArmMotors:
         middle, half = (upper + lower) / 2.0, AT_LIMIT * (upper - lower) / 2.0
         self._lower, self._upper = middle - half, middle + half
 
+    @property
+    def lag(self) -> float:
+        """The time constant s with which the drives follow."""
+        return self.arm.drive.lag
+
     def step(self, speeds: Sequence[float], on: Sequence[bool], seconds: float) -> Sequence[float]:
         """Let a sample pass with these speeds [counts/s]; where the encoders are then, counts."""
         rates = np.where(on[:3], speeds[:3], 0.0) / self.counts

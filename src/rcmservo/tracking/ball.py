@@ -1,6 +1,7 @@
 """One ball in a picture, and whether what was seen is a ball at all."""
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from rcmservo.tracking.outline import (
     supported,
 )
 from rcmservo.tracking.rim import fit_rim
-from rcmservo.tracking.smeared import most_like, smeared_outline
+from rcmservo.tracking.smeared import most_like, smeared_disc, smeared_outline
 
 LEAST_RADIUS = 4.0
 """px. In a smaller ball, half a pixel of noise looks like roundness."""
@@ -171,6 +172,17 @@ def smeared_ball(image: Image, colour: int, last: Ball, smear: tuple[float, floa
     if like.contrast(amounts) < max(LEAST_CONTRAST, 4.0 * grain):
         return None
     return Ball(like.u, like.v, last.radius, 0.5 * like.likeness, ROUGH**2 * np.eye(3))
+
+
+@cache
+def prepare_smeared() -> None:
+    """Compile and load what a smeared ball needs: in mid-run that would hold up everything."""
+    radius, way = 2.0 * LEAST_RADIUS, (LEAST_RADIUS, 0.0)
+    disc = np.pad(smeared_disc(radius, way), int(radius))
+    picture = np.zeros((*disc.shape, 3), dtype=np.uint8)
+    picture[..., 2] = np.rint(200.0 * disc)
+    middle = float(len(disc) // 2)
+    assert smeared_ball(picture, 0, Ball(middle, middle, radius, 1.0), way)
 
 
 def ball_about(weights: Floats, u: float, v: float, radius: float, grain: float) -> Ball | None:

@@ -20,6 +20,9 @@ FAST = 0.3
 SURELY = 0.15
 """and one that no sharp look finds, if it moves so far."""
 
+JUMPS = 6.0
+"""Of its radius: one that moves further has jumped, and no exposure smears it so far."""
+
 GAIN = 0.5
 """Of its way, by which the next one of a fast marker may differ."""
 
@@ -44,7 +47,7 @@ def ball_followed(image: Image, colour: int, last: Ball, way: Way) -> Ball | Non
     radius it had, which would drift from frame to frame.
     """
     sharp, speed = _steady(_looked(image, colour, last, None), last), float(np.hypot(*way))
-    if speed <= (FAST if sharp else SURELY) * last.radius:
+    if not (FAST if sharp else SURELY) * last.radius < speed <= JUMPS * last.radius:
         return sharp
     smeared = _steady(_looked(image, colour, last, way), last, GAIN * speed)
     if sharp and not (smeared and sharp.quality < AS_GOOD * smeared.quality):

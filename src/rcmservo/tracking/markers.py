@@ -7,7 +7,7 @@ import numpy as np
 
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Frame, Image, Markers
-from rcmservo.tracking.ball import Ball
+from rcmservo.tracking.ball import Ball, prepare_smeared
 from rcmservo.tracking.choice import Both, nearest, plain, rivals
 from rcmservo.tracking.close import ball_followed, balls_seen
 from rcmservo.tracking.colours import COLOURS
@@ -39,6 +39,7 @@ class ColourMarkers:
         self._times = (0, 0)
 
     def find(self, frame: Frame) -> Markers:
+        prepare_smeared()
         image = _picture(frame)
         expected = self._expected(frame.exposure)
         pair = self._follow(image, expected)

@@ -151,17 +151,20 @@ class Axis:
         """Call the present place `position`."""
         self.reference = self.position = position
 
-    def step(self, seconds: float) -> float:
-        """A sample passes; the speed that the motor is then asked for."""
+    def step(self, seconds: float, lag: float) -> float:
+        """A sample passes; the speed that the motor is then asked for. It is tuned to a motor that
+        lags by so many s: what that would lose while the speed changes is added."""
         if self.off:
             return 0.0
+        before = self.speed
         if self.moving:
             self._look_at_limits()
             self._change_speed(seconds)
             self.reference += self.speed * seconds
             if self.stopping and self.speed == 0.0:
                 self.moving = self.stopping = False
-        return self.speed + STIFF * self.error
+        lost = lag * (self.speed - before) / seconds
+        return self.speed + lost + STIFF * self.error
 
     def watch(self) -> None:
         """Switch off on an error that is too large (OE, ER)."""

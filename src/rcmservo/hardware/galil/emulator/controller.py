@@ -94,7 +94,7 @@ class Controller:
         for axis, (forward, reverse) in zip(axes, self.motors.switches(), strict=True):
             axis.forward, axis.reverse = forward, reverse
         before = [(axis.off, axis.stopping and axis.stop_code in (2, 3)) for axis in axes]
-        speeds = [axis.step(SAMPLE) for axis in axes]
+        speeds = [axis.step(SAMPLE, self.motors.lag) for axis in axes]
         if self.stuck is not None:
             speeds[self.stuck] = 0.0
         self._encoders = list(self.motors.step(speeds, [not axis.off for axis in axes], SAMPLE))
