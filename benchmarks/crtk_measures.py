@@ -10,9 +10,9 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,6 @@ from rcmservo.live.realtime import realtime
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.sim.arm import Drive
-from rcmservo.sim.processes.motion_log import MotionLog
 from rcmservo.sim.rate_joints import SimulatedJoints
 from rcmservo.sim.rig import Rig
 
@@ -38,6 +37,9 @@ SWING = np.array([0.3, 0.3, 20.0])
 
 COUNT = np.array(Drive().encoder)
 """rad, rad, mm of a count of the joints' encoders."""
+
+ROWS = 5000
+"""Steps of the arm that are kept."""
 
 
 class Counted:
@@ -71,12 +73,15 @@ class RunningDevice:
 
     def __init__(self, ros: int, domain: int, seed: int = 3) -> None:
         self.transport = Counted(opened(ros, domain, "lo"))
-        self.log = MotionLog(get_context("spawn"))
         rig = Rig(seed, pictures=False)
-        self.home = rig.truth.arm.q_true
-        joints = SimulatedJoints(rig.truth.arm, self.log)
+        arm = rig.truth.arm
+        joints = SimulatedJoints(arm)
         limits = rig.settings.mechanism.limits
         now = time.monotonic_ns()
+        arm.time = now // STEP * STEP
+        arm.place(rig.scene.start)
+        self._rows = deque[tuple[int, Floats]](maxlen=ROWS)
+        arm.before_step = lambda: self._rows.append((arm.time - STEP, arm.q_true))
         self.device = CrtkDevice(joints, limits, self.transport, NAME, now, time.time_ns)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._live, daemon=True)
@@ -96,9 +101,9 @@ class RunningDevice:
 
     def moved_last(self) -> int:
         """ns of its own time at which a joint was last more than a count from where it is."""
-        rows = self.log.since(0)
-        away = (np.abs(rows["q"] - rows["q"][-1]) > COUNT).any(axis=1)
-        return int(rows["time"][np.flatnonzero(away)[-1]]) if away.any() else 0
+        times, q = (np.array(column) for column in zip(*list(self._rows), strict=True))
+        away = (np.abs(q - q[-1]) > COUNT).any(axis=1)
+        return int(times[away][-1]) if away.any() else 0
 
 
 def client_arm(ros: int, domain: int) -> CrtkArm:

@@ -2,7 +2,13 @@
 
 from rcmservo.config.rig_file import Lab
 from rcmservo.hardware.cameras.opencv import opencv_camera
-from rcmservo.hardware.cameras.settings import AravisSettings, OpencvSettings, require_latency
+from rcmservo.hardware.cameras.settings import (
+    AravisSettings,
+    OpencvSettings,
+    TopicSettings,
+    require_latency,
+)
+from rcmservo.hardware.cameras.topic import topic_camera
 from rcmservo.hardware.crtk.arm import CrtkArm
 from rcmservo.hardware.crtk.settings import CrtkSettings
 from rcmservo.hardware.crtk.transport import opened
@@ -13,7 +19,7 @@ from rcmservo.live.lab import LabArm, LabCamera
 ARMS = {kind.name: kind for kind in (GalilSettings, CrtkSettings)}
 """The settings of every arm, by its kind in a rig file."""
 
-CAMERAS = {kind.name: kind for kind in (OpencvSettings, AravisSettings)}
+CAMERAS = {kind.name: kind for kind in (OpencvSettings, AravisSettings, TopicSettings)}
 """The settings of every camera, by its kind in a rig file."""
 
 
@@ -38,5 +44,7 @@ def open_camera(lab: Lab, unmeasured: bool = False) -> LabCamera:
     match settings:
         case OpencvSettings():
             return opencv_camera(settings)
+        case TopicSettings():
+            return topic_camera(settings)
         case other:
             raise NotImplementedError(type(other).__name__)

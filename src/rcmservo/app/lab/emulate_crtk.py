@@ -1,26 +1,23 @@
 """`rcmservo emulate crtk`: an arm that is not there, on ROS topics, with its camera's pictures."""
 
-import threading
 import time
-from collections.abc import Generator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from typing import Literal
 
+from rcmservo.app.lab.emulated_arm import EmulatedArm
 from rcmservo.app.preparing import simulator
 from rcmservo.app.terminal import console
 from rcmservo.config.rig_file import Lab
+from rcmservo.errors import RcmServoError
 from rcmservo.hardware.crtk.device import STEP, CrtkDevice
-from rcmservo.hardware.crtk.messages import PlainImage, Topic
+from rcmservo.hardware.crtk.messages import PICTURES, PlainImage
 from rcmservo.hardware.crtk.settings import CrtkSettings
-from rcmservo.hardware.crtk.transport import Transport, opened
-from rcmservo.interfaces import Camera
-from rcmservo.live.child import Child
+from rcmservo.hardware.crtk.transport import opened
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.realtime import realtime
 
-PICTURES = Topic("camera/image_raw", PlainImage, lossy=True)
 LOOK = 0.002
 """s between two looks for a new picture."""
 
@@ -42,12 +39,15 @@ class RosOptions:
 def emulate_crtk(options: RosOptions, seed: int, lab: Lab) -> int:
     """Be the arm until Ctrl-C; the exit code is 0."""
     where = CrtkSettings(options.namespace, options.ros, options.domain, options.interface)
-    with (
-        closing(opened(where.ros, where.domain, where.interface)) as transport,
-        simulated(transport, where.namespace, seed, lab) as device,
-    ):
-        on = f"domain {where.domain}, {where.interface}" if where.ros == 2 else "its master"
-        words = f"emulated CRTK arm {where.namespace} on ROS {where.ros} ({on}), simulated arm"
+    with simulator("emulate"):
+        arm = EmulatedArm(seed, lab)
+    with arm, closing(opened(where.ros, where.domain, where.interface)) as transport:
+        arm.offer(send_pictures, where)
+        limits, joints = lab.mechanism.limits, arm.joints()
+        now = time.monotonic_ns()
+        device = CrtkDevice(joints, limits, transport, where.namespace, now, time.time_ns)
+        on = f" (domain {where.domain}, {where.interface})" if where.ros == 2 else ""
+        words = f"emulated CRTK arm {where.namespace} on ROS {where.ros}{on}, simulated arm"
         console(False).print(f"{words}, seed {seed}; Ctrl-C ends it", soft_wrap=True)
         try:
             serve(device)
@@ -56,63 +56,26 @@ def emulate_crtk(options: RosOptions, seed: int, lab: Lab) -> int:
     return 0
 
 
-@contextmanager
-def simulated(transport: Transport, namespace: str, seed: int, lab: Lab) -> Generator[CrtkDevice]:
-    """A simulated arm as a device, and its camera on a topic beside it."""
-    with simulator("emulate"):
-        from rcmservo.sim.processes.camera_process import film
-        from rcmservo.sim.processes.motion_log import MotionLog
-        from rcmservo.sim.rate_joints import SimulatedJoints
-        from rcmservo.sim.rig import Rig
-        from rcmservo.sim.rig_file import rig_settings
-
-    context, settings = get_context("spawn"), rig_settings(lab)
-    log, ring = MotionLog(context), FrameRing(context, settings.width, settings.height)
-    joints = SimulatedJoints(Rig(seed, settings, pictures=False).truth.arm, log)
-    limits, now = lab.mechanism.limits, time.monotonic_ns()
-    device = CrtkDevice(joints, limits, transport, namespace, now, time.time_ns)
-    with (
-        closing_child(Child(context, film, seed, settings, log, ring)) as camera,
-        showing(RingCamera(ring), transport, PICTURES.under(namespace)),
-    ):
-        camera.hear()
-        yield device
-
-
-@contextmanager
-def closing_child(child: Child) -> Generator[Child]:
-    """End a process in the end."""
+def send_pictures(ring: FrameRing, where: CrtkSettings, control: Connection) -> None:
+    """Send a camera's pictures on a topic, until the other end of `control` speaks or is gone."""
     try:
-        yield child
-    finally:
-        child.end()
-
-
-@contextmanager
-def showing(camera: Camera, transport: Transport, topic: Topic[PlainImage]) -> Generator[None]:
-    """Send a camera's pictures meanwhile, in a thread."""
-    over = threading.Event()
-    transport.offer(topic)
-
-    def show() -> None:
-        last = None
-        while not over.wait(LOOK):
+        transport = opened(where.ros, where.domain, where.interface)
+    except RcmServoError as error:
+        control.send(RcmServoError(str(error)))
+        return
+    camera, last, topic = RingCamera(ring), None, PICTURES.under(where.namespace)
+    with closing(transport):
+        transport.offer(topic)
+        control.send(topic.name)
+        while not control.poll(LOOK):
             frame = camera.latest()
             if frame is None or frame is last or frame.image is None:
                 continue
             last, (height, width, _) = frame, frame.image.shape
             stamp = frame.exposure + time.time_ns() - time.monotonic_ns()
-            image = frame.image.tobytes()
-            said = PlainImage(stamp, height, width, "bgr8", 0, 3 * width, image)
+            data = frame.image.tobytes()
+            said = PlainImage(stamp, height, width, "bgr8", 0, 3 * width, data)
             transport.publish(topic, said)
-
-    thread = threading.Thread(target=show, name="pictures", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
 
 
 def serve(device: CrtkDevice) -> None:

@@ -162,6 +162,7 @@ OPERATING_STATE = Topic("operating_state", OperatingState, latched=True)
 STATE_COMMAND = Topic("state_command", StringStamped)
 WARNING = Topic("warning", StringStamped)
 ERROR = Topic("error", StringStamped)
+PICTURES = Topic("camera/image_raw", PlainImage, lossy=True)
 
 
 def parts_of(kind: type[Message]) -> list[tuple[str, str]]:
