@@ -4,15 +4,24 @@ from rcmservo.bringup.wiring import Wiring
 from rcmservo.config.rig_file import Lab
 from rcmservo.hardware.cameras.aravis import aravis_camera
 from rcmservo.hardware.cameras.opencv import opencv_camera
-from rcmservo.hardware.cameras.settings import AravisSettings, OpencvSettings, require_latency
+from rcmservo.hardware.cameras.settings import (
+    AravisSettings,
+    OpencvSettings,
+    TopicSettings,
+    require_latency,
+)
+from rcmservo.hardware.cameras.topic import topic_camera
+from rcmservo.hardware.crtk.arm import CrtkArm
+from rcmservo.hardware.crtk.settings import CrtkSettings
+from rcmservo.hardware.crtk.transport import opened
 from rcmservo.hardware.galil.driver import GalilArm
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.live.lab import LabArm, LabCamera
 
-ARMS = {kind.name: kind for kind in (GalilSettings,)}
+ARMS = {kind.name: kind for kind in (GalilSettings, CrtkSettings)}
 """The settings of every arm, by its kind in a rig file."""
 
-CAMERAS = {kind.name: kind for kind in (OpencvSettings, AravisSettings)}
+CAMERAS = {kind.name: kind for kind in (OpencvSettings, AravisSettings, TopicSettings)}
 """The settings of every camera, by its kind in a rig file."""
 
 
@@ -21,6 +30,9 @@ def open_arm(lab: Lab) -> LabArm:
     match lab.device("arm", ARMS):
         case GalilSettings() as settings:
             return GalilArm(settings, lab.mechanism.limits)
+        case CrtkSettings() as settings:
+            transport = opened(settings.ros, settings.domain, settings.interface)
+            return CrtkArm(settings, lab.mechanism.limits, transport)
         case other:
             raise NotImplementedError(type(other).__name__)
 
@@ -45,5 +57,7 @@ def open_camera(lab: Lab, unmeasured: bool = False) -> LabCamera:
             return opencv_camera(settings)
         case AravisSettings():
             return aravis_camera(settings)
+        case TopicSettings():
+            return topic_camera(settings)
         case other:
             raise NotImplementedError(type(other).__name__)

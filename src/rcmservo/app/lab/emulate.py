@@ -3,11 +3,12 @@
 import contextlib
 import time
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import tyro
 
+from rcmservo.app.lab.emulate_crtk import RosOptions, emulate_crtk
 from rcmservo.app.lab.emulated_arm import EmulatedArm, send_gige, send_mjpeg
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.preparing import simulator
@@ -27,11 +28,12 @@ COUNTS = 50000.0, 50000.0, 500.0
 
 @dataclass(frozen=True)
 class EmulateOptions:
-    """A motion controller on 127.0.0.1 that drives a simulated arm, for developing without the
-    hardware. It runs until Ctrl-C. Nothing real moves."""
+    """A motion controller on 127.0.0.1, or an arm on ROS topics, that drives a simulated arm, for
+    developing without the hardware. It runs until Ctrl-C. Nothing real moves."""
 
-    device: Annotated[Literal["galil"], tyro.conf.Positional]
-    """The controller: galil (a DMC-4040 with four axes, the joints on A, B and C)."""
+    device: Annotated[Literal["galil", "crtk"], tyro.conf.Positional]
+    """The controller: galil (a DMC-4040 with four axes, the joints on A, B and C), or crtk (an arm
+    on ROS topics, with its camera's pictures)."""
     port: int = 2323
     """Where it listens on 127.0.0.1, by TCP and UDP; 0 takes one that is free."""
     serial: bool = False
@@ -47,7 +49,9 @@ class EmulateOptions:
     """TOML file with your own mechanism, drives and scene."""
     fault: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """What goes wrong, as kind:at=5,for=0.5; may be given several times. --fault help lists the
-    kinds."""
+    kinds. Of galil alone."""
+    crtk: Annotated[RosOptions, tyro.conf.arg(name="")] = field(default_factory=RosOptions)
+    """Where crtk is spoken."""
 
 
 def emulate(options: EmulateOptions) -> int:
@@ -60,6 +64,8 @@ def emulate(options: EmulateOptions) -> int:
     for name, port in (("--port", options.port), ("--mjpeg", options.mjpeg or 0)):
         require(0 <= port < 65536, name, port, "a whole number from 0 to 65535")
     lab = load_lab(options.rig) if options.rig else Lab()
+    if options.device == "crtk":
+        return emulate_crtk(options.crtk, options.seed, lab)
     faults = [Fault.parse(text) for text in options.fault]
     with simulator("emulate"):
         arm = EmulatedArm(options.seed, lab)

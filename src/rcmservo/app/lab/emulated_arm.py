@@ -18,6 +18,7 @@ from rcmservo.config.rig_file import Lab
 from rcmservo.errors import RcmServoError
 from rcmservo.hardware.cameras.emulated.gige_camera import GigeCamera
 from rcmservo.hardware.cameras.emulated.mjpeg_server import MjpegServer
+from rcmservo.hardware.crtk.device import RateJoints
 from rcmservo.hardware.galil.emulator.motors import Motors
 from rcmservo.live.child import Child, heard
 from rcmservo.live.frame_ring import FrameRing, RingCamera
@@ -47,14 +48,27 @@ class EmulatedArm:
         ring = self._ring = self._ring or self._filmed()
         return self._child(send, ring, *arguments)
 
+    def joints(self) -> RateJoints:
+        """The arm as joints with velocity drives and brakes, in the wall clock's time from now
+        on."""
+        from rcmservo.sim.rate_joints import SimulatedJoints
+
+        self._begin()
+        return SimulatedJoints(self._arm)
+
     def motors(self, counts: tuple[float, float, float], axes: int) -> Motors:
         """The arm as motors. Its time is the wall clock's from now on."""
-        from rcmservo.sim.arm import STEP
         from rcmservo.sim.motors import ArmMotors
+
+        self._begin()
+        return ArmMotors(self._arm, np.array(counts), axes)
+
+    def _begin(self) -> None:
+        """Be at the start now."""
+        from rcmservo.sim.arm import STEP
 
         self._arm.time = time.monotonic_ns() // STEP * STEP
         self._arm.place(self._rig.scene.start)
-        return ArmMotors(self._arm, np.array(counts), axes)
 
     def _filmed(self) -> FrameRing:
         """Where the frames are that a camera takes of it."""

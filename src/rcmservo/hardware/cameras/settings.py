@@ -5,10 +5,12 @@ refused where it has taken something else.
 """
 
 import ipaddress
+import re
 from dataclasses import dataclass
 from typing import ClassVar
 
 from rcmservo.errors import require
+from rcmservo.hardware.crtk.settings import require_ros
 
 LONGEST_LATENCY = 1.0
 """s: a camera later than that is of no use."""
@@ -106,13 +108,42 @@ class AravisSettings:
         return 9000 if _is_this_computer(self.address) else 1400
 
 
-CameraSettings = OpencvSettings | AravisSettings
+@dataclass(frozen=True)
+class TopicSettings:
+    """A camera whose pictures come on a ROS topic, stamped when they were exposed."""
+
+    name: ClassVar[str] = "topic"
+    """Its kind in rig files."""
+
+    topic: str
+    """The topic's name, such as PSM1/camera/image_raw."""
+    compressed: bool = False
+    """Whether they come as the files of sensor_msgs/CompressedImage, not as sensor_msgs/Image."""
+    ros: int = 2
+    """Which ROS it speaks: 2 or 1."""
+    domain: int = 0
+    """ROS 2's domain (ROS_DOMAIN_ID)."""
+    interface: str = "lo"
+    """The network interface on which ROS 2 is spoken; lo is within this computer."""
+    latency: float = 0.0
+    """s from the middle of an exposure to the stamp."""
+
+    def __post_init__(self) -> None:
+        good = re.fullmatch(r"\w+(/\w+)*", self.topic, re.ASCII) is not None
+        right = "a topic's name without a slash before it, such as PSM1/camera/image_raw"
+        require(good, "camera.topic", self.topic, right)
+        require_ros("camera", self.ros, self.domain, self.interface)
+        _latency(self.latency)
+
+
+CameraSettings = OpencvSettings | AravisSettings | TopicSettings
 
 
 def require_latency(settings: CameraSettings) -> None:
-    """Refuse a camera whose latency nobody has measured."""
+    """Refuse a camera whose latency nobody has measured, if it does not tell it by its stamps."""
     right = "more than 0 s: `rcmservo rig check` measures it"
-    require(settings.latency > 0.0, "camera.latency", settings.latency, right)
+    told = isinstance(settings, TopicSettings)
+    require(told or settings.latency > 0.0, "camera.latency", settings.latency, right)
 
 
 def _latency(latency: float) -> None:

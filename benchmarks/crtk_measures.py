@@ -1,0 +1,175 @@
+"""What CRTK over a transport is measured with; tests ask a part.
+
+The device lives in this process, with its log; its client in another one, which can be killed.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from rcmservo.hardware.crtk import messages as m
+from rcmservo.hardware.crtk.arm import CrtkArm
+from rcmservo.hardware.crtk.device import STEP, CrtkDevice
+from rcmservo.hardware.crtk.settings import CrtkSettings
+from rcmservo.hardware.crtk.transport import Heard, Transport, opened
+from rcmservo.interfaces import Command, Floats
+from rcmservo.live.realtime import realtime
+from rcmservo.loop.clock import WallClock, ticks
+from rcmservo.method.kinematics import SphericalRcm
+from rcmservo.sim.arm import Drive
+from rcmservo.sim.rate_joints import SimulatedJoints
+from rcmservo.sim.rig import Rig
+
+NAME = "PSM1"
+PATIENCE = 50_000_000
+SWING = np.array([0.3, 0.3, 20.0])
+"""rad/s, rad/s, mm/s at most of a client that goes to and fro."""
+
+COUNT = np.array(Drive().encoder)
+"""rad, rad, mm of a count of the joints' encoders."""
+
+ROWS = 5000
+"""Steps of the arm that are kept."""
+
+
+class Counted:
+    """A transport that counts what it hears."""
+
+    def __init__(self, inner: Transport) -> None:
+        self.inner, self.heard = inner, dict[str, int]()
+
+    def publish(self, topic: m.Topic[Any], message: Any) -> bool:
+        return self.inner.publish(topic, message)
+
+    def offer(self, topic: m.Topic[Any]) -> None:
+        self.inner.offer(topic)
+
+    def listeners(self, topic: m.Topic[Any]) -> int:
+        return self.inner.listeners(topic)
+
+    def subscribe(self, topic: m.Topic[Any], heard: Heard[Any]) -> None:
+        def counted(said: Any, writer: str) -> None:
+            self.heard[topic.name] = self.heard.get(topic.name, 0) + 1
+            heard(said, writer)
+
+        self.inner.subscribe(topic, counted)
+
+    def close(self) -> None:
+        self.inner.close()
+
+
+class RunningDevice:
+    """A device that lives in wall time, in a thread."""
+
+    def __init__(self, ros: int, domain: int, seed: int = 3) -> None:
+        self.transport = Counted(opened(ros, domain, "lo"))
+        rig = Rig(seed, pictures=False)
+        arm = rig.truth.arm
+        joints = SimulatedJoints(arm)
+        limits = rig.settings.mechanism.limits
+        now = time.monotonic_ns()
+        arm.time = now // STEP * STEP
+        arm.place(rig.scene.start)
+        self._rows = deque[tuple[int, Floats]](maxlen=ROWS)
+        arm.before_step = lambda: self._rows.append((arm.time - STEP, arm.q_true))
+        self.device = CrtkDevice(joints, limits, self.transport, NAME, now, time.time_ns)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._live, daemon=True)
+        self._thread.start()
+
+    def _live(self) -> None:
+        with realtime():
+            while not self._over.is_set():
+                now = time.monotonic_ns()
+                self.device.turn(now)
+                time.sleep((STEP - now % STEP) * 1e-9)
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+        self.transport.close()
+
+    def moved_last(self) -> int:
+        """ns of its own time at which a joint was last more than a count from where it is."""
+        times, q = (np.array(column) for column in zip(*list(self._rows), strict=True))
+        away = (np.abs(q - q[-1]) > COUNT).any(axis=1)
+        return int(times[away][-1]) if away.any() else 0
+
+
+def client_arm(ros: int, domain: int) -> CrtkArm:
+    """A client of it."""
+    settings = CrtkSettings(NAME, ros, domain)
+    return CrtkArm(settings, SphericalRcm().limits, opened(ros, domain, "lo"))
+
+
+def swing(seconds: float) -> Floats:
+    """Rates of a client that goes to and fro, so many s after its start."""
+    return SWING * np.cos(2.0 * np.pi * seconds / 4.0)
+
+
+def drive(ros: int, domain: int, seconds: float) -> None:
+    """Be a client for so many s: say "moving" when it is, and at the end what came of it."""
+    arm, clock = client_arm(ros, domain), WallClock()
+    arm.enable()
+    number = 0
+    with realtime():
+        for passed in ticks(clock, 100.0, seconds):
+            now = clock.now()
+            arm.apply(Command(number, now, now + PATIENCE, swing(passed * 1e-9), True))
+            number += 1
+            if number == 50:
+                print("moving", flush=True)
+    time.sleep(0.02)
+    account, told = arm.account(), arm.measure()
+    arm.close()
+    print(json.dumps(account.__dict__ | {"commands": number, "on": told.enabled}), flush=True)
+
+
+@contextmanager
+def driving(ros: int, domain: int, seconds: float) -> Iterator[subprocess.Popen[str]]:
+    """A client in another process, which is moving the arm."""
+    code = f"from crtk_measures import drive; drive({ros}, {domain}, {seconds})"
+    paths = [os.path.dirname(__file__), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as client:
+        try:
+            assert client.stdout is not None
+            if client.stdout.readline() != "moving\n":
+                raise RuntimeError("the client does not move")
+            yield client
+        finally:
+            client.kill()
+
+
+def streamed(ros: int, domain: int, device: RunningDevice, seconds: float) -> dict[str, Any]:
+    """What became of all commands of so many s at 100 Hz."""
+    before = device.transport.heard.get(f"{NAME}/servo_jp", 0)
+    with driving(ros, domain, seconds) as client:
+        assert client.stdout is not None
+        account = json.loads(client.stdout.readline())
+    heard = device.transport.heard[f"{NAME}/servo_jp"] - before
+    return account | {"heard": heard}
+
+
+def killed(ros: int, domain: int, device: RunningDevice, wait: float) -> float:
+    """ms for which the arm went on when its client was killed, at a moment of its motion."""
+    with driving(ros, domain, 30.0) as client:
+        time.sleep(wait)
+        client.send_signal(signal.SIGKILL)
+        at = time.monotonic_ns()
+        client.wait()
+        end = at + 2_000_000_000
+        while time.monotonic_ns() < end and time.monotonic_ns() - device.moved_last() < 300_000_000:
+            time.sleep(0.02)
+    return (device.moved_last() - at) * 1e-6

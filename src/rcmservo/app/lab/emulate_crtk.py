@@ -1,0 +1,87 @@
+"""`rcmservo emulate crtk`: an arm that is not there, on ROS topics, with its camera's pictures."""
+
+import time
+from contextlib import closing
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Literal
+
+from rcmservo.app.lab.emulated_arm import EmulatedArm
+from rcmservo.app.preparing import simulator
+from rcmservo.app.terminal import console
+from rcmservo.config.rig_file import Lab
+from rcmservo.errors import RcmServoError
+from rcmservo.hardware.crtk.device import STEP, CrtkDevice
+from rcmservo.hardware.crtk.messages import PICTURES, PlainImage
+from rcmservo.hardware.crtk.settings import CrtkSettings
+from rcmservo.hardware.crtk.transport import opened
+from rcmservo.live.frame_ring import FrameRing, RingCamera
+from rcmservo.live.realtime import realtime
+
+LOOK = 0.002
+"""s between two looks for a new picture."""
+
+
+@dataclass(frozen=True)
+class RosOptions:
+    """Where an arm on ROS topics is."""
+
+    ros: Literal[2, 1] = 2
+    """Which ROS crtk speaks: 2, or 1 by the master that ROS_MASTER_URI names."""
+    namespace: str = "PSM1"
+    """Of crtk: the arm's name, before all of its topics."""
+    domain: int = 0
+    """Of crtk: ROS 2's domain."""
+    interface: str = "lo"
+    """Of crtk: the network interface that ROS 2 is spoken on; lo is within this computer."""
+
+
+def emulate_crtk(options: RosOptions, seed: int, lab: Lab) -> int:
+    """Be the arm until Ctrl-C; the exit code is 0."""
+    where = CrtkSettings(options.namespace, options.ros, options.domain, options.interface)
+    with simulator("emulate"):
+        arm = EmulatedArm(seed, lab)
+    with arm, closing(opened(where.ros, where.domain, where.interface)) as transport:
+        arm.offer(send_pictures, where)
+        limits, joints = lab.mechanism.limits, arm.joints()
+        now = time.monotonic_ns()
+        device = CrtkDevice(joints, limits, transport, where.namespace, now, time.time_ns)
+        on = f" (domain {where.domain}, {where.interface})" if where.ros == 2 else ""
+        words = f"emulated CRTK arm {where.namespace} on ROS {where.ros}{on}, simulated arm"
+        console(False).print(f"{words}, seed {seed}; Ctrl-C ends it", soft_wrap=True)
+        try:
+            serve(device)
+        except KeyboardInterrupt:
+            return 0
+    return 0
+
+
+def send_pictures(ring: FrameRing, where: CrtkSettings, control: Connection) -> None:
+    """Send a camera's pictures on a topic, until the other end of `control` speaks or is gone."""
+    try:
+        transport = opened(where.ros, where.domain, where.interface)
+    except RcmServoError as error:
+        control.send(RcmServoError(str(error)))
+        return
+    camera, last, topic = RingCamera(ring), None, PICTURES.under(where.namespace)
+    with closing(transport):
+        transport.offer(topic)
+        control.send(topic.name)
+        while not control.poll(LOOK):
+            frame = camera.latest()
+            if frame is None or frame is last or frame.image is None:
+                continue
+            last, (height, width, _) = frame, frame.image.shape
+            stamp = frame.exposure + time.time_ns() - time.monotonic_ns()
+            data = frame.image.tobytes()
+            said = PlainImage(stamp, height, width, "bgr8", 0, 3 * width, data)
+            transport.publish(topic, said)
+
+
+def serve(device: CrtkDevice) -> None:
+    """Let a device live in wall time, until Ctrl-C."""
+    with realtime():
+        while True:
+            now = time.monotonic_ns()
+            device.turn(now)
+            time.sleep((STEP - now % STEP) * 1e-9)

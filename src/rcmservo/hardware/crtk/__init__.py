@@ -1,0 +1,1 @@
+"""Arms that speak CRTK, the collaborative robotics toolkit, over ROS 2 or ROS 1."""

@@ -1,0 +1,315 @@
+"""An arm that speaks CRTK, as the loop has it: rates become positions that it is asked to be at.
+
+Its drive is on or off by its own word alone. Whatever ends our having it (a command that is not
+enabled, none before the last one's deadline, somebody else who moves it, words that cannot be
+believed) is followed by "disable", again and again until it says that it is off. Many such arms
+have no watchdog: one goes to where it was asked to be last, within its lead, and stands there.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rcmservo.errors import one_line
+from rcmservo.hardware.crtk import messages as m
+from rcmservo.hardware.crtk.hearsay import ENABLED, Hearsay, ToldJoints
+from rcmservo.hardware.crtk.lead import Lead
+from rcmservo.hardware.crtk.settings import CrtkSettings
+from rcmservo.hardware.crtk.transport import Transport
+from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.live.lab import NotReady
+from rcmservo.method.kinematics import JointLimits
+
+FRESH = 50_000_000
+"""ns for which the arm's last place is good enough to move from."""
+BEGIN = 1_000_000_000
+"""ns after it was enabled within which commands must begin."""
+FOUND_WITHIN = 10.0
+"""s within which its topics must be heard."""
+AGAIN = 100_000_000
+"""ns after which an arm that is to be off is told so again,"""
+INSIST = 2_000_000_000
+"""ns, and for how long."""
+WATCH = 0.005
+"""s between two looks at the deadline."""
+FOREIGN = 500_000_000
+"""ns after which what somebody else sent counts no more."""
+
+
+@dataclass(frozen=True)
+class CommandAccount:
+    """What became of all commands that would move."""
+
+    sent: int = 0
+    """Those that went out to the arm."""
+    withheld: int = 0
+    """Those that were good and did not go out: the arm's place was not known, or it was not
+    heard."""
+    refused: int = 0
+    """Those that were void: late, repeated, not finite, or with the drive off."""
+    warned: int = 0
+    """How often the arm warned: it refuses a command whole."""
+    stale: int = 0
+    """Words of the arm that could not be believed."""
+
+
+class CrtkArm:
+    """An arm reached by a transport, which it closes in the end."""
+
+    def __init__(
+        self,
+        settings: CrtkSettings,
+        limits: JointLimits,
+        transport: Transport,
+        now: Callable[[], int] = time.monotonic_ns,
+        real: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self.settings = settings
+        self._transport, self._now, self._real = transport, now, real
+        self._signs = np.array(settings.signs)
+        self._motion = m.SERVO_JV if settings.jv else m.SERVO_JP
+        self._told = threading.Condition()
+        self._hearsay = Hearsay(settings.namespace)
+        self._lead = Lead(np.array(settings.lead), limits)
+        self._wrist: tuple[float, ...] = ()
+        self._account, self._why = CommandAccount(), ""
+        self._having, self._number, self._deadline = False, -1, 0
+        self._off_from = self._off_until = self._foreign = 0
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="crtk", daemon=True)
+        try:
+            self._listen()
+        except BaseException:
+            self._transport.close()
+            raise
+        self._thread.start()
+
+    @property
+    def why_off(self) -> str:
+        """Why the drive went off by itself, in a sentence; empty where it did not."""
+        return self._hearsay.trouble or self._why
+
+    def account(self) -> CommandAccount:
+        """What became of all commands so far."""
+        with self._told:
+            return replace(self._account, warned=self._hearsay.warnings, stale=self._hearsay.stale)
+
+    def homed(self) -> bool:
+        """Whether the arm says that it knows where it stands."""
+        with self._told:
+            return self._hearsay.state is not None and self._hearsay.state.is_homed
+
+    def define(self, q: Floats) -> None:
+        """No: the arm homes itself."""
+        raise NotReady(f"{self._name} knows where it stands from its own homing: home it there")
+
+    def enable(self) -> None:
+        """Switch the drive on, at rest; if that fails, off again."""
+        with self._told:
+            self._ready()
+            self._why, self._off_until = "", 0
+            try:
+                if self._hearsay.state is not None and self._hearsay.state.state == ENABLED:
+                    self._say("disable")
+                    self._await(lambda: not self._hearsay.on, "does not switch off")
+                self._say("enable")
+                self._await(lambda: self._hearsay.on, "does not switch on")
+                here = self._here()
+            except BaseException:
+                self._off("")
+                raise
+            now = self._now()
+            self._lead.anchor(m.in_rad_and_mm(here.position, self._signs), now)
+            self._wrist = here.position[3:]
+            self._having, self._number, self._deadline = True, -1, now + BEGIN
+
+    def measure(self) -> Measured:
+        """What the arm told last."""
+        told = self._hearsay.joints
+        assert told is not None
+        q = m.in_rad_and_mm(told.position, self._signs)
+        return Measured(told.time, q, self._hearsay.on)
+
+    def apply(self, command: Command) -> Floats:
+        """Pass a command on; the joint rates (3,) that are taken of it."""
+        with self._told:
+            if not command.enabled:
+                if self._having:
+                    self._off("")
+                return np.zeros(3)
+            if not self._valid(command):
+                self._account = replace(self._account, refused=self._account.refused + 1)
+                return np.zeros(3)
+            self._number, self._deadline = command.number, command.deadline
+            took = self._moved(command.rates)
+            if took is None:
+                self._account = replace(self._account, withheld=self._account.withheld + 1)
+                return np.zeros(3)
+            self._account = replace(self._account, sent=self._account.sent + 1)
+            return took
+
+    def close(self) -> None:
+        """Switch off what we have, and hang up."""
+        with self._told:
+            if self._having:
+                self._off("")
+            if self._off_until:
+                self._told.wait_for(lambda: not self._hearsay.on, self.settings.answer_within)
+        self._over.set()
+        self._thread.join()
+        self._transport.close()
+
+    @property
+    def _name(self) -> str:
+        return self.settings.namespace
+
+    def _listen(self) -> None:
+        """Hear the arm until it has said where and how it is, and hears us."""
+        mine: list[m.Topic[Any]] = [
+            self._motion.under(self._name),
+            m.STATE_COMMAND.under(self._name),
+        ]
+        for topic in mine:
+            self._transport.offer(topic)
+        self._transport.subscribe(m.MEASURED_JS.under(self._name), self._hear_joints)
+        self._transport.subscribe(m.OPERATING_STATE.under(self._name), self._hear_state)
+        for topic in (m.WARNING, m.ERROR):
+            self._transport.subscribe(topic.under(self._name), self._hear_warning)
+        with self._told:
+            self._told.wait_for(lambda: not self._missing(mine), FOUND_WITHIN)
+            missing = self._missing(mine)
+            if missing:
+                s = self.settings
+                where = f"ROS 2, domain {s.domain} on {s.interface}" if s.ros == 2 else "ROS 1"
+                raise NotReady(self._hearsay.trouble or f"{missing} by {where}")
+        for topic in (m.SERVO_JP, m.SERVO_JV):
+            self._transport.subscribe(topic.under(self._name), self._hear_motion)
+
+    def _missing(self, mine: list[m.Topic[Any]]) -> str:
+        """What has not been found yet, in words; empty where all was."""
+        if self._hearsay.joints is None:
+            return f"nobody tells {self._name}/measured_js"
+        if self._hearsay.state is None:
+            return f"nobody tells {self._name}/operating_state"
+        deaf = [topic.name for topic in mine if not self._transport.listeners(topic)]
+        return f"nobody hears {deaf[0]}" if deaf else ""
+
+    def _hear_joints(self, said: m.JointState, writer: str) -> None:
+        with self._told:
+            self._hearsay.hear_joints(said, writer, self._now(), self._real())
+            self._believe()
+
+    def _hear_state(self, said: m.OperatingState, writer: str) -> None:
+        with self._told:
+            self._hearsay.hear_state(said, writer, self._real())
+            if self._having and not self._hearsay.on:
+                self._having = False
+                warned = self._hearsay.warning
+                words = f"; it said last: {one_line(warned)}" if warned else ""
+                self._why = f"{self._name} went {said.state} by itself{words}"
+            self._believe()
+
+    def _hear_warning(self, said: m.StringStamped, writer: str) -> None:
+        with self._told:
+            self._hearsay.hear_warning(said, writer)
+
+    def _hear_motion(self, said: m.JointState, writer: str) -> None:
+        """Somebody else would move the arm."""
+        with self._told:
+            self._foreign = self._now()
+            if self._having:
+                self._off(f"somebody else sends {self._name} where to go, and it was switched off")
+
+    def _believe(self) -> None:
+        if self._having and self._hearsay.trouble:
+            self._off(self._hearsay.trouble)
+        self._told.notify_all()
+
+    def _ready(self) -> None:
+        """Whether it may be enabled at all."""
+        hearsay = self._hearsay
+        if hearsay.trouble:
+            raise NotReady(hearsay.trouble)
+        if self._over.is_set():
+            raise NotReady(f"{self._name} was hung up: connect again")
+        self._here()
+        state = hearsay.state
+        if state is None or not state.is_homed:
+            raise NotReady(f"{self._name} is not homed: home it with its own software")
+        if state.state not in ("DISABLED", ENABLED):
+            words = f"; it said last: {one_line(hearsay.warning)}" if hearsay.warning else ""
+            raise NotReady(f"{self._name} is {state.state}: a person must clear that first{words}")
+        if self._foreign and self._now() - self._foreign < FOREIGN:
+            raise NotReady(f"somebody else moves {self._name}: end that first")
+
+    def _here(self) -> ToldJoints:
+        told = self._hearsay.joints
+        if told is None or not (self._now() - told.time <= FRESH):
+            raise NotReady(f"{self._name} does not say where it is")
+        return told
+
+    def _await(self, reached: Callable[[], bool], otherwise: str) -> None:
+        if not self._told.wait_for(reached, self.settings.answer_within):
+            warned = self._hearsay.warning
+            words = f"; it said last: {one_line(warned)}" if warned else ""
+            raise NotReady(f"{self._name} {otherwise}{words}")
+
+    def _valid(self, command: Command) -> bool:
+        return (
+            self._having
+            and command.number > self._number
+            and self._now() <= min(command.deadline, self._deadline)
+            and command.rates.shape == (3,)
+            and bool(np.isfinite(command.rates).all())
+        )
+
+    def _moved(self, rates: Floats) -> Floats | None:
+        """Send what these rates come to; what is taken of them, None where nothing went out."""
+        try:
+            told = self._here()
+        except NotReady:
+            return None
+        now, stamp = self._now(), self._real()
+        if self.settings.jv:
+            still = (*m.in_rad_and_m(rates, self._signs), *(0.0 for _ in self._wrist))
+            said = m.JointState(stamp, told.name, velocity=still)
+            return rates.copy() if self._publish(said) else None
+        measured = m.in_rad_and_mm(told.position, self._signs)
+        setpoint, took = self._lead.step(rates, measured, now)
+        position = (*m.in_rad_and_m(setpoint, self._signs), *self._wrist)
+        return took if self._publish(m.JointState(stamp, told.name, position)) else None
+
+    def _publish(self, said: m.JointState) -> bool:
+        return self._transport.publish(self._motion.under(self._name), said)
+
+    def _say(self, word: str) -> None:
+        said = m.StringStamped(self._real(), word)
+        self._transport.publish(m.STATE_COMMAND.under(self._name), said)
+
+    def _off(self, why: str) -> None:
+        """Have it no more, and have it switched off."""
+        self._having, self._why = False, why or self._why
+        self._off_from = self._now()
+        self._off_until = self._off_from + INSIST
+        self._say("disable")
+
+    def _watch(self) -> None:
+        """Switch off what no command came for in time, and see to it that it goes off."""
+        while not self._over.wait(WATCH):
+            with self._told:
+                self.look_after()
+
+    def look_after(self) -> None:
+        """One look at the deadline, and at an arm that is to be off."""
+        now = self._now()
+        if self._having and not now <= self._deadline:
+            self._off(f"no command came in time, and {self._name} was switched off")
+        elif now < self._off_until and self._hearsay.on and now - self._off_from >= AGAIN:
+            self._off_from = now
+            self._say("disable")
+        elif self._off_until and not self._hearsay.on and now - self._off_from >= AGAIN:
+            self._off_until = 0

@@ -1,0 +1,95 @@
+"""`rcmservo emulate crtk`, as a person runs it, and a rig file that names its arm and camera."""
+
+import contextlib
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conftest import HEEDING_CTRL_C, ROOT
+from rcmservo.app.cli import main
+from rcmservo.config.rig_file import load_lab
+from rcmservo.hardware.devices import open_arm, open_camera
+
+PAGE = (ROOT / "docs/crtk.md").read_text()
+WORDS = "emulated CRTK arm PSM1 on ROS 2 (domain 96, lo), simulated arm, seed 3; Ctrl-C ends it\n"
+SMALL = """
+[camera]
+width = 320
+height = 240
+"""
+
+
+def blocks(form: str) -> list[str]:
+    """The page's blocks of code."""
+    return re.findall(rf"```{form}\n(.*?)```", PAGE, re.DOTALL)
+
+
+def reached(what: Callable[[], bool]) -> bool:
+    """Whether something comes to be in time."""
+    end = time.monotonic() + 30.0
+    while not what():
+        if time.monotonic() > end:
+            return False
+    return True
+
+
+@pytest.mark.alone
+def test_it_says_where_it_is_and_the_page_s_rig_file_opens_arm_and_camera(tmp_path: Path) -> None:
+    (command,) = (line for line in blocks("sh")[0].splitlines() if "emulate crtk" in line)
+    arguments = command.split()[1:]
+    small, lab = tmp_path / "small.toml", tmp_path / "lab.toml"
+    small.write_text(SMALL)
+    lab.write_text(
+        blocks("toml")[0]
+        .replace("[camera]", "[camera]\ndomain = 96")
+        .replace("[arm]", "[arm]\ndomain = 96")
+    )
+    own = ["--domain", "96", "--seed", "3", "--rig", str(small)]
+    start = [sys.executable, "-c", HEEDING_CTRL_C, *arguments, *own]
+    with subprocess.Popen(start, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as it:
+        try:
+            assert it.stdout is not None and it.stdout.readline() == WORDS
+            told = load_lab(lab)
+            with (
+                contextlib.closing(open_arm(told)) as arm,
+                contextlib.closing(open_camera(told)) as camera,
+            ):
+                assert arm.homed() and not arm.measure().enabled
+                assert reached(lambda: camera.latest() is not None), camera.account()
+                frame = camera.latest()
+                assert frame is not None and frame.image is not None
+                assert frame.image.shape == (240, 320, 3) and np.ptp(frame.image) > 50
+                assert 0 < frame.arrival - frame.exposure < 1_000_000_000
+                account = camera.account()
+                assert account.uncertainty < 0.01 and not account.trouble
+                arm.enable()
+                assert arm.measure().enabled
+            it.send_signal(signal.SIGINT)
+            assert it.communicate(timeout=30.0) == ("", "")
+        finally:
+            it.kill()
+        assert it.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--namespace", "PSM 1"], "arm.namespace must be letters, digits and _"),
+        (["--domain", "300"], "arm.domain must be a whole number from 0 to 232, got 300"),
+        (["--interface", "nowhere0", "--domain", "97"], "cannot be spoken on nowhere0"),
+        (["--seed", "-1"], "--seed must be a whole number that is not negative, got -1"),
+    ],
+)
+def test_what_it_cannot_do_is_one_sentence(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["emulate", "crtk", *arguments]) == 2
+    told = capsys.readouterr()
+    assert said in told.err and told.err.count("\n") == 1 and not told.out

@@ -1,0 +1,153 @@
+"""A camera on a ROS topic: what it makes of pictures, on an injected clock. Those of the emulated
+arm over ROS 2 are another file's."""
+
+import contextlib
+import time
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from simulated_wire import EPOCH, Wire
+
+from rcmservo.errors import BadInput
+from rcmservo.hardware.cameras.settings import TopicSettings
+from rcmservo.hardware.cameras.streamed import CameraLost, StreamedCamera
+from rcmservo.hardware.cameras.topic import TopicStream
+from rcmservo.hardware.crtk import messages as m
+
+MS = 1_000_000
+TOPIC = m.PICTURES.under("PSM1")
+COLOUR = np.arange(6 * 8 * 3, dtype=np.uint8).reshape(6, 8, 3)
+
+
+class Filmed:
+    """A stream, its sender, and the clock of both."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.now = 1000 * MS
+        wire = Wire()
+        self.sender = wire.end("sender")
+        given = TopicSettings(**({"topic": TOPIC.name} | settings))
+        self.stream = TopicStream(given, wire.end("camera"), lambda: self.now, self.real)
+
+    def real(self) -> int:
+        return EPOCH + self.now
+
+    def send(
+        self, image: Any = COLOUR, encoding: str = "bgr8", age: int = 20 * MS, **parts: Any
+    ) -> None:
+        height, width = image.shape[:2]
+        step = image.strides[0]
+        stamp = self.real() - age
+        said = m.PlainImage(stamp, height, width, encoding, 0, step, image.tobytes())
+        self.sender.publish(TOPIC, m.PlainImage(**(said.__dict__ | parts)))
+
+
+def test_the_newest_wins_and_its_exposure_is_its_stamp_on_our_clock() -> None:
+    filmed = Filmed()
+    filmed.send(age=30 * MS)
+    filmed.send(age=12 * MS)
+    shot = filmed.stream.next()
+    assert shot is not None and shot.passed == 1
+    assert shot.arrival == filmed.now and shot.exposure == filmed.now - 12 * MS
+    assert np.array_equal(shot.image, COLOUR) and shot.uncertainty == 0.0
+    assert filmed.stream.next() is None
+
+
+def test_a_latency_is_what_the_stamp_comes_after_the_exposure() -> None:
+    filmed = Filmed(latency=0.01)
+    filmed.send()
+    shot = filmed.stream.next()
+    assert shot is not None and shot.exposure == filmed.now - 30 * MS
+
+
+ENCODED = {
+    "rgb8": COLOUR[:, :, ::-1],
+    "bgra8": np.dstack([COLOUR, COLOUR[:, :, 0]]),
+    "rgba8": np.dstack([COLOUR[:, :, ::-1], COLOUR[:, :, 0]]),
+    "8UC3": COLOUR,
+}
+
+
+@pytest.mark.parametrize("encoding", ENCODED)
+def test_colours_come_blue_green_red(encoding: str) -> None:
+    filmed = Filmed()
+    filmed.send(np.ascontiguousarray(ENCODED[encoding]), encoding)
+    shot = filmed.stream.next()
+    assert shot is not None and np.array_equal(shot.image, COLOUR)
+
+
+def test_rows_may_be_padded_and_grey_is_three_times_grey() -> None:
+    filmed = Filmed()
+    grey = np.ascontiguousarray(COLOUR[:, :, 0])
+    padded = np.pad(grey, ((0, 0), (0, 5)))
+    filmed.send(grey, "mono8", step=13, data=padded.tobytes())
+    shot = filmed.stream.next()
+    assert shot is not None and shot.image is not None
+    assert all(np.array_equal(shot.image[:, :, i], grey) for i in range(3))
+
+
+def test_files_are_unpacked() -> None:
+    filmed = Filmed(compressed=True)
+    _, file = cv2.imencode(".png", COLOUR)
+    topic = m.Topic(TOPIC.name, m.CompressedImage)
+    for data in (file.tobytes(), file.tobytes()[:40], b""):
+        filmed.now += MS
+        filmed.sender.publish(topic, m.CompressedImage(filmed.real(), "png", data))
+        shot = filmed.stream.next()
+        assert shot is not None
+        assert (shot.image is not None) == (len(data) > 40)
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [{"data": COLOUR.tobytes()[:-1]}, {"step": 23}, {"height": 0}, {"width": 0}, {"height": 2**31}],
+)
+def test_a_picture_that_does_not_fit_is_no_picture(parts: dict[str, Any]) -> None:
+    filmed = Filmed()
+    filmed.send(**parts)
+    shot = filmed.stream.next()
+    assert shot is not None and shot.image is None
+
+
+def test_a_picture_that_comes_again_or_late_is_no_picture() -> None:
+    filmed = Filmed()
+    for age, good in ((20, True), (20, False), (30, False), (10, True)):
+        filmed.send(age=age * MS)
+        shot = filmed.stream.next()
+        assert shot is not None and (shot.image is not None) == good
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"age": 1500 * MS}, "1.500 s old"),
+        ({"age": -100 * MS}, "-0.100 s old"),
+        ({"stamp": 0}, "bear no stamp"),
+        ({"encoding": "16UC1"}, "come as '16UC1'"),
+    ],
+)
+def test_what_can_be_no_camera_s_time_or_picture_is_told(
+    change: dict[str, Any], words: str
+) -> None:
+    filmed = Filmed()
+    filmed.send(**change)
+    with pytest.raises(CameraLost, match=words):
+        filmed.stream.next()
+
+
+def test_its_trouble_is_in_the_account() -> None:
+    filmed = Filmed()
+    with contextlib.closing(StreamedCamera(lambda: filmed.stream, again=60.0)) as camera:
+        filmed.send(age=1500 * MS)
+        end = time.monotonic() + 20.0
+        while not camera.account().trouble and time.monotonic() < end:
+            pass
+        assert "1.500 s old" in camera.account().trouble
+
+
+@pytest.mark.parametrize("topic", ["", "/camera", "a b", "camera/"])
+def test_a_topic_that_cannot_be_is_named(topic: str) -> None:
+    with pytest.raises(BadInput, match=r"camera\.topic"):
+        TopicSettings(topic)
