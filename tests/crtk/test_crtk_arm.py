@@ -301,3 +301,19 @@ def test_settings_that_cannot_be_are_named(change: dict[str, Any], field: str) -
     with pytest.raises(BadInput) as told:
         CrtkSettings(**({"namespace": "PSM1"} | change))
     assert told.value.field == field
+
+
+def test_left_alone_it_says_nothing_until_it_is_switched_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("simulated_wire.End.listeners", lambda end, topic: 1)
+    lab, arm = driven(jv=True)
+    assert arm.by_speeds
+    before = len(lab.wire.said)
+    arm.fall_silent()
+    for _ in range(20):
+        assert not lab.tick(arm, RATES).any()
+    ours = [topic for topic, _ in lab.wire.said[before:] if "servo" in topic or "command" in topic]
+    assert not ours
+    arm.apply(Command(10_000, lab.now, lab.now, np.zeros(3), False))
+    assert lab.wire.words("PSM1/state_command")[-1] == "disable"

@@ -124,7 +124,7 @@ def _on_hardware(options: LiveOptions, rig: Path, lab: Lab, digest: str, out: Co
     """Run with the devices of a rig file, print the result; the exit code as of `live`."""
     require(options.seed == 0, "--seed", options.seed, f"left out: nothing is simulated of {rig}")
     require_new(options.target, options.save_target)
-    require_devices(lab, rig)
+    require_devices(lab, rig, digest)
     servo = options.boxes.servo(options.estimator, lab)
     with new_folder(options.out, "live-hardware") as folder:
         job = HardwareJob(

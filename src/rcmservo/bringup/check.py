@@ -11,14 +11,14 @@ import numpy as np
 from rcmservo.bringup import deciding
 from rcmservo.bringup.asking import agreed, numbers, one_of
 from rcmservo.bringup.guesses import Guess, Weighed, explains, places
-from rcmservo.bringup.motion import Mover, Sight, Track, Trouble
+from rcmservo.bringup.motion import AT_REST, Mover, Sight, Track, Trouble
 from rcmservo.bringup.ranging import Ranging
 from rcmservo.bringup.timing import Lateness, Rhythm, drive_lag, lateness, pace
 from rcmservo.bringup.wiring import Finding, Robot
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Floats
-from rcmservo.live.lab import Person, Stopped
+from rcmservo.live.lab import FallsSilent, Person, Stopped
 
 SWINGS = 6
 """To and fro, for the times."""
@@ -114,6 +114,7 @@ def _whole(
     ranging = Ranging(mover, person, robot, rest)
     kinds = ranging.run()
     report.farthest = float(ranging.shown.max())
+    _alone(report, mover, person, ranging)
     _times(report, mover, person, ranging, thresholds, latency)
     _judge(report, mover, person, robot, ranging, kinds)
 
@@ -169,6 +170,25 @@ def _look(report: CheckReport, mover: Mover, robot: Robot) -> Sight:
             )
         )
     return rest
+
+
+def _alone(report: CheckReport, mover: Mover, person: Person, ranging: Ranging) -> None:
+    """An arm that is sent speeds must come to rest by itself once nothing is sent."""
+    if not (isinstance(mover.arm, FallsSilent) and mover.arm.by_speeds):
+        return
+    joint = int(np.argmax(ranging.shown))
+    way = ranging.farthest_way(joint)
+    agreed(person, ranging.question(joint, way, ", and be left alone on the way"))
+    if not mover.left_alone(joint, way):
+        report.findings.append(
+            Finding(
+                "the arm goes on when nothing is sent",
+                "arm.jv",
+                f"joint {joint + 1} still moved when nothing had been sent for {AT_REST:g} s",
+                "at rest by itself: send it positions",
+                "jv = false",
+            )
+        )
 
 
 def _times(

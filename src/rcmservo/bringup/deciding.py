@@ -133,7 +133,8 @@ def _order(guess: Guess, robot: Robot) -> list[Finding]:
     letters = wiring.reordered(guess.order) if wiring.axes else ""
     line = f'axes = "{letters}"' if letters else ""
     expected = letters or "each joint moved by its own"
-    return [Finding("axes change places", "arm.axes", found, expected, line)]
+    where = "arm.axes" if letters else "arm"
+    return [Finding("axes change places", where, found, expected, line)]
 
 
 def _counts(guess: Guess, within: float, robot: Robot) -> list[Finding]:
@@ -150,8 +151,8 @@ def _counts(guess: Guess, within: float, robot: Robot) -> list[Finding]:
             ways.append(f"it moves {np.exp(guess.size):.4g} times as far, to {100 * within:.1g} %")
         found.append(
             Finding(
-                f"joint {joint + 1} is not as its counts say: {' and '.join(ways)}",
-                f"arm.{wiring.key}[{joint}]",
+                f"joint {joint + 1} is not as its {wiring.key} say: {' and '.join(ways)}",
+                f"arm.{wiring.key}[{joint}]" if wiring.line(factors) else "arm",
                 f"{value:g}",
                 f"{value * factor:.6g}",
                 wiring.line(factors),

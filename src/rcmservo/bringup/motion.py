@@ -15,7 +15,7 @@ from rcmservo.bringup.wiring import Finding, Robot
 from rcmservo.errors import RcmServoError
 from rcmservo.guard.gate import Gate
 from rcmservo.interfaces import Clock, Floats, Observation, Tracker
-from rcmservo.live.lab import LabArm, LabCamera
+from rcmservo.live.lab import FallsSilent, LabArm, LabCamera
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
 
@@ -47,6 +47,10 @@ FRAMES = 60
 """Over which the markers are averaged at rest."""
 SEEN = 0.5
 """Share of the frames that must show both markers."""
+UNDER_WAY = 0.3
+"""Share of its way after which an arm is left alone,"""
+ALONE, AT_REST = 0.4, 0.15
+"""s for how long, and from when on it must be at rest."""
 UNSEEN, UNANSWERED = 0.5, 0.05
 """s without a frame, and without an answer of the arm, after which it ends, the drive being on;"""
 PATIENCE = 3.0
@@ -116,7 +120,7 @@ class Mover:
         """px of the picture."""
         self._plant = Plant(arm, camera, tracker, clock)
         self._rcm = robot.mechanism.rcm()
-        self._count = 1.0 / np.abs(np.array(robot.wiring.counts))
+        self._count = robot.wiring.steps
         self._last = gate.rest()
         self._asked = np.zeros(3)
         self._frame, self._new = -1, False
@@ -160,6 +164,30 @@ class Mover:
         finally:
             self.off()
         return self.track
+
+    def left_alone(self, joint: int, way: float) -> bool:
+        """Whether an arm that is sent speeds comes to rest by itself once nothing is sent, while a
+        joint moves by `way` at most. It is switched off in the end."""
+        assert isinstance(self.arm, FallsSilent)
+        here = self._begin()
+        wanted, places = here.copy(), list[float]()
+        wanted[joint] += way
+        try:
+            self._plant.enable()
+            for _ in ticks(self.clock, RATE, WITHIN):
+                gone = self._tick(wanted) - here
+                self._watch(joint, gone, gone, way)
+                if abs(gone[joint]) >= UNDER_WAY * way:
+                    break
+            self.arm.fall_silent()
+            for _ in ticks(self.clock, RATE, ALONE):
+                places.append(float(self._plant.read().q[joint]))
+                if not abs(places[-1] - here[joint]) <= way:
+                    break
+        finally:
+            self.off()
+        rest = places[round(AT_REST * RATE) :]
+        return bool(rest) and max(rest) - min(rest) <= PLAY * self._count[joint]
 
     def _begin(self) -> Floats:
         """Forget what was seen before; the joints now."""

@@ -77,7 +77,7 @@ class Ranging:
         name = self.robot.mechanism.joint_names[joint]
         counts = abs(way * self.robot.wiring.counts[joint])
         unit = f"{way:.3g} mm" if joint == 2 else f"{np.degrees(way):.3g} deg"
-        size = f"{counts:.0f} counts" if max(np.abs(self.robot.wiring.counts)) > 1.0 else unit
+        size = f"{counts:.0f} counts" if not self.robot.wiring.signs_only else unit
         return f"Move joint {joint + 1} ({name}) by at most {size}{words}, and back?"
 
     def _move(self, joint: int) -> None:

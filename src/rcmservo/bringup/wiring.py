@@ -13,6 +13,10 @@ Order = tuple[int, int, int]
 """For each joint of three, another one."""
 
 
+TOLD_APART = np.array([5e-5, 5e-5, 5e-3])
+"""rad, rad, mm."""
+
+
 @dataclass(frozen=True)
 class Finding:
     """Something that is not as the rig file says, or as it must be."""
@@ -42,8 +46,21 @@ class Wiring:
     """The letters of the axes that drive the joints, `axes` in its section; empty where it has
     none."""
 
+    @property
+    def steps(self) -> Floats:
+        """rad, rad, mm (3,) by which the joints can be told apart: counts, or where the arm counts
+        itself, about what encoders have."""
+        return TOLD_APART if self.signs_only else 1.0 / np.abs(self.counts)
+
+    @property
+    def signs_only(self) -> bool:
+        """Whether nothing but which way a joint counts can be set."""
+        return self.key != "counts"
+
     def line(self, factors: Floats) -> str:
-        """The line with each joint's counts times a factor (3,)."""
+        """The line with each joint's counts times a factor (3,); empty where none can say that."""
+        if self.signs_only and (np.abs(factors) != 1.0).any():
+            return ""
         values = (float(f"{c * f:.6g}") for c, f in zip(self.counts, factors, strict=True))
         return f"{self.key} = [{', '.join(map(repr, values))}]"
 

@@ -42,6 +42,8 @@ def wiring_of(lab: Lab) -> Wiring:
     match lab.device("arm", ARMS):
         case GalilSettings() as settings:
             return Wiring(settings.counts, axes=settings.axes)
+        case CrtkSettings() as settings:
+            return Wiring(settings.signs, "signs")
         case other:
             raise NotImplementedError(type(other).__name__)
 

@@ -5,7 +5,7 @@ it stands, and why its drive went off by itself. A camera keeps account of its f
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Arm, Camera, Floats
@@ -34,6 +34,21 @@ class LabArm(Arm, Protocol):
 
     def close(self) -> None:
         """Bring it to rest, switch it off, and hang up."""
+        ...
+
+
+@runtime_checkable
+class FallsSilent(Protocol):
+    """An arm that can be left alone, so that it is seen what it does then."""
+
+    @property
+    def by_speeds(self) -> bool:
+        """Whether it is sent speeds, and goes on for ever unless it stops by itself."""
+        ...
+
+    def fall_silent(self) -> None:
+        """Say nothing to it any more, as if this program were dead, until it is to be switched off
+        or on."""
         ...
 
 

@@ -23,7 +23,9 @@ from rcmservo.app.simulated_run.metrics import FeatureError, number
 from rcmservo.app.terminal import result_table, unit
 from rcmservo.config.checked import is_checked
 from rcmservo.config.rig_file import Lab, told_with
+from rcmservo.errors import require
 from rcmservo.hardware.cameras.settings import require_latency
+from rcmservo.hardware.crtk.settings import CrtkSettings
 from rcmservo.hardware.devices import ARMS, CAMERAS, open_arm, open_camera
 from rcmservo.live.cautious import SHARE, cautious
 from rcmservo.live.lab import CameraAccount, LabArm, LabCamera
@@ -157,10 +159,14 @@ def live_on_hardware(
     return kept(job.folder, metrics_of(job, share, result))
 
 
-def require_devices(lab: Lab, rig: Path) -> None:
-    """Refuse a rig file whose devices are not described, before anything is connected."""
+def require_devices(lab: Lab, rig: Path, digest: str) -> None:
+    """Refuse a rig file whose devices are not described, or that sends speeds to an arm that nobody
+    has seen stop by itself, before anything is connected."""
     with told_with(rig):
-        lab.device("arm", ARMS)
+        arm = lab.device("arm", ARMS)
+        seen = not (isinstance(arm, CrtkSettings) and arm.jv) or is_checked(digest)
+        right = "false until `rig check` has passed for this file, and seen the arm stop by itself"
+        require(seen, "arm.jv", True, right)
         require_latency(lab.device("camera", CAMERAS))
 
 

@@ -77,7 +77,7 @@ class CrtkArm:
         self._lead = Lead(np.array(settings.lead), limits)
         self._wrist: tuple[float, ...] = ()
         self._account, self._why = CommandAccount(), ""
-        self._having, self._number, self._deadline = False, -1, 0
+        self._having, self._number, self._deadline, self._silent = False, -1, 0, False
         self._off_from = self._off_until = self._foreign = 0
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="crtk", daemon=True)
@@ -111,7 +111,7 @@ class CrtkArm:
         """Switch the drive on, at rest; if that fails, off again."""
         with self._told:
             self._ready()
-            self._why, self._off_until = "", 0
+            self._why, self._off_until, self._silent = "", 0, False
             try:
                 if self._hearsay.state is not None and self._hearsay.state.state == ENABLED:
                     self._say("disable")
@@ -151,6 +151,16 @@ class CrtkArm:
                 return np.zeros(3)
             self._account = replace(self._account, sent=self._account.sent + 1)
             return took
+
+    @property
+    def by_speeds(self) -> bool:
+        """Whether it is sent speeds."""
+        return self.settings.jv
+
+    def fall_silent(self) -> None:
+        """Say nothing, as if this program were dead, until it is to be switched off or on."""
+        with self._told:
+            self._silent = True
 
     def close(self) -> None:
         """Switch off what we have, and hang up."""
@@ -261,6 +271,7 @@ class CrtkArm:
     def _valid(self, command: Command) -> bool:
         return (
             self._having
+            and not self._silent
             and command.number > self._number
             and self._now() <= min(command.deadline, self._deadline)
             and command.rates.shape == (3,)
@@ -292,7 +303,7 @@ class CrtkArm:
 
     def _off(self, why: str) -> None:
         """Have it no more, and have it switched off."""
-        self._having, self._why = False, why or self._why
+        self._having, self._silent, self._why = False, False, why or self._why
         self._off_from = self._now()
         self._off_until = self._off_from + INSIST
         self._say("disable")
@@ -306,6 +317,8 @@ class CrtkArm:
     def look_after(self) -> None:
         """One look at the deadline, and at an arm that is to be off."""
         now = self._now()
+        if self._silent:
+            return
         if self._having and not now <= self._deadline:
             self._off(f"no command came in time, and {self._name} was switched off")
         elif now < self._off_until and self._hearsay.on and now - self._off_from >= AGAIN:

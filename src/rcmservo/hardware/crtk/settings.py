@@ -30,8 +30,8 @@ class CrtkSettings:
     """rad, rad, mm by which what is asked for may run ahead of where the arm is. It is as far as
     the arm goes on when this program dies."""
     jv: bool = False
-    """Whether the arm is sent speeds (servo_jv) in place of positions. Only for an arm that was
-    seen to stop by itself when nothing more was sent."""
+    """Whether the arm is sent speeds (servo_jv) in place of positions: only where `rig check` has
+    seen it come to rest by itself when nothing was sent."""
     answer_within: float = 2.0
     """s within which it does what its state commands say."""
 

@@ -1,0 +1,95 @@
+"""An arm that is sent speeds is seen to stop by itself before a servo may rely on that."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rig_check_lab import Mistake, MiswiredArm, WrongLab
+
+from rcmservo.bringup.check import CheckReport
+from rcmservo.bringup.motion import Mover
+from rcmservo.bringup.wiring import Wiring
+from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.tracking import PointMarkers
+
+
+class SpeedArm(MiswiredArm):
+    """One that stops by itself once nothing is sent, or goes on by its last word."""
+
+    by_speeds, goes_on, silent = True, False, False
+    last: Command
+
+    def fall_silent(self) -> None:
+        self.silent = True
+
+    def enable(self) -> None:
+        self.silent = False
+        super().enable()
+
+    def apply(self, command: Command) -> Floats:
+        if not command.enabled:
+            self.silent = False
+        if self.silent:
+            return np.zeros(3)
+        self.last = command
+        return super().apply(command)
+
+    def measure(self) -> Measured:
+        told = super().measure()
+        if self.silent and self.goes_on:
+            number, now = self.last.number + 1, told.time
+            self.last = replace(self.last, number=number, time=now, deadline=now + 50_000_000)
+            super().apply(self.last)
+        return told
+
+
+def checked(goes_on: bool, by_speeds: bool = True) -> tuple[WrongLab, CheckReport]:
+    lab = WrongLab(Mistake(), seed=1)
+    lab.arm.__class__ = SpeedArm
+    assert isinstance(lab.arm, SpeedArm)
+    lab.arm.goes_on, lab.arm.by_speeds = goes_on, by_speeds
+    return lab, lab.check()
+
+
+def test_one_that_stops_passes() -> None:
+    lab, report = checked(goes_on=False)
+    assert report.ok
+    assert any("be left alone" in question for question in lab.person.asked)
+
+
+def test_one_that_goes_on_is_told_and_stopped_within_a_few_mm() -> None:
+    lab, report = checked(goes_on=True)
+    assert [finding.line for finding in report.findings] == ["jv = false"]
+    assert not report.ok and not lab.arm.measure().enabled
+    assert lab.arm.farthest < 4.0
+
+
+def test_one_that_is_sent_positions_is_not_asked_to() -> None:
+    lab, report = checked(goes_on=True, by_speeds=False)
+    assert report.ok
+    assert not any("be left alone" in question for question in lab.person.asked)
+
+
+def test_a_person_may_refuse_it() -> None:
+    lab = WrongLab(Mistake(), seed=1)
+    lab.arm.__class__ = SpeedArm
+    lab.person.instead = lambda question: "no" if "be left alone" in question else None
+    report = lab.check()
+    assert [finding.where for finding in report.findings] == ["person"]
+    assert not lab.arm.silent
+
+
+@pytest.mark.parametrize("signs", [(1.0, 1.0, 1.0), (-1.0, 1.0, 1.0)])
+def test_an_arm_that_counts_itself_is_checked_by_its_signs(
+    signs: tuple[float, float, float],
+) -> None:
+    lab = WrongLab(Mistake(factors=signs), seed=1)
+    lab.robot = replace(lab.robot, wiring=Wiring(signs, "signs"))
+    eyes = lab.mover.camera, PointMarkers()
+    lab.mover = Mover(lab.arm, *eyes, lab.rig.clock, lab.robot, lab.gate)
+    report = lab.check()
+    assert lab.arm.farthest < 2.0
+    wrong = [finding for finding in report.findings if finding.where.startswith("arm")]
+    assert report.done and (not wrong) == (signs[0] > 0.0)
+    if wrong:
+        assert (wrong[0].where, wrong[0].line) == ("arm.signs[0]", "signs = [1.0, 1.0, 1.0]")
