@@ -3,10 +3,12 @@ carries frames whose content is known."""
 
 import ctypes
 import itertools
+import re
 import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -14,7 +16,9 @@ import numpy as np
 import pytest
 from numbered import NumberedCamera, frames_of, number_in, picture, wait_for
 
+from conftest import ROOT
 from peers import peer
+from rcmservo.config.rig_file import load_lab
 from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.hardware.cameras.aravis import (
     BUFFERS,
@@ -36,6 +40,7 @@ from rcmservo.hardware.cameras.emulated.gige_camera import GigeCamera, sent
 from rcmservo.hardware.cameras.frame_ids import FrameIds
 from rcmservo.hardware.cameras.settings import AravisSettings
 from rcmservo.hardware.cameras.streamed import CameraLost
+from rcmservo.hardware.devices import CAMERAS
 
 FAKE = "arv-fake-gv-camera-0.8"
 
@@ -54,9 +59,9 @@ HERE = "127.0.0.1"
 
 
 @contextmanager
-def fake_camera() -> Iterator[subprocess.Popen[bytes]]:
-    """The one of Aravis' tools, once it answers."""
-    with subprocess.Popen([FAKE, "-i", HERE]) as process:
+def fake_camera(lost: int = 0) -> Iterator[subprocess.Popen[bytes]]:
+    """The one of Aravis' tools; of a thousand packets so many do not get through."""
+    with subprocess.Popen([FAKE, "-i", HERE, "-r", str(lost)]) as process:
         try:
             yield process
         finally:
@@ -101,6 +106,18 @@ def test_one_that_was_gone_is_opened_again() -> None:
         with fake_camera():
             wait_for(lambda: camera.account().reconnects > 0)
             assert frames_of(camera, 5)[-1].number > before
+
+
+@tool
+@library
+@pytest.mark.alone
+def test_frames_that_lack_packets_are_dropped_counted_and_keep_their_numbers() -> None:
+    size = {"width": 640, "height": 480}
+    with fake_camera(5), closing(opened(**size, frame_rate=60.0)) as camera:
+        frames = frames_of(camera, 60)
+        wait_for(lambda: camera.account().incomplete > 10)
+        assert any(b.number > a.number + 1 for a, b in itertools.pairwise(frames))
+        assert camera.account().frames >= 60
 
 
 @library
@@ -277,6 +294,15 @@ def test_every_function_that_is_named_is_in_the_library() -> None:
 def test_settings_that_cannot_be_are_one_sentence(settings: Any, said: str) -> None:
     with pytest.raises(BadInput, match=said):
         AravisSettings(**{"address": HERE, **settings})
+
+
+def test_the_page_shows_a_camera_that_can_be(tmp_path: Path) -> None:
+    block = re.search(r"```toml\n(.*?)```", (ROOT / "docs/cameras.md").read_text(), re.S)
+    assert block is not None
+    rig = tmp_path / "lab.toml"
+    rig.write_text(block[1])
+    settings = load_lab(rig).device("camera", CAMERAS)
+    assert settings == AravisSettings("192.168.1.20", 0.012, 640, 480, 60.0, 0.004, 6.0)
 
 
 def test_large_packets_are_for_this_computer_only() -> None:

@@ -7,9 +7,9 @@ from contextlib import closing
 import pytest
 from numbered import number_in, picture, wait_for
 
-from rcmservo.hardware.cameras.streamed import CameraLost, Shot, StreamedCamera
+from rcmservo.hardware.cameras.streamed import CameraLost, Snapshot, StreamedCamera
 
-Says = Shot | Exception | None
+Says = Snapshot | Exception | None
 
 
 class Scripted:
@@ -19,7 +19,7 @@ class Scripted:
         self.says: Iterator[Says] = iter(says)
         self.over, self.closed = threading.Event(), False
 
-    def next(self) -> Shot | None:
+    def next(self) -> Snapshot | None:
         said = next(self.says, None)
         if said is None:
             self.over.set()
@@ -32,8 +32,8 @@ class Scripted:
         self.closed = True
 
 
-def shot(number: int, **others: int) -> Shot:
-    return Shot(picture(number), 100 * number, 100 * number + 7, **others)
+def shot(number: int, **others: int) -> Snapshot:
+    return Snapshot(picture(number), 100 * number, 100 * number + 7, **others)
 
 
 def run(*streams: Scripted | Exception, lasting: bool = True) -> StreamedCamera:
@@ -64,7 +64,7 @@ def test_the_newest_frame_wins_and_is_told_at_once() -> None:
 
 
 def test_frames_that_were_lost_incomplete_or_passed_over_keep_their_numbers() -> None:
-    spoilt = Shot(None, 0, 0)
+    spoilt = Snapshot(None, 0, 0)
     stream = Scripted(shot(0), shot(3, missed=2), spoilt, shot(9, passed=3, spoilt=1))
     with closing(run(stream)) as camera:
         frame, account = camera.latest(), camera.account()
@@ -73,7 +73,7 @@ def test_frames_that_were_lost_incomplete_or_passed_over_keep_their_numbers() ->
 
 
 def test_a_picture_of_another_size_is_dropped_and_told() -> None:
-    other = Shot(picture(1, 640, 480), 0, 0)
+    other = Snapshot(picture(1, 640, 480), 0, 0)
     with closing(run(Scripted(shot(0), other))) as camera:
         frame = camera.latest()
         assert frame is not None and frame.number == 0

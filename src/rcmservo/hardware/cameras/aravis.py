@@ -26,7 +26,7 @@ from rcmservo.hardware.cameras.aravis_library import (
 from rcmservo.hardware.cameras.clock_map import ClockMap
 from rcmservo.hardware.cameras.frame_ids import FrameIds
 from rcmservo.hardware.cameras.settings import AravisSettings, require_taken
-from rcmservo.hardware.cameras.streamed import CameraLost, Shot, StreamedCamera
+from rcmservo.hardware.cameras.streamed import CameraLost, Snapshot, StreamedCamera
 from rcmservo.interfaces import Image
 
 BUFFERS = 8
@@ -76,7 +76,7 @@ class AravisStream:
             raise
         self._heard = time.monotonic()
 
-    def next(self) -> Shot | None:
+    def next(self) -> Snapshot | None:
         call, stream = self._library.call, self._stream
         buffer = call("stream_timeout_pop_buffer", stream, LOOK)
         if not buffer:
@@ -103,7 +103,7 @@ class AravisStream:
             uncertainty = self._clock.uncertainty
         call("stream_push_buffer", stream, buffer)
         exposure -= self._latency
-        return Shot(image, exposure, arrival, missed, passed, spoilt, uncertainty)
+        return Snapshot(image, exposure, arrival, missed, passed, spoilt, uncertainty)
 
     def close(self) -> None:
         """Stop the camera, and let it go: in this order, for the camera ends the stream."""

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from rcmservo.hardware.cameras.settings import OpencvSettings, require_taken
-from rcmservo.hardware.cameras.streamed import CameraLost, Shot, StreamedCamera
+from rcmservo.hardware.cameras.streamed import CameraLost, Snapshot, StreamedCamera
 from rcmservo.interfaces import Image
 from rcmservo.loop.clock import sleep_until
 
@@ -58,7 +58,7 @@ class OpencvStream:
             raise
         self._due = time.monotonic_ns()
 
-    def next(self) -> Shot | None:
+    def next(self) -> Snapshot | None:
         if self._period:
             sleep_until(min(self._due, time.monotonic_ns() + LOOK))
             if time.monotonic_ns() < self._due:
@@ -68,7 +68,7 @@ class OpencvStream:
             raise CameraLost(f"camera {self._settings.source}: {_ended(self._settings)}")
         arrival = time.monotonic_ns()
         exposure = arrival - round(self._settings.latency * 1e9)
-        return Shot(self._image(), exposure, arrival)
+        return Snapshot(self._image(), exposure, arrival)
 
     def _image(self) -> Image | None:
         try:

@@ -27,7 +27,7 @@ class CameraLost(RcmServoError):
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class Snapshot:
     """What came of one exposure."""
 
     image: Image | None
@@ -46,10 +46,10 @@ class Shot:
     """s, how well the exposure is known; NaN where the camera tells no times."""
 
 
-class Stream(Protocol):
+class CameraStream(Protocol):
     """A camera while it is open."""
 
-    def next(self) -> Shot | None:
+    def next(self) -> Snapshot | None:
         """Wait for a frame, a part of a second at most: None if none has come. :class:`CameraLost`
         where none will come any more."""
         ...
@@ -64,7 +64,7 @@ class StreamedCamera:
     wrong is told at once; ``lasting`` is one that is worth opening again where it is lost."""
 
     def __init__(
-        self, opened: Callable[[], Stream], lasting: bool = True, again: float = AGAIN
+        self, opened: Callable[[], CameraStream], lasting: bool = True, again: float = AGAIN
     ) -> None:
         self._opened, self._lasting, self._again = opened, lasting, again
         self._frame: Frame | None = None
@@ -72,7 +72,7 @@ class StreamedCamera:
         self._account = CameraAccount()
         self._error: Exception | None = None
         self._over = threading.Event()
-        self._stream: Stream | None = opened()
+        self._stream: CameraStream | None = opened()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
 
@@ -126,7 +126,7 @@ class StreamedCamera:
         else:
             self._note(reconnects=self._account.reconnects + 1, trouble="")
 
-    def _take(self, shot: Shot) -> None:
+    def _take(self, shot: Snapshot) -> None:
         """Make a picture the newest frame, and keep account of it."""
         then, account, self._heard = self._frame, self._account, time.monotonic()
         self._number += 1 + shot.missed + shot.passed + shot.spoilt
