@@ -184,13 +184,19 @@ class Laboratory:
     def bring(self, q: Floats) -> None:
         """A person brings the arm there by hand: these motors do it, and are off then."""
         goal = np.round((q - self.q) * np.array(COUNTS)).astype(int).tolist()
-        self.ask("SH ABC")
-        self.ask("PR " + ",".join(map(str, goal)))
-        self.ask("BG ABC")
+        speeds = "SP 25000,25000,25000"  # JG has set them too
+        for line in ("SH ABC", speeds, "PR " + ",".join(map(str, goal)), "BG ABC"):
+            assert "?" not in self.ask(line), (line, self.ask("TC 1"))
         end = time.monotonic() + PATIENCE
         while any(float(p) for p in self.ask("MG _BGA,_BGB,_BGC")[:-1].split()):
-            assert time.monotonic() < end
-        self.ask("MO ABC")
+            assert time.monotonic() < end, self.state
+        assert "?" not in self.ask("MO ABC"), self.state
+
+    @property
+    def state(self) -> list[str]:
+        """What a test shows that waits for it in vain."""
+        asked = "MG _BGA,_BGB,_BGC", "MG _JGA,_JGB,_JGC", "MG _PRA,_PRB,_PRC", "SC", "TV", "MG _XQ1"
+        return [self.ask(line) for line in (*asked, "MG _TPA,_TPB,_TPC", "MG _RPA,_RPB,_RPC")]
 
 
 def live(lab: Path, *options: str) -> list[str]:

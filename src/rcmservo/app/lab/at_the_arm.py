@@ -80,12 +80,14 @@ def leave_to_move(preparing: Preparing, plant: Plant) -> None:
 
 
 def setup_of(lab: Lab, plant: Plant) -> Setup:
-    """What a target is bound to: the camera by all that the rig file says of it."""
+    """What a target is bound to: the camera by all that the rig file says of it but its latency,
+    which no picture shows."""
     frame = plant.frame
     image = None if frame is None else frame.image
     assert image is not None
     height, width = image.shape[:2]
-    name = json.dumps(lab.devices["camera"], sort_keys=True)
+    told = {key: value for key, value in lab.devices["camera"].items() if key != "latency"}
+    name = json.dumps(told, sort_keys=True)
     slack = lab.thresholds.slack
     return Setup(name, width, height, lab.mechanism, lab.tool, lab.markers, slack=slack)
 
@@ -107,7 +109,7 @@ def define(person: Terminal, plant: Plant, lab: Lab) -> None:
         arm.define(q)
         told = arm.measure().q
         if not (np.abs(told - q) <= lab.thresholds.following).all():
-            raise NotReady(f"the arm was told that it stands elsewhere than {words_of(told, lab)}")
+            raise NotReady(f"the arm stands elsewhere than it was told, at {words_of(told, lab)}")
         if not person.ask(f"It says that it stands at {words_of(told, lab)}. Enter if so:"):
             return
 
