@@ -150,9 +150,6 @@ class Onlooker:
             return f"{self.spacing:.1f}"
         if "May the drive" in question:
             return "enable"
-        if "Where does it stand" in question:
-            q = self.arm.q_true
-            return f"{np.degrees(q[0])} {np.degrees(q[1])} {q[2]}"
         assert question.startswith("Move joint"), question
         return "yes"
 
@@ -190,7 +187,9 @@ class WrongLab:
         self.person = Onlooker(self.arm, 30.0)
         self.gate = Gate()
         eye = LabEye(self.rig, mistake.mirrored, change)
-        self.mover = Mover(self.arm, eye, PointMarkers(), self.rig.clock, self.robot, self.gate)
+        self.mover = Mover(
+            self.arm, eye, PointMarkers(), self.rig.clock, self.robot, self.gate, 0.05
+        )
         self.latency = 0.022
         self.thresholds = Thresholds()
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rcmservo.bringup import deciding
-from rcmservo.bringup.asking import agreed, numbers, one_of
+from rcmservo.bringup.asking import agreed, one_of
 from rcmservo.bringup.guesses import Guess, Weighed, explains, places
 from rcmservo.bringup.motion import AT_REST, Mover, Sight, Track, Trouble
 from rcmservo.bringup.ranging import Ranging
@@ -103,7 +103,7 @@ def _whole(
     thresholds: Thresholds,
     latency: float,
 ) -> None:
-    _home(mover, person, robot)
+    _require_homed(mover)
     report.rest = rest = _look(report, mover, robot)
     person.tell(
         "Each motion is asked for. It is slow, a few mm at most, and the drive is on only "
@@ -119,17 +119,17 @@ def _whole(
     _judge(report, mover, person, robot, ranging, kinds)
 
 
-def _home(mover: Mover, person: Person, robot: Robot) -> None:
-    """An arm that does not know where it stands is told."""
-    if mover.arm.homed():
-        return
-    names = robot.mechanism.joint_names
-    question = (
-        "Nobody has said where the arm stands since its controller was reset. Bring it by hand to "
-        f"a mark. Where does it stand: {names[0]} and {names[1]} in degrees, {names[2]} in mm?"
-    )
-    told = numbers(person, question, 3, lambda value: abs(value) <= 2000.0)
-    mover.arm.define(np.array([np.radians(told[0]), np.radians(told[1]), told[2]]))
+def _require_homed(mover: Mover) -> None:
+    """Refuse an arm that does not know where it stands."""
+    if not mover.arm.homed():
+        raise Trouble(
+            Finding(
+                "the arm does not know where it stands",
+                "arm",
+                "nobody has said so since it was reset",
+                "homed, or its position defined at a mark",
+            )
+        )
 
 
 def _look(report: CheckReport, mover: Mover, robot: Robot) -> Sight:

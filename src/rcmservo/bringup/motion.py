@@ -51,10 +51,10 @@ UNDER_WAY = 0.3
 """Share of its way after which an arm is left alone,"""
 ALONE, AT_REST = 0.4, 0.15
 """s for how long, and from when on it must be at rest."""
-UNSEEN, UNANSWERED = 0.5, 0.05
-"""s without a frame, and without an answer of the arm, after which it ends, the drive being on;"""
+UNSEEN = 0.5
+"""s without a frame after which it ends while the drive is on."""
 PATIENCE = 3.0
-"""for both while it is off."""
+"""s without a frame, or without an answer of the arm, while it is off."""
 
 WITHOUT_PICTURE = 640, 480
 """px, of a camera that tells the markers' places alone."""
@@ -102,7 +102,10 @@ class Track:
 
 
 class Mover:
-    """An arm that moves a little where a person has said yes, and a camera that looks on."""
+    """An arm that moves a little where a person has said yes, and a camera that looks on.
+
+    While its drive is on, the arm may not answer for ``silence`` s at most.
+    """
 
     def __init__(
         self,
@@ -112,23 +115,24 @@ class Mover:
         clock: Clock,
         robot: Robot,
         gate: Gate,
+        silence: float,
     ) -> None:
         self.arm, self.camera, self.clock, self.robot, self.gate = arm, camera, clock, robot, gate
         self.track = Track()
         """Of the last motion."""
         self.size = WITHOUT_PICTURE
         """px of the picture."""
-        self._plant = Plant(arm, camera, tracker, clock)
+        self.plant = Plant(arm, camera, tracker, clock)
         self._rcm = robot.mechanism.rcm()
         self._count = robot.wiring.steps
         self._last = gate.rest()
-        self._asked = np.zeros(3)
+        self._asked, self._silence = np.zeros(3), silence
         self._frame, self._new = -1, False
 
     def off(self) -> None:
         """Zero and off, now."""
         self._last = self.gate.stop(self._last, self.clock.now())
-        self._plant.send(self._last)
+        self.plant.send(self._last)
 
     def look(self, frames: int = FRAMES) -> Sight:
         """What is seen with the drive off."""
@@ -141,7 +145,7 @@ class Mover:
         here = self._begin()
         sights: list[Sight] = []
         try:
-            self._plant.enable()
+            self.plant.enable()
             for way in (*ways, 0.0):
                 wanted = here.copy()
                 wanted[joint] += way
@@ -155,7 +159,7 @@ class Mover:
         """Move a joint so far to either side so many times, without a rest; what was told."""
         here = self._begin()
         try:
-            self._plant.enable()
+            self.plant.enable()
             for k in range(times + 1):
                 wanted = here.copy()
                 wanted[joint] += 0.0 if k == times else way if k % 2 == 0 else -way
@@ -173,7 +177,7 @@ class Mover:
         wanted, places = here.copy(), list[float]()
         wanted[joint] += way
         try:
-            self._plant.enable()
+            self.plant.enable()
             for _ in ticks(self.clock, RATE, WITHIN):
                 gone = self._tick(wanted) - here
                 self._watch(joint, gone, gone, way)
@@ -181,7 +185,7 @@ class Mover:
                     break
             self.arm.fall_silent()
             for _ in ticks(self.clock, RATE, ALONE):
-                places.append(float(self._plant.read().q[joint]))
+                places.append(float(self.plant.read().q[joint]))
                 if not abs(places[-1] - here[joint]) <= way:
                     break
         finally:
@@ -192,7 +196,7 @@ class Mover:
     def _begin(self) -> Floats:
         """Forget what was seen before; the joints now."""
         self.track, self._frame = Track(), -1
-        self._plant.reset()
+        self.plant.reset()
         return self._read().q.copy()
 
     def _go(self, joint: int, wanted: Floats, here: Floats, way: float) -> None:
@@ -249,13 +253,13 @@ class Mover:
         apart = wanted - seen.q
         rates = np.where(np.abs(apart) < self._count, 0.0, GAIN * apart)
         self._last = self.gate.admit(rates, self._last, seen.q, self._rcm, seen.now, SHARE).command
-        self._asked = self._asked + self._plant.send(self._last) / RATE
+        self._asked = self._asked + self.plant.send(self._last) / RATE
         return seen.q.copy()
 
     def _read(self) -> Observation:
         """What arm and camera tell."""
-        seen = self._plant.read()
-        patience = UNANSWERED if self._last.enabled else PATIENCE
+        seen = self.plant.read()
+        patience = self._silence if self._last.enabled else PATIENCE
         if not seen.now - seen.q_time <= patience * 1e9:
             raise Trouble(_silent_arm(self.arm.why_off, patience))
         answers = self.track.answers
@@ -265,7 +269,7 @@ class Mover:
         if self._new:
             self._frame = seen.frame
             self.track.frames.append((seen.exposure, seen.arrival, seen.points))
-            image = None if self._plant.frame is None else self._plant.frame.image
+            image = None if self.plant.frame is None else self.plant.frame.image
             if image is not None:
                 self.size = image.shape[1], image.shape[0]
         return seen

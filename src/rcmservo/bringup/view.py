@@ -34,6 +34,8 @@ UNITS = 0.1, 0.1, 0.1, 0.05, 0.05, 0.3
 
 STEPS = 60
 """Of the fit, at most;"""
+FIRST_STEPS, HOPELESS = 16, 30.0
+"""after so many it ends where more than this is left over of a number of the picture;"""
 ENOUGH = 1e-3
 """it ends when one makes the misfit smaller by less than this."""
 SMALL = 1e-5
@@ -85,7 +87,9 @@ def fitted(seen: Views, places: Places, within: Floats) -> Fit:
     steps = np.vstack([np.zeros_like(x), SMALL * np.eye(len(x))])
     damping = 1e-3
     at = left_over(x + steps)
-    for _ in range(STEPS):
+    for k in range(STEPS):
+        if k >= FIRST_STEPS and at[0] @ at[0] > HOPELESS * seen.points.size:
+            break
         r, J = at[0], (at[1:] - at[0]).T / SMALL
         square = J.T @ J
         step = _damped(square, damping, -J.T @ r)

@@ -1,6 +1,7 @@
 """`rcmservo rig check`: whether arm, camera and rig file agree, with a person at the terminal."""
 
 import json
+import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -12,6 +13,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from rcmservo.app.lab.at_the_arm import AT_HAND, define
 from rcmservo.app.terminal import console
 from rcmservo.bringup.check import CheckReport, check, warm_up
 from rcmservo.bringup.motion import Mover
@@ -40,6 +42,25 @@ class RigOptions:
     """Print one JSON object: ok, findings[{what, where, found, expected, line}]."""
 
 
+class AtHand:
+    """A person at a terminal, whose answers count only where they were typed just now."""
+
+    def __init__(self, terminal: Terminal) -> None:
+        self._terminal = terminal
+
+    def tell(self, words: str) -> None:
+        """Say something that needs no answer."""
+        self._terminal.tell(words)
+
+    def ask(self, question: str) -> str:
+        """What the person answers to this question."""
+        while True:
+            answer = self._terminal.ask(question)
+            if time.monotonic_ns() - self._terminal.typed <= AT_HAND:
+                return answer
+            self.tell("That was typed a while ago; once more.")
+
+
 def rig_check(
     options: RigOptions,
     arm: Callable[[Lab], LabArm] = open_arm,
@@ -57,9 +78,12 @@ def rig_check(
         warm_up(robot, lab.gate)
         with closing(arm(lab)) as joints, closing(camera(lab)) as eye:
             tracker = ColourMarkers(lab.markers)
-            mover = Mover(joints, eye, tracker, WallClock(), robot, lab.gate)
+            silence = lab.thresholds.silence
+            mover = Mover(joints, eye, tracker, WallClock(), robot, lab.gate, silence)
+            if not joints.homed():
+                define(person, mover.plant, lab)
             try:
-                report = check(mover, person, robot, lab.thresholds, latency)
+                report = check(mover, AtHand(person), robot, lab.thresholds, latency)
             except BaseException:
                 forget_checked(digest)
                 raise

@@ -1,0 +1,86 @@
+"""What a camera can tell of a rig file's mistakes, and what a person is asked."""
+
+import numpy as np
+import pytest
+
+from rcmservo.bringup.asking import agreed, one_of
+from rcmservo.bringup.guesses import COUNTS, Guess, believed, judge_all, members, places
+from rcmservo.bringup.view import Views, turned
+from rcmservo.bringup.wiring import Robot, Wiring
+from rcmservo.interfaces import Floats
+from rcmservo.live.lab import Stopped
+from rcmservo.method.kinematics import SphericalRcm
+from rcmservo.method.tool import RigidTool
+from rcmservo.sim import Rig
+
+ROBOT = Robot(SphericalRcm(), RigidTool(spacing=30.0), Wiring((5e4, 5e4, 500.0), axes="ABC"))
+
+
+def views(seed: int, guess: Guess) -> Views:
+    """What is seen where a guess is true and each joint goes a mm to either side."""
+    rig = Rig(seed, pictures=False)
+    start = rig.scene.start
+    ways = np.diag([ROBOT.way(start, joint) for joint in range(3)])
+    q = start + np.concatenate([np.zeros((1, 3)), ways, -ways])
+    truly = places(guess, ROBOT, q, start, guess.size)
+    points = np.stack([rig.scene.optics.project(two) for two in truly])
+    seen = Views(q, points, np.full(len(q), 0.03), (640, 480))
+    return seen.mirrored() if guess.mirrored else seen
+
+
+@pytest.mark.parametrize(
+    "guess",
+    [
+        Guess(),
+        Guess(order=(1, 0, 2)),
+        Guess(reversed=(True, False, False)),
+        Guess(mirrored=True),
+        Guess(wrong=COUNTS, joint=0, size=float(np.log(2.0))),
+    ],
+)
+def test_what_is_true_is_among_the_few_that_are_believed(guess: Guess) -> None:
+    left = believed(judge_all(ROBOT, views(2, guess)))
+    assert len(left) == 1
+    assert guess in list(members(left[0]))
+
+
+def test_a_set_that_no_picture_tells_apart_holds_four_signs_and_mirrors() -> None:
+    left = believed(judge_all(ROBOT, views(2, Guess())))
+    together = {(m.reversed, m.mirrored) for m in members(left[0])}
+    assert together == {
+        ((False, False, False), False),
+        ((True, True, False), False),
+        ((True, False, False), True),
+        ((False, True, False), True),
+    }
+
+
+def test_a_turn_is_a_rotation_by_its_length() -> None:
+    turns: Floats = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, np.pi / 2.0], [0.3, -0.2, 0.1]])
+    R = turned(turns)
+    assert np.allclose(R @ R.transpose(0, 2, 1), np.eye(3))
+    assert np.allclose(R[1] @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    assert np.allclose(R[2] @ turns[2], turns[2])
+
+
+class Mute:
+    """A person who answers with what was written down."""
+
+    def __init__(self, *answers: str) -> None:
+        self.answers, self.told = list(answers), []
+
+    def tell(self, words: str) -> None:
+        self.told.append(words)
+
+    def ask(self, question: str) -> str:
+        return self.answers.pop(0)
+
+
+def test_a_question_is_asked_again_until_the_answer_can_be_one() -> None:
+    person = Mute("", "ja", "YES")
+    assert one_of(person, "Well?", ("yes", "no")) == "yes"
+    assert len(person.told) == 2
+    with pytest.raises(Stopped, match="no answer was understood"):
+        agreed(Mute(*["perhaps"] * 9), "Well?")
+    with pytest.raises(Stopped, match="the answer was no"):
+        agreed(Mute("no"), "Well?")
