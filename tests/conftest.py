@@ -37,6 +37,8 @@ from rcmservo.servo.state import State
 from rcmservo.sim import Disturbance, Rig, RigSettings
 from rcmservo.tracking import PointMarkers
 
+pytest_plugins = ["peers"]
+
 settings.register_profile("local", deadline=None, max_examples=50)
 settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "local")

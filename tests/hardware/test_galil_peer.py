@@ -12,17 +12,22 @@ import pytest
 from galil_measures import Emulated
 
 from conftest import ROOT
+from peers import peer
 
-INSTALL = "socs is not installed: make peers"
+PEERS = ROOT / ".peers"
 
-pytestmark = [pytest.mark.slow, pytest.mark.alone]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.alone,
+    peer("socs (Galil client)", (PEERS / "socs").is_dir(), "make peers"),
+]
 
 
 @pytest.fixture(scope="module")
 def client() -> Any:
     """Their module."""
-    sys.path.append(str(ROOT / ".peers"))
-    return pytest.importorskip("socs.agents.galil_axis.drivers", reason=INSTALL)
+    sys.path.append(str(PEERS))
+    return importlib.import_module("socs.agents.galil_axis.drivers")
 
 
 def test_it_is_the_version_that_was_read(client: Any) -> None:

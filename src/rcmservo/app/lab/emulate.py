@@ -5,9 +5,9 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-import numpy as np
 import tyro
 
+from rcmservo.app.lab.emulated_arm import EmulatedArm, send_mjpeg
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.preparing import simulator
 from rcmservo.app.terminal import console
@@ -34,8 +34,11 @@ class EmulateOptions:
     """Where it listens on 127.0.0.1, by TCP and UDP; 0 takes one that is free."""
     serial: bool = False
     """Offer a serial port too, a pseudo-terminal whose path is told."""
+    mjpeg: int | None = None
+    """Offer the arm's camera too, as Motion JPEG on this port of 127.0.0.1; 0 takes one that is
+    free."""
     seed: int = 0
-    """Draws where the arm stands."""
+    """Draws where the arm and its camera stand."""
     rig: OptionalPath = None
     """TOML file with your own mechanism, drives and scene."""
     fault: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
@@ -50,27 +53,25 @@ def emulate(options: EmulateOptions) -> int:
             print(f"{name:9} {words}")
         return 0
     require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
-    require(0 <= options.port < 65536, "--port", options.port, "a whole number from 0 to 65535")
+    for name, port in (("--port", options.port), ("--mjpeg", options.mjpeg or 0)):
+        require(0 <= port < 65536, name, port, "a whole number from 0 to 65535")
     lab = load_lab(options.rig) if options.rig else Lab()
     faults = [Fault.parse(text) for text in options.fault]
     with simulator("emulate"):
-        controller = _controller(options.seed, lab)
-    serial = SerialPort() if options.serial else None
-    with closing(Server(controller, options.port, faults, serial)) as server:
-        at = f"127.0.0.1:{server.port}" + (f" and {serial.path}" if serial else "")
-        words = f"emulated Galil DMC-40{AXES}0 at {at}, simulated arm"
-        console(False).print(f"{words}, seed {options.seed}; Ctrl-C ends it", soft_wrap=True)
-        _serve(server)
+        arm = EmulatedArm(options.seed, lab)
+    with arm:
+        cameras: list[str] = []
+        if options.mjpeg is not None:
+            cameras.append(arm.offer(send_mjpeg, options.mjpeg))
+        controller = Controller(arm.motors(COUNTS, AXES), AXES)
+        serial = SerialPort() if options.serial else None
+        with closing(Server(controller, options.port, faults, serial)) as server:
+            at = f"127.0.0.1:{server.port}" + (f" and {serial.path}" if serial else "")
+            seen = "".join(f", its camera at {camera}" for camera in cameras)
+            words = f"emulated Galil DMC-40{AXES}0 at {at}, simulated arm{seen}"
+            console(False).print(f"{words}, seed {options.seed}; Ctrl-C ends it", soft_wrap=True)
+            _serve(server)
     return 0
-
-
-def _controller(seed: int, lab: Lab) -> Controller:
-    from rcmservo.sim.motors import ArmMotors
-    from rcmservo.sim.rig import Rig
-    from rcmservo.sim.rig_file import rig_settings
-
-    rig = Rig(seed, rig_settings(lab), pictures=False)
-    return Controller(ArmMotors(rig.truth.arm, np.array(COUNTS), AXES), AXES)
 
 
 def _serve(server: Server) -> None:

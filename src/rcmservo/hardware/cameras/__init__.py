@@ -1,0 +1,1 @@
+"""Cameras of a laboratory: drivers, and emulated ones to try them on."""

@@ -1,0 +1,152 @@
+"""What the drivers of cameras share: a thread that reads frame after frame, so that nobody who asks
+for the newest one waits, and that opens a lost camera again.
+
+Frame numbers rise for as long as the camera is in use, also where it was opened again.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from rcmservo.errors import RcmServoError
+from rcmservo.interfaces import Frame, Image
+from rcmservo.live.lab import CameraAccount
+
+AGAIN = 1.0
+"""s between two attempts to open a camera that was lost."""
+SILENT = 1.0
+"""s without a frame after which that is a trouble."""
+PATIENCE = 10.0
+"""s in which a driver comes back from the camera, whatever it waits for."""
+
+
+class CameraLost(RcmServoError):
+    """A camera that cannot be opened, or that is there no more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """What came of one exposure."""
+
+    image: Image | None
+    """Blue-green-red; None where it came incomplete."""
+    exposure: int
+    """ns, its middle on the computer's clock."""
+    arrival: int
+    """ns, when the computer had it."""
+    missed: int = 0
+    """Those before it that never came."""
+    passed: int = 0
+    """Those before it that came, and were passed over for it."""
+    uncertainty: float = float("nan")
+    """s, how well the exposure is known; NaN where the camera tells no times."""
+
+
+class Stream(Protocol):
+    """A camera while it is open."""
+
+    def next(self) -> Shot | None:
+        """Wait for a frame, a part of a second at most: None if none has come. :class:`CameraLost`
+        where none will come any more."""
+        ...
+
+    def close(self) -> None:
+        """Let it go."""
+        ...
+
+
+class StreamedCamera:
+    """A camera that a thread reads from: newest frame wins. It is opened at once, so that what is
+    wrong is told at once; ``lasting`` is one that is worth opening again where it is lost."""
+
+    def __init__(
+        self, opened: Callable[[], Stream], lasting: bool = True, again: float = AGAIN
+    ) -> None:
+        self._opened, self._lasting, self._again = opened, lasting, again
+        self._frame: Frame | None = None
+        self._number, self._heard = -1, time.monotonic()
+        self._account = CameraAccount()
+        self._error: Exception | None = None
+        self._over = threading.Event()
+        self._stream: Stream | None = opened()
+        self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
+        self._thread.start()
+
+    def latest(self) -> Frame | None:
+        """The newest frame, at once."""
+        if self._error is not None:
+            raise self._error
+        return self._frame
+
+    def account(self) -> CameraAccount:
+        """What became of its frames so far."""
+        silent = time.monotonic() - self._heard
+        if not self._account.trouble and silent > SILENT:
+            return replace(self._account, trouble=f"no frame has come for {silent:.0f} s")
+        return self._account
+
+    def close(self) -> None:
+        """Let the camera go."""
+        self._over.set()
+        self._thread.join(PATIENCE)
+
+    def _run(self) -> None:
+        try:
+            while not self._over.is_set():
+                self._turn()
+        except Exception as error:
+            self._error = error
+        finally:
+            self._let_go()
+
+    def _turn(self) -> None:
+        if self._stream is None:
+            self._open_again()
+            return
+        try:
+            shot = self._stream.next()
+        except CameraLost as error:
+            self._note(trouble=str(error))
+            self._let_go()
+            return
+        if shot is not None:
+            self._take(shot)
+
+    def _open_again(self) -> None:
+        if self._over.wait(self._again if self._lasting else SILENT) or not self._lasting:
+            return
+        try:
+            self._stream = self._opened()
+        except RcmServoError as error:
+            self._note(trouble=str(error))
+        else:
+            self._note(reconnects=self._account.reconnects + 1, trouble="")
+
+    def _take(self, shot: Shot) -> None:
+        """Make a picture the newest frame, and keep account of it."""
+        then, account, self._heard = self._frame, self._account, time.monotonic()
+        self._number += 1 + shot.missed + shot.passed
+        lost = account.lost + shot.missed
+        image = shot.image
+        changed = then is not None and then.image is not None and _shape(image) != then.image.shape
+        if image is None or changed:
+            trouble = "pictures come of another size than before" if image is not None else ""
+            self._note(lost=lost, incomplete=account.incomplete + 1, trouble=trouble)
+            return
+        self._frame = Frame(self._number, shot.exposure, shot.arrival, image=image)
+        frames = account.frames + 1 + shot.passed
+        self._note(frames=frames, lost=lost, uncertainty=shot.uncertainty, trouble="")
+
+    def _note(self, **changes: float | str) -> None:
+        self._account = replace(self._account, **changes)  # pyright: ignore[reportArgumentType]
+
+    def _let_go(self) -> None:
+        if self._stream is not None:
+            self._stream.close()
+            self._stream = None
+
+
+def _shape(image: Image | None) -> tuple[int, ...]:
+    return () if image is None else image.shape
