@@ -70,6 +70,16 @@ def test_the_counter_wraps_each_minute_and_a_long_silence_is_counted_by_the_cloc
         assert abs(wrong) < 2e-3 and ago >= 0.0
 
 
+def test_an_answer_that_is_held_up_just_as_the_counter_wraps_gives_no_wrong_time() -> None:
+    world = World(0.0, COUNTS - 100)
+    for _ in range(9):
+        world.now += 0.01
+        world.exchange(2e-4, 2e-4)
+    for _ in range(3):
+        wrong, ago = world.exchange(2e-4, 0.4)
+        assert abs(wrong) < 2e-3 and ago >= 0.4
+
+
 def test_a_counter_that_begins_anew_is_believed_at_once() -> None:
     world = World()
     for _ in range(50):

@@ -171,6 +171,13 @@ def test_whatever_comes_it_moves_within_its_watchdog_its_speed_and_its_limits(or
         before = np.array(toy.q)
 
 
+def test_the_page_names_the_toy_and_how_it_is_started() -> None:
+    page = (ROOT / "docs/own_devices.md").read_text()
+    assert f".venv/bin/python {TOY.relative_to(ROOT)} --port 5600\n" in page
+    for name in ("toy_arm.py", "toy_wire.py", "udp_arm.py"):
+        assert f"](../examples/udp_arm/{name})" in page and TOY.with_name(name).exists()
+
+
 # what follows runs in wall time, with the toy in a process of its own
 
 
