@@ -192,6 +192,16 @@ def test_off_is_what_the_arm_says_and_it_is_told_until_it_does() -> None:
     assert not arm.measure().enabled and arm.why_off == ""
 
 
+def test_an_arm_that_says_nothing_is_not_enabled() -> None:
+    lab = CrtkLab()
+    arm = lab.client()
+    lab.wire.lose = lambda topic, said: topic.endswith("measured_js")
+    lab.let_pass(100 * MS)
+    with pytest.raises(NotReady, match="PSM1 does not say where it is"):
+        arm.enable()
+    assert not lab.wire.words("PSM1/state_command")
+
+
 def test_an_enable_that_fails_is_undone() -> None:
     """The arm goes on, and its word of that is lost."""
     lab = CrtkLab()

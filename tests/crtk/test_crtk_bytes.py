@@ -32,7 +32,7 @@ messages = joints | pictures | states | words
 
 
 @given(messages)
-def test_they_are_the_bytes_that_cyclone_makes(said: m.Message) -> None:
+def test_they_are_the_bytes_that_cyclone_makes(said: m.RosMessage) -> None:
     """And back again."""
     form = shape(dds(), type(said))
     sec, nanosec = divmod(said.stamp, 10**9)
@@ -48,7 +48,7 @@ def test_they_are_the_bytes_that_cyclone_makes(said: m.Message) -> None:
 
 @given(messages, st.data())
 def test_what_is_cut_or_damaged_is_told_or_another_message(
-    said: m.Message, data: st.DataObject
+    said: m.RosMessage, data: st.DataObject
 ) -> None:
     whole = packed(said)
     cut = whole[: data.draw(st.integers(0, len(whole)))]

@@ -118,7 +118,7 @@ class CrtkArm:
                     self._await(lambda: not self._hearsay.on, "does not switch off")
                 self._say("enable")
                 self._await(lambda: self._hearsay.on, "does not switch on")
-                here = self._here()
+                here = self._awaited()
             except BaseException:
                 self._off("")
                 raise
@@ -246,7 +246,7 @@ class CrtkArm:
             raise NotReady(hearsay.trouble)
         if self._over.is_set():
             raise NotReady(f"{self._name} was hung up: connect again")
-        self._here()
+        self._awaited()
         state = hearsay.state
         if state is None or not state.is_homed:
             raise NotReady(f"{self._name} is not homed: home it with its own software")
@@ -256,10 +256,16 @@ class CrtkArm:
         if self._foreign and self._now() - self._foreign < FOREIGN:
             raise NotReady(f"somebody else moves {self._name}: end that first")
 
-    def _here(self) -> ToldJoints:
+    def _here(self) -> ToldJoints | None:
+        """Where it is, if it has just said so."""
         told = self._hearsay.joints
-        if told is None or not (self._now() - told.time <= FRESH):
-            raise NotReady(f"{self._name} does not say where it is")
+        return told if told is not None and self._now() - told.time <= FRESH else None
+
+    def _awaited(self) -> ToldJoints:
+        """Where it is, as soon as it says so."""
+        self._await(lambda: self._here() is not None, "does not say where it is")
+        told = self._hearsay.joints
+        assert told is not None
         return told
 
     def _await(self, reached: Callable[[], bool], otherwise: str) -> None:
@@ -280,9 +286,8 @@ class CrtkArm:
 
     def _moved(self, rates: Floats) -> Floats | None:
         """Send what these rates come to; what is taken of them, None where nothing went out."""
-        try:
-            told = self._here()
-        except NotReady:
+        told = self._here()
+        if told is None:
             return None
         now, stamp = self._now(), self._real()
         if self.settings.jv:

@@ -8,7 +8,7 @@ import struct
 from typing import Any
 
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.crtk.messages import Message, Said, parts_of
+from rcmservo.hardware.crtk.messages import RosMessage, Said, parts_of
 
 NUMBERS = {"bool": "?", "uint8": "B", "int32": "i", "uint32": "I", "float64": "d"}
 HEADER = [("int32", "sec"), ("uint32", "nanosec"), ("string", "frame_id")]
@@ -20,7 +20,7 @@ class Malformed(RcmServoError):
     """Bytes that are no such message."""
 
 
-def packed(message: Message) -> bytes:
+def packed(message: RosMessage) -> bytes:
     """A message as bytes, whose count is a multiple of 4."""
     out = bytearray()
     for form, value in zip(("int32", "uint32"), divmod(message.stamp, SECOND), strict=True):

@@ -19,7 +19,7 @@ UNIT = np.array([1.0, 1.0, 1e-3])
 """rad, rad, m in one rad, rad, mm."""
 
 
-class Message(Protocol):
+class RosMessage(Protocol):
     """Something said."""
 
     ros: ClassVar[str]
@@ -33,7 +33,7 @@ class Message(Protocol):
         ...
 
 
-Said = TypeVar("Said", bound=Message)
+Said = TypeVar("Said", bound=RosMessage)
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ ERROR = Topic("error", StringStamped)
 PICTURES = Topic("camera/image_raw", PlainImage, lossy=True)
 
 
-def parts_of(kind: type[Message]) -> list[tuple[str, str]]:
+def parts_of(kind: type[RosMessage]) -> list[tuple[str, str]]:
     """Type and name of a message's parts behind the header."""
     found: list[tuple[str, str]] = []
     for line in kind.parts.splitlines():

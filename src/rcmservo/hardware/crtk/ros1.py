@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from rcmservo.errors import one_line
-from rcmservo.hardware.crtk.messages import Message, Said, Topic, parts_of
+from rcmservo.hardware.crtk.messages import RosMessage, Said, Topic, parts_of
 from rcmservo.hardware.crtk.transport import Heard, NoTransport
 
 DEBIAN = "/usr/lib/python3/dist-packages"
@@ -47,7 +47,7 @@ def rospy() -> Any:
 
 
 @functools.cache
-def made(kind: type[Message]) -> Any:
+def made(kind: type[RosMessage]) -> Any:
     """rospy's class for messages of a kind."""
     dynamic: Any = import_module("genpy.dynamic")
     text = f"std_msgs/Header header\n{kind.parts}\n{HEADER}"

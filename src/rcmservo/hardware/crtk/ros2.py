@@ -17,7 +17,7 @@ from typing import Any
 
 from rcmservo.errors import one_line
 from rcmservo.hardware.crtk.cdr import Malformed, packed, unpacked
-from rcmservo.hardware.crtk.messages import Message, Said, Topic, parts_of
+from rcmservo.hardware.crtk.messages import RosMessage, Said, Topic, parts_of
 from rcmservo.hardware.crtk.transport import Heard, NoTransport
 
 MODULES = "core", "domain", "idl.annotations", "idl.types", "pub", "qos", "sub", "topic", "_clayer"
@@ -161,7 +161,7 @@ class Ros2:
             for reader, _, kind, heard in readers:
                 self._take(reader, kind, heard)
 
-    def _take(self, reader: Any, kind: type[Message], heard: Heard[Any]) -> None:
+    def _take(self, reader: Any, kind: type[RosMessage], heard: Heard[Any]) -> None:
         core = self._dds.core
         every = core.SampleState.Any | core.ViewState.Any | core.InstanceState.Any
         taken: Any = self._dds._clayer.ddspy_take(reader._ref, every, DEPTH)
@@ -173,7 +173,7 @@ class Ros2:
                     heard(unpacked(kind, data), f"{info.publication_handle:x}")
 
 
-def shape(dds: Any, kind: type[Message]) -> Any:
+def shape(dds: Any, kind: type[RosMessage]) -> Any:
     """The type of a topic's messages, as Cyclone wants it described."""
     types = dds.idl.types
 

@@ -1,0 +1,155 @@
+"""An arm over CRTK at length; the device is ours, in a process of its own or beside its client's.
+
+    python benchmarks/crtk.py stream [SECONDS] [--ros1]   at 100 Hz (60): what became of all
+    python benchmarks/crtk.py kill [COUNT] [--ros1]       clients killed as they move the arm (100)
+    python benchmarks/crtk.py servo [SEEDS] [--ros1]      whole runs over topics, pictures too (5)
+
+ROS 1 needs a master: roscore. The exit code is 0 where nothing was wrong.
+"""
+
+import os
+import platform
+import random
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+
+import numpy as np
+from crtk_measures import NAME, PATIENCE, RunningDevice, client_arm, killed, streamed
+
+from rcmservo.config.rig_file import default_markers
+from rcmservo.guard.thresholds import Thresholds
+from rcmservo.hardware.cameras.settings import TopicSettings
+from rcmservo.hardware.cameras.topic import topic_camera
+from rcmservo.hardware.crtk.arm import CrtkArm
+from rcmservo.hardware.crtk.messages import PICTURES
+from rcmservo.interfaces import Command, Floats
+from rcmservo.live.realtime import realtime
+from rcmservo.live.tracking_thread import TrackingThread
+from rcmservo.loop.clock import WallClock, ticks
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.run import run
+from rcmservo.loop.teach import teach
+from rcmservo.servo.servo import Servo
+from rcmservo.sim.body import Body
+from rcmservo.sim.rig import Rig
+from rcmservo.tracking import ColourMarkers
+
+DOMAIN = 70
+STILL_AFTER = 100.0
+"""ms"""
+NEAR_ENOUGH = 0.5
+"""mm"""
+DURATION = 15.0
+"""s of a run."""
+
+
+def stream(ros: int, seconds: float) -> int:
+    """How many commands went another way than was told."""
+    with closing(RunningDevice(ros, DOMAIN)) as device:
+        told = streamed(ros, DOMAIN, device, seconds)
+    print(told)
+    lost = told["commands"] - told["sent"] - told["withheld"] - told["refused"]
+    return abs(lost) + abs(told["sent"] - told["heard"]) + (not told["on"])
+
+
+def kill(ros: int, count: int) -> int:
+    """How many times the arm went on for too long."""
+    chance, took = random.Random(0), list[float]()
+    with closing(RunningDevice(ros, DOMAIN)) as device:
+        for number in range(count):
+            took.append(killed(ros, DOMAIN, device, chance.uniform(0.0, 1.0)))
+            print(f"\r{number + 1} of {count}", end="", file=sys.stderr, flush=True)
+    print(f"stood still {np.median(took):.1f} ms after (median), {max(took):.1f} at most")
+    return sum(not ms <= STILL_AFTER for ms in took)
+
+
+def servo(ros: int, seeds: int) -> int:
+    """How many runs did not end where the target was shown."""
+    wrong = 0
+    for seed in range(seeds):
+        error, phase = servoed(ros, seed)
+        print(f"seed {seed}: {error:.2f} mm from the target, {phase}", flush=True)
+        wrong += not error <= NEAR_ENOUGH
+    return wrong
+
+
+def servoed(ros: int, seed: int) -> tuple[float, str]:
+    """mm from where the target was shown at the end of a run over topics, and how it ended."""
+    rig, clock = Rig(seed, pictures=False), WallClock()
+    settings = TopicSettings(PICTURES.under(NAME).name, ros=ros, domain=DOMAIN)
+    with (
+        emulated(ros, seed),
+        closing(client_arm(ros, DOMAIN)) as arm,
+        closing(topic_camera(settings)) as camera,
+        TrackingThread(camera, ColourMarkers(default_markers()), clock) as eye,
+        realtime(),
+    ):
+        plant = Plant(arm, eye, eye, clock)
+        brought(arm, clock, rig.scene.target)
+        shown = arm.measure().q
+        target = teach(plant)
+        brought(arm, clock, rig.scene.start)
+        box = Servo(
+            rig.settings.mechanism, rig.settings.tool, thresholds=Thresholds(drive_lag=0.08)
+        )
+        phase = ""
+        for tick in run(plant, box, target, DURATION):
+            phase = f"{tick.state.phase.value} {tick.state.mode.cause.words} {arm.why_off}".strip()
+        body = Body(rig.settings.mechanism, rig.settings.tool)
+        tips = [body.points(q)[1] for q in (arm.measure().q, shown)]
+        return float(np.linalg.norm(tips[0] - tips[1])), phase
+
+
+@contextmanager
+def emulated(ros: int, seed: int) -> Iterator[None]:
+    """The arm and its camera."""
+    words = ["emulate", "crtk", "--ros", str(ros), "--domain", str(DOMAIN), "--seed", str(seed)]
+    code = "import sys; from rcmservo.__main__ import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as it:
+        try:
+            assert it.stdout is not None
+            if not it.stdout.readline():
+                raise RuntimeError("the emulated arm does not start")
+            yield
+        finally:
+            it.send_signal(signal.SIGINT)
+
+
+def brought(arm: CrtkArm, clock: WallClock, q: Floats) -> None:
+    """Go to the joints q (3,) by speeds, stand there, and be off: what a person does by hand."""
+    arm.enable()
+    for number, _ in enumerate(ticks(clock, 100.0, 10.0)):
+        far = q - arm.measure().q
+        if (np.abs(far) < [5e-4, 5e-4, 0.05]).all():
+            break
+        now, most = clock.now(), np.array([0.5, 0.5, 40.0])
+        arm.apply(Command(number, now, now + PATIENCE, np.clip(2.0 * far, -most, most), True))
+    arm.apply(Command(1 << 40, clock.now(), clock.now() + PATIENCE, np.zeros(3), False))
+    for _ in ticks(clock, 100.0, 2.0):
+        if not arm.measure().enabled:
+            break
+
+
+def main(arguments: list[str]) -> int:
+    """Do what is asked for; 1 where anything was wrong."""
+    ros = 1 if "--ros1" in arguments else 2
+    what, *rest = [word for word in arguments if word != "--ros1"]
+    print(f"{platform.machine()}, {os.cpu_count()} processors, ROS {ros}")
+    match what:
+        case "stream":
+            return stream(ros, float(rest[0]) if rest else 60.0) > 0
+        case "kill":
+            return kill(ros, int(rest[0]) if rest else 100) > 0
+        case "servo":
+            return servo(ros, int(rest[0]) if rest else 5) > 0
+        case _:
+            print(__doc__)
+            return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
