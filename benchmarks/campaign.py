@@ -34,7 +34,7 @@ from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, RigSettings
 from rcmservo.sim.disturb import KINDS, causes_of, random_disturbances
 from rcmservo.sim.disturb.oracle import Oracle, Unnoticed
-from rcmservo.sim.person import Person, attended
+from rcmservo.sim.person import ScriptedPerson, attended
 from rcmservo.tracking import PointMarkers
 
 DURATION = 30.0
@@ -150,7 +150,7 @@ def one(seed: int, kind: str) -> Run:
     p_d = rig.truth.markers(rig.clock.now())[1]
     rig.go_home()
     rig.begin()
-    person, judge = Person(rig, plant, PATIENCE), Judge(servo, target)
+    person, judge = ScriptedPerson(rig, plant, PATIENCE), Judge(servo, target)
     start, unnoticed = rig.clock.now(), Unnoticed(Oracle(rig.truth, NOISE))
     ticks = attended(
         rig, plant, servo, target, DURATION, person, lambda *begins: unnoticed.oracle.learn()

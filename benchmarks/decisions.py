@@ -94,7 +94,7 @@ def kept(folder: Path, seed: int) -> None:
     import campaign
 
     from rcmservo.sim import Killed
-    from rcmservo.sim.person import Person, attended
+    from rcmservo.sim.person import ScriptedPerson, attended
     from rcmservo.tracking import PointMarkers
 
     disturbances = campaign.disturbances_of(seed, "faults")
@@ -110,7 +110,7 @@ def kept(folder: Path, seed: int) -> None:
     stages: list[tuple[int, bool, rs.Target]] = []
     ticks: list[rs.Tick] = []
     begun = lambda target, state: stages.append((len(ticks), state is not None, target))  # noqa: E731
-    person = Person(rig, plant, campaign.PATIENCE)
+    person = ScriptedPerson(rig, plant, campaign.PATIENCE)
     try:
         for tick in attended(rig, plant, servo, target, campaign.DURATION, person, begun):
             ticks.append(tick)

@@ -326,6 +326,8 @@ def try_rig(path: Path) -> None:
     lab = load_lab(path)
     settings = rig_settings(lab)
     tables = tomllib.loads(path.read_bytes().decode())
+    for name in lab.devices:
+        assert lab.devices[name] == tables.pop(name), f"the device [{name}] is not what it says"
     mechanism = {"kind": lab.mechanism.name, "insertion_zero": lab.mechanism.insertion_zero}
     timing = settings.timing
     camera = {

@@ -20,7 +20,7 @@ from rcmservo.config.rig_file import default_markers
 from rcmservo.guard.plausible import lost
 from rcmservo.interfaces import Floats
 from rcmservo.sim import Disturbance
-from rcmservo.sim.person import Person, attended
+from rcmservo.sim.person import ScriptedPerson, attended
 from rcmservo.tracking import ColourMarkers
 
 DURATION = 20.0
@@ -57,7 +57,7 @@ def one(seed: int) -> Run:
     p_d = rig.truth.markers(rig.clock.now())[1]
     rig.go_home()
     rig.begin()
-    person, gone, blind, moved = Person(rig, plant, 20), -1, 0, 0.0
+    person, gone, blind, moved = ScriptedPerson(rig, plant, 20), -1, 0, 0.0
     stood: Floats | None = None
     for tick in attended(rig, plant, servo, target, DURATION, person):
         now, p2 = tick.seen.now, rig.truth.markers(rig.clock.now())[1]

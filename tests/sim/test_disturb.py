@@ -28,7 +28,7 @@ from rcmservo.servo.state import State
 from rcmservo.sim import Disturbance, Killed, Rig
 from rcmservo.sim.disturb import KINDS, causes_of, describe, random_disturbances
 from rcmservo.sim.disturb.smoke_and_blood import Smoke
-from rcmservo.sim.person import Person, attended
+from rcmservo.sim.person import ScriptedPerson, attended
 from rcmservo.tracking import ColourMarkers, PointMarkers
 
 ONSET = 1.3
@@ -586,7 +586,7 @@ def test_a_person_counts_the_requests_that_led_on_apart_from_those_refused() -> 
     target = teach(plant)
     rig.go_home()
     rig.begin()
-    person = Person(rig, plant, 9)
+    person = ScriptedPerson(rig, plant, 9)
     ticks = list(
         attended(rig, plant, Servo(rig.settings.mechanism, rig.settings.tool), target, 8.0, person)
     )

@@ -101,6 +101,7 @@ def test_noise_beyond_what_the_checks_bear_stops_it_and_the_cause_is_told() -> N
         assert not study_of(RigSettings(point_noise=noise), duration=5.0).run(0).stops
 
 
+@pytest.mark.slow
 def test_averaged_markers_bring_the_tool_nearer_at_the_same_speed() -> None:
     """0.3 px of noise: the markers as they are seen, or without their noise."""
     servos = [

@@ -23,7 +23,7 @@ BY_HAND = {Cause.CAMERA_MOVED, Cause.DRIFTS, Cause.ELSEWHERE, Cause.TARGET_OLD}
 """Causes that ask for the target to be shown again."""
 
 
-class Person:
+class ScriptedPerson:
     """Acts after a pause, at most ``patience`` times: asks to resume, or shows the target again."""
 
     resumed: int
@@ -94,7 +94,7 @@ def attended(
     servo: Servo,
     target: Target,
     duration: float,
-    person: Person,
+    person: ScriptedPerson,
     begins: Callable[[Target, State | None], None] = lambda target, state: None,
 ) -> Generator[Tick]:
     """`run` with a person beside it, for `duration` s in all.

@@ -30,7 +30,7 @@ from rcmservo.record.verdict import held
 from rcmservo.record.writer import Recorder
 from rcmservo.sim import Killed, Rig
 from rcmservo.sim.disturb.disk import disk
-from rcmservo.sim.person import Person, attended
+from rcmservo.sim.person import ScriptedPerson, attended
 from rcmservo.sim.rig_file import rig_settings
 from rcmservo.tracking import ColourMarkers
 
@@ -45,7 +45,7 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
     plant = Plant(rig.arm, rig.camera, ColourMarkers(job.lab.markers), rig.clock)
     target = target_of(job, rig, plant)
     job.servo.warm_up()
-    person, started = Person(rig, plant, job.resumes), time.perf_counter()
+    person, started = ScriptedPerson(rig, plant, job.resumes), time.perf_counter()
     with ExitStack() as stack:
         recorder = stack.enter_context(
             Recorder(job.folder / RECORD, about(job, rig.settings), disk(rig.disk_full))
