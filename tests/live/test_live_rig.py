@@ -219,7 +219,8 @@ def test_whatever_ends_it_the_arm_is_off_at_rest_and_the_record_is_whole(
 def test_a_controller_that_falls_silent_is_told_in_words(lab: Laboratory, tmp_path: Path) -> None:
     with at_terminal(lab, tmp_path) as at:
         led(at, lab)
-        begun(at, lab)
+        at.type("enable\n")
+        at.until("0.00 s  ")
         lab.process.send_signal(signal.SIGSTOP)
         try:
             assert at.end() == 1
