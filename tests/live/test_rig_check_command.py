@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from at_terminal import AtTerminal, Laboratory, words_of
 
-from conftest import HEEDING_CTRL_C
+from conftest import HEEDING_CTRL_C, SMALL
 from rcmservo.app.lab.emulate import COUNTS
 
 pytestmark = pytest.mark.alone
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.alone
 
 @pytest.fixture(scope="module")
 def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Laboratory]:
-    it = Laboratory(tmp_path_factory.mktemp("laboratory"), seed=1)
+    it = Laboratory(tmp_path_factory.mktemp("laboratory"), seed=1, rig=SMALL)
     yield it
     it.close()
 

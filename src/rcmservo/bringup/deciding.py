@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rcmservo.bringup.asking import numbers, one_of
+from rcmservo.bringup.asking import TIMES, numbers, one_of
 from rcmservo.bringup.guesses import (
     COUNTS,
     SPACING,
@@ -21,7 +21,7 @@ from rcmservo.bringup.guesses import (
 )
 from rcmservo.bringup.wiring import Finding, Robot
 from rcmservo.interfaces import Floats
-from rcmservo.live.lab import Person
+from rcmservo.live.lab import Person, Stopped
 from rcmservo.method.kinematics import SPHERICAL
 from rcmservo.method.tool import RIGID, stretch
 
@@ -76,7 +76,7 @@ def _by_its_way(
     name = f"joint {joint + 1} ({robot.mechanism.joint_names[joint]})"
     choice = [word for pair in WAYS[spherical] for word in pair]
     asked = f"{LOOKING[spherical]}: which way did the tool go first, {MEANING[spherical]}?"
-    while True:
+    for _ in range(TIMES):
         person.tell(f"Watch the tool: {name} goes one way, waits, and comes back.")
         show(joint)
         answer = one_of(person, f"For {name}, {asked}", (*choice, AGAIN))
@@ -86,6 +86,7 @@ def _by_its_way(
         if answer != AGAIN:
             could = " or ".join(sorted({words(robot, *one.moves(joint)) for one in left}))
             person.tell(f"By the picture it can only have been {could}. It is shown again.")
+    raise Stopped(f"no answer agreed with the picture for {name}")
 
 
 def _by_ruler(left: list[Guess], robot: Robot, q: Floats, person: Person) -> list[Guess]:
