@@ -17,6 +17,7 @@ from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.live.lab import NotReady
 from rcmservo.loop.clock import WallClock
 from rcmservo.method.kinematics import SphericalRcm
+from stalls import undisturbed
 
 pytestmark = pytest.mark.alone
 
@@ -54,10 +55,12 @@ def test_it_moves_an_arm_whose_place_a_person_has_told_and_leaves_it_off(
             arm.enable()
         arm.define(HOME)
         assert arm.measure().q == pytest.approx(HOME, abs=2e-3)
-        arm.enable()
-        assert arm.measure().enabled
-        first = sent(arm, RATES, 20)
-        last = sent(arm, RATES, 50)
+
+        def moved() -> tuple[Measured, Measured]:
+            arm.enable()
+            return sent(arm, RATES, 20), sent(arm, RATES, 50)
+
+        first, last = undisturbed(moved, lambda run: run[1].enabled)
         assert last.enabled, arm.why_off
         rates = (last.q - first.q) / ((last.time - first.time) * 1e-9)
         assert rates == pytest.approx(RATES, rel=0.1)

@@ -143,6 +143,8 @@ class GalilSession:
         try:
             talk.ask(f"XQ #RCMWD,{program.THREAD}")
             self._await_begun()
+            self._beat += 1
+            talk.ask(f"hb={self._beat}")  # its patience counts from here, not from what that took
         except RcmServoError:
             with contextlib.suppress(RcmServoError):
                 self.switch_off()
