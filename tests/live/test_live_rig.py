@@ -228,7 +228,7 @@ def test_a_controller_that_falls_silent_is_told_in_words(lab: Laboratory, tmp_pa
             lab.process.send_signal(signal.SIGCONT)
     metrics = json.loads((tmp_path / "out/metrics.json").read_text())
     assert not metrics["settled"] and metrics["drive_off"]
-    assert metrics["drive_off"].split(";")[0] in " ".join(at.shown.split())
+    assert metrics["drive_off"].split(";")[0] in " ".join(at.shown.replace("│", " ").split())
     lab.reach()
     wait_for(lambda: at_rest(lab))
 
