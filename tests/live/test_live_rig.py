@@ -252,6 +252,8 @@ def test_it_goes_to_the_target_at_the_speed_that_its_file_has_earned(
             at.type("enable\n")
             code = at.end()
         wait_for(lambda: at_rest(lab))
+        if code == 2:  # a drive that does not come on in time is a sentence, and no run
+            return folder, {"settled": False, "said": at.shown}
         metrics = json.loads((folder / "out/metrics.json").read_text())
         assert code == (0 if metrics["settled"] else 1)
         return folder, metrics
