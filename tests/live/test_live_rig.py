@@ -228,7 +228,7 @@ def test_a_controller_that_falls_silent_is_told_in_words(lab: Laboratory, tmp_pa
             lab.process.send_signal(signal.SIGCONT)
     metrics = json.loads((tmp_path / "out/metrics.json").read_text())
     assert not metrics["settled"] and metrics["drive_off"]
-    assert metrics["drive_off"].split(";")[0] in " ".join(at.shown.split())
+    assert metrics["drive_off"].split(";")[0] in " ".join(at.shown.replace("│", " ").split())
     lab.reach()
     wait_for(lambda: at_rest(lab))
 
@@ -252,6 +252,8 @@ def test_it_goes_to_the_target_at_the_speed_that_its_file_has_earned(
             at.type("enable\n")
             code = at.end()
         wait_for(lambda: at_rest(lab))
+        if code == 2:  # a drive that does not come on in time is a sentence, and no run
+            return folder, {"settled": False, "said": at.shown}
         metrics = json.loads((folder / "out/metrics.json").read_text())
         assert code == (0 if metrics["settled"] else 1)
         return folder, metrics
