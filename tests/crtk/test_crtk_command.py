@@ -40,6 +40,7 @@ def reached(what: Callable[[], bool]) -> bool:
     return True
 
 
+@pytest.mark.slow
 @pytest.mark.alone
 def test_it_says_where_it_is_and_the_page_s_rig_file_opens_arm_and_camera(tmp_path: Path) -> None:
     (command,) = (line for line in blocks("sh")[0].splitlines() if "emulate crtk" in line)
