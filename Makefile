@@ -49,6 +49,7 @@ bench: $(TESTING)
 	$(BIN)/python benchmarks/replays.py 100
 	$(BIN)/python benchmarks/damage.py
 	$(BIN)/python benchmarks/fuzz.py --count 100000
+	$(BIN)/python benchmarks/cameras.py
 	$(BIN)/python benchmarks/soak.py --seconds 600
 	$(BIN)/python benchmarks/kill.py --count 200
 

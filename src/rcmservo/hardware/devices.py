@@ -1,6 +1,7 @@
 """The arms and cameras that a rig file can name, and how each is opened."""
 
 from rcmservo.config.rig_file import Lab
+from rcmservo.hardware.cameras.aravis import aravis_camera
 from rcmservo.hardware.cameras.opencv import opencv_camera
 from rcmservo.hardware.cameras.settings import (
     AravisSettings,
@@ -46,5 +47,7 @@ def open_camera(lab: Lab, unmeasured: bool = False) -> LabCamera:
             return opencv_camera(settings)
         case TopicSettings():
             return topic_camera(settings)
+        case AravisSettings():
+            return aravis_camera(settings)
         case other:
             raise NotImplementedError(type(other).__name__)

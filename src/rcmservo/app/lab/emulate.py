@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import tyro
 
 from rcmservo.app.lab.emulate_crtk import RosOptions, emulate_crtk
-from rcmservo.app.lab.emulated_arm import EmulatedArm, send_mjpeg
+from rcmservo.app.lab.emulated_arm import EmulatedArm, send_gige, send_mjpeg
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.preparing import simulator
 from rcmservo.app.terminal import console
@@ -39,6 +39,8 @@ class EmulateOptions:
     mjpeg: int | None = None
     """Offer the arm's camera too, as Motion JPEG on this port of 127.0.0.1; 0 takes one that is
     free."""
+    gige: bool = False
+    """Offer it as a GigE Vision camera at 127.0.0.1 (apt-get install libaravis-0.8-0)."""
     seed: int = 0
     """Draws where the arm and its camera stand."""
     rig: OptionalPath = None
@@ -69,11 +71,13 @@ def emulate(options: EmulateOptions) -> int:
         cameras: list[str] = []
         if options.mjpeg is not None:
             cameras.append(arm.offer(send_mjpeg, options.mjpeg))
+        if options.gige:
+            cameras.append("GigE Vision " + arm.offer(send_gige))
         controller = Controller(arm.motors(COUNTS, AXES), AXES)
         serial = SerialPort() if options.serial else None
         with closing(Server(controller, options.port, faults, serial)) as server:
             at = f"127.0.0.1:{server.port}" + (f" and {serial.path}" if serial else "")
-            seen = "".join(f", its camera at {camera}" for camera in cameras)
+            seen = f", its camera at {' and '.join(cameras)}" if cameras else ""
             words = f"emulated Galil DMC-40{AXES}0 at {at}, simulated arm{seen}"
             console(False).print(f"{words}, seed {options.seed}; Ctrl-C ends it", soft_wrap=True)
             _serve(server)

@@ -16,6 +16,7 @@ import numpy as np
 
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import RcmServoError
+from rcmservo.hardware.cameras.emulated.gige_camera import GigeCamera
 from rcmservo.hardware.cameras.emulated.mjpeg_server import MjpegServer
 from rcmservo.hardware.crtk.device import RateJoints
 from rcmservo.hardware.galil.emulator.motors import Motors
@@ -100,8 +101,21 @@ def send_mjpeg(ring: FrameRing, port: int, control: Connection) -> None:
     try:
         server = MjpegServer(RingCamera(ring), port)
     except RcmServoError as error:
-        control.send(error)
+        control.send(RcmServoError(str(error)))
         return
     with contextlib.closing(server):
         control.send(server.address)
+        heard(control)
+
+
+def send_gige(ring: FrameRing, control: Connection) -> None:
+    """Be a GigE Vision camera, until the other end of `control` speaks or is gone."""
+    height, width, _ = ring.shape
+    try:
+        camera = GigeCamera(RingCamera(ring), width, height)
+    except RcmServoError as error:
+        control.send(RcmServoError(str(error)))
+        return
+    with contextlib.closing(camera):
+        control.send(camera.address)
         heard(control)

@@ -40,11 +40,16 @@ class ClockMap:
     """s, how far off the last answer may be."""
 
     def __init__(self) -> None:
+        self._newest, self._told = 0, 0
         self._begin(0, 0)
 
     def take(self, stamp: int, arrival: int) -> int:
         """The next frame's stamp (ns on the camera's clock) and arrival (ns on the computer's);
-        when it would have arrived if nothing had delayed it."""
+        when it would have arrived if nothing had delayed it. A frame that comes again tells
+        nothing."""
+        if self._points and stamp == self._newest:
+            return self._told
+        self._newest = stamp
         if not self._goes_on(stamp, arrival):
             self._begin(stamp, arrival)
         x, y = self._point(stamp, arrival)
@@ -53,7 +58,8 @@ class ClockMap:
         count = len(self._points)
         delay = (self._sums[1] - slope * self._sums[0]) / count - height
         self.uncertainty = (MARGIN * delay + UNKNOWN) / count
-        return arrival - round((y - height - slope * x) * 1e9)
+        self._told = arrival - round((y - height - slope * x) * 1e9)
+        return self._told
 
     def _begin(self, stamp: int, arrival: int) -> None:
         """Know nothing of the clock."""

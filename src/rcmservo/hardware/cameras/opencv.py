@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from rcmservo.hardware.cameras.settings import OpencvSettings, require_taken
-from rcmservo.hardware.cameras.streamed import CameraLost, Shot, StreamedCamera
+from rcmservo.hardware.cameras.streamed import CameraLost, Snapshot, StreamedCamera
 from rcmservo.interfaces import Image
 from rcmservo.loop.clock import sleep_until
 
@@ -30,7 +30,8 @@ MANUAL = 1
 UNITS = 1e4
 """V4L2 counts exposures in 100 µs."""
 UNBUFFERED = "fflags;nobuffer|flags;low_delay"
-"""What FFmpeg is told, so that it keeps no frames back."""
+"""What FFmpeg is told of the network, so that it keeps no frames back; a file's first ones would be
+lost by it."""
 
 
 def opencv_camera(settings: OpencvSettings) -> StreamedCamera:
@@ -44,8 +45,8 @@ class OpencvStream:
 
     def __init__(self, settings: OpencvSettings) -> None:
         self._settings = settings
-        os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", UNBUFFERED)
-        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+        os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = UNBUFFERED if settings.remote else ""
+        os.environ["OPENCV_FFMPEG_LOGLEVEL"] = "-8"
         cv2.utils.logging.setLogLevel(0)
         self._capture: Any = _capture(settings)
         if not self._capture.isOpened():
@@ -57,7 +58,7 @@ class OpencvStream:
             raise
         self._due = time.monotonic_ns()
 
-    def next(self) -> Shot | None:
+    def next(self) -> Snapshot | None:
         if self._period:
             sleep_until(min(self._due, time.monotonic_ns() + LOOK))
             if time.monotonic_ns() < self._due:
@@ -67,7 +68,7 @@ class OpencvStream:
             raise CameraLost(f"camera {self._settings.source}: {_ended(self._settings)}")
         arrival = time.monotonic_ns()
         exposure = arrival - round(self._settings.latency * 1e9)
-        return Shot(self._image(), exposure, arrival)
+        return Snapshot(self._image(), exposure, arrival)
 
     def _image(self) -> Image | None:
         try:

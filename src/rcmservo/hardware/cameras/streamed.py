@@ -27,7 +27,7 @@ class CameraLost(RcmServoError):
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class Snapshot:
     """What came of one exposure."""
 
     image: Image | None
@@ -40,14 +40,16 @@ class Shot:
     """Those before it that never came."""
     passed: int = 0
     """Those before it that came, and were passed over for it."""
+    spoilt: int = 0
+    """Those before it that came incomplete."""
     uncertainty: float = float("nan")
     """s, how well the exposure is known; NaN where the camera tells no times."""
 
 
-class Stream(Protocol):
+class CameraStream(Protocol):
     """A camera while it is open."""
 
-    def next(self) -> Shot | None:
+    def next(self) -> Snapshot | None:
         """Wait for a frame, a part of a second at most: None if none has come. :class:`CameraLost`
         where none will come any more."""
         ...
@@ -62,7 +64,7 @@ class StreamedCamera:
     wrong is told at once; ``lasting`` is one that is worth opening again where it is lost."""
 
     def __init__(
-        self, opened: Callable[[], Stream], lasting: bool = True, again: float = AGAIN
+        self, opened: Callable[[], CameraStream], lasting: bool = True, again: float = AGAIN
     ) -> None:
         self._opened, self._lasting, self._again = opened, lasting, again
         self._frame: Frame | None = None
@@ -70,7 +72,7 @@ class StreamedCamera:
         self._account = CameraAccount()
         self._error: Exception | None = None
         self._over = threading.Event()
-        self._stream: Stream | None = opened()
+        self._stream: CameraStream | None = opened()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
 
@@ -124,20 +126,23 @@ class StreamedCamera:
         else:
             self._note(reconnects=self._account.reconnects + 1, trouble="")
 
-    def _take(self, shot: Shot) -> None:
+    def _take(self, shot: Snapshot) -> None:
         """Make a picture the newest frame, and keep account of it."""
         then, account, self._heard = self._frame, self._account, time.monotonic()
-        self._number += 1 + shot.missed + shot.passed
-        lost = account.lost + shot.missed
-        image = shot.image
-        changed = then is not None and then.image is not None and _shape(image) != then.image.shape
-        if image is None or changed:
-            trouble = "pictures come of another size than before" if image is not None else ""
-            self._note(lost=lost, incomplete=account.incomplete + 1, trouble=trouble)
-            return
-        self._frame = Frame(self._number, shot.exposure, shot.arrival, image=image)
-        frames = account.frames + 1 + shot.passed
-        self._note(frames=frames, lost=lost, uncertainty=shot.uncertainty, trouble="")
+        self._number += 1 + shot.missed + shot.passed + shot.spoilt
+        image, trouble = shot.image, ""
+        known = None if then is None else then.image
+        if image is not None and known is not None and image.shape != known.shape:
+            image, trouble = None, "pictures come of another size than before"
+        if image is not None:
+            self._frame = Frame(self._number, shot.exposure, shot.arrival, image=image)
+        self._note(
+            frames=account.frames + shot.passed + (image is not None),
+            lost=account.lost + shot.missed,
+            incomplete=account.incomplete + shot.spoilt + (image is None),
+            uncertainty=account.uncertainty if image is None else shot.uncertainty,
+            trouble=trouble,
+        )
 
     def _note(self, **changes: float | str) -> None:
         self._account = replace(self._account, **changes)  # pyright: ignore[reportArgumentType]
@@ -146,7 +151,3 @@ class StreamedCamera:
         if self._stream is not None:
             self._stream.close()
             self._stream = None
-
-
-def _shape(image: Image | None) -> tuple[int, ...]:
-    return () if image is None else image.shape

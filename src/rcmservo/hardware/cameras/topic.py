@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from rcmservo.hardware.cameras.settings import TopicSettings
-from rcmservo.hardware.cameras.streamed import CameraLost, Shot, StreamedCamera
+from rcmservo.hardware.cameras.streamed import CameraLost, Snapshot, StreamedCamera
 from rcmservo.hardware.crtk.messages import CompressedImage, PlainImage, Topic
 from rcmservo.hardware.crtk.transport import Transport, opened
 from rcmservo.interfaces import Image
@@ -66,7 +66,7 @@ class TopicStream:
         else:
             transport.subscribe(Topic(settings.topic, PlainImage, lossy=True), self._hear)
 
-    def next(self) -> Shot | None:
+    def next(self) -> Snapshot | None:
         with self._told:
             self._told.wait_for(lambda: self._waiting is not None, WAIT)
             if self._waiting is None:
@@ -80,7 +80,7 @@ class TopicStream:
         newer, self._newest = said.stamp > self._newest, max(said.stamp, self._newest)
         exposure = arrival - max(age, 0) - round(self._settings.latency * 1e9)
         image = self._image(said) if newer else None
-        return Shot(image, exposure, arrival, passed=passed, uncertainty=uncertainty)
+        return Snapshot(image, exposure, arrival, passed=passed, uncertainty=uncertainty)
 
     def close(self) -> None:
         self._transport.close()

@@ -38,7 +38,7 @@ class MjpegServer:
     def __init__(self, camera: Camera, port: int) -> None:
         self._camera = camera
         self._new = threading.Condition()
-        self._count, self._jpeg, self._over = 0, b"", False
+        self._count, self._jpeg, self._waiting, self._over = 0, b"", 0, False
         try:
             self._http = _Server((HOST, port), partial(_Client, self))
         except OSError as error:
@@ -59,7 +59,9 @@ class MjpegServer:
         """Count and JPEG of the newest frame, once it is newer than that count; without one where
         none comes."""
         with self._new:
+            self._waiting += 1
             self._new.wait_for(lambda: self._count > count or self._over, WAIT)
+            self._waiting -= 1
             return (self._count, self._jpeg) if self._count > count else (count, b"")
 
     @property
@@ -76,9 +78,10 @@ class MjpegServer:
             thread.join()
 
     def _encode(self) -> None:
+        """Encode each new frame for which somebody waits."""
         last: Frame | None = None
         while not self._over:
-            frame = self._camera.latest()
+            frame = self._camera.latest() if self._waiting else None
             if frame is None or frame is last or frame.image is None:
                 time.sleep(LOOK)
                 continue

@@ -1,0 +1,141 @@
+"""How old a picture is when its features are known: by shared memory as the simulated camera's, by
+Motion JPEG and by GigE Vision on this computer's own network, in one run.
+
+    python benchmarks/cameras.py [SECONDS]    of each way in each of three rounds (20)
+
+One process publishes a rendered picture that bears its number, 60 times a second, 20 ms after its
+exposure; two others send it on. The ways take turns. It fails where one of them takes a frame's
+period longer than shared memory at 99 %, or loses more than 1 % of the frames.
+"""
+
+import platform
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+
+import numpy as np
+
+from rcmservo.app.lab.emulated_arm import send_gige, send_mjpeg
+from rcmservo.config.rig_file import Lab
+from rcmservo.hardware.cameras.aravis import aravis_camera
+from rcmservo.hardware.cameras.opencv import opencv_camera
+from rcmservo.hardware.cameras.settings import AravisSettings, OpencvSettings
+from rcmservo.interfaces import Camera, Frame, Image
+from rcmservo.live.child import Child
+from rcmservo.live.frame_ring import FrameRing, RingCamera
+from rcmservo.live.tracking_thread import TrackingThread
+from rcmservo.loop.clock import WallClock, sleep_until
+from rcmservo.sim import Rig
+from rcmservo.tracking import ColourMarkers
+
+RATE, ROUNDS = 60.0, 3
+PERIOD = 1e9 / RATE
+DELAY = 22_000_000
+"""ns from the middle of an exposure to its frame, as in the simulated camera."""
+BITS, LIGHT, DARK, ROWS = 16, 220, 30, 16
+MOST_LOST = 0.01
+
+
+def publish(ring: FrameRing, control: Connection) -> None:
+    """Be the camera, until the other end speaks or is gone. Frame k is exposed at k/RATE s."""
+    rig = Rig(0)
+    frame = rig.camera.latest()
+    assert frame is not None and frame.image is not None
+    image = frame.image.copy()
+    control.send("ready")
+    number = int(time.monotonic_ns() / PERIOD)
+    while not control.poll():
+        exposure = round(number * PERIOD)
+        _write(image, number)
+        sleep_until(exposure + DELAY)
+        ring.publish(Frame(number, exposure, time.monotonic_ns(), image=image))
+        number = max(number + 1, int((time.monotonic_ns() - DELAY) / PERIOD))
+
+
+def _write(image: Image, number: int) -> None:
+    width = image.shape[1] // BITS
+    for bit in range(BITS):
+        stripe = image[:ROWS, bit * width : (bit + 1) * width]
+        stripe[:] = LIGHT if number >> bit & 1 else DARK
+
+
+def _number(image: Image, now: int) -> int:
+    """The number that a picture bears, of those not later than now."""
+    middles = ((np.arange(BITS) + 0.5) * (image.shape[1] // BITS)).astype(int)
+    low = sum(int(v > (LIGHT + DARK) / 2) << b for b, v in enumerate(image[ROWS // 2, middles, 1]))
+    newest = int(now / PERIOD)
+    return newest - (newest - low) % (1 << BITS)
+
+
+def watch(camera: Camera, seconds: float) -> tuple[list[float], int, int]:
+    """ms from exposure to features of each frame; frames that were not seen, and those in whose
+    picture both markers were not found."""
+    ages: list[float] = []
+    lost, blind, last = 0, 0, -1
+    with TrackingThread(camera, ColourMarkers(Lab().markers), WallClock()) as thread:
+        begin, frame = time.monotonic() + 2.0, None
+        while time.monotonic() < begin + seconds:
+            newest = thread.latest()
+            if newest is frame or newest is None or newest.image is None:
+                time.sleep(0.0005)
+                continue
+            frame = newest
+            number = _number(frame.image, frame.arrival)  # TrackingThread's: with its features
+            if time.monotonic() >= begin:
+                ages.append((frame.arrival - number * PERIOD) * 1e-6)
+                lost += max(number - last - 1, 0) if last >= 0 else 0
+                blind += not np.isfinite(thread.find(frame).points).all()
+                last = number
+    return ages, lost, blind
+
+
+def main(seconds: float) -> int:
+    print(f"{platform.platform()}, Python {platform.python_version()}")
+    context = get_context("spawn")
+    ring = FrameRing(context, 640, 480)
+    with ExitStack() as stack:
+
+        def child(work: Callable[..., None], *arguments: object) -> str:
+            one = Child(context, work, *arguments)
+            stack.callback(one.end)
+            return one.hear()
+
+        child(publish, ring)
+        web, gige = child(send_mjpeg, ring, 0), child(send_gige, ring)
+        ways: dict[str, Callable[[], Camera]] = {
+            "shared memory": partial(RingCamera, ring),
+            "Motion JPEG": partial(opencv_camera, OpencvSettings(web)),
+            "GigE Vision": partial(aravis_camera, AravisSettings(gige, frame_rate=RATE)),
+        }
+        told = {way: ([], 0, 0) for way in ways}
+        for _ in range(ROUNDS):
+            for way, opened in ways.items():
+                camera = opened()
+                seen = watch(camera, seconds)
+                told[way] = tuple(a + b for a, b in zip(told[way], seen, strict=True))
+                getattr(camera, "close", lambda: None)()
+    return _report(told)
+
+
+def _report(told: dict[str, tuple[list[float], int, int]]) -> int:
+    failed, least = False, 0.0
+    for way, (ages, lost, blind) in told.items():
+        p50, p99 = np.percentile(ages, [50, 99])
+        least = least or p99
+        share = lost / (lost + len(ages))
+        good = p99 - least <= PERIOD * 1e-6 and share <= MOST_LOST and not blind
+        failed |= not good
+        print(
+            f"{way:14} {p50:5.1f} ms (median) {p99:5.1f} (99 %) {max(ages):5.1f} (worst), "
+            f"{lost} of {lost + len(ages)} lost, {blind} without markers",
+            "" if good else "FAILED",
+        )
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main(float(sys.argv[1]) if len(sys.argv) > 1 else 20.0))
