@@ -166,10 +166,18 @@ class Mover:
         return self.track
 
     def _begin(self) -> Floats:
-        """Forget what was seen before; the joints now."""
+        """Forget what was seen before, and wait until the markers were looked for anew, which takes
+        longer at first; the joints now."""
         self.track, self._frame = Track(), -1
         self.plant.reset()
-        return self._read().q.copy()
+        began = self.clock.now()
+        for _ in ticks(self.clock, RATE):
+            seen = self._read()
+            if self._new:
+                return seen.q.copy()
+            if not self.clock.now() - began <= PATIENCE * 1e9:
+                break
+        raise Trouble(_silent_camera(self.camera.account().trouble, PATIENCE))
 
     def _go(self, joint: int, wanted: Floats, here: Floats, way: float) -> None:
         """Bring the joint to its place, `way` from `here` at most."""
