@@ -187,9 +187,9 @@ class WrongLab:
         self.person = Onlooker(self.arm, 30.0)
         self.gate = Gate()
         eye = LabEye(self.rig, mistake.mirrored, change)
-        self.mover = Mover(
-            self.arm, eye, PointMarkers(), self.rig.clock, self.robot, self.gate, 0.05
-        )
+        clock, tracker = self.rig.clock, PointMarkers()
+        gate, told = self.gate, lambda: eye.account().trouble
+        self.mover = Mover(self.arm, eye, tracker, clock, self.robot, gate, 0.05, told)
         self.latency = 0.022
         self.thresholds = Thresholds()
 

@@ -1,16 +1,13 @@
 """`rcmservo rig check` at a terminal, against the emulated controller and its camera."""
 
-import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from at_terminal import AtTerminal, Laboratory, words_of
 
 from conftest import HEEDING_CTRL_C, SMALL
-from rcmservo.app.lab.emulate import COUNTS
 
 pytestmark = pytest.mark.alone
 
@@ -47,31 +44,3 @@ def test_no_moves_nothing_and_ends_with_the_drive_off(
         assert "person" in person.shown
     assert (laboratory.counts, laboratory.sessions) == before
     assert laboratory.off
-
-
-@pytest.mark.slow
-def test_a_reversed_joint_is_named_with_its_line(laboratory: Laboratory, tmp_path: Path) -> None:
-    laboratory.forget()
-    lab = laboratory.lab()
-    wrong = [COUNTS[0], -COUNTS[1], COUNTS[2]]
-    lab.write_text(lab.read_text().replace(str(list(COUNTS)), str(wrong)))
-    begin = np.array(laboratory.counts)
-    ways = {"joint 1": "away\n", "joint 2": "anticlockwise\n"}
-    with AtTerminal(command(lab, "--json"), json=True, XDG_STATE_HOME=str(tmp_path)) as person:
-        stands(person, laboratory)
-        person.until("(enable / no)")
-        person.type("enable\n")
-        asked = ""
-        while "For joint 2" not in asked:
-            asked = person.until(") ")
-            if asked.rstrip().endswith("(yes / no)"):
-                person.type("yes\n")
-            elif asked.rstrip().endswith("/ again)"):
-                person.type(next(way for name, way in ways.items() if f"For {name}" in asked))
-        person.end()
-        assert person.process.stdout is not None
-        told = json.loads(person.process.stdout.read())
-    assert not told["ok"]
-    assert f"counts = {list(COUNTS)}" in [one["line"] for one in told["findings"]]
-    assert laboratory.off
-    assert np.abs(np.array(laboratory.counts) - begin).max() < 1000.0

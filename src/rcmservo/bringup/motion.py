@@ -6,7 +6,7 @@ that goes with it, a longer way than was asked for, a drive that goes off by its
 camera that falls silent: then the drive goes off, and nothing more moves.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,8 +14,8 @@ import numpy as np
 from rcmservo.bringup.wiring import Finding, Robot
 from rcmservo.errors import RcmServoError
 from rcmservo.guard.gate import Gate
-from rcmservo.interfaces import Clock, Floats, Observation, Tracker
-from rcmservo.live.lab import FallsSilent, LabArm, LabCamera
+from rcmservo.interfaces import Camera, Clock, Floats, Observation, Tracker
+from rcmservo.live.lab import FallsSilent, LabArm
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
 
@@ -104,20 +104,28 @@ class Track:
 class Mover:
     """An arm that moves a little where a person has said yes, and a camera that looks on.
 
-    While its drive is on, the arm may not answer for ``silence`` s at most.
+    While its drive is on, the arm may not answer for ``silence`` s at most. ``trouble`` tells what
+    is wrong with the camera.
     """
 
     def __init__(
         self,
         arm: LabArm,
-        camera: LabCamera,
+        camera: Camera,
         tracker: Tracker,
         clock: Clock,
         robot: Robot,
         gate: Gate,
         silence: float,
+        trouble: Callable[[], str],
     ) -> None:
-        self.arm, self.camera, self.clock, self.robot, self.gate = arm, camera, clock, robot, gate
+        self.arm, self.clock, self.robot, self.gate, self._trouble = (
+            arm,
+            clock,
+            robot,
+            gate,
+            trouble,
+        )
         self.track = Track()
         """Of the last motion."""
         self.size = WITHOUT_PICTURE
@@ -194,10 +202,18 @@ class Mover:
         return bool(rest) and max(rest) - min(rest) <= PLAY * self._count[joint]
 
     def _begin(self) -> Floats:
-        """Forget what was seen before; the joints now."""
+        """Forget what was seen before, and wait until the markers were looked for anew, which takes
+        longer at first; the joints now."""
         self.track, self._frame = Track(), -1
         self.plant.reset()
-        return self._read().q.copy()
+        began = self.clock.now()
+        for _ in ticks(self.clock, RATE):
+            seen = self._read()
+            if self._new:
+                return seen.q.copy()
+            if not self.clock.now() - began <= PATIENCE * 1e9:
+                break
+        raise Trouble(_silent_camera(self._trouble(), PATIENCE))
 
     def _go(self, joint: int, wanted: Floats, here: Floats, way: float) -> None:
         """Bring the joint to its place, `way` from `here` at most."""
@@ -225,7 +241,7 @@ class Mover:
             q = self._read().q if wanted is None else self._tick(wanted)
             patience = PATIENCE if wanted is None else UNSEEN
             if not self.clock.now() - newest <= patience * 1e9:
-                raise Trouble(_silent_camera(self.camera.account().trouble, patience))
+                raise Trouble(_silent_camera(self._trouble(), patience))
             if not self._new:
                 continue
             newest = self.clock.now()

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -24,6 +25,7 @@ from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
 from rcmservo.hardware.devices import ARMS, CAMERAS, open_arm, open_camera, wiring_of
 from rcmservo.live.lab import LabArm, LabCamera
 from rcmservo.live.terminal_person import Terminal
+from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock
 from rcmservo.tracking import ColourMarkers
 
@@ -76,10 +78,14 @@ def rig_check(
     with closing(Terminal()) as person:
         person.tell(f"rig check of {options.file}: connecting, with the drive off")
         warm_up(robot, lab.gate)
-        with closing(arm(lab)) as joints, closing(camera(lab)) as eye:
-            tracker = ColourMarkers(lab.markers)
-            silence = lab.thresholds.silence
-            mover = Mover(joints, eye, tracker, WallClock(), robot, lab.gate, silence)
+        clock, tracker, silence = WallClock(), ColourMarkers(lab.markers), lab.thresholds.silence
+        with (
+            closing(arm(lab)) as joints,
+            closing(camera(lab)) as eye,
+            TrackingThread(eye, tracker, clock) as seen,
+        ):
+            told = partial(trouble, eye)
+            mover = Mover(joints, seen, seen, clock, robot, lab.gate, silence, told)
             if not joints.homed():
                 define(person, mover.plant, lab)
             try:
@@ -93,6 +99,11 @@ def rig_check(
     else:
         show(report, robot, console(False))
     return 0 if report.ok else 1
+
+
+def trouble(camera: LabCamera) -> str:
+    """What is wrong with a camera now, in a sentence; empty where nothing is."""
+    return camera.account().trouble
 
 
 def show(report: CheckReport, robot: Robot, out: Console) -> None:
