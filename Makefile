@@ -50,6 +50,14 @@ bench: $(TESTING)
 	$(BIN)/python benchmarks/damage.py
 	$(BIN)/python benchmarks/fuzz.py --count 100000
 	$(BIN)/python benchmarks/cameras.py
+	$(BIN)/python benchmarks/whole_loop.py
+	$(BIN)/python benchmarks/cable.py
+	$(BIN)/python benchmarks/galil.py fuzz
+	$(BIN)/python benchmarks/galil.py exchanges
+	$(BIN)/python benchmarks/crtk.py stream
+	$(BIN)/python benchmarks/crtk.py kill
+	$(BIN)/python benchmarks/crtk.py servo 5
+	$(BIN)/python benchmarks/rig_check.py --seeds 20
 	$(BIN)/python benchmarks/soak.py --seconds 600
 	$(BIN)/python benchmarks/kill.py --count 200
 

@@ -176,12 +176,15 @@ class WrongLab:
         mechanism: Kinematics | None = None,
         settings: RigSettings | None = None,
         change: Callable[[Frame], Frame | None] = lambda frame: frame,
+        signs_only: bool = False,
     ) -> None:
         mechanism = mechanism or (SphericalRcm() if seed % 2 == 0 else PitchYawRcm())
         self.rig = Rig(seed, settings or RigSettings(mechanism=mechanism), pictures=False)
         file = replace(mechanism, insertion_zero=mechanism.insertion_zero + mistake.zero)
         counts = np.array(COUNTS) * np.array(mistake.factors)
         wiring = Wiring(tuple(counts.tolist()), axes=mistake.axes)
+        if signs_only:
+            wiring = Wiring(mistake.factors, "signs")
         self.robot = Robot(file, RigidTool(spacing=30.0 * mistake.spacing), wiring)
         self.arm = MiswiredArm(self.rig, counts, mistake.axes)
         self.person = Onlooker(self.arm, 30.0)

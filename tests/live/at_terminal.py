@@ -173,7 +173,7 @@ class Laboratory:
     def homed(self) -> bool:
         """Whether it knows where it stands."""
         told = self.ask("MG rcmhome")
-        return "?" not in told and float(told[:-1]) == 1.0
+        return "?" not in told and float(told[:-1]) != 0.0
 
     @property
     def sessions(self) -> float:

@@ -88,7 +88,7 @@ def test_its_page_shows_a_file_and_commands_that_are_understood(tmp_path: Path) 
     """The other tests run them, on ports that are free."""
     page = (ROOT / "docs/live_on_hardware.md").read_text()
     (path := tmp_path / "lab.toml").write_text(page.split("```toml\n")[1].split("```")[0])
-    require_devices(load_lab(path), path)
+    require_devices(load_lab(path), path, "")
     told = [block.split("```")[0].split() for block in page.split("```sh\n")[1:]]
     assert [words[:2] for words in told] == [
         [".venv/bin/rcmservo", "emulate"],

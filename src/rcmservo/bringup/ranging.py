@@ -26,8 +26,9 @@ MORE = 3.0
 """as long as the picture does not show this many times what the file says."""
 WORTH = 1.15
 """How much further a way must become to be worth it."""
-LEAST_NOISE = 0.03
-"""px to which a mean over frames is believed at best."""
+LEAST_NOISE, MOST_NOISE = 0.03, 0.15
+"""px to which a mean over frames is believed at best, and at worst: what the best guess leaves over
+is taken for the tracker's own error, as of pictures that were compressed."""
 DEVIATIONS = 2.0
 """How many standard deviations a wrong number may be off at worst."""
 
@@ -47,6 +48,8 @@ class Ranging:
         """All guesses, the best first."""
         self.ways = FIRST * np.array([robot.way(rest.q, joint) for joint in range(3)])
         """rad, rad, mm that each joint went last, to either side."""
+        self.noise = LEAST_NOISE
+        """px, what a mean over frames is believed to."""
         self.shown = np.zeros(3)
         """px by which a marker moved then."""
 
@@ -58,7 +61,7 @@ class Ranging:
                 self._move(joint)
             further = self._further_blindly()
             if not any(further):
-                self.judged = judge_all(self.robot, self.seen())
+                self._judge()
                 if self._clear():
                     break
                 further = np.array([self._allowed(joint) for joint in range(3)])
@@ -66,10 +69,19 @@ class Ranging:
             self.ways = np.where(further > 0.0, further, self.ways)
         return believed(self.judged)
 
+    def _judge(self) -> None:
+        """Weigh all guesses, by what the best of them leaves over."""
+        seen = self.seen()
+        self.judged = judge_all(self.robot, seen)
+        rough = float(np.sqrt(self.judged[0].misfit / seen.points.size))
+        if rough > 1.0 and self.noise < MOST_NOISE:
+            self.noise = min(self.noise * rough, MOST_NOISE)
+            self.judged = judge_all(self.robot, self.seen())
+
     def seen(self) -> Views:
         """All that was seen."""
         q, points = (np.stack([getattr(s, name) for s in self.sights]) for name in ("q", "points"))
-        noise = np.array([max(sight.mean_noise, LEAST_NOISE) for sight in self.sights])
+        noise = np.array([max(sight.mean_noise, self.noise) for sight in self.sights])
         return Views(q, points, noise, self.mover.size)
 
     def question(self, joint: int, way: float, words: str = "") -> str:

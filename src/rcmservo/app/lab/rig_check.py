@@ -24,6 +24,7 @@ from rcmservo.config.checked import digest_of, forget_checked, note_checked
 from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
 from rcmservo.hardware.devices import ARMS, CAMERAS, open_arm, open_camera, wiring_of
 from rcmservo.live.lab import LabArm, LabCamera
+from rcmservo.live.realtime import realtime
 from rcmservo.live.terminal_person import Terminal
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock
@@ -89,7 +90,8 @@ def rig_check(
             if not joints.homed():
                 define(person, mover.plant, lab)
             try:
-                report = check(mover, AtHand(person), robot, lab.thresholds, latency)
+                with realtime():
+                    report = check(mover, AtHand(person), robot, lab.thresholds, latency)
             except BaseException:
                 forget_checked(digest)
                 raise
