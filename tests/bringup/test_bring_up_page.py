@@ -7,7 +7,9 @@ from pathlib import Path
 from conftest import ROOT
 from rcmservo.app.cli import COMMANDS
 from rcmservo.app.lab.emulate import COUNTS, EmulateOptions
+from rcmservo.app.lab.markers import MarkersOptions
 from rcmservo.app.lab.rig_check import RigOptions
+from rcmservo.app.live import LiveOptions
 from rcmservo.app.parse import parse
 from rcmservo.config.rig_file import load_lab
 from rcmservo.hardware.devices import ARMS, CAMERAS, wiring_of
@@ -20,7 +22,12 @@ def test_every_command_of_the_page_can_be_read() -> None:
     lines = [line for block in blocks for line in block.splitlines()]
     options = {name: kind for name, (kind, _) in COMMANDS.items()}
     read = [parse(options, shlex.split(line)[1:]) for line in lines]
-    assert [type(one) for one in read] == [EmulateOptions, RigOptions]
+    assert [type(one) for one in read] == [
+        EmulateOptions,
+        MarkersOptions,
+        RigOptions,
+        LiveOptions,
+    ]
 
 
 def test_the_rig_file_of_the_page_is_that_of_the_emulated_laboratory(tmp_path: Path) -> None:
