@@ -11,6 +11,7 @@ import argparse
 import contextlib
 import math
 import select
+import signal
 import socket
 import time
 
@@ -141,6 +142,7 @@ def main() -> None:
     wire.bind(("127.0.0.1", asked.port))
     wire.setblocking(False)
     print(f"toy arm at 127.0.0.1:{wire.getsockname()[1]}, Ctrl-C ends it", flush=True)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a script may have it ignored
     with contextlib.suppress(KeyboardInterrupt):
         serve(wire, asked.log)
 

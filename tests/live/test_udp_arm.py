@@ -187,9 +187,12 @@ def toy(log: Path = Path("/dev/null")) -> Iterator[int]:
     command = [sys.executable, str(TOY), "--port", "0", "--log", str(log)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        yield int(process.stdout.readline().split(",")[0].split(":")[1])
-        process.send_signal(signal.SIGINT)
-        assert process.wait(30) == 0
+        try:
+            yield int(process.stdout.readline().split(",")[0].split(":")[1])
+            process.send_signal(signal.SIGINT)
+            assert process.wait(30) == 0
+        finally:
+            process.kill()
 
 
 @pytest.mark.alone
