@@ -98,7 +98,7 @@ class EmulatedLab:
         )
         assert self._process.stdout is not None
         words = self._process.stdout.readline()
-        said = re.search(r"at 127\.0\.0\.1:(\d+).*?(?:camera at ([^\s,]+))?, seed", words)
+        said = re.search(r":(\d+), .* camera at (?:GigE Vision )?([^\s,]+), seed", words)
         assert said is not None, words
         self.port, self._address = int(said[1]), said[2]
         self.pid = self._process.pid
