@@ -57,7 +57,8 @@ bench: $(TESTING)
 	$(BIN)/python benchmarks/crtk.py stream
 	$(BIN)/python benchmarks/crtk.py kill
 	$(BIN)/python benchmarks/crtk.py servo 5
-	$(BIN)/python benchmarks/rig_check.py --seeds 20
+	$(BIN)/python benchmarks/rig_check.py --seeds 3
+	$(BIN)/python benchmarks/rig_check.py --seeds 1 --camera mjpeg
 	$(BIN)/python benchmarks/soak.py --seconds 600
 	$(BIN)/python benchmarks/kill.py --count 200
 

@@ -35,12 +35,14 @@ from emulated_lab import COUNTS, EmulatedLab, Host
 
 import rcmservo as rs
 from rcmservo.config.rig_file import Lab
+from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats
 from rcmservo.live.child import Child, heard
 from rcmservo.live.realtime import realtime
 from rcmservo.live.reports import LiveResult, Report
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import ServoProcess
+from rcmservo.record.reader import read
 
 BOUND = 100.0
 """ms from the moment at which it happens until the axes stand still and the motors are off."""
@@ -48,6 +50,8 @@ STAYS = 0.6
 """s for which the arm is looked at."""
 MOVING = 0.1
 """Share of the bound on its speed with which one joint moves at least as it happens."""
+LEVER = 150.0, 150.0, 1.0
+"""mm of a marker for a rad, rad or mm of a joint, about."""
 DEADLINE = 60.0
 """s within which a trial must have begun."""
 SILENT, OFF = "the arm has not answered", "the arm's drive went off"
@@ -133,28 +137,29 @@ class Cable:
 @dataclass(frozen=True)
 class Pulled:
     """One trial: ms until the axes stood still and the motors were off; the joints' speeds (3,)
-    rad/s, rad/s, mm/s as it happened; whether anything moved or came on later; the servo's
-    words."""
+    rad/s, rad/s, mm/s as it happened; whether anything moved or came on later; the servo's last
+    phase and its words."""
 
     kind: str
     still: float
     off: float
     speed: Floats
     moved: bool
+    phase: str
     words: str
 
     @property
     def good(self) -> bool:
         told = any(cause in self.words for cause in CAUSES[self.kind])
-        fault = self.words.startswith("fault")
-        return max(self.still, self.off) <= BOUND and not self.moved and told and fault
+        stopped = max(self.still, self.off) <= BOUND and not self.moved
+        return stopped and told and self.phase == Phase.FAULT.name
 
 
 class Words:
     """What the servo process says, read while something else is waited for."""
 
     def __init__(self, child: ServoProcess) -> None:
-        self.child, self.phase, self.ended = child, "", False
+        self.child, self.last, self.ended = child, "", False
 
     def hear(self, seconds: float = 0.0) -> None:
         wait([self.child.wire], seconds)
@@ -165,12 +170,10 @@ class Words:
                 self.ended = True
                 return
             if isinstance(said, Report):
-                self.phase = said.words
+                self.last = said.words
             else:
                 self.ended = True
-                words = said.outcome.cause if isinstance(said, LiveResult) else str(said)
-                if not self.phase.startswith("fault"):
-                    self.phase = words
+                self.last = said.outcome.cause if isinstance(said, LiveResult) else str(said)
 
 
 def happen(kind: str, cable: Child, child: ServoProcess, port: int) -> Callable[[], None]:
@@ -187,7 +190,9 @@ def happen(kind: str, cable: Child, child: ServoProcess, port: int) -> Callable[
     return lambda: None
 
 
-def trial(lab: EmulatedLab, session: Session, cable: Child, kind: str, tick: int) -> Pulled:
+def trial(
+    lab: EmulatedLab, session: Session, record: Path, cable: Child, kind: str, tick: int
+) -> Pulled:
     child = ServoProcess(session)
     words, moving = Words(child), Host(lab.port)
     try:
@@ -208,7 +213,7 @@ def trial(lab: EmulatedLab, session: Session, cable: Child, kind: str, tick: int
         child.process.kill()
         child.end()
         moving.close()
-    return judged(kind, speed, rows, words.phase)
+    return judged(kind, speed, rows, read(record).phase[-1], words.last)
 
 
 def until_moving(words: Words, host: Host, tick: int) -> Floats:
@@ -217,7 +222,7 @@ def until_moving(words: Words, host: Host, tick: int) -> Floats:
     while time.monotonic() < begun + DEADLINE:
         words.hear(0.005)
         if words.ended:
-            raise RuntimeError(f"the run ended before: {words.phase}")
+            raise RuntimeError(f"the run ended before: {words.last}")
         if words.child.beats.value >= tick:
             speed = host.numbers("TV ABC") / COUNTS
             if (np.abs(speed) > MOVING * fast).any():
@@ -225,14 +230,16 @@ def until_moving(words: Words, host: Host, tick: int) -> Floats:
     raise RuntimeError("the tool does not move")
 
 
-def judged(kind: str, speed: Floats, rows: list[tuple[float, Floats, bool]], words: str) -> Pulled:
+def judged(
+    kind: str, speed: Floats, rows: list[tuple[float, Floats, bool]], phase: str, words: str
+) -> Pulled:
     times = [row[0] * 1e3 for row in rows]
     moves = [(np.abs(b[1] - a[1]) > 2.0).any() for a, b in pairwise(rows)]
     still = times[max((k for k, moved in enumerate(moves) if moved), default=-1) + 1]
     off = next((t for t, row in zip(times, rows, strict=True) if row[2]), np.inf)
     later = [row for t, row in zip(times, rows, strict=True) if t > BOUND]
     moved = any(not row[2] or (np.abs(row[1] - later[0][1]) > 2.0).any() for row in later)
-    return Pulled(kind, still, off, speed, bool(moved), words)
+    return Pulled(kind, still, off, speed, bool(moved), phase, words)
 
 
 def report(trials: list[Pulled]) -> None:
@@ -240,8 +247,10 @@ def report(trials: list[Pulled]) -> None:
         some = [t for t in trials if t.kind == kind]
         if some:
             still, off = ([getattr(t, name) for t in some] for name in ("still", "off"))
+            speeds = np.abs([t.speed for t in some]) * LEVER
             print(
-                f"{kind:8} {len(some):3d}  still {np.median(still):5.1f} ms (median), "
+                f"{kind:8} {len(some):3d}  at {np.median(speeds.max(axis=1)):.0f} mm/s (median), "
+                f"{speeds.max():.0f} at most; still {np.median(still):5.1f} ms (median), "
                 f"{max(still):5.1f} at most; off {np.median(off):5.1f}, {max(off):5.1f}; "
                 f"e.g. {some[-1].words[:70]}"
             )
@@ -268,7 +277,8 @@ def main() -> int:
             cable = Child(get_context("spawn"), pass_on, emulated.port)
             try:
                 session = emulated.session(servo, 60.0, record, cable.hear())
-                one = trial(emulated, session, cable, kind, int(chance.integers(20, 230)))
+                tick = int(chance.integers(20, 230))
+                one = trial(emulated, session, record, cable, kind, tick)
             except RuntimeError as why:
                 print(f"not begun: {why}", flush=True)
                 continue

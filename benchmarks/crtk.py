@@ -42,6 +42,8 @@ STILL_AFTER = 100.0
 """ms"""
 NEAR_ENOUGH = 0.5
 """mm"""
+LAG = 0.053
+"""s that the emulated arm's drives are behind positions, as rig check's way to measure it tells."""
 DURATION = 15.0
 """s of a run."""
 
@@ -60,7 +62,7 @@ def kill(ros: int, count: int) -> int:
     chance, took = random.Random(0), list[float]()
     with closing(RunningDevice(ros, DOMAIN)) as device:
         for number in range(count):
-            took.append(killed(ros, DOMAIN, device, chance.uniform(0.0, 1.0)))
+            took.append(killed(ros, DOMAIN, device, chance.uniform(0.7, 1.5)))
             print(f"\r{number + 1} of {count}", end="", file=sys.stderr, flush=True)
     print(f"stood still {np.median(took):.1f} ms after (median), {max(took):.1f} at most")
     return sum(not ms <= STILL_AFTER for ms in took)
@@ -92,9 +94,7 @@ def servoed(ros: int, seed: int) -> tuple[float, str]:
         shown = arm.measure().q
         target = teach(plant)
         brought(arm, clock, rig.scene.start)
-        box = Servo(
-            rig.settings.mechanism, rig.settings.tool, thresholds=Thresholds(drive_lag=0.08)
-        )
+        box = Servo(rig.settings.mechanism, rig.settings.tool, thresholds=Thresholds(drive_lag=LAG))
         phase = ""
         for tick in run(plant, box, target, DURATION):
             phase = f"{tick.state.phase.value} {tick.state.mode.cause.words} {arm.why_off}".strip()

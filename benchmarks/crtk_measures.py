@@ -38,6 +38,9 @@ SWING = np.array([0.3, 0.3, 20.0])
 COUNT = np.array(Drive().encoder)
 """rad, rad, mm of a count of the joints' encoders."""
 
+MOVING = 50_000_000
+"""ns before its client is killed in which the arm must have moved."""
+
 ROWS = 5000
 """Steps of the arm that are kept."""
 
@@ -98,6 +101,11 @@ class RunningDevice:
         self._over.set()
         self._thread.join()
         self.transport.close()
+
+    def went(self, since: int) -> bool:
+        """Whether a joint went by more than a count since then, ns of its own time."""
+        rows = [q for time, q in list(self._rows) if time >= since]
+        return bool((np.abs(np.array(rows) - rows[0]) > COUNT).any()) if rows else False
 
     def moved_last(self) -> int:
         """ns of its own time at which a joint was last more than a count from where it is."""
@@ -163,11 +171,14 @@ def streamed(ros: int, domain: int, device: RunningDevice, seconds: float) -> di
 
 
 def killed(ros: int, domain: int, device: RunningDevice, wait: float) -> float:
-    """ms for which the arm went on when its client was killed, at a moment of its motion."""
+    """ms for which the arm went on when its client was killed, at a moment of its motion: at least
+    `MOVING` before it, for an arm that stands moves no more at any rate."""
     with driving(ros, domain, 30.0) as client:
         time.sleep(wait)
         client.send_signal(signal.SIGKILL)
         at = time.monotonic_ns()
+        if not device.went(at - MOVING):
+            raise RuntimeError("the arm did not move when its client was killed")
         client.wait()
         end = at + 2_000_000_000
         while time.monotonic_ns() < end and time.monotonic_ns() - device.moved_last() < 300_000_000:

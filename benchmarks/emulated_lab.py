@@ -32,13 +32,15 @@ from rcmservo.tracking import ColourMarkers
 
 COUNTS = np.array([50000.0, 50000.0, 500.0])
 CAMERAS = {
-    "mjpeg": (["--mjpeg", "0"], {"kind": "opencv", "latency": 0.035}),
+    "mjpeg": (["--mjpeg", "0"], {"kind": "opencv", "latency": 0.027}),
     "gige": (["--gige"], {"kind": "aravis", "latency": 0.03}),
 }
 """How the emulator offers each camera, and how a rig file then names it. The latencies were
 measured."""
 PATIENCE = 30.0
 """s for which an answer is waited for."""
+SPEEDS = "25000,25000,25000"
+"""counts/s by hand; the driver's JG has set them too."""
 SETTLED = 0.3
 """s after a motion from which on frames show the tool where it is."""
 
@@ -77,7 +79,7 @@ class Host:
     def go(self, places: Floats) -> None:
         """Move the joints' encoders there, at rest and with the motors off afterwards."""
         there = ",".join(str(round(place)) for place in places)
-        self.ask("SH ABC", f"PA {there}", "BG ABC")
+        self.ask("SH ABC", f"SP {SPEEDS}", f"PA {there}", "BG ABC")
         while self.numbers("MG _BGA,_BGB,_BGC").any():
             time.sleep(0.01)
         time.sleep(SETTLED)

@@ -52,9 +52,9 @@ def exchanges(seconds: float) -> int:
     with closing(Emulated()) as emulated:
         settings = GalilSettings("127.0.0.1", (50000.0, 50000.0, 500.0), emulated.port)
         streams = [TcpStream("127.0.0.1", emulated.port, 1.0) for _ in range(2)]
-        session = GalilSession(*(Conversation(stream, 0.25) for stream in streams), settings)
         limits = SphericalRcm().limits
-        session.set_up(limits)
+        session = GalilSession(*(Conversation(one, 0.25) for one in streams), settings, limits)
+        session.set_up()
         session.define(np.mean(limits.arrays, axis=0))
         session.start()
         took, late, start = [], 0, time.perf_counter()

@@ -78,7 +78,11 @@ class GarbledWire(EmulatedWire):
 
     def __init__(self, controller: Controller, chance: random.Random, share: float) -> None:
         super().__init__(controller)
-        self.chance, self.share = chance, share
+        self.chance, self.share, self.sent = chance, share, b""
+
+    def send(self, data: bytes) -> None:
+        self.sent += data
+        super().send(data)
 
     def receive(self, seconds: float) -> bytes:
         told = super().receive(seconds)
@@ -121,7 +125,7 @@ class Typed:
 
 
 ASKED: dict[str, Callable[[GalilSession], Any]] = {
-    "set_up": lambda session: session.set_up(LIMITS),
+    "set_up": lambda session: session.set_up(),
     "define": lambda session: session.define(HOME),
     "start": lambda session: session.start(),
     "exchange": lambda session: session.exchange(RATES),
@@ -134,7 +138,7 @@ def fuzzed(packets: Iterable[bytes], asked: str) -> Typed:
     """What is asked for, answered with these packets: one sentence at most, and soon."""
     streams = Typed(*packets), Typed(b":")
     talks = [Conversation(stream, 0.25, streams[0].now) for stream in streams]
-    session = GalilSession(*talks, SETTINGS)
+    session = GalilSession(*talks, SETTINGS, LIMITS)
     try:
         ASKED[asked](session)
     except RcmServoError as error:
@@ -144,21 +148,23 @@ def fuzzed(packets: Iterable[bytes], asked: str) -> Typed:
 
 def garbled(chance: random.Random) -> tuple[float, bool, bool]:
     """A whole use of a controller on a wire that garbles answers: s that its longest step took,
-    whether axes were begun, and whether they stand 0.2 s after the end, with the motors off if they
-    were."""
+    whether axes were begun, and whether they stand 0.2 s after the end, with the motors off, if
+    they have ever been: after a reset of the controller they are on."""
     controller, share = Controller(IdealMotors()), chance.choice([0.003, 0.01, 0.03, 0.1])
     wires = [GarbledWire(controller, chance, share) for _ in range(2)]
 
     def now() -> float:
         return controller.state.samples * SAMPLE
 
-    session = GalilSession(*(Conversation(wire, 0.25, now) for wire in wires), SETTINGS)
-    longest, began = 0.0, False
+    talks = [Conversation(wire, 0.25, now) for wire in wires]
+    session = GalilSession(*talks, SETTINGS, LIMITS)
+    longest, began, ready = 0.0, False, False
     try:
         for asked in ("set_up", "define", "start", *["exchange"] * 50, "switch_off"):
             begin = now()
             ASKED[asked](session)
-            longest = max(longest, now() - begin)
+            assert ready or b"SH" not in wires[0].sent
+            longest, ready = max(longest, now() - begin), True
             began = began or any(axis.moving for axis in controller.state.axes)
     except RcmServoError as error:
         longest = max(longest, now() - begin)
@@ -168,7 +174,7 @@ def garbled(chance: random.Random) -> tuple[float, bool, bool]:
         controller.sample()
     still = not any(axis.moving or axis.speed for axis in controller.state.axes)
     off = all(axis.off for axis in controller.state.axes[:3])
-    return longest, began, still and (off or not began)
+    return longest, began, still and (off or not ready)
 
 
 class Emulated:

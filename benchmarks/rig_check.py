@@ -1,4 +1,6 @@
-"""Bar 8: `rig check` on simulated laboratories whose rig files hold one mistake each.
+"""`rig check` of rig files that hold one mistake each: in simulated laboratories, or over TCP.
+
+    python benchmarks/rig_check.py [--seeds N] [--camera gige|mjpeg]
 
 Each mistake must be named, or one of the set that picture and encoders cannot tell apart after the
 person was asked, and marker 2 must not have gone 2 mm by then. Exit code 1 where one is missed.
@@ -11,6 +13,7 @@ import time
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from rig_check_emulated import WrongEmulatedLab
 from rig_check_lab import MISTAKES, WrongLab
 
 FAR = 2.0
@@ -21,14 +24,21 @@ def main() -> int:
     """Check every mistake with every seed, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3)
-    seeds = parser.parse_args().seeds
+    parser.add_argument("--first", type=int, default=0)
+    words = "over TCP, with the emulator's camera of this kind; a minute or two each"
+    parser.add_argument("--camera", choices=("gige", "mjpeg"), help=words)
+    chosen = parser.parse_args()
+    seeds = chosen.seeds
     named = dict.fromkeys(MISTAKES, 0)
     farthest = dict.fromkeys(MISTAKES, 0.0)
     asked = dict.fromkeys(MISTAKES, 0)
     began, out = time.monotonic(), Console()
-    cases = [(name, seed) for seed in range(seeds) for name in MISTAKES]
+    cases = [(n, s) for s in range(chosen.first, chosen.first + seeds) for n in MISTAKES]
     for name, seed in track(cases, "checking", console=out):
-        lab = WrongLab(MISTAKES[name], seed)
+        wrong = MISTAKES[name]
+        lab = (
+            WrongEmulatedLab(wrong, seed, chosen.camera) if chosen.camera else WrongLab(wrong, seed)
+        )
         report = lab.check()
         where = MISTAKES[name].where
         right = where in [one.where for one in report.findings] if where else report.ok

@@ -42,14 +42,18 @@ class Mistake:
     """mm by which the file's insertion zero is too large."""
     spacing: float = 1.0
     """Factor of the markers' distance in the file."""
+    counts: tuple[float, float, float] = COUNTS
+    """True ones."""
 
 
 class MiswiredArm:
     """A simulated arm on encoders and motors that a rig file describes."""
 
-    def __init__(self, rig: Rig, counts: Floats, axes: str) -> None:
-        self.rig, self.counts, self.why_off = rig, counts, ""
-        self.axes = [AXES.index(letter) for letter in axes]
+    def __init__(self, rig: Rig, mistake: Mistake) -> None:
+        self.rig, self.why_off = rig, ""
+        self.true = np.array(mistake.counts)
+        self.counts = self.true * mistake.factors
+        self.axes = [AXES.index(letter) for letter in mistake.axes]
         self.mark = rig.truth.arm.q_true.copy()
         self.start = self._second()
         self.farthest, self.past, self.known = 0.0, [], True
@@ -79,7 +83,7 @@ class MiswiredArm:
 
     def measure(self) -> Measured:
         told = self.rig.arm.measure()
-        moved = np.round((self.q_true - self.mark) * np.array(COUNTS))
+        moved = np.round((self.q_true - self.mark) * self.true)
         return Measured(told.time, self.mark + moved[self.axes] / self.counts, told.enabled)
 
     def apply(self, command: Command) -> Floats:
@@ -87,9 +91,9 @@ class MiswiredArm:
         self.past.append(self.q_true.copy())
         self.farthest = max(self.farthest, float(np.linalg.norm(self._second() - self.start)))
         rates = np.zeros(3)
-        rates[self.axes] = command.rates * self.counts / np.array(COUNTS)[self.axes]
+        rates[self.axes] = command.rates * self.counts / self.true[self.axes]
         taken = self.rig.arm.apply(replace(command, rates=rates))
-        return taken[self.axes] * np.array(COUNTS)[self.axes] / self.counts
+        return taken[self.axes] * self.true[self.axes] / self.counts
 
 
 class LabEye:
@@ -181,19 +185,18 @@ class WrongLab:
         mechanism = mechanism or (SphericalRcm() if seed % 2 == 0 else PitchYawRcm())
         self.rig = Rig(seed, settings or RigSettings(mechanism=mechanism), pictures=False)
         file = replace(mechanism, insertion_zero=mechanism.insertion_zero + mistake.zero)
-        counts = np.array(COUNTS) * np.array(mistake.factors)
-        wiring = Wiring(tuple(counts.tolist()), axes=mistake.axes)
+        self.arm = MiswiredArm(self.rig, mistake)
+        wiring = Wiring(tuple(self.arm.counts.tolist()), axes=mistake.axes)
         if signs_only:
             wiring = Wiring(mistake.factors, "signs")
         self.robot = Robot(file, RigidTool(spacing=30.0 * mistake.spacing), wiring)
-        self.arm = MiswiredArm(self.rig, counts, mistake.axes)
         self.person = Onlooker(self.arm, 30.0)
         self.gate = Gate()
         eye = LabEye(self.rig, mistake.mirrored, change)
         clock, tracker = self.rig.clock, PointMarkers()
         gate, told = self.gate, lambda: eye.account().trouble
         self.mover = Mover(self.arm, eye, tracker, clock, self.robot, gate, 0.05, told)
-        self.latency = 0.022
+        self.latency: float | None = 0.022
         self.thresholds = Thresholds()
 
     def check(self) -> CheckReport:
@@ -207,10 +210,15 @@ MISTAKES = {
     "joint 3 reversed": Mistake("arm.counts[2]", factors=(1.0, 1.0, -1.0)),
     "both angles reversed": Mistake("arm.counts[0]", factors=(-1.0, -1.0, 1.0)),
     "axes 1 and 2 swapped": Mistake("arm.axes", axes="BAC"),
+    "axes 1 and 2 swapped, one counts down": Mistake(
+        "arm.axes", axes="BAC", counts=(50000.0, -50000.0, 500.0)
+    ),
     "axes 2 and 3 swapped": Mistake("arm.axes", axes="ACB"),
     "counts of 1 doubled": Mistake("arm.counts[0]", factors=(2.0, 1.0, 1.0)),
     "counts of 2 in inches": Mistake("arm.counts[1]", factors=(1.0, 25.4, 1.0)),
     "counts of 3 in inches": Mistake("arm.counts[2]", factors=(1.0, 1.0, 25.4)),
+    "counts of 1 in degrees": Mistake("arm.counts[0]", factors=(180.0 / np.pi, 1.0, 1.0)),
+    "counts of 3 in metres": Mistake("arm.counts[2]", factors=(1.0, 1.0, 1000.0)),
     "counts of 3 halved": Mistake("arm.counts[2]", factors=(1.0, 1.0, 0.5)),
     "picture mirrored": Mistake("camera", mirrored=True),
     "insertion zero": Mistake("mechanism.insertion_zero", zero=20.0),

@@ -206,6 +206,7 @@ def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
             ["--target", "a.json", "--save-target", "b.json"],
             "--save-target must be left out with --target: no target",
         ),
+        (["--save-target", "nowhere/b.json"], "nowhere is no folder that you may use"),
     ],
 )
 def test_what_cannot_be_done_is_one_sentence(

@@ -99,6 +99,9 @@ def test_the_picture_shows_what_was_found_and_says_so_below(
     changed = (seen[: before.shape[0]] != before).any(axis=2)
     assert 0.005 < changed.mean() < 0.1
     assert "bmp" in refused(capsys, frame, "--picture", tmp_path / "seen.bmp")
+    before = frame.read_bytes()
+    assert "nothing is overwritten" in refused(capsys, frame, "--picture", frame)
+    assert frame.read_bytes() == before
 
 
 def test_one_colour_twice_wants_radii_that_differ(

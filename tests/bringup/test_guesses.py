@@ -1,10 +1,22 @@
 """What a camera can tell of a rig file's mistakes, and what a person is asked."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rcmservo.bringup.asking import agreed, one_of
-from rcmservo.bringup.guesses import COUNTS, Guess, believed, judge_all, members, places
+from rcmservo.bringup.deciding import decided, findings
+from rcmservo.bringup.guesses import (
+    COUNTS,
+    SPACING,
+    Guess,
+    Weighed,
+    believed,
+    judge_all,
+    members,
+    places,
+)
 from rcmservo.bringup.view import Views, turned
 from rcmservo.bringup.wiring import Robot, Wiring
 from rcmservo.interfaces import Floats
@@ -14,6 +26,19 @@ from rcmservo.method.tool import RigidTool
 from rcmservo.sim import Rig
 
 ROBOT = Robot(SphericalRcm(), RigidTool(spacing=30.0), Wiring((5e4, 5e4, 500.0), axes="ABC"))
+
+
+class Mute:
+    """A person who answers with what was written down."""
+
+    def __init__(self, *answers: str) -> None:
+        self.answers, self.told = list(answers), []
+
+    def tell(self, words: str) -> None:
+        self.told.append(words)
+
+    def ask(self, question: str) -> str:
+        return self.answers.pop(0)
 
 
 def views(seed: int, guess: Guess) -> Views:
@@ -55,25 +80,56 @@ def test_a_set_that_no_picture_tells_apart_holds_four_signs_and_mirrors() -> Non
     }
 
 
+def test_axes_that_change_places_take_the_signs_of_their_counts_with_them() -> None:
+    robot = replace(ROBOT, wiring=Wiring((5e4, -5e4, 500.0), axes="ABC"))
+    swapped, start = Guess(order=(1, 0, 2)), np.array([0.1, 0.2, 100.0])
+    told = start + np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])
+    truly = start + np.array([[0.0, 0.0, 0.0], [0.0, -0.01, 0.0]])
+    as_told, right = places(swapped, robot, told, start, 0.0), Guess()
+    assert np.allclose(as_told, places(right, robot, truly, start, 0.0))
+    assert swapped.moves(0, robot.wiring) == (1, -1)
+    assert swapped.moves(2, robot.wiring) == (2, 1)
+    assert swapped.moves(0, ROBOT.wiring) == (1, 1)
+
+
+def test_each_guess_of_a_set_is_told_as_surely_as_its_own_number_is_known() -> None:
+    left = believed(judge_all(ROBOT, views(2, Guess(wrong=SPACING, size=0.25))))
+    start = views(2, Guess()).q[0]
+    for guess in (member for kind in left for member in members(kind)):
+        told = [one for one in findings(guess, ROBOT, start) if "%" in one.what + one.expected]
+        assert told
+        assert not any("to 0 %" in one.what + one.expected for one in told)
+
+
+def decided_by(*answers: str) -> tuple[list[Guess], Mute]:
+    """What is left of markers otherwise apart and the counts that look the same."""
+    spacing = Guess(wrong=SPACING, size=float(np.log(1.25)), within=0.01)
+    apart = Guess(wrong=COUNTS, joint=2, size=-spacing.size, within=0.01)
+    weighed, person = [Weighed(guess, 1.0) for guess in (spacing, apart)], Mute(*answers)
+    ways = ["away", "clockwise", "in"]
+    start = np.array([0.3, 0.2, 100.0])
+    left = decided(
+        weighed, ROBOT, start, person, lambda joint: person.answers.insert(0, ways[joint])
+    )
+    return left, person
+
+
+def test_a_ruler_that_agrees_with_no_guess_is_asked_for_again() -> None:
+    left, person = decided_by("33.5", "37.0")
+    assert {guess.wrong for guess in left} == {SPACING}
+    assert any("30 or 37.5" in words for words in person.told)
+    left, _ = decided_by("30.4")
+    assert {guess.wrong for guess in left} == {COUNTS}
+    with pytest.raises(Stopped, match="ruler"):
+        decided_by(*["50"] * 9)
+
+
 def test_a_turn_is_a_rotation_by_its_length() -> None:
     turns: Floats = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, np.pi / 2.0], [0.3, -0.2, 0.1]])
     R = turned(turns)
     assert np.allclose(R @ R.transpose(0, 2, 1), np.eye(3))
     assert np.allclose(R[1] @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     assert np.allclose(R[2] @ turns[2], turns[2])
-
-
-class Mute:
-    """A person who answers with what was written down."""
-
-    def __init__(self, *answers: str) -> None:
-        self.answers, self.told = list(answers), []
-
-    def tell(self, words: str) -> None:
-        self.told.append(words)
-
-    def ask(self, question: str) -> str:
-        return self.answers.pop(0)
 
 
 def test_a_question_is_asked_again_until_the_answer_can_be_one() -> None:

@@ -13,8 +13,9 @@ from rcmservo.interfaces import Command, Floats, Measured
 class SpeedArm(MiswiredArm):
     """One that stops by itself once nothing is sent, or goes on by its last word."""
 
-    by_speeds, goes_on, silent = True, False, False
+    by_speeds, goes_on, silent, freezes = True, False, False, False
     last: Command
+    told: Measured
 
     def fall_silent(self) -> None:
         self.silent = True
@@ -32,7 +33,9 @@ class SpeedArm(MiswiredArm):
         return super().apply(command)
 
     def measure(self) -> Measured:
-        told = super().measure()
+        if self.silent and self.freezes:
+            return self.told
+        self.told = told = super().measure()
         if self.silent and self.goes_on:
             number, now = self.last.number + 1, told.time
             self.last = replace(self.last, number=number, time=now, deadline=now + 50_000_000)
@@ -54,11 +57,30 @@ def test_one_that_stops_passes() -> None:
     assert any("be left alone" in question for question in lab.person.asked)
 
 
-def test_one_that_goes_on_is_told_and_stopped_within_a_few_mm() -> None:
+def test_what_is_told_no_more_is_not_at_rest() -> None:
+    lab = WrongLab(Mistake(), seed=1)
+    lab.arm.__class__ = SpeedArm
+    assert isinstance(lab.arm, SpeedArm)
+    lab.arm.freezes = lab.arm.goes_on = True
+    report = lab.check()
+    assert [finding.what for finding in report.findings] == ["the arm does not answer"]
+    assert not lab.rig.arm.measure().enabled
+
+
+def test_it_is_left_alone_on_one_of_its_first_small_ways() -> None:
+    lab, _ = checked(goes_on=False)
+    (alone,) = [k for k, asked in enumerate(lab.person.asked) if "be left alone" in asked]
+    assert alone <= 7
+    ways = [asked.split(",")[0] for asked in lab.person.asked if asked.startswith("Move joint")]
+    assert ways[alone - 1].removesuffix(" either way") in " ".join(ways[: alone - 1])
+
+
+def test_one_that_goes_on_is_told_and_stopped_at_once() -> None:
     lab, report = checked(goes_on=True)
     assert [finding.line for finding in report.findings] == ["jv = false"]
     assert not report.ok and not lab.arm.measure().enabled
-    assert lab.arm.farthest < 4.0
+    assert lab.arm.farthest < 0.5
+    assert "be left alone" in lab.person.asked[-1]
 
 
 def test_one_that_is_sent_positions_is_not_asked_to() -> None:

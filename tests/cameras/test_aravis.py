@@ -242,6 +242,43 @@ class Buffers:
         pass
 
 
+class Bounded(Buffers):
+    """A camera whose frame rate is bounded by its exposure, which is 50 ms when it starts. One that
+    gives way exposes for less where frames are to come faster."""
+
+    def __init__(self, gives_way: bool) -> None:
+        super().__init__()
+        self.gives_way, self.kept = gives_way, {"exposure_time": 50_000.0, "frame_rate": 20.0}
+
+    def call(self, name: str, *arguments: Any) -> Any:
+        verb, _, what = name.removeprefix("camera_").partition("_")
+        if what not in self.kept:
+            return super().call(name, *arguments)
+        if verb == "get":
+            return self.kept[what]
+        self.kept[what] = arguments[-1]
+        longest = 1e6 / self.kept["frame_rate"]
+        if what == "frame_rate" and self.kept["exposure_time"] > longest:
+            if not self.gives_way:
+                raise AravisError(f"{arguments[-1]:g} is too fast")
+            self.kept["exposure_time"] = longest
+        return None
+
+
+def test_a_frame_rate_that_only_the_new_exposure_allows_is_taken() -> None:
+    fake: Any = Bounded(gives_way=False)
+    AravisStream(AravisSettings(HERE, frame_rate=60.0, exposure=0.004), fake)
+    assert fake.kept == {"exposure_time": pytest.approx(4000.0), "frame_rate": 60.0}
+
+
+def test_an_exposure_that_the_frame_rate_cut_is_refused() -> None:
+    fake: Any = Bounded(gives_way=True)
+    with pytest.raises(
+        BadInput, match=r"camera.exposure must be .*makes 0.01\d* of it\), got 0.03"
+    ):
+        AravisStream(AravisSettings(HERE, frame_rate=60.0, exposure=0.03), fake)
+
+
 def stream_of(*buffers: tuple[int, int, int]) -> tuple[AravisStream, Buffers]:
     fake: Any = Buffers(*buffers)
     stream = AravisStream(AravisSettings(HERE, latency=0.01), fake)

@@ -1,6 +1,7 @@
 """Cameras that OpenCV reads: files, sequences of pictures, and Motion JPEG over the network."""
 
 import itertools
+import os
 import socket
 from contextlib import closing
 from pathlib import Path
@@ -178,3 +179,22 @@ def test_what_a_device_makes_of_its_settings_is_read_back(monkeypatch: pytest.Mo
     assert (kept[cv2.CAP_PROP_AUTO_EXPOSURE], kept[cv2.CAP_PROP_EXPOSURE]) == (1, 40.0)
     with pytest.raises(BadInput, match=r"camera.width must be .*\(it makes 640 of it\), got 800"):
         opencv_camera(OpencvSettings("0", latency=0.02, width=800))
+
+
+@pytest.mark.parametrize(("given", "seconds"), [(None, "2"), ("5", "5")])
+def test_a_device_that_falls_silent_is_given_up_after_2_s_unless_somebody_says_otherwise(
+    given: str | None, seconds: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What OpenCV is told before it opens the first device: none was at hand."""
+    name, told = "OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", list[str | None]()
+    monkeypatch.setenv(name, given or "")
+    if given is None:
+        monkeypatch.delenv(name)
+
+    def made(*arguments: Any) -> Device:
+        told.append(os.environ.get(name))
+        return Device(*arguments)
+
+    monkeypatch.setattr(opencv.cv2, "VideoCapture", made)
+    opencv_camera(OpencvSettings("0", latency=0.02)).close()
+    assert told[0] == seconds

@@ -1,12 +1,15 @@
 """What all cameras' drivers share, on a camera that does what the test says."""
 
+import re
 import threading
 from collections.abc import Iterator
 from contextlib import closing
+from types import SimpleNamespace
 
 import pytest
 from numbered import number_in, picture, wait_for
 
+from rcmservo.hardware.cameras import streamed
 from rcmservo.hardware.cameras.streamed import CameraLost, Snapshot, StreamedCamera
 
 Says = Snapshot | Exception | None
@@ -79,6 +82,26 @@ def test_a_picture_of_another_size_is_dropped_and_told() -> None:
         assert frame is not None and frame.number == 0
         assert camera.account().incomplete == 1
         assert camera.account().trouble == "pictures come of another size than before"
+
+
+def test_a_camera_none_of_whose_frames_is_whole_is_a_trouble(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It began well, a while ago, and then frames came that were cut short."""
+    cut, now = Snapshot(None, 0, 0), [100.0]
+    monkeypatch.setattr(streamed, "time", SimpleNamespace(monotonic=lambda: now[0]))
+
+    class Later(Scripted):
+        def next(self) -> Snapshot | None:
+            now[0] += 1.0
+            return super().next()
+
+    with closing(run(Later(shot(0), cut, cut, cut))) as camera:
+        assert re.fullmatch(
+            r"no whole frame has come for \d+ s: 3 came incomplete", camera.account().trouble
+        )
+    with closing(run(Later(cut, cut, shot(0), shot(1)))) as camera:
+        assert "incomplete" not in camera.account().trouble
 
 
 def test_a_camera_that_is_lost_is_opened_again_and_its_numbers_go_on() -> None:

@@ -28,6 +28,15 @@ def test_a_file_that_passed_is_known_by_its_bytes_until_it_fails() -> None:
     assert not is_checked(ONE)
 
 
+def test_who_has_no_home_folder_has_no_notes_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.setattr("os.path.expanduser", str)
+    assert not is_checked(ONE)
+    for use in (note_checked, forget_checked):
+        with pytest.raises(UnusableFile, match="set XDG_STATE_HOME"):
+            use(ONE)
+
+
 @pytest.mark.parametrize(
     "damage",
     [

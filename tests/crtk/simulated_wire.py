@@ -15,6 +15,8 @@ from rcmservo.method.kinematics import JointLimits
 
 LIMITS = JointLimits((-1.0, -0.7, 20.0), (1.0, 0.7, 200.0))
 START = np.array([0.1, -0.2, 100.0])
+RATES = np.array([0.2, -0.2, 20.0])
+MS = 1_000_000
 TICK, PATIENCE = 10_000_000, 50_000_000
 EPOCH = 1_700_000_000_000_000_000
 """ns of calendar time at the clock's zero."""
@@ -141,3 +143,17 @@ class Obeyed(CrtkArm):
     def _say(self, word: str) -> None:
         super()._say(word)
         self._lab.device.turn(self._lab.now)
+
+
+def driven(ticks: int = 50, **settings: Any) -> tuple[CrtkLab, CrtkArm]:
+    """A lab whose arm was enabled and went so far."""
+    lab = CrtkLab(**settings)
+    arm = lab.client()
+    arm.enable()
+    for _ in range(ticks):
+        lab.tick(arm, RATES)
+    return lab, arm
+
+
+def sent(lab: CrtkLab) -> list[Any]:
+    return [said for topic, said in lab.wire.said if topic == "PSM1/servo_jp"]

@@ -121,6 +121,26 @@ def test_an_old_latched_enable_is_refused_and_so_is_one_without_stamp_soon_after
     assert lab.device.state == "ENABLED"
 
 
+@pytest.mark.parametrize(
+    ("word", "state"), [("disable", "DISABLED"), ("pause", "PAUSED"), ("fault", "FAULT")]
+)
+@pytest.mark.parametrize("age", [3600_000 * MS, -3600_000 * MS, None])
+def test_what_calms_it_is_taken_however_old_it_is(word: str, state: str, age: int | None) -> None:
+    lab = enabled()
+    stamp = 0 if age is None else lab.real() - age
+    lab.device.hear_command(m.StringStamped(stamp, word), "console")
+    assert lab.device.state == state
+
+
+@pytest.mark.parametrize("word", ["resume", "home", "clear_fault"])
+def test_what_may_lead_to_motion_is_not_taken_when_it_is_old(word: str) -> None:
+    lab = enabled()
+    tell(lab, "pause" if word == "resume" else "fault" if word == "clear_fault" else "unhome")
+    before = lab.device.state, lab.device.homed
+    tell(lab, word, age=2000 * MS)
+    assert (lab.device.state, lab.device.homed) == before
+
+
 def test_enable_in_fault_is_refused_until_the_fault_is_cleared() -> None:
     lab = enabled()
     tell(lab, "fault")

@@ -29,7 +29,13 @@ class Filmed:
         wire = Wire()
         self.sender = wire.end("sender")
         given = TopicSettings(**({"topic": TOPIC.name} | settings))
-        self.stream = TopicStream(given, wire.end("camera"), lambda: self.now, self.real)
+        self.stream = TopicStream(given, wire.end("camera"), self.read, self.real)
+        self.reading = 0
+
+    def read(self) -> int:
+        """The clock, whose reading takes its time."""
+        self.now += self.reading
+        return self.now
 
     def real(self) -> int:
         return EPOCH + self.now
@@ -53,6 +59,20 @@ def test_the_newest_wins_and_its_exposure_is_its_stamp_on_our_clock() -> None:
     assert shot.arrival == filmed.now and shot.exposure == filmed.now - 12 * MS
     assert np.array_equal(shot.image, COLOUR) and shot.uncertainty == 0.0
     assert filmed.stream.next() is None
+
+
+@pytest.mark.parametrize(
+    ("where", "known"),
+    [({}, 3e-3), ({"ros": 1}, np.nan), ({"interface": "eth0"}, np.nan)],
+)
+def test_how_well_its_times_are_known_is_told_of_this_computer_alone(
+    where: dict[str, Any], known: float
+) -> None:
+    filmed = Filmed(**where)
+    filmed.reading = 3 * MS
+    filmed.send()
+    shot = filmed.stream.next()
+    assert shot is not None and shot.uncertainty == pytest.approx(known, nan_ok=True)
 
 
 def test_a_latency_is_what_the_stamp_comes_after_the_exposure() -> None:
@@ -98,6 +118,23 @@ def test_files_are_unpacked() -> None:
         shot = filmed.stream.next()
         assert shot is not None
         assert (shot.image is not None) == (len(data) > 40)
+
+
+@pytest.mark.parametrize("progressive", [0, 1])
+@pytest.mark.parametrize(("share", "whole"), [(1.0, True), (0.999, False), (0.6, False)])
+def test_of_half_a_file_no_picture_is_made(
+    share: float, whole: bool, progressive: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also by an OpenCV that makes a picture of whatever it is given."""
+    monkeypatch.setattr("rcmservo.hardware.cameras.topic.cv2.imdecode", lambda *_: COLOUR)
+    filmed, image = Filmed(compressed=True), np.kron(COLOUR, np.ones((40, 40, 1), np.uint8))
+    _, file = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive])
+    data = file.tobytes()
+    data = data + bytes(8) if whole else data[: round(share * len(data))]
+    topic = m.Topic(TOPIC.name, m.CompressedImage)
+    filmed.sender.publish(topic, m.CompressedImage(filmed.real(), "jpeg", data))
+    shot = filmed.stream.next()
+    assert shot is not None and (shot.image is not None) == whole
 
 
 @pytest.mark.parametrize(

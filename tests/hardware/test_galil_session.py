@@ -7,12 +7,14 @@ import pytest
 from galil_measures import HOME, LIMITS, RATES, SETTINGS, EmulatedWire, IdealMotors
 
 from rcmservo.hardware.galil.amplifier import errors
+from rcmservo.hardware.galil.emulator.axis import StopCode
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
 from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.hardware.galil.wire import Conversation, Lost, Rejected
+from rcmservo.hardware.galil.wire import Conversation, Lost
 from rcmservo.interfaces import Floats
 from rcmservo.live.lab import NotReady
+from rcmservo.method.kinematics import JointLimits
 
 TICK = 0.01
 
@@ -20,20 +22,24 @@ TICK = 0.01
 class Rig:
     """A session with an emulated controller, and whoever else talks with that."""
 
-    def __init__(self, settings: GalilSettings = SETTINGS) -> None:
+    def __init__(
+        self, settings: GalilSettings = SETTINGS, wire: type[EmulatedWire] = EmulatedWire
+    ) -> None:
         self.motors = IdealMotors()
         self.controller = Controller(self.motors)
-        self.wires: list[EmulatedWire] = []
+        self.wire, self.wires = wire, list[EmulatedWire]()
         self.session = self.connected(settings)
 
-    def connected(self, settings: GalilSettings = SETTINGS) -> GalilSession:
+    def connected(
+        self, settings: GalilSettings = SETTINGS, limits: JointLimits = LIMITS
+    ) -> GalilSession:
         talks = [self.talk(settings.answer_within) for _ in range(2)]
-        session = GalilSession(*talks, settings)
-        session.set_up(LIMITS)
+        session = GalilSession(*talks, settings, limits)
+        session.set_up()
         return session
 
     def talk(self, within: float = 0.25) -> Conversation:
-        self.wires.append(EmulatedWire(self.controller))
+        self.wires.append(self.wire(self.controller))
         return Conversation(self.wires[-1], within, self.now)
 
     def now(self) -> float:
@@ -241,6 +247,53 @@ def test_a_joint_that_does_not_follow_is_told_by_its_axis() -> None:
     assert "axis B was switched off because it did not follow" in rig.session.why_off
 
 
+def tripped_without_program() -> Rig:
+    """An arm of which the second motor has gone off after somebody ended the program: nobody stops
+    the others."""
+    rig = Rig().started()
+    rig.jog(RATES, 0.1)
+    rig.talk().ask("HX")
+    rig.controller.state.axes[1].switch_off(StopCode.OFF_ON_ERROR)
+    assert rig.controller.state.axes[0].moving
+    return rig
+
+
+def test_where_one_motor_goes_off_and_no_program_runs_the_others_are_switched_off() -> None:
+    rig = tripped_without_program()
+    told = rig.session.look()
+    assert not told.on
+    assert rig.off and rig.still
+    assert "axis B was switched off because it did not follow" in rig.session.why_off
+    assert not rig.session.watched and rig.session.look().off
+
+
+def test_until_all_motors_are_off_an_arm_counts_as_watched_over_and_can_be_switched_off() -> None:
+    """The program runs and stops the others, but is ended before it has."""
+    rig = Rig(replace(SETTINGS, deceleration=(2.0, 2.0, 10.0))).started()
+    rig.jog(RATES, 0.2)
+    rig.controller.state.axes[1].switch_off(StopCode.OFF_ON_ERROR)
+    rig.wait(0.02)
+    told = rig.session.look()
+    assert not told.on and not told.off
+    why = rig.session.why_off
+    assert "axis B was switched off because it did not follow" in why
+    rig.talk().ask("HX")
+    assert rig.session.watched
+    rig.session.switch_off()
+    assert rig.off and rig.still
+    assert not rig.session.watched and rig.session.why_off == why
+
+
+def test_where_one_motor_is_off_no_speeds_are_sent() -> None:
+    rig = Rig(replace(SETTINGS, deceleration=(2.0, 2.0, 10.0))).started()
+    rig.jog(RATES, 0.2)
+    rig.controller.state.axes[1].switch_off(StopCode.OFF_ON_ERROR)
+    rig.session.look()
+    speeds = [axis.settings.JG for axis in rig.controller.state.axes]
+    rig.session.exchange(-0.5 * RATES)
+    assert [axis.settings.JG for axis in rig.controller.state.axes] == speeds
+
+
 def test_a_limit_of_the_mechanism_is_the_controllers_too() -> None:
     rig = Rig().started()
     rig.jog(np.array([0.0, 0.0, -40.0]), 2.7)
@@ -256,6 +309,24 @@ def test_switching_off_comes_to_rest_with_the_settings_deceleration() -> None:
     assert rig.off and rig.still
     way = np.abs(rig.session.look().q - told.q)
     assert (way <= RATES**2 / (2 * np.array([10.0, 10.0, 1000.0])) + np.abs(RATES) * 0.02).all()
+
+
+@pytest.mark.parametrize("before", ["nothing", "rest is asked for", "the program is ended"])
+def test_a_gentle_deceleration_is_waited_for_and_not_cut_short_by_an_abort(before: str) -> None:
+    """It takes half a second. DC is taken in steps of 1024 counts/s²."""
+    gentle = np.array([2.0, 2.0, 10.0])
+    rig = Rig(replace(SETTINGS, deceleration=tuple(gentle))).started()
+    rates = np.array([0.2, 1.0, -5.0])
+    rig.jog(rates, 0.2)
+    told = rig.jog(np.zeros(3), 0.0) if before == "rest is asked for" else rig.session.look()
+    if before == "the program is ended":
+        rig.talk().ask("HX")
+    rig.session.switch_off()
+    assert rig.off and rig.still
+    stops = [axis.stop_code for axis in rig.controller.state.axes[:3]]
+    assert stops == [StopCode.COMMAND] * 3
+    way = np.abs(rig.session.look().q - told.q)
+    assert way[1] == pytest.approx(0.25, abs=0.03)
 
 
 def test_a_controller_of_another_kind_is_refused() -> None:
@@ -274,30 +345,6 @@ def test_a_controller_that_is_deaf_is_lost_for_good() -> None:
     assert rig.off and rig.still
     with pytest.raises(Lost):
         rig.session.look()
-
-
-@pytest.mark.parametrize(
-    ("lines", "said"),
-    [(["#OTHER", "EN"], "refused 'XQ #RCMWD,1'"), (["#RCMWD", "EN"], "the axes do not begin")],
-)
-def test_a_program_that_somebody_has_put_in_its_place_begins_nothing(
-    lines: list[str], said: str
-) -> None:
-    rig = Rig()
-    rig.session.define(HOME)
-    rig.talk().download(lines)
-    with pytest.raises((Rejected, NotReady), match=said):
-        rig.session.start()
-    assert rig.off and rig.still
-
-
-def test_what_follows_a_refused_line_of_a_program_is_not_sent() -> None:
-    """The emulator takes it for commands, as a controller may."""
-    rig = Rig()
-    with pytest.raises(Rejected, match="refused '#A': 61 Duplicate or bad label"):
-        rig.talk().download(["#A", "#A", "JG 500"])
-    assert rig.controller.state.axes[0].settings.JG != 500.0
-    assert rig.session.look().q[0] == 0.0
 
 
 def test_an_amplifier_that_fails_is_told_in_words_and_refuses_to_start() -> None:

@@ -204,6 +204,12 @@ def live(lab: Path, *options: str) -> list[str]:
     return [sys.executable, "-c", HEEDING_CTRL_C, "live", "--rig", str(lab), *options]
 
 
+def wait_for(reached: Any) -> None:
+    end = time.monotonic() + PATIENCE
+    while not reached():
+        assert time.monotonic() < end
+
+
 def words_of(q: Floats) -> str:
     """Joints as a person types them."""
     return " ".join(f"{value:.6f}" for value in q)

@@ -17,7 +17,7 @@ ARM = """
 import sys, time
 import numpy as np
 from contextlib import closing
-from rcmservo.app.lab.at_the_arm import Preparing, define, leave_to_move
+from rcmservo.app.lab.at_the_arm import Preparing, define, leave_to_move, shown
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Measured
@@ -28,7 +28,7 @@ from rcmservo.loop.clock import Punctuality, WallClock
 class Arm:
     q, deaf = np.array([0.6, 0.2, 120.0]), "deaf" in sys.argv
     def measure(self):
-        return Measured(time.monotonic_ns(), self.q, False)
+        return Measured(time.monotonic_ns(), self.q, "on" in sys.argv)
     def define(self, q):
         self.q = self.q if self.deaf else q
 
@@ -40,6 +40,9 @@ try:
     if "leave" in sys.argv:
         leave_to_move(Preparing(Lab(), "It moves."), Plant())
         print("[on]", flush=True)
+    elif "show" in sys.argv:
+        with closing(Terminal()) as person:
+            shown(person, Plant())
     else:
         plant = Plant()
         with closing(Terminal()) as person:
@@ -105,4 +108,12 @@ def test_an_arm_that_does_not_take_what_it_is_told_is_not_used() -> None:
     with at_the_arm("define", "deaf") as at:
         at.until(JOINTS)
         at.type("0.5 0.1 100\n")
+        at.until(SO)
+        at.type("\n")
         at.until("[the arm stands elsewhere than it was told, at theta 0.6 rad")
+
+
+def test_nobody_is_sent_to_move_an_arm_by_hand_whose_drive_is_on() -> None:
+    with at_the_arm("show", "on") as at:
+        at.until("[the arm's drive is on, by somebody else: switch it off there first]")
+        assert "by hand" not in at.shown

@@ -1,18 +1,25 @@
 """`rcmservo rig check` at a terminal, against the emulated controller and its camera."""
 
 import json
+import os
+import signal
 import sys
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Generator, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from at_terminal import AtTerminal, Laboratory, words_of
+from at_terminal import AtTerminal, Laboratory, wait_for, words_of
 
-from conftest import HEEDING_CTRL_C, SMALL
+from conftest import HEEDING_CTRL_C, SMALL, first_quick
 from rcmservo.app.lab.emulate import COUNTS
+from rcmservo.app.lab.rig_check import RigOptions, concluded
+from rcmservo.bringup.check import CheckReport
+from rcmservo.bringup.wiring import Finding, Robot, Wiring
+from rcmservo.config.checked import digest_of, is_checked, note_checked
+from rcmservo.config.rig_file import Lab
 
 pytestmark = pytest.mark.alone
 
@@ -36,19 +43,66 @@ def stands(person: AtTerminal, laboratory: Laboratory) -> None:
     person.type("\n")
 
 
-def test_no_moves_nothing_and_ends_with_the_drive_off(
-    laboratory: Laboratory, tmp_path: Path
-) -> None:
+@contextmanager
+def asked_to_enable(
+    laboratory: Laboratory, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> Generator[AtTerminal]:
+    """A check up to its first question, of a file that has passed once: that counts no more in the
+    end, and the arm is off."""
     laboratory.forget()
-    with AtTerminal(command(laboratory.lab()), XDG_STATE_HOME=str(tmp_path)) as person:
+    lab = laboratory.lab()
+    monkeypatch.setenv("XDG_STATE_HOME", str(folder))
+    digest = digest_of(lab.read_bytes())
+    note_checked(digest)
+    with AtTerminal(command(lab), XDG_STATE_HOME=str(folder)) as person:
         stands(person, laboratory)
-        before = laboratory.counts, laboratory.sessions
         person.until("(enable / no)")
+        yield person
+    wait_for(lambda: laboratory.off)
+    assert not is_checked(digest)
+
+
+def test_no_moves_nothing_and_ends_with_the_drive_off(
+    laboratory: Laboratory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with asked_to_enable(laboratory, tmp_path, monkeypatch) as person:
+        before = laboratory.counts, laboratory.sessions
         person.type("no\n")
         assert person.end() == 1
         assert "person" in person.shown
-    assert (laboratory.counts, laboratory.sessions) == before
-    assert laboratory.off
+        assert (laboratory.counts, laboratory.sessions) == before
+        assert laboratory.off
+
+
+@pytest.mark.parametrize("how", first_quick([signal.SIGTERM, signal.SIGHUP, signal.SIGINT]))
+def test_whatever_ends_it_in_a_motion_the_arm_is_off_and_what_passed_before_counts_no_more(
+    laboratory: Laboratory, tmp_path: Path, how: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with asked_to_enable(laboratory, tmp_path, monkeypatch) as person:
+        person.type("enable\n")
+        person.until("(yes / no)")
+        then = laboratory.counts
+        person.type("yes\n")
+        wait_for(lambda: laboratory.counts != then)
+        os.killpg(person.process.pid, how)
+        assert person.end() == (130 if how == signal.SIGINT else 1)
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+@pytest.mark.parametrize("right", [False, True])
+def test_a_file_is_noted_as_passed_only_where_nothing_was_found(
+    right: bool, as_json: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    lab = Lab()
+    robot = Robot(lab.mechanism, lab.tool, Wiring((1.0, 1.0, 1.0)))
+    wrong = [] if right else [Finding("the picture is mirrored", "camera", "so", "otherwise")]
+    options = RigOptions("check", Path("lab.toml"), as_json)
+    code = concluded(options, CheckReport(wrong, done=True), robot, "0" * 64)
+    assert (code == 0) == right == is_checked("0" * 64)
+    said = capsys.readouterr().out
+    assert ("mirrored" in said) == (not right)
+    assert not as_json or json.loads(said)["ok"] == right
 
 
 @pytest.mark.slow

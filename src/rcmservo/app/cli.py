@@ -18,10 +18,12 @@ from rcmservo.app.run import RunOptions, run
 from rcmservo.app.show import ShowOptions, show
 from rcmservo.app.terminal import print_plainly
 from rcmservo.errors import BadInput, RcmServoError
+from rcmservo.live.lab import Stopped
 from rcmservo.record import reader
 
-BAD_INPUT = 2
-"""Exit code; others are 0, and 1 where a run did not settle."""
+BAD_INPUT, ENDED = 2, 1
+"""Exit codes: of what cannot be done, and of what was told to end before it was done. Others are 0,
+and 1 where a run did not settle."""
 
 COMMANDS: dict[str, tuple[type[Any], Callable[[Any], int]]] = {
     "run": (RunOptions, run),
@@ -43,6 +45,9 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         return _do(arguments)
+    except Stopped as stopped:
+        print(f"rcmservo: {stopped}", file=sys.stderr)
+        return ENDED
     except BadInput as error:
         option = error.field.startswith("--") and arguments[0] in COMMANDS
         return _fail(f"{error}; see rcmservo {arguments[0]} --help" if option else str(error))

@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 from rcmservo.errors import UnusableFile, require
+from rcmservo.live.lab import Stopped
 
 
 def dated(name: str) -> Path:
@@ -19,8 +20,8 @@ def dated(name: str) -> Path:
 def new_folder(out: Path | None, name: str) -> Generator[Path]:
     """The folder to write to: the user's, which must be new or empty, or a fresh one under runs/.
 
-    Where nothing came to be written, all folders that were made for it go again. Ctrl-C is passed
-    on with the folder in which something is.
+    Where nothing came to be written, all folders that were made for it go again. Ctrl-C and being
+    told to end are passed on with the folder in which something is.
     """
     folder = out or dated(name)
     made = [path for path in (folder, *folder.parents) if not path.exists()]
@@ -29,6 +30,10 @@ def new_folder(out: Path | None, name: str) -> Generator[Path]:
         yield folder
     except KeyboardInterrupt:
         raise KeyboardInterrupt(*([folder] if any(folder.iterdir()) else [])) from None
+    except Stopped as stopped:
+        if not any(folder.iterdir()):
+            raise
+        raise Stopped(f"{stopped}; what was done until then is in {folder}") from stopped
     finally:
         for path in made:
             if path.is_dir() and not any(path.iterdir()):
@@ -44,6 +49,8 @@ def require_new(target: Path | None, save: Path | None) -> None:
     if save.exists():
         why = "is there already, and nothing is overwritten: name a new file"
         raise UnusableFile(save, why)
+    if not (save.parent.is_dir() and os.access(save.parent, os.W_OK)):
+        raise UnusableFile(save, f"cannot be written: {save.parent} is no folder that you may use")
 
 
 def _make_empty(folder: Path) -> None:

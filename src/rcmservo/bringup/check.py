@@ -10,10 +10,12 @@ import numpy as np
 
 from rcmservo.bringup import deciding
 from rcmservo.bringup.asking import agreed, one_of
-from rcmservo.bringup.guesses import Guess, Weighed, explains, places
-from rcmservo.bringup.motion import AT_REST, Mover, Sight, Track, Trouble
+from rcmservo.bringup.guesses import RIGHT, Guess, Weighed, explains, places
+from rcmservo.bringup.motion import AT_REST, Mover
 from rcmservo.bringup.ranging import Ranging
-from rcmservo.bringup.timing import Lateness, Rhythm, drive_lag, lateness, pace
+from rcmservo.bringup.sights import Sight, Track
+from rcmservo.bringup.timing import Lateness, Rhythm, drive_lag, lateness, pace, wrongly_late
+from rcmservo.bringup.troubles import Trouble
 from rcmservo.bringup.wiring import Finding, Robot
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
@@ -22,10 +24,6 @@ from rcmservo.live.lab import FallsSilent, Person, Stopped
 
 SWINGS = 6
 """To and fro, for the times."""
-LATE = 0.005
-"""s by which a latency may be off,"""
-SURE = 4.0
-"""and standard deviations."""
 LAG_OFF = 0.01
 """s by which a drive's lag may be off."""
 LEAST_RATE = 10.0
@@ -58,6 +56,8 @@ class CheckReport:
     """px that a marker went at most."""
     undecided: list[str] = field(default_factory=list[str])
     """What was told apart only by asking, in words."""
+    unclear: list[str] = field(default_factory=list[str])
+    """What might be wrong by more than the picture told, in words."""
     done: bool = False
     """Whether it came to its end."""
 
@@ -68,9 +68,10 @@ class CheckReport:
 
 
 def check(
-    mover: Mover, person: Person, robot: Robot, thresholds: Thresholds, latency: float
+    mover: Mover, person: Person, robot: Robot, thresholds: Thresholds, latency: float | None
 ) -> CheckReport:
-    """Look, move a little, decide; `latency` is what the rig file says of the camera's."""
+    """Look, move a little, decide; `latency` (s) is what the rig file says of the camera's, None
+    where nobody has measured it and frames are told as if exposed when they arrive."""
     report = CheckReport()
     try:
         _whole(report, mover, person, robot, thresholds, latency)
@@ -101,7 +102,7 @@ def _whole(
     person: Person,
     robot: Robot,
     thresholds: Thresholds,
-    latency: float,
+    latency: float | None,
 ) -> None:
     _require_homed(mover)
     report.rest = rest = _look(report, mover, robot)
@@ -112,9 +113,8 @@ def _whole(
     if one_of(person, "May the drive be switched on for that?", ("enable", "no")) == "no":
         raise Stopped("the drive may not be switched on")
     ranging = Ranging(mover, person, robot, rest)
-    kinds = ranging.run()
+    kinds = ranging.run(lambda joint: _alone(mover, person, ranging, joint))
     report.farthest = float(ranging.shown.max())
-    _alone(report, mover, person, ranging)
     _times(report, mover, person, ranging, thresholds, latency)
     _judge(report, mover, person, robot, ranging, kinds)
 
@@ -172,15 +172,15 @@ def _look(report: CheckReport, mover: Mover, robot: Robot) -> Sight:
     return rest
 
 
-def _alone(report: CheckReport, mover: Mover, person: Person, ranging: Ranging) -> None:
-    """An arm that is sent speeds must come to rest by itself once nothing is sent."""
+def _alone(mover: Mover, person: Person, ranging: Ranging, joint: int) -> None:
+    """An arm that is sent speeds must come to rest by itself once nothing is sent, or nothing more
+    moves."""
     if not (isinstance(mover.arm, FallsSilent) and mover.arm.by_speeds):
         return
-    joint = int(np.argmax(ranging.shown))
-    way = ranging.farthest_way(joint)
+    way = float(ranging.ways[joint])
     agreed(person, ranging.question(joint, way, ", and be left alone on the way"))
     if not mover.left_alone(joint, way):
-        report.findings.append(
+        raise Trouble(
             Finding(
                 "the arm goes on when nothing is sent",
                 "arm.jv",
@@ -197,11 +197,11 @@ def _times(
     person: Person,
     ranging: Ranging,
     thresholds: Thresholds,
-    latency: float,
+    latency: float | None,
 ) -> None:
     """How late frames come and drives follow."""
     joint = int(np.argmax(ranging.shown))
-    way = ranging.farthest_way(joint)
+    way = ranging.next_way(joint)
     agreed(person, ranging.question(joint, way, f" to and fro, {SWINGS} times"))
     track = mover.to_and_fro(joint, way, SWINGS)
     report.lateness = late = lateness(track, joint)
@@ -215,17 +215,8 @@ def _times(
                 "both markers in nearly every frame",
             )
         )
-    elif latency == 0.0 or abs(late.latency - late.told) > max(LATE, SURE * late.within):
-        right = latency + late.latency - late.told
-        report.findings.append(
-            Finding(
-                "frames are not as late as they are told to be",
-                "camera.latency",
-                f"{latency:g} s",
-                f"{right:.3f} s, to {late.within:.3f} s",
-                f"latency = {right:.3f}",
-            )
-        )
+    else:
+        report.findings += wrongly_late(late, latency)
     known = thresholds.drive_lag > 0.0 and report.lag > 0.0
     if known and not abs(report.lag - thresholds.drive_lag) <= LAG_OFF:
         report.findings.append(
@@ -262,23 +253,25 @@ def _judge(
         return
 
     def show(joint: int) -> None:
-        mover.there_and_back(joint, (ranging.farthest_way(joint),))
+        way = ranging.next_way(joint)
+        agreed(person, ranging.question(joint, way))
+        mover.there_and_back(joint, (way,), ranging.reach(joint, way))
 
+    plain = [kind.guess for kind in kinds if kind.guess.wrong == RIGHT]
+    unclear = [one for guess in plain for one in ranging.unclear(guess)]
+    report.unclear = sorted({deciding.may_pass(one, robot) for one in unclear})
+    for words in report.unclear:
+        person.tell(f"{words}: measure it by hand.")
     start = ranging.start
     named = {m for kind in kinds for m in deciding.members(kind)}
     report.undecided = sorted({"; ".join(told(m, robot, start)) for m in named})
     left = deciding.decided(kinds, robot, start, person, show)
-    within = {_plainly(kind): kind.within for kind in kinds}
     for guess in left:
-        found = deciding.findings(guess, within.get(guess.wrong, 0.0), robot, start)
+        found = deciding.findings(guess, robot, start)
         report.findings += [one for one in found if one not in report.findings]
-
-
-def _plainly(kind: Weighed) -> str:
-    return kind.guess.wrong
 
 
 def told(guess: Guess, robot: Robot, q: Floats) -> list[str]:
     """A guess in words."""
-    found = deciding.findings(guess, 0.0, robot, q)
+    found = deciding.findings(guess, robot, q)
     return [f"{one.where}: {one.what}" for one in found] or ["all as the rig file says"]

@@ -17,6 +17,7 @@ from rcmservo.bringup.guesses import (
     Guess,
     Weighed,
     members,
+    passing,
     stretched,
 )
 from rcmservo.bringup.wiring import Finding, Robot
@@ -45,8 +46,13 @@ MEANING = {
 
 AGAIN = "again"
 
+RULER = 0.05
+"""Share by which a ruler may be off, and in standard deviations of the picture"""
+DEVIATIONS = 2.0
+"""so many."""
+
 Show = Callable[[int], None]
-"""Moves a joint up, and back again, so that a person sees it."""
+"""Moves a joint up, and back again, so that a person sees it, who has said yes to that."""
 
 
 def words(robot: Robot, joint: int, way: int) -> str:
@@ -61,7 +67,7 @@ def decided(
     answers do not tell either."""
     left = [member for kind in kinds for member in members(kind)]
     for joint in (0, 1, 2):
-        if len({one.moves(joint) for one in left}) > 1:
+        if len({one.moves(joint, robot.wiring) for one in left}) > 1:
             left = _by_its_way(left, robot, joint, person, show)
     if len({_spacing(one, robot, q) for one in left}) > 1:
         left = _by_ruler(left, robot, q, person)
@@ -80,11 +86,13 @@ def _by_its_way(
         person.tell(f"Watch the tool: {name} goes one way, waits, and comes back.")
         show(joint)
         answer = one_of(person, f"For {name}, {asked}", (*choice, AGAIN))
-        kept = [one for one in left if words(robot, *one.moves(joint)) == answer]
+        kept = [one for one in left if words(robot, *one.moves(joint, robot.wiring)) == answer]
         if kept:
             return kept
         if answer != AGAIN:
-            could = " or ".join(sorted({words(robot, *one.moves(joint)) for one in left}))
+            could = " or ".join(
+                sorted({words(robot, *one.moves(joint, robot.wiring)) for one in left})
+            )
             person.tell(f"By the picture it can only have been {could}. It is shown again.")
     raise Stopped(f"no answer agreed with the picture for {name}")
 
@@ -92,9 +100,17 @@ def _by_its_way(
 def _by_ruler(left: list[Guess], robot: Robot, q: Floats, person: Person) -> list[Guess]:
     """Those whose markers are as far apart as a ruler says."""
     question = "By the ruler: how far apart are the middles of the two markers, in mm?"
-    measured = numbers(person, question, 1, lambda mm: 0.5 <= mm <= 2000.0)[0]
-    off = [abs(np.log(_spacing(one, robot, q) / measured)) for one in left]
-    return [one for one, by in zip(left, off, strict=True) if by <= min(off) + 1e-9]
+    could = sorted({_spacing(one, robot, q) for one in left})
+    apart = " or ".join(f"{mm:.3g}" for mm in could)
+    for _ in range(TIMES):
+        measured = numbers(person, question, 1, lambda mm: 0.5 <= mm <= 2000.0)[0]
+        off = [abs(float(np.log(_spacing(one, robot, q) / measured))) for one in left]
+        least = min(off)
+        nearest = [one for one, by in zip(left, off, strict=True) if by <= least + 1e-9]
+        if least <= RULER + max(DEVIATIONS * one.within for one in nearest):
+            return nearest
+        person.tell(f"By the picture it can only be about {apart} mm. Measure it again.")
+    raise Stopped(f"the ruler agreed with the picture's {apart} mm in no answer")
 
 
 def _spacing(guess: Guess, robot: Robot, q: Floats) -> float:
@@ -106,13 +122,13 @@ def _spacing(guess: Guess, robot: Robot, q: Floats) -> float:
     return float(round((stretch(shaft, p1) - 1.0) * np.linalg.norm(p1), 6))
 
 
-def findings(guess: Guess, within: float, robot: Robot, q: Floats) -> list[Finding]:
+def findings(guess: Guess, robot: Robot, q: Floats) -> list[Finding]:
     """What a guess says is wrong with the rig file, and the lines that make it right."""
-    found = [*_order(guess, robot), *_counts(guess, within, robot)]
+    found = [*_order(guess, robot), *_counts(guess, robot)]
     if guess.wrong == ZERO:
-        found.append(_zero(guess, within, robot))
+        found.append(_zero(guess, robot))
     if guess.wrong == SPACING:
-        found.append(_apart(guess, within, robot, q))
+        found.append(_apart(guess, robot))
     if guess.mirrored:
         found.append(
             Finding(
@@ -138,7 +154,7 @@ def _order(guess: Guess, robot: Robot) -> list[Finding]:
     return [Finding("axes change places", where, found, expected, line)]
 
 
-def _counts(guess: Guess, within: float, robot: Robot) -> list[Finding]:
+def _counts(guess: Guess, robot: Robot) -> list[Finding]:
     wiring, factors = robot.wiring, guess.factors()
     found: list[Finding] = []
     for joint, factor in enumerate(factors):
@@ -149,7 +165,9 @@ def _counts(guess: Guess, within: float, robot: Robot) -> list[Finding]:
         if factor < 0.0:
             ways.append("it runs the other way")
         if guess.wrong == COUNTS and guess.joint == joint:
-            ways.append(f"it moves {np.exp(guess.size):.4g} times as far, to {100 * within:.1g} %")
+            ways.append(
+                f"it moves {np.exp(guess.size):.4g} times as far, to {100 * guess.within:.1g} %"
+            )
         found.append(
             Finding(
                 f"joint {joint + 1} is not as its {wiring.key} say: {' and '.join(ways)}",
@@ -162,19 +180,33 @@ def _counts(guess: Guess, within: float, robot: Robot) -> list[Finding]:
     return found
 
 
-def _zero(guess: Guess, within: float, robot: Robot) -> Finding:
+def may_pass(one: Weighed, robot: Robot) -> str:
+    """That a number may be wrong by so much without the picture telling it, in words."""
+    wrong, by = one.guess.wrong, passing(one)
+    if wrong == ZERO:
+        return f"mechanism.insertion_zero may be wrong by {by:.0f} mm unseen"
+    if wrong == SPACING:
+        where = "tool.spacing" if robot.tool.kind == RIGID else "tool.scale"
+    elif robot.wiring.signs_only:
+        where = f"how far joint {one.guess.joint + 1} goes"
+    else:
+        where = f"arm.counts[{one.guess.joint}]"
+    return f"{where} may be wrong by {100.0 * (np.exp(by) - 1.0):.0f} % unseen"
+
+
+def _zero(guess: Guess, robot: Robot) -> Finding:
     zero = robot.mechanism.insertion_zero
     right = zero + guess.size
     return Finding(
         "the insertion's zero is elsewhere",
         "mechanism.insertion_zero",
         f"{zero:g} mm",
-        f"{right:.1f} mm, to {within:.1f} mm",
+        f"{right:.1f} mm, to {guess.within:.1f} mm",
         f"insertion_zero = {right:.1f}",
     )
 
 
-def _apart(guess: Guess, within: float, robot: Robot, q: Floats) -> Finding:
+def _apart(guess: Guess, robot: Robot) -> Finding:
     tool = robot.tool
     right = stretched(tool.shaft, guess.size).value
     key, unit = ("spacing", " mm") if tool.kind == RIGID else ("scale", "")
@@ -182,6 +214,6 @@ def _apart(guess: Guess, within: float, robot: Robot, q: Floats) -> Finding:
         "the markers are otherwise apart",
         f"tool.{key}",
         f"{tool.value:g}{unit}",
-        f"{right:.4g}{unit}, to {100 * within:.1g} %",
+        f"{right:.4g}{unit}, to {100 * guess.within:.1g} %",
         f"{key} = {right:.4g}",
     )

@@ -12,13 +12,13 @@ it tells that of the insertion and how many of the others and of mirrors there a
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 
 from rcmservo.bringup.view import Fit, Views, fitted
-from rcmservo.bringup.wiring import Order, Robot
+from rcmservo.bringup.wiring import Order, Robot, Wiring
 from rcmservo.interfaces import Floats
 from rcmservo.method.kinematics import position
 from rcmservo.method.tool import RIGID, Shaft, second_marker
@@ -48,6 +48,9 @@ DEVIATIONS = 3.0
 UNUSUAL = 12.0
 """Squared standard deviations by which another factor is less likely."""
 
+GLANCE = 1.5
+"""What a factor's logarithm must be at a glance before a search begins there."""
+
 CLOSE = 25.0
 """Squared standard deviations within which two guesses explain a picture alike."""
 EXPLAINED = 4.0
@@ -70,18 +73,18 @@ class Guess:
     """Whose counts are wrong."""
     size: float = 0.0
     """The logarithm of the factor that makes it right, or mm to add to the zero."""
-    everywhere: bool = False
-    """Whether wrong counts of the insertion count from its zero on, not from q₀ on."""
+    within: float = field(default=0.0, compare=False)
+    """The standard deviation of that size, where it was fitted."""
 
     @property
     def odd(self) -> bool:
         """Whether mirror and reversed angles are odd in number: that, a picture can tell."""
         return (self.mirrored + self.reversed[0] + self.reversed[1]) % 2 == 1
 
-    def moves(self, joint: int) -> tuple[int, int]:
+    def moves(self, joint: int, wiring: Wiring) -> tuple[int, int]:
         """The joint that moves truly where the arm is told to move one up, and which way (±1)."""
-        true = self.order.index(joint)
-        return true, -1 if self.reversed[true] else 1
+        true, c = self.order.index(joint), wiring.counts
+        return true, 1 if (c[joint] / c[true] > 0.0) != self.reversed[true] else -1
 
     def factors(self) -> Floats:
         """By what the counts (3,) of the file would have to be multiplied."""
@@ -97,8 +100,6 @@ class Weighed:
 
     guess: Guess
     """With the size that fits best."""
-    within: float
-    """The standard deviation of that size."""
     misfit: float
     """What is left over, squared standard deviations."""
 
@@ -109,7 +110,7 @@ class Weighed:
 
 def places(guess: Guess, robot: Robot, q: Floats, start: Floats, size: float) -> Floats:
     """Where the markers (n, 2, 3) mm are, the arm telling q (n, 3)."""
-    c, order = np.abs(robot.wiring.counts), list(guess.order)
+    c, order = np.array(robot.wiring.counts), list(guess.order)
     moved = (q - start)[:, order] * c[order] / c * np.where(guess.reversed, -1.0, 1.0)
     if guess.wrong == COUNTS:
         moved[:, guess.joint] *= np.exp(size)
@@ -145,24 +146,41 @@ def judged(guess: Guess, robot: Robot, seen: Views) -> Weighed:
     """How well a guess explains what was seen, the first place being the start."""
     start = seen.q[0]
     within = {RIGHT: [], ZERO: [ZERO_WITHIN]}.get(guess.wrong, [FACTOR_WITHIN])
+    begin = [_at_a_glance(guess, robot, seen)] if guess.wrong == COUNTS else [0.0] * len(within)
 
     def at(free: Floats) -> Floats:
         return places(guess, robot, seen.q, start, float(free[0]) if len(free) else 0.0)
 
-    fit = fitted(seen.mirrored() if guess.mirrored else seen, at, np.array(within))
+    fit = fitted(seen.mirrored() if guess.mirrored else seen, at, np.array(within), np.array(begin))
     return _sized(guess, fit)
+
+
+def _at_a_glance(guess: Guess, robot: Robot, seen: Views) -> float:
+    """The logarithm of the factor by which a joint's motion looks larger than the file says, seen
+    against the distance between the markers; 0 where that is about 1. It may lie across the line of
+    sight or along it, so this is only where a search begins."""
+    usual = places(guess, robot, seen.q, seen.q[0], 0.0)
+    moved = np.abs(seen.q - seen.q[0])[:, guess.joint]
+    far = moved > 0.5 * moved.max()
+    said, shown = (
+        np.linalg.norm(at - at[0], axis=2).max(axis=1)[far].sum()
+        / np.linalg.norm(at[0, 1] - at[0, 0])
+        for at in (usual, seen.points)
+    )
+    size = float(np.log(shown / said)) if said > 0.0 and shown > 0.0 else 0.0
+    return size if abs(size) > GLANCE else 0.0
 
 
 def _sized(guess: Guess, fit: Fit) -> Weighed:
     if guess.wrong == RIGHT:
-        return Weighed(guess, 0.0, fit.misfit)
+        return Weighed(guess, fit.misfit)
     size, within = float(fit.free[0]), float(fit.within[0])
     misfit = fit.misfit
     if guess.wrong == COUNTS:
         usual = usual_factor(size, within)
         misfit += 0.0 if usual else UNUSUAL
         size = usual or size
-    return Weighed(replace(guess, size=size), within, misfit)
+    return Weighed(replace(guess, size=size, within=within), misfit)
 
 
 def usual_factor(size: float, within: float) -> float:
@@ -188,6 +206,13 @@ def believed(all_: list[Weighed]) -> list[Weighed]:
     return plain or close
 
 
+def passing(one: Weighed) -> float:
+    """By how much a number may be wrong, as its size is told, before a guess without a wrong one is
+    believed no more."""
+    unusual = UNUSUAL if one.guess.wrong == COUNTS else 0.0
+    return one.guess.within * float(np.sqrt(CLOSE + unusual))
+
+
 def explains(one: Weighed, seen: Views) -> bool:
     """Whether a guess leaves over no more than noise and a lens may."""
     return one.misfit < EXPLAINED * seen.points.size
@@ -203,4 +228,4 @@ def members(kind: Weighed) -> Iterator[Guess]:
             continue
         yield member
         if guess.wrong == SPACING:  # the whole world larger looks the same
-            yield replace(member, wrong=COUNTS, joint=2, size=-guess.size, everywhere=True)
+            yield replace(member, wrong=COUNTS, joint=2, size=-guess.size)

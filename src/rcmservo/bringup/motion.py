@@ -7,12 +7,20 @@ camera that falls silent: then the drive goes off, and nothing more moves.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.bringup.wiring import Finding, Robot
-from rcmservo.errors import RcmServoError
+from rcmservo.bringup.sights import Reach, Sight, Track
+from rcmservo.bringup.troubles import (
+    Trouble,
+    astray,
+    silent_arm,
+    silent_camera,
+    unseen,
+    went_off,
+)
+from rcmservo.bringup.wiring import Robot
 from rcmservo.guard.gate import Gate
 from rcmservo.interfaces import Camera, Clock, Floats, Observation, Tracker
 from rcmservo.live.lab import FallsSilent, LabArm
@@ -21,6 +29,8 @@ from rcmservo.loop.plant import Plant
 
 RATE = 100.0
 """Ticks per s."""
+OFTEN = 1000.0
+"""Looks per s with the drive off, so that the rates told are the devices' own."""
 SHARE = 0.1
 """Of the gate's speed that is used."""
 GAIN = 3.0
@@ -60,45 +70,18 @@ WITHOUT_PICTURE = 640, 480
 """px, of a camera that tells the markers' places alone."""
 
 
-class Trouble(RcmServoError):
-    """A motion that was ended, with the drive off, and why."""
-
-    def __init__(self, finding: Finding) -> None:
-        super().__init__(finding.what)
-        self.finding = finding
-
-
 @dataclass(frozen=True, eq=False)
-class Sight:
-    """The joints and the markers at one place, at rest."""
+class Leg:
+    """What is watched for while the drive is on."""
 
-    q: Floats
-    """The joints (3,) as the arm told them, the mean."""
-    points: Floats
-    """The markers (2, 2) px, the mean over frames."""
-    noise: float
-    """px, the standard deviation of a coordinate in one frame."""
-    frames: int
-    """In which both markers were seen, and"""
-    missed: int
-    """in which not."""
-
-    @property
-    def mean_noise(self) -> float:
-        """px, that of a coordinate of the mean."""
-        return self.noise / float(np.sqrt(self.frames))
-
-
-@dataclass(eq=False)
-class Track:
-    """All that was told while something moved."""
-
-    answers: list[tuple[int, Floats, Floats]] = field(
-        default_factory=list[tuple[int, Floats, Floats]]
-    )
-    """When the joints were read (ns), the joints (3,), and the rates (3,) taken before."""
-    frames: list[tuple[int, int, Floats]] = field(default_factory=list[tuple[int, int, Floats]])
-    """When a frame was exposed and when it arrived (ns), and its markers (2, 2) px."""
+    joint: int
+    """The joint that moves."""
+    way: float
+    """rad or mm that it may be from `here` at most."""
+    here: Floats
+    """The joints (3,) where the motion began,"""
+    began: Floats
+    """and where this part of it did."""
 
 
 class Mover:
@@ -134,6 +117,7 @@ class Mover:
         self._rcm = robot.mechanism.rcm()
         self._count = robot.wiring.steps
         self._last = gate.rest()
+        self._leg = Leg(0, 0.0, np.zeros(3), np.zeros(3))
         self._asked, self._silence = np.zeros(3), silence
         self._frame, self._new = -1, False
 
@@ -145,20 +129,26 @@ class Mover:
     def look(self, frames: int = FRAMES) -> Sight:
         """What is seen with the drive off."""
         self._begin()
-        return self._averaged(None, frames)
+        return self._averaged(frames)
 
-    def there_and_back(self, joint: int, ways: Sequence[float]) -> list[Sight]:
+    def there_and_back(self, joint: int, ways: Sequence[float], reach: Reach) -> list[Sight]:
         """Move a joint to places that are so far (rad or mm) from here, one after the other, and
-        back again; what is seen at each. Whatever happens, the drive is off then."""
+        back again; what is seen at each. Where the markers leave their reach it turns back, and
+        goes to none of the other places. Whatever happens, the drive is off then."""
         here = self._begin()
         sights: list[Sight] = []
+        most = max(map(abs, ways))
         try:
             self.plant.enable()
-            for way in (*ways, 0.0):
+            for way in ways:
                 wanted = here.copy()
                 wanted[joint] += way
-                self._go(joint, wanted, here, max(map(abs, ways)))
-                sights.append(self._averaged(wanted, FRAMES))
+                there = self._go(joint, wanted, here, most, reach)
+                sights.append(self._averaged(FRAMES))
+                if not there:
+                    break
+            self._go(joint, here, here, most)
+            sights.append(self._averaged(FRAMES))
         finally:
             self.off()
         return sights
@@ -172,7 +162,7 @@ class Mover:
                 wanted = here.copy()
                 wanted[joint] += 0.0 if k == times else way if k % 2 == 0 else -way
                 self._go(joint, wanted, here, way)
-            self._averaged(here, 5)
+            self._averaged(5)
         finally:
             self.off()
         return self.track
@@ -186,14 +176,13 @@ class Mover:
         wanted[joint] += way
         try:
             self.plant.enable()
+            self._set_out(Leg(joint, way, here, here))
             for _ in ticks(self.clock, RATE, WITHIN):
-                gone = self._tick(wanted) - here
-                self._watch(joint, gone, gone, way)
-                if abs(gone[joint]) >= UNDER_WAY * way:
+                if abs(self._tick(wanted)[joint] - here[joint]) >= UNDER_WAY * way:
                     break
             self.arm.fall_silent()
             for _ in ticks(self.clock, RATE, ALONE):
-                places.append(float(self.plant.read().q[joint]))
+                places.append(float(self._read().q[joint]))
                 if not abs(places[-1] - here[joint]) <= way:
                     break
         finally:
@@ -207,41 +196,50 @@ class Mover:
         self.track, self._frame = Track(), -1
         self.plant.reset()
         began = self.clock.now()
-        for _ in ticks(self.clock, RATE):
+        for _ in ticks(self.clock, OFTEN):
             seen = self._read()
             if self._new:
                 return seen.q.copy()
             if not self.clock.now() - began <= PATIENCE * 1e9:
                 break
-        raise Trouble(_silent_camera(self._trouble(), PATIENCE))
+        raise Trouble(silent_camera(self._trouble(), PATIENCE))
 
-    def _go(self, joint: int, wanted: Floats, here: Floats, way: float) -> None:
-        """Bring the joint to its place, `way` from `here` at most."""
+    def _go(
+        self, joint: int, wanted: Floats, here: Floats, way: float, reach: Reach | None = None
+    ) -> bool:
+        """Bring the joint to its place, `way` from `here` at most; whether it is there, and not
+        where the markers left their reach."""
         count = float(self._count[joint])
         began = last = q = self._read().q.copy()
-        self._asked, since = np.zeros(3), self.clock.now()
+        self._set_out(Leg(joint, way, here, began))
+        since = self.clock.now()
         for _ in ticks(self.clock, RATE, WITHIN):
             q = self._tick(wanted)
-            self._watch(joint, q - here, q - began, way)
             if abs(q[joint] - last[joint]) > 0.5 * count:
                 last, since = q, self.clock.now()
             stands = self.clock.now() - since > STANDS * 1e9
             near = max(NEARLY * way, PLAY * count) if stands else max(ARRIVED * way, 1.5 * count)
             if abs(q[joint] - wanted[joint]) <= near:
-                return
-        raise Trouble(self._astray(joint, q - began, f"not there within {WITHIN:g} s"))
+                return True
+            if reach is not None and self._new and reach.left(self.track.frames[-1][2]):
+                return False
+        raise Trouble(astray(joint, (q - began) / self._count, f"not there within {WITHIN:g} s"))
 
-    def _averaged(self, wanted: Floats | None, most: int) -> Sight:
-        """Stay at the joints wanted, or with the drive off, and average what is seen."""
+    def _set_out(self, leg: Leg) -> None:
+        self._leg, self._asked = leg, np.zeros(3)
+
+    def _averaged(self, most: int) -> Sight:
+        """Stay here, with the drive on or off, and average what is seen."""
         points: list[Floats] = []
         joints: list[Floats] = []
         missed, began = 0, self.clock.now()
         newest = began
-        for _ in ticks(self.clock, RATE):
-            q = self._read().q if wanted is None else self._tick(wanted)
-            patience = PATIENCE if wanted is None else UNSEEN
+        on = self._last.enabled
+        for _ in ticks(self.clock, RATE if on else OFTEN):
+            q = self._tick(None) if on else self._read().q
+            patience = UNSEEN if on else PATIENCE
             if not self.clock.now() - newest <= patience * 1e9:
-                raise Trouble(_silent_camera(self._trouble(), patience))
+                raise Trouble(silent_camera(self._trouble(), patience))
             if not self._new:
                 continue
             newest = self.clock.now()
@@ -256,17 +254,18 @@ class Mover:
             if len(points) >= most or missed > most / SEEN - most:
                 break
         if missed > most / SEEN - most:
-            raise Trouble(_unseen(len(points), missed))
+            raise Trouble(unseen(len(points), missed))
         noise = float(np.std(points, axis=0, ddof=1).mean())
         q, mean = np.mean(joints, axis=0), np.mean(points, axis=0)
         return Sight(q, mean, noise, len(points), missed)
 
-    def _tick(self, wanted: Floats) -> Floats:
-        """One command towards the joints wanted; the joints that were told before."""
+    def _tick(self, wanted: Floats | None) -> Floats:
+        """One command towards the joints wanted, or to stay; the joints that were told before."""
         seen = self._read()
         if not seen.enabled:
-            raise Trouble(_went_off(self.arm.why_off))
-        apart = wanted - seen.q
+            raise Trouble(went_off(self.arm.why_off))
+        self._watch(self._leg, seen.q)
+        apart = np.zeros(3) if wanted is None else wanted - seen.q
         rates = np.where(np.abs(apart) < self._count, 0.0, GAIN * apart)
         self._last = self.gate.admit(rates, self._last, seen.q, self._rcm, seen.now, SHARE).command
         self._asked = self._asked + self.plant.send(self._last) / RATE
@@ -277,7 +276,7 @@ class Mover:
         seen = self.plant.read()
         patience = self._silence if self._last.enabled else PATIENCE
         if not seen.now - seen.q_time <= patience * 1e9:
-            raise Trouble(_silent_arm(self.arm.why_off, patience))
+            raise Trouble(silent_arm(self.arm.why_off, patience))
         answers = self.track.answers
         if not answers or seen.q_time > answers[-1][0]:
             answers.append((seen.q_time, seen.q, seen.applied))
@@ -290,48 +289,16 @@ class Mover:
                 self.size = image.shape[1], image.shape[0]
         return seen
 
-    def _watch(self, joint: int, moved: Floats, gone: Floats, way: float) -> None:
+    def _watch(self, leg: Leg, q: Floats) -> None:
         """End it where a joint goes further than was asked for, does not follow, or takes another
         one with it."""
-        counts, allowed = np.abs(moved) / self._count, way / self._count[joint]
+        joint, moved, gone = leg.joint, q - leg.here, q - leg.began
+        counts, allowed = np.abs(moved) / self._count, leg.way / self._count[joint]
         behind = abs(self._asked[joint] - gone[joint]) / self._count[joint]
         if not counts[joint] <= OVER * allowed + PLAY:
-            raise Trouble(self._astray(joint, moved, "further than was asked for"))
+            raise Trouble(astray(joint, moved / self._count, "further than was asked for"))
         others = [k for k in range(3) if k != joint]
         if not max(counts[k] for k in others) <= ASIDE * allowed + PLAY:
-            raise Trouble(self._astray(joint, moved, "another joint counts"))
+            raise Trouble(astray(joint, moved / self._count, "another joint counts"))
         if not behind <= BEHIND * 2.0 * allowed + PLAY:
-            raise Trouble(self._astray(joint, gone, "it does not follow"))
-
-    def _astray(self, joint: int, moved: Floats, why: str) -> Finding:
-        counts = ", ".join(f"{c:+.0f}" for c in moved / self._count)
-        return Finding(
-            f"joint {joint + 1} does not do what it is told: {why}",
-            f"joint {joint + 1}",
-            f"counts of joints 1, 2, 3: {counts}",
-            f"counts of joint {joint + 1} alone: look at brake, motor and encoder cables",
-        )
-
-
-def _went_off(why: str) -> Finding:
-    words = why or "the arm tells no reason"
-    return Finding("the drive went off by itself", "arm", words, "on until it is switched off")
-
-
-def _silent_arm(why: str, patience: float) -> Finding:
-    words = why or f"no answer for {patience:g} s"
-    return Finding("the arm does not answer", "arm", words, "an answer in every tick")
-
-
-def _silent_camera(trouble: str, patience: float) -> Finding:
-    words = trouble or f"no frame for {patience:g} s"
-    return Finding("no frames come", "camera", words, "frames all the time")
-
-
-def _unseen(seen: int, missed: int) -> Finding:
-    return Finding(
-        "the markers are not seen",
-        "markers",
-        f"both in {seen} of {seen + missed} frames",
-        "both in nearly every frame: light, focus, and the colours in [markers]",
-    )
+            raise Trouble(astray(joint, gone / self._count, "it does not follow"))

@@ -4,26 +4,49 @@ The first motions are so small that no usual mistake makes them large. Each is d
 yes, and only as long as marker 2 stays near, whichever of the guesses that are left is true.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from rcmservo.bringup.asking import agreed
-from rcmservo.bringup.guesses import COUNTS, SPACING, ZERO, Weighed, believed, judge_all, places
-from rcmservo.bringup.motion import Mover, Sight
+from rcmservo.bringup.guesses import (
+    COUNTS,
+    RIGHT,
+    SPACING,
+    ZERO,
+    Guess,
+    Weighed,
+    believed,
+    judge_all,
+    passing,
+    places,
+)
+from rcmservo.bringup.motion import Mover
+from rcmservo.bringup.sights import Reach, Sight
 from rcmservo.bringup.view import Views
 from rcmservo.bringup.wiring import Robot
 from rcmservo.interfaces import Floats
 from rcmservo.live.lab import Person
 
 FIRST = 0.06
-"""mm that marker 2 goes at first, as the rig file says: an inch taken for a mm makes it 1.5."""
+"""mm that marker 2 goes at first, as the rig file says,"""
+FIRST_COUNTS = 50.0
+"""and counts at most: where a file has a thousand times too many of a mm, so few are small yet."""
 MOST = 1.5
 """mm by which it goes at most, by all that is known."""
 BLIND = 0.4
 """mm up to which a way is doubled before guesses are judged,"""
 MORE = 3.0
-"""as long as the picture does not show this many times what the file says."""
+"""as long as the picture does not show this many times what the file says;"""
+BEYOND, ANYWAY = 4.0, 0.5
+"""a motion ends where it shows this many times that, and so many mm that may be seen anyway."""
+NOISES = 5.0
+"""Standard deviations that are nothing."""
+TOLD = 20.0
+"""Counts of a way on which it can be told whether a joint stops."""
+LONGEST = 8.0
+"""The logarithm of a factor that is reckoned with at most."""
 WORTH = 1.15
 """How much further a way must become to be worth it."""
 LEAST_NOISE, MOST_NOISE = 0.03, 0.15
@@ -32,9 +55,8 @@ is taken for the tracker's own error, as of pictures that were compressed."""
 DEVIATIONS = 2.0
 """How many standard deviations a wrong number may be off at worst."""
 
-CLEAR = {ZERO: 4.0, COUNTS: 0.15, SPACING: 0.05}
-"""To what standard deviation a number must be known before it can be called right: mm, and the
-logarithms of factors."""
+PROMISED = {ZERO: 5.0, COUNTS: 0.15, SPACING: 0.05}
+"""By how much a number may be wrong and pass: mm, and the logarithms of factors."""
 
 
 class Ranging:
@@ -46,19 +68,26 @@ class Ranging:
         self.sights = [rest]
         self.judged: list[Weighed] = []
         """All guesses, the best first."""
-        self.ways = FIRST * np.array([robot.way(rest.q, joint) for joint in range(3)])
+        self._mm = np.array([robot.way(rest.q, joint) for joint in range(3)])
+        self.ways = np.minimum(FIRST * self._mm, FIRST_COUNTS * robot.wiring.steps)
         """rad, rad, mm that each joint went last, to either side."""
         self.noise = LEAST_NOISE
         """px, what a mean over frames is believed to."""
         self.shown = np.zeros(3)
-        """px by which a marker moved then."""
+        """px by which a marker moved then,"""
+        self._gone = self.ways.copy()
+        """when the joints went so far."""
 
-    def run(self) -> list[Weighed]:
-        """Go on until the guesses are told apart, or until it would become too far."""
-        active = [0, 1, 2]
+    def run(self, moved: Callable[[int], None]) -> list[Weighed]:
+        """Go on until the guesses are told apart, or until it would become too far. `moved` is
+        called once, with the first joint that was seen to move."""
+        active, unmoved = [0, 1, 2], True
         while active:
             for joint in active:
                 self._move(joint)
+                if unmoved and self._seen_to_move(joint):
+                    moved(joint)
+                    unmoved = False
             further = self._further_blindly()
             if not any(further):
                 self._judge()
@@ -67,7 +96,14 @@ class Ranging:
                 further = np.array([self._allowed(joint) for joint in range(3)])
             active = [joint for joint in range(3) if further[joint] > self.ways[joint]]
             self.ways = np.where(further > 0.0, further, self.ways)
+        if unmoved:
+            moved(int(np.argmax(self.shown)))
         return believed(self.judged)
+
+    def _seen_to_move(self, joint: int) -> bool:
+        """Whether picture and encoder both told it beyond doubt."""
+        shown = self.shown[joint] > NOISES * self.sights[0].mean_noise
+        return bool(shown and self.ways[joint] >= TOLD * self.robot.wiring.steps[joint])
 
     def _judge(self) -> None:
         """Weigh all guesses, by what the best of them leaves over."""
@@ -95,33 +131,43 @@ class Ranging:
     def _move(self, joint: int) -> None:
         way = float(self.ways[joint])
         agreed(self.person, self.question(joint, way, " either way"))
-        new = self.mover.there_and_back(joint, (way, -way))
+        new = self.mover.there_and_back(joint, (way, -way), self.reach(joint, way))
         moved = [np.linalg.norm(s.points - self.sights[0].points, axis=1).max() for s in new[:2]]
-        self.shown[joint] = max(moved)
+        self.shown[joint], self._gone[joint] = max(moved), way
         self.sights += new
+
+    def reach(self, joint: int, way: float) -> Reach:
+        """How far the markers may go in the picture when a joint goes so far."""
+        said = way / self._mm[joint] / self._mm_per_px()
+        expected = max(said, self.shown[joint] * way / self._gone[joint])
+        anyway = ANYWAY / self._mm_per_px() + 2.0 * NOISES * self.sights[0].noise
+        return Reach(self.sights[0].points, BEYOND * expected + anyway)
+
+    def _mm_per_px(self) -> float:
+        """As the distance between the markers shows it, that lie across the line of sight."""
+        between = self.sights[0].points[1] - self.sights[0].points[0]
+        first = self.robot.first(self.start)
+        apart = np.linalg.norm(self.robot.tool.second_marker(first) - first)
+        return float(apart / np.linalg.norm(between))
 
     def _further_blindly(self) -> Floats:
         """The ways doubled where that is safe before any guess is judged; 0 elsewhere."""
-        said = self.ways / [self.robot.way(self.start, joint) for joint in range(3)]
-        between = self.sights[0].points[1] - self.sights[0].points[0]
-        apart = self.robot.tool.second_marker(self.robot.first(self.start))
-        mm = np.linalg.norm(apart - self.robot.first(self.start)) / np.linalg.norm(between)
-        shown = self.shown * mm
-        noise = 5.0 * self.sights[0].mean_noise * mm
+        said, shown = self.ways / self._mm, self.shown * self._mm_per_px()
+        noise = NOISES * self.sights[0].mean_noise * self._mm_per_px()
         small = (said < BLIND) & (shown < BLIND) & (shown < MORE * said + noise)
         return np.where(small, 2.0 * self.ways, 0.0)
 
-    def farthest_way(self, joint: int) -> float:
-        """The way (rad or mm) that is not too far for any guess that is left."""
+    def next_way(self, joint: int) -> float:
+        """The way (rad or mm) that may be asked for next: twice the last one, or less where that
+        would be too far for a guess that is left."""
         left = [one for one in self.judged if one.close(self.judged[0])]
         way = float(self.ways[joint])
-        return way * MOST / max(self._farthest(one, joint, way) for one in left)
+        return way * min(2.0, MOST / max(self._farthest(one, joint, way) for one in left))
 
     def _allowed(self, joint: int) -> float:
-        """The way doubled, or less where that would be too far; 0 where it is not worth it."""
-        way = float(self.ways[joint])
-        longer = min(2.0 * way, self.farthest_way(joint))
-        return longer if longer > WORTH * way else 0.0
+        """The next way, or 0 where it is not worth it."""
+        longer = self.next_way(joint)
+        return longer if longer > WORTH * self.ways[joint] else 0.0
 
     def _farthest(self, one: Weighed, joint: int, way: float) -> float:
         """mm that marker 2 goes if a guess is true."""
@@ -129,8 +175,9 @@ class Ranging:
         q[1, joint] += way
         sizes = [one.guess.size]
         if one.guess.wrong == COUNTS:
-            sizes.append(one.guess.size + DEVIATIONS * one.within)
-        at = [places(one.guess, self.robot, q, self.start, min(size, 5.0))[:, 1] for size in sizes]
+            longer = one.guess.size + DEVIATIONS * one.guess.within
+            sizes = [min(size, LONGEST) for size in (one.guess.size, longer)]
+        at = [places(one.guess, self.robot, q, self.start, size)[:, 1] for size in sizes]
         return max(float(np.linalg.norm(there - here)) for here, there in at)
 
     def _clear(self) -> bool:
@@ -140,5 +187,11 @@ class Ranging:
         if len(left) != 1 or left[0].guess.wrong:
             return len(left) == 1
         guess = left[0].guess
-        same = [o for o in self.judged if replace(o.guess, wrong="", joint=0, size=0.0) == guess]
-        return all(one.within <= CLEAR[one.guess.wrong] for one in same if one.guess.wrong)
+        return not self.unclear(guess)
+
+    def unclear(self, right: Guess) -> list[Weighed]:
+        """The numbers that might be wrong by more than is promised, and the picture would not tell,
+        if all else of a guess without a wrong one is true."""
+        same = [o for o in self.judged if replace(o.guess, wrong=RIGHT, joint=0, size=0.0) == right]
+        wrong = [one for one in same if one.guess.wrong != RIGHT]
+        return [one for one in wrong if passing(one) > PROMISED[one.guess.wrong]]

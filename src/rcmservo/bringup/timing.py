@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.bringup.motion import Track
+from rcmservo.bringup.sights import Track
+from rcmservo.bringup.wiring import Finding
 from rcmservo.interfaces import Floats
 from rcmservo.method.drive_lag import DriveLag, begin_lag, follow_drives, measure_lag
 
@@ -22,6 +23,12 @@ FINE = 0.0001
 """and in such at last."""
 FEWEST = 20
 """Frames that such a motion must have."""
+LATE = 0.005
+"""s by which a latency may be off,"""
+SURE = 4.0
+"""and standard deviations."""
+LEAST = 0.001
+"""s that a line of the file has at least where nobody had measured it."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +87,26 @@ def lateness(track: Track, joint: int) -> Lateness | None:
     told = float(np.median(arrived - exposed))
     within = float(noise / speed) if speed > 0.0 else np.inf
     return Lateness(told - best, told, within, float(np.std(arrived - exposed)))
+
+
+def wrongly_late(late: Lateness, latency: float | None) -> list[Finding]:
+    """What is wrong with the latency (s) of the file; None is one that nobody has measured."""
+    more = late.latency - late.told
+    if latency is None:
+        right, what, found = max(more, LEAST), "nobody has measured how late frames are", "none"
+    elif abs(more) > max(LATE, SURE * late.within):
+        right, what = latency + more, "frames are not as late as they are told to be"
+        found = f"{latency:g} s"
+    else:
+        return []
+    expected, line = f"{right:.3f} s, to {late.within:.3f} s", f"latency = {right:.3f}"
+    if right < 0.0:
+        line, expected = (
+            "",
+            f"stamps {-right:.3f} s later, to {late.within:.3f} s: they lie before ",
+        )
+        expected += "the exposures, and no latency mends that"
+    return [Finding(what, "camera.latency", found, expected, line)]
 
 
 def _fit(q: Floats, points: Floats) -> tuple[float, Floats]:

@@ -79,11 +79,11 @@ Places = Callable[[Floats], Floats]
 """The markers (n, 2, 3) mm, given what they leave open."""
 
 
-def fitted(seen: Views, places: Places, within: Floats) -> Fit:
+def fitted(seen: Views, places: Places, within: Floats, begin: Floats) -> Fit:
     """The best camera for these places. What they leave open is about 0 beforehand, ``within`` so
-    many standard deviations."""
-    left_over = _left_over(seen, places, within)
-    x: Floats = np.zeros(CAMERA + len(within))
+    many standard deviations; it is looked for from ``begin`` on."""
+    left_over = _left_over(seen, places, within, begin)
+    x: Floats = np.concatenate([np.zeros(CAMERA), begin / within])
     steps = np.vstack([np.zeros_like(x), SMALL * np.eye(len(x))])
     damping = 1e-3
     at = left_over(x + steps)
@@ -114,11 +114,13 @@ def _damped(square: Floats, damping: float, downhill: Floats) -> Floats:
     return np.asarray(np.linalg.solve(square + damping * np.eye(len(square)), downhill), float)
 
 
-def _left_over(seen: Views, places: Places, within: Floats) -> Callable[[Floats], Floats]:
+def _left_over(
+    seen: Views, places: Places, within: Floats, begin: Floats
+) -> Callable[[Floats], Floats]:
     """What a fit leaves over (b, rows), in standard deviations, at several x (b, numbers)."""
     width, height = seen.size
     middle = np.array([width - 1.0, height - 1.0]) / 2.0
-    usual = places(np.zeros(len(within)))
+    usual = places(begin)
     origin = usual.reshape(-1, 3).mean(axis=0)
     rotation, scale = _from_afar(usual, seen.points)
     focal = FOCAL * width

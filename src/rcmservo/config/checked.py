@@ -63,5 +63,7 @@ def _note(digest: str) -> Path:
     """Where the note of this digest is."""
     assert len(digest) == 64 and set(digest) <= DIGITS
     told = Path(os.environ.get("XDG_STATE_HOME", ""))
-    state = told if told.is_absolute() else Path.home() / ".local" / "state"
+    state = told if told.is_absolute() else Path(os.path.expanduser("~/.local/state"))
+    if not state.is_absolute():
+        raise UnusableFile(state, "is nowhere, as you have no home folder: set XDG_STATE_HOME")
     return state / "rcmservo" / "checked" / f"{digest}.json"

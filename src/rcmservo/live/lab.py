@@ -24,7 +24,8 @@ class LabArm(Arm, Protocol):
         ...
 
     def homed(self) -> bool:
-        """Whether the arm knows where it stands since it was reset."""
+        """Whether the arm knows where it stands since it was reset. :class:`NotReady` of one that
+        does not, where a person cannot say it."""
         ...
 
     def define(self, q: Floats) -> None:
@@ -65,8 +66,8 @@ class CameraAccount:
     reconnects: int = 0
     """How often the camera was opened again."""
     uncertainty: float = float("nan")
-    """s, how well exposure times are known on the computer's clock; NaN where the camera tells no
-    times and its latency is taken from the rig file."""
+    """s, how well exposure times are known on the computer's clock; NaN where nobody can say: the
+    camera tells no times, or those of another computer's clock."""
     trouble: str = ""
     """What is wrong with it now, in a sentence; empty where nothing is."""
 

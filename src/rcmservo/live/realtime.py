@@ -3,7 +3,7 @@
 Python's garbage collector pauses a large program for 0.1 s: while an arm moves it is off, and what
 was there before is not looked at again. A Python thread that works beside the loop would keep it
 waiting for 5 ms: the interpreter is told to switch sooner. The operating system is asked to let
-this thread go first, and to keep its memory at hand.
+this thread go first, to keep its memory at hand, and to leave it as it is.
 
 The process's other threads come next, before all other work of the computer: they share the
 interpreter's lock, and one that holds it while it waits for a processor keeps the loop waiting too.
@@ -20,6 +20,8 @@ from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
+
+from rcmservo.live.memory import left_alone
 
 SWITCH = 0.0005
 """s after which a thread beside the loop must let it go on."""
@@ -70,7 +72,8 @@ def realtime() -> Generator[Realtime]:
     before = _ahead(got)
     locked = _locked(got)
     try:
-        yield got
+        with left_alone():
+            yield got
     finally:
         if locked:
             _system().munlockall()

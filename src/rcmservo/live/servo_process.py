@@ -118,6 +118,8 @@ def serve(session: Session, beats: Any, supervisor: Connection) -> None:
     beats.value = STANDING
     try:
         said: Any = _live(session, beats, supervisor, told_to_end)
+    except Stopped as stopped:
+        said = stopped
     except RcmServoError as error:
         said = RcmServoError(str(error))
     except Exception:

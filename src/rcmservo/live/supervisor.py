@@ -23,6 +23,7 @@ import numpy as np
 from rcmservo.errors import RcmServoError
 from rcmservo.live.child import END, Child, Context
 from rcmservo.live.lab import Stopped
+from rcmservo.live.memory import left_alone
 from rcmservo.live.reports import LiveResult, Report
 from rcmservo.live.servo_process import STANDING, Session, serve
 from rcmservo.live.told_to_end import stopped_by_signals
@@ -46,7 +47,7 @@ stands. It is told whether the arm had been enabled."""
 
 def left_to_its_watchdog(began: bool) -> str:
     """The words of somebody who cannot switch the drive off."""
-    return "the arm is left to its own watchdog: see that it stands still"
+    return "the arm is left to its own watchdog, if it has one: see that it is off and stands still"
 
 
 class ServoProcess(Child):
@@ -92,7 +93,7 @@ def run_live(
     Ctrl-C, a signal that ends a program in order, a terminal that is closed: each lets the servo
     bring the arm to rest and end its record, and is then raised.
     """
-    with stopped_by_signals():
+    with stopped_by_signals(), left_alone():
         return _run_live(session, off, progress)
 
 
@@ -127,7 +128,7 @@ def supervise(
                 servo.process.join(END)
         if not began and servo.beats.value != STANDING:
             began = time.monotonic_ns()
-        if watchman.look():
+        if watchman.look() and not any(wire.poll() for wire in ears):
             return _fallen(servo, off, began)
 
 

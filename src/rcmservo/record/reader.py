@@ -38,6 +38,9 @@ from rcmservo.tracking import decode_image
 RECORD = "record.mcap"
 """A record's name in the folder of its run."""
 
+TICK_TOPIC = "rcmservo/tick"
+"""On which its ticks are."""
+
 LONGEST = 1e9
 """s from which on what a record tells as its run's length is none."""
 
@@ -117,6 +120,11 @@ def file_of(path: Path) -> Path:
     return path / RECORD if path.is_dir() else path
 
 
+def begun(path: Path) -> bool:
+    """Whether a record holds a tick; it is read no further than to the first."""
+    return any(message.topic == TICK_TOPIC for message in Messages(file_of(path)))
+
+
 def read(path: Path) -> Record:
     """A run from its folder or MCAP file, up to its end or to where it was cut or damaged."""
     path = file_of(path)
@@ -184,7 +192,7 @@ class _Rows:
             ) from error
 
     def _keep(self, topic: str, message: Message) -> None:
-        if topic == "rcmservo/tick":
+        if topic == TICK_TOPIC:
             self._take(TICKS[message.definition])
             self.times.append(message.time)
             self.ticks.append(message.data)
@@ -244,7 +252,7 @@ class _Rows:
 
 def _definitions(topic: str) -> Collection[str]:
     """Those of a topic's messages that can be read."""
-    return TICKS if topic == "rcmservo/tick" else (DEFINITIONS[TOPICS[topic]],)
+    return TICKS if topic == TICK_TOPIC else (DEFINITIONS[TOPICS[topic]],)
 
 
 def _planned(about: object) -> float | None:

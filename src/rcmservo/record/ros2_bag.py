@@ -18,6 +18,10 @@ VERSION = 5
 """The oldest metadata that knows MCAP files: every ROS 2 since Humble reads it."""
 
 
+METADATA = "metadata.yaml"
+"""Its name, beside the record."""
+
+
 def write_metadata(record: Path, counts: Mapping[str, int], duration: int) -> None:
     """Write metadata.yaml beside a record of so many messages by topic over `duration` ns.
 
@@ -51,4 +55,4 @@ def write_metadata(record: Path, counts: Mapping[str, int], duration: int) -> No
         "files": [{"path": record.name, **times}],
     }
     text = json.dumps({"rosbag2_bagfile_information": information}, indent=1)
-    write_whole(record.with_name("metadata.yaml"), text + "\n")
+    write_whole(record.with_name(METADATA), text + "\n")

@@ -19,7 +19,7 @@ from rcmservo.config.rig_file import Lab
 from rcmservo.config.target_file import Setup
 from rcmservo.errors import BadInput, require
 from rcmservo.interfaces import Floats, Target
-from rcmservo.live.lab import LabArm, NotReady, Stopped
+from rcmservo.live.lab import LabArm, NotReady, Person, Stopped
 from rcmservo.live.servo_process import HeartbeatPlant
 from rcmservo.live.terminal_person import Terminal
 from rcmservo.loop.plant import Plant
@@ -27,7 +27,7 @@ from rcmservo.loop.teach import NotShown, teach
 
 WORD = "enable"
 AT_HAND = 1_000_000_000
-"""ns after it was typed for which the word counts."""
+"""ns after it was typed for which an answer counts."""
 
 UNITS = "rad", "rad", "mm"
 
@@ -46,11 +46,31 @@ class Preparing:
     """A new file to keep the target in that is shown; None where it is not kept."""
 
 
+class AtHand:
+    """A person at a terminal, whose answers count only where they were typed just now."""
+
+    def __init__(self, terminal: Terminal) -> None:
+        self._terminal = terminal
+
+    def tell(self, words: str) -> None:
+        """Say something that needs no answer."""
+        self._terminal.tell(words)
+
+    def ask(self, question: str) -> str:
+        """What the person answers to this question."""
+        while True:
+            answer = self._terminal.ask(question)
+            if time.monotonic_ns() - self._terminal.typed <= AT_HAND:
+                return answer
+            self.tell("That was typed a while ago; once more.")
+
+
 def target_at_the_arm(preparing: Preparing, plant: Plant) -> Target:
     """Where the arm stands, and the target. At the end the tool is at its start."""
     setup, given = setup_of(preparing.lab, plant), preparing.target
     target = None if given is None else target_file.load(given, setup)
     with _person(plant) as person:
+        require_off(plant)
         if not arm_of(plant).homed():
             define(person, plant, preparing.lab)
         if target is None:
@@ -61,7 +81,7 @@ def target_at_the_arm(preparing: Preparing, plant: Plant) -> Target:
         else:
             words = "It holds only if the camera stands where it stood when it was shown."
             person.tell(f"The target is that of {given}. {words}")
-        enter(person, "The drive is off. Bring the tool to its start by hand, then press Enter:")
+        enter(person, plant, "Bring the tool to its start by hand, then press Enter:")
     return target
 
 
@@ -70,13 +90,9 @@ def leave_to_move(preparing: Preparing, plant: Plant) -> None:
     with _person(plant) as person:
         q = words_of(plant.arm.measure().q, preparing.lab)
         person.tell(f"The arm stands at {q}. {preparing.intent}")
-        while True:
-            answer = person.ask(f"Type {WORD} to switch the drive on; anything else ends this:")
-            if answer != WORD:
-                raise Stopped(f"nothing was switched on: the answer was not {WORD}")
-            if time.monotonic_ns() - person.typed <= AT_HAND:
-                return
-            person.tell("That was typed a while ago, and nothing was switched on.")
+        answer = person.ask(f"Type {WORD} to switch the drive on; anything else ends this:")
+        if answer != WORD:
+            raise Stopped(f"nothing was switched on: the answer was not {WORD}")
 
 
 def setup_of(lab: Lab, plant: Plant) -> Setup:
@@ -92,8 +108,14 @@ def setup_of(lab: Lab, plant: Plant) -> Setup:
     return Setup(name, width, height, lab.mechanism, lab.tool, lab.markers, slack=slack)
 
 
-def define(person: Terminal, plant: Plant, lab: Lab) -> None:
-    """A person says where the arm stands, until the arm says so too and the person agrees."""
+def require_off(plant: Plant) -> None:
+    """Refuse an arm whose drive is on: nobody here has switched it on, and it would hold or go."""
+    if plant.arm.measure().enabled:
+        raise NotReady("the arm's drive is on, by somebody else: switch it off there first")
+
+
+def define(person: Person, plant: Plant, lab: Lab) -> None:
+    """A person says where the arm stands, and agrees to it before the arm is told."""
     arm = arm_of(plant)
     person.tell(
         "The arm does not know where it stands: nobody has said so since its controller was reset. "
@@ -106,12 +128,12 @@ def define(person: Terminal, plant: Plant, lab: Lab) -> None:
         except BadInput as error:
             person.tell(f"{error}.")
             continue
-        arm.define(q)
-        told = arm.measure().q
-        if not (np.abs(told - q) <= lab.thresholds.following).all():
-            raise NotReady(f"the arm stands elsewhere than it was told, at {words_of(told, lab)}")
-        if not person.ask(f"It says that it stands at {words_of(told, lab)}. Enter if so:"):
-            return
+        if not person.ask(f"The arm stands at {words_of(q, lab)}. Enter if so:"):
+            break
+    arm.define(q)
+    told = arm.measure().q
+    if not (np.abs(told - q) <= lab.thresholds.following).all():
+        raise NotReady(f"the arm stands elsewhere than it was told, at {words_of(told, lab)}")
 
 
 def joints(answer: str, lab: Lab) -> Floats:
@@ -128,11 +150,10 @@ def joints(answer: str, lab: Lab) -> Floats:
     return typed
 
 
-def shown(person: Terminal, plant: Plant) -> Target:
+def shown(person: Person, plant: Plant) -> Target:
     """What the camera sees when a person says that the tool is at the target."""
-    question = "The drive is off. Bring the tool to the target by hand, then press Enter:"
     while True:
-        enter(person, question)
+        enter(person, plant, "Bring the tool to the target by hand, then press Enter:")
         try:
             target = teach(plant)
         except NotShown as error:
@@ -142,9 +163,10 @@ def shown(person: Terminal, plant: Plant) -> Target:
             return target
 
 
-def enter(person: Terminal, question: str) -> None:
-    """Wait for Enter and nothing else."""
-    while person.ask(question):
+def enter(person: Person, plant: Plant, words: str) -> None:
+    """Wait until a person has done what these words say, the drive being off."""
+    require_off(plant)
+    while person.ask(f"The drive is off. {words}"):
         person.tell("Only Enter goes on; Ctrl-C ends this.")
 
 
@@ -160,7 +182,7 @@ def arm_of(plant: Plant) -> LabArm:
 
 
 @contextmanager
-def _person(plant: Plant) -> Generator[Terminal]:
+def _person(plant: Plant) -> Generator[Person]:
     assert isinstance(plant, HeartbeatPlant)
-    with closing(Terminal(plant.told_to_end)) as person:
-        yield person
+    with closing(Terminal(plant.told_to_end)) as terminal:
+        yield AtHand(terminal)

@@ -24,6 +24,8 @@ from rcmservo.live.realtime import realtime
 AXES = 4
 COUNTS = 50000.0, 50000.0, 500.0
 """Of a rad, rad and mm of the emulated arm."""
+OF_GALIL = "port", "serial", "mjpeg", "gige", "fault"
+"""Options that crtk has not."""
 
 
 @dataclass(frozen=True)
@@ -35,14 +37,14 @@ class EmulateOptions:
     """The controller: galil (a DMC-4040 with four axes, the joints on A, B and C), or crtk (an arm
     on ROS topics, with its camera's pictures)."""
     port: int = 2323
-    """Where it listens on 127.0.0.1, by TCP and UDP; 0 takes one that is free."""
+    """Where galil listens on 127.0.0.1, by TCP and UDP; 0 takes one that is free."""
     serial: bool = False
-    """Offer a serial port too, a pseudo-terminal whose path is told."""
+    """Of galil: offer a serial port too, a pseudo-terminal whose path is told."""
     mjpeg: int | None = None
-    """Offer the arm's camera too, as Motion JPEG on this port of 127.0.0.1; 0 takes one that is
-    free."""
+    """Of galil: offer the arm's camera too, as Motion JPEG on this port of 127.0.0.1; 0 takes one
+    that is free."""
     gige: bool = False
-    """Offer it as a GigE Vision camera at 127.0.0.1 (apt-get install libaravis-0.8-0)."""
+    """Of galil: offer it as a GigE Vision camera at 127.0.0.1 (apt-get install libaravis-0.8-0)."""
     seed: int = 0
     """Draws where the arm and its camera stand."""
     rig: OptionalPath = None
@@ -63,6 +65,7 @@ def emulate(options: EmulateOptions) -> int:
     require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
     for name, port in (("--port", options.port), ("--mjpeg", options.mjpeg or 0)):
         require(0 <= port < 65536, name, port, "a whole number from 0 to 65535")
+    _require_own(options)
     lab = load_lab(options.rig) if options.rig else Lab()
     if options.device == "crtk":
         return emulate_crtk(options.crtk, options.seed, lab)
@@ -84,6 +87,16 @@ def emulate(options: EmulateOptions) -> int:
             console(False).print(f"{words}, seed {options.seed}; Ctrl-C ends it", soft_wrap=True)
             _serve(server)
     return 0
+
+
+def _require_own(options: EmulateOptions) -> None:
+    """Refuse what is another controller's, which would be ignored."""
+    given: dict[str, object] = dict(vars(options))
+    given |= vars(given.pop("crtk"))
+    usual = vars(EmulateOptions(options.device)) | vars(RosOptions())
+    for name in OF_GALIL if options.device == "crtk" else vars(RosOptions()):
+        right = f"left out: emulate {options.device} has no such thing"
+        require(given[name] == usual[name], f"--{name}", given[name], right)
 
 
 def _serve(server: Server) -> None:

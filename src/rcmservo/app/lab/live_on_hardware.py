@@ -17,7 +17,14 @@ from rich.live import Live
 from rich.text import Text
 
 from rcmservo.app.lab.at_the_arm import Preparing, leave_to_move, target_at_the_arm, words_of
-from rcmservo.app.lab.live_told import LoopMetrics, Progress, add_loop, kept, loop_metrics
+from rcmservo.app.lab.live_told import (
+    LoopMetrics,
+    Progress,
+    add_loop,
+    drop_empty,
+    kept,
+    loop_metrics,
+)
 from rcmservo.app.preparing import compiling
 from rcmservo.app.simulated_run.metrics import FeatureError, number
 from rcmservo.app.terminal import result_table, unit
@@ -114,7 +121,8 @@ class HardwareMetrics:
     explored_s: float | None
     """When exploration ended; None where it did not."""
     drive_off: str
-    """Why the arm's drive went off by itself; empty where it did not."""
+    """Why the arm's drive went off by itself, or is not known to be off; empty where it went off in
+    the end as it should."""
     camera: CameraMetrics | None
     """None where the servo's process came to no end."""
     not_recorded: str
@@ -154,6 +162,9 @@ def live_on_hardware(
     )
     try:
         result = run_live(session, progress=Progress(line, job.duration))
+    except BaseException:
+        drop_empty(job.folder)
+        raise
     finally:
         line.stop()
     return kept(job.folder, metrics_of(job, share, result))
@@ -215,6 +226,7 @@ def about(job: HardwareJob, share: float) -> dict[str, Any]:
 def metrics_of(job: HardwareJob, share: float, result: LiveResult) -> HardwareMetrics:
     """What the supervisor says of a run."""
     outcome, target, timing = result.outcome, result.target, result.timing
+    settled = outcome.settled and not result.why_off
     return HardwareMetrics(
         simulated=False,
         estimator=job.estimator,
@@ -223,10 +235,10 @@ def metrics_of(job: HardwareJob, share: float, result: LiveResult) -> HardwareMe
         rig_checked=share == 1.0,
         speed_share=share,
         folder=str(job.folder),
-        settled=outcome.settled,
-        cause=outcome.cause,
+        settled=settled,
+        cause=outcome.cause or result.why_off,
         remark=outcome.remark,
-        settle_time_s=outcome.settle_time if outcome.settled else None,
+        settle_time_s=outcome.settle_time if settled else None,
         feature_error=FeatureError(*map(number, outcome.error)),
         explored_s=outcome.explored_at,
         drive_off=result.why_off,
@@ -246,7 +258,7 @@ def show_hardware(out: Console, metrics: HardwareMetrics) -> None:
     """The result as a table, and where its files are."""
     table = result_table(metrics.settled, metrics.cause)
     if metrics.drive_off:
-        table.add_row("the drive went off", metrics.drive_off)
+        table.add_row("arm", metrics.drive_off)
     if metrics.remark:
         table.add_row("at the end", metrics.remark)
     table.add_row("settle time", unit(metrics.settle_time_s, "s", 2))
@@ -266,7 +278,7 @@ def show_hardware(out: Console, metrics: HardwareMetrics) -> None:
 
 def _frames(camera: CameraMetrics) -> str:
     times = camera.uncertainty_ms
-    told = "exposure times by its latency in the rig file"
+    told = "exposure times unchecked"
     if times is not None:
         told = f"exposure times to {times:.2f} ms"
     counts = f"{camera.frames} frames, {camera.lost} lost, {camera.incomplete} incomplete"

@@ -19,6 +19,7 @@ from rcmservo.config.files import write_whole
 from rcmservo.errors import UnusableFile
 from rcmservo.live.reports import LoopTiming, Report, Spread
 from rcmservo.record import reader
+from rcmservo.record.ros2_bag import METADATA
 
 Metrics = TypeVar("Metrics")
 
@@ -81,6 +82,14 @@ def kept(folder: Path, metrics: Metrics) -> Metrics:
         metrics = written(metrics, lambda: draw_figures(record, folder))
     text = json.dumps(asdict(cast(Any, metrics)), indent=2) + "\n"
     return written(metrics, lambda: write_whole(folder / METRICS, text))
+
+
+def drop_empty(folder: Path) -> None:
+    """Remove the record of a run that did not begin."""
+    with suppress(UnusableFile):
+        if not reader.begun(folder):
+            reader.file_of(folder).unlink()
+            (folder / METADATA).unlink(missing_ok=True)
 
 
 def loop_metrics(timing: LoopTiming) -> LoopMetrics:

@@ -46,6 +46,8 @@ def markers(options: MarkersOptions) -> int:
     out = options.picture
     right = "a file whose name ends in .png or .jpg"
     require(out is None or out.suffix.lower() in PICTURES, "--picture", out, right)
+    right = "a new file: nothing is overwritten"
+    require(out is None or not out.exists(), "--picture", out, right)
     lab = load_lab(options.rig) if options.rig else Lab()
     image = read_image(options.frame)
     found = candidates(image)

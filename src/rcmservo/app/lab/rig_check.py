@@ -1,7 +1,6 @@
 """`rcmservo rig check`: whether arm, camera and rig file agree, with a person at the terminal."""
 
 import json
-import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -14,18 +13,20 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from rcmservo.app.lab.at_the_arm import AT_HAND, define
+from rcmservo.app.lab.at_the_arm import AtHand, define, require_off
 from rcmservo.app.terminal import console
 from rcmservo.bringup.check import CheckReport, check, warm_up
 from rcmservo.bringup.motion import Mover
 from rcmservo.bringup.timing import Rhythm
-from rcmservo.bringup.wiring import Robot
+from rcmservo.bringup.wiring import Finding, Robot
 from rcmservo.config.checked import digest_of, forget_checked, note_checked
 from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
+from rcmservo.hardware.cameras.settings import known_latency
 from rcmservo.hardware.devices import ARMS, CAMERAS, open_arm, open_camera, wiring_of
 from rcmservo.live.lab import LabArm, LabCamera
 from rcmservo.live.realtime import realtime
 from rcmservo.live.terminal_person import Terminal
+from rcmservo.live.told_to_end import stopped_by_signals
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock
 from rcmservo.tracking import ColourMarkers
@@ -45,25 +46,6 @@ class RigOptions:
     """Print one JSON object: ok, findings[{what, where, found, expected, line}]."""
 
 
-class AtHand:
-    """A person at a terminal, whose answers count only where they were typed just now."""
-
-    def __init__(self, terminal: Terminal) -> None:
-        self._terminal = terminal
-
-    def tell(self, words: str) -> None:
-        """Say something that needs no answer."""
-        self._terminal.tell(words)
-
-    def ask(self, question: str) -> str:
-        """What the person answers to this question."""
-        while True:
-            answer = self._terminal.ask(question)
-            if time.monotonic_ns() - self._terminal.typed <= AT_HAND:
-                return answer
-            self.tell("That was typed a while ago; once more.")
-
-
 def rig_check(
     options: RigOptions,
     arm: Callable[[Lab], LabArm] = open_arm,
@@ -74,9 +56,10 @@ def rig_check(
     lab, digest = lab_of(options.file, data), digest_of(data)
     with told_with(options.file):
         lab.device("arm", ARMS)
-        latency = float(lab.device("camera", CAMERAS).latency)
+        latency = known_latency(lab.device("camera", CAMERAS))
         robot = Robot(lab.mechanism, lab.tool, wiring_of(lab))
-    with closing(Terminal()) as person:
+    with stopped_by_signals(), closing(Terminal()) as terminal:
+        person = AtHand(terminal)
         person.tell(f"rig check of {options.file}: connecting, with the drive off")
         warm_up(robot, lab.gate)
         clock, tracker, silence = WallClock(), ColourMarkers(lab.markers), lab.thresholds.silence
@@ -87,19 +70,26 @@ def rig_check(
         ):
             told = partial(trouble, eye)
             mover = Mover(joints, seen, seen, clock, robot, lab.gate, silence, told)
+            require_off(mover.plant)
             if not joints.homed():
                 define(person, mover.plant, lab)
-            try:
-                with realtime():
-                    report = check(mover, AtHand(person), robot, lab.thresholds, latency)
-            except BaseException:
-                forget_checked(digest)
-                raise
-    (note_checked if report.ok else forget_checked)(digest)
+            forget_checked(digest)
+            with realtime():
+                report = check(mover, person, robot, lab.thresholds, latency)
+    if joints.why_off:
+        right = "off when the check ends, by its own word"
+        report.findings.append(Finding("the arm ended otherwise", "arm", joints.why_off, right))
+    return concluded(options, report, robot, digest)
+
+
+def concluded(options: RigOptions, report: CheckReport, robot: Robot, digest: str) -> int:
+    """Print the report, and note a file that passed; the exit code."""
     if options.json:
         print(json.dumps({"ok": report.ok, "findings": [asdict(one) for one in report.findings]}))
     else:
         show(report, robot, console(False))
+    if report.ok:
+        note_checked(digest)
     return 0 if report.ok else 1
 
 
@@ -147,6 +137,8 @@ def measured(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
         rows.append(("drives lag", f"{1e3 * report.lag:.0f} ms"))
     if report.undecided:
         rows.append(("told apart by asking only", "\n".join(report.undecided)))
+    if report.unclear:
+        rows.append(("may be wrong unseen", "\n".join(report.unclear)))
     return rows
 
 

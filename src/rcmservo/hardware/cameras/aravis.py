@@ -116,7 +116,8 @@ class AravisStream:
                 self._library.release(thing)
 
     def _set_up(self, s: AravisSettings) -> None:
-        """Set what is given, and read it back."""
+        """Set what is given, and read it back. How fast frames can come depends on how long one is
+        exposed, and some cameras expose for less where they must come faster."""
         call, camera = self._library.call, self._camera
         call("camera_set_range_check_policy", camera, CHECKED)
         self._choose_format()
@@ -134,14 +135,15 @@ class AravisStream:
             if given is not None and call(f"camera_is_{auto}_auto_available", camera):
                 call(f"camera_set_{what}_auto", camera, OFF)
         wanted = (
-            ("frame_rate", "frame_rate", s.frame_rate, 1.0, 0.01),
             ("exposure", "exposure_time", s.exposure, 1e6, 0.05),
             ("gain", "gain", s.gain, 1.0, 0.05),
+            ("frame_rate", "frame_rate", s.frame_rate, 1.0, 0.01),
         )
-        for name, what, value, unit, near in wanted:
-            if value is not None:
-                call(f"camera_set_{what}", camera, value * unit)
-                require_taken(name, value, call(f"camera_get_{what}", camera) / unit, near)
+        given = [(name, key, v, unit, near) for name, key, v, unit, near in wanted if v is not None]
+        for _, what, value, unit, _ in given:
+            call(f"camera_set_{what}", camera, value * unit)
+        for name, what, value, unit, near in given:
+            require_taken(name, value, call(f"camera_get_{what}", camera) / unit, near)
         if call("camera_is_gv_device", camera):
             call("camera_gv_set_packet_size", camera, s.bytes_of_packet)
             size = call("camera_gv_get_packet_size", camera)

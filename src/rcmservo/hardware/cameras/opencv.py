@@ -23,6 +23,8 @@ OPEN_WITHIN = 3000
 """ms within which an address must answer."""
 READ_WITHIN = 2000
 """ms within which its next picture must come."""
+DEVICE_WITHIN = "2"
+"""s within which a device's next picture must come; OpenCV reads it once in a process."""
 LOOK = 100_000_000
 """ns after which somebody may want to close a file whose next frame is not due."""
 MANUAL = 1
@@ -47,6 +49,7 @@ class OpencvStream:
         self._settings = settings
         os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = UNBUFFERED if settings.remote else ""
         os.environ["OPENCV_FFMPEG_LOGLEVEL"] = "-8"
+        os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", DEVICE_WITHIN)
         cv2.utils.logging.setLogLevel(0)
         self._capture: Any = _capture(settings)
         if not self._capture.isOpened():

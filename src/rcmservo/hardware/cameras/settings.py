@@ -139,11 +139,18 @@ class TopicSettings:
 CameraSettings = OpencvSettings | AravisSettings | TopicSettings
 
 
+def known_latency(settings: CameraSettings) -> float | None:
+    """s by which its frames are late, as its section says; None where nobody has measured it and no
+    stamp of an exposure tells it."""
+    stamped = isinstance(settings, TopicSettings)
+    return settings.latency if stamped or settings.latency > 0.0 else None
+
+
 def require_latency(settings: CameraSettings) -> None:
-    """Refuse a camera whose latency nobody has measured, if it does not tell it by its stamps."""
+    """Refuse a camera whose latency nobody has measured."""
     right = "more than 0 s: `rcmservo rig check` measures it"
-    told = isinstance(settings, TopicSettings)
-    require(told or settings.latency > 0.0, "camera.latency", settings.latency, right)
+    known = known_latency(settings) is not None
+    require(known, "camera.latency", settings.latency, right)
 
 
 def _latency(latency: float) -> None:

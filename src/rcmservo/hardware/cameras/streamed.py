@@ -17,7 +17,7 @@ from rcmservo.live.lab import CameraAccount
 AGAIN = 1.0
 """s between two attempts to open a camera that was lost."""
 SILENT = 1.0
-"""s without a frame after which that is a trouble."""
+"""s without a whole frame after which that is a trouble."""
 PATIENCE = 10.0
 """s in which a driver comes back from the camera, whatever it waits for."""
 
@@ -43,7 +43,8 @@ class Snapshot:
     spoilt: int = 0
     """Those before it that came incomplete."""
     uncertainty: float = float("nan")
-    """s, how well the exposure is known; NaN where the camera tells no times."""
+    """s, how well the exposure is known; NaN where the camera tells no times, or those of another
+    computer's clock."""
 
 
 class CameraStream(Protocol):
@@ -68,7 +69,7 @@ class StreamedCamera:
     ) -> None:
         self._opened, self._lasting, self._again = opened, lasting, again
         self._frame: Frame | None = None
-        self._number, self._heard = -1, time.monotonic()
+        self._number, self._heard, self._torn = -1, time.monotonic(), 0
         self._account = CameraAccount()
         self._error: Exception | None = None
         self._over = threading.Event()
@@ -85,9 +86,11 @@ class StreamedCamera:
     def account(self) -> CameraAccount:
         """What became of its frames so far."""
         silent = time.monotonic() - self._heard
-        if not self._account.trouble and silent > SILENT:
-            return replace(self._account, trouble=f"no frame has come for {silent:.0f} s")
-        return self._account
+        if self._account.trouble or silent <= SILENT:
+            return self._account
+        torn = f": {self._torn} came incomplete" if self._torn else ""
+        trouble = f"no whole frame has come for {silent:.0f} s{torn}"
+        return replace(self._account, trouble=trouble)
 
     def close(self) -> None:
         """Let the camera go."""
@@ -128,13 +131,15 @@ class StreamedCamera:
 
     def _take(self, shot: Snapshot) -> None:
         """Make a picture the newest frame, and keep account of it."""
-        then, account, self._heard = self._frame, self._account, time.monotonic()
+        then, account = self._frame, self._account
         self._number += 1 + shot.missed + shot.passed + shot.spoilt
         image, trouble = shot.image, ""
         known = None if then is None else then.image
         if image is not None and known is not None and image.shape != known.shape:
             image, trouble = None, "pictures come of another size than before"
+        self._torn += shot.spoilt + (image is None)
         if image is not None:
+            self._heard, self._torn = time.monotonic(), 0
             self._frame = Frame(self._number, shot.exposure, shot.arrival, image=image)
         self._note(
             frames=account.frames + shot.passed + (image is not None),

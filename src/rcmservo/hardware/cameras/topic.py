@@ -1,5 +1,6 @@
 """A camera whose pictures come on a ROS topic. Their stamps are when they were exposed, in calendar
-time: within one computer it differs from the clock here by what is read in one go.
+time: within one computer it differs from the clock here by what is read in one go; by how much two
+computers' clocks differ nobody measures.
 
 Pictures are not sent again where they were lost, and bear no numbers: what never came is not known.
 """
@@ -34,6 +35,9 @@ CONVERT = {
     "mono8": cv2.COLOR_GRAY2BGR,
     "8UC1": cv2.COLOR_GRAY2BGR,
 }
+
+JPEG, JPEG_PIXELS, JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"
+"""Marks in a JPEG file: where it begins, where its pixels do, and its end."""
 
 
 def topic_camera(settings: TopicSettings) -> StreamedCamera:
@@ -90,15 +94,19 @@ class TopicStream:
         real, after = self._real(), self._now()
         with self._told:
             self._passed += self._waiting is not None
-            self._waiting = said, after, real, (after - before) * 1e-9
+            self._waiting = said, after, real, self._known((after - before) * 1e-9)
             self._told.notify_all()
+
+    def _known(self, read: float) -> float:
+        """s, how well the stamp is known on the clock here, which was read in so many s."""
+        here = self._settings.ros == 2 and self._settings.interface == "lo"
+        return read if here else float("nan")
 
     def _image(self, said: PlainImage | CompressedImage) -> Image | None:
         """Blue-green-red; None of what is damaged."""
         try:
             if isinstance(said, CompressedImage):
-                bytes_ = np.frombuffer(said.data, np.uint8)
-                return cast(Any, cv2.imdecode(bytes_, cv2.IMREAD_COLOR)) if len(bytes_) else None
+                return _unpacked(said.data)
             return self._plain(said)
         except cv2.error:
             return None
@@ -117,3 +125,12 @@ class TopicStream:
         pixels = rows.reshape(said.height, said.width, channels)
         code = CONVERT.get(said.encoding)
         return pixels if code is None else cast(Any, cv2.cvtColor(pixels, code))
+
+
+def _unpacked(data: bytes) -> Image | None:
+    """The picture in an image file. What half a JPEG file lacks OpenCV 4.10 and 4.11 fill with the
+    picture before; a whole one has its end mark behind its last pixels, and never among them."""
+    cut = data[:2] == JPEG and data.rfind(JPEG_END) < data.rfind(JPEG_PIXELS)
+    if cut or not data:
+        return None
+    return cast(Any, cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR))

@@ -9,14 +9,15 @@ have no watchdog: one goes to where it was asked to be last, within its lead, an
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from rcmservo.errors import one_line
 from rcmservo.hardware.crtk import messages as m
-from rcmservo.hardware.crtk.hearsay import ENABLED, Hearsay, ToldJoints
+from rcmservo.hardware.crtk.account import CommandAccount
+from rcmservo.hardware.crtk.hearsay import ENABLED, FRESH, Hearsay, ToldJoints
 from rcmservo.hardware.crtk.lead import Lead
 from rcmservo.hardware.crtk.settings import CrtkSettings
 from rcmservo.hardware.crtk.transport import Transport
@@ -24,37 +25,22 @@ from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.live.lab import NotReady
 from rcmservo.method.kinematics import JointLimits
 
-FRESH = 50_000_000
-"""ns for which the arm's last place is good enough to move from."""
 BEGIN = 1_000_000_000
 """ns after it was enabled within which commands must begin."""
 FOUND_WITHIN = 10.0
 """s within which its topics must be heard."""
 AGAIN = 100_000_000
 """ns after which an arm that is to be off is told so again,"""
-INSIST = 2_000_000_000
-"""ns, and for how long."""
+OVERDUE = 2_000_000_000
+"""ns, and after which a person is to see to it."""
 WATCH = 0.005
 """s between two looks at the deadline."""
 FOREIGN = 500_000_000
 """ns after which what somebody else sent counts no more."""
 
-
-@dataclass(frozen=True)
-class CommandAccount:
-    """What became of all commands that would move."""
-
-    sent: int = 0
-    """Those that went out to the arm."""
-    withheld: int = 0
-    """Those that were good and did not go out: the arm's place was not known, or it was not
-    heard."""
-    refused: int = 0
-    """Those that were void: late, repeated, not finite, or with the drive off."""
-    warned: int = 0
-    """How often the arm warned: it refuses a command whole."""
-    stale: int = 0
-    """Words of the arm that could not be believed."""
+HOMES_ITSELF = "knows where it stands from its own homing: home it there"
+JUMPED = "told a place far from where it was asked to be, or stands beyond a limit"
+"""Of an arm whose next setpoint would be a jump."""
 
 
 class CrtkArm:
@@ -78,7 +64,8 @@ class CrtkArm:
         self._wrist: tuple[float, ...] = ()
         self._account, self._why = CommandAccount(), ""
         self._having, self._number, self._deadline, self._silent = False, -1, 0, False
-        self._off_from = self._off_until = self._foreign = 0
+        self._off_since = self._off_said = self._foreign = 0
+        self._insisting = self._overdue = False
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="crtk", daemon=True)
         try:
@@ -91,7 +78,10 @@ class CrtkArm:
     @property
     def why_off(self) -> str:
         """Why the drive went off by itself, in a sentence; empty where it did not."""
-        return self._hearsay.trouble or self._why
+        on = f"{self._name} does not say that it is off: use its emergency stop"
+        return "; ".join(
+            filter(None, (self._hearsay.trouble or self._why, on if self._overdue else ""))
+        )
 
     def account(self) -> CommandAccount:
         """What became of all commands so far."""
@@ -99,23 +89,27 @@ class CrtkArm:
             return replace(self._account, warned=self._hearsay.warnings, stale=self._hearsay.stale)
 
     def homed(self) -> bool:
-        """Whether the arm says that it knows where it stands."""
-        with self._told:
-            return self._hearsay.state is not None and self._hearsay.state.is_homed
+        """Whether the arm says that it knows where it stands: if not, :class:`NotReady`, for no
+        person can say it."""
+        state = self._hearsay.state
+        if state is not None and not state.is_homed:
+            raise NotReady(f"{self._name} {HOMES_ITSELF}")
+        return state is not None
 
     def define(self, q: Floats) -> None:
         """No: the arm homes itself."""
-        raise NotReady(f"{self._name} knows where it stands from its own homing: home it there")
+        raise NotReady(f"{self._name} {HOMES_ITSELF}")
 
     def enable(self) -> None:
         """Switch the drive on, at rest; if that fails, off again."""
         with self._told:
             self._ready()
-            self._why, self._off_until, self._silent = "", 0, False
+            self._why, self._silent = "", False
+            self._insisting = self._overdue = False
             try:
                 if self._hearsay.state is not None and self._hearsay.state.state == ENABLED:
                     self._say("disable")
-                    self._await(lambda: not self._hearsay.on, "does not switch off")
+                    self._await(lambda: not self._hearsay.powered, "does not switch off")
                 self._say("enable")
                 self._await(lambda: self._hearsay.on, "does not switch on")
                 here = self._awaited()
@@ -167,8 +161,9 @@ class CrtkArm:
         with self._told:
             if self._having:
                 self._off("")
-            if self._off_until:
-                self._told.wait_for(lambda: not self._hearsay.on, self.settings.answer_within)
+            if self._insisting:
+                within = self.settings.answer_within
+                self._overdue = not self._told.wait_for(lambda: not self._hearsay.powered, within)
         self._over.set()
         self._thread.join()
         self._transport.close()
@@ -176,6 +171,12 @@ class CrtkArm:
     @property
     def _name(self) -> str:
         return self.settings.namespace
+
+    @property
+    def _last_words(self) -> str:
+        """What it warned of last, to be added to a sentence."""
+        warned = self._hearsay.warning
+        return f"; it said last: {one_line(warned)}" if warned else ""
 
     def _listen(self) -> None:
         """Hear the arm until it has said where and how it is, and hears us."""
@@ -196,17 +197,13 @@ class CrtkArm:
                 s = self.settings
                 where = f"ROS 2, domain {s.domain} on {s.interface}" if s.ros == 2 else "ROS 1"
                 raise NotReady(self._hearsay.trouble or f"{missing} by {where}")
-        for topic in (m.SERVO_JP, m.SERVO_JV):
+        for topic in m.MOTIONS:
             self._transport.subscribe(topic.under(self._name), self._hear_motion)
 
     def _missing(self, mine: list[m.Topic[Any]]) -> str:
         """What has not been found yet, in words; empty where all was."""
-        if self._hearsay.joints is None:
-            return f"nobody tells {self._name}/measured_js"
-        if self._hearsay.state is None:
-            return f"nobody tells {self._name}/operating_state"
         deaf = [topic.name for topic in mine if not self._transport.listeners(topic)]
-        return f"nobody hears {deaf[0]}" if deaf else ""
+        return self._hearsay.missing or (f"nobody hears {deaf[0]}" if deaf else "")
 
     def _hear_joints(self, said: m.JointState, writer: str) -> None:
         with self._told:
@@ -216,18 +213,18 @@ class CrtkArm:
     def _hear_state(self, said: m.OperatingState, writer: str) -> None:
         with self._told:
             self._hearsay.hear_state(said, writer, self._real())
-            if self._having and not self._hearsay.on:
+            if self._having and self._hearsay.powered and not self._hearsay.on:
+                self._off(f"{self._name} is no longer homed, and it was switched off")
+            elif self._having and not self._hearsay.on:
                 self._having = False
-                warned = self._hearsay.warning
-                words = f"; it said last: {one_line(warned)}" if warned else ""
-                self._why = f"{self._name} went {said.state} by itself{words}"
+                self._why = f"{self._name} went {said.state} by itself{self._last_words}"
             self._believe()
 
     def _hear_warning(self, said: m.StringStamped, writer: str) -> None:
         with self._told:
             self._hearsay.hear_warning(said, writer)
 
-    def _hear_motion(self, said: m.JointState, writer: str) -> None:
+    def _hear_motion(self, said: m.RosMessage, writer: str) -> None:
         """Somebody else would move the arm."""
         with self._told:
             self._foreign = self._now()
@@ -251,8 +248,8 @@ class CrtkArm:
         if state is None or not state.is_homed:
             raise NotReady(f"{self._name} is not homed: home it with its own software")
         if state.state not in ("DISABLED", ENABLED):
-            words = f"; it said last: {one_line(hearsay.warning)}" if hearsay.warning else ""
-            raise NotReady(f"{self._name} is {state.state}: a person must clear that first{words}")
+            words = f"{self._name} is {state.state}: a person must clear that first"
+            raise NotReady(words + self._last_words)
         if self._foreign and self._now() - self._foreign < FOREIGN:
             raise NotReady(f"somebody else moves {self._name}: end that first")
 
@@ -263,16 +260,16 @@ class CrtkArm:
 
     def _awaited(self) -> ToldJoints:
         """Where it is, as soon as it says so."""
-        self._await(lambda: self._here() is not None, "does not say where it is")
+        doubt = self._hearsay.doubts.get(m.MEASURED_JS.name)
+        words = "does not say where it is" + (f": {doubt}" if doubt else "")
+        self._await(lambda: self._here() is not None, words)
         told = self._hearsay.joints
         assert told is not None
         return told
 
     def _await(self, reached: Callable[[], bool], otherwise: str) -> None:
         if not self._told.wait_for(reached, self.settings.answer_within):
-            warned = self._hearsay.warning
-            words = f"; it said last: {one_line(warned)}" if warned else ""
-            raise NotReady(f"{self._name} {otherwise}{words}")
+            raise NotReady(f"{self._name} {otherwise}{self._last_words}")
 
     def _valid(self, command: Command) -> bool:
         return (
@@ -287,17 +284,27 @@ class CrtkArm:
     def _moved(self, rates: Floats) -> Floats | None:
         """Send what these rates come to; what is taken of them, None where nothing went out."""
         told = self._here()
+        if self.settings.jv:
+            sent = self._sent_speeds(np.zeros(3) if told is None else rates)
+            return rates.copy() if sent and told is not None else None
         if told is None:
             return None
         now, stamp = self._now(), self._real()
-        if self.settings.jv:
-            still = (*m.in_rad_and_m(rates, self._signs), *(0.0 for _ in self._wrist))
-            said = m.JointState(stamp, told.name, velocity=still)
-            return rates.copy() if self._publish(said) else None
         measured = m.in_rad_and_mm(told.position, self._signs)
-        setpoint, took = self._lead.step(rates, measured, now)
+        step = self._lead.step(rates, measured, now)
+        if step is None:
+            self._off(f"{self._name} {JUMPED}, and it was switched off")
+            return None
+        setpoint, took = step
         position = (*m.in_rad_and_m(setpoint, self._signs), *self._wrist)
         return took if self._publish(m.JointState(stamp, told.name, position)) else None
+
+    def _sent_speeds(self, rates: Floats) -> bool:
+        """Whether these rates went out."""
+        told = self._hearsay.joints
+        names = () if told is None else told.name
+        velocity = (*m.in_rad_and_m(rates, self._signs), *(0.0 for _ in self._wrist))
+        return self._publish(m.JointState(self._real(), names, velocity=velocity))
 
     def _publish(self, said: m.JointState) -> bool:
         return self._transport.publish(self._motion.under(self._name), said)
@@ -307,10 +314,16 @@ class CrtkArm:
         self._transport.publish(m.STATE_COMMAND.under(self._name), said)
 
     def _off(self, why: str) -> None:
-        """Have it no more, and have it switched off."""
+        """Have it no more, and have it switched off: one that goes on by its last speed first comes
+        to rest."""
+        if self._having and self.settings.jv:
+            self._sent_speeds(np.zeros(3))
         self._having, self._silent, self._why = False, False, why or self._why
-        self._off_from = self._now()
-        self._off_until = self._off_from + INSIST
+        self._insisting, self._off_since = True, self._now()
+        self._say_off()
+
+    def _say_off(self) -> None:
+        self._off_said = self._now()
         self._say("disable")
 
     def _watch(self) -> None:
@@ -326,8 +339,8 @@ class CrtkArm:
             return
         if self._having and not now <= self._deadline:
             self._off(f"no command came in time, and {self._name} was switched off")
-        elif now < self._off_until and self._hearsay.on and now - self._off_from >= AGAIN:
-            self._off_from = now
-            self._say("disable")
-        elif self._off_until and not self._hearsay.on and now - self._off_from >= AGAIN:
-            self._off_until = 0
+        elif self._insisting and now - self._off_said >= AGAIN:
+            self._insisting = self._hearsay.powered
+            self._overdue = self._insisting and now - self._off_since >= OVERDUE
+            if self._insisting:
+                self._say_off()

@@ -8,7 +8,7 @@ import struct
 from typing import Any
 
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.crtk.messages import RosMessage, Said, parts_of
+from rcmservo.hardware.crtk.messages import NESTED, RosMessage, Said, lines_of, parts_of
 
 NUMBERS = {"bool": "?", "uint8": "B", "int32": "i", "uint32": "I", "float64": "d"}
 HEADER = [("int32", "sec"), ("uint32", "nanosec"), ("string", "frame_id")]
@@ -36,6 +36,9 @@ def _put(out: bytearray, form: str, value: Any) -> None:
         raw = value.encode() + b"\x00"
         _put(out, "uint32", len(raw))
         out += raw
+    elif form in NESTED:
+        for (part, _), one in zip(lines_of(NESTED[form]), value, strict=True):
+            _put(out, part, one)
     elif form.endswith("[]"):
         _put(out, "uint32", len(value))
         if form == "uint8[]":
@@ -81,6 +84,8 @@ class _Reader:
         """The next value."""
         if form == "string":
             return bytes(self._take(self.get("uint32"))).rstrip(b"\x00").decode()
+        if form in NESTED:
+            return tuple(self.get(part) for part, _ in lines_of(NESTED[form]))
         if form.endswith("[]"):
             return self._several(form, self.get("uint32"))
         letter = NUMBERS[form]

@@ -40,6 +40,8 @@ OLD = 1_000_000_000
 """ns after which nobody still wants what a state command says,"""
 OLD_MOTION = 200_000_000
 """ns, or a position."""
+CALMING = "disable", "pause", "fault"
+"""State commands that are taken however old they are."""
 START = 2_000_000_000
 """ns after the start in which what moves must bear a stamp: an "enable" without one may be an old
 one that is told to everybody who comes."""
@@ -126,7 +128,8 @@ class CrtkDevice:
         """Take what it shall be, if that is right."""
         word, age = said.string.strip().lower(), self._real() - said.stamp
         early = self._time - self._start < START
-        if (said.stamp and not abs(age) <= OLD) or (not said.stamp and early):
+        old = not abs(age) <= OLD if said.stamp else early
+        if old and word not in CALMING:
             self._warn(f"rejected {word}: it is old, or bears no stamp soon after the start")
             return
         match word, self.state:

@@ -17,6 +17,12 @@ from rcmservo.interfaces import Floats
 
 UNIT = np.array([1.0, 1.0, 1e-3])
 """rad, rad, m in one rad, rad, mm."""
+NESTED = {
+    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
+    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+}
+"""What the types have that are parts of messages: a value of one is a tuple of theirs."""
 
 
 class RosMessage(Protocol):
@@ -55,6 +61,21 @@ class JointState:
     """rad/s or m/s of each."""
     effort: tuple[float, ...] = ()
     """N m or N of each."""
+
+
+@dataclass(frozen=True)
+class PoseStamped:
+    """Where a tool shall be."""
+
+    ros: ClassVar[str] = "geometry_msgs/PoseStamped"
+    """Its type."""
+    parts: ClassVar[str] = "geometry_msgs/Pose pose"
+    """What it has."""
+
+    stamp: int
+    """ns of calendar time."""
+    pose: Any = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    """Position and quaternion, as the parts of `NESTED` are."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +179,12 @@ MEASURED_JS = Topic("measured_js", JointState)
 SETPOINT_JS = Topic("setpoint_js", JointState)
 SERVO_JP = Topic("servo_jp", JointState)
 SERVO_JV = Topic("servo_jv", JointState)
+MOTIONS: list[Topic[Any]] = [
+    *(Topic(f"{what}_j{of}", JointState, lossy=True) for what in ("servo", "move") for of in "pr"),
+    *(Topic(f"servo_j{of}", JointState, lossy=True) for of in "vf"),
+    *(Topic(f"{what}_cp", PoseStamped, lossy=True) for what in ("servo", "move")),
+]
+"""On which somebody may move an arm, heard whether it is sent again where it was lost or not."""
 OPERATING_STATE = Topic("operating_state", OperatingState, latched=True)
 STATE_COMMAND = Topic("state_command", StringStamped)
 WARNING = Topic("warning", StringStamped)
@@ -167,8 +194,13 @@ PICTURES = Topic("camera/image_raw", PlainImage, lossy=True)
 
 def parts_of(kind: type[RosMessage]) -> list[tuple[str, str]]:
     """Type and name of a message's parts behind the header."""
+    return lines_of(kind.parts)
+
+
+def lines_of(parts: str) -> list[tuple[str, str]]:
+    """Type and name in each line."""
     found: list[tuple[str, str]] = []
-    for line in kind.parts.splitlines():
+    for line in parts.splitlines():
         form, name = line.split()
         found.append((form, name))
     return found

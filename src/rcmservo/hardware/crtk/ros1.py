@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from rcmservo.errors import one_line
-from rcmservo.hardware.crtk.messages import RosMessage, Said, Topic, parts_of
+from rcmservo.hardware.crtk.messages import NESTED, RosMessage, Said, Topic, lines_of, parts_of
 from rcmservo.hardware.crtk.transport import Heard, NoTransport
 
 DEBIAN = "/usr/lib/python3/dist-packages"
@@ -23,7 +23,8 @@ SECOND = 1_000_000_000
 DEPTH = 10
 """Messages that wait to be sent."""
 SEQUENCES = "string[]", "float64[]"
-HEADER = "=" * 80 + "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+LINE = "=" * 80 + "\n"
+HEADER = LINE + "MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
 
 
 @functools.cache
@@ -50,7 +51,8 @@ def rospy() -> Any:
 def made(kind: type[RosMessage]) -> Any:
     """rospy's class for messages of a kind."""
     dynamic: Any = import_module("genpy.dynamic")
-    text = f"std_msgs/Header header\n{kind.parts}\n{HEADER}"
+    inner = "".join(f"{LINE}MSG: {ros}\n{parts}\n" for ros, parts in NESTED.items())
+    text = f"std_msgs/Header header\n{kind.parts}\n{HEADER}{inner}"
     return dynamic.generate_dynamic(kind.ros, text)[kind.ros]
 
 
@@ -65,8 +67,8 @@ class Ros1:
     def publish(self, topic: Topic[Said], message: Said) -> bool:
         out: Any = made(topic.kind)()
         out.header.stamp = self._ros.Time(*divmod(message.stamp, SECOND))
-        for _, name in parts_of(topic.kind):
-            setattr(out, name, getattr(message, name))
+        for form, name in parts_of(topic.kind):
+            _fill(out, form, name, getattr(message, name))
         try:
             self._writer(topic).publish(out)
         except self._ros.ROSException:
@@ -114,9 +116,20 @@ class Ros1:
 
 def _told(kind: type[Said], came: Any) -> Said:
     """A message of rospy's as plain data."""
-    values = {
-        name: tuple(getattr(came, name)) if form in SEQUENCES else getattr(came, name)
-        for form, name in parts_of(kind)
-    }
+    values = {name: _plain(form, getattr(came, name)) for form, name in parts_of(kind)}
     build: Any = kind
     return build(stamp=came.header.stamp.to_nsec(), **values)
+
+
+def _plain(form: str, came: Any) -> Any:
+    if form in NESTED:
+        return tuple(_plain(part, getattr(came, name)) for part, name in lines_of(NESTED[form]))
+    return tuple(came) if form in SEQUENCES else came
+
+
+def _fill(out: Any, form: str, name: str, value: Any) -> None:
+    if form not in NESTED:
+        setattr(out, name, value)
+        return
+    for (part, inner), one in zip(lines_of(NESTED[form]), value, strict=True):
+        _fill(getattr(out, name), part, inner, one)

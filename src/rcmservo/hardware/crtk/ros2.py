@@ -17,7 +17,14 @@ from typing import Any
 
 from rcmservo.errors import one_line
 from rcmservo.hardware.crtk.cdr import Malformed, packed, unpacked
-from rcmservo.hardware.crtk.messages import RosMessage, Said, Topic, parts_of
+from rcmservo.hardware.crtk.messages import (
+    NESTED,
+    RosMessage,
+    Said,
+    Topic,
+    lines_of,
+    parts_of,
+)
 from rcmservo.hardware.crtk.transport import Heard, NoTransport
 
 MODULES = "core", "domain", "idl.annotations", "idl.types", "pub", "qos", "sub", "topic", "_clayer"
@@ -178,6 +185,8 @@ def shape(dds: Any, kind: type[RosMessage]) -> Any:
     types = dds.idl.types
 
     def described(form: str) -> Any:
+        if form in NESTED:
+            return struct(form, **{name: described(part) for part, name in lines_of(NESTED[form])})
         name = form.removesuffix("[]")
         base = {"string": str, "bool": bool}.get(name) or getattr(types, name)
         return types.sequence[base] if form.endswith("[]") else base

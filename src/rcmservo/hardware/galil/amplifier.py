@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from rcmservo.errors import told
 from rcmservo.hardware.galil.data_record import LETTERS
+from rcmservo.hardware.galil.wire import Conversation, Rejected
 from rcmservo.live.lab import NotReady
 
 ASKED = "MG _TA0,_TA1,_TA3"
@@ -20,6 +21,15 @@ SUPPLY = "over-current", "over-voltage", "over-temperature", "under-voltage"
 
 HALF = 4
 """Axes that share an amplifier."""
+
+
+def asked(talk: Conversation, axes: str) -> list[str]:
+    """What is wrong with the amplifiers of these axes, one sentence for each thing."""
+    try:
+        numbers = talk.numbers(ASKED)
+    except Rejected:  # of a controller without amplifiers of its own
+        return []
+    return errors(numbers, axes)
 
 
 def errors(numbers: Sequence[float], axes: str) -> list[str]:

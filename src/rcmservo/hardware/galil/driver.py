@@ -43,8 +43,8 @@ class GalilArm:
         try:
             talk = self._connected()
             messages = None if settings.serial else self._connected()
-            self._session = GalilSession(talk, messages, settings)
-            self._session.set_up(limits)
+            self._session = GalilSession(talk, messages, settings, limits)
+            self._session.set_up()
             self._measured = self._told(self._session.look())
         except BaseException:
             self._hang_up()

@@ -11,7 +11,7 @@ from rcmservo.hardware.galil.data_record import LETTERS
 from rcmservo.interfaces import Floats
 
 LEAST_RATE, MOST_RATE = 1024, 1073740800
-"""counts/s² that AC and DC take."""
+"""counts/s² that AC and DC take, in steps of the least."""
 
 Joints = tuple[float, float, float]
 
@@ -79,6 +79,12 @@ class GalilSettings:
     def in_counts(self, joints: Joints) -> Floats:
         """Sizes of joint motions (3,) in counts, without signs."""
         return np.abs(np.array(joints) * np.array(self.counts))
+
+    def rest_time(self, speeds: Floats) -> float:
+        """s in which the controller brings axes with these counts/s (3,) to rest, by the DC that
+        it takes of the deceleration."""
+        slowing = self.in_counts(self.deceleration) // LEAST_RATE * LEAST_RATE
+        return float((speeds / slowing).max())
 
 
 def _numbers(name: str, values: Joints, least: float, most: float, signed: bool = False) -> None:

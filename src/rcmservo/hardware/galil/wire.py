@@ -26,6 +26,10 @@ LONGEST_ANSWER = 1 << 20
 """Bytes of one answer, more than the longest program has."""
 END = b"\r"
 
+REFUSED_WITHIN = 0.1
+"""s for which it is waited whether a download is refused: one that is taken is not answered before
+its end."""
+
 BEGIN = 1.0
 """s within which a controller at a serial port has told all that was asked before."""
 
@@ -169,6 +173,13 @@ class Conversation:
         """What an expression is on the controller."""
         return self.numbers(f"MG {expression}")[0]
 
+    def known(self, variable: str) -> float:
+        """A variable's value, 0 where there is none."""
+        try:
+            return self.number(variable)
+        except Rejected:
+            return 0.0
+
     def numbers(self, *commands: str) -> list[float]:
         """The numbers that the last command of a line tells, one at least."""
         answer = self.ask(*commands)[-1]
@@ -208,17 +219,29 @@ class Conversation:
         Some may be under way when it is told: have the motors off.
         """
         self._write("DL")
+        self._receive(min(REFUSED_WITHIN, self._seconds))
+        self._not_refused("DL")
         for line in lines:
             self._write(line)
             self._receive(0.0)
-            if self._heard.startswith(b"?"):
-                self._heard.clear()
-                raise self._rejected(line)
+            self._not_refused(line)
         self._write("\\")
-        first, second = self._answer(), self._answer()
+        answers = [self._answer() for _ in range(2)]
+        if None in answers:
+            raise self._download_rejected("DL")
         self._at_its_end(("DL",))
-        if first is None or second is None:
-            raise self._rejected("DL")
+
+    def _not_refused(self, line: str) -> None:
+        if self._heard.startswith(b"?"):
+            raise self._download_rejected(line)
+
+    def _download_rejected(self, line: str) -> Rejected:
+        """What answers the commands for which its lines were taken is let pass."""
+        end = self.now() + self._seconds
+        while self.now() < end:
+            self._receive(end - self.now())
+            self._heard.clear()
+        return self._rejected(line)
 
     def _send(self, commands: tuple[str, ...]) -> None:
         self._write(";".join(commands))

@@ -41,6 +41,7 @@ COMMANDS: dict[str, Execute] = {
     "TD": reports.of_axes(lambda _: 0.0),
     "TE": reports.of_axes(lambda axis: round(axis.reference) - round(axis.position)),
     "TH": reports.all_handles,
+    "TM": settings.set_sample_time,
     "TP": reports.of_axes(lambda axis: round(axis.position)),
     "TS": reports.tell_switches,
     "TT": reports.of_axes(lambda _: 0.0, 4),

@@ -82,6 +82,7 @@ class ControllerState:
         self.mark_unsolicited = False
         self.messages_to = "S"
         self.polarity = -1
+        self.sample_time = 1000.0
         self.handles = [0] * HANDLES
         self.messages: list[tuple[str, str]] = []
         self.amplifier = [0, 0, 0, 0]
@@ -182,7 +183,7 @@ _ALONE: dict[str, Callable[[ControllerState], float]] = {
     "_NO": lambda s: float(running(s)),
     "_BN": lambda s: float(SERIAL_NUMBER),
     "_BV": lambda s: float(len(s.axes)),
-    "_TM": lambda s: 1000.0,
+    "_TM": lambda s: s.sample_time,
     "_CN": lambda s: float(s.polarity),
     "_CW": lambda s: 1.0 if s.mark_unsolicited else 2.0,
     "_CF": lambda s: float(ord(s.messages_to)),

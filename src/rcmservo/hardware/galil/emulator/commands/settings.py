@@ -13,6 +13,8 @@ from rcmservo.hardware.galil.emulator.numbers import Refusal, listed, shown
 from rcmservo.hardware.galil.emulator.state import VARIABLES, Caller, ControllerState, Execute
 
 ARRAY_SPACE = 16000
+SAMPLE_TIMES = 125.0, 20000.0
+"""us that TM takes of four axes."""
 
 
 class Range(NamedTuple):
@@ -122,6 +124,18 @@ def set_polarity(state: ControllerState, rest: str, _: Caller) -> str:
         if value not in (-1.0, 1.0):
             raise Refusal(6)
         state.polarity = int(value)
+    return ""
+
+
+def set_sample_time(state: ControllerState, rest: str, _: Caller) -> str:
+    """TM: us of a sample, which are kept and told; here a sample stays what it is."""
+    first = split(rest)[0]
+    if first == "?":
+        return listed([state.sample_time], 4)
+    value = value_of(first, state)
+    if not SAMPLE_TIMES[0] <= value <= SAMPLE_TIMES[1]:
+        raise Refusal(6)
+    state.sample_time = value
     return ""
 
 

@@ -1,0 +1,71 @@
+"""`rig check` in a simulated lab: how often arm and camera answer, and how late they are."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+from rig_check_lab import Mistake, WrongLab
+
+from rcmservo.interfaces import Frame, Measured
+from rcmservo.method.kinematics import PitchYawRcm
+from rcmservo.sim import RigSettings
+from rcmservo.sim.cameras import Timing
+
+
+def test_the_rates_told_are_those_of_the_devices() -> None:
+    quick = RigSettings(mechanism=PitchYawRcm(), timing=Timing(frame_rate=180.0))
+    lab = WrongLab(Mistake(), seed=1, settings=quick)
+    measure, told = lab.arm.measure, [lab.arm.measure()]
+
+    def each_4_ms() -> Measured:
+        if lab.rig.clock.now() - told[0].time >= 4_000_000:
+            told[0] = measure()
+        return told[0]
+
+    lab.arm.measure = each_4_ms  # type: ignore[method-assign]
+    lab.person.instead = lambda asked: "no"
+    report = lab.check()
+    assert report.arm is not None and report.camera is not None
+    assert abs(report.arm.rate - 250.0) < 1.0 and report.arm.jitter < 1e-4
+    assert abs(report.camera.rate - 180.0) < 1.0 and report.camera.jitter < 1e-3
+    assert not lab.arm.enabled
+
+
+def dated(by: float) -> Callable[[Frame], Frame]:
+    """Frames that are told to be so many s late."""
+    return lambda frame: replace(frame, exposure=frame.arrival - round(by * 1e9))
+
+
+def test_latency_and_lag_are_those_of_the_camera_and_the_drives() -> None:
+    lab = WrongLab(Mistake(), seed=1, change=dated(0.0))
+    lab.latency = None
+    report = lab.check()
+    assert report.lateness is not None
+    assert abs(report.lateness.latency - 0.022) < 4.0 * report.lateness.within < 0.01
+    assert abs(report.lag - 0.024) < 0.01
+    assert [finding.where for finding in report.findings] == ["camera.latency"]
+    line = report.findings[0].line
+    assert abs(float(line.removeprefix("latency = ")) - 0.022) < 0.005
+    assert not report.ok
+
+
+def test_a_latency_that_nobody_measured_is_told_though_frames_are_hardly_late() -> None:
+    lab = WrongLab(Mistake(), seed=1)
+    lab.latency = None
+    report = lab.check()
+    assert [finding.where for finding in report.findings] == ["camera.latency"]
+
+
+def test_stamps_that_are_right_need_no_latency() -> None:
+    lab = WrongLab(Mistake(), seed=1)
+    lab.latency = 0.0
+    assert lab.check().ok
+
+
+def test_stamps_that_lie_before_the_exposures_are_told_without_a_line() -> None:
+    lab = WrongLab(Mistake(), seed=1, change=dated(0.042))
+    lab.latency = 0.0
+    (finding,) = lab.check().findings
+    assert finding.where == "camera.latency"
+    assert not finding.line
+    assert re.match(r"stamps 0\.02. s later", finding.expected)

@@ -1,0 +1,50 @@
+"""No huge pages are made of the memory of what must not wait, as the kernel tells it."""
+
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import pytest
+
+from rcmservo.live.child import Child, heard
+from rcmservo.live.memory import left_alone
+from rcmservo.live.realtime import realtime
+
+STATUS = Path("/proc/self/status")
+
+
+def huge() -> bool:
+    """Whether the kernel may make huge pages of this process's memory."""
+    line = next(line for line in STATUS.read_text().splitlines() if line.startswith("THP_enabled"))
+    return line.split()[1] == "1"
+
+
+pytestmark = pytest.mark.skipif(
+    not STATUS.exists() or "THP_enabled" not in STATUS.read_text(),
+    reason="this kernel does not tell whether it makes huge pages",
+)
+
+
+def tell_huge(control: Connection) -> None:
+    control.send(huge())
+    heard(control)
+
+
+@pytest.mark.parametrize("context", [left_alone, realtime])
+def test_memory_is_left_alone_in_it_and_afterwards_is_as_before(context) -> None:
+    before = huge()
+    with pytest.raises(KeyError), context():
+        assert not huge()
+        with left_alone():
+            pass
+        assert not huge()
+        raise KeyError
+    assert huge() == before
+
+
+def test_that_of_every_process_that_is_started_is_left_alone_for_good() -> None:
+    child = Child(get_context("spawn"), tell_huge)
+    try:
+        assert child.hear() is False
+    finally:
+        child.end()
