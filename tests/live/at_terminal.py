@@ -68,7 +68,8 @@ class AtTerminal:
         """What is shown up to these words, since those that were waited for last."""
         end = time.monotonic() + PATIENCE
         while words not in self.shown[self._read :]:
-            assert time.monotonic() < end and self._more(), self.shown
+            assert time.monotonic() < end, self.shown
+            assert self._more(), f"{self.shown}\nIt has ended: {self.process.communicate()[0]}"
         begin = self._read
         self._read = self.shown.index(words, begin) + len(words)
         return self.shown[begin : self._read]

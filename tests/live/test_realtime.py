@@ -262,6 +262,34 @@ def test_the_thread_never_makes_the_loop_wait_for_a_slow_tracker():
         done.set()
 
 
+def test_a_tracker_that_takes_long_for_its_first_frame_is_waited_for_and_a_silent_camera_is_not():
+    """The clock goes on once the tracker is at work, which ends half a minute later."""
+    at_work, later = threading.Event(), threading.Event()
+
+    class Going(Stepped):
+        def wait_until(self, time):
+            assert at_work.wait(PATIENCE)
+            super().wait_until(time)
+            if self.time >= 30 * 10**9:
+                later.set()
+
+    class Compiled(Scripted):
+        def find(self, frame):
+            at_work.set()
+            assert later.wait(PATIENCE)
+            return super().find(frame)
+
+    eye = Compiled()
+    eye.frame = picture(1)
+    with TrackingThread(eye, eye, Going()) as thread:
+        thread.wait_for(frames=1, patience=3.0)
+        assert thread.latest().number == 1
+    silent = Scripted()
+    with TrackingThread(silent, silent, Stepped()) as thread:
+        thread.wait_for(frames=1, patience=3.0)
+        assert thread.latest() is None
+
+
 class Breaking(Scripted):
     """A camera that gives so many frames and then fails."""
 

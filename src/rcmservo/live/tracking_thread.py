@@ -11,6 +11,7 @@ from types import TracebackType
 
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Camera, Clock, Explains, Frame, Markers, Tracker
+from rcmservo.loop.clock import ticks
 from rcmservo.loop.first_answer import look_at
 
 POLL = 0.001
@@ -36,6 +37,7 @@ class TrackingThread:
         self._taken: tuple[Frame, Markers | BadInput] | None = None
         self._forget = threading.Event()
         self._ended = threading.Event()
+        self._at_work, self._tracked = False, 0
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._work, name="markers", daemon=True)
 
@@ -77,6 +79,17 @@ class TrackingThread:
         """Forget where the markers were, before the next frame."""
         self._forget.set()
 
+    def wait_for(self, frames: int, patience: float) -> None:
+        """Return when so many frames have been tracked, however long the tracker takes, as it is
+        compiled for the first ones; or when the camera has given none for ``patience`` s."""
+        tracked, since = 0, self._clock.now()
+        for _ in ticks(self._clock, 1.0 / POLL):
+            if self._at_work or self._tracked > tracked:
+                tracked, since = self._tracked, self._clock.now()
+            silent = not self._clock.now() - since <= patience * 1e9
+            if tracked >= frames or silent or not self._thread.is_alive():
+                return
+
     def look(self) -> None:
         """Track the markers in the camera's newest frame, if it is new: what the thread does all
         the time."""
@@ -84,12 +97,14 @@ class TrackingThread:
         if frame is None or frame is self._newest:
             return
         look_at(self._camera, "latest", frame)
-        self._newest = frame
+        self._newest, self._at_work = frame, True
         if self._forget.is_set():
             self._forget.clear()
             self._tracker.reset()
         found = self._found(frame)
         self._offered = replace(frame, arrival=self._clock.now()), found
+        self._tracked += 1
+        self._at_work = False
 
     def _found(self, frame: Frame) -> Markers | BadInput:
         """The markers in a frame, or why it is refused."""

@@ -16,7 +16,7 @@ from rich.table import Table
 from rcmservo.app.lab.at_the_arm import AtHand, define, require_off
 from rcmservo.app.terminal import console
 from rcmservo.bringup.check import CheckReport, check, warm_up
-from rcmservo.bringup.motion import Mover
+from rcmservo.bringup.motion import PATIENCE, Mover
 from rcmservo.bringup.timing import Rhythm
 from rcmservo.bringup.wiring import Finding, Robot
 from rcmservo.config.checked import digest_of, forget_checked, note_checked
@@ -68,6 +68,7 @@ def rig_check(
             closing(camera(lab)) as eye,
             TrackingThread(eye, tracker, clock) as seen,
         ):
+            seen.wait_for(frames=2, patience=PATIENCE)  # one is searched, the next is followed
             told = partial(trouble, eye)
             mover = Mover(joints, seen, seen, clock, robot, lab.gate, silence, told)
             require_off(mover.plant)
