@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import pytest
 from numbered import NumberedCamera, frames_of, number_in, picture, wait_for
 
@@ -56,6 +57,20 @@ def test_a_picture_of_another_size_is_counted_and_left_out(tmp_path: Path) -> No
         frame, account = camera.latest(), camera.account()
         assert frame is not None and frame.number == COUNT - 1
         assert (account.frames, account.incomplete) == (COUNT - 1, 1)
+
+
+def test_the_colours_of_a_jpeg_are_spread_smoothly(tmp_path: Path) -> None:
+    """Each is there once for four pixels; FFmpeg repeats it, which tears small markers apart."""
+    ball = np.zeros((240, 320, 3), np.uint8)
+    cv2.circle(ball, (100, 100), 7, (200, 60, 20), -1)
+    jpeg = cv2.imencode(".jpg", ball, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
+    source = tmp_path / "ball.mjpeg"
+    source.write_bytes(3 * jpeg.tobytes())
+    with closing(opencv_camera(OpencvSettings(str(source), frame_rate=100.0))) as camera:
+        wait_for(lambda: "the file has ended" in camera.account().trouble)
+        frame = camera.latest()
+        assert frame is not None and camera.account().frames == 3
+        assert np.array_equal(frame.image, cv2.imdecode(jpeg, cv2.IMREAD_COLOR))
 
 
 @pytest.mark.alone

@@ -14,6 +14,7 @@ from typing import Any, cast
 import cv2
 import numpy as np
 
+from rcmservo.hardware.cameras.packed import unpacked
 from rcmservo.hardware.cameras.settings import OpencvSettings, require_taken
 from rcmservo.hardware.cameras.streamed import CameraLost, Snapshot, StreamedCamera
 from rcmservo.interfaces import Image
@@ -31,6 +32,9 @@ MANUAL = 1
 """V4L2's word for an exposure that the camera does not choose."""
 UNITS = 1e4
 """V4L2 counts exposures in 100 µs."""
+MOTION_JPEG = cv2.VideoWriter.fourcc(*"MJPG")
+PACKED = -1
+"""Format in which FFmpeg gives each picture's file as it came."""
 UNBUFFERED = "fflags;nobuffer|flags;low_delay"
 """What FFmpeg is told of the network, so that it keeps no frames back; a file's first ones would be
 lost by it."""
@@ -55,6 +59,7 @@ class OpencvStream:
         if not self._capture.isOpened():
             raise CameraLost(f"camera {settings.source}: cannot be opened{_why(settings)}")
         try:
+            self._packed = not settings.device and _packed(self._capture)
             self._period = self._set_up()
         except BaseException:
             self._capture.release()
@@ -76,6 +81,8 @@ class OpencvStream:
     def _image(self) -> Image | None:
         try:
             whole, image = self._capture.retrieve()
+            if whole and self._packed:
+                return unpacked(image.tobytes())
             return _colour(image) if whole else None
         except cv2.error:
             return None
@@ -126,6 +133,14 @@ def _capture(s: OpencvSettings) -> Any:
     if "%" in s.source:
         return cv2.VideoCapture(s.source, cv2.CAP_IMAGES)
     return cv2.VideoCapture(s.source, cv2.CAP_FFMPEG)
+
+
+def _packed(capture: Any) -> bool:
+    """Whether it gives JPEG files, as it is told to where it has them, and not what FFmpeg makes of
+    them."""
+    if int(capture.get(cv2.CAP_PROP_FOURCC)) != MOTION_JPEG:
+        return False
+    return bool(capture.set(cv2.CAP_PROP_FORMAT, PACKED))
 
 
 def _colour(image: Any) -> Image | None:

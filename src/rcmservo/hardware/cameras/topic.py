@@ -14,6 +14,7 @@ from typing import Any, cast
 import cv2
 import numpy as np
 
+from rcmservo.hardware.cameras.packed import unpacked
 from rcmservo.hardware.cameras.settings import TopicSettings
 from rcmservo.hardware.cameras.streamed import CameraLost, Snapshot, StreamedCamera
 from rcmservo.hardware.crtk.messages import CompressedImage, PlainImage, Topic
@@ -35,9 +36,6 @@ CONVERT = {
     "mono8": cv2.COLOR_GRAY2BGR,
     "8UC1": cv2.COLOR_GRAY2BGR,
 }
-
-JPEG, JPEG_PIXELS, JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"
-"""Marks in a JPEG file: where it begins, where its pixels do, and its end."""
 
 
 def topic_camera(settings: TopicSettings) -> StreamedCamera:
@@ -106,7 +104,7 @@ class TopicStream:
         """Blue-green-red; None of what is damaged."""
         try:
             if isinstance(said, CompressedImage):
-                return _unpacked(said.data)
+                return unpacked(said.data)
             return self._plain(said)
         except cv2.error:
             return None
@@ -125,12 +123,3 @@ class TopicStream:
         pixels = rows.reshape(said.height, said.width, channels)
         code = CONVERT.get(said.encoding)
         return pixels if code is None else cast(Any, cv2.cvtColor(pixels, code))
-
-
-def _unpacked(data: bytes) -> Image | None:
-    """The picture in an image file. What half a JPEG file lacks OpenCV 4.10 and 4.11 fill with the
-    picture before; a whole one has its end mark behind its last pixels, and never among them."""
-    cut = data[:2] == JPEG and data.rfind(JPEG_END) < data.rfind(JPEG_PIXELS)
-    if cut or not data:
-        return None
-    return cast(Any, cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR))
