@@ -89,6 +89,7 @@ def servoed(ros: int, seed: int) -> tuple[float, str]:
         TrackingThread(camera, ColourMarkers(default_markers()), clock) as eye,
         realtime(),
     ):
+        eye.wait_for(frames=2, patience=10.0)
         plant = Plant(arm, eye, eye, clock)
         brought(arm, clock, rig.scene.target)
         shown = arm.measure().q

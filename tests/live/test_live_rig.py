@@ -262,7 +262,7 @@ def test_it_goes_to_the_target_at_the_speed_that_its_file_has_earned(
         return folder, metrics
 
     folder, metrics = undisturbed(attempt, lambda run: run[1]["settled"])
-    assert metrics["settled"], metrics
+    assert metrics["settled"], json.dumps(metrics)
     assert metrics["simulated"] is False and "pose_error_mm" not in metrics
     assert metrics["camera"]["frames"] > 100 and (folder / "target.json").is_file()
     record = read(folder / "out")

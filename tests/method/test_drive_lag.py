@@ -83,9 +83,11 @@ def test_a_drive_that_follows_at_once_or_is_told_late_is_believed_to(early: floa
     assert tour.lag == SHORTEST == lag_of(tour.rows[0], 0.0)
 
 
-def went(lag: float, thresholds: Thresholds) -> tuple[set[Cause], float]:
+def went(
+    lag: float, thresholds: Thresholds, delay: float = Drive().delay
+) -> tuple[set[Cause], float]:
     """Why an arm with such drives stopped, and s of lag that it measured."""
-    settings = RigSettings(drive=Drive(lag=lag), point_noise=0.1)
+    settings = RigSettings(drive=Drive(delay, lag), point_noise=0.1)
     rig = Rig(1, settings, pictures=False)
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.show_target()
@@ -108,3 +110,13 @@ def test_a_slower_one_needs_its_lag_told_and_a_wrong_one_stops_it() -> None:
     assert not went(0.12, Thresholds(drive_lag=0.12))[0]
     assert went(0.06, Thresholds(drive_lag=0.01))[0] == {Cause.NOT_FOLLOWING}
     assert LONGEST > 0.12
+
+
+@pytest.mark.parametrize("delay", [0.02, 0.04])
+def test_an_arm_that_obeys_late_swings_about_no_corner_of_its_exploration(delay: float) -> None:
+    """Unless the joints brake as long before it, they pass it one by one, and never meet there."""
+    lag = 0.02
+    for known in (0.0, lag + delay):
+        causes, measured = went(lag, Thresholds(drive_lag=known), delay)
+        assert not causes
+        assert measured == pytest.approx(lag + delay, rel=0.25)

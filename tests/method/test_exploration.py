@@ -147,7 +147,7 @@ def drive(rcm, q, visits, dt=0.01):
             if tour.visits % len(CORNERS) == 0:
                 box(tour.rows[0], rcm.rcm(), FASTEST, 0.0, x)
             face(tour.rows[0])
-        q = q + towards(tour.rows[0], FASTEST, q, x) * dt
+        q = q + towards(tour.rows[0], FASTEST, q, 0.0, x) * dt
         assert np.all(q >= rcm.limits.lower) and np.all(q <= rcm.limits.upper)
     return tour, there
 
@@ -211,8 +211,8 @@ def test_wherever_the_tool_stands_within_the_margins_there_is_room():
 def test_at_the_corner_itself_nothing_moves_and_far_from_it_the_slowest_joint_at_its_speed():
     tour = begun(PitchYawRcm(), np.array([0.1, 0.2, 100.0]))
     x, corner = as_row(Exploration())[0], corners(tour.home, tour.sides)[0]
-    assert not towards(tour.rows[0], FASTEST, corner, x).any()
-    rates = towards(tour.rows[0], FASTEST, corner - [1.0, -1.0, 50.0], x)
+    assert not towards(tour.rows[0], FASTEST, corner, 0.0, x).any()
+    rates = towards(tour.rows[0], FASTEST, corner - [1.0, -1.0, 50.0], 0.0, x)
     np.testing.assert_allclose(rates, Exploration.share * FASTEST * [1.0, -1.0, 1.0])
 
 

@@ -123,7 +123,7 @@ def touring(kind, rcm, q):
         tour.rows["visits"] = visits
         out[f"room {kind} {visits}"] = exploration.box(row, rcm, fastest, 0.01, x)
         out[f"sides {kind} {visits}"] = tour.sides.copy()
-        out[f"towards {kind} {visits}"] = exploration.towards(row, fastest, q + 0.01, x)
+        out[f"towards {kind} {visits}"] = exploration.towards(row, fastest, q + 0.01, 0.0, x)
         out[f"arrived {kind} {visits}"] = exploration.arrived(row, q + 0.9 * tour.sides)
     out[f"span {kind}"] = exploration.span(rcm, q, tour.sides)
     out[f"overdue {kind}"] = exploration.overdue(row, 10**12, x)

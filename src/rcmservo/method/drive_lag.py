@@ -76,6 +76,15 @@ def measure_lag(d: DriveLag) -> None:
 
 
 @compiled
+def lag_so_far(d: DriveLag, known: float) -> float:
+    """T in s: as `known`, or where that is 0 as the motion that is under way tells it; 0 where
+    nothing has moved yet."""
+    if known > 0.0:
+        return known
+    return min(max(d.slope[0] / d.slope[1], 0.0), LONGEST) if d.slope[1] > 0.0 else 0.0
+
+
+@compiled
 def lag_of(d: DriveLag, known: float) -> float:
     """T in s: as `known`, or where that is 0 as measured."""
     if known > 0.0:

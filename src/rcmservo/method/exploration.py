@@ -36,7 +36,8 @@ NEAR = 0.15
 """Share of a box's side by which a joint may be off a corner that counts as visited."""
 
 BRAKE = 0.03
-"""s from a corner from which on the joints go slower."""
+"""s from a corner from which on the joints go slower at least; as long as the drives lag at least,
+or they would swing about it."""
 
 
 @dataclass(frozen=True)
@@ -142,13 +143,13 @@ def span(rcm: Rcm, q: Floats, sides: Floats) -> float:
 
 
 @compiled
-def towards(tour: Exploring, fastest: Floats, q: Floats, x: Exploration) -> Floats:
-    """Joint rates (3,) towards the next corner."""
-    rates = np.empty(3)
+def towards(tour: Exploring, fastest: Floats, q: Floats, lag: float, x: Exploration) -> Floats:
+    """Joint rates (3,) towards the next corner, by drives that lag by so many s."""
+    rates, brake = np.empty(3), max(lag, BRAKE)
     for i in range(3):
         speed = x.share * fastest[i]
         way = tour.goal[i] - q[i]
-        rates[i] = min(max(way / BRAKE, -speed), speed)
+        rates[i] = min(max(way / brake, -speed), speed)
     return rates
 
 

@@ -23,7 +23,7 @@ from rcmservo.guard.watch import Told, unwatch, watch_estimate
 from rcmservo.interfaces import Floats
 from rcmservo.loops import put
 from rcmservo.method.controller import scaled
-from rcmservo.method.drive_lag import follow_drives, measure_lag
+from rcmservo.method.drive_lag import follow_drives, lag_so_far, measure_lag
 from rcmservo.method.exploration import (
     CORNERS,
     arrived,
@@ -110,7 +110,8 @@ def explore(s: Kept, v: Prospect, seen: Told, news: int, target: Floats, fixed: 
         return
     if arrived(tour, seen.q):
         visit(s, v, seen.q, target, fixed)
-    put(d.rates, towards(tour, c.fastest, seen.q, x))
+    lag = lag_so_far(tour, fixed.thresholds.drive_lag)
+    put(d.rates, towards(tour, c.fastest, seen.q, lag, x))
 
 
 @compiled
