@@ -15,7 +15,7 @@ from rig_check_lab import Mistake, Onlooker
 
 from rcmservo.app.lab.rig_check import trouble
 from rcmservo.bringup.check import CheckReport, check, warm_up
-from rcmservo.bringup.motion import Mover
+from rcmservo.bringup.motion import PATIENCE, Mover
 from rcmservo.bringup.wiring import Robot
 from rcmservo.config.rig_file import Lab
 from rcmservo.hardware.devices import open_arm, open_camera, wiring_of
@@ -110,6 +110,7 @@ class WrongEmulatedLab:
             eye = Mirror(eye) if wrong.mirrored else eye
             stack.callback(eye.close)
             seen = stack.enter_context(TrackingThread(eye, ColourMarkers(lab.markers), clock))
+            seen.wait_for(frames=2, patience=PATIENCE)
             silence, told = lab.thresholds.silence, partial(trouble, eye)
             mover = Mover(arm, seen, seen, clock, robot, lab.gate, silence, told)
             stack.enter_context(self.arm.looking(emulated.port))
