@@ -40,8 +40,7 @@ def main() -> int:
             WrongEmulatedLab(wrong, seed, chosen.camera) if chosen.camera else WrongLab(wrong, seed)
         )
         report = lab.check()
-        where = MISTAKES[name].where
-        right = where in [one.where for one in report.findings] if where else report.ok
+        right = wrong.named(report)
         near = lab.arm.farthest < FAR
         named[name] += right and near
         farthest[name] = max(farthest[name], lab.arm.farthest)

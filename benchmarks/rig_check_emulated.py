@@ -62,6 +62,7 @@ class Watched:
         self.rig, self.past = rig, list[Floats]()
         self.farthest = 0.0
         """mm that marker 2 went at most."""
+        self.q_true = rig.scene.start
         self._over = threading.Event()
 
     @contextmanager
@@ -80,7 +81,7 @@ class Watched:
         start, zero = self.rig.scene.start, host.places()
         home = self.rig.body.points(start)[1]
         while not self._over.wait(LOOK):
-            q = start + (host.places() - zero) / COUNTS
+            self.q_true = q = start + (host.places() - zero) / COUNTS
             self.past.append(q)
             gone = float(np.linalg.norm(self.rig.body.points(q)[1] - home))
             self.farthest = max(self.farthest, gone)

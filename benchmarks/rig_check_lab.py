@@ -44,6 +44,13 @@ class Mistake:
     """Factor of the markers' distance in the file."""
     counts: tuple[float, float, float] = COUNTS
     """True ones."""
+    also: str = ""
+    """Another setting that is to be named."""
+
+    def named(self, report: CheckReport) -> bool:
+        """Whether a check that came to its end names this, and nothing else."""
+        wrong = {self.where, self.also} - {""}
+        return report.done and {one.where for one in report.findings} == wrong
 
 
 class MiswiredArm:
@@ -148,19 +155,33 @@ class Onlooker:
             if other == "stop":
                 raise Stopped("ended by the person")
             return other
-        if "which way" in question:
-            return self._seen()
-        if "By the ruler" in question:
-            return f"{self.spacing:.1f}"
-        if "May the drive" in question:
-            return "enable"
-        assert question.startswith("Move joint"), question
-        return "yes"
+        looks = {
+            "which way": self._seen,
+            "how many mm": lambda: f"{self._went():.1f}",
+            "how far apart": lambda: f"{self.spacing:.1f}",
+            "where the tool goes in": lambda: f"{self._deep():.0f}",
+            "May the drive": lambda: "enable",
+            "Move joint": lambda: "yes",
+        }
+        return next(look for words, look in looks.items() if words in question)()
+
+    def _robot(self) -> Robot:
+        settings = self.arm.rig.settings
+        return Robot(settings.mechanism, settings.tool, Wiring(COUNTS))
+
+    def _deep(self) -> float:
+        """mm from the RCM to marker 1."""
+        return float(np.linalg.norm(self._robot().first(self.arm.q_true)))
+
+    def _went(self) -> float:
+        """mm that marker 2 went away from where it was, by a ruler of half millimetres."""
+        second = np.array([self.arm.rig.body.points(q)[1] for q in self.arm.past])
+        return round(2.0 * np.linalg.norm(second - second[0], axis=1).max()) / 2.0
 
     def _seen(self) -> str:
         """What the tool did when it went away from where it was."""
-        mechanism = self.arm.rig.settings.mechanism
-        robot = Robot(mechanism, self.arm.rig.settings.tool, Wiring(COUNTS))
+        robot = self._robot()
+        mechanism = robot.mechanism
         moved = np.array(self.arm.past) - self.arm.past[0]
         mm = moved / [robot.way(self.arm.past[0], joint) for joint in range(3)]
         row, joint = np.unravel_index(np.argmax(np.abs(mm)), mm.shape)
@@ -208,7 +229,9 @@ MISTAKES = {
     "joint 1 reversed": Mistake("arm.counts[0]", factors=(-1.0, 1.0, 1.0)),
     "joint 2 reversed": Mistake("arm.counts[1]", factors=(1.0, -1.0, 1.0)),
     "joint 3 reversed": Mistake("arm.counts[2]", factors=(1.0, 1.0, -1.0)),
-    "both angles reversed": Mistake("arm.counts[0]", factors=(-1.0, -1.0, 1.0)),
+    "both angles reversed": Mistake(
+        "arm.counts[0]", factors=(-1.0, -1.0, 1.0), also="arm.counts[1]"
+    ),
     "axes 1 and 2 swapped": Mistake("arm.axes", axes="BAC"),
     "axes 1 and 2 swapped, one counts down": Mistake(
         "arm.axes", axes="BAC", counts=(50000.0, -50000.0, 500.0)

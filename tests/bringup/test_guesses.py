@@ -10,6 +10,7 @@ from rcmservo.bringup.deciding import decided, findings
 from rcmservo.bringup.guesses import (
     COUNTS,
     SPACING,
+    ZERO,
     Guess,
     Weighed,
     believed,
@@ -94,34 +95,67 @@ def test_axes_that_change_places_take_the_signs_of_their_counts_with_them() -> N
 
 def test_each_guess_of_a_set_is_told_as_surely_as_its_own_number_is_known() -> None:
     left = believed(judge_all(ROBOT, views(2, Guess(wrong=SPACING, size=0.25))))
-    start = views(2, Guess()).q[0]
     for guess in (member for kind in left for member in members(kind)):
-        told = [one for one in findings(guess, ROBOT, start) if "%" in one.what + one.expected]
+        told = [one for one in findings(guess, ROBOT) if "%" in one.what + one.expected]
         assert told
         assert not any("to 0 %" in one.what + one.expected for one in told)
 
 
-def decided_by(*answers: str) -> tuple[list[Guess], Mute]:
-    """What is left of markers otherwise apart and the counts that look the same."""
-    spacing = Guess(wrong=SPACING, size=float(np.log(1.25)), within=0.01)
-    apart = Guess(wrong=COUNTS, joint=2, size=-spacing.size, within=0.01)
-    weighed, person = [Weighed(guess, 1.0) for guess in (spacing, apart)], Mute(*answers)
-    ways = ["away", "clockwise", "in"]
+def decided_by(*answers: str, among: list[Guess], mm: float = 1.0) -> tuple[list[Guess], Mute]:
+    """What is left of these by a ruler, by a person who sees which way each joint goes; joints are
+    shown over so many mm."""
+    weighed, person = [Weighed(guess, 1.0) for guess in among], Mute(*answers)
     start = np.array([0.3, 0.2, 100.0])
-    left = decided(
-        weighed, ROBOT, start, person, lambda joint: person.answers.insert(0, ways[joint])
-    )
-    return left, person
+
+    def show(joint: int) -> float:
+        if person.told[-1].startswith("Watch the tool"):
+            person.answers.insert(0, ["away", "clockwise", "in"][joint])
+        return mm * ROBOT.way(start, joint)
+
+    return decided(weighed, ROBOT, start, person, show), person
+
+
+APART = Guess(wrong=SPACING, size=float(np.log(1.25)), within=0.01)
+LONGER = Guess(wrong=COUNTS, joint=2, size=-APART.size, within=0.01)
 
 
 def test_a_ruler_that_agrees_with_no_guess_is_asked_for_again() -> None:
-    left, person = decided_by("33.5", "37.0")
+    left, person = decided_by("33.5", "37.0", among=[APART, LONGER])
     assert {guess.wrong for guess in left} == {SPACING}
     assert any("30 or 37.5" in words for words in person.told)
-    left, _ = decided_by("30.4")
+    left, _ = decided_by("30.4", among=[APART, LONGER])
     assert {guess.wrong for guess in left} == {COUNTS}
     with pytest.raises(Stopped, match="ruler"):
-        decided_by(*["50"] * 9)
+        decided_by(*["50"] * 9, among=[APART, LONGER])
+
+
+@pytest.mark.parametrize(("ruler", "wrong"), [("103", COUNTS), ("121", ZERO)])
+def test_a_ruler_tells_another_zero_from_an_angle_that_counts_otherwise(
+    ruler: str, wrong: str
+) -> None:
+    zero = Guess(wrong=ZERO, size=20.0, within=2.0)
+    angle = Guess(wrong=COUNTS, size=0.12, within=0.01)
+    left, _ = decided_by(ruler, among=[zero, angle])
+    assert [guess.wrong for guess in left] == [wrong]
+
+
+INCHES = Guess(wrong=COUNTS, joint=1, size=-float(np.log(25.4)))
+TENTH = Guess(wrong=COUNTS, joint=0, size=float(np.log(10.0)))
+
+
+def test_how_far_the_tool_went_tells_which_angle_counts_otherwise() -> None:
+    left, person = decided_by("0.4", "1.5", among=[INCHES, TENTH], mm=1.5)
+    assert left == [TENTH]
+    assert any("0.2 or 1.5" in words for words in person.told)
+    assert decided_by("0", among=[INCHES, TENTH], mm=1.5)[0] == [INCHES]
+    with pytest.raises(Stopped, match="joint 2"):
+        decided_by(*["20"] * 9, among=[INCHES, TENTH], mm=1.5)
+
+
+def test_where_the_tool_goes_too_little_to_be_seen_both_are_left() -> None:
+    left, person = decided_by(among=[INCHES, TENTH], mm=0.5)
+    assert left == [INCHES, TENTH]
+    assert not person.answers
 
 
 def test_a_turn_is_a_rotation_by_its_length() -> None:

@@ -4,7 +4,7 @@ It is told nothing but what arm and camera tell, and what a person answers. It e
 off, however it ends.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,6 +32,8 @@ LEAST_FOUND = 0.9
 """Share of the frames that must show both markers."""
 ROOM = 3.0
 """mm, and times this many hundredths of a rad, that the joints must be from their limits."""
+ONE_OF_THESE = "either this, or another of these, not all"
+"""Said where even the answers of the person left several explanations."""
 
 
 @dataclass
@@ -252,10 +254,11 @@ def _judge(
         )
         return
 
-    def show(joint: int) -> None:
+    def show(joint: int) -> float:
         way = ranging.next_way(joint)
         agreed(person, ranging.question(joint, way))
         mover.there_and_back(joint, (way,), ranging.reach(joint, way))
+        return way
 
     plain = [kind.guess for kind in kinds if kind.guess.wrong == RIGHT]
     unclear = [one for guess in plain for one in ranging.unclear(guess)]
@@ -264,14 +267,15 @@ def _judge(
         person.tell(f"{words}: measure it by hand.")
     start = ranging.start
     named = {m for kind in kinds for m in deciding.members(kind)}
-    report.undecided = sorted({"; ".join(told(m, robot, start)) for m in named})
+    report.undecided = sorted({"; ".join(told(m, robot)) for m in named})
     left = deciding.decided(kinds, robot, start, person, show)
-    for guess in left:
-        found = deciding.findings(guess, robot, start)
-        report.findings += [one for one in found if one not in report.findings]
+    for one in (one for guess in left for one in deciding.findings(guess, robot)):
+        found = one if len(left) == 1 else replace(one, what=f"{ONE_OF_THESE}: {one.what}")
+        if found not in report.findings:
+            report.findings.append(found)
 
 
-def told(guess: Guess, robot: Robot, q: Floats) -> list[str]:
+def told(guess: Guess, robot: Robot) -> list[str]:
     """A guess in words."""
-    found = deciding.findings(guess, robot, q)
+    found = deciding.findings(guess, robot)
     return [f"{one.where}: {one.what}" for one in found] or ["all as the rig file says"]

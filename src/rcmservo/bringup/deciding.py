@@ -2,10 +2,12 @@
 
 Picture and encoders do not tell a mirrored picture from one angle that runs the other way, nor both
 angles reversed from a camera turned about the tool, nor markers further apart from an insertion
-that counts otherwise. Which way the tool went, and a ruler, do.
+that counts otherwise; nor, from some places, an angle that counts otherwise from another one, or
+from another zero of the insertion. Which way the tool went and how far, and a ruler, do.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,13 +20,14 @@ from rcmservo.bringup.guesses import (
     Weighed,
     members,
     passing,
+    places,
     stretched,
 )
 from rcmservo.bringup.wiring import Finding, Robot
 from rcmservo.interfaces import Floats
 from rcmservo.live.lab import Person, Stopped
 from rcmservo.method.kinematics import SPHERICAL
-from rcmservo.method.tool import RIGID, stretch
+from rcmservo.method.tool import RIGID
 
 LOOKING = {
     True: "look from the point where the tool goes in, along the line theta = 0",
@@ -51,8 +54,16 @@ RULER = 0.05
 DEVIATIONS = 2.0
 """so many."""
 
-Show = Callable[[int], None]
-"""Moves a joint up, and back again, so that a person sees it, who has said yes to that."""
+BY_EYE = 1.7
+"""Factor by which a way of the tool may be off that was seen,"""
+HARDLY = 0.2
+"""mm, as which all are taken that are less,"""
+APART = 3.0
+"""and by which two ways must differ to be told apart."""
+
+Show = Callable[[int], float]
+"""Moves a joint up, and back again, so that a person sees it, who has said yes to that; how far,
+rad or mm."""
 
 
 def words(robot: Robot, joint: int, way: int) -> str:
@@ -69,8 +80,12 @@ def decided(
     for joint in (0, 1, 2):
         if len({one.moves(joint, robot.wiring) for one in left}) > 1:
             left = _by_its_way(left, robot, joint, person, show)
-    if len({_spacing(one, robot, q) for one in left}) > 1:
-        left = _by_ruler(left, robot, q, person)
+    for length in (_apart(robot, q), _deep(robot, q)):
+        if len({length.mm(one) for one in left}) > 1:
+            left = _by_ruler(left, length, person)
+    ratios = [_ratio(_ways(left, robot, q, joint, robot.way(q, joint))) for joint in range(3)]
+    if max(ratios) > APART:
+        left = _by_how_far(left, robot, q, int(np.argmax(ratios)), person, show)
     return left
 
 
@@ -79,7 +94,7 @@ def _by_its_way(
 ) -> list[Guess]:
     """Those for which the tool goes where the person saw it go."""
     spherical = robot.mechanism.kind == SPHERICAL
-    name = f"joint {joint + 1} ({robot.mechanism.joint_names[joint]})"
+    name = _name(robot, joint)
     choice = [word for pair in WAYS[spherical] for word in pair]
     asked = f"{LOOKING[spherical]}: which way did the tool go first, {MEANING[spherical]}?"
     for _ in range(TIMES):
@@ -97,38 +112,113 @@ def _by_its_way(
     raise Stopped(f"no answer agreed with the picture for {name}")
 
 
-def _by_ruler(left: list[Guess], robot: Robot, q: Floats, person: Person) -> list[Guess]:
-    """Those whose markers are as far apart as a ruler says."""
+def _name(robot: Robot, joint: int) -> str:
+    return f"joint {joint + 1} ({robot.mechanism.joint_names[joint]})"
+
+
+@dataclass(frozen=True)
+class Length:
+    """What a ruler can tell of the tool."""
+
+    question: str
+    """How it is asked for."""
+    wrong: str
+    """The number of the rig file that it depends on."""
+    between: Callable[[Guess], Floats]
+    """The two points (2, 3) mm that it lies between if a guess is true."""
+
+    def mm(self, guess: Guess) -> float:
+        """What the ruler shows if a guess is true."""
+        here, there = self.between(guess)
+        return float(round(np.linalg.norm(there - here), 6))
+
+    def off(self, guess: Guess, measured: float) -> float:
+        """By which share something else was measured."""
+        return abs(float(np.log(self.mm(guess) / measured)))
+
+    def may_be_off(self, guess: Guess) -> float:
+        """By which share it may be, of a guess that is true."""
+        if guess.wrong != self.wrong:
+            return RULER
+        longer = replace(guess, size=guess.size + DEVIATIONS * guess.within)
+        return RULER + self.off(guess, self.mm(longer))
+
+
+def _apart(robot: Robot, q: Floats) -> Length:
     question = "By the ruler: how far apart are the middles of the two markers, in mm?"
-    could = sorted({_spacing(one, robot, q) for one in left})
-    apart = " or ".join(f"{mm:.3g}" for mm in could)
+    return Length(question, SPACING, lambda guess: _markers(guess, robot, q))
+
+
+def _deep(robot: Robot, q: Floats) -> Length:
+    question = (
+        "By the ruler: how far is the middle of marker 1 from the point where the tool goes in, "
+        "about which it turns, in mm?"
+    )
+
+    def between(guess: Guess) -> Floats:
+        return np.array([np.zeros(3), _markers(guess, robot, q)[0]])
+
+    return Length(question, ZERO, between)
+
+
+def _markers(guess: Guess, robot: Robot, q: Floats) -> Floats:
+    """The markers (2, 3) mm, seen from the RCM, where the check began."""
+    return places(guess, robot, q[None], q, guess.size)[0]
+
+
+def _by_ruler(left: list[Guess], length: Length, person: Person) -> list[Guess]:
+    """Those that have it as long as the ruler."""
+    could = " or ".join(f"{mm:.3g}" for mm in sorted({length.mm(one) for one in left}))
     for _ in range(TIMES):
-        measured = numbers(person, question, 1, lambda mm: 0.5 <= mm <= 2000.0)[0]
-        off = [abs(float(np.log(_spacing(one, robot, q) / measured))) for one in left]
-        least = min(off)
-        nearest = [one for one, by in zip(left, off, strict=True) if by <= least + 1e-9]
-        if least <= RULER + max(DEVIATIONS * one.within for one in nearest):
+        measured = numbers(person, length.question, 1, lambda mm: 0.5 <= mm <= 2000.0)[0]
+        least = min(length.off(one, measured) for one in left)
+        nearest = [one for one in left if length.off(one, measured) <= least + 1e-9]
+        if least <= max(length.may_be_off(one) for one in nearest):
             return nearest
-        person.tell(f"By the picture it can only be about {apart} mm. Measure it again.")
-    raise Stopped(f"the ruler agreed with the picture's {apart} mm in no answer")
+        person.tell(f"By the picture it can only be about {could} mm. Measure it again.")
+    raise Stopped(f"the ruler agreed with the picture's {could} mm in no answer")
 
 
-def _spacing(guess: Guess, robot: Robot, q: Floats) -> float:
-    """mm between the markers if a guess is true."""
-    shaft = robot.tool.shaft
-    if guess.wrong == SPACING:
-        shaft = stretched(shaft, guess.size)
-    p1 = robot.first(q)
-    return float(round((stretch(shaft, p1) - 1.0) * np.linalg.norm(p1), 6))
+def _ways(left: list[Guess], robot: Robot, q: Floats, joint: int, way: float) -> Floats:
+    """mm that marker 2 goes when a joint goes so far, if each of these is true; HARDLY at least."""
+    there = np.stack([q, q])
+    there[1, joint] += way
+    seconds = (places(one, robot, there, q, one.size)[:, 1] for one in left)
+    return np.array([max(float(np.linalg.norm(to - at)), HARDLY) for at, to in seconds])
 
 
-def findings(guess: Guess, robot: Robot, q: Floats) -> list[Finding]:
+def _ratio(ways: Floats) -> float:
+    return float(ways.max() / ways.min())
+
+
+def _by_how_far(
+    left: list[Guess], robot: Robot, q: Floats, joint: int, person: Person, show: Show
+) -> list[Guess]:
+    """Those for which marker 2 goes about as far as the person saw; all of them where even the
+    longest way is too short to see."""
+    name = _name(robot, joint)
+    question = f"For {name}, by the ruler: about how many mm did marker 2 go (0: hardly any)?"
+    for _ in range(TIMES):
+        person.tell(f"Watch marker 2: {name} goes one way, waits, and comes back.")
+        could = _ways(left, robot, q, joint, show(joint))
+        if _ratio(could) < APART:
+            return left
+        seen = max(numbers(person, question, 1, lambda mm: 0.0 <= mm <= 100.0)[0], HARDLY)
+        near = np.abs(np.log(could / seen)) < np.log(BY_EYE)
+        if near.any():
+            return [one for one, kept in zip(left, near, strict=True) if kept]
+        mm = " or ".join(f"{way:.2g}" for way in sorted(could))
+        person.tell(f"By the picture it can only have been about {mm} mm. It is shown again.")
+    raise Stopped(f"no answer agreed with the picture for {name}")
+
+
+def findings(guess: Guess, robot: Robot) -> list[Finding]:
     """What a guess says is wrong with the rig file, and the lines that make it right."""
     found = [*_order(guess, robot), *_counts(guess, robot)]
     if guess.wrong == ZERO:
         found.append(_zero(guess, robot))
     if guess.wrong == SPACING:
-        found.append(_apart(guess, robot))
+        found.append(_spacing(guess, robot))
     if guess.mirrored:
         found.append(
             Finding(
@@ -206,7 +296,7 @@ def _zero(guess: Guess, robot: Robot) -> Finding:
     )
 
 
-def _apart(guess: Guess, robot: Robot) -> Finding:
+def _spacing(guess: Guess, robot: Robot) -> Finding:
     tool = robot.tool
     right = stretched(tool.shaft, guess.size).value
     key, unit = ("spacing", " mm") if tool.kind == RIGID else ("scale", "")
