@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from rcmservo.bringup.asking import agreed, one_of
-from rcmservo.bringup.deciding import decided, findings
+from rcmservo.bringup.deciding import decided
+from rcmservo.bringup.findings import findings
 from rcmservo.bringup.guesses import (
     COUNTS,
     SPACING,
@@ -139,21 +140,21 @@ def test_a_ruler_tells_another_zero_from_an_angle_that_counts_otherwise(
     assert [guess.wrong for guess in left] == [wrong]
 
 
-INCHES = Guess(wrong=COUNTS, joint=1, size=-float(np.log(25.4)))
-TENTH = Guess(wrong=COUNTS, joint=0, size=float(np.log(10.0)))
+INCHES = Guess(wrong=COUNTS, joint=1, size=float(np.log(25.4)))
+TENTH = Guess(wrong=COUNTS, joint=0, size=-float(np.log(10.0)))
 
 
 def test_how_far_the_tool_went_tells_which_angle_counts_otherwise() -> None:
-    left, person = decided_by("0.4", "1.5", among=[INCHES, TENTH], mm=1.5)
-    assert left == [TENTH]
+    left, person = decided_by("0.4", "1.5", among=[INCHES, TENTH], mm=0.06)
+    assert left == [INCHES]
     assert any("0.2 or 1.5" in words for words in person.told)
-    assert decided_by("0", among=[INCHES, TENTH], mm=1.5)[0] == [INCHES]
+    assert decided_by("0", among=[INCHES, TENTH], mm=0.06)[0] == [TENTH]
     with pytest.raises(Stopped, match="joint 2"):
-        decided_by(*["20"] * 9, among=[INCHES, TENTH], mm=1.5)
+        decided_by(*["20"] * 9, among=[INCHES, TENTH], mm=0.06)
 
 
 def test_where_the_tool_goes_too_little_to_be_seen_both_are_left() -> None:
-    left, person = decided_by(among=[INCHES, TENTH], mm=0.5)
+    left, person = decided_by(among=[INCHES, TENTH], mm=0.02)
     assert left == [INCHES, TENTH]
     assert not person.answers
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rcmservo.bringup import deciding
 from rcmservo.bringup.asking import agreed, one_of
-from rcmservo.bringup.guesses import RIGHT, Guess, Weighed, explains, places
+from rcmservo.bringup.deciding import decided
+from rcmservo.bringup.findings import findings, may_pass
+from rcmservo.bringup.guesses import RIGHT, Guess, Weighed, explains, members, places
 from rcmservo.bringup.motion import AT_REST, Mover
 from rcmservo.bringup.ranging import Ranging
 from rcmservo.bringup.sights import Sight, Track
@@ -262,14 +263,14 @@ def _judge(
 
     plain = [kind.guess for kind in kinds if kind.guess.wrong == RIGHT]
     unclear = [one for guess in plain for one in ranging.unclear(guess)]
-    report.unclear = sorted({deciding.may_pass(one, robot) for one in unclear})
+    report.unclear = sorted({may_pass(one, robot) for one in unclear})
     for words in report.unclear:
         person.tell(f"{words}: measure it by hand.")
     start = ranging.start
-    named = {m for kind in kinds for m in deciding.members(kind)}
+    named = {m for kind in kinds for m in members(kind)}
     report.undecided = sorted({"; ".join(told(m, robot)) for m in named})
-    left = deciding.decided(kinds, robot, start, person, show)
-    for one in (one for guess in left for one in deciding.findings(guess, robot)):
+    left = decided(kinds, robot, start, person, show)
+    for one in (one for guess in left for one in findings(guess, robot)):
         found = one if len(left) == 1 else replace(one, what=f"{ONE_OF_THESE}: {one.what}")
         if found not in report.findings:
             report.findings.append(found)
@@ -277,5 +278,5 @@ def _judge(
 
 def told(guess: Guess, robot: Robot) -> list[str]:
     """A guess in words."""
-    found = deciding.findings(guess, robot)
+    found = findings(guess, robot)
     return [f"{one.where}: {one.what}" for one in found] or ["all as the rig file says"]
