@@ -159,7 +159,7 @@ class Onlooker:
             "which way": self._seen,
             "how many mm": lambda: f"{self._went():.1f}",
             "how far apart": lambda: f"{self.spacing:.1f}",
-            "where the tool goes in": lambda: f"{self._deep():.0f}",
+            "how far is the middle": lambda: f"{self._deep():.0f}",
             "May the drive": lambda: "enable",
             "Move joint": lambda: "yes",
         }

@@ -153,6 +153,14 @@ def test_how_far_the_tool_went_tells_which_angle_counts_otherwise() -> None:
         decided_by(*["20"] * 9, among=[INCHES, TENTH], mm=0.06)
 
 
+def test_where_nobody_can_measure_it_all_are_left() -> None:
+    left = decided_by("unknown", among=[APART, LONGER])[0]
+    assert {guess.wrong for guess in left} == {SPACING, COUNTS}
+    assert decided_by("UNKNOWN", among=[INCHES, TENTH], mm=0.06)[0] == [INCHES, TENTH]
+    _, person = decided_by("2500", "nan", "37 or 38", "37.0", among=[APART, LONGER])
+    assert sum("or unknown" in words for words in person.told) == 3
+
+
 def test_where_the_tool_goes_too_little_to_be_seen_both_are_left() -> None:
     left, person = decided_by(among=[INCHES, TENTH], mm=0.02)
     assert left == [INCHES, TENTH]

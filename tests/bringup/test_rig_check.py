@@ -9,7 +9,7 @@ import pytest
 from rig_check_lab import COUNTS, MISTAKES, Mistake, WrongLab
 
 from conftest import first_quick
-from rcmservo.bringup.check import CheckReport
+from rcmservo.bringup.check import ONE_OF_THESE, CheckReport
 from rcmservo.bringup.motion import SHARE
 from rcmservo.bringup.sights import Reach
 from rcmservo.bringup.troubles import Trouble
@@ -68,6 +68,15 @@ def test_a_zero_that_is_wrong_by_more_than_is_promised_is_named(by: float) -> No
     lab = WrongLab(Mistake("mechanism.insertion_zero", zero=by), seed=2)
     assert "mechanism.insertion_zero" in wheres(lab.check())
     assert lab.arm.farthest < FAR
+
+
+def test_what_nobody_can_measure_is_told_as_one_of_several() -> None:
+    lab = WrongLab(Mistake("mechanism.insertion_zero", zero=20.0), seed=0)
+    lab.person.instead = lambda asked: "unknown" if "how far is the middle" in asked else None
+    report = lab.check()
+    assert wheres(report) == ["mechanism.insertion_zero", "arm.counts[0]"]
+    assert all(finding.what.startswith(ONE_OF_THESE) for finding in report.findings)
+    assert not report.ok
 
 
 @pytest.mark.parametrize(("seed", "unclear"), [(1, []), (0, ["arm.counts[1]"])])

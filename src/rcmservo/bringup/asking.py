@@ -10,6 +10,10 @@ Answer = TypeVar("Answer")
 
 TIMES = 5
 """So often a question is asked before it ends."""
+UNKNOWN = "unknown"
+"""Answered where nobody can measure it."""
+LONG = 2000.0
+"""mm, the longest that is measured by a ruler."""
 
 
 def one_of(person: Person, question: str, words: Sequence[str]) -> str:
@@ -28,21 +32,39 @@ def agreed(person: Person, question: str) -> None:
         raise Stopped(f"the answer was no to: {question}")
 
 
+def by_ruler(person: Person, question: str, least: float) -> float | None:
+    """What a ruler shows, mm, `least` at least; None where the person cannot tell."""
+
+    def read(answer: str) -> tuple[float | None] | None:
+        if answer.lower() == UNKNOWN:
+            return (None,)
+        values = _floats(answer)
+        return (values[0],) if len(values) == 1 and least <= values[0] <= LONG else None
+
+    wanted = f"a number of mm from {least:g} to {LONG:g}, or {UNKNOWN}"
+    return _understood(person, f"{question} (or: {UNKNOWN})", read, wanted)[0]
+
+
 def numbers(
     person: Person, question: str, count: int, right: Callable[[float], bool]
 ) -> list[float]:
     """So many numbers, with spaces or commas between them, all of them right."""
 
     def read(answer: str) -> list[float] | None:
-        try:
-            values = [float(part) for part in answer.replace(",", " ").split()]
-        except ValueError:
-            return None
+        values = _floats(answer)
         good = len(values) == count and all(math.isfinite(v) and right(v) for v in values)
         return values if good else None
 
     wanted = "a number" if count == 1 else f"{count} numbers with spaces between them"
     return _understood(person, question, read, wanted)
+
+
+def _floats(answer: str) -> list[float]:
+    """The numbers of an answer; none where something else stands between them."""
+    try:
+        return [float(part) for part in answer.replace(",", " ").split()]
+    except ValueError:
+        return []
 
 
 def _understood(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rcmservo.bringup.asking import TIMES, numbers, one_of
+from rcmservo.bringup.asking import TIMES, by_ruler, one_of
 from rcmservo.bringup.guesses import (
     SPACING,
     ZERO,
@@ -163,10 +163,12 @@ def _markers(guess: Guess, robot: Robot, q: Floats) -> Floats:
 
 
 def _by_ruler(left: list[Guess], length: Length, person: Person) -> list[Guess]:
-    """Those that have it as long as the ruler."""
+    """Those that have it as long as the ruler; all of them where nobody can measure it."""
     could = " or ".join(f"{mm:.3g}" for mm in sorted({length.mm(one) for one in left}))
     for _ in range(TIMES):
-        measured = numbers(person, length.question, 1, lambda mm: 0.5 <= mm <= 2000.0)[0]
+        measured = by_ruler(person, length.question, least=0.5)
+        if measured is None:
+            return left
         least = min(length.off(one, measured) for one in left)
         nearest = [one for one in left if length.off(one, measured) <= least + 1e-9]
         if least <= max(length.may_be_off(one) for one in nearest):
@@ -190,8 +192,8 @@ def _ratio(ways: Floats) -> float:
 def _by_how_far(
     left: list[Guess], robot: Robot, q: Floats, joint: int, person: Person, show: Show
 ) -> list[Guess]:
-    """Those for which marker 2 goes about as far as the person saw; all of them where even the
-    longest way is too short to see."""
+    """Those for which marker 2 goes about as far as the person saw; all of them where that was not
+    seen, or even the longest way is too short to see."""
     name = _name(robot, joint)
     question = f"For {name}, by the ruler: about how many mm did marker 2 go (0: hardly any)?"
     for _ in range(TIMES):
@@ -199,8 +201,10 @@ def _by_how_far(
         could = _ways(left, robot, q, joint, show(joint))
         if _ratio(could) < APART:
             return left
-        seen = max(numbers(person, question, 1, lambda mm: 0.0 <= mm <= 100.0)[0], HARDLY)
-        near = np.abs(np.log(could / seen)) < np.log(BY_EYE)
+        seen = by_ruler(person, question, least=0.0)
+        if seen is None:
+            return left
+        near = np.abs(np.log(could / max(seen, HARDLY))) < np.log(BY_EYE)
         if near.any():
             return [one for one, kept in zip(left, near, strict=True) if kept]
         mm = " or ".join(f"{way:.2g}" for way in sorted(could))
