@@ -2,8 +2,8 @@
 
     python benchmarks/rig_check.py [--seeds N] [--camera gige|mjpeg]
 
-Each mistake must be named, or one of the set that picture and encoders cannot tell apart after the
-person was asked, and marker 2 must not have gone 2 mm by then. Exit code 1 where one is missed.
+Each mistake must be named after the person was asked, with its settings and no other, and marker 2
+must not have gone 2 mm by then. Exit code 1 where one is missed.
 """
 
 import argparse

@@ -9,7 +9,7 @@ import pytest
 from rig_check_lab import COUNTS, MISTAKES, Mistake, WrongLab
 
 from conftest import first_quick
-from rcmservo.bringup.check import ONE_OF_THESE, CheckReport
+from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.motion import SHARE
 from rcmservo.bringup.sights import Reach
 from rcmservo.bringup.troubles import Trouble
@@ -65,17 +65,21 @@ def test_an_arm_with_usual_encoders_is_checked_by_as_few_motions_as_ever() -> No
 
 @pytest.mark.parametrize("by", [8.0, -8.0])
 def test_a_zero_that_is_wrong_by_more_than_is_promised_is_named(by: float) -> None:
-    lab = WrongLab(Mistake("mechanism.insertion_zero", zero=by), seed=2)
-    assert "mechanism.insertion_zero" in wheres(lab.check())
+    mistake = Mistake("mechanism.insertion_zero", zero=by)
+    lab = WrongLab(mistake, seed=2)
+    assert mistake.named(lab.check())
     assert lab.arm.farthest < FAR
 
 
 def test_what_nobody_can_measure_is_told_as_one_of_several() -> None:
-    lab = WrongLab(Mistake("mechanism.insertion_zero", zero=20.0), seed=0)
-    lab.person.instead = lambda asked: "unknown" if "how far is the middle" in asked else None
+    """With all that is wrong beside it."""
+    lab = WrongLab(Mistake(factors=(-1.0, 1.0, 1.0), spacing=1.25), seed=1)
+    lab.person.instead = lambda asked: "unknown" if "how far apart" in asked else None
     report = lab.check()
-    assert wheres(report) == ["mechanism.insertion_zero", "arm.counts[0]"]
-    assert all(finding.what.startswith(ONE_OF_THESE) for finding in report.findings)
+    told = {(one.what.split(":")[0], one.where) for one in report.findings}
+    one, other = "possibility 1 of 2", "possibility 2 of 2"
+    reversed_, spacing, counts = "arm.counts[0]", "tool.spacing", "arm.counts[2]"
+    assert told == {(one, reversed_), (one, spacing), (other, reversed_), (other, counts)}
     assert not report.ok
 
 
@@ -290,7 +294,8 @@ def test_a_joint_at_its_limit_is_told_before_anything_moves() -> None:
     lab = WrongLab(Mistake(), seed=1)
     limits = lab.robot.mechanism.limits
     q = np.array([0.0, 0.0, limits.upper[2] - 1.0])
-    lab.arm.measure = lambda: lab.rig.arm.measure()._replace(q=q.copy())  # type: ignore[method-assign]
+    at_limit = lambda: lab.rig.arm.measure()._replace(q=q.copy())  # noqa: E731
+    lab.arm.measure = at_limit  # type: ignore[method-assign]
     report = lab.check()
     assert wheres(report) == ["mechanism.upper[2]"]
     assert lab.arm.enabled == 0

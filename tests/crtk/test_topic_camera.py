@@ -120,6 +120,21 @@ def test_files_are_unpacked() -> None:
         assert (shot.image is not None) == (len(data) > 40)
 
 
+def test_a_picture_that_says_it_was_taken_lying_is_not_turned() -> None:
+    """Its Exif orientation (tag 274, of type SHORT) is 6, a quarter of a turn."""
+    filmed = Filmed(compressed=True)
+    lying = b"II*\x00\x08\x00\x00\x00\x01\x00\x12\x01\x03\x00\x01\x00\x00\x00\x06" + bytes(7)
+    exif = b"Exif\x00\x00" + lying
+    _, file = cv2.imencode(".jpg", COLOUR)
+    said = b"\xff\xd8\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif
+    topic = m.Topic(TOPIC.name, m.CompressedImage)
+    jpeg = said + file.tobytes()[2:]
+    filmed.sender.publish(topic, m.CompressedImage(filmed.real(), "jpeg", jpeg))
+    shot = filmed.stream.next()
+    assert shot is not None and shot.image is not None
+    assert shot.image.shape == COLOUR.shape
+
+
 @pytest.mark.parametrize("progressive", [0, 1])
 @pytest.mark.parametrize(("share", "whole"), [(1.0, True), (0.999, False), (0.6, False)])
 def test_of_half_a_file_no_picture_is_made(

@@ -1,6 +1,5 @@
 """Questions to the person at the arm, asked again until the answer can be one."""
 
-import math
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -38,33 +37,14 @@ def by_ruler(person: Person, question: str, least: float) -> float | None:
     def read(answer: str) -> tuple[float | None] | None:
         if answer.lower() == UNKNOWN:
             return (None,)
-        values = _floats(answer)
-        return (values[0],) if len(values) == 1 and least <= values[0] <= LONG else None
+        try:
+            mm = float(answer)
+        except ValueError:
+            return None
+        return (mm,) if least <= mm <= LONG else None
 
     wanted = f"a number of mm from {least:g} to {LONG:g}, or {UNKNOWN}"
     return _understood(person, f"{question} (or: {UNKNOWN})", read, wanted)[0]
-
-
-def numbers(
-    person: Person, question: str, count: int, right: Callable[[float], bool]
-) -> list[float]:
-    """So many numbers, with spaces or commas between them, all of them right."""
-
-    def read(answer: str) -> list[float] | None:
-        values = _floats(answer)
-        good = len(values) == count and all(math.isfinite(v) and right(v) for v in values)
-        return values if good else None
-
-    wanted = "a number" if count == 1 else f"{count} numbers with spaces between them"
-    return _understood(person, question, read, wanted)
-
-
-def _floats(answer: str) -> list[float]:
-    """The numbers of an answer; none where something else stands between them."""
-    try:
-        return [float(part) for part in answer.replace(",", " ").split()]
-    except ValueError:
-        return []
 
 
 def _understood(

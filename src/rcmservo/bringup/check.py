@@ -33,8 +33,8 @@ LEAST_FOUND = 0.9
 """Share of the frames that must show both markers."""
 ROOM = 3.0
 """mm, and times this many hundredths of a rad, that the joints must be from their limits."""
-ONE_OF_THESE = "either this, or another of these, not all"
-"""Said where even the answers of the person left several explanations."""
+POSSIBILITY = "possibility"
+"""Said where even the answers of the person left several explanations, one of which is true."""
 
 
 @dataclass
@@ -255,11 +255,10 @@ def _judge(
         )
         return
 
-    def show(joint: int) -> float:
+    def show(joint: int) -> None:
         way = ranging.next_way(joint)
         agreed(person, ranging.question(joint, way))
         mover.there_and_back(joint, (way,), ranging.reach(joint, way))
-        return way
 
     plain = [kind.guess for kind in kinds if kind.guess.wrong == RIGHT]
     unclear = [one for guess in plain for one in ranging.unclear(guess)]
@@ -269,11 +268,11 @@ def _judge(
     start = ranging.start
     named = {m for kind in kinds for m in members(kind)}
     report.undecided = sorted({"; ".join(told(m, robot)) for m in named})
-    left = decided(kinds, robot, start, person, show)
-    for one in (one for guess in left for one in findings(guess, robot)):
-        found = one if len(left) == 1 else replace(one, what=f"{ONE_OF_THESE}: {one.what}")
-        if found not in report.findings:
-            report.findings.append(found)
+    left = decided(kinds, robot, start, person, show, ranging.next_way)
+    for number, guess in enumerate(left, start=1):
+        which = f"{POSSIBILITY} {number} of {len(left)}: " if len(left) > 1 else ""
+        found = findings(guess, robot)
+        report.findings += [replace(one, what=which + one.what) for one in found]
 
 
 def told(guess: Guess, robot: Robot) -> list[str]:

@@ -13,8 +13,6 @@ import numpy as np
 
 from rcmservo.bringup.asking import TIMES, by_ruler, one_of
 from rcmservo.bringup.guesses import (
-    SPACING,
-    ZERO,
     Guess,
     Weighed,
     members,
@@ -52,14 +50,15 @@ DEVIATIONS = 2.0
 
 BY_EYE = 1.7
 """Factor by which a way of the tool may be off that was seen,"""
-HARDLY = 0.2
+HARDLY = 0.3
 """mm, as which all are taken that are less,"""
 APART = 3.0
 """and by which two ways must differ to be told apart."""
 
-Show = Callable[[int], float]
-"""Moves a joint up, and back again, so that a person sees it, who has said yes to that; how far,
-rad or mm."""
+Show = Callable[[int], None]
+"""Moves a joint up, and back again, so that a person sees it, who has said yes to that."""
+Way = Callable[[int], float]
+"""How far that is, rad or mm."""
 
 
 def words(robot: Robot, joint: int, way: int) -> str:
@@ -68,7 +67,7 @@ def words(robot: Robot, joint: int, way: int) -> str:
 
 
 def decided(
-    kinds: Sequence[Weighed], robot: Robot, q: Floats, person: Person, show: Show
+    kinds: Sequence[Weighed], robot: Robot, q: Floats, person: Person, show: Show, way: Way
 ) -> list[Guess]:
     """The guesses that are left of these kinds after a person was asked; several only where the
     answers do not tell either."""
@@ -79,9 +78,11 @@ def decided(
     for length in (_apart(robot, q), _deep(robot, q)):
         if len({length.mm(one) for one in left}) > 1:
             left = _by_ruler(left, length, person)
-    ratios = [_ratio(_ways(left, robot, q, joint, robot.way(q, joint))) for joint in range(3)]
-    if max(ratios) > APART:
-        left = _by_how_far(left, robot, q, int(np.argmax(ratios)), person, show)
+    ways = [_ways(left, robot, q, joint, way(joint)) for joint in range(3)]
+    ratios = [could.max() / could.min() for could in ways]
+    joint = int(np.argmax(ratios))
+    if ratios[joint] > APART:
+        left = _by_how_far(left, ways[joint], _name(robot, joint), person, lambda: show(joint))
     return left
 
 
@@ -118,8 +119,6 @@ class Length:
 
     question: str
     """How it is asked for."""
-    wrong: str
-    """The number of the rig file that it depends on."""
     between: Callable[[Guess], Floats]
     """The two points (2, 3) mm that it lies between if a guess is true."""
 
@@ -134,15 +133,13 @@ class Length:
 
     def may_be_off(self, guess: Guess) -> float:
         """By which share it may be, of a guess that is true."""
-        if guess.wrong != self.wrong:
-            return RULER
         longer = replace(guess, size=guess.size + DEVIATIONS * guess.within)
         return RULER + self.off(guess, self.mm(longer))
 
 
 def _apart(robot: Robot, q: Floats) -> Length:
     question = "By the ruler: how far apart are the middles of the two markers, in mm?"
-    return Length(question, SPACING, lambda guess: _markers(guess, robot, q))
+    return Length(question, lambda guess: _markers(guess, robot, q))
 
 
 def _deep(robot: Robot, q: Floats) -> Length:
@@ -154,7 +151,7 @@ def _deep(robot: Robot, q: Floats) -> Length:
     def between(guess: Guess) -> Floats:
         return np.array([np.zeros(3), _markers(guess, robot, q)[0]])
 
-    return Length(question, ZERO, between)
+    return Length(question, between)
 
 
 def _markers(guess: Guess, robot: Robot, q: Floats) -> Floats:
@@ -169,10 +166,9 @@ def _by_ruler(left: list[Guess], length: Length, person: Person) -> list[Guess]:
         measured = by_ruler(person, length.question, least=0.5)
         if measured is None:
             return left
-        least = min(length.off(one, measured) for one in left)
-        nearest = [one for one in left if length.off(one, measured) <= least + 1e-9]
-        if least <= max(length.may_be_off(one) for one in nearest):
-            return nearest
+        kept = [one for one in left if length.off(one, measured) <= length.may_be_off(one)]
+        if kept:
+            return kept
         person.tell(f"By the picture it can only be about {could} mm. Measure it again.")
     raise Stopped(f"the ruler agreed with the picture's {could} mm in no answer")
 
@@ -185,22 +181,17 @@ def _ways(left: list[Guess], robot: Robot, q: Floats, joint: int, way: float) ->
     return np.array([max(float(np.linalg.norm(to - at)), HARDLY) for at, to in seconds])
 
 
-def _ratio(ways: Floats) -> float:
-    return float(ways.max() / ways.min())
-
-
 def _by_how_far(
-    left: list[Guess], robot: Robot, q: Floats, joint: int, person: Person, show: Show
+    left: list[Guess], could: Floats, name: str, person: Person, show: Callable[[], None]
 ) -> list[Guess]:
-    """Those for which marker 2 goes about as far as the person saw; all of them where that was not
-    seen, or even the longest way is too short to see."""
-    name = _name(robot, joint)
+    """Those for which marker 2 goes about as far, mm, as the person saw; all of them where nobody
+    can tell."""
     question = f"For {name}, by the ruler: about how many mm did marker 2 go (0: hardly any)?"
     for _ in range(TIMES):
-        person.tell(f"Watch marker 2: {name} goes one way, waits, and comes back.")
-        could = _ways(left, robot, q, joint, show(joint))
-        if _ratio(could) < APART:
-            return left
+        person.tell(
+            f"Watch marker 2, with a ruler beside it: {name} goes one way, waits, and comes back."
+        )
+        show()
         seen = by_ruler(person, question, least=0.0)
         if seen is None:
             return left

@@ -36,8 +36,8 @@ NEAR = 0.15
 """Share of a box's side by which a joint may be off a corner that counts as visited."""
 
 BRAKE = 0.03
-"""s from a corner from which on the joints go slower at least; as long as the drives lag at least,
-or they would swing about it."""
+"""s before a corner at which the joints begin to go slower; longer where the drives lag by more, or
+they would swing about it."""
 
 
 @dataclass(frozen=True)

@@ -60,15 +60,17 @@ def rig_check(
         robot = Robot(lab.mechanism, lab.tool, wiring_of(lab))
     with stopped_by_signals(), closing(Terminal()) as terminal:
         person = AtHand(terminal)
-        person.tell(f"rig check of {options.file}: connecting, with the drive off")
+        person.tell(
+            f"rig check of {options.file}: connecting, with the drive off; the first time, what "
+            "finds the markers is compiled for up to a minute"
+        )
         warm_up(robot, lab.gate)
         clock, tracker, silence = WallClock(), ColourMarkers(lab.markers), lab.thresholds.silence
         with (
-            closing(arm(lab)) as joints,
             closing(camera(lab)) as eye,
             TrackingThread(eye, tracker, clock) as seen,
+            closing(_arm_beside(seen, arm, lab)) as joints,
         ):
-            seen.wait_for(frames=2, patience=PATIENCE)  # one is searched, the next is followed
             told = partial(trouble, eye)
             mover = Mover(joints, seen, seen, clock, robot, lab.gate, silence, told)
             require_off(mover.plant)
@@ -81,6 +83,13 @@ def rig_check(
         right = "off when the check ends, by its own word"
         report.findings.append(Finding("the arm ended otherwise", "arm", joints.why_off, right))
     return concluded(options, report, robot, digest)
+
+
+def _arm_beside(seen: TrackingThread, arm: Callable[[Lab], LabArm], lab: Lab) -> LabArm:
+    """The arm, connected once frames are tracked: one is searched, the next is followed, and then
+    all is compiled."""
+    seen.wait_for(frames=2, patience=PATIENCE)
+    return arm(lab)
 
 
 def concluded(options: RigOptions, report: CheckReport, robot: Robot, digest: str) -> int:
@@ -137,7 +146,7 @@ def measured(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
     if report.lag > 0.0:
         rows.append(("drives lag", f"{1e3 * report.lag:.0f} ms"))
     if report.undecided:
-        rows.append(("told apart by asking only", "\n".join(report.undecided)))
+        rows.append(("not told apart by the picture", "\n".join(report.undecided)))
     if report.unclear:
         rows.append(("may be wrong unseen", "\n".join(report.unclear)))
     return rows

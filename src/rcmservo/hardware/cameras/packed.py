@@ -9,6 +9,8 @@ from rcmservo.interfaces import Image
 
 JPEG, JPEG_PIXELS, JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"
 """Marks in a JPEG file: where it begins, where its pixels do, and its end."""
+AS_STORED = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+"""In colours, and never turned."""
 
 
 def unpacked(data: bytes) -> Image | None:
@@ -21,4 +23,4 @@ def unpacked(data: bytes) -> Image | None:
     cut = data[:2] == JPEG and data.rfind(JPEG_END) < data.rfind(JPEG_PIXELS)
     if cut or not data:
         return None
-    return cast(Any, cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR))
+    return cast(Any, cv2.imdecode(np.frombuffer(data, np.uint8), AS_STORED))
