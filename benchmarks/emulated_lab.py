@@ -32,7 +32,7 @@ from rcmservo.tracking import ColourMarkers
 
 COUNTS = np.array([50000.0, 50000.0, 500.0])
 CAMERAS = {
-    "mjpeg": (["--mjpeg", "0"], {"kind": "opencv", "latency": 0.027}),
+    "mjpeg": (["--mjpeg", "0"], {"kind": "opencv", "latency": 0.03}),
     "gige": (["--gige"], {"kind": "aravis", "latency": 0.03}),
 }
 """How the emulator offers each camera, and how a rig file then names it. The latencies were
