@@ -33,6 +33,14 @@ os.execvp(sys.argv[1], sys.argv[1:])
 """
 
 
+class Ended(AssertionError):
+    """The command ended before it showed what was waited for."""
+
+    def __init__(self, shown: str, told: bytes | None) -> None:
+        super().__init__(f"{shown}\nIt has ended: {told}")
+        self.told = told or b""
+
+
 class AtTerminal:
     """A process whose terminal the test holds: what it shows is text, and what is typed is the
     person's. Use it as a context: nothing of it is left at the end."""
@@ -69,7 +77,8 @@ class AtTerminal:
         end = time.monotonic() + PATIENCE
         while words not in self.shown[self._read :]:
             assert time.monotonic() < end, self.shown
-            assert self._more(), f"{self.shown}\nIt has ended: {self.process.communicate()[0]}"
+            if not self._more():
+                raise Ended(self.shown, self.process.communicate()[0])
         begin = self._read
         self._read = self.shown.index(words, begin) + len(words)
         return self.shown[begin : self._read]
