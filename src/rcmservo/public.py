@@ -18,7 +18,7 @@ from rcmservo.interfaces import (
     Tracker,
 )
 from rcmservo.loop.clock import WallClock, ticks
-from rcmservo.loop.operator import Operator, Teach
+from rcmservo.loop.operator import Jog, Operator, Teach
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import teach
@@ -53,6 +53,7 @@ __all__ = [
     "Frame",
     "Gate",
     "ImagedRcm",
+    "Jog",
     "JointLimits",
     "Markers",
     "Measured",

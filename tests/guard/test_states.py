@@ -45,6 +45,7 @@ FIRM = (
     Phase.SERVO,
     Phase.ACQUIRE,
     Phase.IDLE,
+    Phase.JOG,
     Phase.HOLD,
     Phase.PAUSED,
     Phase.DISABLED,
@@ -119,17 +120,32 @@ def test_every_answer_is_at_least_what_the_gravest_cause_asks_for(
     after = transition(mode, present, sign, request_, now)
     if action is Action.FAULT:
         assert after.phase is Phase.FAULT
+    elif after.phase is Phase.JOG:
+        assert request_ is Request.JOG and Cause.OVERRUN not in present
     elif action >= Action.HOLD:
         assert after.share == 0.0
     elif action is Action.SLOW:
         assert after.share <= 0.2
-    assert after.share == 0.0 or after.phase in (Phase.ACQUIRE, Phase.SERVO)
+    assert after.share == 0.0 or after.phase in (Phase.ACQUIRE, Phase.SERVO, Phase.JOG)
+    assert after.phase is not Phase.JOG or after.share == 0.2
 
 
 @given(modes(), some_causes, signs, requests, times)
 def test_servo_is_reached_from_acquire_and_from_nowhere_else(mode, present, sign, request_, now):
     if transition(mode, present, sign, request_, now).phase is Phase.SERVO:
         assert mode.phase in (Phase.ACQUIRE, Phase.SERVO)
+
+
+@given(modes(), some_causes, signs, requests, times)
+def test_a_person_jogs_from_idle_and_a_pause_alone_and_only_while_it_is_asked_for(
+    mode, present, sign, request_, now
+):
+    after = transition(mode, present, sign, request_, now)
+    if after.phase is Phase.JOG:
+        assert request_ is Request.JOG
+        assert mode.phase in (Phase.IDLE, Phase.PAUSED, Phase.JOG)
+    elif mode.phase is Phase.JOG:
+        assert after.phase in (Phase.PAUSED, Phase.FAULT)
 
 
 @given(some_causes, some_causes, signs, requests, times)
@@ -154,6 +170,8 @@ def test_a_pause_is_left_by_a_fault_or_by_a_person_into_acquire(present, sign, a
         assert after.phase is Phase.FAULT
     elif ask is Request.RESUME and action < Action.HOLD:
         assert after.phase is Phase.ACQUIRE
+    elif ask is Request.JOG and Cause.OVERRUN not in present:
+        assert after.phase is Phase.JOG
     else:
         assert after.phase is Phase.PAUSED
 

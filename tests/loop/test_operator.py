@@ -181,6 +181,6 @@ def test_a_servo_that_cannot_go_on_with_what_was_learnt_is_refused_and_the_arm_r
 @pytest.mark.parametrize("answer", [None, "resume", True, [rs.Request.RESUME]])
 def test_an_operator_that_answers_something_else_is_told_so_in_one_sentence(answer: Any) -> None:
     lab = laboratory()
-    with pytest.raises(rs.BadInput, match=r"operator\(\) must be a Request, Target, Servo or Tea"):
+    with pytest.raises(rs.BadInput, match=r"operator\(\) must be a Request, Target, Servo, Tea"):
         list(ticks_of(lab, lab.servo(), 1.0, {3: answer}))
     assert not lab.rig.arm.measure().enabled

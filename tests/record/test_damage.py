@@ -416,7 +416,7 @@ def test_a_tick_of_any_numbers_and_words_can_be_run_again_or_is_refused(
 
 
 def test_ticks_of_two_versions_in_one_record_are_refused(path: Path) -> None:
-    old, new = layout.TICKS.items()
+    old, *_, new = layout.TICKS.items()
     with pytest.raises(rs.UnusableFile, match="another version than those before"):
         rows = reader._Rows(path)
         for definition, kind in (old, new):

@@ -19,6 +19,8 @@ from rosbags.highlevel import AnyReader
 import rcmservo as rs
 from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.record import layout, reader
+from rcmservo.record.columns import LATER
+from rcmservo.record.recompute import recompute
 from rcmservo.record.writer import FRAMES_WAITING, WAITING, Recorder, ThreadedRecorder
 from rcmservo.tracking import PointMarkers
 
@@ -102,6 +104,7 @@ def told(tick: rs.Tick) -> dict[str, Any]:
         "command_deadline": state.command.deadline,
         "command_enabled": state.command.enabled,
         "applied": tick.applied,
+        "jog": tick.jog,
     }
 
 
@@ -519,6 +522,25 @@ def test_phase_cause_and_way_out_stand_in_the_record_in_words_under_crtk_s_name(
     assert [message.is_busy for message in told] == [False, True, True]
     paused = layout.operating_state(5, rs.Mode(rs.Phase.PAUSED, rs.Cause.STALE))
     assert b"PAUSED\0" in paused and rs.Cause.STALE.words.encode() in paused
+
+
+@pytest.mark.parametrize("version", range(len(layout.TICKS)))
+def test_ticks_as_every_version_wrote_them_are_computed_again_and_what_they_lack_is_not_known(
+    written: Written, version: int
+) -> None:
+    record, kind = reader.read(written.folder), list(layout.TICKS.values())[version]
+    rows: list[bytes] = []
+    for tick in written.ticks:
+        now = np.frombuffer(layout.tick(tick)[: layout.TICK.itemsize], layout.TICK)
+        then = np.zeros(1, kind)
+        for name in kind.names or ():
+            then[name] = now[name]
+        rows.append(then.tobytes())
+    ticks = layout.tick_columns(kind, rows)
+    assert set(ticks) == set(record.ticks) & set(layout.TICK.names or ())
+    lacking = {name for name, column in ticks.items() if np.isnan(column).all()}
+    assert lacking >= {name for names in LATER[version:] for name in names}
+    assert recompute(replace(record, ticks={**record.ticks, **ticks})).same
 
 
 def test_the_sizes_of_the_markers_come_back(written: Written, tmp_path: Path) -> None:

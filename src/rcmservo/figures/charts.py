@@ -53,8 +53,8 @@ STYLES = (
 MEASURED = Style("#999999", "-", 2.6, ".")
 """Of the measured curve, on which an estimate is laid."""
 
-TONES = ("#999999", "#d0d0d0", "#56b4e9", "#009e73", "#f0e442", "#e69f00", "#d55e00")
-"""Colours of bands and bars, from harmless to grave."""
+TONES = ("#999999", "#d0d0d0", "#56b4e9", "#009e73", "#f0e442", "#e69f00", "#d55e00", "#cc79a7")
+"""Colours of bands and bars, from harmless to grave, and that of a person's own motion."""
 
 RC: Any = {
     "font.size": 9,

@@ -31,6 +31,7 @@ TONE = {
     Phase.SERVO: 3,
     Phase.HOLD: 4,
     Phase.PAUSED: 5,
+    Phase.JOG: 7,
     Phase.FAULT: 6,
 }
 ASKED = {
@@ -105,7 +106,7 @@ def _cause_lanes(found: list[Span]) -> list[Lane]:
 def _request_lanes(found: list[Span]) -> list[Lane]:
     """When a person asked for something, if ever."""
     asked = [Bar(s.start, s.start, 0) for s in found if s.request is not Request.NONE]
-    return [Lane("a person pauses, resumes, clears", asked)] if asked else []
+    return [Lane("a person pauses, resumes, clears, jogs", asked)] if asked else []
 
 
 def path(record: Record) -> Figure:

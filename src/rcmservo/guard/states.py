@@ -1,14 +1,17 @@
 """What the servo may do: its phases, and the function that leads from phase to phase.
 
     DISABLED ─► IDLE ─► ACQUIRE ─► SERVO        FAULT ─ clear ─► DISABLED
-                          ▲  ▲       │          (from everywhere, latched)
-                   resume │  └ HOLD ◄┤
-                          └─ PAUSED ◄┘
+                 │        ▲  ▲       │          (from everywhere, latched)
+                 │ resume │  └ HOLD ◄┤
+                 │        └─ PAUSED ◄┘
+                 └─► JOG ◄─────┘                JOG ends in PAUSED
 
 Every cause asks for an action, and the greatest of those present wins, so that one more fault never
 softens the answer. HOLD ramps to zero and recovers by itself; from PAUSED only a person resumes,
 always into ACQUIRE; FAULT is zero at once with the drive off, and only `CLEAR` with its causes gone
-leads out of it. No clock here: the time is an argument.
+leads out of it. In JOG a person moves the joints, and must ask for it at every tick: no picture and
+no estimate is needed, so nothing stops it but a fault and a loop that runs late. No clock here: the
+time is an argument.
 """
 
 from dataclasses import dataclass
@@ -21,7 +24,7 @@ from rcmservo.guard.thresholds import Thresholds
 from rcmservo.rows import Row, whole
 
 SLOW_SHARE = 0.2
-"""Share of the full speed in ACQUIRE, and while a cause asks for SLOW."""
+"""Share of the full speed in ACQUIRE and JOG, and while a cause asks for SLOW."""
 
 
 class Phase(Enum):
@@ -33,28 +36,31 @@ class Phase(Enum):
     SERVO = "servoing"
     HOLD = "holding still"
     PAUSED = "paused"
+    JOG = "moved by a person"
     FAULT = "fault"
 
 
 class Request(Enum):
-    """What a person asks for: nothing, a pause, to go on after one, or to leave a fault."""
+    """What a person asks for: nothing, a pause, to go on after one, to leave a fault, or to move
+    the joints by hand at this tick."""
 
     NONE = "nothing"
     PAUSE = "pause"
     RESUME = "resume"
     CLEAR = "clear"
+    JOG = "jog"
 
 
 PHASES, REQUESTS = tuple(Phase), tuple(Request)
-DISABLED, IDLE, ACQUIRE, SERVO, HOLD, PAUSED, FAULT = range(len(PHASES))
-_, ASKS_PAUSE, ASKS_RESUME, ASKS_CLEAR = range(len(REQUESTS))
+DISABLED, IDLE, ACQUIRE, SERVO, HOLD, PAUSED, JOG, FAULT = range(len(PHASES))
+_, ASKS_PAUSE, ASKS_RESUME, ASKS_CLEAR, ASKS_JOG = range(len(REQUESTS))
 SLOW, HELD, PAUSE, FAULTED = (
     int(Action.SLOW),
     int(Action.HOLD),
     int(Action.PAUSE),
     int(Action.FAULT),
 )
-ASKED = Cause.ASKED.place
+ASKED, OVERRUN = Cause.ASKED.place, Cause.OVERRUN.bit
 
 
 @dataclass(frozen=True)
@@ -70,7 +76,7 @@ class Mode:
     good: int = 0
     """Good frames counted in it."""
     asks: Action = Action.NONE
-    """The action that is being taken: in SERVO and ACQUIRE at most SLOW."""
+    """The action that is being taken: in SERVO and ACQUIRE at most SLOW, in JOG always that."""
     detail: str = ""
     """What a person should know beside the cause's sentence, such as which joint it is."""
 
@@ -134,7 +140,7 @@ def speed_share(phase: int, asks: int) -> float:
     """Share of the full speed at which the tool may move."""
     if phase == SERVO and asks < SLOW:
         return 1.0
-    return SLOW_SHARE if phase in (SERVO, ACQUIRE) else 0.0
+    return SLOW_SHARE if phase in (SERVO, ACQUIRE, JOG) else 0.0
 
 
 @compiled
@@ -150,7 +156,9 @@ def transition(
     elif s.phase == DISABLED:
         if signs.enabled:
             s.phase, s.cause, s.since, s.good, s.asks = IDLE, 0, now, 0, 0
-    elif action == PAUSE or s.phase == PAUSED or request == ASKS_PAUSE:
+    elif request == ASKS_JOG and s.phase in (IDLE, PAUSED, JOG) and not causes & OVERRUN:
+        jog(s, now)
+    elif action == PAUSE or s.phase in (JOG, PAUSED) or request == ASKS_PAUSE:
         pause(s, cause, request, now)
     elif s.phase == IDLE:
         wait(s, cause, signs, now)
@@ -168,6 +176,13 @@ def fault(s: Standing, cause: int, request: int, now: int) -> None:
         s.phase, s.cause, s.since, s.good, s.asks = FAULT, cause, now, 0, FAULTED
     elif request == ASKS_CLEAR and ACTIONS[cause] < FAULTED:
         s.phase, s.cause, s.since, s.good, s.asks = DISABLED, 0, now, 0, 0
+
+
+@compiled
+def jog(s: Standing, now: int) -> None:
+    """Into JOG, or on in it."""
+    s.since = s.since if s.phase == JOG else now
+    s.phase, s.cause, s.good, s.asks = JOG, 0, 0, SLOW
 
 
 @compiled

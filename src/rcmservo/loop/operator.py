@@ -12,7 +12,7 @@ import numpy as np
 
 from rcmservo.errors import require
 from rcmservo.guard.states import Request
-from rcmservo.interfaces import Command, Observation, Target
+from rcmservo.interfaces import Command, Floats, Observation, Target
 from rcmservo.loop.shown import TargetFrames
 from rcmservo.loop.tick import Tick
 from rcmservo.servo.servo import Servo
@@ -39,9 +39,31 @@ class Teach:
         require(self.frames >= 1, "frames", self.frames, "a whole number of at least 1 frames")
 
 
-Want = Request | Target | Servo | Teach
+STILL = np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Jog:
+    """Wanted: that the joints go at these rates until the next tick, each at a fifth of its bound
+    at most, from IDLE or PAUSED.
+
+    It must be wanted again after every tick. Once it is not, the arm comes to rest and the servo is
+    paused.
+    """
+
+    rates: Floats
+    """Joint rates (3,) rad/s, rad/s, mm/s."""
+
+    def __post_init__(self) -> None:
+        rates = np.array(self.rates, dtype=np.float64)
+        good = rates.shape == (3,) and bool(np.isfinite(rates).all())
+        require(good, "jog.rates", self.rates, "three numbers (rad/s, rad/s, mm/s)")
+        object.__setattr__(self, "rates", rates)
+
+
+Want = Request | Target | Servo | Teach | Jog
 """What a person may want between two ticks: to pause, resume or clear; another target; other
-settings; or that the target be taught now."""
+settings; that the target be taught now; or to move the joints by hand."""
 
 Operator = Callable[[Tick], Want]
 """A person beside the loop. It is called after every tick and must answer at once."""
@@ -80,19 +102,20 @@ class Showing:
 
 
 class Agenda:
-    """What the loop goes by: a ``servo``, a ``target``, and what a person asks for (``request``).
+    """What the loop goes by: a ``servo``, a ``target``, and what a person asks for (``request``,
+    and the joint rates ``jog`` of one who moves the arm by hand).
 
     An ``operator`` may change it between two ticks.
     """
 
     def __init__(self, servo: Servo, target: Target, operator: Operator | None) -> None:
-        self.servo, self.target, self.request = servo, target, Request.NONE
+        self.servo, self.target, self.request, self.jog = servo, target, Request.NONE, STILL
         self._operator = operator
         self._showing: Showing | None = None
 
     def steer(self, tick: Tick) -> None:
         """Ask the operator after a tick, and set what the next one goes by."""
-        self.request = Request.NONE
+        self.request, self.jog = Request.NONE, STILL
         if self._operator is None:
             return
         want = self._operator(tick)
@@ -105,7 +128,10 @@ class Agenda:
     def _set(self, want: Want) -> None:
         match want:
             case Request():
+                require(want is not Request.JOG, "operator()", want, "a Jog, with the joint rates")
                 self.request = want
+            case Jog():
+                self.request, self.jog = Request.JOG, want.rates
             case Target():
                 self._aim(want)
             case Servo():
@@ -114,7 +140,7 @@ class Agenda:
             case Teach():
                 self.request, self._showing = Request.PAUSE, Showing(want.frames)
             case _:
-                require(False, "operator()", want, "a Request, Target, Servo or Teach")
+                require(False, "operator()", want, "a Request, Target, Servo, Teach or Jog")
 
     def _show(self, showing: Showing, tick: Tick) -> None:
         target = showing.add(tick.seen, tick.state.command)

@@ -45,9 +45,10 @@ def run(
             plant.enable()
         for time in ticks(plant.clock, servo.rate, duration):
             seen = plant.read()
-            state = agenda.servo.step(state, seen, agenda.target, agenda.request)
+            asked = agenda.request, agenda.jog
+            state = agenda.servo.step(state, seen, agenda.target, *asked)
             applied = plant.send(state.command)
-            tick = Tick(time, agenda.servo, seen, agenda.request, state, applied)
+            tick = Tick(time, agenda.servo, seen, *asked, state, applied)
             yield tick
             if done(tick) or _over(state, operator):
                 break

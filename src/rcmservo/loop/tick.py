@@ -19,6 +19,8 @@ class Tick:
     """What the servo was told."""
     request: Request
     """What a person asked for."""
+    jog: Floats
+    """The joint rates (3,) asked for where that was to move them by hand, else zero."""
     state: State
     """What was decided, and towards which target."""
     applied: Floats

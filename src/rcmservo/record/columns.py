@@ -87,12 +87,14 @@ REALS = (
     Column("command", RATES, at("state.command.rates")),
     Column("applied", RATES, at("applied")),
     Column("sizes", SIZES, at("seen.sizes")),
+    Column("jog", RATES, at("jog")),
 )
 """A tick's other numbers. `applied_before` are the rates that the observation tells, `applied`
-those that the arm took of the command."""
+those that the arm took of the command, `jog` those that a person asked for who moves the joints."""
 
-LATER = {"sizes"}
-"""Those of them that records did not hold at first: NaN where one without them is read."""
+LATER = ("sizes",), ("jog",)
+"""Those of them that came with one version after the other: NaN where a record without them is
+read."""
 
 FLAGS = (
     Column("enabled", TRUE_OR_NOT, at("seen.enabled")),

@@ -8,6 +8,7 @@ moment on the plant's clock.
 
 import struct
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -49,8 +50,12 @@ def _tick_definition(reals: Sequence[Column]) -> str:
     )
 
 
-FIRST_REALS = [column for column in REALS if column.name not in LATER]
-"""The real numbers that ticks held at first."""
+def _without(names: Sequence[str]) -> list[Column]:
+    return [column for column in REALS if column.name not in names]
+
+
+VERSIONS = [_without([*chain(*LATER[held:])]) for held in range(len(LATER) + 1)]
+"""The real numbers that a tick held in one version after the other."""
 
 DEFINITIONS = {
     "std_msgs/msg/String": "string data\n",
@@ -102,7 +107,7 @@ def _tick_layout(reals: Sequence[Column]) -> np.dtype[Any]:
 TICK = _tick_layout(REALS)
 """A tick up to its words."""
 
-TICKS = {_tick_definition(reals): _tick_layout(reals) for reals in (FIRST_REALS, REALS)}
+TICKS = {_tick_definition(reals): _tick_layout(reals) for reals in VERSIONS}
 """The same as every version wrote it, by its definition."""
 
 TRUTH_LAYOUT = np.dtype(
@@ -185,7 +190,7 @@ def operating_state(now: int, mode: Mode) -> bytes:
     """CRTK's operating state: whether the drive is on, and below that phase, cause and way out in
     words."""
     start = header(now) + bytes(4)
-    busy = mode.phase in (Phase.ACQUIRE, Phase.SERVO)
+    busy = mode.phase in (Phase.ACQUIRE, Phase.SERVO, Phase.JOG)
     return (
         start
         + strings((CRTK.get(mode.phase, "ENABLED"), mode.words), len(start))

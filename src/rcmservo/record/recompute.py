@@ -119,9 +119,10 @@ def _ticks(then: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
         servo.demand(target)
         last = then.stages[number + 1].first if number + 1 < len(then.stages) else len(then.time)
         for i in range(stage.first, last):
-            seen, request = _observation(then, i), then.named(Request, "request", i)
-            state = servo.step(state, seen, target, request)
-            yield Tick(0, servo, seen, request, state, then.ticks["applied"][i])
+            seen, jog = _observation(then, i), then.ticks["jog"][i]
+            request = then.named(Request, "request", i)
+            state = servo.step(state, seen, target, request, jog)
+            yield Tick(0, servo, seen, request, jog, state, then.ticks["applied"][i])
         ends.append(state)
 
 

@@ -98,8 +98,7 @@ def spans(record: Record) -> list[Span]:
     """The record from beginning to end; a stage always begins a span of its own."""
     count = len(record.time)
     rows = list(zip(record.phase, record.cause, stages(record).tolist(), strict=True))
-    asked = [request != Request.NONE.name for request in record.words["request"]]
-    starts = [i for i in range(count) if i == 0 or asked[i] or rows[i] != rows[i - 1]]
+    starts = [i for i in range(count) if i == 0 or rows[i] != rows[i - 1] or _asked(record, i)]
     return [
         Span(
             start=float(record.time[i]),
@@ -113,6 +112,12 @@ def spans(record: Record) -> list[Span]:
         )
         for i, j in pairwise([*starts, count])
     ]
+
+
+def _asked(record: Record, i: int) -> bool:
+    """Whether a person asks for something at tick i that was not asked for at the one before."""
+    asked, before = record.words["request"][i], record.words["request"][i - 1]
+    return asked not in (Request.NONE.name, before)
 
 
 def _detail(record: Record, i: int) -> str:

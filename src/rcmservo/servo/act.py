@@ -12,6 +12,7 @@ from rcmservo.guard.states import (
     DISABLED,
     FAULT,
     FAULTED,
+    JOG,
     PAUSE,
     PAUSED,
     Signs,
@@ -84,6 +85,9 @@ def act(
     found = decide(s, s.prospect, seen, asked, fixed) | more
     signs = Signs(seen.enabled, believed or s.watch.believed >= 0, believed, s.tour.done)
     forgot = enter(s, found, signs, asked.request, now, fixed.thresholds)
+    if s.decision.phase == JOG:
+        stand(s.decision)
+        put(s.decision.rates, asked.jog)
     if not send(s.decision, seen, fixed):
         forgot = fail(s, now) or forgot
     if forgot:

@@ -81,3 +81,5 @@ class Asked(NamedTuple):
     """Whether it is another target than at the last tick."""
     request: int
     """What is asked for, by its place in Request."""
+    jog: Floats
+    """The joint rates (3,) rad/s, rad/s, mm/s at which the arm is to go where that is JOG."""

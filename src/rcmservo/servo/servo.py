@@ -197,16 +197,22 @@ class Servo:
         return Observation(now, at, now, True, np.zeros(3), k, now - 1, now, at, turned)
 
     def step(
-        self, state: State, seen: Observation, target: Target, request: Request = Request.NONE
+        self,
+        state: State,
+        seen: Observation,
+        target: Target,
+        request: Request = Request.NONE,
+        jog: Floats = STILL,
     ) -> State:
         """One tick: learn from the frame if it is new, decide, and pass the decision through the
         gate.
 
-        ``request`` is what a person asks for at this tick.
+        ``request`` is what a person asks for at this tick, ``jog`` the joint rates (3,) where that
+        is to move them by hand.
         """
         kept = copied(state.kept)
         numbers, other = told(seen), target is not state.target
-        asked = (target.points, target.q, target.shown, other, REQUESTS.index(request))
+        asked = (target.points, target.q, target.shown, other, REQUESTS.index(request), jog)
         beside, failed = state.beside, ""
         if self.rule is not None:
             beside, new = tick(kept.rows, beside, numbers, asked, self.fixed, self.rule)

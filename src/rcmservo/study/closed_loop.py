@@ -91,7 +91,7 @@ def closed_loop(start: Start, twin: Twin, shown: Goal, noise: Floats, trace: Cou
     c, a = fixed[0].dials, twin.drives[0]
     place(twin, start.now)
     skipped = newest(twin.pace[0], start.now)
-    frame = Newest(-1, 0, 0)
+    frame, still = Newest(-1, 0, 0), np.zeros(3)
     for k in range(len(trace.error)):
         now = start.now + k * c.period
         advance(twin, now)
@@ -104,7 +104,7 @@ def closed_loop(start: Start, twin: Twin, shown: Goal, noise: Floats, trace: Cou
             now, q, now, a.on, a.applied, frame.number, frame.exposure, frame.arrival,
             twin.exposed, twin.points, 0, True,
         )  # fmt: skip
-        asked = Asked(shown.points, shown.q, start.now, k == 0, 0)
+        asked = Asked(shown.points, shown.q, start.now, k == 0, 0, still)
         beside = go_on(start.kept, beside, told, asked, fixed, start.rule)
         take(twin, d.sent, d.on)
         p2 = second_point(shaft_of(c), point_at(rcm_of(c), a.q))

@@ -1,0 +1,275 @@
+"""A person moves the joints: as told and no faster, only while it is asked for, within the limits,
+whatever the picture shows; a fault of the arm ends it, and all of it is recorded."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rcmservo as rs
+from conftest import Laboratory, laboratory
+from rcmservo.guard.states import SLOW_SHARE
+from rcmservo.interfaces import Floats
+from rcmservo.loop.operator import Want
+from rcmservo.record import reader
+from rcmservo.record.recompute import recompute
+from rcmservo.record.timeline import spans
+from rcmservo.record.writer import Recorder
+from rcmservo.sim import Disturbance
+
+RATES = np.array([0.1, -0.08, 9.0])
+"""Below a fifth of the bounds."""
+JOG = rs.Jog(RATES)
+BEGIN, END = 0.5, 1.5
+"""s between which the person jogs."""
+COME_TO_REST = 0.15
+"""s after which nothing moves any more."""
+
+
+def told(tick: rs.Tick, *wants: tuple[float, float, Want]) -> Want:
+    """What is wanted for the tick after this one, by the times s from when until when."""
+    now = tick.time * 1e-9 + 0.01
+    return next((want for a, b, want in wants if a <= now < b - 1e-9), rs.Request.NONE)
+
+
+def a_while(
+    want: Want = JOG, begin: float = BEGIN, end: float = END
+) -> Callable[[rs.Tick], Want]:
+    """Paused at once, and moved by hand for a while."""
+    return lambda tick: told(tick, (0.0, 0.02, rs.Request.PAUSE), (begin, end, want))
+
+
+def ticks_of(
+    lab: Laboratory, operator: Callable[[rs.Tick], Want], seconds: float = 3.0
+) -> list[rs.Tick]:
+    return list(rs.run(lab.plant, lab.servo(), lab.target, seconds, operator=operator))
+
+
+def phases(ticks: list[rs.Tick]) -> list[rs.Phase]:
+    """One after the other."""
+    all_of = [tick.state.phase for tick in ticks]
+    return [one for i, one in enumerate(all_of) if i == 0 or all_of[i - 1] is not one]
+
+
+def at(ticks: list[rs.Tick], time: float) -> rs.Tick:
+    return min(ticks, key=lambda tick: abs(tick.time * 1e-9 - time))
+
+
+def moved(ticks: list[rs.Tick], begin: float, end: float) -> Floats:
+    return at(ticks, end).seen.q - at(ticks, begin).seen.q
+
+
+def blind(lab: Laboratory) -> None:
+    """The tracker finds nothing any more."""
+    lab.plant.tracker = Nothing()
+
+
+class Nothing:
+    """A tracker that finds no marker."""
+
+    def find(self, frame: rs.Frame) -> rs.Markers:
+        return rs.Markers(np.full((2, 2), np.nan), np.full(2, np.nan), np.zeros(2))
+
+    def reset(self) -> None:
+        """Nothing is remembered."""
+
+
+@pytest.mark.parametrize("sees", [True, False])
+def test_the_joints_go_as_told_while_it_is_asked_for_and_then_the_servo_is_paused(
+    sees: bool,
+) -> None:
+    lab = laboratory()
+    if not sees:
+        blind(lab)
+    ticks = ticks_of(lab, a_while())
+    assert phases(ticks) == [rs.Phase.IDLE, rs.Phase.PAUSED, rs.Phase.JOG, rs.Phase.PAUSED]
+    jogged = [tick.time * 1e-9 for tick in ticks if tick.state.phase is rs.Phase.JOG]
+    assert jogged[0] == pytest.approx(BEGIN) and jogged[-1] == pytest.approx(END - 0.01)
+    np.testing.assert_allclose(moved(ticks, 0.0, 3.0), RATES * (END - BEGIN), rtol=0.03)
+    assert not moved(ticks, 0.0, BEGIN).any()
+    assert np.abs(moved(ticks, END + COME_TO_REST, 3.0)).max() < 2.5e-3
+    still = [tick for tick in ticks if tick.time * 1e-9 >= END + 0.03]
+    assert not any(tick.state.command.rates.any() for tick in still)
+
+
+def test_it_is_asked_for_in_idle_too_where_nothing_was_ever_seen() -> None:
+    lab = laboratory()
+    blind(lab)
+    ticks = ticks_of(lab, lambda tick: told(tick, (BEGIN, END, rs.Jog(RATES))))
+    assert phases(ticks) == [rs.Phase.IDLE, rs.Phase.JOG, rs.Phase.PAUSED]
+    np.testing.assert_allclose(moved(ticks, 0.0, 3.0), RATES * (END - BEGIN), rtol=0.03)
+
+
+@pytest.mark.parametrize("phase", [rs.Phase.ACQUIRE, rs.Phase.SERVO])
+def test_while_the_servo_moves_the_arm_nobody_jogs(phase: rs.Phase) -> None:
+    plain = ticks_of(laboratory(), lambda tick: rs.Request.NONE)
+    first = next(i for i, tick in enumerate(plain) if tick.state.phase is phase) + 5
+
+    def operator(tick: rs.Tick) -> Want:
+        now = round(tick.time * 1e-7)
+        return rs.Jog(RATES) if first <= now < first + 10 else rs.Request.NONE
+
+    ticks = ticks_of(laboratory(), operator)
+    assert ticks[first + 5].request is rs.Request.JOG
+    for one, other in zip(plain, ticks, strict=True):
+        assert one.state.command.rates.tobytes() == other.state.command.rates.tobytes()
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.tuples(*[st.floats(-1e6, 1e6)] * 3))
+def test_it_is_never_faster_than_a_fifth_and_keeps_the_direction(
+    wanted: tuple[float, float, float],
+) -> None:
+    lab = laboratory()
+    servo, rates = lab.servo(), np.array(wanted)
+    ticks = ticks_of(lab, a_while(rs.Jog(rates), end=0.8), 1.0)
+    most = SLOW_SHARE * np.array(servo.gate.speed)
+    commands = np.array([tick.state.command.rates for tick in ticks])
+    assert (np.abs(commands) <= most * (1.0 + 1e-9)).all()
+    steps = np.abs(np.diff(commands, axis=0))
+    assert (steps <= np.array(servo.gate.slew) * 0.01 * (1.0 + 1e-9)).all()
+    steady = at(ticks, 0.75).state.command.rates
+    np.testing.assert_allclose(steady, rates / max(1.0, (np.abs(rates) / most).max()), atol=1e-12)
+
+
+@pytest.mark.parametrize("joint", range(3))
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_it_ends_at_the_limit_and_leads_back_from_there(joint: int, way: float) -> None:
+    lab = laboratory()
+    lower, upper = lab.servo().mechanism.limits.arrays
+    rates = np.zeros(3)
+    rates[joint] = way * SLOW_SHARE * np.array(lab.servo().gate.speed)[joint]
+    far = (upper if way > 0.0 else lower)[joint] - lab.rig.scene.start[joint]
+    ends = 1.0 + abs(far / rates[joint]) + 1.0
+
+    def operator(tick: rs.Tick) -> Want:
+        ways = (0.5, ends, rs.Jog(rates)), (ends + 0.5, ends + 1.5, rs.Jog(-rates))
+        return told(tick, (0.0, 0.02, rs.Request.PAUSE), *ways)
+
+    ticks = ticks_of(lab, operator, ends + 2.0)
+    q = np.array([tick.seen.q for tick in ticks])
+    slack = lab.servo().thresholds.slack
+    assert (lower - slack <= q).all() and (q <= upper + slack).all()
+    assert abs(at(ticks, ends).seen.q[joint] - (upper if way > 0.0 else lower)[joint]) < 0.02 * max(
+        1.0, abs(far)
+    )
+    np.testing.assert_allclose(
+        moved(ticks, ends + 0.4, ends + 2.0)[joint], -rates[joint], rtol=0.05
+    )
+    assert rs.Phase.FAULT not in phases(ticks)
+
+
+NO_CONCERN = (
+    "marker_loss:at=0.8",
+    "false_marker:at=0.8",
+    "freeze:at=0.8",
+    "swap:at=0.8",
+    "bump:at=0.8",
+    "relocate:at=0.8",
+    "stuck:at=0.8",
+    "repeat:at=0.8",
+    "clock_step:at=0.8",
+    "corrupt:at=0.8,what=none",
+    "disk_full:at=0.8",
+)
+ENDS = {
+    **{
+        f"{kind}:at=0.8,axis={axis}": (rs.Phase.FAULT, rs.Cause.NOT_FOLLOWING)
+        for kind in ("axis_stuck", "axis_reversed", "gain", "encoder_reversed", "encoder_zero")
+        for axis in (1, 2, 3)
+    },
+    "encoder_nan:at=0.8,axis=2": (rs.Phase.FAULT, rs.Cause.JOINTS_NOT_FINITE),
+    "arm_silent:at=0.8": (rs.Phase.FAULT, rs.Cause.ARM_SILENT),
+    "arm_clock:at=0.8": (rs.Phase.FAULT, rs.Cause.DRIVE_OFF),
+    "drive_off:at=0.8": (rs.Phase.FAULT, rs.Cause.DRIVE_OFF),
+    "hang:at=0.8": (rs.Phase.FAULT, rs.Cause.DRIVE_OFF),
+    "jitter:at=0.8,s=0.035": (rs.Phase.PAUSED, rs.Cause.OVERRUN),
+}
+
+
+def disturbed(text: str, operator: Callable[[rs.Tick], Want]) -> list[rs.Tick]:
+    lab = laboratory(disturbances=[Disturbance.parse(text)])
+    lab.plant.recorded = lambda: not lab.rig.disk_full()
+    lab.rig.begin()
+    return ticks_of(lab, operator)
+
+
+@pytest.mark.parametrize("text", NO_CONCERN)
+def test_what_is_wrong_with_the_picture_does_not_end_it(text: str) -> None:
+    ticks = disturbed(text, a_while())
+    assert phases(ticks)[-2:] == [rs.Phase.JOG, rs.Phase.PAUSED]
+    np.testing.assert_allclose(moved(ticks, 0.0, 3.0), RATES * (END - BEGIN), rtol=0.03)
+
+
+@pytest.mark.parametrize("text", ENDS)
+def test_a_fault_of_the_arm_or_a_late_loop_ends_it_and_the_arm_stands_still(text: str) -> None:
+    ticks = disturbed(text, a_while(end=0.95))
+    after = [tick for tick in ticks if tick.time * 1e-9 >= 0.8]
+    ended = next(tick for tick in after if tick.state.phase is not rs.Phase.JOG)
+    assert (ended.state.phase, ended.state.cause) == ENDS[text]
+    assert ended.time * 1e-9 < 0.95
+    rates = [tick.state.command.rates for tick in ticks if tick.time * 1e-9 >= 1.0]
+    assert not np.any(rates)
+
+
+def test_from_where_a_person_brought_the_tool_the_servo_goes_on_to_its_target() -> None:
+    def operator(tick: rs.Tick) -> Want:
+        way = (6.0, 6.02, rs.Request.PAUSE), (6.5, 7.5, rs.Jog(RATES))
+        return told(tick, *way, (8.0, 8.01, rs.Request.RESUME))
+
+    lab = laboratory()
+    ticks = ticks_of(lab, operator, 14.0)
+    assert phases(ticks)[2:] == [
+        rs.Phase.SERVO,
+        rs.Phase.PAUSED,
+        rs.Phase.JOG,
+        rs.Phase.PAUSED,
+        rs.Phase.ACQUIRE,
+        rs.Phase.SERVO,
+    ]
+    away = [np.linalg.norm(tick.state.delta / (0.02, 1.5, 1.5)) for tick in ticks]
+    assert away[590] < 1.0 and away[790] > 5.0 and away[-1] < 1.0
+    assert all(tick.state.explored for tick in ticks[600:])
+
+
+def test_a_camera_that_was_moved_meanwhile_is_told_at_the_end() -> None:
+    def operator(tick: rs.Tick) -> Want:
+        return told(tick, (4.0, 4.02, rs.Request.PAUSE), (4.5, 5.5, rs.Jog(RATES)))
+
+    lab = laboratory(disturbances=[Disturbance.parse("relocate:at=5")])
+    lab.rig.begin()
+    ticks = ticks_of(lab, operator, 7.0)
+    assert phases(ticks)[-2:] == [rs.Phase.JOG, rs.Phase.PAUSED]
+    assert ticks[-1].state.cause in (rs.Cause.CAMERA_MOVED, rs.Cause.TARGET_OLD)
+
+
+def test_it_is_recorded_with_its_rates_in_one_span_and_comes_out_again_bit_for_bit(
+    tmp_path: Path,
+) -> None:
+    lab = laboratory()
+    with Recorder(tmp_path / reader.RECORD, {}) as recorder:
+        recorder.begin(lab.servo(), lab.target)
+        for tick in ticks_of(lab, a_while()):
+            recorder.write(tick)
+    again = recompute(tmp_path)
+    assert again.same, again.words
+    asked = again.then.ticks["jog"]
+    during = np.array(again.then.words["request"]) == "JOG"
+    assert during.sum() == round(100 * (END - BEGIN))
+    assert (asked[during] == RATES).all() and not asked[~during].any()
+    found = [span for span in spans(again.then) if span.phase is rs.Phase.JOG]
+    assert len(found) == 1 and found[0].length == pytest.approx(END - BEGIN)
+    other = replace(again.then, ticks={**again.then.ticks, "jog": np.zeros_like(asked)})
+    assert "command" in recompute(other).differs
+
+
+def test_rates_that_are_no_three_numbers_are_refused() -> None:
+    for rates in ([0.1, np.nan, 0.0], [0.1, 0.2], np.inf):
+        with pytest.raises(rs.BadInput, match=r"jog\.rates must be three numbers"):
+            rs.Jog(rates)  # type: ignore[arg-type]
+    with pytest.raises(rs.BadInput, match="a Jog, with the joint rates"):
+        ticks_of(laboratory(), lambda tick: rs.Request.JOG)
