@@ -264,3 +264,14 @@ def test_only_a_cause_for_which_the_tool_stands_still_is_stopping(cause):
     after = transition(Mode(Phase.SERVO), [cause], GOOD, Request.NONE, 1)
     assert bool(cause.stopping) == (after.share == 0.0)
     assert cause.stopping in ("", cause.value)
+
+
+@pytest.mark.parametrize("cause", Cause)
+def test_a_fault_and_a_late_loop_end_a_jog_and_nothing_else_does(cause):
+    after = transition(Mode(Phase.JOG), [cause], GOOD, Request.JOG, 1)
+    if cause.action is Action.FAULT:
+        assert (after.phase, after.cause) == (Phase.FAULT, cause)
+    elif cause is Cause.OVERRUN:
+        assert (after.phase, after.cause) == (Phase.PAUSED, cause)
+    else:
+        assert after == Mode(Phase.JOG, asks=Action.SLOW)

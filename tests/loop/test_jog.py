@@ -36,9 +36,7 @@ def told(tick: rs.Tick, *wants: tuple[float, float, Want]) -> Want:
     return next((want for a, b, want in wants if a <= now < b - 1e-9), rs.Request.NONE)
 
 
-def a_while(
-    want: Want = JOG, begin: float = BEGIN, end: float = END
-) -> Callable[[rs.Tick], Want]:
+def a_while(want: Want = JOG, begin: float = BEGIN, end: float = END) -> Callable[[rs.Tick], Want]:
     """Paused at once, and moved by hand for a while."""
     return lambda tick: told(tick, (0.0, 0.02, rs.Request.PAUSE), (begin, end, want))
 
