@@ -49,9 +49,11 @@ HEEDING_CTRL_C = """
 import signal, sys
 from rcmservo.__main__ import main
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 sys.exit(main())
 """
-"""The command, also where a script runs the tests in the background, deaf to Ctrl-C."""
+"""The command, also where a script runs the tests in the background, deaf to Ctrl-C and to a
+terminal that is closed."""
 
 DATA = ROOT.parent / "shared/data/dvrk_two_balls"
 """A recording of a real arm, which is not part of this repository."""
