@@ -70,7 +70,7 @@ COMMAND_LINES = {
     "infinite radius": (["run", "--exploration.radius", "inf"], "exploration.radius"),
     "unknown estimator": (["run", "--estimator", "magic"], "magic"),
     "unknown command": (["fly"], "fly"),
-    "no command": ([], "run, live, replay"),
+    "no command": ([], "run, live, serve, replay"),
     "no folder to replay": (["replay"], "Folder"),
     "a rig that is not there": (["run", "--rig", "nowhere.toml"], "nowhere.toml"),
 }

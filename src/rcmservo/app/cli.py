@@ -9,6 +9,7 @@ from rcmservo.app.export import ExportOptions, export
 from rcmservo.app.lab.emulate import EmulateOptions, emulate
 from rcmservo.app.lab.markers import MarkersOptions, markers
 from rcmservo.app.lab.rig_check import RigOptions, rig_check
+from rcmservo.app.lab.serve import ServeOptions, serve
 from rcmservo.app.live import LiveOptions, live
 from rcmservo.app.own_options import with_own
 from rcmservo.app.paper import PaperOptions, paper
@@ -28,6 +29,7 @@ and 1 where a run did not settle."""
 COMMANDS: dict[str, tuple[type[Any], Callable[[Any], int]]] = {
     "run": (RunOptions, run),
     "live": (LiveOptions, live),
+    "serve": (ServeOptions, serve),
     "replay": (ReplayOptions, replay),
     "show": (ShowOptions, show),
     "export": (ExportOptions, export),

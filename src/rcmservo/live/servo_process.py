@@ -171,7 +171,7 @@ def _target(session: Session, plant: HeartbeatPlant) -> Target:
     return target
 
 
-def _go_on(told_to_end: Callable[[], bool]) -> None:
+def go_on(told_to_end: Callable[[], bool]) -> None:
     """Stop here if this process was told to end."""
     if told_to_end():
         raise Stopped("stopped before the drive was on")
@@ -182,7 +182,7 @@ def _await_frame(plant: HeartbeatPlant) -> None:
     now, why = plant.clock.now(), ""
     for _ in ticks(plant.clock, duration=PATIENCE):
         seen = plant.read()
-        _go_on(plant.told_to_end)
+        go_on(plant.told_to_end)
         if seen.exposure >= now:
             return
         why = seen.dropped.value
@@ -210,7 +210,7 @@ def _servoed(
             def ended(tick: Tick) -> bool:
                 return plant.told_to_end()
 
-            _go_on(plant.told_to_end)
+            go_on(plant.told_to_end)
             began = plant.clock.now()
             try:
                 for tick in run(plant, servo, target, duration, ended, operator=operator):

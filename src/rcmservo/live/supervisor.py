@@ -13,9 +13,10 @@ itself is gone, the servo process ends by itself.
 import contextlib
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
+from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
@@ -39,6 +40,12 @@ computer stalls."""
 
 DYING = 0.5
 """s that a process which is killed needs at most to be gone; one that is not is only stopped."""
+
+Beside = Mapping[Any, Callable[[], None]]
+"""What else there is to be heard, by something to wait for (`fileno`), and what to do then. What
+that raises ends the run in order."""
+
+NOTHING: Beside = MappingProxyType({})
 
 SwitchOff = Callable[[bool], str]
 """Has the arm's drive switched off from outside of the servo process, and says in words how the arm
@@ -87,20 +94,24 @@ def run_live(
     session: Session,
     off: SwitchOff = left_to_its_watchdog,
     progress: Callable[[Report], None] = nobody,
+    beside: Beside = NOTHING,
 ) -> LiveResult:
-    """Run a session in a process of its own, in wall time, and watch over it.
+    """Run a session in a process of its own, in wall time, and watch over it. Meanwhile what is
+    there to be heard ``beside`` is.
 
     Ctrl-C, a signal that ends a program in order, a terminal that is closed: each lets the servo
     bring the arm to rest and end its record, and is then raised.
     """
     with stopped_by_signals(), left_alone():
-        return _run_live(session, off, progress)
+        return _run_live(session, off, progress, beside)
 
 
-def _run_live(session: Session, off: SwitchOff, progress: Callable[[Report], None]) -> LiveResult:
+def _run_live(
+    session: Session, off: SwitchOff, progress: Callable[[Report], None], beside: Beside
+) -> LiveResult:
     servo = ServoProcess(session)
     try:
-        return supervise(servo, off, progress)
+        return supervise(servo, off, progress, beside)
     except (KeyboardInterrupt, Stopped, OSError):  # OSError of a terminal that shows no progress
         servo.tell("end")
         with contextlib.suppress(RcmServoError):
@@ -111,13 +122,19 @@ def _run_live(session: Session, off: SwitchOff, progress: Callable[[Report], Non
 
 
 def supervise(
-    servo: ServoProcess, off: SwitchOff, progress: Callable[[Report], None] = nobody
+    servo: ServoProcess,
+    off: SwitchOff,
+    progress: Callable[[Report], None] = nobody,
+    beside: Beside = NOTHING,
 ) -> LiveResult:
     """Watch over a servo process until it has told how its run went, or cannot any more."""
     watchman, began = Watchman(servo), 0
     ears = [servo.wire]
     while True:
-        for wire in cast(list[Connection], wait(ears, LOOK * 1e-9) if ears else []):
+        heard = wait([*ears, *beside], LOOK * 1e-9) if ears or beside else []
+        for other in beside.keys() & heard:
+            beside[other]()
+        for wire in cast(list[Connection], [one for one in heard if one in ears]):
             said = _next(wire)
             if isinstance(said, Report):
                 progress(said)

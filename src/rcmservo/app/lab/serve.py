@@ -1,0 +1,172 @@
+"""`rcmservo serve`: the operator's page in the browser, before a simulated arm and its camera.
+
+serve ─┬─► page process     what the person sees and wants
+       ├─► stop process     STOP, straight back to here
+       ├─► bench            the simulated arm and its camera
+       └─► servo process    one session after the other
+"""
+
+import contextlib
+import webbrowser
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.live import Live
+from rich.text import Text
+
+from rcmservo.app.folders import new_folder
+from rcmservo.app.parse import OptionalPath
+from rcmservo.app.preparing import compiling, simulator
+from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
+from rcmservo.app.terminal import console
+from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.errors import RcmServoError, require
+from rcmservo.live.child import Child
+from rcmservo.live.frame_ring import RingCamera
+from rcmservo.live.servo_process import Session
+from rcmservo.record.reader import RECORD
+from rcmservo.record.writer import Recorder
+from rcmservo.servo.servo import Servo
+
+if TYPE_CHECKING:
+    from rcmservo.page.desk import Desk
+    from rcmservo.sim.processes.bench import Bench
+
+LONGEST = 3600.0
+"""s of a session."""
+
+
+@dataclass(frozen=True)
+class ServeOptions:
+    """The operator's page at 127.0.0.1: see, teach, go, stop. The arm and its camera are simulated.
+    It serves until Ctrl-C."""
+
+    port: int = 8080
+    """Where the page is; 0 takes a port that is free."""
+    browser: bool = True
+    """Open the page in the browser that this computer has."""
+    seed: int = 0
+    """Draws where the arm and its camera stand, and the noise."""
+    estimator: EstimatorName = "dlt"
+    """How the Jacobian is learnt; as of `rcmservo run`."""
+    rig: OptionalPath = None
+    """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene."""
+    out: OptionalPath = None
+    """Folder for the records, new or empty; by default a new one under runs/."""
+    boxes: Boxes = field(default_factory=ServoOptions)
+    """The settings of the servo's boxes."""
+
+
+def serve(options: ServeOptions) -> int:
+    """Serve until Ctrl-C; the exit code is 0."""
+    require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
+    right = "a whole number from 0 to 65535"
+    require(0 <= options.port < 65536, "--port", options.port, right)
+    lab = Lab() if options.rig is None else load_lab(options.rig)
+    right = "one without [arm]: the page has no hardware yet, see rcmservo live"
+    require("arm" not in lab.devices, "--rig", options.rig, right)
+    servo, out = options.boxes.servo(options.estimator, lab), console(False)
+    line = Live(Text(""), console=out, refresh_per_second=8, transient=True)
+    with simulator("serve"), new_folder(options.out, f"serve-seed{options.seed}") as folder:
+        with line, compiling(line):
+            servo.warm_up()
+        with contextlib.suppress(KeyboardInterrupt), _bench(options.seed, lab) as bench:
+            _serve(options, lab, servo, bench, folder)
+    return 0
+
+
+@contextlib.contextmanager
+def _bench(seed: int, lab: Lab) -> Generator["Bench"]:
+    from rcmservo.sim.processes.bench import Bench
+    from rcmservo.sim.rig_file import rig_settings
+
+    with Bench(seed, rig_settings(lab)) as bench:
+        yield bench
+
+
+def _serve(options: ServeOptions, lab: Lab, servo: Servo, bench: "Bench", folder: Path) -> None:
+    """Have the page served, and run sessions beside it."""
+    with _page("serve"):
+        from rcmservo.page.desk import Desk
+        from rcmservo.page.enabling import await_enable
+        from rcmservo.page.operator import PageOperator
+        from rcmservo.page.sessions import Sessions
+    desk, words = Desk(get_context("spawn")), about(options, lab, servo)
+    numbers = iter(range(1, 1_000_000))
+
+    def session() -> Session:
+        record = folder / f"session-{next(numbers)}" / RECORD
+        made = bench.session(servo, lab.markers, LONGEST, record, words)
+        return Session(
+            made.servo,
+            made.duration,
+            arm=made.arm,
+            camera=made.camera,
+            tracker=made.tracker,
+            recorder=partial(recorder, record, words),
+            target=partial(await_enable, desk, servo),
+            operator=partial(PageOperator, desk),
+        )
+
+    with _served(options, desk, bench) as address:
+        console(False).print(
+            f"rcmservo page at {address}, simulated arm, seed {options.seed}; Ctrl-C ends it",
+            soft_wrap=True,
+        )
+        if options.browser:
+            webbrowser.open(address)
+        Sessions(desk, session, bench.off).keep()
+
+
+@contextlib.contextmanager
+def _served(options: ServeOptions, desk: "Desk", bench: "Bench") -> Generator[str]:
+    """The page's processes; where the page is."""
+    from rcmservo.page.doors import Doors, bound
+    from rcmservo.page.stop_process import serve_stop
+    from rcmservo.page.web import drawn_secret, serve_page
+
+    context, title = get_context("spawn"), "rcmservo: simulated arm"
+    with contextlib.ExitStack() as stack:
+        here, stop = bound(options.port), bound(0)
+        port, stop_port = here.getsockname()[1], stop.getsockname()[1]
+        doors = Doors(port, drawn_secret())
+        camera = partial(RingCamera, bench.ring)
+        for work, given in (
+            (serve_stop, (desk.bell, doors, stop)),
+            (serve_page, (desk, camera, doors, stop_port, title, here)),
+        ):
+            child = Child(context, work, *given)
+            stack.callback(child.end)
+            child.hear()
+        yield f"http://127.0.0.1:{port}"
+
+
+def recorder(path: Path, words: dict[str, Any]) -> Recorder:
+    """The record of a session, in a folder of its own, once there is something to record."""
+    path.parent.mkdir(parents=True)
+    return Recorder(path, words)
+
+
+def about(options: ServeOptions, lab: Lab, servo: Servo) -> dict[str, Any]:
+    """What a record says of its session."""
+    from rcmservo.app.simulated_run import job
+    from rcmservo.sim.rig_file import rig_settings
+
+    of = job.Job(options.seed, LONGEST, options.estimator, servo, lab, Path())
+    return job.about(of, rig_settings(lab))
+
+
+@contextlib.contextmanager
+def _page(command: str) -> Generator[None]:
+    """Import the page in here: where it is not installed, that is one sentence."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise RcmServoError(
+            f"{command} needs the page, and {error.name} is not installed: pip install "
+            f"'rcmservo[page]'"
+        ) from error

@@ -1,0 +1,1 @@
+"""The operator's page: a client of live, as any other."""

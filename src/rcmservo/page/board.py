@@ -1,0 +1,137 @@
+"""What the page shows: the newest tick in words and numbers, and what was said beside it."""
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import Phase
+from rcmservo.interfaces import Floats, Target
+from rcmservo.page.desk import Desk
+from rcmservo.page.wants import Aim, Between, Note, Taught
+from rcmservo.record import layout
+from rcmservo.record.columns import WORDS
+from rcmservo.record.layout import TICK
+
+NOTES = 20
+"""Sentences that are kept."""
+
+Table = dict[str, Any]
+
+
+@dataclass
+class Board:
+    """What there is to show."""
+
+    desk: Desk
+    """Where it comes from."""
+    between: Between | None = None
+    """What there is instead of a loop; None while there is one."""
+    target: Target | None = None
+    """Where the loop goes to."""
+    tick: Table = field(default_factory=dict[str, Any])
+    """The newest tick's columns and names."""
+    notes: deque[str] = field(default_factory=lambda: deque[str](maxlen=NOTES))
+    """What was said, the newest last."""
+    taught: dict[str, Target] = field(default_factory=dict[str, Target])
+    """Poses by their names."""
+    count: int = -1
+    """That of the newest tick taken."""
+
+    @property
+    def frame(self) -> int:
+        """Number of the frame that the newest tick knows, -1 where there is none."""
+        return int(self.tick["frame"][0]) if self.tick else -1
+
+    def look(self) -> None:
+        """Take what is new."""
+        for said in self.desk.said.heard():
+            self._take(said)
+        self.count, ticks = self.desk.ticks.after(max(self.count, self.desk.ticks.newest - 1))
+        if ticks:
+            self.tick = told(ticks[-1])
+            ended = self.between is not None and self.between.latched
+            if self.tick["phase"] != Phase.DISABLED.name and not ended:
+                self.between = None
+
+    def _take(self, said: object) -> None:
+        match said:
+            case Note():
+                self.notes.append(said.words)
+            case Between():
+                self.between, self.tick = said, {}
+                self.count = self.desk.ticks.newest
+                self.target = None
+            case Aim():
+                self.target = said.target
+            case Taught():
+                self.taught[said.name] = said.target
+            case _:
+                raise TypeError(f"{said!r} is nothing that is said to the page")
+
+    def table(self) -> Table:
+        """What a browser draws, as JSON has it."""
+        tick, target = self.tick, self.target
+        return {
+            **self._state(),
+            "points": pairs(tick.get("points")),
+            "model": pairs(tick.get("model")),
+            "rcm": plain(tick.get("o_c")),
+            "delta": plain(tick.get("delta")),
+            "q": plain(tick.get("q")),
+            "target": None if target is None else pairs(target.points.ravel()),
+            "poses": sorted(self.taught),
+            "notes": list(self.notes)[-3:],
+        }
+
+    def _state(self) -> Table:
+        """Phase, cause and way out in words; `action` says how grave it is."""
+        if self.between is not None or not self.tick:
+            between = self.between or Between("preparing")
+            phase = "FAULT" if between.latched else "OFF"
+            action = "FAULT" if between.latched else "NONE"
+            way = "find out why, then clear" if between.latched else ""
+            return {
+                "phase": phase,
+                "words": between.words,
+                "why": "",
+                "way_out": way,
+                "action": action,
+                "ready": between.ready,
+            }
+        phase, cause = Phase[self.tick["phase"]], Cause[self.tick["cause"]]
+        return {
+            "phase": phase.name,
+            "words": phase.value,
+            "why": cause.value,
+            "way_out": cause.way_out,
+            "action": self.tick["asks"],
+            "ready": False,
+        }
+
+
+def told(data: bytes) -> Table:
+    """A tick of the ring as columns and names."""
+    columns = layout.tick_columns(TICK, [data])
+    names = layout.words_of(data, TICK.itemsize, len(WORDS))
+    words = {one.name: name for one, name in zip(WORDS, names, strict=True)}
+    return {name: column[0] for name, column in columns.items()} | words
+
+
+def plain(numbers: Floats | None) -> list[float | None] | None:
+    """Numbers as JSON has them: None for what is not finite."""
+    if numbers is None:
+        return None
+    return [float(one) if np.isfinite(one) else None for one in numbers]
+
+
+def pairs(numbers: Floats | None) -> list[list[float] | None] | None:
+    """Points [[u, v], ...] of numbers in a row; None for one that is not known."""
+    if numbers is None:
+        return None
+    return [
+        [float(one) for one in point] if np.isfinite(point).all() else None
+        for point in np.reshape(numbers, (-1, 2))
+    ]

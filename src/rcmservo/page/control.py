@@ -1,0 +1,144 @@
+"""Who may move the arm by the page, and what counts as said by that person.
+
+One browser has control and the others watch. Every message tells the newest moment that the server
+has shown to that browser: what was said to a page long gone is said no more.
+"""
+
+import json
+import secrets
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rcmservo.config.decode import decode
+from rcmservo.config.texts import is_table
+from rcmservo.errors import BadInput
+from rcmservo.guard.states import Request
+from rcmservo.interfaces import Target
+from rcmservo.page.wants import Beat, Enable, Go, Held, TeachAs, Told
+
+FRESH = 300_000_000
+"""ns for which what the server has shown counts as seen now."""
+
+LONGEST = 2000
+"""Characters of a message."""
+
+NAME = 40
+"""Characters of a pose's name."""
+
+REQUESTS = {
+    "pause": Request.PAUSE,
+    "resume": Request.RESUME,
+    "clear": Request.CLEAR,
+}
+
+
+class Unheeded(Exception):
+    """A message that is not heeded, and why."""
+
+
+@dataclass
+class Control:
+    """Who has control: a browser by what it was named at random, or nobody."""
+
+    holder: str = ""
+    """Its name; empty where nobody has control."""
+    asking: str = ""
+    """Who asks for it while somebody else has it."""
+
+    def join(self) -> str:
+        """Another browser; it has control if nobody has."""
+        name = secrets.token_hex(16)
+        self.holder = self.holder or name
+        return name
+
+    def leave(self, name: str) -> None:
+        """A browser is gone; who asks for control gets what it had."""
+        self.asking = "" if self.asking == name else self.asking
+        if self.holder == name:
+            self.holder, self.asking = self.asking, ""
+
+    def ask(self, name: str) -> None:
+        """A browser asks for control."""
+        if not self.holder:
+            self.holder = name
+        elif self.holder != name:
+            self.asking = name
+
+    def give(self, name: str) -> None:
+        """Who has control gives it to who asks for it."""
+        if self.holder == name and self.asking:
+            self.holder, self.asking = self.asking, ""
+
+
+def heard(
+    text: str, name: str, control: Control, pose: Callable[[str], Target | None], now: int
+) -> Told | None:
+    """What a browser wants of the servo; None for what is settled between browsers. `pose` finds a
+    target by its name."""
+    message = _message(text)
+    do = message.get("do")
+    if do == "ask":
+        return control.ask(name)
+    if do == "give":
+        return control.give(name)
+    if name != control.holder:
+        raise Unheeded("another browser has control: ask for it")
+    at = message.get("at")
+    if type(at) is not int or not 0 <= now - at <= FRESH:
+        raise Unheeded("it came too late to count")
+    return _told(do, message, pose)
+
+
+def _told(do: object, message: dict[str, Any], pose: Callable[[str], Target | None]) -> Told:
+    if do == "beat":
+        return Beat()
+    if do == "enable":
+        return Enable()
+    if do == "jog":
+        return _held(message)
+    if do in ("teach", "go"):
+        called = _name(message.get("name"))
+        return TeachAs(called) if do == "teach" else _go(called, pose)
+    if isinstance(do, str) and do in REQUESTS:
+        return REQUESTS[do]
+    raise Unheeded(f"nobody knows what {str(do)[:NAME]!r} is")
+
+
+def _message(text: str) -> dict[str, Any]:
+    if len(text) > LONGEST:
+        raise Unheeded("it is too long")
+    try:
+        message: object = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise Unheeded("it is no JSON") from error
+    if not is_table(message):
+        raise Unheeded("it is no JSON object")
+    return message
+
+
+def _held(message: dict[str, Any]) -> Held:
+    try:
+        return decode(Held, {key: message.get(key) for key in ("rates", "press")}, "jog")
+    except BadInput as error:
+        raise Unheeded(str(error)) from error
+
+
+def _name(name: object) -> str:
+    good = isinstance(name, str) and 0 < len(name) <= NAME and name.isprintable()
+    if not good or str(name) != str(name).strip():
+        raise Unheeded(f"a pose's name has 1 to {NAME} characters")
+    return str(name)
+
+
+def _go(called: str, pose: Callable[[str], Target | None]) -> Go:
+    target = pose(called)
+    if target is None:
+        raise Unheeded(f"there is no pose {called!r}")
+    return Go(target)
+
+
+def moment() -> int:
+    """Now, ns, as it is shown to browsers."""
+    return time.monotonic_ns()

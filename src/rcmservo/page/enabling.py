@@ -1,0 +1,48 @@
+"""Before the drive is on: the page sees what the camera sees, and the person switches it on."""
+
+import numpy as np
+
+from rcmservo.guard.states import Request
+from rcmservo.interfaces import Target
+from rcmservo.live.servo_process import HeartbeatPlant, go_on
+from rcmservo.loop.clock import ticks
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.teach import NotShown, teach
+from rcmservo.loop.tick import Tick
+from rcmservo.page.desk import Desk
+from rcmservo.page.wants import Beat, Between, Enable, Held, Note
+from rcmservo.servo.servo import Servo
+
+STILL = np.zeros(3)
+
+
+def await_enable(desk: Desk, servo: Servo, plant: Plant) -> Target:
+    """Show what is seen until the person wants the drive on; the pose in which the tool then is, as
+    the first target."""
+    assert isinstance(plant, HeartbeatPlant)
+    state, schedule = servo.init(), ticks(plant.clock, servo.rate)
+    list(desk.wants.heard())  # what was wanted of a session that is over
+    desk.said.put(Between("the drive is off", ready=True))
+    while True:
+        now = next(schedule)
+        go_on(plant.told_to_end)
+        desk.ticks.put(Tick(now, servo, plant.read(), Request.NONE, STILL, state, STILL))
+        target = _shown(desk, plant) if _enabled(desk) else None
+        if target is not None:
+            return target
+
+
+def _enabled(desk: Desk) -> bool:
+    """Whether the person wants the drive on; all else is not for now."""
+    told = [one for one in desk.wants.heard() if not isinstance(one, Beat | Held)]
+    if any(not isinstance(one, Enable) for one in told):
+        desk.said.put(Note("the drive is off: enable first"))
+    return any(isinstance(one, Enable) for one in told)
+
+
+def _shown(desk: Desk, plant: Plant) -> Target | None:
+    try:
+        return teach(plant)
+    except NotShown as error:
+        desk.said.put(Note(f"not enabled: {error}"))
+        return None

@@ -1,0 +1,98 @@
+"""What the page tells the servo: what a person wants, and that the person is still there."""
+
+import math
+from dataclasses import dataclass
+
+from rcmservo.errors import require
+from rcmservo.guard.states import Request
+from rcmservo.interfaces import Target
+
+
+@dataclass(frozen=True)
+class Enable:
+    """Wanted: that the drive goes on, with the tool's present pose as the first target."""
+
+
+@dataclass(frozen=True, eq=False)
+class Go:
+    """Wanted: that the tool goes to a target."""
+
+    target: Target
+    """Where to."""
+
+
+@dataclass(frozen=True)
+class TeachAs:
+    """Wanted: that the tool pauses, and that what the camera then sees becomes a target of this
+    name."""
+
+    name: str
+    """Of the target."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """A person holds a jog button down, now."""
+
+    rates: tuple[float, float, float]
+    """Joint rates rad/s, rad/s, mm/s."""
+    press: int
+    """Which press it is: what ended one press is not gone on with before the next."""
+
+    def __post_init__(self) -> None:
+        good = len(self.rates) == 3 and all(map(math.isfinite, self.rates))
+        require(good, "rates", self.rates, "three numbers (rad/s, rad/s, mm/s)")
+
+
+@dataclass(frozen=True)
+class Beat:
+    """The person who has control is there, now."""
+
+
+Told = Enable | Go | TeachAs | Held | Beat | Request
+"""What comes from the page."""
+
+
+@dataclass(frozen=True)
+class Note:
+    """A sentence for the person."""
+
+    words: str
+    """The sentence."""
+
+
+@dataclass(frozen=True)
+class Between:
+    """There is no loop: before the drive is on, or after a stop."""
+
+    words: str
+    """What there is instead."""
+    ready: bool = False
+    """Whether the drive can be switched on."""
+    latched: bool = False
+    """Whether it stays so until the person clears it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Aim:
+    """What the loop goes to from now on."""
+
+    target: Target
+    """What was shown."""
+
+
+@dataclass(frozen=True, eq=False)
+class Taught:
+    """A target was taught."""
+
+    name: str
+    """What it is called."""
+    target: Target
+    """What the camera saw."""
+
+
+Said = Note | Between | Aim | Taught
+"""What servo process and supervisor tell the page beside the ticks."""
+
+STOP, CLEAR, END = "stop", "clear", "end"
+"""What the supervisor is told: that a person has pressed STOP; that the stop is over; to end."""

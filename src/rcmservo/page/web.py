@@ -1,0 +1,108 @@
+"""The page's process: NiceGUI's page, and the websockets by which it sees and wants.
+
+/pictures   the browser asks for the next picture and gets it, with the board
+/operate    what the browser wants; it is told what was refused
+"""
+
+import asyncio
+import secrets
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
+from multiprocessing.connection import Connection
+
+import uvicorn
+from fastapi import FastAPI
+from nicegui import app as pages
+from nicegui import ui
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from rcmservo.guard.states import Request
+from rcmservo.interfaces import Camera
+from rcmservo.page.board import Board
+from rcmservo.page.control import Control, Unheeded, heard, moment
+from rcmservo.page.desk import Desk
+from rcmservo.page.doors import NAMES, Doors, said_on
+from rcmservo.page.ending import GRACE, until_told
+from rcmservo.page.pictures import Pictures, packed
+from rcmservo.page.sheet import lay_out
+from rcmservo.page.wants import CLEAR
+
+
+def serve_page(
+    desk: Desk,
+    camera: Callable[[], Camera],
+    doors: Doors,
+    stop_port: int,
+    title: str,
+    listening: socket.socket,
+    control: Connection,
+) -> None:
+    """Be the page until the other end of `control` speaks or is gone."""
+    board, who = Board(desk), Control()
+    pictures = Pictures(camera(), board)
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(NAMES))
+
+    @app.websocket("/pictures")
+    async def see(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
+        if await doors.let_in(wire):
+            with suppress(WebSocketDisconnect):
+                await _seen(wire, pictures, who)
+
+    @app.websocket("/operate")
+    async def operate(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
+        if not await doors.let_in(wire):
+            return
+        name = who.join()
+        try:
+            await _operated(wire, name, who, board)
+        except WebSocketDisconnect:
+            if who.holder == name:
+                desk.wants.put(Request.PAUSE)
+        finally:
+            who.leave(name)
+
+    lay_out(title, doors, stop_port)
+    ui.run_with(app, title=title, dark=None, show_welcome_message=False, reconnect_timeout=10.0)
+    pages.on_startup(pictures.pump)
+    settings = uvicorn.Config(
+        app, log_level="warning", ws_max_size=65536, timeout_graceful_shutdown=GRACE
+    )
+    asyncio.run(until_told(uvicorn.Server(settings), listening, control))
+
+
+async def _seen(wire: WebSocket, pictures: Pictures, who: Control) -> None:
+    """One browser's pictures, as it asks for them."""
+    count = 0
+    while True:
+        await said_on(wire)
+        shown = await pictures.after(count)
+        count = shown.count
+        await wire.send_bytes(packed(shown, asdict(who)))
+
+
+async def _operated(wire: WebSocket, name: str, who: Control, board: Board) -> None:
+    """What one browser wants. It is told its name, and what was refused."""
+    await wire.send_json({"name": name})
+    while True:
+        text = await said_on(wire)
+        refused = ""
+        try:
+            told = heard(text, name, who, board.taught.get, moment())
+        except Unheeded as error:
+            refused = str(error)
+        else:
+            if told is not None and not board.desk.wants.put(told):
+                refused = "the servo does not listen"
+            if told is Request.CLEAR:
+                board.desk.bell.put(CLEAR)
+        if refused:
+            await wire.send_json({"refused": refused})
+
+
+def drawn_secret() -> str:
+    """What a page knows and nobody else."""
+    return secrets.token_urlsafe(32)

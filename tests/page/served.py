@@ -1,0 +1,32 @@
+"""`rcmservo serve` in a process of its own."""
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from conftest import HEEDING_CTRL_C, with_tests
+
+
+@contextmanager
+def served(folder: Path, *options: str) -> Iterator[str]:
+    """Where the page is; its records go into the folder."""
+    command = [sys.executable, "-c", HEEDING_CTRL_C, "serve", "--port", "0", "--no-browser"]
+    process = subprocess.Popen(
+        [*command, "--seed", "1", "--out", str(folder), *options],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=with_tests(COLUMNS="200", TERM="dumb"),
+    )
+    assert process.stdout is not None
+    try:
+        line = next(line for line in process.stdout if "rcmservo page at" in line)
+        address = re.search(r"http://127\.0\.0\.1:\d+", line)
+        assert address is not None and "simulated arm" in line, line
+        yield address[0]
+    finally:
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0

@@ -1,0 +1,110 @@
+"""Who may move the arm by the page: one browser, by messages that are whole and fresh."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import rcmservo as rs
+from rcmservo.page.control import FRESH, Control, Unheeded, heard
+from rcmservo.page.wants import Beat, Enable, Go, Held, TeachAs
+
+NOW = 10**12
+POSES = {"above": rs.Target(np.array([[1.0, 2.0], [3.0, 4.0]]), np.zeros(3))}
+
+
+def said(message: Any, name: str = "a", control: Control | None = None) -> Any:
+    text = message if isinstance(message, str) else json.dumps({"at": NOW - 1} | message)
+    return heard(text, name, control or Control("a"), POSES.get, NOW)
+
+
+def test_each_message_becomes_what_it_says() -> None:
+    assert said({"do": "beat"}) == Beat() and said({"do": "enable"}) == Enable()
+    assert said({"do": "pause"}) is rs.Request.PAUSE
+    assert said({"do": "clear"}) is rs.Request.CLEAR
+    assert said({"do": "jog", "rates": [1, 0, -2.5], "press": 3}) == Held((1.0, 0.0, -2.5), 3)
+    assert said({"do": "teach", "name": "left of it"}) == TeachAs("left of it")
+    go = said({"do": "go", "name": "above"})
+    assert isinstance(go, Go) and go.target is POSES["above"]
+
+
+@pytest.mark.parametrize(
+    ("message", "why"),
+    [
+        ("{", "no JSON"),
+        ("[]", "no JSON object"),
+        ("[" * 1500, "no JSON"),
+        (" " * 3000, "too long"),
+        ({"do": "fly"}, "nobody knows"),
+        ({}, "nobody knows"),
+        ({"do": ["jog"]}, "nobody knows"),
+        ({"do": "beat", "at": NOW - FRESH - 1}, "too late"),
+        ({"do": "beat", "at": NOW + 1}, "too late"),
+        ({"do": "beat", "at": float(NOW)}, "too late"),
+        ({"do": "beat", "at": None}, "too late"),
+        ({"do": "jog", "rates": [1, 2], "press": 1}, "rates"),
+        ({"do": "jog", "rates": [1, 2, float("nan")], "press": 1}, "rates"),
+        ({"do": "jog", "rates": [1, 2, "3"], "press": 1}, "rates"),
+        ({"do": "jog", "rates": [1, 2, 3]}, "press"),
+        ({"do": "go", "name": "nowhere"}, "no pose"),
+        ({"do": "teach", "name": ""}, "name"),
+        ({"do": "teach", "name": "x" * 41}, "name"),
+        ({"do": "teach", "name": "a\nb"}, "name"),
+        ({"do": "teach", "name": 3}, "name"),
+    ],
+)
+def test_what_is_not_whole_or_not_fresh_is_refused_with_a_reason(message: Any, why: str) -> None:
+    with pytest.raises(Unheeded, match=why):
+        said(message)
+
+
+@given(st.text(max_size=100) | st.binary(max_size=50).map(lambda data: data.decode("latin-1")))
+def test_any_text_at_all_is_refused_and_raises_nothing_else(text: str) -> None:
+    with pytest.raises(Unheeded):
+        said(text)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=10,
+)
+
+
+@given(
+    st.fixed_dictionaries(
+        {"do": st.sampled_from(["jog", "teach", "go", "beat", "enable"])},
+        optional={"rates": json_values, "press": json_values, "name": json_values},
+    )
+)
+def test_any_message_is_heeded_as_a_want_or_refused(message: dict[str, Any]) -> None:
+    try:
+        want = said(message)
+    except Unheeded:
+        return
+    assert isinstance(want, Beat | Enable | Held | TeachAs | Go)
+    if isinstance(want, Held):
+        assert np.isfinite(want.rates).all()
+
+
+def test_one_browser_has_control_and_hands_it_over_when_it_is_asked() -> None:
+    control = Control()
+    a, b = control.join(), control.join()
+    assert control.holder == a != b
+    with pytest.raises(Unheeded, match="another browser has control"):
+        said({"do": "enable"}, b, control)
+    assert said({"do": "ask"}, b, control) is None and control.holder == a
+    said({"do": "give"}, b, control)
+    assert control.holder == a
+    said({"do": "give"}, a, control)
+    assert control.holder == b and not control.asking
+    control.ask(a)
+    control.leave(b)
+    assert control.holder == a
+    control.leave(a)
+    assert not control.holder
+    said({"do": "ask"}, "c", control)
+    assert control.holder == "c"

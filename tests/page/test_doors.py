@@ -1,0 +1,96 @@
+"""The page's websockets from outside: forged ones are not let in, and what is let in moves nothing
+without control and a fresh moment."""
+
+import json
+import re
+import urllib.request
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from served import served
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
+
+pytestmark = pytest.mark.alone
+
+
+class Site:
+    """A server's address, and what its page tells a browser."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        told = re.search(
+            r"window\.RCMSERVO = (\{.*?\});", urllib.request.urlopen(address).read().decode()
+        )
+        assert told is not None
+        self.told = json.loads(told[1])
+
+    def open(self, path: str, origin: str | None = None, **changes: Any) -> ClientConnection:
+        port = self.told["stopPort"] if path == "/stop" else self.address.rpartition(":")[2]
+        secret = changes.get("secret", self.told["secret"])
+        url = f"ws://127.0.0.1:{port}{path}?secret={secret}"
+        return connect(url, origin=Origin(origin or self.address))
+
+    def board(self, wire: ClientConnection) -> dict[str, Any]:
+        """The newest of a browser's pictures, without the picture."""
+        wire.send("next")
+        data = wire.recv(20.0)
+        assert isinstance(data, bytes)
+        return json.loads(data[4 : 4 + int.from_bytes(data[:4], "little")])
+
+    def until(self, wire: ClientConnection, phase: str) -> dict[str, Any]:
+        for _ in range(3000):
+            board = self.board(wire)
+            if board["phase"] == phase and (phase != "OFF" or board["ready"]):
+                return board
+        raise AssertionError(f"{phase} never came: {board}")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    with served(tmp_path_factory.mktemp("serve") / "out") as address:
+        yield Site(address)
+
+
+@pytest.mark.parametrize("path", ["/pictures", "/operate", "/stop"])
+def test_a_page_of_another_origin_or_without_the_secret_is_not_let_in(
+    site: Site, path: str
+) -> None:
+    port = site.address.rpartition(":")[2]
+    for origin in ("http://evil.example", "null", f"https://127.0.0.1:{port}", "http://127.0.0.1"):
+        with pytest.raises(InvalidStatus, match="403"):
+            site.open(path, origin)
+    for secret in ("", "x", site.told["secret"][:-1]):
+        with pytest.raises(InvalidStatus, match="403"):
+            site.open(path, secret=secret)
+    with site.open(path):
+        """It is let in."""
+
+
+def test_a_name_of_somebodys_that_leads_here_gets_nothing(site: Site) -> None:
+    request = urllib.request.Request(site.address, headers={"Host": "evil.example"})
+    with pytest.raises(urllib.error.HTTPError, match="400"):
+        urllib.request.urlopen(request)
+
+
+def test_who_watches_or_is_late_moves_nothing_and_is_told_why(site: Site) -> None:
+    with site.open("/pictures") as eye, site.open("/operate") as holder:
+        at, name = site.until(eye, "OFF")["at"], json.loads(holder.recv(20.0))["name"]
+        assert site.board(eye)["holder"] == name
+        with site.open("/operate") as watcher:
+            assert json.loads(watcher.recv(20.0))["name"] != name
+            watcher.send(json.dumps({"do": "enable", "at": site.board(eye)["at"]}))
+            assert "another browser has control" in json.loads(watcher.recv(20.0))["refused"]
+        for _ in range(40):  # in which the moment grows old
+            site.board(eye)
+        for message, why in (
+            (json.dumps({"do": "enable", "at": at}), "too late"),
+            (b"\xff\xfe", "no JSON"),
+            ("{", "no JSON"),
+        ):
+            holder.send(message)
+            assert why in json.loads(holder.recv(20.0))["refused"]
+        for _ in range(30):
+            assert site.board(eye)["phase"] == "OFF"

@@ -1,0 +1,146 @@
+"""The person at the page, between the desk and the loop: nothing moves before it is wanted, and
+nothing goes on once nobody is there."""
+
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+import rcmservo as rs
+from conftest import Laboratory, laboratory
+from rcmservo.loop.operator import same
+from rcmservo.page.desk import Desk
+from rcmservo.page.operator import GONE, LET_GO, PageOperator
+from rcmservo.page.tick_ring import SLOTS
+from rcmservo.page.wants import Aim, Beat, Go, Held, Note, Taught, TeachAs
+from rcmservo.record import layout
+
+Scene = dict[int, list[object]]
+"""What the page says after which tick."""
+
+
+class Browser:
+    """Whoever is at the page: says things after ticks, and is there until some tick."""
+
+    def __init__(self, desk: Desk, says: Scene, there: int = 10**9) -> None:
+        self.desk, self.says, self.there, self.tick = desk, says, there, -1
+        self.operator = PageOperator(desk)
+        self.said: list[object] = []
+
+    def __call__(self, tick: rs.Tick):
+        self.tick += 1
+        if self.tick < self.there and self.tick % 10 == 0:
+            self.desk.wants.put(Beat())
+        for one in self.says.get(self.tick, []):
+            assert self.desk.wants.put(one)
+        want = self.operator(tick)
+        self.said += self.desk.said.heard()
+        return want
+
+
+def ran(
+    says: Scene, seconds: float, there: int = 10**9, lab: Laboratory | None = None
+) -> tuple[list[rs.Tick], Browser]:
+    lab = lab or laboratory()
+    browser = Browser(Desk(get_context("spawn")), says, there)
+    ticks = rs.run(lab.plant, lab.servo(), lab.target, seconds, operator=browser)
+    return list(ticks), browser
+
+
+def phases(ticks: list[rs.Tick]) -> list[rs.Phase]:
+    found = [tick.state.phase for tick in ticks]
+    return [one for i, one in enumerate(found) if i == 0 or found[i - 1] is not one]
+
+
+def held(ticks: range, rates: tuple[float, float, float], press: int = 1) -> Scene:
+    """A button held down, as a browser says it at 25 Hz."""
+    return {k: [Held(rates, press)] for k in ticks if k % 4 == ticks.start % 4}
+
+
+def test_a_session_begins_paused_and_nothing_moves_before_a_person_says_where_to() -> None:
+    ticks, _ = ran({}, 2.0)
+    assert phases(ticks) == [rs.Phase.IDLE, rs.Phase.PAUSED]
+    assert not any(tick.state.command.rates.any() for tick in ticks)
+
+
+def test_go_aims_and_resumes_and_the_tool_arrives_and_on_the_way_it_aims_anew() -> None:
+    lab = laboratory()
+    scene = lab.rig.scene
+    lab.rig.place((scene.start + scene.target) / 2.0)
+    other = rs.teach(lab.plant, frames=5)
+    lab.rig.go_home()
+    ticks, browser = ran({50: [Go(lab.target)], 300: [Go(other)]}, 6.0, lab=lab)
+    assert phases(ticks).count(rs.Phase.PAUSED) == 1 and rs.Phase.SERVO in phases(ticks)
+    assert np.abs(ticks[-1].state.delta / (0.02, 1.5, 1.5)).max() < 1.0
+    first, then = [one.target for one in browser.said if isinstance(one, Aim)]
+    assert same(first, lab.target) and same(then, other)
+
+
+@pytest.mark.parametrize("there", [150, 300])
+def test_what_moves_by_itself_is_paused_once_nobody_is_there(there: int) -> None:
+    target = laboratory().target
+    ticks, _ = ran({50: [Go(target)]}, 5.0, there)
+    last_beat = (there - 1) // 10 * 10
+    first = next(
+        k for k, tick in enumerate(ticks) if k > 60 and tick.state.phase is rs.Phase.PAUSED
+    )
+    assert 0 <= first - last_beat - GONE // 10_000_000 <= 3
+    assert not any(tick.state.command.rates.any() for tick in ticks[first + 15 :])
+    assert phases(ticks)[-1] is rs.Phase.PAUSED
+
+
+def test_a_button_that_is_held_moves_the_joints_and_its_loss_is_noticed_in_time() -> None:
+    rates = (0.1, 0.0, 0.0)
+    ticks, _ = ran(held(range(100, 200), rates), 4.0)
+    moving = [k for k, tick in enumerate(ticks) if tick.state.command.rates.any()]
+    assert moving[0] == 101
+    assert moving[-1] <= 196 + LET_GO // 10_000_000 + 3 + 1
+    assert ticks[-1].seen.q[0] - ticks[0].seen.q[0] == pytest.approx(0.1, rel=0.12)
+    assert phases(ticks)[-2:] == [rs.Phase.JOG, rs.Phase.PAUSED]
+
+
+def test_a_press_that_something_else_ended_is_over_and_the_next_one_counts() -> None:
+    rates = (0.1, 0.0, 0.0)
+    says = held(range(100, 300), rates, 1)
+    says[150] = [rs.Request.PAUSE]
+    says |= held(range(320, 400), rates, 2)
+    ticks, _ = ran(says, 5.0)
+    jogged = [k for k, tick in enumerate(ticks) if tick.state.phase is rs.Phase.JOG]
+    assert jogged[0] == 101 and 151 not in jogged and not set(range(155, 320)) & set(jogged)
+    assert 321 in jogged
+
+
+def test_a_pose_is_taught_under_its_name() -> None:
+    ticks, browser = ran({100: [TeachAs("above")]}, 3.0)
+    (taught,) = [one for one in browser.said if isinstance(one, Taught)]
+    assert taught.name == "above"
+    assert np.allclose(taught.target.points, ticks[-1].seen.points, atol=1.5)
+    assert taught.target.points.tobytes() == ticks[-1].state.target.points.tobytes()
+
+
+def test_what_the_settings_refuse_is_told_and_the_loop_goes_on() -> None:
+    target = rs.Target(np.full((2, 2), 100.0), np.zeros(3))
+    lab = laboratory()
+    servo = lab.servo(
+        estimator=rs.AffineEstimator(), controller=rs.SaturatedController(features="size")
+    )
+    desk = Desk(get_context("spawn"))
+    browser = Browser(desk, {20: [Go(target)]})
+    shown = rs.Target(lab.target.points, lab.target.q, lab.target.shown, np.array([9.0, 9.0]))
+    ticks = list(rs.run(lab.plant, servo, shown, 1.0, operator=browser))
+    assert len(ticks) == 100 and phases(ticks)[-1] is rs.Phase.PAUSED
+    assert any("markers' sizes" in one.words for one in browser.said if isinstance(one, Note))
+
+
+def test_the_ring_gives_every_tick_as_its_record_has_it_and_the_newest_where_many_are_gone() -> (
+    None
+):
+    ticks, browser = ran({}, 6.0)
+    newest, found = browser.desk.ticks.after(-1)
+    assert newest == len(ticks) - 1 == 599 and len(found) == SLOTS
+    assert found == [layout.tick(tick) for tick in ticks[-SLOTS:]]
+    assert browser.desk.ticks.after(newest) == (newest, [])
+    assert browser.desk.ticks.after(newest - 3) == (newest, found[-3:])
+    slot = browser.desk.ticks._slot(newest)
+    slot[100] ^= 1
+    assert browser.desk.ticks.after(newest - 3) == (newest, found[-3:-1])

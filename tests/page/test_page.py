@@ -1,0 +1,159 @@
+"""The operator's page as a person uses it: headless Chromium, the real page, the simulated arm."""
+
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+from served import served
+
+from peers import peer
+from stalls import undisturbed
+
+CHROMIUM = shutil.which("chromium") or ""
+pytestmark = [
+    pytest.mark.alone,
+    pytest.mark.slow,
+    peer("Chromium", bool(CHROMIUM), "apt-get install chromium"),
+]
+PATIENCE = 120_000
+"""ms for what must come on a busy machine."""
+THERE = 0.02, 1.5, 1.5
+"""rad, px, px within which the features are those of the target."""
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+class Person:
+    """Somebody at a browser."""
+
+    def __init__(self, browser: Browser, address: str) -> None:
+        self.page: Page = browser.new_page(viewport={"width": 1366, "height": 800})
+        self.foreign: list[str] = []
+        self.page.on("request", lambda request: self._note(request.url, address))
+        self.page.goto(address)
+        self.until("rcm.board.phase")
+
+    def _note(self, url: str, address: str) -> None:
+        own = url.startswith((address, "data:", "blob:")) or "//127.0.0.1:" in url
+        self.foreign += [] if own else [url]
+
+    def until(self, condition: str) -> None:
+        self.page.wait_for_function(f"window.rcm && ({condition})", timeout=PATIENCE)
+
+    def press(self, name: str) -> None:
+        self.page.get_by_role("button", name=name, exact=True).click(timeout=PATIENCE)
+
+    def told(self, what: str) -> Any:
+        return self.page.evaluate(f"rcm.{what}")
+
+    @property
+    def phase(self) -> str:
+        return self.told("board.phase")
+
+    def enable(self) -> None:
+        self.until("rcm.board.ready && rcm.holds")
+        self.press("Enable")
+        self.until("rcm.board.phase === 'PAUSED'")
+
+    def teach(self, name: str) -> None:
+        self.page.get_by_label("Name of the pose").fill(name)
+        self.press("Teach")
+        self.until(f"rcm.board.poses.includes('{name}')")
+
+    def jog(self, name: str, seconds: float) -> None:
+        self.page.get_by_role("button", name=name, exact=True).hover()
+        self.page.mouse.down()
+        self.page.wait_for_timeout(1000.0 * seconds)
+        self.page.mouse.up()
+        self.until("rcm.board.phase === 'PAUSED'")
+
+    def arrived(self) -> bool:
+        delta = self.told("board.delta")
+        return self.phase == "SERVO" and bool((np.abs(delta) < THERE).all())
+
+    def go(self, name: str) -> None:
+        self.press(f"Go {name}")
+        self.until("rcm.board.phase === 'ACQUIRE' || rcm.board.phase === 'SERVO'")
+
+    def gone(self, name: str) -> bool:
+        """Whether the tool arrives at a pose within a while."""
+        self.go(name)
+        end = time.monotonic() + 20.0
+        while not self.arrived() and self.phase in ("ACQUIRE", "SERVO", "HOLD"):
+            if time.monotonic() > end:
+                break
+            self.page.wait_for_timeout(50)
+        return self.arrived()
+
+
+def test_a_person_teaches_two_poses_goes_back_and_forth_stops_and_begins_again(
+    chromium: Browser, tmp_path: Path
+) -> None:
+    tries = (tmp_path / str(k) for k in range(10))
+
+    def attempt() -> str:
+        with served(next(tries)) as address:
+            return back_and_forth(Person(chromium, address), chromium, address)
+
+    assert undisturbed(attempt, lambda wrong: not wrong) == ""
+
+
+def back_and_forth(person: Person, chromium: Browser, address: str) -> str:
+    """What went wrong in wall time; empty where nothing did. What is wrong otherwise fails."""
+    person.enable()
+    person.teach("here")
+    q = np.array(person.told("board.q"))
+    person.jog("Jog joint 1 plus", 1.0)
+    person.jog("Jog joint 3 plus", 1.0)
+    moved = np.array(person.told("board.q")) - q
+    assert 0.1 < moved[0] < 0.25 and abs(moved[1]) < 1e-3 and 8.0 < moved[2] < 20.0
+    person.teach("there")
+    for pose in ("here", "there"):
+        if not person.gone(pose):
+            return f"{pose}: {person.told('board')}"
+    watcher = Person(chromium, address)
+    watcher.until("rcm.board.phase && !rcm.holds")
+    assert watcher.page.get_by_role("button", name="Go here").is_disabled()
+    watcher.page.evaluate("rcm.go('here')")
+    watcher.until("document.getElementById('notes').textContent.includes('has control')")
+    assert person.phase == "SERVO"
+    person.go("here")
+    watcher.page.keyboard.press("Space")
+    person.until("rcm.board.phase === 'FAULT' && rcm.board.words.includes('STOP was pressed')")
+    assert "drive went off" in person.told("board.words")
+    person.press("Clear")
+    person.enable()
+    person.teach("again")
+    person.page.close()
+    watcher.until("rcm.board.phase === 'PAUSED'")
+    assert not watcher.foreign and watcher.told("drawn") > 20
+    watcher.page.close()
+    return ""
+
+
+def test_closing_the_browser_in_mid_motion_pauses_and_another_one_resumes(
+    chromium: Browser, tmp_path: Path
+) -> None:
+    with served(tmp_path / "out") as address:
+        first = Person(chromium, address)
+        first.enable()
+        first.teach("here")
+        first.jog("Jog joint 2 minus", 1.5)
+        first.go("here")
+        first.page.close()
+        second = Person(chromium, address)
+        second.until("rcm.board.phase === 'PAUSED' && rcm.holds")
+        second.press("Resume")
+        second.until("rcm.board.phase === 'ACQUIRE' || rcm.board.phase === 'SERVO'")
+        second.page.close()
