@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rcmservo as rs
-from rcmservo.page.control import FRESH, Control, Unheeded, heard
-from rcmservo.page.wants import Beat, Enable, Go, Held, TeachAs
+from rcmservo.page.control import FRESH, FRESH_JOG, SILENT, Control, Unheeded, heard
+from rcmservo.page.wants import Beat, Enable, Go, Held, Released, TeachAs
 
 NOW = 10**12
 POSES = {"above": rs.Target(np.array([[1.0, 2.0], [3.0, 4.0]]), np.zeros(3))}
@@ -92,7 +92,7 @@ def test_any_message_is_heeded_as_a_want_or_refused(message: dict[str, Any]) -> 
 
 def test_one_browser_has_control_and_hands_it_over_when_it_is_asked() -> None:
     control = Control()
-    a, b = control.join(), control.join()
+    a, b = control.join(NOW), control.join(NOW)
     assert control.holder == a != b
     with pytest.raises(Unheeded, match="another browser has control"):
         said({"do": "enable"}, b, control)
@@ -101,10 +101,30 @@ def test_one_browser_has_control_and_hands_it_over_when_it_is_asked() -> None:
     assert control.holder == a
     said({"do": "give"}, a, control)
     assert control.holder == b and not control.asking
-    control.ask(a)
-    control.leave(b)
+    control.ask(a, NOW)
+    control.leave(b, NOW)
     assert control.holder == a
-    control.leave(a)
+    control.leave(a, NOW)
     assert not control.holder
     said({"do": "ask"}, "c", control)
     assert control.holder == "c"
+
+
+def test_who_is_silent_loses_control_to_whoever_asks_and_who_is_not_keeps_it() -> None:
+    control = Control()
+    control.join(NOW - 2 * SILENT)
+    said({"do": "ask"}, "b", control)
+    assert control.holder == "b"
+    said({"do": "beat"}, "b", control)
+    control.ask("c", NOW + SILENT)
+    assert control.holder == "b" and control.asking == "c"
+
+
+def test_a_jog_must_be_fresher_than_the_rest_and_letting_go_always_counts() -> None:
+    old = {"at": NOW - FRESH_JOG - 1}
+    assert said({"do": "beat"} | old) == Beat()
+    with pytest.raises(Unheeded, match="too late"):
+        said({"do": "jog", "rates": [1, 0, 0], "press": 1} | old)
+    assert said({"do": "release", "at": 0}) == Released()
+    with pytest.raises(Unheeded, match="another browser"):
+        said({"do": "release"}, "b")

@@ -8,11 +8,14 @@ import pytest
 
 import rcmservo as rs
 from conftest import Laboratory, laboratory
-from rcmservo.loop.operator import same
+from rcmservo.loop.operator import Want, same
+from rcmservo.page.control import Control
 from rcmservo.page.desk import Desk
+from rcmservo.page.hand import Hand
 from rcmservo.page.operator import GONE, LET_GO, PageOperator
 from rcmservo.page.tick_ring import SLOTS
-from rcmservo.page.wants import Aim, Beat, Go, Held, Note, Taught, TeachAs
+from rcmservo.page.wants import Aim, Beat, Go, Held, Note, Released, Taught, TeachAs
+from rcmservo.page.web import changing_hands, done
 from rcmservo.record import layout
 
 Scene = dict[int, list[object]]
@@ -27,12 +30,12 @@ class Browser:
         self.operator = PageOperator(desk)
         self.said: list[object] = []
 
-    def __call__(self, tick: rs.Tick):
+    def __call__(self, tick: rs.Tick) -> Want:
         self.tick += 1
-        if self.tick < self.there and self.tick % 10 == 0:
-            self.desk.wants.put(Beat())
+        if self.tick < self.there and self.tick % 10 == 0 and self.tick not in self.says:
+            assert done(Beat(), self.desk)
         for one in self.says.get(self.tick, []):
-            assert self.desk.wants.put(one)
+            assert done(one, self.desk)
         want = self.operator(tick)
         self.said += self.desk.said.heard()
         return want
@@ -53,8 +56,12 @@ def phases(ticks: list[rs.Tick]) -> list[rs.Phase]:
 
 
 def held(ticks: range, rates: tuple[float, float, float], press: int = 1) -> Scene:
-    """A button held down, as a browser says it at 25 Hz."""
-    return {k: [Held(rates, press)] for k in ticks if k % 4 == ticks.start % 4}
+    """A button held down, as a browser says it at 25 Hz and more."""
+    return {k: [Held(rates, press)] for k in ticks if k % 4 == ticks.start % 4 or k % 10 == 0}
+
+
+def jogged(ticks: list[rs.Tick]) -> list[int]:
+    return [k for k, tick in enumerate(ticks) if tick.state.phase is rs.Phase.JOG]
 
 
 def test_a_session_begins_paused_and_nothing_moves_before_a_person_says_where_to() -> None:
@@ -91,7 +98,7 @@ def test_what_moves_by_itself_is_paused_once_nobody_is_there(there: int) -> None
 
 def test_a_button_that_is_held_moves_the_joints_and_its_loss_is_noticed_in_time() -> None:
     rates = (0.1, 0.0, 0.0)
-    ticks, _ = ran(held(range(100, 200), rates), 4.0)
+    ticks, _ = ran(held(range(100, 200), rates), 4.0, there=100)
     moving = [k for k, tick in enumerate(ticks) if tick.state.command.rates.any()]
     assert moving[0] == 101
     assert moving[-1] <= 196 + LET_GO // 10_000_000 + 3 + 1
@@ -99,15 +106,79 @@ def test_a_button_that_is_held_moves_the_joints_and_its_loss_is_noticed_in_time(
     assert phases(ticks)[-2:] == [rs.Phase.JOG, rs.Phase.PAUSED]
 
 
+def test_a_button_that_is_let_go_stops_at_the_next_tick() -> None:
+    says = held(range(100, 150), (0.1, 0.0, 0.0)) | {150: [Released()]}
+    ticks, _ = ran(says, 3.0)
+    assert jogged(ticks) == list(range(101, 151))
+
+
 def test_a_press_that_something_else_ended_is_over_and_the_next_one_counts() -> None:
     rates = (0.1, 0.0, 0.0)
     says = held(range(100, 300), rates, 1)
     says[150] = [rs.Request.PAUSE]
     says |= held(range(320, 400), rates, 2)
-    ticks, _ = ran(says, 5.0)
-    jogged = [k for k, tick in enumerate(ticks) if tick.state.phase is rs.Phase.JOG]
-    assert jogged[0] == 101 and 151 not in jogged and not set(range(155, 320)) & set(jogged)
-    assert 321 in jogged
+    there = jogged(ran(says, 5.0)[0])
+    assert there[0] == 101 and not set(range(151, 320)) & set(there) and 321 in there
+
+
+def test_a_press_that_was_not_renewed_in_time_is_over_also_where_it_is_renewed_later() -> None:
+    rates = (0.1, 0.0, 0.0)
+    says = held(range(100, 121), rates, 1) | held(range(140, 180), rates, 1)
+    says |= held(range(200, 220), rates, 2)
+    there = jogged(ran(says, 4.0, there=100)[0])
+    assert there[:20] == list(range(101, 121)) and not set(range(132, 200)) & set(there)
+    assert 201 in there
+
+
+def test_a_button_held_before_the_session_began_moves_nothing_in_it() -> None:
+    lab, desk = laboratory(), Desk(get_context("spawn"))
+    desk.hand.holds(7, (0.1, 0.0, 0.0))
+    browser = Browser(desk, held(range(0, 200), (0.1, 0.0, 0.0), 7))
+    ticks = list(rs.run(lab.plant, lab.servo(), lab.target, 3.0, operator=browser))
+    assert not jogged(ticks) and len(ticks) == 300
+
+
+def test_a_gesture_that_is_half_written_counts_for_nothing() -> None:
+    hand = Hand(get_context("spawn"))
+    hand.holds(3, (1.0, 2.0, 3.0))
+    assert hand.read() == (1, 3, 1.0, 2.0, 3.0)
+    hand._memory[20] ^= 1
+    assert hand.read() is None
+
+
+def test_where_control_changes_hands_what_is_in_motion_is_paused() -> None:
+    control, target = Control(), laboratory().target
+    first = control.join(0)
+    second = control.join(0)
+    control.ask(second, 1)
+
+    class Handing(Browser):
+        def __call__(self, tick: rs.Tick) -> Want:
+            if self.tick + 1 == 200:
+                with changing_hands(control, self.desk):
+                    control.give(first, 2)
+            return super().__call__(tick)
+
+    lab = laboratory()
+    browser = Handing(Desk(get_context("spawn")), {50: [Go(target)]})
+    ticks = list(rs.run(lab.plant, lab.servo(), lab.target, 4.0, operator=browser))
+    assert control.holder == second
+    assert ticks[200].state.phase in (rs.Phase.ACQUIRE, rs.Phase.SERVO)
+    assert {tick.state.phase for tick in ticks[201:]} == {rs.Phase.PAUSED}
+
+
+def test_what_was_not_taught_is_told() -> None:
+    _, browser = ran({100: [TeachAs("above")], 110: [rs.Request.PAUSE]}, 3.0)
+    notes = [one.words for one in browser.said if isinstance(one, Note)]
+    assert notes == ["above was not taught"]
+    assert not any(isinstance(one, Taught) for one in browser.said)
+
+
+def test_a_pose_is_not_taught_under_the_name_of_another() -> None:
+    target = laboratory().target
+    _, browser = ran({100: [Go(target), TeachAs("above")]}, 3.0)
+    (taught,) = [one for one in browser.said if isinstance(one, Taught)]
+    assert not same(taught.target, target)
 
 
 def test_a_pose_is_taught_under_its_name() -> None:

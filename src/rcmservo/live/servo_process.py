@@ -97,6 +97,7 @@ class HeartbeatPlant(Plant):
         if self._consent is not None:
             self._consent(self)
         self.beats.value = ENABLING
+        go_on(self.told_to_end)
         super().enable()
         self.beats.value = 0
         del self.lateness[:]  # no tick was due while the drive came on

@@ -1,5 +1,6 @@
 """What the page shows: the newest tick in words and numbers, and what was said beside it."""
 
+import time
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
@@ -39,6 +40,8 @@ class Board:
     """Poses by their names."""
     count: int = -1
     """That of the newest tick taken."""
+    looked: int = 0
+    """ns, when it was last made new: what is shown later is no newer."""
 
     @property
     def frame(self) -> int:
@@ -55,6 +58,7 @@ class Board:
             ended = self.between is not None and self.between.latched
             if self.tick["phase"] != Phase.DISABLED.name and not ended:
                 self.between = None
+        self.looked = time.monotonic_ns()
 
     def _take(self, said: object) -> None:
         match said:
@@ -77,11 +81,11 @@ class Board:
         return {
             **self._state(),
             "points": pairs(tick.get("points")),
-            "model": pairs(tick.get("model")),
             "rcm": plain(tick.get("o_c")),
             "delta": plain(tick.get("delta")),
             "q": plain(tick.get("q")),
             "target": None if target is None else pairs(target.points.ravel()),
+            "at": self.looked,
             "poses": sorted(self.taught),
             "notes": list(self.notes)[-3:],
         }
@@ -92,7 +96,7 @@ class Board:
             between = self.between or Between("preparing")
             phase = "FAULT" if between.latched else "OFF"
             action = "FAULT" if between.latched else "NONE"
-            way = "find out why, then clear" if between.latched else ""
+            way = "find out why, then clear" if between.clears else ""
             return {
                 "phase": phase,
                 "words": between.words,
@@ -100,6 +104,7 @@ class Board:
                 "way_out": way,
                 "action": action,
                 "ready": between.ready,
+                "clears": between.clears,
             }
         phase, cause = Phase[self.tick["phase"]], Cause[self.tick["cause"]]
         return {
@@ -109,6 +114,7 @@ class Board:
             "way_out": cause.way_out,
             "action": self.tick["asks"],
             "ready": False,
+            "clears": phase is Phase.FAULT,
         }
 
 

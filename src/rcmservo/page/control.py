@@ -16,10 +16,13 @@ from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
-from rcmservo.page.wants import Beat, Enable, Go, Held, TeachAs, Told
+from rcmservo.page.wants import Beat, Enable, Go, Held, Released, TeachAs, Told
 
-FRESH = 300_000_000
-"""ns for which what the server has shown counts as seen now."""
+FRESH, FRESH_JOG = 300_000_000, 150_000_000
+"""ns for which what the server has shown counts as seen now; by a hand that jogs."""
+
+SILENT = 2_000_000_000
+"""ns without a fresh message after which who has control loses it to whoever asks."""
 
 LONGEST = 2000
 """Characters of a message."""
@@ -46,30 +49,36 @@ class Control:
     """Its name; empty where nobody has control."""
     asking: str = ""
     """Who asks for it while somebody else has it."""
+    heard: int = 0
+    """ns, when the holder last said something fresh, or came to be the holder."""
 
-    def join(self) -> str:
+    def join(self, now: int) -> str:
         """Another browser; it has control if nobody has."""
         name = secrets.token_hex(16)
-        self.holder = self.holder or name
+        if not self.holder:
+            self._hand(name, now)
         return name
 
-    def leave(self, name: str) -> None:
+    def leave(self, name: str, now: int) -> None:
         """A browser is gone; who asks for control gets what it had."""
         self.asking = "" if self.asking == name else self.asking
         if self.holder == name:
-            self.holder, self.asking = self.asking, ""
+            self._hand(self.asking, now)
 
-    def ask(self, name: str) -> None:
-        """A browser asks for control."""
-        if not self.holder:
-            self.holder = name
+    def ask(self, name: str, now: int) -> None:
+        """A browser asks for control; it has it at once where the holder is silent."""
+        if not self.holder or now - self.heard > SILENT:
+            self._hand(name, now)
         elif self.holder != name:
             self.asking = name
 
-    def give(self, name: str) -> None:
+    def give(self, name: str, now: int) -> None:
         """Who has control gives it to who asks for it."""
         if self.holder == name and self.asking:
-            self.holder, self.asking = self.asking, ""
+            self._hand(self.asking, now)
+
+    def _hand(self, name: str, now: int) -> None:
+        self.holder, self.asking, self.heard = name, "", now
 
 
 def heard(
@@ -80,14 +89,17 @@ def heard(
     message = _message(text)
     do = message.get("do")
     if do == "ask":
-        return control.ask(name)
+        return control.ask(name, now)
     if do == "give":
-        return control.give(name)
+        return control.give(name, now)
     if name != control.holder:
         raise Unheeded("another browser has control: ask for it")
+    if do == "release":
+        return Released()
     at = message.get("at")
-    if type(at) is not int or not 0 <= now - at <= FRESH:
+    if type(at) is not int or not 0 <= now - at <= (FRESH_JOG if do == "jog" else FRESH):
         raise Unheeded("it came too late to count")
+    control.heard = now
     return _told(do, message, pose)
 
 

@@ -1,8 +1,8 @@
 """What the processes about a page share. Nobody waits for anybody.
 
-page ─ wants ─► servo process             page, STOP ─ bell ─► supervisor
-     ◄─ ticks ─
-     ◄─ said ── servo process, supervisor
+page ─ wants, hand ─► servo process       page, STOP ─ bell ─► supervisor
+     ◄─── ticks ────
+     ◄─── said ───── servo process, supervisor
 """
 
 import pickle
@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from multiprocessing.context import BaseContext
 from typing import Any
 
+from rcmservo.page.hand import Hand
 from rcmservo.page.tick_ring import TickRing
 
 LARGEST = 1 << 16
@@ -18,8 +19,8 @@ LARGEST = 1 << 16
 
 
 class Post:
-    """Messages one way, whole or not at all: many may put, one hears. It is handed to a process
-    when that is started."""
+    """Messages one way, whole or not at all: many may put, one hears. There is room for a few, as a
+    person has them. It is handed to a process when that is started."""
 
     def __init__(self) -> None:
         self._mouth, self._ear = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -56,7 +57,9 @@ class Desk:
         """What the loop does, tick by tick."""
         self.wants = Post()
         """What the person wants of the servo."""
+        self.hand = Hand(context)
+        """That the person is there, and which button is held."""
         self.said = Post()
         """What the servo process and the supervisor say to the person."""
         self.bell = Post()
-        """What the supervisor is told: to stop, to clear, to end."""
+        """What the supervisor is told: to stop, to clear."""

@@ -10,7 +10,7 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import NotShown, teach
 from rcmservo.loop.tick import Tick
 from rcmservo.page.desk import Desk
-from rcmservo.page.wants import Beat, Between, Enable, Held, Note
+from rcmservo.page.wants import Between, Enable, Note
 from rcmservo.servo.servo import Servo
 
 STILL = np.zeros(3)
@@ -34,7 +34,7 @@ def await_enable(desk: Desk, servo: Servo, plant: Plant) -> Target:
 
 def _enabled(desk: Desk) -> bool:
     """Whether the person wants the drive on; all else is not for now."""
-    told = [one for one in desk.wants.heard() if not isinstance(one, Beat | Held)]
+    told = list(desk.wants.heard())
     if any(not isinstance(one, Enable) for one in told):
         desk.said.put(Note("the drive is off: enable first"))
     return any(isinstance(one, Enable) for one in told)

@@ -1,7 +1,9 @@
 """A web server as a process that ends when it is told to."""
 
 import asyncio
+import contextlib
 import socket
+from collections.abc import Generator
 from multiprocessing.connection import Connection
 
 import uvicorn
@@ -10,9 +12,19 @@ GRACE = 1
 """s for which browsers that stay are waited for at the end."""
 
 
-async def until_told(server: uvicorn.Server, listening: socket.socket, control: Connection) -> None:
+class Server(uvicorn.Server):
+    """One that leaves signals alone: Ctrl-C is the supervisor's."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Generator[None]:
+        yield
+
+
+async def until_told(
+    settings: uvicorn.Config, listening: socket.socket, control: Connection
+) -> None:
     """Serve until the other end of `control` speaks or is gone; it is told once this listens."""
-    loop = asyncio.get_running_loop()
+    loop, server = asyncio.get_running_loop(), Server(settings)
 
     def end() -> None:
         server.should_exit = True

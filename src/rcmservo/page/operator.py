@@ -1,7 +1,7 @@
 """The person at the page, as the loop asks for one after every tick.
 
 the session begins       paused: nothing moves before the person says where to
-nobody beats any more    what moves by itself is paused
+no sign of life          what moves by itself is paused
 a jog button is held     the joints move, as long as the page says so anew
 """
 
@@ -15,10 +15,11 @@ from rcmservo.interfaces import Target
 from rcmservo.loop.operator import Jog, Teach, Want
 from rcmservo.loop.tick import Tick
 from rcmservo.page.desk import Desk
-from rcmservo.page.wants import Aim, Beat, Go, Held, Note, Taught, TeachAs
+from rcmservo.page.hand import NONE, Gesture
+from rcmservo.page.wants import Aim, Go, Note, Taught, TeachAs
 
 GONE = 500_000_000
-"""ns without a word from the person in control after which the tool is paused."""
+"""ns without a sign of life from the person in control after which the tool is paused."""
 
 LET_GO = 80_000_000
 """ns after which a jog button that nobody says is held counts as let go."""
@@ -32,52 +33,55 @@ class PageOperator:
 
     def __init__(self, desk: Desk) -> None:
         self._desk = desk
-        self._wants: deque[Want] = deque([Request.PAUSE])
+        self._wants: deque[tuple[Want, str]] = deque([(Request.PAUSE, "")])
+        gesture = desk.hand.read() or Gesture()
+        self._gesture, self._spent = gesture, gesture.press
         self._beat: int | None = None
-        self._held: tuple[Held, int] | None = None
-        self._asked: Held | None = None
-        self._spent = -1
+        self._asked = NONE
         self._teaching = ""
         self._target: Target | None = None
 
     def __call__(self, tick: Tick) -> Want:
         self._desk.ticks.put(tick)
         self._tell(tick)
-        self._hear(tick)
+        self._look(tick)
+        for told in self._desk.wants.heard():
+            self._hear(told, tick)
         if self._alone(tick):
             self._wants.clear()
             return Request.PAUSE
-        if self._wants:
-            return self._wants.popleft()
-        return self._jog(tick)
+        if not self._wants:
+            return self._jog(tick)
+        want, name = self._wants.popleft()
+        if self._teaching:
+            self._desk.said.put(Note(f"{self._teaching} was not taught"))
+        self._teaching = name
+        return want
 
-    def _hear(self, tick: Tick) -> None:
-        """Take what the page has said since the last tick."""
-        now = tick.seen.now
-        self._beat = now if self._beat is None else self._beat
-        for told in self._desk.wants.heard():
-            if isinstance(told, Held):
-                self._held = told, now
-            if isinstance(told, Held | Beat):
-                self._beat = now
-                continue
-            try:
-                self._want(told, tick)
-            except BadInput as error:
-                self._desk.said.put(Note(str(error)))
+    def _look(self, tick: Tick) -> None:
+        """See what the hand does. A press is over that was not renewed in time."""
+        now, gesture = tick.seen.now, self._desk.hand.read() or self._gesture
+        if self._beat is None or gesture.life != self._gesture.life:
+            self._beat = now
+        elif now - self._beat > LET_GO:
+            self._spent = gesture.press
+        self._gesture = gesture
 
-    def _want(self, told: object, tick: Tick) -> None:
+    def _hear(self, told: object, tick: Tick) -> None:
         match told:
             case Go():
-                tick.servo.demand(told.target)
-                going = tick.state.phase in BY_ITSELF
-                self._teaching = ""
-                self._wants.extend([told.target] if going else [told.target, Request.RESUME])
+                try:
+                    tick.servo.demand(told.target)
+                except BadInput as error:
+                    self._desk.said.put(Note(str(error)))
+                    return
+                self._wants.append((told.target, ""))
+                if tick.state.phase not in BY_ITSELF:
+                    self._wants.append((Request.RESUME, ""))
             case TeachAs():
-                self._teaching = told.name
-                self._wants.append(Teach())
+                self._wants.append((Teach(), told.name))
             case Request():
-                self._wants.append(told)
+                self._wants.append((told, ""))
             case _:
                 self._desk.said.put(Note(f"{type(told).__name__}: not while the drive is on"))
 
@@ -87,19 +91,18 @@ class PageOperator:
         return tick.state.phase in BY_ITSELF and tick.seen.now - self._beat > GONE
 
     def _jog(self, tick: Tick) -> Want:
-        """The motion of a button that is held. A press that was ended otherwise than by the person
-        is over."""
-        asked, self._asked = self._asked, None
-        if asked is not None and tick.state.phase is not Phase.JOG:
-            self._spent = asked.press
-        if self._held is None:
+        """The motion of a button that is held. A press that something else ended is over too."""
+        gesture = self._gesture
+        if self._asked != NONE and tick.state.phase is not Phase.JOG:
+            self._spent = self._asked
+        going = gesture.press not in (NONE, self._spent)
+        self._asked = gesture.press if going else NONE
+        if not going:
             return Request.NONE
-        held, since = self._held
-        if tick.seen.now - since > LET_GO or held.press == self._spent:
-            self._held = None
-            return Request.NONE
-        self._asked = held
-        return Jog(np.array(held.rates))
+        if self._teaching:
+            self._desk.said.put(Note(f"{self._teaching} was not taught"))
+            self._teaching = ""
+        return Jog(np.array([gesture.a, gesture.b, gesture.c]))
 
     def _tell(self, tick: Tick) -> None:
         """Tell the page of a target that is new, and of one that was taught."""

@@ -12,12 +12,11 @@ from dataclasses import dataclass, field
 
 from rcmservo.interfaces import Camera, Frame
 from rcmservo.page.board import Board, Table
-from rcmservo.page.control import moment
 from rcmservo.tracking import encode_image
 
 LOOK = 0.004
 """s between looks at the camera."""
-WITHOUT = 0.1
+WITHOUT = 0.05
 """s after which what there is to tell is told without a new picture."""
 KEPT = 12
 """Pictures that wait for the servo to use them."""
@@ -84,6 +83,6 @@ class Pictures:
 
 def packed(shown: ShownPicture, about: Table) -> bytes:
     """A picture and the board as one message: the length of its JSON, that, and a JPEG."""
-    table = shown.table | {"at": moment(), "frame": shown.number, **about}
+    table = {**shown.table, "frame": shown.number, **about}
     text = json.dumps(table, separators=(",", ":")).encode()
     return LENGTH.pack(len(text)) + text + shown.jpeg

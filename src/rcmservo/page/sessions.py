@@ -5,16 +5,17 @@ preparing ─► drive off ─ enable ─► the loop ─ its end ─► prepari
     └────────────── clear ◄── stopped, with the drive off
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from multiprocessing.connection import wait
-from typing import Any, cast
+from typing import Any
 
 from rcmservo.errors import RcmServoError
 from rcmservo.live.lab import Stopped
+from rcmservo.live.reports import Report
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import SwitchOff, run_live
 from rcmservo.page.desk import Desk
-from rcmservo.page.wants import CLEAR, END, STOP, Between
+from rcmservo.page.wants import CLEAR, STOP, Between, Note
 
 
 class Rung(Stopped):
@@ -22,49 +23,67 @@ class Rung(Stopped):
 
 
 class Sessions:
-    """Runs session after session until it is told to end."""
+    """Runs session after session. ``needed`` are processes without which none goes on, by their
+    sentinels, and what they are."""
 
-    def __init__(self, desk: Desk, session: Callable[[], Session], off: SwitchOff) -> None:
+    def __init__(
+        self,
+        desk: Desk,
+        session: Callable[[], Session],
+        off: SwitchOff,
+        needed: Mapping[int, str],
+    ) -> None:
         self._desk, self._session, self._off = desk, session, off
-        self._ended = self._cleared = False
+        self._began = False
+        self._beside: dict[Any, Callable[[], None]] = {desk.bell: self._rung}
+        for sentinel, name in needed.items():
+            self._beside[sentinel] = lambda name=name: self._lost(name)
 
     def keep(self) -> None:
-        """Run them."""
-        while not self._ended:
+        """Run them, until something raises."""
+        while True:
             why = self._run()
-            if why and not self._ended:
+            if why:
                 self._latch(why)
 
     def _run(self) -> str:
         """One session; why there can be no other before a person clears, empty where there can."""
+        self._began = False
         self._desk.said.put(Between("preparing"))
         try:
-            result = run_live(self._session(), self._off, beside={self._desk.bell: self._rung})
+            result = run_live(self._session(), self._off, self._report, self._beside)
         except Rung as rung:
             return str(rung)
-        except Stopped:  # by a signal
+        except Stopped:  # by a signal, or for want of a process
             raise
         except RcmServoError as error:
             return str(error)
-        return "" if result.timing is not None else result.outcome.cause
+        if result.timing is None:
+            return result.outcome.cause
+        self._desk.said.put(Note("the session is over, and the drive off"))
+        return ""
+
+    def _report(self, report: Report) -> None:
+        self._began = True
 
     def _rung(self) -> None:
         """Hear the bell while a session runs."""
-        for told in self._desk.bell.heard():
-            if told == STOP:
-                why = f"STOP was pressed: {self._off(True)}"
-                self._desk.said.put(Between(why, latched=True))
-                raise Rung(why)
-            if told == END:
-                self._ended = True
-                raise Rung("ended")
+        if STOP in list(self._desk.bell.heard()):
+            why = f"STOP was pressed: {self._off(self._began)}"
+            self._desk.said.put(Between(why, latched=True))
+            raise Rung(why)
+
+    def _lost(self, name: str) -> None:
+        raise Stopped(f"{name} has ended by itself; {self._off(self._began)}")
 
     def _latch(self, why: str) -> None:
         """Say why all stands still, until a person clears it."""
-        self._desk.said.put(Between(why, latched=True))
-        self._cleared = False
-        while not (self._cleared or self._ended):
-            wait([cast(Any, self._desk.bell)])
-            for told in self._desk.bell.heard():
-                self._cleared |= told == CLEAR
-                self._ended |= told == END
+        list(self._desk.bell.heard())  # from before it could be cleared
+        self._desk.said.put(Between(why, latched=True, clears=True))
+        while True:
+            for one in wait(list(self._beside)):
+                if one is not self._desk.bell:
+                    self._beside[one]()
+            told = list(self._desk.bell.heard())
+            if told and told[-1] == CLEAR:
+                return

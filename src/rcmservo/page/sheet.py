@@ -46,11 +46,12 @@ def lay_out(title: str, doors: Doors, stop_port: int) -> None:
 def _side() -> None:
     words = (
         '<div id="state" role="status" aria-live="polite"><div id="phase"></div>'
-        '<div id="why"></div><div id="way"></div></div>'
+        '<div id="why"></div><div id="way"></div><div id="errors"></div></div>'
     )
     ui.html(words, sanitize=False).classes("w-full")
     stop = '<button id="stop" type="button" aria-label="STOP">STOP</button>'
     ui.html(stop, sanitize=False).classes("w-full")
+    ui.html('<div id="unheard" role="alert"></div>', sanitize=False)
     ui.label(
         "A software stop, also on the space bar: it switches the drive off. The emergency stop of "
         "the arm is another one, and comes first."

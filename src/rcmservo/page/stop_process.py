@@ -34,4 +34,4 @@ def serve_stop(bell: Post, doors: Doors, listening: socket.socket, control: Conn
     settings = uvicorn.Config(
         app, log_level="warning", lifespan="off", timeout_graceful_shutdown=GRACE
     )
-    asyncio.run(until_told(uvicorn.Server(settings), listening, control))
+    asyncio.run(until_told(settings, listening, control))

@@ -46,11 +46,16 @@ class Held:
 
 @dataclass(frozen=True)
 class Beat:
-    """The person who has control is there, now."""
+    """The person who has control is there, now, and holds nothing."""
 
 
-Told = Enable | Go | TeachAs | Held | Beat | Request
-"""What comes from the page."""
+@dataclass(frozen=True)
+class Released:
+    """The person has let go of the button."""
+
+
+Told = Enable | Go | TeachAs | Held | Beat | Released | Request
+"""What comes from a browser."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +75,9 @@ class Between:
     ready: bool = False
     """Whether the drive can be switched on."""
     latched: bool = False
-    """Whether it stays so until the person clears it."""
+    """Whether it stays so until the person clears it,"""
+    clears: bool = False
+    """and whether that can be done now."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,5 +101,5 @@ class Taught:
 Said = Note | Between | Aim | Taught
 """What servo process and supervisor tell the page beside the ticks."""
 
-STOP, CLEAR, END = "stop", "clear", "end"
-"""What the supervisor is told: that a person has pressed STOP; that the stop is over; to end."""
+STOP, CLEAR = "stop", "clear"
+"""What the supervisor is told: that a person has pressed STOP; that the stop is over."""

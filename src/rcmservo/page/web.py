@@ -7,9 +7,8 @@
 import asyncio
 import secrets
 import socket
-from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import asdict
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 
 import uvicorn
@@ -28,7 +27,7 @@ from rcmservo.page.doors import NAMES, Doors, said_on
 from rcmservo.page.ending import GRACE, until_told
 from rcmservo.page.pictures import Pictures, packed
 from rcmservo.page.sheet import lay_out
-from rcmservo.page.wants import CLEAR
+from rcmservo.page.wants import CLEAR, Beat, Held, Released, Told
 
 
 def serve_page(
@@ -56,14 +55,14 @@ def serve_page(
     async def operate(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
         if not await doors.let_in(wire):
             return
-        name = who.join()
+        name = who.join(moment())
         try:
-            await _operated(wire, name, who, board)
+            await _operated(wire, name, who, desk, board)
         except WebSocketDisconnect:
-            if who.holder == name:
-                desk.wants.put(Request.PAUSE)
+            """The browser is gone."""
         finally:
-            who.leave(name)
+            with changing_hands(who, desk):
+                who.leave(name, moment())
 
     lay_out(title, doors, stop_port)
     ui.run_with(app, title=title, dark=None, show_welcome_message=False, reconnect_timeout=10.0)
@@ -71,7 +70,7 @@ def serve_page(
     settings = uvicorn.Config(
         app, log_level="warning", ws_max_size=65536, timeout_graceful_shutdown=GRACE
     )
-    asyncio.run(until_told(uvicorn.Server(settings), listening, control))
+    asyncio.run(until_told(settings, listening, control))
 
 
 async def _seen(wire: WebSocket, pictures: Pictures, who: Control) -> None:
@@ -81,26 +80,53 @@ async def _seen(wire: WebSocket, pictures: Pictures, who: Control) -> None:
         await said_on(wire)
         shown = await pictures.after(count)
         count = shown.count
-        await wire.send_bytes(packed(shown, asdict(who)))
+        about = {"holder": who.holder, "asking": who.asking}
+        await wire.send_bytes(packed(shown, about))
 
 
-async def _operated(wire: WebSocket, name: str, who: Control, board: Board) -> None:
+@contextmanager
+def changing_hands(who: Control, desk: Desk) -> Generator[None]:
+    """What is in motion is paused where control changes hands in here."""
+    before = who.holder
+    yield
+    if who.holder != before:
+        desk.hand.lets_go()
+        desk.wants.put(Request.PAUSE)
+
+
+async def _operated(wire: WebSocket, name: str, who: Control, desk: Desk, board: Board) -> None:
     """What one browser wants. It is told its name, and what was refused."""
     await wire.send_json({"name": name})
     while True:
         text = await said_on(wire)
         refused = ""
         try:
-            told = heard(text, name, who, board.taught.get, moment())
+            with changing_hands(who, desk):
+                told = heard(text, name, who, board.taught.get, moment())
         except Unheeded as error:
             refused = str(error)
         else:
-            if told is not None and not board.desk.wants.put(told):
-                refused = "the servo does not listen"
-            if told is Request.CLEAR:
-                board.desk.bell.put(CLEAR)
+            refused = "" if done(told, desk) else "the servo does not listen"
         if refused:
             await wire.send_json({"refused": refused})
+
+
+def done(told: Told | None, desk: Desk) -> bool:
+    """Pass on what was told; whether there was room for it."""
+    match told:
+        case None:
+            return True
+        case Held():
+            desk.hand.holds(told.press, told.rates)
+        case Released():
+            desk.hand.lets_go()
+        case Beat():
+            desk.hand.beats()
+        case _:
+            if told is Request.CLEAR:
+                desk.bell.put(CLEAR)
+            return desk.wants.put(told)
+    return True
 
 
 def drawn_secret() -> str:

@@ -28,6 +28,7 @@ from rcmservo.errors import RcmServoError, require
 from rcmservo.live.child import Child
 from rcmservo.live.frame_ring import RingCamera
 from rcmservo.live.servo_process import Session
+from rcmservo.live.told_to_end import stopped_by_signals
 from rcmservo.record.reader import RECORD
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
@@ -112,19 +113,21 @@ def _serve(options: ServeOptions, lab: Lab, servo: Servo, bench: "Bench", folder
             operator=partial(PageOperator, desk),
         )
 
-    with _served(options, desk, bench) as address:
+    with _served(options, desk, bench) as (address, needed), stopped_by_signals():
         console(False).print(
             f"rcmservo page at {address}, simulated arm, seed {options.seed}; Ctrl-C ends it",
             soft_wrap=True,
         )
         if options.browser:
             webbrowser.open(address)
-        Sessions(desk, session, bench.off).keep()
+        Sessions(desk, session, bench.off, needed).keep()
 
 
 @contextlib.contextmanager
-def _served(options: ServeOptions, desk: "Desk", bench: "Bench") -> Generator[str]:
-    """The page's processes; where the page is."""
+def _served(
+    options: ServeOptions, desk: "Desk", bench: "Bench"
+) -> Generator[tuple[str, dict[int, str]]]:
+    """The page's processes: where the page is, and what each is by its sentinel."""
     from rcmservo.page.doors import Doors, bound
     from rcmservo.page.stop_process import serve_stop
     from rcmservo.page.web import drawn_secret, serve_page
@@ -135,14 +138,16 @@ def _served(options: ServeOptions, desk: "Desk", bench: "Bench") -> Generator[st
         port, stop_port = here.getsockname()[1], stop.getsockname()[1]
         doors = Doors(port, drawn_secret())
         camera = partial(RingCamera, bench.ring)
-        for work, given in (
-            (serve_stop, (desk.bell, doors, stop)),
-            (serve_page, (desk, camera, doors, stop_port, title, here)),
+        needed: dict[int, str] = {}
+        for name, work, given in (
+            ("the process that hears STOP", serve_stop, (desk.bell, doors, stop)),
+            ("the page's process", serve_page, (desk, camera, doors, stop_port, title, here)),
         ):
             child = Child(context, work, *given)
             stack.callback(child.end)
             child.hear()
-        yield f"http://127.0.0.1:{port}"
+            needed[child.process.sentinel] = name
+        yield f"http://127.0.0.1:{port}", needed
 
 
 def recorder(path: Path, words: dict[str, Any]) -> Recorder:

@@ -6,7 +6,8 @@
   const told = window.RCMSERVO;
   const $ = (id) => document.getElementById(id);
   const rcm = (window.rcm = { drawn: 0, board: {}, name: "", holds: false, asked: false });
-  let held = null, press = 0, refused = "";
+  let held = null, refused = "", stopWords = "", listened = 0;
+  let press = Date.now(); // another page's presses are others
 
   const url = (path, port) =>
     `ws://${location.hostname}:${port}${path}?secret=${encodeURIComponent(told.secret)}`;
@@ -31,7 +32,8 @@
   }
 
   const stop = line("/stop", told.stopPort, show, (words) => {
-    if (words !== "heard") refused = "STOP was not heard: use the emergency stop of the arm";
+    stopWords = words === "heard" ? "" : UNHEARD;
+    show();
   });
   const operate = line("/operate", location.port, show, (words) => {
     const answer = JSON.parse(words);
@@ -41,6 +43,7 @@
   });
   const pictures = line("/pictures", location.port, (wire) => wire.send("next"), (data, wire) => {
     wire.send("next");
+    listened = performance.now();
     const length = new DataView(data).getUint32(0, true);
     rcm.board = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
     rcm.holds = rcm.name !== "" && rcm.board.holder === rcm.name;
@@ -59,21 +62,28 @@
     say(what === "teach" ? { do: "teach", name: $("name").value.trim() } : { do: what });
   };
   rcm.go = (name) => { refused = ""; say({ do: "go", name }); };
+  const UNHEARD = "STOP was not heard: use the emergency stop of the arm";
   rcm.stop = () => {
     letGo();
-    if (!stop.say("stop")) refused = "STOP cannot be heard: use the emergency stop of the arm";
+    stopWords = "STOP …";
+    if (!stop.say("stop")) stopWords = UNHEARD;
+    say({ do: "pause" }); // beside it, should that be what is left
+    setTimeout(() => { if (stopWords) stopWords = UNHEARD; show(); }, 400);
     show();
   };
 
   // Jog: a button counts as held only while it is, in a window that is looked at.
   function letGo() {
-    if (held !== null) held.button.classList.remove("held");
+    if (held === null) return;
+    held.button.classList.remove("held");
     held = null;
+    say({ do: "release" });
   }
-  function hold(button) {
+  function hold(button, pointer) {
+    letGo();
     const rates = [0, 0, 0];
     rates[Number(button.dataset.joint)] = Number(button.dataset.sign) * 1e6; // as fast as allowed
-    held = { button, rates, press: ++press };
+    held = { button, rates, pointer, press: ++press, since: performance.now() };
     button.classList.add("held");
     jog();
   }
@@ -84,7 +94,16 @@
   setInterval(() => { if (rcm.holds && held === null) say({ do: "beat" }); }, BEAT);
   window.addEventListener("blur", letGo);
   document.addEventListener("visibilitychange", letGo);
-  for (const name of ["pointerup", "pointercancel"]) window.addEventListener(name, letGo);
+  for (const name of ["pointerup", "pointercancel", "contextmenu"]) {
+    window.addEventListener(name, letGo, true);
+  }
+  window.addEventListener("pointermove", (event) => {
+    if (held === null || held.pointer !== event.pointerId) return;
+    const box = held.button.getBoundingClientRect();
+    const on = event.clientX >= box.left && event.clientX <= box.right &&
+      event.clientY >= box.top && event.clientY <= box.bottom;
+    if (!on || !(event.buttons & 1)) letGo();
+  }, true);
 
   // The space bar is STOP, and never presses the button that has the focus.
   const typing = (event) => event.target instanceof HTMLInputElement;
@@ -99,10 +118,19 @@
   }, true);
 
   // What is shown beside the picture.
+  const UNHEARD_NOW = "STOP is not connected: use the emergency stop of the arm";
+  const MOVES = ["ACQUIRE", "SERVO", "HOLD"];
+  function errors(board) {
+    if (!known(board.delta)) return "exploring";
+    const [s, r, d] = board.delta;
+    const degrees = (s * 180 / Math.PI).toFixed(2);
+    return `Δs ${degrees}°  Δr ${r.toFixed(1)} px  Δd ${d.toFixed(1)} px`;
+  }
   const WAITING = ["OFF", "FAULT"], JOGS = ["IDLE", "PAUSED", "JOG"];
   function show() {
     if (!$("state")) return;
-    const board = rcm.board, connected = pictures.wire !== null && operate.wire !== null;
+    const board = rcm.board, hears = performance.now() - listened < 1000;
+    const connected = hears && pictures.wire !== null && operate.wire !== null;
     const state = $("state");
     state.dataset.phase = board.phase || "";
     state.dataset.action = board.action || "";
@@ -110,22 +138,26 @@
     $("phase").textContent = connected ? board.words || "" : "no connection to the server";
     $("why").textContent = connected ? board.why || "" : "";
     $("way").textContent = connected && board.way_out ? `→ ${board.way_out}` : "";
+    $("errors").textContent = connected && MOVES.includes(board.phase) ? errors(board) : "";
     $("control").textContent = rcm.holds
       ? rcm.asked ? "you have control; another browser asks for it" : "you have control"
       : "you watch";
     $("notes").textContent = [...(board.notes || []), refused].filter(Boolean).join("\n");
-    $("stop").disabled = stop.wire === null;
-    const may = connected && rcm.holds, moving = !WAITING.includes(board.phase);
+    $("unheard").textContent = stopWords || (stop.wire === null ? UNHEARD_NOW : "");
+    $("stop").classList.toggle("deaf", stop.wire === null);
+    const may = connected && rcm.holds && stop.wire !== null, moving = !WAITING.includes(board.phase);
     enable("enable", may && board.ready);
     enable("pause", may && moving && board.phase !== "PAUSED");
     enable("resume", may && board.phase === "PAUSED");
-    enable("clear", may && board.phase === "FAULT");
+    enable("clear", may && board.clears);
     enable("teach", may && moving);
     enable("ask", connected && !rcm.holds);
     enable("give", may && rcm.asked);
     for (const button of document.querySelectorAll(".jog")) {
       button.disabled = !(may && JOGS.includes(board.phase));
     }
+    const over = held !== null && performance.now() - held.since > 500 && board.phase !== "JOG";
+    if (over || (held !== null && held.button.disabled)) letGo();
     poses(board.poses || [], may && moving);
   }
   function enable(what, can) {
@@ -227,7 +259,12 @@
     const at = event.target instanceof Element ? event.target : null;
     if (at && at.closest("#stop")) rcm.stop();
     const button = at && at.closest(".jog");
-    if (button && !button.disabled) { event.preventDefault(); button.focus(); hold(button); }
+    const pressed = event.button === 0 && event.isPrimary && !event.ctrlKey && held === null;
+    if (button && !button.disabled && pressed) {
+      event.preventDefault();
+      button.focus();
+      hold(button, event.pointerId);
+    }
   });
   document.addEventListener("click", (event) => {
     // of a keyboard or a screen reader: no pointer went down
@@ -236,9 +273,9 @@
   });
   document.addEventListener("keydown", (event) => {
     const button = event.target instanceof Element ? event.target.closest(".jog") : null;
-    if (event.code === "Enter" && button && !event.repeat && held === null) {
+    if (event.code === "Enter" && button && !button.disabled && !event.repeat && held === null) {
       event.preventDefault();
-      hold(button);
+      hold(button, null);
     }
   });
   document.addEventListener("keyup", (event) => { if (event.code === "Enter") letGo(); });

@@ -1,0 +1,80 @@
+"""A stop stays until a person clears it who has seen it, and nothing goes on without the processes
+that hear and show."""
+
+import sys
+from collections.abc import Callable
+from multiprocessing import get_context
+from typing import Any
+
+import pytest
+
+from rcmservo.live.lab import Stopped
+from rcmservo.page.desk import Desk
+from rcmservo.page.sessions import Rung, Sessions
+from rcmservo.page.wants import CLEAR, STOP, Between
+
+
+def off(began: bool) -> str:
+    return "it is off" if began else "it was off"
+
+
+def never() -> Any:
+    raise AssertionError("no session is begun here")
+
+
+class Talking(list[object]):
+    """What is said to the page; once a stop can be cleared, somebody rings."""
+
+    def __init__(self, ring: Callable[[], None]) -> None:
+        self._ring = ring
+
+    def put(self, said: object) -> bool:
+        self.append(said)
+        if isinstance(said, Between) and said.clears:
+            self._ring()
+        return True
+
+
+def sessions(*rings: str, needed: dict[int, str] | None = None) -> tuple[Sessions, Desk, Talking]:
+    desk: Any = Desk(get_context("spawn"))
+    desk.said = Talking(lambda: [desk.bell.put(ring) for ring in rings] and None)
+    return Sessions(desk, never, off, needed or {}), desk, desk.said
+
+
+def test_a_stop_is_told_at_once_and_can_be_cleared_later() -> None:
+    it, desk, said = sessions(CLEAR)
+    desk.bell.put(CLEAR)
+    it._rung()
+    assert not said
+    desk.bell.put(CLEAR)
+    desk.bell.put(STOP)
+    with pytest.raises(Rung, match="STOP was pressed: it was off"):
+        it._rung()
+    assert said == [Between("STOP was pressed: it was off", latched=True)]
+    it._latch("why")
+    assert said[1:] == [Between("why", latched=True, clears=True)]
+
+
+def test_what_was_rung_before_the_stop_could_be_cleared_clears_nothing() -> None:
+    it, desk, _ = sessions("", CLEAR, STOP, "", needed={ended(): "the end"})
+    desk.bell.put(CLEAR)
+    with pytest.raises(Stopped, match="the end"):
+        it._latch("why")
+
+
+def ended() -> int:
+    """The sentinel of a process that is over soon."""
+    process = get_context("spawn").Process(target=sys.exit)
+    process.start()
+    KEPT.append(process)
+    return process.sentinel
+
+
+KEPT: list[Any] = []
+
+
+def test_a_process_that_is_needed_and_gone_ends_it_with_its_name() -> None:
+    it, _, _ = sessions(needed={ended(): "the ear"})
+    it._began = True
+    with pytest.raises(Stopped, match="the ear has ended by itself; it is off"):
+        it._latch("why")
