@@ -15,7 +15,7 @@ from rcmservo.page.hand import Hand
 from rcmservo.page.operator import GONE, LET_GO, PageOperator
 from rcmservo.page.tick_ring import SLOTS
 from rcmservo.page.wants import Aim, Beat, Go, Held, Note, Released, Taught, TeachAs
-from rcmservo.page.web import changing_hands, done
+from rcmservo.page.web.page_process import changing_hands, done
 from rcmservo.record import layout
 
 Scene = dict[int, list[object]]

@@ -128,9 +128,9 @@ def _served(
     options: ServeOptions, desk: "Desk", bench: "Bench"
 ) -> Generator[tuple[str, dict[int, str]]]:
     """The page's processes: where the page is, and what each is by its sentinel."""
-    from rcmservo.page.doors import Doors, bound
-    from rcmservo.page.stop_process import serve_stop
-    from rcmservo.page.web import drawn_secret, serve_page
+    from rcmservo.page.web.doors import Doors, bound
+    from rcmservo.page.web.page_process import drawn_secret, serve_page
+    from rcmservo.page.web.stop_process import serve_stop
 
     context, title = get_context("spawn"), "rcmservo: simulated arm"
     with contextlib.ExitStack() as stack:

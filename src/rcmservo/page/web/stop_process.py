@@ -11,9 +11,9 @@ from starlette.routing import WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.page.desk import Post
-from rcmservo.page.doors import Doors, said_on
-from rcmservo.page.ending import GRACE, until_told
 from rcmservo.page.wants import STOP
+from rcmservo.page.web.doors import Doors, said_on
+from rcmservo.page.web.ending import GRACE, until_told
 
 
 def serve_stop(bell: Post, doors: Doors, listening: socket.socket, control: Connection) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from nicegui import app, ui
 
-from rcmservo.page.doors import Doors
+from rcmservo.page.web.doors import Doors
 
 STATIC = Path(__file__).parent / "static"
 BUTTONS = {

@@ -23,11 +23,11 @@ from rcmservo.interfaces import Camera
 from rcmservo.page.board import Board
 from rcmservo.page.control import Control, Unheeded, heard, moment
 from rcmservo.page.desk import Desk
-from rcmservo.page.doors import NAMES, Doors, said_on
-from rcmservo.page.ending import GRACE, until_told
-from rcmservo.page.pictures import Pictures, packed
-from rcmservo.page.sheet import lay_out
 from rcmservo.page.wants import CLEAR, Beat, Held, Released, Told
+from rcmservo.page.web.doors import NAMES, Doors, said_on
+from rcmservo.page.web.ending import GRACE, until_told
+from rcmservo.page.web.pictures import Pictures, packed
+from rcmservo.page.web.sheet import lay_out
 
 
 def serve_page(

@@ -12,7 +12,7 @@ GRACE = 1
 """s for which browsers that stay are waited for at the end."""
 
 
-class Server(uvicorn.Server):
+class PageServer(uvicorn.Server):
     """One that leaves signals alone: Ctrl-C is the supervisor's."""
 
     @contextlib.contextmanager
@@ -24,7 +24,7 @@ async def until_told(
     settings: uvicorn.Config, listening: socket.socket, control: Connection
 ) -> None:
     """Serve until the other end of `control` speaks or is gone; it is told once this listens."""
-    loop, server = asyncio.get_running_loop(), Server(settings)
+    loop, server = asyncio.get_running_loop(), PageServer(settings)
 
     def end() -> None:
         server.should_exit = True

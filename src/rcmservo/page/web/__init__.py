@@ -1,0 +1,1 @@
+"""What browsers are served: the page, its pictures and the websockets."""
