@@ -7,9 +7,10 @@ serve ─┬─► page process     what the person sees and wants
 """
 
 import contextlib
+import itertools
 import webbrowser
-from collections.abc import Generator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -25,9 +26,11 @@ from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.terminal import console
 from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.errors import RcmServoError, require
+from rcmservo.interfaces import Camera
 from rcmservo.live.child import Child
 from rcmservo.live.frame_ring import RingCamera
 from rcmservo.live.servo_process import Session
+from rcmservo.live.supervisor import SwitchOff
 from rcmservo.live.told_to_end import stopped_by_signals
 from rcmservo.record.reader import RECORD
 from rcmservo.record.writer import Recorder
@@ -35,7 +38,6 @@ from rcmservo.servo.servo import Servo
 
 if TYPE_CHECKING:
     from rcmservo.page.desk import Desk
-    from rcmservo.sim.processes.bench import Bench
 
 LONGEST = 3600.0
 """s of a session."""
@@ -75,73 +77,88 @@ def serve(options: ServeOptions) -> int:
     with simulator("serve"), new_folder(options.out, f"serve-seed{options.seed}") as folder:
         with line, compiling(line):
             servo.warm_up()
-        with contextlib.suppress(KeyboardInterrupt), _bench(options.seed, lab) as bench:
-            _serve(options, lab, servo, bench, folder)
+        with contextlib.suppress(KeyboardInterrupt), _bench(options, lab, servo) as behind:
+            _serve(options, behind, folder)
     return 0
 
 
+@dataclass(frozen=True)
+class Behind:
+    """What is behind the page."""
+
+    title: str
+    """What it is, in words."""
+    camera: Callable[[], Camera]
+    """Opens what the person sees, in the page's process."""
+    session: Callable[["Desk", Path], Session]
+    """Makes a session, recorded in a folder that is new."""
+    off: SwitchOff
+    """Has the drive switched off from outside of the session's process."""
+
+
 @contextlib.contextmanager
-def _bench(seed: int, lab: Lab) -> Generator["Bench"]:
+def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
+    """The simulated arm and its camera."""
     from rcmservo.sim.processes.bench import Bench
     from rcmservo.sim.rig_file import rig_settings
 
-    with Bench(seed, rig_settings(lab)) as bench:
-        yield bench
+    words = about(options, lab, servo)
+    with Bench(options.seed, rig_settings(lab)) as bench:
+
+        def session(desk: "Desk", folder: Path) -> Session:
+            from rcmservo.page.enabling import await_enable
+            from rcmservo.page.operator import PageOperator
+
+            record = folder / RECORD
+            return replace(
+                bench.session(servo, lab.markers, LONGEST, record, words),
+                recorder=partial(recorder, record, words),
+                target=partial(await_enable, desk, servo),
+                operator=partial(PageOperator, desk),
+            )
+
+        title = f"simulated arm, seed {options.seed}"
+        yield Behind(title, partial(RingCamera, bench.ring), session, bench.off)
 
 
-def _serve(options: ServeOptions, lab: Lab, servo: Servo, bench: "Bench", folder: Path) -> None:
+def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
     """Have the page served, and run sessions beside it."""
     with _page("serve"):
         from rcmservo.page.desk import Desk
-        from rcmservo.page.enabling import await_enable
-        from rcmservo.page.operator import PageOperator
         from rcmservo.page.sessions import Sessions
-    desk, words = Desk(get_context("spawn")), about(options, lab, servo)
-    numbers = iter(range(1, 1_000_000))
+    desk, numbers = Desk(get_context("spawn")), itertools.count(1)
 
     def session() -> Session:
-        record = folder / f"session-{next(numbers)}" / RECORD
-        made = bench.session(servo, lab.markers, LONGEST, record, words)
-        return Session(
-            made.servo,
-            made.duration,
-            arm=made.arm,
-            camera=made.camera,
-            tracker=made.tracker,
-            recorder=partial(recorder, record, words),
-            target=partial(await_enable, desk, servo),
-            operator=partial(PageOperator, desk),
-        )
+        return behind.session(desk, folder / f"session-{next(numbers)}")
 
-    with _served(options, desk, bench) as (address, needed), stopped_by_signals():
-        console(False).print(
-            f"rcmservo page at {address}, simulated arm, seed {options.seed}; Ctrl-C ends it",
-            soft_wrap=True,
-        )
+    with _served(options, desk, behind) as (address, needed), stopped_by_signals():
+        words = f"rcmservo page at {address}, {behind.title}; Ctrl-C ends it"
+        console(False).print(words, soft_wrap=True)
         if options.browser:
             webbrowser.open(address)
-        Sessions(desk, session, bench.off, needed).keep()
+        Sessions(desk, session, behind.off, needed).keep()
 
 
 @contextlib.contextmanager
 def _served(
-    options: ServeOptions, desk: "Desk", bench: "Bench"
+    options: ServeOptions, desk: "Desk", behind: Behind
 ) -> Generator[tuple[str, dict[int, str]]]:
     """The page's processes: where the page is, and what each is by its sentinel."""
-    from rcmservo.page.web.doors import Doors, bound
-    from rcmservo.page.web.page_process import drawn_secret, serve_page
+    from rcmservo.page.web.doors import Doors, bound, drawn_secret
+    from rcmservo.page.web.page_process import serve_page
+    from rcmservo.page.web.site import Site
     from rcmservo.page.web.stop_process import serve_stop
 
-    context, title = get_context("spawn"), "rcmservo: simulated arm"
+    context = get_context("spawn")
     with contextlib.ExitStack() as stack:
         here, stop = bound(options.port), bound(0)
         port, stop_port = here.getsockname()[1], stop.getsockname()[1]
         doors = Doors(port, drawn_secret())
-        camera = partial(RingCamera, bench.ring)
+        site = Site(f"rcmservo: {behind.title}", behind.camera, doors, stop_port)
         needed: dict[int, str] = {}
         for name, work, given in (
             ("the process that hears STOP", serve_stop, (desk.bell, doors, stop)),
-            ("the page's process", serve_page, (desk, camera, doors, stop_port, title, here)),
+            ("the page's process", serve_page, (desk, site, here)),
         ):
             child = Child(context, work, *given)
             stack.callback(child.end)

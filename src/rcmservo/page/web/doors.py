@@ -48,6 +48,11 @@ class Doors:
         return True
 
 
+def drawn_secret() -> str:
+    """What a page knows and nobody else."""
+    return secrets.token_urlsafe(32)
+
+
 async def said_on(wire: WebSocket) -> str:
     """The next message; empty where it is no text."""
     message = await wire.receive()

@@ -5,9 +5,8 @@
 """
 
 import asyncio
-import secrets
 import socket
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 
@@ -19,29 +18,21 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.guard.states import Request
-from rcmservo.interfaces import Camera
 from rcmservo.page.board import Board
 from rcmservo.page.control import Control, Unheeded, heard, moment
 from rcmservo.page.desk import Desk
 from rcmservo.page.wants import CLEAR, Beat, Held, Released, Told
-from rcmservo.page.web.doors import NAMES, Doors, said_on
+from rcmservo.page.web.doors import NAMES, said_on
 from rcmservo.page.web.ending import GRACE, until_told
 from rcmservo.page.web.pictures import Pictures, packed
-from rcmservo.page.web.sheet import lay_out
+from rcmservo.page.web.sheet.layout import lay_out
+from rcmservo.page.web.site import Site
 
 
-def serve_page(
-    desk: Desk,
-    camera: Callable[[], Camera],
-    doors: Doors,
-    stop_port: int,
-    title: str,
-    listening: socket.socket,
-    control: Connection,
-) -> None:
+def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connection) -> None:
     """Be the page until the other end of `control` speaks or is gone."""
-    board, who = Board(desk), Control()
-    pictures = Pictures(camera(), board)
+    board, who, doors = Board(desk), Control(), site.doors
+    pictures = Pictures(site.camera(), board)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(NAMES))
 
@@ -64,8 +55,10 @@ def serve_page(
             with changing_hands(who, desk):
                 who.leave(name, moment())
 
-    lay_out(title, doors, stop_port)
-    ui.run_with(app, title=title, dark=None, show_welcome_message=False, reconnect_timeout=10.0)
+    lay_out(site)
+    ui.run_with(
+        app, title=site.title, dark=None, show_welcome_message=False, reconnect_timeout=10.0
+    )
     pages.on_startup(pictures.pump)
     settings = uvicorn.Config(
         app, log_level="warning", ws_max_size=65536, timeout_graceful_shutdown=GRACE
@@ -127,8 +120,3 @@ def done(told: Told | None, desk: Desk) -> bool:
                 desk.bell.put(CLEAR)
             return desk.wants.put(told)
     return True
-
-
-def drawn_secret() -> str:
-    """What a page knows and nobody else."""
-    return secrets.token_urlsafe(32)

@@ -1,0 +1,78 @@
+"""The page as a whole: STOP in the header, the picture, tabs below it, and beside it what a person
+does."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from nicegui import app, ui
+
+from rcmservo.page.web.sheet.jog_card import jog_card
+from rcmservo.page.web.sheet.parts import button, plain
+from rcmservo.page.web.sheet.poses_card import poses_card
+from rcmservo.page.web.sheet.status import notes, status, stop
+from rcmservo.page.web.site import Site
+
+STATIC = Path(__file__).parents[1] / "static"
+
+
+class Tab(NamedTuple):
+    """What can be looked at below the picture."""
+
+    name: str
+    """On it."""
+    icon: str
+    """Beside that."""
+    fill: Callable[[Site], None]
+    """Puts in what it shows."""
+
+
+def tabs(site: Site) -> list[Tab]:
+    """Those of a site."""
+    return []
+
+
+def lay_out(site: Site) -> None:
+    """Have NiceGUI make the page."""
+    app.add_static_files("/rcmservo", STATIC, max_cache_age=0)
+    told = json.dumps({"secret": site.doors.secret, "stopPort": site.stop_port})
+
+    @ui.page("/")
+    def page() -> None:  # pyright: ignore[reportUnusedFunction]
+        ui.add_head_html('<link rel="stylesheet" href="/rcmservo/page.css">')
+        ui.add_body_html(f"<script>window.RCMSERVO = {told};</script>")
+        ui.add_body_html('<script type="module" src="/rcmservo/main.js"></script>')
+        _header(site)
+        with ui.row().classes("w-full no-wrap rcm-main"):
+            with ui.column().classes("rcm-left"):
+                plain('<canvas id="picture" role="img" aria-label="Camera picture"></canvas>')
+                _tabs(site)
+            with ui.column().classes("rcm-side"):
+                status()
+                poses_card()
+                jog_card()
+                notes()
+
+
+def _header(site: Site) -> None:
+    with ui.header().classes("items-center justify-between rcm-header"):
+        ui.label(site.title).classes("text-lg")
+        with ui.row().classes("items-center"):
+            plain('<span id="control" role="status"></span>')
+            button("Take control", "ask", "how_to_reg", "move the arm from this browser")
+            button("Hand over", "give", "swap_horiz", "to the browser that asks")
+            stop()
+
+
+def _tabs(site: Site) -> None:
+    made = tabs(site)
+    if not made:
+        return
+    with ui.tabs().props("dense align=left no-caps") as heads:
+        for tab in made:
+            ui.tab(tab.name, icon=tab.icon)
+    with ui.tab_panels(heads, value=made[0].name, keep_alive=True).classes("w-full rcm-panels"):
+        for tab in made:
+            with ui.tab_panel(tab.name):
+                tab.fill(site)

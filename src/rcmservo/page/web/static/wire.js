@@ -1,0 +1,71 @@
+// What goes to the server and comes from it.
+//
+// rcm.board      what was told last
+// rcm.told(f)    have f(board, jpeg) called with all that is told from now on
+// rcm.changed(f) have f() called when there may be something to show anew
+// rcm.say(m)     say a message, which counts while rcm.board is fresh
+// rcm.url(path)  where something can be fetched
+const AGAIN = 500; // ms
+
+export function connect(site) {
+  const listeners = [], showers = [];
+  const rcm = { drawn: 0, board: {}, name: "", holds: false, asked: false, refused: "", heard: 0 };
+  const secret = encodeURIComponent(site.secret);
+  rcm.url = (path) => `${path}${path.includes("?") ? "&" : "?"}secret=${secret}`;
+  rcm.told = (f) => listeners.push(f);
+  rcm.changed = (f) => showers.push(f);
+  const show = () => { for (const f of showers) f(); };
+  rcm.show = show;
+
+  // A websocket that is opened again whenever it is gone.
+  function line(path, port, opened, heard) {
+    const it = { wire: null };
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const open = () => {
+      const wire = new WebSocket(`${scheme}://${location.hostname}:${port}${rcm.url(path)}`);
+      wire.binaryType = "arraybuffer";
+      wire.onopen = () => { it.wire = wire; opened(wire); };
+      wire.onmessage = (event) => heard(event.data, wire);
+      wire.onclose = () => { it.wire = null; show(); setTimeout(open, AGAIN); };
+    };
+    it.say = (words) => {
+      const ready = it.wire !== null && it.wire.readyState === WebSocket.OPEN;
+      if (ready) it.wire.send(words);
+      return ready;
+    };
+    open();
+    return it;
+  }
+
+  rcm.stopLine = line("/stop", site.stopPort, show, (words) => {
+    rcm.stopHeard(words === "heard");
+    show();
+  });
+  const operate = line("/operate", location.port, show, (words) => {
+    const answer = JSON.parse(words);
+    if (answer.name) rcm.name = answer.name;
+    if (answer.refused) rcm.refused = answer.refused;
+    show();
+  });
+  const pictures = line("/pictures", location.port, (wire) => wire.send("next"), (data, wire) => {
+    wire.send("next");
+    rcm.heard = performance.now();
+    const length = new DataView(data).getUint32(0, true);
+    rcm.board = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+    rcm.holds = rcm.name !== "" && rcm.board.holder === rcm.name;
+    rcm.asked = Boolean(rcm.board.asking);
+    const jpeg = data.slice(4 + length);
+    for (const f of listeners) f(rcm.board, jpeg);
+    show();
+  });
+
+  rcm.say = (message) => operate.say(JSON.stringify({ ...message, at: rcm.board.at }));
+  rcm.want = (what, more = {}) => {
+    rcm.refused = "";
+    rcm.say({ do: what, ...more });
+  };
+  rcm.connected = () =>
+    performance.now() - rcm.heard < 1000 && pictures.wire !== null && operate.wire !== null;
+  rcm.may = () => rcm.connected() && rcm.holds && rcm.stopLine.wire !== null;
+  return rcm;
+}
