@@ -40,7 +40,8 @@ def lay_out(site: Site) -> None:
 
     @ui.page("/")
     def page() -> None:  # pyright: ignore[reportUnusedFunction]
-        ui.add_head_html('<link rel="stylesheet" href="/rcmservo/page.css">')
+        for sheet in sorted(STATIC.glob("*.css")):
+            ui.add_head_html(f'<link rel="stylesheet" href="/rcmservo/{sheet.name}">')
         ui.add_body_html(f"<script>window.RCMSERVO = {told};</script>")
         ui.add_body_html('<script type="module" src="/rcmservo/main.js"></script>')
         _header(site)
