@@ -13,6 +13,7 @@ from rcmservo.page.control import Control
 from rcmservo.page.desk import Desk
 from rcmservo.page.hand import Hand
 from rcmservo.page.operator import GONE, LET_GO, PageOperator
+from rcmservo.page.settings import Chosen
 from rcmservo.page.tick_ring import SLOTS
 from rcmservo.page.wants import Aim, Beat, Go, Held, Note, Released, Taught, TeachAs
 from rcmservo.page.web.page_process import changing_hands, done
@@ -27,7 +28,7 @@ class Browser:
 
     def __init__(self, desk: Desk, says: Scene, there: int = 10**9) -> None:
         self.desk, self.says, self.there, self.tick = desk, says, there, -1
-        self.operator = PageOperator(desk)
+        self.operator = PageOperator(desk, Chosen(laboratory().servo()))
         self.said: list[object] = []
 
     def __call__(self, tick: rs.Tick) -> Want:

@@ -11,10 +11,12 @@ from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats, Target
 from rcmservo.page.desk import Desk
-from rcmservo.page.wants import Aim, Between, Note, Taught
+from rcmservo.page.settings import standing
+from rcmservo.page.wants import Aim, Between, InForce, Note, Taught
 from rcmservo.record import layout
 from rcmservo.record.columns import WORDS
 from rcmservo.record.layout import TICK
+from rcmservo.servo.servo import Servo
 
 NOTES = 20
 """Sentences that are kept."""
@@ -38,6 +40,10 @@ class Board:
     """What was said, the newest last."""
     taught: dict[str, Target] = field(default_factory=dict[str, Target])
     """Poses by their names."""
+    in_force: Servo | None = None
+    """The settings that the loop goes by."""
+    changes: int = 0
+    """It rises with each change of settings."""
     count: int = -1
     """That of the newest tick taken."""
     looked: int = 0
@@ -72,6 +78,9 @@ class Board:
                 self.target = said.target
             case Taught():
                 self.taught[said.name] = said.target
+            case InForce():
+                self.in_force = said.servo
+                self.changes += 1
             case _:
                 raise TypeError(f"{said!r} is nothing that is said to the page")
 
@@ -87,8 +96,18 @@ class Board:
             "target": None if target is None else pairs(target.points.ravel()),
             "at": self.looked,
             "poses": sorted(self.taught),
+            "settings": self.changes,
+            "standing": self._standing(),
             "notes": list(self.notes)[-3:],
         }
+
+    def _standing(self) -> str:
+        """How the estimator stands, in words; empty where no servo looks."""
+        tick = self.tick
+        if self.in_force is None or not tick:
+            return ""
+        explored, condition = bool(tick["explored"][0]), float(tick["condition"][0])
+        return standing(self.in_force, explored, condition, Phase[tick["phase"]])
 
     def _state(self) -> Table:
         """Phase, cause and way out in words; `action` says how grave it is."""

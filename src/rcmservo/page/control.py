@@ -16,7 +16,8 @@ from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
-from rcmservo.page.wants import Beat, Enable, Go, Held, Released, TeachAs, Told
+from rcmservo.page.settings import change_of
+from rcmservo.page.wants import Beat, Change, Enable, Go, Held, Released, TeachAs, Told
 
 FRESH, FRESH_JOG = 300_000_000, 150_000_000
 """ns for which what the server has shown counts as seen now; by a hand that jogs."""
@@ -113,6 +114,8 @@ def _told(do: object, message: dict[str, Any], pose: Callable[[str], Target | No
     if do in ("teach", "go"):
         called = _name(message.get("name"))
         return TeachAs(called) if do == "teach" else _go(called, pose)
+    if do == "set":
+        return _change(message)
     if isinstance(do, str) and do in REQUESTS:
         return REQUESTS[do]
     raise Unheeded(f"nobody knows what {str(do)[:NAME]!r} is")
@@ -133,6 +136,13 @@ def _message(text: str) -> dict[str, Any]:
 def _held(message: dict[str, Any]) -> Held:
     try:
         return decode(Held, {key: message.get(key) for key in ("rates", "press")}, "jog")
+    except BadInput as error:
+        raise Unheeded(str(error)) from error
+
+
+def _change(message: dict[str, Any]) -> Change:
+    try:
+        return change_of(message.get("box"), message.get("table"))
     except BadInput as error:
         raise Unheeded(str(error)) from error
 

@@ -2,10 +2,12 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from rcmservo.errors import require
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
+from rcmservo.servo.servo import Servo
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,17 @@ class Released:
     """The person has let go of the button."""
 
 
-Told = Enable | Go | TeachAs | Held | Beat | Released | Request
+@dataclass(frozen=True, eq=False)
+class Change:
+    """Wanted: that a box of the servo has other settings."""
+
+    box: str
+    """Which one."""
+    value: Any
+    """Its settings."""
+
+
+Told = Enable | Go | TeachAs | Held | Beat | Released | Change | Request
 """What comes from a browser."""
 
 
@@ -98,7 +110,15 @@ class Taught:
     """What the camera saw."""
 
 
-Said = Note | Between | Aim | Taught
+@dataclass(frozen=True, eq=False)
+class InForce:
+    """What the loop goes by from now on."""
+
+    servo: Servo
+    """Its settings."""
+
+
+Said = Note | Between | Aim | Taught | InForce
 """What servo process and supervisor tell the page beside the ticks."""
 
 STOP, CLEAR = "stop", "clear"

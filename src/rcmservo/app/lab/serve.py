@@ -38,6 +38,7 @@ from rcmservo.servo.servo import Servo
 
 if TYPE_CHECKING:
     from rcmservo.page.desk import Desk
+    from rcmservo.page.settings import Chosen
 
 LONGEST = 3600.0
 """s of a session."""
@@ -94,6 +95,8 @@ class Behind:
     """Makes a session, recorded in a folder that is new."""
     off: SwitchOff
     """Has the drive switched off from outside of the session's process."""
+    chosen: "Chosen"
+    """The servo, which the page may set anew for the sessions to come."""
 
 
 @contextlib.contextmanager
@@ -102,23 +105,26 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
     from rcmservo.sim.processes.bench import Bench
     from rcmservo.sim.rig_file import rig_settings
 
-    words = about(options, lab, servo)
+    with _page("serve"):
+        from rcmservo.page.settings import Chosen
+    chosen = Chosen(servo)
     with Bench(options.seed, rig_settings(lab)) as bench:
 
         def session(desk: "Desk", folder: Path) -> Session:
             from rcmservo.page.enabling import await_enable
             from rcmservo.page.operator import PageOperator
 
-            record = folder / RECORD
+            record, limited = folder / RECORD, chosen.limited
+            words = about(options, lab, limited)
             return replace(
-                bench.session(servo, lab.markers, LONGEST, record, words),
+                bench.session(limited, lab.markers, LONGEST, record, words),
                 recorder=partial(recorder, record, words),
-                target=partial(await_enable, desk, servo),
-                operator=partial(PageOperator, desk),
+                target=partial(await_enable, desk, limited),
+                operator=partial(PageOperator, desk, chosen),
             )
 
         title = f"simulated arm, seed {options.seed}"
-        yield Behind(title, partial(RingCamera, bench.ring), session, bench.off)
+        yield Behind(title, partial(RingCamera, bench.ring), session, bench.off, chosen)
 
 
 def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
@@ -136,7 +142,7 @@ def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
         console(False).print(words, soft_wrap=True)
         if options.browser:
             webbrowser.open(address)
-        Sessions(desk, session, behind.off, needed).keep()
+        Sessions(desk, session, behind.off, needed, behind.chosen.take).keep()
 
 
 @contextlib.contextmanager
@@ -154,7 +160,7 @@ def _served(
         here, stop = bound(options.port), bound(0)
         port, stop_port = here.getsockname()[1], stop.getsockname()[1]
         doors = Doors(port, drawn_secret())
-        site = Site(f"rcmservo: {behind.title}", behind.camera, doors, stop_port)
+        site = Site(f"rcmservo: {behind.title}", behind.camera, doors, stop_port, behind.chosen)
         needed: dict[int, str] = {}
         for name, work, given in (
             ("the process that hears STOP", serve_stop, (desk.bell, doors, stop)),

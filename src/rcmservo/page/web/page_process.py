@@ -21,10 +21,12 @@ from rcmservo.guard.states import Request
 from rcmservo.page.board import Board
 from rcmservo.page.control import Control, Unheeded, heard, moment
 from rcmservo.page.desk import Desk
-from rcmservo.page.wants import CLEAR, Beat, Held, Released, Told
+from rcmservo.page.settings import Chosen
+from rcmservo.page.wants import CLEAR, Beat, Change, Held, Released, Told
 from rcmservo.page.web.doors import NAMES, said_on
 from rcmservo.page.web.ending import GRACE, until_told
 from rcmservo.page.web.pictures import Pictures, packed
+from rcmservo.page.web.settings_routes import add_settings, set_box
 from rcmservo.page.web.sheet.layout import lay_out
 from rcmservo.page.web.site import Site
 
@@ -48,13 +50,14 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
             return
         name = who.join(moment())
         try:
-            await _operated(wire, name, who, desk, board)
+            await _operated(wire, name, who, desk, board, site.chosen)
         except WebSocketDisconnect:
             """The browser is gone."""
         finally:
             with changing_hands(who, desk):
                 who.leave(name, moment())
 
+    add_settings(app, site, board)
     lay_out(site)
     ui.run_with(
         app, title=site.title, dark=None, show_welcome_message=False, reconnect_timeout=10.0
@@ -87,7 +90,9 @@ def changing_hands(who: Control, desk: Desk) -> Generator[None]:
         desk.wants.put(Request.PAUSE)
 
 
-async def _operated(wire: WebSocket, name: str, who: Control, desk: Desk, board: Board) -> None:
+async def _operated(
+    wire: WebSocket, name: str, who: Control, desk: Desk, board: Board, chosen: Chosen
+) -> None:
     """What one browser wants. It is told its name, and what was refused."""
     await wire.send_json({"name": name})
     while True:
@@ -99,7 +104,10 @@ async def _operated(wire: WebSocket, name: str, who: Control, desk: Desk, board:
         except Unheeded as error:
             refused = str(error)
         else:
-            refused = "" if done(told, desk) else "the servo does not listen"
+            if isinstance(told, Change):
+                refused = set_box(told, chosen, desk, board)
+            else:
+                refused = "" if done(told, desk) else "the servo does not listen"
         if refused:
             await wire.send_json({"refused": refused})
 

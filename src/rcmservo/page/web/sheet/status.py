@@ -20,6 +20,7 @@ def status() -> None:
         '<div id="why"></div><div id="way"></div><div id="errors"></div></div>',
         "w-full",
     )
+    plain('<div id="standing"></div>')
     plain('<div id="unheard" role="alert"></div>')
     with ui.row().classes("rcm-tight"):
         for name, (do, icon, words) in BUTTONS.items():
