@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from boards import board_at
 
 import rcmservo as rs
 from conftest import laboratory
@@ -16,7 +17,6 @@ from rcmservo.config.servo_json import describe
 from rcmservo.errors import BadInput
 from rcmservo.live.cautious import cautious
 from rcmservo.loop.operator import Want
-from rcmservo.page.board import Board
 from rcmservo.page.control import Control, Unheeded, heard
 from rcmservo.page.desk import Desk
 from rcmservo.page.operator import PageOperator
@@ -184,7 +184,10 @@ def test_settings_need_control_and_freshness() -> None:
 
 def test_a_change_goes_to_the_supervisor_always_and_to_the_servo_while_it_runs() -> None:
     desk = Desk(get_context("spawn"))
-    chosen, board = Chosen(laboratory().servo()), Board(desk, Between("the drive is off"))
+    chosen, board = (
+        Chosen(laboratory().servo()),
+        board_at(desk, between=Between("the drive is off")),
+    )
     gain, flow = (
         changed("controller", gain=2.0),
         change_of("estimator", {"kind": "flow", "gamma": 1.0}),

@@ -11,8 +11,10 @@ from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats, Target
 from rcmservo.page.desk import Desk
+from rcmservo.page.poses import Poses
 from rcmservo.page.settings import standing
 from rcmservo.page.wants import Aim, Between, InForce, Note, Taught
+from rcmservo.page.ways import ways
 from rcmservo.record import layout
 from rcmservo.record.columns import WORDS
 from rcmservo.record.layout import TICK
@@ -30,6 +32,8 @@ class Board:
 
     desk: Desk
     """Where it comes from."""
+    poses: Poses
+    """Where poses are kept."""
     between: Between | None = None
     """What there is instead of a loop; None while there is one."""
     target: Target | None = None
@@ -38,14 +42,16 @@ class Board:
     """The newest tick's columns and names."""
     notes: deque[str] = field(default_factory=lambda: deque[str](maxlen=NOTES))
     """What was said, the newest last."""
-    taught: dict[str, Target] = field(default_factory=dict[str, Target])
-    """Poses by their names."""
     in_force: Servo | None = None
     """The settings that the loop goes by."""
+    kept: int = 0
+    """It rises with each pose that is kept."""
     changes: int = 0
     """It rises with each change of settings."""
     count: int = -1
     """That of the newest tick taken."""
+    picture: bytes = b""
+    """The JPEG file that is shown."""
     looked: int = 0
     """ns, when it was last made new: what is shown later is no newer."""
 
@@ -77,7 +83,9 @@ class Board:
             case Aim():
                 self.target = said.target
             case Taught():
-                self.taught[said.name] = said.target
+                why = self.poses.keep(said.name, said.target, self.picture)
+                self.notes.append(why or f"{said.name} is taught")
+                self.kept += 1
             case InForce():
                 self.in_force = said.servo
                 self.changes += 1
@@ -95,7 +103,9 @@ class Board:
             "q": plain(tick.get("q")),
             "target": None if target is None else pairs(target.points.ravel()),
             "at": self.looked,
-            "poses": sorted(self.taught),
+            "poses": sorted(self.poses.targets),
+            "refused_poses": self.poses.refused,
+            "kept": self.kept,
             "settings": self.changes,
             "standing": self._standing(),
             "notes": list(self.notes)[-3:],
@@ -122,6 +132,7 @@ class Board:
                 "why": "",
                 "way_out": way,
                 "action": action,
+                "ways": [*(["clear"] if between.clears else [])],
                 "ready": between.ready,
                 "clears": between.clears,
             }
@@ -132,6 +143,7 @@ class Board:
             "why": cause.value,
             "way_out": cause.way_out,
             "action": self.tick["asks"],
+            "ways": ways(phase, cause),
             "ready": False,
             "clears": phase is Phase.FAULT,
         }

@@ -17,7 +17,7 @@ from rcmservo.errors import BadInput
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
 from rcmservo.page.settings import change_of
-from rcmservo.page.wants import Beat, Change, Enable, Go, Held, Released, TeachAs, Told
+from rcmservo.page.wants import Beat, Change, Delete, Enable, Go, Held, Released, TeachAs, Told
 
 FRESH, FRESH_JOG = 300_000_000, 150_000_000
 """ns for which what the server has shown counts as seen now; by a hand that jogs."""
@@ -31,11 +31,15 @@ LONGEST = 2000
 NAME = 40
 """Characters of a pose's name."""
 
-REQUESTS = {
+PLAIN: dict[str, Told] = {
+    "beat": Beat(),
+    "enable": Enable(),
+    "show": TeachAs(""),
     "pause": Request.PAUSE,
     "resume": Request.RESUME,
     "clear": Request.CLEAR,
 }
+"""What messages want that say no more."""
 
 
 class Unheeded(Exception):
@@ -105,20 +109,21 @@ def heard(
 
 
 def _told(do: object, message: dict[str, Any], pose: Callable[[str], Target | None]) -> Told:
-    if do == "beat":
-        return Beat()
-    if do == "enable":
-        return Enable()
-    if do == "jog":
-        return _held(message)
-    if do in ("teach", "go"):
-        called = _name(message.get("name"))
-        return TeachAs(called) if do == "teach" else _go(called, pose)
-    if do == "set":
-        return _change(message)
-    if isinstance(do, str) and do in REQUESTS:
-        return REQUESTS[do]
-    raise Unheeded(f"nobody knows what {str(do)[:NAME]!r} is")
+    match do:
+        case "jog":
+            return _held(message)
+        case "go":
+            return _go(_name(message.get("name")), pose)
+        case "teach":
+            return TeachAs(_name(message.get("name")))
+        case "delete":
+            return Delete(_name(message.get("name")))
+        case "set":
+            return _change(message)
+        case str() if do in PLAIN:
+            return PLAIN[do]
+        case _:
+            raise Unheeded(f"nobody knows what {str(do)[:NAME]!r} is")
 
 
 def _message(text: str) -> dict[str, Any]:

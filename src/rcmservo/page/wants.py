@@ -25,11 +25,19 @@ class Go:
 
 @dataclass(frozen=True)
 class TeachAs:
-    """Wanted: that the tool pauses, and that what the camera then sees becomes a target of this
-    name."""
+    """Wanted: that the tool pauses, and that what the camera then sees becomes the target, and is
+    kept by this name."""
 
     name: str
-    """Of the target."""
+    """Of the pose; empty where it is not kept."""
+
+
+@dataclass(frozen=True)
+class Delete:
+    """Wanted: that a pose is forgotten."""
+
+    name: str
+    """Its name."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +74,7 @@ class Change:
     """Its settings."""
 
 
-Told = Enable | Go | TeachAs | Held | Beat | Released | Change | Request
+Told = Enable | Go | TeachAs | Delete | Held | Beat | Released | Change | Request
 """What comes from a browser."""
 
 

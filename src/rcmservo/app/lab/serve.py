@@ -25,6 +25,7 @@ from rcmservo.app.preparing import compiling, simulator
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.terminal import console
 from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.config.target_file import Setup
 from rcmservo.errors import RcmServoError, require
 from rcmservo.interfaces import Camera
 from rcmservo.live.child import Child
@@ -59,6 +60,8 @@ class ServeOptions:
     """How the Jacobian is learnt; as of `rcmservo run`."""
     rig: OptionalPath = None
     """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene."""
+    poses: Path = Path("runs/poses")
+    """Folder with the poses that are taught on the page, in the files that --target takes."""
     out: OptionalPath = None
     """Folder for the records, new or empty; by default a new one under runs/."""
     boxes: Boxes = field(default_factory=ServoOptions)
@@ -95,6 +98,8 @@ class Behind:
     """Makes a session, recorded in a folder that is new."""
     off: SwitchOff
     """Has the drive switched off from outside of the session's process."""
+    setup: Setup
+    """What a pose is bound to."""
     chosen: "Chosen"
     """The servo, which the page may set anew for the sessions to come."""
 
@@ -102,7 +107,9 @@ class Behind:
 @contextlib.contextmanager
 def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
     """The simulated arm and its camera."""
+    from rcmservo.app.simulated_run.target import setup_of
     from rcmservo.sim.processes.bench import Bench
+    from rcmservo.sim.rig import Rig
     from rcmservo.sim.rig_file import rig_settings
 
     with _page("serve"):
@@ -124,7 +131,8 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
             )
 
         title = f"simulated arm, seed {options.seed}"
-        yield Behind(title, partial(RingCamera, bench.ring), session, bench.off, chosen)
+        setup = setup_of(Rig(options.seed, bench.settings, pictures=False), lab)
+        yield Behind(title, partial(RingCamera, bench.ring), session, bench.off, setup, chosen)
 
 
 def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
@@ -150,6 +158,7 @@ def _served(
     options: ServeOptions, desk: "Desk", behind: Behind
 ) -> Generator[tuple[str, dict[int, str]]]:
     """The page's processes: where the page is, and what each is by its sentinel."""
+    from rcmservo.page.poses import PoseFolder
     from rcmservo.page.web.doors import Doors, bound, drawn_secret
     from rcmservo.page.web.page_process import serve_page
     from rcmservo.page.web.site import Site
@@ -160,7 +169,8 @@ def _served(
         here, stop = bound(options.port), bound(0)
         port, stop_port = here.getsockname()[1], stop.getsockname()[1]
         doors = Doors(port, drawn_secret())
-        site = Site(f"rcmservo: {behind.title}", behind.camera, doors, stop_port, behind.chosen)
+        title, poses = f"rcmservo: {behind.title}", PoseFolder(options.poses, behind.setup)
+        site = Site(title, behind.camera, doors, stop_port, behind.chosen, poses)
         needed: dict[int, str] = {}
         for name, work, given in (
             ("the process that hears STOP", serve_stop, (desk.bell, doors, stop)),

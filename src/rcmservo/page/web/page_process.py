@@ -21,11 +21,13 @@ from rcmservo.guard.states import Request
 from rcmservo.page.board import Board
 from rcmservo.page.control import Control, Unheeded, heard, moment
 from rcmservo.page.desk import Desk
+from rcmservo.page.poses import Poses
 from rcmservo.page.settings import Chosen
-from rcmservo.page.wants import CLEAR, Beat, Change, Held, Released, Told
+from rcmservo.page.wants import CLEAR, Beat, Change, Delete, Held, Released, Told
 from rcmservo.page.web.doors import NAMES, said_on
 from rcmservo.page.web.ending import GRACE, until_told
 from rcmservo.page.web.pictures import Pictures, packed
+from rcmservo.page.web.poses_routes import add_poses
 from rcmservo.page.web.settings_routes import add_settings, set_box
 from rcmservo.page.web.sheet.layout import lay_out
 from rcmservo.page.web.site import Site
@@ -33,7 +35,9 @@ from rcmservo.page.web.site import Site
 
 def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connection) -> None:
     """Be the page until the other end of `control` speaks or is gone."""
-    board, who, doors = Board(desk), Control(), site.doors
+    poses = Poses(site.poses)
+    poses.read()
+    board, who, doors = Board(desk, poses), Control(), site.doors
     pictures = Pictures(site.camera(), board)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(NAMES))
@@ -58,6 +62,7 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
                 who.leave(name, moment())
 
     add_settings(app, site, board)
+    add_poses(app, site, poses)
     lay_out(site)
     ui.run_with(
         app, title=site.title, dark=None, show_welcome_message=False, reconnect_timeout=10.0
@@ -100,12 +105,14 @@ async def _operated(
         refused = ""
         try:
             with changing_hands(who, desk):
-                told = heard(text, name, who, board.taught.get, moment())
+                told = heard(text, name, who, board.poses.targets.get, moment())
         except Unheeded as error:
             refused = str(error)
         else:
             if isinstance(told, Change):
                 refused = set_box(told, chosen, desk, board)
+            elif isinstance(told, Delete):
+                refused = board.poses.delete(told.name)
             else:
                 refused = "" if done(told, desk) else "the servo does not listen"
         if refused:

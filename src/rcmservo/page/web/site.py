@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rcmservo.interfaces import Camera
+from rcmservo.page.poses import PoseFolder
 from rcmservo.page.settings import Chosen
 from rcmservo.page.web.doors import Doors
 
@@ -22,3 +23,5 @@ class Site:
     """That of the process that hears STOP."""
     chosen: Chosen
     """The servo that can be set."""
+    poses: PoseFolder
+    """Where poses are kept."""
