@@ -81,6 +81,8 @@ class Board:
         return {
             **self._state(),
             "points": pairs(tick.get("points")),
+            "ghost": pairs(ghost(tick)),
+            "y": plain(tick.get("y")),
             "rcm": plain(tick.get("o_c")),
             "delta": plain(tick.get("delta")),
             "q": plain(tick.get("q")),
@@ -124,6 +126,12 @@ def told(data: bytes) -> Table:
     names = layout.words_of(data, TICK.itemsize, len(WORDS))
     words = {one.name: name for one, name in zip(WORDS, names, strict=True)}
     return {name: column[0] for name, column in columns.items()} | words
+
+
+def ghost(tick: Table) -> Floats | None:
+    """Where the servo expects the markers (4,) px in the picture; NaN where its estimator does not
+    tell."""
+    return tick["model"] + np.tile(tick["o_c"], 2) if tick else None
 
 
 def plain(numbers: Floats | None) -> list[float | None] | None:
