@@ -12,7 +12,9 @@ from conftest import laboratory
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.page.board import Board
+from rcmservo.page.curves import NAMES
 from rcmservo.page.desk import Desk
+from rcmservo.page.shape import Shape
 
 
 def seen(
@@ -50,3 +52,59 @@ def test_the_board_tells_the_tick_and_its_ghost_is_where_the_servo_expects_the_m
     assert expected > len(ticks)
     away = np.array(tables[-1]["ghost"]) - tables[-1]["points"]
     assert np.abs(away).max() < 5.0
+
+
+class LateClock:
+    """A clock on which some waits end late: ns by the count of the wait."""
+
+    def __init__(self, clock: rs.Clock, late: dict[int, int]) -> None:
+        self._clock, self._late, self._count = clock, late, -1
+
+    def now(self) -> int:
+        return self._clock.now()
+
+    def wait_until(self, time: int) -> None:
+        self._count += 1
+        self._clock.wait_until(time + self._late.get(self._count, 0))
+
+
+def test_the_curves_tell_the_loops_numbers_and_how_late_it_was_at_worst() -> None:
+    lab, desk = laboratory(), Desk(get_context("spawn"))
+    board, ticks = Board(desk), list[rs.Tick]()
+    lab.plant.clock = LateClock(lab.plant.clock, {104: 4_000_000, 107: 7_000_000})
+    for tick in rs.run(lab.plant, lab.servo(), lab.target, 5.0):
+        desk.ticks.put(tick)
+        if len(ticks) % 7 == 0:
+            board.look()
+        ticks.append(tick)
+    board.look()
+    samples = np.array(board.curves.after(0))
+    curves = dict(zip(NAMES, samples.T, strict=True))
+    assert len(samples) == board.curves.count >= 28
+    by_time = {tick.seen.now: tick for tick in ticks}
+    for sample in samples:
+        state = by_time[round(sample[0] * 1e9)].state
+        assert np.array_equal(sample[1:4], state.delta, equal_nan=True)
+        assert sample[4] == np.linalg.norm(state.v) and sample[5] == state.condition
+    late = curves["late"]
+    assert sorted(late)[-1] == pytest.approx(7.0, abs=1e-6) and (late > 0.1).sum() <= 2
+    servoed = np.array([by_time[round(t * 1e9)].state.phase is rs.Phase.SERVO for t in curves["t"]])
+    moves = servoed & (np.abs(curves["measured_r"]) > 20.0)
+    assert moves.sum() > 5
+    ratio = curves["predicted_r"][moves] / curves["measured_r"][moves]
+    assert np.nanmedian(ratio) == pytest.approx(1.0, abs=0.1)
+    assert len(board.curves.after(board.curves.count - 3)) == 3 and not board.curves.after(10**9)
+
+
+def test_the_tool_in_space_is_where_its_markers_are() -> None:
+    lab = laboratory()
+    shape = Shape.of(lab.servo())
+    q = lab.rig.scene.start
+    tool, markers = shape.points(q), lab.rig.body.points(q)[:2]
+    assert np.allclose(tool[:2], markers, atol=0.5)
+    assert np.allclose(np.cross(tool[0], tool[2]), 0.0, atol=1e-6)
+    board = Board(Desk(get_context("spawn")), target=lab.target, shape=shape)
+    assert np.allclose(board.table()["tool_target"], shape.points(lab.target.q), atol=0.01)
+    assert board.table()["tool"] is None
+    limits, (_, upper) = shape.limits(), lab.rig.settings.mechanism.limits.arrays
+    assert np.allclose(limits[-1, -1], shape.points(upper)[0])

@@ -10,7 +10,10 @@ import numpy as np
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats, Target
+from rcmservo.page.curves import Curves
 from rcmservo.page.desk import Desk
+from rcmservo.page.shape import Shape
+from rcmservo.page.tick_ring import DUE
 from rcmservo.page.wants import Aim, Between, Note, Taught
 from rcmservo.record import layout
 from rcmservo.record.columns import WORDS
@@ -38,6 +41,10 @@ class Board:
     """What was said, the newest last."""
     taught: dict[str, Target] = field(default_factory=dict[str, Target])
     """Poses by their names."""
+    curves: Curves = field(default_factory=Curves)
+    """The loop's last seconds."""
+    shape: Shape | None = None
+    """What the tool is, where that is to be drawn."""
     count: int = -1
     """That of the newest tick taken."""
     looked: int = 0
@@ -52,9 +59,11 @@ class Board:
         """Take what is new."""
         for said in self.desk.said.heard():
             self._take(said)
-        self.count, ticks = self.desk.ticks.after(max(self.count, self.desk.ticks.newest - 1))
+        self.count, ticks = self.desk.ticks.after(self.count)
+        for one in ticks:
+            self.tick = told(one)
+            self.curves.take(self.tick)
         if ticks:
-            self.tick = told(ticks[-1])
             ended = self.between is not None and self.between.latched
             if self.tick["phase"] != Phase.DISABLED.name and not ended:
                 self.between = None
@@ -67,6 +76,7 @@ class Board:
             case Between():
                 self.between, self.tick = said, {}
                 self.count = self.desk.ticks.newest
+                self.curves.begin()
                 self.target = None
             case Aim():
                 self.target = said.target
@@ -87,10 +97,18 @@ class Board:
             "delta": plain(tick.get("delta")),
             "q": plain(tick.get("q")),
             "target": None if target is None else pairs(target.points.ravel()),
+            "tool": self._tool(tick.get("q")),
+            "tool_target": self._tool(None if target is None else target.q),
             "at": self.looked,
             "poses": sorted(self.taught),
             "notes": list(self.notes)[-3:],
         }
+
+    def _tool(self, q: Floats | None) -> list[list[float]] | None:
+        """Markers and tip [[x, y, z], ...] mm at the joints; None where they are not known."""
+        if self.shape is None or q is None or not np.isfinite(q).all():
+            return None
+        return self.shape.points(q).round(2).tolist()
 
     def _state(self) -> Table:
         """Phase, cause and way out in words; `action` says how grave it is."""
@@ -125,7 +143,8 @@ def told(data: bytes) -> Table:
     columns = layout.tick_columns(TICK, [data])
     names = layout.words_of(data, TICK.itemsize, len(WORDS))
     words = {one.name: name for one, name in zip(WORDS, names, strict=True)}
-    return {name: column[0] for name, column in columns.items()} | words
+    (due,) = DUE.unpack(data[-DUE.size :])
+    return {name: column[0] for name, column in columns.items()} | words | {"time": due}
 
 
 def ghost(tick: Table) -> Floats | None:

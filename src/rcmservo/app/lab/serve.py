@@ -94,6 +94,8 @@ class Behind:
     """Makes a session, recorded in a folder that is new."""
     off: SwitchOff
     """Has the drive switched off from outside of the session's process."""
+    servo: Servo
+    """What servoes."""
 
 
 @contextlib.contextmanager
@@ -118,7 +120,7 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
             )
 
         title = f"simulated arm, seed {options.seed}"
-        yield Behind(title, partial(RingCamera, bench.ring), session, bench.off)
+        yield Behind(title, partial(RingCamera, bench.ring), session, bench.off, servo)
 
 
 def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
@@ -144,6 +146,7 @@ def _served(
     options: ServeOptions, desk: "Desk", behind: Behind
 ) -> Generator[tuple[str, dict[int, str]]]:
     """The page's processes: where the page is, and what each is by its sentinel."""
+    from rcmservo.page.shape import Shape
     from rcmservo.page.web.doors import Doors, bound, drawn_secret
     from rcmservo.page.web.page_process import serve_page
     from rcmservo.page.web.site import Site
@@ -154,7 +157,8 @@ def _served(
         here, stop = bound(options.port), bound(0)
         port, stop_port = here.getsockname()[1], stop.getsockname()[1]
         doors = Doors(port, drawn_secret())
-        site = Site(f"rcmservo: {behind.title}", behind.camera, doors, stop_port)
+        shape = Shape.of(behind.servo)
+        site = Site(f"rcmservo: {behind.title}", behind.camera, doors, stop_port, shape)
         needed: dict[int, str] = {}
         for name, work, given in (
             ("the process that hears STOP", serve_stop, (desk.bell, doors, stop)),

@@ -22,6 +22,7 @@ from rcmservo.page.board import Board
 from rcmservo.page.control import Control, Unheeded, heard, moment
 from rcmservo.page.desk import Desk
 from rcmservo.page.wants import CLEAR, Beat, Held, Released, Told
+from rcmservo.page.web.curves_routes import add_curves
 from rcmservo.page.web.doors import NAMES, said_on
 from rcmservo.page.web.ending import GRACE, until_told
 from rcmservo.page.web.pictures import Pictures, packed
@@ -31,7 +32,7 @@ from rcmservo.page.web.site import Site
 
 def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connection) -> None:
     """Be the page until the other end of `control` speaks or is gone."""
-    board, who, doors = Board(desk), Control(), site.doors
+    board, who, doors = Board(desk, shape=site.shape), Control(), site.doors
     pictures = Pictures(site.camera(), board)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(NAMES))
@@ -55,6 +56,7 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
             with changing_hands(who, desk):
                 who.leave(name, moment())
 
+    add_curves(app, doors, board)
     lay_out(site)
     ui.run_with(
         app, title=site.title, dark=None, show_welcome_message=False, reconnect_timeout=10.0

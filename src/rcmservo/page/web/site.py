@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rcmservo.interfaces import Camera
+from rcmservo.page.shape import Shape
 from rcmservo.page.web.doors import Doors
 
 
@@ -19,3 +20,5 @@ class Site:
     """Who is let in."""
     stop_port: int
     """That of the process that hears STOP."""
+    shape: Shape
+    """Of the tool that is drawn."""

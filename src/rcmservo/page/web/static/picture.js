@@ -13,13 +13,19 @@ async function draw(rcm, board, jpeg, turn) {
   const canvas = document.getElementById("picture");
   if (!canvas || turn < shown) return image.close(); // a later one was ready sooner
   shown = turn;
+  paint(canvas, image, board);
+  image.close();
+  rcm.drawn += 1;
+}
+
+// A picture with what is known of it drawn on it.
+export function paint(canvas, image, board) {
   if (canvas.width !== image.width || canvas.height !== image.height) {
     canvas.width = image.width;
     canvas.height = image.height;
   }
   const pen = canvas.getContext("2d");
   pen.drawImage(image, 0, 0);
-  image.close();
   const size = canvas.width / 640;
   if (board.target) tool(pen, board.target, board.rcm, BLACK, size, ["", ""]);
   if (board.ghost) board.ghost.filter(known).forEach((point) => ghost(pen, point, size));
@@ -28,7 +34,6 @@ async function draw(rcm, board, jpeg, turn) {
     features(pen, board, size);
   }
   rcmMark(pen, board.rcm, canvas, size);
-  rcm.drawn += 1;
 }
 function tool(pen, points, o_c, colour, size, names) {
   const way = [known(o_c) && near(o_c) ? o_c : null, ...points].filter(known);
