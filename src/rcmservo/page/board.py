@@ -10,9 +10,12 @@ import numpy as np
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats, Target
+from rcmservo.page.curves import Curves
 from rcmservo.page.desk import Desk
 from rcmservo.page.poses import Poses
 from rcmservo.page.settings import standing
+from rcmservo.page.shape import Shape
+from rcmservo.page.tick_ring import DUE
 from rcmservo.page.wants import Aim, Between, InForce, Note, Taught
 from rcmservo.page.ways import ways
 from rcmservo.record import layout
@@ -48,6 +51,10 @@ class Board:
     """It rises with each pose that is kept."""
     changes: int = 0
     """It rises with each change of settings."""
+    curves: Curves = field(default_factory=Curves)
+    """The loop's last seconds."""
+    shape: Shape | None = None
+    """What the tool is, where that is to be drawn."""
     count: int = -1
     """That of the newest tick taken."""
     picture: bytes = b""
@@ -64,9 +71,11 @@ class Board:
         """Take what is new."""
         for said in self.desk.said.heard():
             self._take(said)
-        self.count, ticks = self.desk.ticks.after(max(self.count, self.desk.ticks.newest - 1))
+        self.count, ticks = self.desk.ticks.after(self.count)
+        for one in ticks:
+            self.tick = told(one)
+            self.curves.take(self.tick)
         if ticks:
-            self.tick = told(ticks[-1])
             ended = self.between is not None and self.between.latched
             if self.tick["phase"] != Phase.DISABLED.name and not ended:
                 self.between = None
@@ -79,6 +88,7 @@ class Board:
             case Between():
                 self.between, self.tick = said, {}
                 self.count = self.desk.ticks.newest
+                self.curves.begin()
                 self.target = None
             case Aim():
                 self.target = said.target
@@ -98,10 +108,14 @@ class Board:
         return {
             **self._state(),
             "points": pairs(tick.get("points")),
+            "ghost": pairs(ghost(tick)),
+            "y": plain(tick.get("y")),
             "rcm": plain(tick.get("o_c")),
             "delta": plain(tick.get("delta")),
             "q": plain(tick.get("q")),
             "target": None if target is None else pairs(target.points.ravel()),
+            "tool": self._tool(tick.get("q")),
+            "tool_target": self._tool(None if target is None else target.q),
             "at": self.looked,
             "poses": sorted(self.poses.targets),
             "refused_poses": self.poses.refused,
@@ -118,6 +132,12 @@ class Board:
             return ""
         explored, condition = bool(tick["explored"][0]), float(tick["condition"][0])
         return standing(self.in_force, explored, condition, Phase[tick["phase"]])
+
+    def _tool(self, q: Floats | None) -> list[list[float]] | None:
+        """Markers and tip [[x, y, z], ...] mm at the joints; None where they are not known."""
+        if self.shape is None or q is None or not np.isfinite(q).all():
+            return None
+        return self.shape.points(q).round(2).tolist()
 
     def _state(self) -> Table:
         """Phase, cause and way out in words; `action` says how grave it is."""
@@ -154,7 +174,14 @@ def told(data: bytes) -> Table:
     columns = layout.tick_columns(TICK, [data])
     names = layout.words_of(data, TICK.itemsize, len(WORDS))
     words = {one.name: name for one, name in zip(WORDS, names, strict=True)}
-    return {name: column[0] for name, column in columns.items()} | words
+    (due,) = DUE.unpack(data[-DUE.size :])
+    return {name: column[0] for name, column in columns.items()} | words | {"time": due}
+
+
+def ghost(tick: Table) -> Floats | None:
+    """Where the servo expects the markers (4,) px in the picture; NaN where its estimator does not
+    tell."""
+    return tick["model"] + np.tile(tick["o_c"], 2) if tick else None
 
 
 def plain(numbers: Floats | None) -> list[float | None] | None:

@@ -1,8 +1,9 @@
 """Ticks from the loop to whoever looks at it: a ring in shared memory, one writer who never waits,
 and readers who take what is there.
 
-A tick is kept as its record keeps it. The writer fills the oldest slot and only then says which is
-the newest; a reader copies a slot and looks again, and a checksum catches what else went wrong.
+A tick is kept as its record keeps it, with the time at which it was due behind that. The writer
+fills the oldest slot and only then says which is the newest; a reader copies a slot and looks
+again, and a checksum catches what else went wrong.
 """
 
 import struct
@@ -18,6 +19,8 @@ SIZE = 4096
 """Bytes of a slot."""
 HEAD = struct.Struct("<qII")
 """Count of the tick in this ring, length of its bytes, and their checksum."""
+DUE = struct.Struct("<q")
+"""ns from the loop's start to when a tick was due, at the end of its bytes."""
 
 
 class TickRing:
@@ -38,7 +41,7 @@ class TickRing:
 
     def put(self, tick: Tick) -> None:
         """Make a tick the newest."""
-        data, count = layout.tick(tick), self.newest + 1
+        data, count = layout.tick(tick) + DUE.pack(tick.time), self.newest + 1
         slot = self._slot(count)
         HEAD.pack_into(slot, 0, -1, 0, 0)
         slot[HEAD.size : HEAD.size + len(data)] = data

@@ -159,6 +159,7 @@ def _served(
 ) -> Generator[tuple[str, dict[int, str]]]:
     """The page's processes: where the page is, and what each is by its sentinel."""
     from rcmservo.page.poses import PoseFolder
+    from rcmservo.page.shape import Shape
     from rcmservo.page.web.doors import Doors, bound, drawn_secret
     from rcmservo.page.web.page_process import serve_page
     from rcmservo.page.web.site import Site
@@ -170,7 +171,8 @@ def _served(
         port, stop_port = here.getsockname()[1], stop.getsockname()[1]
         doors = Doors(port, drawn_secret())
         title, poses = f"rcmservo: {behind.title}", PoseFolder(options.poses, behind.setup)
-        site = Site(title, behind.camera, doors, stop_port, behind.chosen, poses)
+        shape = Shape.of(behind.chosen.servo)
+        site = Site(title, behind.camera, doors, stop_port, behind.chosen, poses, shape)
         needed: dict[int, str] = {}
         for name, work, given in (
             ("the process that hears STOP", serve_stop, (desk.bell, doors, stop)),

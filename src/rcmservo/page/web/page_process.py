@@ -24,6 +24,7 @@ from rcmservo.page.desk import Desk
 from rcmservo.page.poses import Poses
 from rcmservo.page.settings import Chosen
 from rcmservo.page.wants import CLEAR, Beat, Change, Delete, Held, Released, Told
+from rcmservo.page.web.curves_routes import add_curves
 from rcmservo.page.web.doors import NAMES, said_on
 from rcmservo.page.web.ending import GRACE, until_told
 from rcmservo.page.web.pictures import Pictures, packed
@@ -37,7 +38,7 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
     """Be the page until the other end of `control` speaks or is gone."""
     poses = Poses(site.poses)
     poses.read()
-    board, who, doors = Board(desk, poses), Control(), site.doors
+    board, who, doors = Board(desk, poses, shape=site.shape), Control(), site.doors
     pictures = Pictures(site.camera(), board)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(NAMES))
@@ -63,6 +64,7 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
 
     add_settings(app, site, board)
     add_poses(app, site, poses)
+    add_curves(app, doors, board)
     lay_out(site)
     ui.run_with(
         app, title=site.title, dark=None, show_welcome_message=False, reconnect_timeout=10.0

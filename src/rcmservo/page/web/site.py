@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from rcmservo.interfaces import Camera
 from rcmservo.page.poses import PoseFolder
 from rcmservo.page.settings import Chosen
+from rcmservo.page.shape import Shape
 from rcmservo.page.web.doors import Doors
 
 
@@ -25,3 +26,5 @@ class Site:
     """The servo that can be set."""
     poses: PoseFolder
     """Where poses are kept."""
+    shape: Shape
+    """Of the tool that is drawn."""

@@ -8,9 +8,11 @@ from typing import NamedTuple
 
 from nicegui import app, ui
 
+from rcmservo.page.web.sheet.curves_tab import curves_tab
 from rcmservo.page.web.sheet.jog_card import jog_card
 from rcmservo.page.web.sheet.parts import button, plain
 from rcmservo.page.web.sheet.poses_card import poses_card
+from rcmservo.page.web.sheet.scene_tab import scene_tab
 from rcmservo.page.web.sheet.settings_tab import settings_tab
 from rcmservo.page.web.sheet.status import notes, status, stop
 from rcmservo.page.web.site import Site
@@ -31,7 +33,11 @@ class Tab(NamedTuple):
 
 def tabs(site: Site) -> list[Tab]:
     """Those of a site."""
-    return [Tab("Settings", "tune", settings_tab)]
+    return [
+        Tab("Curves", "show_chart", curves_tab),
+        Tab("3-D", "view_in_ar", scene_tab),
+        Tab("Settings", "tune", settings_tab),
+    ]
 
 
 def lay_out(site: Site) -> None:

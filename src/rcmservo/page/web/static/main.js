@@ -1,11 +1,13 @@
 // The page in the browser: it draws what it is sent, and says what the person wants.
 import { connect } from "./wire.js";
+import * as curves from "./curves.js";
 import * as jog from "./jog.js";
 import * as picture from "./picture.js";
 import * as poses from "./poses.js";
 import * as settings from "./settings.js";
+import * as scene from "./scene.js";
 import * as state from "./state.js";
 
 const rcm = connect(window.RCMSERVO);
 window.rcm = rcm;
-for (const part of [state, picture, poses, jog, settings]) part.start(rcm);
+for (const part of [state, picture, poses, jog, settings, curves, scene]) part.start(rcm);

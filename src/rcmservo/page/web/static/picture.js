@@ -1,29 +1,39 @@
 // The picture, with the tool blue and the target black, as in the paper's figures.
-const BLUE = "#005aff", BLACK = "#000000", WHITE = "#ffffff", YELLOW = "#ffdc00";
+import { ghost, known, near, stroke, words, BLACK, BLUE, YELLOW } from "./pen.js";
+import { features } from "./features.js";
+
+let asked = 0, shown = 0;
 
 export function start(rcm) {
-  rcm.told((board, jpeg) => { if (jpeg.byteLength > 0) draw(rcm, board, jpeg); });
+  rcm.told((board, jpeg) => { if (jpeg.byteLength > 0) draw(rcm, board, jpeg, ++asked); });
 }
 
-async function draw(rcm, board, jpeg) {
+async function draw(rcm, board, jpeg, turn) {
   const image = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
   const canvas = document.getElementById("picture");
-  if (!canvas) return;
+  if (!canvas || turn < shown) return image.close(); // a later one was ready sooner
+  shown = turn;
+  paint(canvas, image, board);
+  image.close();
+  rcm.drawn += 1;
+}
+
+// A picture with what is known of it drawn on it.
+export function paint(canvas, image, board) {
   if (canvas.width !== image.width || canvas.height !== image.height) {
     canvas.width = image.width;
     canvas.height = image.height;
   }
   const pen = canvas.getContext("2d");
   pen.drawImage(image, 0, 0);
-  image.close();
   const size = canvas.width / 640;
   if (board.target) tool(pen, board.target, board.rcm, BLACK, size, ["", ""]);
-  if (board.points) tool(pen, board.points, board.rcm, BLUE, size, ["m₁", "m₂"]);
+  if (board.ghost) board.ghost.filter(known).forEach((point) => ghost(pen, point, size));
+  if (board.points) {
+    tool(pen, board.points, board.rcm, BLUE, size, ["m₁", "m₂"]);
+    features(pen, board, size);
+  }
   rcmMark(pen, board.rcm, canvas, size);
-  rcm.drawn += 1;
-}
-function known(point) {
-  return Array.isArray(point) && point.every((one) => one !== null);
 }
 function tool(pen, points, o_c, colour, size, names) {
   const way = [known(o_c) && near(o_c) ? o_c : null, ...points].filter(known);
@@ -34,24 +44,9 @@ function tool(pen, points, o_c, colour, size, names) {
     if (!known(point)) return;
     const [u, v] = point;
     stroke(pen, colour, size, () => pen.arc(u, v, 9 * size, 0, 2 * Math.PI));
-    pen.font = `${14 * size}px sans-serif`;
-    pen.lineWidth = 3 * size;
-    pen.strokeStyle = WHITE;
-    pen.strokeText(names[i], u + 12 * size, v - 8 * size);
-    pen.fillStyle = colour;
-    pen.fillText(names[i], u + 12 * size, v - 8 * size);
+    words(pen, names[i], u + 12 * size, v - 8 * size, colour, 14 * size);
   });
 }
-function stroke(pen, colour, size, path) {
-  for (const [ink, width] of [[WHITE, 4], [colour, 2]]) {
-    pen.beginPath();
-    path();
-    pen.strokeStyle = ink;
-    pen.lineWidth = width * size;
-    pen.stroke();
-  }
-}
-const near = ([u, v]) => Math.abs(u) < 20000 && Math.abs(v) < 20000;
 function rcmMark(pen, o_c, canvas, size) {
   if (!known(o_c)) return;
   const [u, v] = o_c, m = 14 * size;

@@ -1,0 +1,111 @@
+"""What the page shows is what the loop had: the same tick's numbers, and where it expected the
+markers."""
+
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+import pytest
+from boards import board_at
+
+import rcmservo as rs
+from conftest import laboratory
+from rcmservo.method.estimators.dlt import DltEstimator
+from rcmservo.method.estimators.projection import ProjectionEstimator
+from rcmservo.page.board import Board
+from rcmservo.page.curves import NAMES
+from rcmservo.page.desk import Desk
+from rcmservo.page.shape import Shape
+
+
+def seen(
+    estimator: rs.Estimator, seconds: float
+) -> tuple[list[rs.Tick], list[dict[str, Any]], Board]:
+    """A run, what the page would show after each of its ticks, and the page's board."""
+    lab, desk = laboratory(), Desk(get_context("spawn"))
+    board, tables = board_at(desk), list[dict[str, Any]]()
+    ticks = list[rs.Tick]()
+    for tick in rs.run(lab.plant, lab.servo(estimator=estimator), lab.target, seconds):
+        desk.ticks.put(tick)
+        board.look()
+        ticks.append(tick)
+        tables.append(board.table())
+    return ticks, tables, board
+
+
+@pytest.mark.parametrize("estimator", [DltEstimator(), ProjectionEstimator()])
+def test_the_board_tells_the_tick_and_its_ghost_is_where_the_servo_expects_the_markers(
+    estimator: rs.Estimator,
+) -> None:
+    ticks, tables, _ = seen(estimator, 3.0)
+    expected = 0
+    for tick, table in zip(ticks, tables, strict=True):
+        state = tick.state
+        for name, number in (("y", state.y), ("delta", state.delta), ("q", tick.seen.q)):
+            shown = np.array(table[name], dtype=float)
+            assert np.array_equal(shown, number, equal_nan=True), name
+        known = tick.servo.learner.predict(state.learnt.memory, tick.servo.tool, state.p1)
+        assert known is not None
+        for ghost, m in zip(table["ghost"], np.reshape(known, (2, 2)), strict=True):
+            there = m + state.o_c
+            assert ghost == (there.tolist() if np.isfinite(there).all() else None)
+            expected += ghost is not None
+    assert expected > len(ticks)
+    away = np.array(tables[-1]["ghost"]) - tables[-1]["points"]
+    assert np.abs(away).max() < 5.0
+
+
+class LateClock:
+    """A clock on which some waits end late: ns by the count of the wait."""
+
+    def __init__(self, clock: rs.Clock, late: dict[int, int]) -> None:
+        self._clock, self._late, self._count = clock, late, -1
+
+    def now(self) -> int:
+        return self._clock.now()
+
+    def wait_until(self, time: int) -> None:
+        self._count += 1
+        self._clock.wait_until(time + self._late.get(self._count, 0))
+
+
+def test_the_curves_tell_the_loops_numbers_and_how_late_it_was_at_worst() -> None:
+    lab, desk = laboratory(), Desk(get_context("spawn"))
+    board, ticks = board_at(desk), list[rs.Tick]()
+    lab.plant.clock = LateClock(lab.plant.clock, {104: 4_000_000, 107: 7_000_000})
+    for tick in rs.run(lab.plant, lab.servo(), lab.target, 5.0):
+        desk.ticks.put(tick)
+        if len(ticks) % 7 == 0:
+            board.look()
+        ticks.append(tick)
+    board.look()
+    samples = np.array(board.curves.after(0))
+    curves = dict(zip(NAMES, samples.T, strict=True))
+    assert len(samples) == board.curves.count >= 28
+    by_time = {tick.seen.now: tick for tick in ticks}
+    for sample in samples:
+        state = by_time[round(sample[0] * 1e9)].state
+        assert np.array_equal(sample[1:4], state.delta, equal_nan=True)
+        assert sample[4] == np.linalg.norm(state.v) and sample[5] == state.condition
+    late = curves["late"]
+    assert sorted(late)[-1] == pytest.approx(7.0, abs=1e-6) and (late > 0.1).sum() <= 2
+    servoed = np.array([by_time[round(t * 1e9)].state.phase is rs.Phase.SERVO for t in curves["t"]])
+    moves = servoed & (np.abs(curves["measured_r"]) > 20.0)
+    assert moves.sum() > 5
+    ratio = curves["predicted_r"][moves] / curves["measured_r"][moves]
+    assert np.nanmedian(ratio) == pytest.approx(1.0, abs=0.1)
+    assert len(board.curves.after(board.curves.count - 3)) == 3 and not board.curves.after(10**9)
+
+
+def test_the_tool_in_space_is_where_its_markers_are() -> None:
+    lab = laboratory()
+    shape = Shape.of(lab.servo())
+    q = lab.rig.scene.start
+    tool, markers = shape.points(q), lab.rig.body.points(q)[:2]
+    assert np.allclose(tool[:2], markers, atol=0.5)
+    assert np.allclose(np.cross(tool[0], tool[2]), 0.0, atol=1e-6)
+    board = board_at(Desk(get_context("spawn")), target=lab.target, shape=shape)
+    assert np.allclose(board.table()["tool_target"], shape.points(lab.target.q), atol=0.01)
+    assert board.table()["tool"] is None
+    limits, (_, upper) = shape.limits(), lab.rig.settings.mechanism.limits.arrays
+    assert np.allclose(limits[-1, -1], shape.points(upper)[0])
