@@ -42,6 +42,9 @@ if TYPE_CHECKING:
 LONGEST = 3600.0
 """s of a session."""
 
+PICTURES = 10.0
+"""Pictures that a record gets, 1/s."""
+
 
 @dataclass(frozen=True)
 class ServeOptions:
@@ -113,6 +116,7 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
             return replace(
                 bench.session(servo, lab.markers, LONGEST, record, words),
                 recorder=partial(recorder, record, words),
+                pictures=PICTURES,
                 target=partial(await_enable, desk, servo),
                 operator=partial(PageOperator, desk),
             )
@@ -131,7 +135,7 @@ def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
     def session() -> Session:
         return behind.session(desk, folder / f"session-{next(numbers)}")
 
-    with _served(options, desk, behind) as (address, needed), stopped_by_signals():
+    with _served(options, desk, behind, folder.parent) as (address, needed), stopped_by_signals():
         words = f"rcmservo page at {address}, {behind.title}; Ctrl-C ends it"
         console(False).print(words, soft_wrap=True)
         if options.browser:
@@ -141,9 +145,10 @@ def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
 
 @contextlib.contextmanager
 def _served(
-    options: ServeOptions, desk: "Desk", behind: Behind
+    options: ServeOptions, desk: "Desk", behind: Behind, runs: Path
 ) -> Generator[tuple[str, dict[int, str]]]:
-    """The page's processes: where the page is, and what each is by its sentinel."""
+    """The page's processes: where the page is, and what each is by its sentinel. ``runs`` is the
+    folder of the past runs that it shows."""
     from rcmservo.page.web.doors import Doors, bound, drawn_secret
     from rcmservo.page.web.page_process import serve_page
     from rcmservo.page.web.site import Site
@@ -154,7 +159,7 @@ def _served(
         here, stop = bound(options.port), bound(0)
         port, stop_port = here.getsockname()[1], stop.getsockname()[1]
         doors = Doors(port, drawn_secret())
-        site = Site(f"rcmservo: {behind.title}", behind.camera, doors, stop_port)
+        site = Site(f"rcmservo: {behind.title}", behind.camera, doors, stop_port, runs)
         needed: dict[int, str] = {}
         for name, work, given in (
             ("the process that hears STOP", serve_stop, (desk.bell, doors, stop)),

@@ -25,6 +25,7 @@ from rcmservo.page.wants import CLEAR, Beat, Held, Released, Told
 from rcmservo.page.web.doors import NAMES, said_on
 from rcmservo.page.web.ending import GRACE, until_told
 from rcmservo.page.web.pictures import Pictures, packed
+from rcmservo.page.web.runs_routes import add_runs
 from rcmservo.page.web.sheet.layout import lay_out
 from rcmservo.page.web.site import Site
 
@@ -55,6 +56,7 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
             with changing_hands(who, desk):
                 who.leave(name, moment())
 
+    add_runs(app, site)
     lay_out(site)
     ui.run_with(
         app, title=site.title, dark=None, show_welcome_message=False, reconnect_timeout=10.0

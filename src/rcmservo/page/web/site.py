@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from rcmservo.interfaces import Camera
 from rcmservo.page.web.doors import Doors
@@ -19,3 +20,5 @@ class Site:
     """Who is let in."""
     stop_port: int
     """That of the process that hears STOP."""
+    runs: Path
+    """Folder of all runs."""

@@ -11,6 +11,7 @@ from nicegui import app, ui
 from rcmservo.page.web.sheet.jog_card import jog_card
 from rcmservo.page.web.sheet.parts import button, plain
 from rcmservo.page.web.sheet.poses_card import poses_card
+from rcmservo.page.web.sheet.runs_tab import runs_tab
 from rcmservo.page.web.sheet.status import notes, status, stop
 from rcmservo.page.web.site import Site
 
@@ -30,7 +31,7 @@ class Tab(NamedTuple):
 
 def tabs(site: Site) -> list[Tab]:
     """Those of a site."""
-    return []
+    return [Tab("Runs", "history", runs_tab)]
 
 
 def lay_out(site: Site) -> None:

@@ -3,8 +3,9 @@ import { connect } from "./wire.js";
 import * as jog from "./jog.js";
 import * as picture from "./picture.js";
 import * as poses from "./poses.js";
+import * as runs from "./runs.js";
 import * as state from "./state.js";
 
 const rcm = connect(window.RCMSERVO);
 window.rcm = rcm;
-for (const part of [state, picture, poses, jog]) part.start(rcm);
+for (const part of [state, picture, poses, jog, runs]) part.start(rcm);

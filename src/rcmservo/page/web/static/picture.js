@@ -9,18 +9,23 @@ async function draw(rcm, board, jpeg) {
   const image = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
   const canvas = document.getElementById("picture");
   if (!canvas) return;
+  paint(canvas, image, board);
+  image.close();
+  rcm.drawn += 1;
+}
+
+// A picture with what is known of it drawn on it.
+export function paint(canvas, image, board) {
   if (canvas.width !== image.width || canvas.height !== image.height) {
     canvas.width = image.width;
     canvas.height = image.height;
   }
   const pen = canvas.getContext("2d");
   pen.drawImage(image, 0, 0);
-  image.close();
   const size = canvas.width / 640;
   if (board.target) tool(pen, board.target, board.rcm, BLACK, size, ["", ""]);
   if (board.points) tool(pen, board.points, board.rcm, BLUE, size, ["m₁", "m₂"]);
   rcmMark(pen, board.rcm, canvas, size);
-  rcm.drawn += 1;
 }
 function known(point) {
   return Array.isArray(point) && point.every((one) => one !== null);
