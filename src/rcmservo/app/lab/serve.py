@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 LONGEST = 3600.0
 """s of a session."""
 
-PICTURES = 10.0
+PICTURES = 5.0
 """Pictures that a record gets, 1/s."""
 
 
