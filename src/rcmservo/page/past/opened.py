@@ -2,6 +2,7 @@
 
 import json
 import tempfile
+from bisect import bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,6 @@ import numpy as np
 from rcmservo.config.texts import is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.figures import charts, plots
-from rcmservo.interfaces import Floats
 from rcmservo.page.board import pairs, plain
 from rcmservo.record import layout
 from rcmservo.record.mcap_chunks import Messages, in_chunk
@@ -122,14 +122,14 @@ def _moments(record: Record, lines: list[Span], exposures: list[int]) -> list[di
         whole = np.arange(0.0, float(record.time[-1]) + EVERY, EVERY)
         both = [(int(i), -1) for i in np.minimum(np.searchsorted(record.time, whole), count - 1)]
     both = both[:: -(-len(both) // MOST) or 1]
-    starts: Floats = np.array([span.start for span in lines], dtype=float)
+    starts = [span.start for span in lines]
     of: list[int] = stages(record).tolist()
     points, o_c = record.ticks["points"], record.ticks["o_c"]
     return [
         {
             "t": round(float(record.time[i]), 3),
             "picture": k,
-            "span": int(np.searchsorted(starts, record.time[i], side="right")) - 1,
+            "span": bisect_right(starts, float(record.time[i])) - 1,
             "stage": of[i],
             "points": pairs(points[i].round(2)),
             "rcm": plain(o_c[i].round(2)),
