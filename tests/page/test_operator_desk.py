@@ -14,7 +14,7 @@ from rcmservo.page.desk import Desk
 from rcmservo.page.hand import Hand
 from rcmservo.page.operator import GONE, LET_GO, PageOperator
 from rcmservo.page.settings import Chosen
-from rcmservo.page.tick_ring import SLOTS
+from rcmservo.page.tick_ring import DUE, SLOTS
 from rcmservo.page.wants import Aim, Beat, Go, Held, Note, Released, Taught, TeachAs
 from rcmservo.page.web.page_process import changing_hands, done
 from rcmservo.record import layout
@@ -210,7 +210,7 @@ def test_the_ring_gives_every_tick_as_its_record_has_it_and_the_newest_where_man
     ticks, browser = ran({}, 6.0)
     newest, found = browser.desk.ticks.after(-1)
     assert newest == len(ticks) - 1 == 599 and len(found) == SLOTS
-    assert found == [layout.tick(tick) for tick in ticks[-SLOTS:]]
+    assert found == [layout.tick(tick) + DUE.pack(tick.time) for tick in ticks[-SLOTS:]]
     assert browser.desk.ticks.after(newest) == (newest, [])
     assert browser.desk.ticks.after(newest - 3) == (newest, found[-3:])
     slot = browser.desk.ticks._slot(newest)

@@ -179,3 +179,34 @@ def test_closing_the_browser_in_mid_motion_pauses_and_another_one_resumes(
         second.until("rcm.board.phase === 'ACQUIRE' || rcm.board.phase === 'SERVO'")
 
     assert wrong_in(tmp_path, play) == ""
+
+
+def test_a_stopped_run_is_opened_looked_through_and_downloaded(
+    chromium: Browser, tmp_path: Path
+) -> None:
+    def play(address: str) -> None:
+        person = Person(chromium, address)
+        page = person.page
+        person.enable()
+        person.teach("here")
+        person.jog("Jog joint 1 plus", 1.0)
+        page.keyboard.press("Space")
+        person.until("rcm.board.phase === 'FAULT'")
+        page.get_by_role("button", name="session-1").click(timeout=PATIENCE)
+        slider = page.get_by_label("Time in the past run")
+        slider.wait_for(timeout=PATIENCE)
+        said = page.locator(".run-said")
+        before = said.inner_text()
+        slider.press("End")
+        assert said.inner_text() != before and " s · " in said.inner_text()
+        drawn = "[...document.querySelectorAll('.run-figures img')].map(one => one.naturalWidth)"
+        person.until(f"{drawn}.length === 4 && {drawn}.every(one => one > 0)")
+        for words, start in (
+            ("Download the record (MCAP)", b"\x89MCAP"),
+            ("Path as SVG", b"<?xml"),
+        ):
+            with page.expect_download(timeout=PATIENCE) as download:
+                page.get_by_text(words, exact=True).click()
+            assert Path(download.value.path()).read_bytes().startswith(start)
+
+    assert wrong_in(tmp_path, play) == ""

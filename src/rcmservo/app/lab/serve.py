@@ -44,6 +44,9 @@ if TYPE_CHECKING:
 LONGEST = 3600.0
 """s of a session."""
 
+PICTURES = 5.0
+"""Pictures that a record gets, 1/s."""
+
 
 @dataclass(frozen=True)
 class ServeOptions:
@@ -128,6 +131,7 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
                 recorder=partial(recorder, record, words),
                 target=partial(await_enable, desk, limited),
                 operator=partial(PageOperator, desk, chosen),
+                pictures=PICTURES,
             )
 
         title = f"simulated arm, seed {options.seed}"
@@ -145,7 +149,7 @@ def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
     def session() -> Session:
         return behind.session(desk, folder / f"session-{next(numbers)}")
 
-    with _served(options, desk, behind) as (address, needed), stopped_by_signals():
+    with _served(options, desk, behind, folder.parent) as (address, needed), stopped_by_signals():
         words = f"rcmservo page at {address}, {behind.title}; Ctrl-C ends it"
         console(False).print(words, soft_wrap=True)
         if options.browser:
@@ -155,9 +159,10 @@ def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
 
 @contextlib.contextmanager
 def _served(
-    options: ServeOptions, desk: "Desk", behind: Behind
+    options: ServeOptions, desk: "Desk", behind: Behind, runs: Path
 ) -> Generator[tuple[str, dict[int, str]]]:
-    """The page's processes: where the page is, and what each is by its sentinel."""
+    """The page's processes: where the page is, and what each is by its sentinel. ``runs`` is the
+    folder of the past runs that it shows."""
     from rcmservo.page.poses import PoseFolder
     from rcmservo.page.shape import Shape
     from rcmservo.page.web.doors import Doors, bound, drawn_secret
@@ -172,7 +177,7 @@ def _served(
         doors = Doors(port, drawn_secret())
         title, poses = f"rcmservo: {behind.title}", PoseFolder(options.poses, behind.setup)
         shape = Shape.of(behind.chosen.servo)
-        site = Site(title, behind.camera, doors, stop_port, behind.chosen, poses, shape)
+        site = Site(title, behind.camera, doors, stop_port, behind.chosen, poses, shape, runs)
         needed: dict[int, str] = {}
         for name, work, given in (
             ("the process that hears STOP", serve_stop, (desk.bell, doors, stop)),

@@ -29,6 +29,7 @@ from rcmservo.page.web.doors import NAMES, said_on
 from rcmservo.page.web.ending import GRACE, until_told
 from rcmservo.page.web.pictures import Pictures, packed
 from rcmservo.page.web.poses_routes import add_poses
+from rcmservo.page.web.runs_routes import add_runs
 from rcmservo.page.web.settings_routes import add_settings, set_box
 from rcmservo.page.web.sheet.layout import lay_out
 from rcmservo.page.web.site import Site
@@ -65,6 +66,7 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
     add_settings(app, site, board)
     add_poses(app, site, poses)
     add_curves(app, doors, board)
+    add_runs(app, site)
     lay_out(site)
     ui.run_with(
         app, title=site.title, dark=None, show_welcome_message=False, reconnect_timeout=10.0

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from rcmservo.interfaces import Camera
 from rcmservo.page.poses import PoseFolder
@@ -28,3 +29,5 @@ class Site:
     """Where poses are kept."""
     shape: Shape
     """Of the tool that is drawn."""
+    runs: Path
+    """Folder of all runs."""

@@ -12,6 +12,7 @@ from rcmservo.page.web.sheet.curves_tab import curves_tab
 from rcmservo.page.web.sheet.jog_card import jog_card
 from rcmservo.page.web.sheet.parts import button, plain
 from rcmservo.page.web.sheet.poses_card import poses_card
+from rcmservo.page.web.sheet.runs_tab import runs_tab
 from rcmservo.page.web.sheet.scene_tab import scene_tab
 from rcmservo.page.web.sheet.settings_tab import settings_tab
 from rcmservo.page.web.sheet.status import notes, status, stop
@@ -37,6 +38,7 @@ def tabs(site: Site) -> list[Tab]:
         Tab("Curves", "show_chart", curves_tab),
         Tab("3-D", "view_in_ar", scene_tab),
         Tab("Settings", "tune", settings_tab),
+        Tab("Runs", "history", runs_tab),
     ]
 
 

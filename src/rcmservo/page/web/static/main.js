@@ -6,8 +6,9 @@ import * as picture from "./picture.js";
 import * as poses from "./poses.js";
 import * as settings from "./settings.js";
 import * as scene from "./scene.js";
+import * as runs from "./runs.js";
 import * as state from "./state.js";
 
 const rcm = connect(window.RCMSERVO);
 window.rcm = rcm;
-for (const part of [state, picture, poses, jog, settings, curves, scene]) part.start(rcm);
+for (const part of [state, picture, poses, jog, settings, curves, scene, runs]) part.start(rcm);
