@@ -16,7 +16,7 @@ from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
-from rcmservo.page.wants import Beat, Enable, Go, Held, Released, TeachAs, Told
+from rcmservo.page.wants import Beat, Enable, Go, Held, Released, TeachAs, Told, Wrong
 
 FRESH, FRESH_JOG = 300_000_000, 150_000_000
 """ns for which what the server has shown counts as seen now; by a hand that jogs."""
@@ -110,6 +110,8 @@ def _told(do: object, message: dict[str, Any], pose: Callable[[str], Target | No
         return Enable()
     if do == "jog":
         return _held(message)
+    if do == "trouble":
+        return _wrong(message)
     if do in ("teach", "go"):
         called = _name(message.get("name"))
         return TeachAs(called) if do == "teach" else _go(called, pose)
@@ -133,6 +135,13 @@ def _message(text: str) -> dict[str, Any]:
 def _held(message: dict[str, Any]) -> Held:
     try:
         return decode(Held, {key: message.get(key) for key in ("rates", "press")}, "jog")
+    except BadInput as error:
+        raise Unheeded(str(error)) from error
+
+
+def _wrong(message: dict[str, Any]) -> Wrong:
+    try:
+        return decode(Wrong, {"what": message.get("what")}, "trouble")
     except BadInput as error:
         raise Unheeded(str(error)) from error
 

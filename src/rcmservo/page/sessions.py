@@ -13,7 +13,7 @@ from rcmservo.errors import RcmServoError
 from rcmservo.live.lab import Stopped
 from rcmservo.live.reports import Report
 from rcmservo.live.servo_process import Session
-from rcmservo.live.supervisor import SwitchOff, run_live
+from rcmservo.live.supervisor import NOTHING, Beside, SwitchOff, run_live
 from rcmservo.page.desk import Desk
 from rcmservo.page.wants import CLEAR, STOP, Between, Note
 
@@ -24,7 +24,7 @@ class Rung(Stopped):
 
 class Sessions:
     """Runs session after session. ``needed`` are processes without which none goes on, by their
-    sentinels, and what they are."""
+    sentinels, and what they are; ``beside`` is heard meanwhile."""
 
     def __init__(
         self,
@@ -32,10 +32,11 @@ class Sessions:
         session: Callable[[], Session],
         off: SwitchOff,
         needed: Mapping[int, str],
+        beside: Beside = NOTHING,
     ) -> None:
         self._desk, self._session, self._off = desk, session, off
         self._began = False
-        self._beside: dict[Any, Callable[[], None]] = {desk.bell: self._rung}
+        self._beside: dict[Any, Callable[[], None]] = {**beside, desk.bell: self._rung}
         for sentinel, name in needed.items():
             self._beside[sentinel] = lambda name=name: self._lost(name)
 

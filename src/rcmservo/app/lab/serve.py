@@ -8,6 +8,8 @@ serve ─┬─► page process     what the person sees and wants
 
 import contextlib
 import itertools
+import json
+import time
 import webbrowser
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
@@ -38,6 +40,9 @@ from rcmservo.servo.servo import Servo
 
 if TYPE_CHECKING:
     from rcmservo.page.desk import Desk
+
+TROUBLE = "trouble.jsonl"
+"""In the folder of the records: what went wrong on request, and when."""
 
 LONGEST = 3600.0
 """s of a session."""
@@ -94,11 +99,16 @@ class Behind:
     """Makes a session, recorded in a folder that is new."""
     off: SwitchOff
     """Has the drive switched off from outside of the session's process."""
+    befall: Callable[[str], str]
+    """Lets something go wrong, and says in words what began."""
+    troubles: tuple[dict[str, Any], ...] = ()
+    """What can go wrong."""
 
 
 @contextlib.contextmanager
 def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
     """The simulated arm and its camera."""
+    from rcmservo.sim.disturb.trouble import Trouble, chosen, menu
     from rcmservo.sim.processes.bench import Bench
     from rcmservo.sim.rig_file import rig_settings
 
@@ -117,8 +127,15 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
                 operator=partial(PageOperator, desk),
             )
 
+        def befall(what: str) -> str:
+            trouble = Trouble(time.monotonic_ns(), chosen(what) if what else None)
+            bench.befall(trouble)
+            return f"trouble: {trouble.begins} begins" if what else "trouble: all that acted ends"
+
         title = f"simulated arm, seed {options.seed}"
-        yield Behind(title, partial(RingCamera, bench.ring), session, bench.off)
+        yield Behind(
+            title, partial(RingCamera, bench.ring), session, bench.off, befall, tuple(menu())
+        )
 
 
 def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
@@ -131,12 +148,16 @@ def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
     def session() -> Session:
         return behind.session(desk, folder / f"session-{next(numbers)}")
 
+    def troubled() -> None:
+        for one in desk.trouble.heard():
+            befallen(one.what, desk, behind.befall, folder / TROUBLE)
+
     with _served(options, desk, behind) as (address, needed), stopped_by_signals():
         words = f"rcmservo page at {address}, {behind.title}; Ctrl-C ends it"
         console(False).print(words, soft_wrap=True)
         if options.browser:
             webbrowser.open(address)
-        Sessions(desk, session, behind.off, needed).keep()
+        Sessions(desk, session, behind.off, needed, {desk.trouble: troubled}).keep()
 
 
 @contextlib.contextmanager
@@ -154,7 +175,7 @@ def _served(
         here, stop = bound(options.port), bound(0)
         port, stop_port = here.getsockname()[1], stop.getsockname()[1]
         doors = Doors(port, drawn_secret())
-        site = Site(f"rcmservo: {behind.title}", behind.camera, doors, stop_port)
+        site = Site(f"rcmservo: {behind.title}", behind.camera, doors, stop_port, behind.troubles)
         needed: dict[int, str] = {}
         for name, work, given in (
             ("the process that hears STOP", serve_stop, (desk.bell, doors, stop)),
@@ -165,6 +186,24 @@ def _served(
             child.hear()
             needed[child.process.sentinel] = name
         yield f"http://127.0.0.1:{port}", needed
+
+
+def befallen(what: str, desk: "Desk", befall: Callable[[str], str], log: Path) -> None:
+    """Let something go wrong; tell the person, and write it down with the time (ns) on the records'
+    clock."""
+    from rcmservo.page.wants import Note
+
+    try:
+        words = befall(what)
+    except RcmServoError as error:
+        desk.said.put(Note(str(error)))
+        return
+    desk.said.put(Note(words))
+    try:
+        with log.open("a") as file:
+            file.write(json.dumps({"time": time.monotonic_ns(), "what": words}) + "\n")
+    except OSError as error:
+        desk.said.put(Note(f"{log.name} cannot be written: {error.strerror}"))
 
 
 def recorder(path: Path, words: dict[str, Any]) -> Recorder:

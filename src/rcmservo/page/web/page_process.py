@@ -21,7 +21,7 @@ from rcmservo.guard.states import Request
 from rcmservo.page.board import Board
 from rcmservo.page.control import Control, Unheeded, heard, moment
 from rcmservo.page.desk import Desk
-from rcmservo.page.wants import CLEAR, Beat, Held, Released, Told
+from rcmservo.page.wants import CLEAR, Beat, Held, Released, Told, Wrong
 from rcmservo.page.web.doors import NAMES, said_on
 from rcmservo.page.web.ending import GRACE, until_told
 from rcmservo.page.web.pictures import Pictures, packed
@@ -113,6 +113,8 @@ def done(told: Told | None, desk: Desk) -> bool:
             desk.hand.holds(told.press, told.rates)
         case Released():
             desk.hand.lets_go()
+        case Wrong():
+            return desk.trouble.put(told)
         case Beat():
             desk.hand.beats()
         case _:

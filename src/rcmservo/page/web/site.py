@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from rcmservo.interfaces import Camera
 from rcmservo.page.web.doors import Doors
@@ -19,3 +20,5 @@ class Site:
     """Who is let in."""
     stop_port: int
     """That of the process that hears STOP."""
+    troubles: tuple[dict[str, Any], ...] = ()
+    """What can go wrong on request; none but in simulation."""

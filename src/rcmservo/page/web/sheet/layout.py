@@ -12,6 +12,7 @@ from rcmservo.page.web.sheet.jog_card import jog_card
 from rcmservo.page.web.sheet.parts import button, plain
 from rcmservo.page.web.sheet.poses_card import poses_card
 from rcmservo.page.web.sheet.status import notes, status, stop
+from rcmservo.page.web.sheet.trouble_tab import trouble_tab
 from rcmservo.page.web.site import Site
 
 STATIC = Path(__file__).parents[1] / "static"
@@ -30,13 +31,16 @@ class Tab(NamedTuple):
 
 def tabs(site: Site) -> list[Tab]:
     """Those of a site."""
-    return []
+    simulated = [Tab("Simulated trouble", "bolt", trouble_tab)] if site.troubles else []
+    return [*simulated]
 
 
 def lay_out(site: Site) -> None:
     """Have NiceGUI make the page."""
     app.add_static_files("/rcmservo", STATIC, max_cache_age=0)
-    told = json.dumps({"secret": site.doors.secret, "stopPort": site.stop_port})
+    told = json.dumps(
+        {"secret": site.doors.secret, "stopPort": site.stop_port, "troubles": site.troubles}
+    )
 
     @ui.page("/")
     def page() -> None:  # pyright: ignore[reportUnusedFunction]

@@ -4,7 +4,8 @@ import * as jog from "./jog.js";
 import * as picture from "./picture.js";
 import * as poses from "./poses.js";
 import * as state from "./state.js";
+import * as trouble from "./trouble.js";
 
 const rcm = connect(window.RCMSERVO);
 window.rcm = rcm;
-for (const part of [state, picture, poses, jog]) part.start(rcm);
+for (const part of [state, picture, poses, jog, trouble]) part.start(rcm);
