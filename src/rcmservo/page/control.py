@@ -17,7 +17,18 @@ from rcmservo.errors import BadInput
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
 from rcmservo.page.settings import change_of
-from rcmservo.page.wants import Beat, Change, Delete, Enable, Go, Held, Released, TeachAs, Told
+from rcmservo.page.wants import (
+    Beat,
+    Change,
+    Delete,
+    Enable,
+    Go,
+    Held,
+    Released,
+    TeachAs,
+    Told,
+    Wrong,
+)
 
 FRESH, FRESH_JOG = 300_000_000, 150_000_000
 """ns for which what the server has shown counts as seen now; by a hand that jogs."""
@@ -39,7 +50,10 @@ PLAIN: dict[str, Told] = {
     "resume": Request.RESUME,
     "clear": Request.CLEAR,
 }
-"""What messages want that say no more."""
+"""What messages want that say no more,"""
+
+NAMED: dict[str, Callable[[str], Told]] = {"teach": TeachAs, "delete": Delete}
+"""and those that name a pose."""
 
 
 class Unheeded(Exception):
@@ -109,21 +123,17 @@ def heard(
 
 
 def _told(do: object, message: dict[str, Any], pose: Callable[[str], Target | None]) -> Told:
-    match do:
-        case "jog":
-            return _held(message)
-        case "go":
-            return _go(_name(message.get("name")), pose)
-        case "teach":
-            return TeachAs(_name(message.get("name")))
-        case "delete":
-            return Delete(_name(message.get("name")))
-        case "set":
-            return _change(message)
-        case str() if do in PLAIN:
-            return PLAIN[do]
-        case _:
-            raise Unheeded(f"nobody knows what {str(do)[:NAME]!r} is")
+    if not isinstance(do, str):
+        raise Unheeded(f"nobody knows what {str(do)[:NAME]!r} is")
+    if do == "go":
+        return _go(_name(message.get("name")), pose)
+    if do in NAMED:
+        return NAMED[do](_name(message.get("name")))
+    if do in PLAIN:
+        return PLAIN[do]
+    if do in (read := {"jog": _held, "set": _change, "trouble": _wrong}):
+        return read[do](message)
+    raise Unheeded(f"nobody knows what {do[:NAME]!r} is")
 
 
 def _message(text: str) -> dict[str, Any]:
@@ -148,6 +158,13 @@ def _held(message: dict[str, Any]) -> Held:
 def _change(message: dict[str, Any]) -> Change:
     try:
         return change_of(message.get("box"), message.get("table"))
+    except BadInput as error:
+        raise Unheeded(str(error)) from error
+
+
+def _wrong(message: dict[str, Any]) -> Wrong:
+    try:
+        return decode(Wrong, {"what": message.get("what")}, "trouble")
     except BadInput as error:
         raise Unheeded(str(error)) from error
 

@@ -61,6 +61,8 @@ class Desk:
         """That the person is there, and which button is held."""
         self.said = Post()
         """What the servo process and the supervisor say to the person."""
+        self.trouble = Post()
+        """What is to go wrong with a simulated laboratory."""
         self.bell = Post()
         """What the supervisor is told: to stop, to clear."""
         self.changes = Post()

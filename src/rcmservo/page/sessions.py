@@ -13,7 +13,7 @@ from rcmservo.errors import RcmServoError
 from rcmservo.live.lab import Stopped
 from rcmservo.live.reports import Report
 from rcmservo.live.servo_process import Session
-from rcmservo.live.supervisor import SwitchOff, run_live
+from rcmservo.live.supervisor import NOTHING, Beside, SwitchOff, run_live
 from rcmservo.page.desk import Desk
 from rcmservo.page.wants import CLEAR, STOP, Between, Change, Note
 
@@ -28,7 +28,8 @@ class Rung(Stopped):
 
 class Sessions:
     """Runs session after session. ``needed`` are processes without which none goes on, by their
-    sentinels, and what they are. ``change`` takes other settings for the next one."""
+    sentinels, and what they are. ``change`` takes other settings for the next one; ``beside`` is
+    heard meanwhile."""
 
     def __init__(
         self,
@@ -37,11 +38,13 @@ class Sessions:
         off: SwitchOff,
         needed: Mapping[int, str],
         change: Callable[[Change], None],
+        beside: Beside = NOTHING,
     ) -> None:
         self._desk, self._session, self._off = desk, session, off
         self._change = change
         self._began, self._waits = False, False
         self._beside: dict[Any, Callable[[], None]] = {
+            **beside,
             desk.bell: self._rung,
             desk.changes: self._changed,
         }

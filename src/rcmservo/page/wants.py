@@ -74,7 +74,19 @@ class Change:
     """Its settings."""
 
 
-Told = Enable | Go | TeachAs | Delete | Held | Beat | Released | Change | Request
+@dataclass(frozen=True)
+class Wrong:
+    """Wanted: that something goes wrong with a simulated laboratory."""
+
+    what: str
+    """As `--disturb` takes it, without `at`; empty: all that goes wrong ends."""
+
+    def __post_init__(self) -> None:
+        good = len(self.what) <= 200 and self.what.isprintable()
+        require(good, "what", self.what[:40], "a disturbance of at most 200 characters")
+
+
+Told = Enable | Go | TeachAs | Delete | Held | Beat | Released | Change | Request | Wrong
 """What comes from a browser."""
 
 

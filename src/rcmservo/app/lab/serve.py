@@ -8,6 +8,8 @@ serve ─┬─► page process     what the person sees and wants
 
 import contextlib
 import itertools
+import json
+import time
 import webbrowser
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
@@ -40,6 +42,9 @@ from rcmservo.servo.servo import Servo
 if TYPE_CHECKING:
     from rcmservo.page.desk import Desk
     from rcmservo.page.settings import Chosen
+
+TROUBLE = "trouble.jsonl"
+"""In the folder of the records: what went wrong on request, and when."""
 
 LONGEST = 3600.0
 """s of a session."""
@@ -105,12 +110,18 @@ class Behind:
     """What a pose is bound to."""
     chosen: "Chosen"
     """The servo, which the page may set anew for the sessions to come."""
+    befall: Callable[[str], str]
+    """Lets something go wrong, and says in words what began."""
+    troubles: tuple[dict[str, Any], ...] = ()
+    """What can go wrong."""
 
 
 @contextlib.contextmanager
 def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
     """The simulated arm and its camera."""
     from rcmservo.app.simulated_run.target import setup_of
+    from rcmservo.sim.disturb.trouble import Trouble, menu
+    from rcmservo.sim.disturb.trouble import chosen as trouble_of
     from rcmservo.sim.processes.bench import Bench
     from rcmservo.sim.rig import Rig
     from rcmservo.sim.rig_file import rig_settings
@@ -134,9 +145,15 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
                 pictures=PICTURES,
             )
 
+        def befall(what: str) -> str:
+            trouble = Trouble(time.monotonic_ns(), trouble_of(what) if what else None)
+            bench.befall(trouble)
+            return f"trouble: {trouble.begins} begins" if what else "trouble: all that acted ends"
+
         title = f"simulated arm, seed {options.seed}"
         setup = setup_of(Rig(options.seed, bench.settings, pictures=False), lab)
-        yield Behind(title, partial(RingCamera, bench.ring), session, bench.off, setup, chosen)
+        camera, troubles = partial(RingCamera, bench.ring), tuple(menu())
+        yield Behind(title, camera, session, bench.off, setup, chosen, befall, troubles)
 
 
 def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
@@ -149,12 +166,17 @@ def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
     def session() -> Session:
         return behind.session(desk, folder / f"session-{next(numbers)}")
 
+    def troubled() -> None:
+        for one in desk.trouble.heard():
+            befallen(one.what, desk, behind.befall, folder / TROUBLE)
+
     with _served(options, desk, behind, folder.parent) as (address, needed), stopped_by_signals():
         words = f"rcmservo page at {address}, {behind.title}; Ctrl-C ends it"
         console(False).print(words, soft_wrap=True)
         if options.browser:
             webbrowser.open(address)
-        Sessions(desk, session, behind.off, needed, behind.chosen.take).keep()
+        beside = {desk.trouble: troubled}
+        Sessions(desk, session, behind.off, needed, behind.chosen.take, beside).keep()
 
 
 @contextlib.contextmanager
@@ -177,7 +199,8 @@ def _served(
         doors = Doors(port, drawn_secret())
         title, poses = f"rcmservo: {behind.title}", PoseFolder(options.poses, behind.setup)
         shape = Shape.of(behind.chosen.servo)
-        site = Site(title, behind.camera, doors, stop_port, behind.chosen, poses, shape, runs)
+        given = behind.chosen, poses, shape, runs, behind.troubles
+        site = Site(title, behind.camera, doors, stop_port, *given)
         needed: dict[int, str] = {}
         for name, work, given in (
             ("the process that hears STOP", serve_stop, (desk.bell, doors, stop)),
@@ -188,6 +211,24 @@ def _served(
             child.hear()
             needed[child.process.sentinel] = name
         yield f"http://127.0.0.1:{port}", needed
+
+
+def befallen(what: str, desk: "Desk", befall: Callable[[str], str], log: Path) -> None:
+    """Let something go wrong; tell the person, and write it down with the time (ns) on the records'
+    clock."""
+    from rcmservo.page.wants import Note
+
+    try:
+        words = befall(what)
+    except RcmServoError as error:
+        desk.said.put(Note(str(error)))
+        return
+    desk.said.put(Note(words))
+    try:
+        with log.open("a") as file:
+            file.write(json.dumps({"time": time.monotonic_ns(), "what": words}) + "\n")
+    except OSError as error:
+        desk.said.put(Note(f"{log.name} cannot be written: {error.strerror}"))
 
 
 def recorder(path: Path, words: dict[str, Any]) -> Recorder:

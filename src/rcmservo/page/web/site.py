@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rcmservo.interfaces import Camera
 from rcmservo.page.poses import PoseFolder
@@ -31,3 +32,5 @@ class Site:
     """Of the tool that is drawn."""
     runs: Path
     """Folder of all runs."""
+    troubles: tuple[dict[str, Any], ...] = ()
+    """What can go wrong on request; none but in simulation."""

@@ -23,6 +23,7 @@ from rcmservo.live.servo_process import Session
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.body import Body
+from rcmservo.sim.disturb.trouble import Trouble
 from rcmservo.sim.processes.arm_process import emulate
 from rcmservo.sim.processes.camera_process import film
 from rcmservo.sim.processes.motion_log import MotionLog, stopped
@@ -95,6 +96,11 @@ class Bench:
         after = (rows["time"][stop[1]] - rows["time"][stop[0]]) * 1e-6
         took = f"the arm's drive went off {after:.0f} ms after its last command"
         return took if began else "the arm's drive is off"
+
+    def befall(self, trouble: Trouble) -> None:
+        """Let trouble begin, or end, in the arm and before the camera."""
+        for device in (self.arm, self.camera):
+            device.tell(trouble)
 
     def error(self) -> float:
         """‖p₂ − p_d‖ mm, by the truth: how far the tool is from where it was shown."""
