@@ -13,9 +13,9 @@ from conftest import laboratory
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.page.board import Board
-from rcmservo.page.curves import NAMES
 from rcmservo.page.desk import Desk
-from rcmservo.page.shape import Shape
+from rcmservo.page.seen.curves import NAMES
+from rcmservo.page.seen.shape import Shape
 
 
 def seen(

@@ -190,6 +190,15 @@ def test_a_pose_is_taught_under_its_name() -> None:
     assert taught.target.points.tobytes() == ticks[-1].state.target.points.tobytes()
 
 
+def test_a_target_that_is_shown_again_is_told_and_kept_by_no_name() -> None:
+    ticks, browser = ran({100: [TeachAs("")]}, 3.0)
+    notes = [one.words for one in browser.said if isinstance(one, Note)]
+    assert notes == ["the target is shown again"]
+    assert not any(isinstance(one, Taught) for one in browser.said)
+    _, target = [one.target for one in browser.said if isinstance(one, Aim)]
+    assert same(target, ticks[-1].state.target)
+
+
 def test_what_the_settings_refuse_is_told_and_the_loop_goes_on() -> None:
     target = rs.Target(np.full((2, 2), 100.0), np.zeros(3))
     lab = laboratory()

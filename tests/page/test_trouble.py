@@ -14,9 +14,9 @@ from test_doors import Site
 import rcmservo as rs
 from rcmservo.errors import BadInput
 from rcmservo.live.arm_link import arm_in, opened
-from rcmservo.sim.disturb.trouble import Trouble, chosen, menu
 from rcmservo.sim.processes.arm_process import ArmDevice
 from rcmservo.sim.processes.motion_log import MotionLog
+from rcmservo.sim.processes.trouble import Mischief, chosen, menu
 from rcmservo.sim.rig import Rig
 
 MS = 1_000_000
@@ -46,11 +46,11 @@ def test_a_pressed_emergency_stop_lets_nobody_enable_and_its_release_enables_not
     device.turn(device.arm.time + MS)
     assert device.arm.watchdog.enabled
     schedule = device.rig.schedule
-    Trouble(device.arm.time, chosen("drive_off:")).befalls(schedule)
+    Mischief(device.arm.time, chosen("drive_off:")).befalls(schedule)
     device.turn(device.arm.time + 2 * MS)
     device.front.enable()
     assert not device.arm.watchdog.enabled
-    Trouble(device.arm.time, None).befalls(schedule)
+    Mischief(device.arm.time, None).befalls(schedule)
     device.turn(device.arm.time + 20 * MS)
     assert not device.arm.watchdog.enabled
     device.front.enable()
@@ -60,10 +60,10 @@ def test_a_pressed_emergency_stop_lets_nobody_enable_and_its_release_enables_not
 def test_an_arm_that_creeps_creeps_from_then_until_it_is_ended(device: ArmDevice) -> None:
     device.front.enable()
     q = device.arm.q_true.copy()
-    Trouble(device.arm.time, chosen("creep:speed=20,axis=3")).befalls(device.rig.schedule)
+    Mischief(device.arm.time, chosen("creep:speed=20,axis=3")).befalls(device.rig.schedule)
     device.turn(device.arm.time + 20 * MS)
     assert abs(device.arm.q_true[2] - q[2]) > 0.1
-    Trouble(device.arm.time, None).befalls(device.rig.schedule)
+    Mischief(device.arm.time, None).befalls(device.rig.schedule)
     device.turn(device.arm.time + 20 * MS)
     q = device.arm.q_true.copy()
     device.turn(device.arm.time + 20 * MS)

@@ -10,11 +10,11 @@ import numpy as np
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats, Target
-from rcmservo.page.curves import Curves
 from rcmservo.page.desk import Desk
 from rcmservo.page.poses import Poses
+from rcmservo.page.seen.curves import Curves
+from rcmservo.page.seen.shape import Shape
 from rcmservo.page.settings import standing
-from rcmservo.page.shape import Shape
 from rcmservo.page.tick_ring import DUE
 from rcmservo.page.wants import Aim, Between, InForce, Note, Taught
 from rcmservo.page.ways import ways

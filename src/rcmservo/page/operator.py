@@ -40,12 +40,12 @@ class PageOperator:
     def __init__(self, desk: Desk, chosen: Chosen) -> None:
         self._desk, self._chosen = desk, chosen
         self._servo: Servo | None = None
-        self._wants: deque[tuple[Want, str]] = deque([(Request.PAUSE, "")])
+        self._wants: deque[tuple[Want, str | None]] = deque([(Request.PAUSE, None)])
         gesture = desk.hand.read() or Gesture()
         self._gesture, self._spent = gesture, gesture.press
         self._beat: int | None = None
         self._asked = NONE
-        self._teaching = ""
+        self._teaching: str | None = None
         self._target: Target | None = None
 
     def __call__(self, tick: Tick) -> Want:
@@ -60,10 +60,15 @@ class PageOperator:
         if not self._wants:
             return self._jog(tick)
         want, name = self._wants.popleft()
-        if self._teaching:
-            self._desk.said.put(Note(f"{self._teaching} was not taught"))
+        self._teaches_no_more()
         self._teaching = name
         return want
+
+    def _teaches_no_more(self) -> None:
+        """Tell of what was to be taught and was not."""
+        if self._teaching is not None:
+            self._desk.said.put(Note(f"{self._teaching or 'the target'} was not taught"))
+        self._teaching = None
 
     def _look(self, tick: Tick) -> None:
         """See what the hand does. A press is over that was not renewed in time."""
@@ -82,15 +87,15 @@ class PageOperator:
                 except BadInput as error:
                     self._desk.said.put(Note(str(error)))
                     return
-                self._wants.append((told.target, ""))
+                self._wants.append((told.target, None))
                 if tick.state.phase not in BY_ITSELF:
-                    self._wants.append((Request.RESUME, ""))
+                    self._wants.append((Request.RESUME, None))
             case TeachAs():
                 self._wants.append((Teach(), told.name))
             case Change():
                 self._set(told, tick)
             case Request():
-                self._wants.append((told, ""))
+                self._wants.append((told, None))
             case _:
                 self._desk.said.put(Note(f"{type(told).__name__}: not while the drive is on"))
 
@@ -107,7 +112,7 @@ class PageOperator:
             self._desk.said.put(Note(f"not before the next session: {error}"))
             return
         self._chosen = chosen
-        self._wants.append((servo, ""))
+        self._wants.append((servo, None))
 
     def _next(self, kind: type[Wanted], now: Wanted) -> Wanted:
         """What the loop will go by once it has what waits to be wanted; `now` is what it has."""
@@ -127,9 +132,7 @@ class PageOperator:
         self._asked = gesture.press if going else NONE
         if not going:
             return Request.NONE
-        if self._teaching:
-            self._desk.said.put(Note(f"{self._teaching} was not taught"))
-            self._teaching = ""
+        self._teaches_no_more()
         return Jog(np.array([gesture.a, gesture.b, gesture.c]))
 
     def _tell(self, tick: Tick) -> None:
@@ -142,6 +145,7 @@ class PageOperator:
             return
         self._target = target
         self._desk.said.put(Aim(target))
-        if self._teaching:
-            self._desk.said.put(Taught(self._teaching, target))
-            self._teaching = ""
+        if self._teaching is not None:
+            shown = Note("the target is shown again")
+            self._desk.said.put(Taught(self._teaching, target) if self._teaching else shown)
+            self._teaching = None

@@ -120,9 +120,9 @@ class Behind:
 def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
     """The simulated arm and its camera."""
     from rcmservo.app.simulated_run.target import setup_of
-    from rcmservo.sim.disturb.trouble import Trouble, menu
-    from rcmservo.sim.disturb.trouble import chosen as trouble_of
     from rcmservo.sim.processes.bench import Bench
+    from rcmservo.sim.processes.trouble import Mischief, menu
+    from rcmservo.sim.processes.trouble import chosen as trouble_of
     from rcmservo.sim.rig import Rig
     from rcmservo.sim.rig_file import rig_settings
 
@@ -146,7 +146,7 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
             )
 
         def befall(what: str) -> str:
-            trouble = Trouble(time.monotonic_ns(), trouble_of(what) if what else None)
+            trouble = Mischief(time.monotonic_ns(), trouble_of(what) if what else None)
             bench.befall(trouble)
             return f"trouble: {trouble.begins} begins" if what else "trouble: all that acted ends"
 
@@ -186,7 +186,7 @@ def _served(
     """The page's processes: where the page is, and what each is by its sentinel. ``runs`` is the
     folder of the past runs that it shows."""
     from rcmservo.page.poses import PoseFolder
-    from rcmservo.page.shape import Shape
+    from rcmservo.page.seen.shape import Shape
     from rcmservo.page.web.doors import Doors, bound, drawn_secret
     from rcmservo.page.web.page_process import serve_page
     from rcmservo.page.web.site import Site

@@ -7,8 +7,8 @@ from typing import Any
 
 from rcmservo.interfaces import Camera
 from rcmservo.page.poses import PoseFolder
+from rcmservo.page.seen.shape import Shape
 from rcmservo.page.settings import Chosen
-from rcmservo.page.shape import Shape
 from rcmservo.page.web.doors import Doors
 
 

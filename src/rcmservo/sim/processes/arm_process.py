@@ -34,8 +34,8 @@ from rcmservo.live.child import heard
 from rcmservo.live.realtime import realtime
 from rcmservo.sim.arm import STEP
 from rcmservo.sim.disturb.arm_faults import DisturbedArm
-from rcmservo.sim.disturb.trouble import Trouble
 from rcmservo.sim.processes.motion_log import MotionLog
+from rcmservo.sim.processes.trouble import Mischief
 from rcmservo.sim.rig import SETTLE, Rig, RigSettings
 
 PACE = 2_000_000
@@ -169,7 +169,7 @@ def emulate(
             ready, _, _ = select.select([wire, control], [], [], max(left, 0) * 1e-9)
             device.turn(time.monotonic_ns())
             said = heard(control) if control in ready else ""
-            if isinstance(said, Trouble):
+            if isinstance(said, Mischief):
                 said.befalls(rig.schedule)
             elif said == "off":
                 device.off()

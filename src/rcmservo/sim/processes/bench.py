@@ -23,10 +23,10 @@ from rcmservo.live.servo_process import Session
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.body import Body
-from rcmservo.sim.disturb.trouble import Trouble
 from rcmservo.sim.processes.arm_process import emulate
 from rcmservo.sim.processes.camera_process import film
 from rcmservo.sim.processes.motion_log import MotionLog, stopped
+from rcmservo.sim.processes.trouble import Mischief
 from rcmservo.sim.rig import RigSettings
 from rcmservo.tracking import ColourMarkers, MarkerLook
 
@@ -97,7 +97,7 @@ class Bench:
         took = f"the arm's drive went off {after:.0f} ms after its last command"
         return took if began else "the arm's drive is off"
 
-    def befall(self, trouble: Trouble) -> None:
+    def befall(self, trouble: Mischief) -> None:
         """Let trouble begin, or end, in the arm and before the camera."""
         for device in (self.arm, self.camera):
             device.tell(trouble)

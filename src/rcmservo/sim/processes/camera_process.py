@@ -11,8 +11,8 @@ from rcmservo.live.child import heard
 from rcmservo.live.frame_ring import FrameRing
 from rcmservo.loop.clock import sleep_until
 from rcmservo.sim.disturb.frame_delivery import Delivery
-from rcmservo.sim.disturb.trouble import Trouble
 from rcmservo.sim.processes.motion_log import MotionLog
+from rcmservo.sim.processes.trouble import Mischief
 from rcmservo.sim.rig import Rig, RigSettings
 
 BEHIND = 2_000_000
@@ -65,5 +65,5 @@ def film(
             shown = frame
             ring.publish(replace(frame, arrival=frame.arrival + now - (due or now)))
         said = heard(control) if control.poll() else ""
-        if isinstance(said, Trouble):
+        if isinstance(said, Mischief):
             said.befalls(rig.schedule)

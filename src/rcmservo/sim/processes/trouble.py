@@ -12,7 +12,7 @@ from rcmservo.sim.disturb.schedule import Schedule
 
 
 @dataclass(frozen=True)
-class Trouble:
+class Mischief:
     """What is told to each of the processes, which all count alike."""
 
     at: int
