@@ -1,0 +1,260 @@
+"""The operator's page before a simulated arm, for what is measured on it.
+
+    main thread            serves, as `rcmservo serve` does
+    a thread beside it     is the person: a browser, or plain websockets
+
+The arm's own log has a row for every millisecond, by the clock of this computer. The camera's
+frames can be recorded ones, so that rendering costs nothing.
+"""
+
+import contextlib
+import itertools
+import json
+import os
+import platform
+import re
+import shutil
+import signal
+import socket
+import tempfile
+import threading
+import time
+import urllib.request
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from playwright.sync_api import Page, sync_playwright
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
+
+from rcmservo.app.lab import serve
+from rcmservo.app.lab.serve import Behind, ServeOptions
+from rcmservo.config.rig_file import Lab
+from rcmservo.interfaces import Camera, Frame, Image
+from rcmservo.live.child import Child
+from rcmservo.live.frame_ring import FrameRing, RingCamera
+from rcmservo.live.servo_process import Session
+from rcmservo.loop.clock import sleep_until
+from rcmservo.loop.operator import Operator
+from rcmservo.page.desk import Desk
+from rcmservo.sim.processes.bench import Bench
+
+RATE = 60.0  # frames/s that are played
+FRAMES = 60  # that are recorded
+DELAY = 20_000_000  # ns from a frame's exposure to its arrival
+NUMBERS = 1 << 16  # frames of which it is known when they arrived
+PATIENCE = 180.0  # s for what must come; the first session may compile
+
+
+@dataclass
+class PageLab:
+    """What is behind the page, and where it is."""
+
+    options: ServeOptions
+    behind: Behind
+    bench: Bench
+    folder: Path
+    servo: Any
+    page: Any
+    arrivals: Any
+
+    @property
+    def address(self) -> str:
+        return f"http://127.0.0.1:{self.options.port}"
+
+    def play(self, person: Callable[[], None]) -> None:
+        """Serve until the person is done. What went wrong for the person is raised."""
+        wrong: list[BaseException] = []
+
+        def played() -> None:
+            try:
+                awaited(lambda: reached(self.options.port))
+                person()
+            except BaseException as error:
+                wrong.append(error)
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+        thread = threading.Thread(target=played, name="person", daemon=True)
+        thread.start()
+        with contextlib.suppress(KeyboardInterrupt):
+            serve._serve(self.options, self.behind, self.folder)
+        thread.join(PATIENCE)
+        if wrong:
+            raise wrong[0]
+
+    @contextlib.contextmanager
+    def served(self, desk: Desk) -> Iterator[None]:
+        """The page's processes alone."""
+        with serve._served(self.options, desk, self.behind, self.folder):
+            yield
+
+
+@contextlib.contextmanager
+def page_lab(seed: int = 0, recorded: bool = False) -> Generator[PageLab]:
+    """Everything but the page; the frames are ``recorded`` ones, if wanted."""
+    context, lab = get_context("spawn"), Lab()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        options = ServeOptions(
+            free_port(), False, seed, poses=folder / "poses", out=folder / "runs"
+        )
+        servo = options.boxes.servo(options.estimator, lab)
+        servo.warm_up()
+        pids = context.RawValue("q", 0), context.RawValue("q", 0)
+        arrivals = context.RawArray("q", NUMBERS)
+        with serve._bench(options, lab, servo) as behind, contextlib.ExitStack() as stack:
+            bench = cast(Bench, cast(Any, behind.off).__self__)
+            if recorded:
+                frames = filmed(bench.ring)
+                bench.camera.end()
+                player = Child(context, replayed, frames, bench.ring, arrivals)
+                stack.callback(player.end)
+            make = behind.session
+
+            def session(desk: Desk, where: Path) -> Session:
+                made = make(desk, where)
+                assert made.operator is not None
+                return replace(made, operator=partial(noted_operator, pids[0], made.operator))
+
+            camera = partial(noted_camera, pids[1], behind.camera)
+            behind = replace(behind, session=session, camera=camera)
+            yield PageLab(options, behind, bench, folder, *pids, arrivals)
+
+
+def noted_operator(pid: Any, make: Callable[[], Operator]) -> Operator:
+    """An operator, and which process it is in."""
+    pid.value = os.getpid()
+    return make()
+
+
+def noted_camera(pid: Any, make: Callable[[], Camera]) -> Camera:
+    """A camera, and which process it is in."""
+    pid.value = os.getpid()
+    return make()
+
+
+def filmed(ring: FrameRing) -> list[Image]:
+    """Frames as the simulated camera makes them."""
+    camera, found = RingCamera(ring), dict[int, Image]()
+    while len(found) < FRAMES:
+        frame = camera.latest()
+        if frame is not None and frame.image is not None:
+            found[frame.number] = frame.image
+        time.sleep(0.002)
+    return list(found.values())
+
+
+def replayed(frames: list[Image], ring: FrameRing, arrivals: Any, control: Connection) -> None:
+    """Play frames in turn, until the other end of `control` speaks or is gone; write down when each
+    arrived."""
+    due, period = time.monotonic_ns(), round(1e9 / RATE)
+    for number in itertools.count(round(due / period)):
+        due += period
+        sleep_until(due)
+        if control.poll():
+            return
+        now = time.monotonic_ns()
+        arrivals[number % NUMBERS] = now
+        ring.publish(Frame(number, now - DELAY, now, image=frames[number % len(frames)]))
+
+
+class Client:
+    """A browser without a screen: the websockets that it opens."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        page = urllib.request.urlopen(address, timeout=PATIENCE).read().decode()
+        told = re.search(r"window\.RCMSERVO = (\{.*?\});", page)
+        assert told is not None
+        self.told = json.loads(told[1])
+
+    def port(self, path: str) -> int:
+        return self.told["stopPort"] if path == "/stop" else int(self.address.rpartition(":")[2])
+
+    def open(
+        self, path: str, origin: str = "", secret: str | None = None, **more: Any
+    ) -> ClientConnection:
+        secret = self.told["secret"] if secret is None else secret
+        url = f"ws://127.0.0.1:{self.port(path)}{path}?secret={secret}"
+        return connect(url, origin=Origin(origin or self.address), open_timeout=PATIENCE, **more)
+
+
+def board(wire: ClientConnection) -> dict[str, Any]:
+    """Ask for the next picture, and take it: what is told with it."""
+    wire.send("next")
+    data = wire.recv(PATIENCE)
+    assert isinstance(data, bytes)
+    return json.loads(data[4 : 4 + int.from_bytes(data[:4], "little")])
+
+
+@contextlib.contextmanager
+def chromium(address: str) -> Generator[Page]:
+    """The page in headless Chromium."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
+        page = browser.new_page(viewport={"width": 1366, "height": 768})
+        page.goto(address)
+        until(page, "rcm.board.phase")
+        yield page
+        browser.close()
+
+
+def until(page: Page, condition: str) -> None:
+    page.wait_for_function(f"window.rcm && ({condition})", timeout=1e3 * PATIENCE)
+
+
+def press(page: Page, name: str) -> None:
+    page.get_by_role("button", name=name, exact=True).click(timeout=1e3 * PATIENCE)
+
+
+def enabled(page: Page) -> None:
+    """Switch the drive on, after a stop if there was one."""
+    until(page, "rcm.holds && (rcm.board.ready || rcm.board.clears)")
+    if page.evaluate("rcm.board.clears"):
+        press(page, "Clear")
+    until(page, "rcm.holds && rcm.board.ready")
+    press(page, "Enable")
+    until(page, "rcm.board.phase === 'PAUSED'")
+
+
+def awaited(good: Callable[[], bool], within: float = PATIENCE) -> None:
+    """Wait until something is so."""
+    end = time.monotonic() + within
+    while not good():
+        if time.monotonic() > end:
+            raise TimeoutError("it never came")
+        time.sleep(0.005)
+
+
+def reached(port: int) -> bool:
+    with contextlib.suppress(OSError):
+        urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=1.0).close()
+        return True
+    return False
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as wire:
+        return wire.getsockname()[1]
+
+
+def machine() -> str:
+    """What this is measured on."""
+    return (
+        f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}, Python "
+        f"{platform.python_version()}, load {os.getloadavg()[0]:.2f}"
+    )
+
+
+def spread(ms: Any) -> str:
+    """How times are spread."""
+    median, p95, most = np.percentile(np.asarray(ms, dtype=float), [50, 95, 100])
+    return f"median {median:6.1f}, 95 % {p95:6.1f}, max {most:6.1f} ms"
