@@ -108,22 +108,22 @@ def page_lab(seed: int = 0, recorded: bool = False) -> Generator[PageLab]:
         servo.warm_up()
         pids = context.RawValue("q", 0), context.RawValue("q", 0)
         arrivals = context.RawArray("q", NUMBERS)
-        with serve._bench(options, lab, servo) as behind, contextlib.ExitStack() as stack:
-            bench = cast(Bench, cast(Any, behind.off).__self__)
+        with serve._bench(options, lab, servo) as known, contextlib.ExitStack() as stack:
+            bench = cast(Bench, cast(Any, known.off).__self__)
             if recorded:
                 frames = filmed(bench.ring)
                 bench.camera.end()
                 player = Child(context, replayed, frames, bench.ring, arrivals)
                 stack.callback(player.end)
-            make = behind.session
+            make = known.session
 
             def session(desk: Desk, where: Path) -> Session:
                 made = make(desk, where)
                 assert made.operator is not None
                 return replace(made, operator=partial(noted_operator, pids[0], made.operator))
 
-            camera = partial(noted_camera, pids[1], behind.camera)
-            behind = replace(behind, session=session, camera=camera)
+            camera = partial(noted_camera, pids[1], known.camera)
+            behind = replace(known, session=session, camera=camera)
             yield PageLab(options, behind, bench, folder, *pids, arrivals)
 
 

@@ -52,6 +52,8 @@ class Held:
     def __post_init__(self) -> None:
         good = len(self.rates) == 3 and all(map(math.isfinite, self.rates))
         require(good, "rates", self.rates, "three numbers (rad/s, rad/s, mm/s)")
+        right = "a whole number from 0 to 2⁵³ − 1"
+        require(0 <= self.press < 2**53, "press", self.press, right)
 
 
 @dataclass(frozen=True)

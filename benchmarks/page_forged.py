@@ -1,0 +1,365 @@
+"""Requests that are forged, and rubbish: does any of it move the arm, or stop the loop or the page?
+
+    python benchmarks/page_forged.py [--forged N] [--fuzzed N]
+
+Forged: requests of each kind that the page knows, with the drive off, paused, jogging, on the way
+to a pose, and after a STOP: from another origin or none, with a wrong secret, none, or that of an
+earlier server, under another name of the server, from a browser that watches, from the one in
+control about a moment that is long gone, to come or none. Each must leave state, control, target,
+poses and drive as they are, and joints that stand still where they are.
+
+Fuzzed: websocket messages while the drive is on: text, bytes, JSON at random, deeply nested, too
+long; the same from the browser in control, about a fresh moment but with rubbish in it; frames that
+are cut off and lines that are dropped. The loop's commands must go on, and the page must answer at
+the end; and STOP must be heard after as much of it at its own door.
+
+Exit code 1 where something moved, changed or stopped.
+"""
+
+import argparse
+import contextlib
+import itertools
+import json
+import random
+import secrets
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from page_lab import Client, PageLab, awaited, board, machine, page_lab
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+MOVING = "ACQUIRE", "SERVO", "HOLD"
+GAP = 50.0  # ms between commands, from which on the arm stops by itself
+EACH = 100  # messages between looks at the arm's log
+WANTS: list[dict[str, Any]] = [
+    {"do": "enable"},
+    {"do": "jog", "rates": [0.5, 0.5, 5.0], "press": 7},
+    {"do": "go", "name": "here"},
+    {"do": "teach", "name": "forged"},
+    {"do": "delete", "name": "here"},
+    {"do": "show"},
+    {"do": "set", "box": "gains", "values": {}},
+    {"do": "trouble", "what": "smoke"},
+    {"do": "resume"},
+    {"do": "pause"},
+    {"do": "clear"},
+]
+"""What is wanted by those who may not."""
+
+
+class Holder:
+    """The browser in control: it says ten times a second that it is there, or holds a jog button
+    down."""
+
+    def __init__(self, lab: PageLab) -> None:
+        self.client, self.lab = Client(lab.address), lab
+        self._lines = contextlib.ExitStack()
+        self.hand = self._lines.enter_context(self.client.open("/operate"))
+        self.eye = self._lines.enter_context(self.client.open("/pictures"))
+        self.name = json.loads(self.hand.recv(20.0))["name"]
+        self.now: dict[str, Any] = board(self.eye)
+        self.refused, self.jogs, self.press = 0, False, 0
+        self.presses = itertools.count(int(time.time()))
+        for work in (self._look, self._beat, self._hear):
+            threading.Thread(target=self._goes, args=(work,), daemon=True).start()
+
+    def _goes(self, work: Callable[[], None]) -> None:
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                work()
+
+    def _look(self) -> None:
+        self.now = board(self.eye)
+
+    def _hear(self) -> None:
+        self.refused += "refused" in json.loads(self.hand.recv())
+
+    def _beat(self) -> None:
+        if self.jogs:
+            self.say({"do": "jog", "rates": [0.04, 0.0, 0.0], "press": self.press})
+        else:
+            self.say({"do": "beat"})
+        time.sleep(0.03 if self.jogs else 0.1)
+
+    def say(self, want: dict[str, Any]) -> None:
+        self.hand.send(json.dumps({"at": self.now["at"], **want}))
+
+    def until(self, want: dict[str, Any], *phases: str) -> None:
+        """Say something until it is so: what comes late on a busy machine does not count."""
+        for _ in range(60):
+            self.say(want)
+            with contextlib.suppress(TimeoutError):
+                return awaited(lambda: self.now["phase"] in phases, 2.0)
+        raise TimeoutError(f"{want} leads to {self.now['phase']}")
+
+    def jog(self, on: bool) -> None:
+        if not on:
+            self.jogs = False
+            self.until({"do": "release"}, "PAUSED")
+        for _ in range(60 * on):
+            self.press, self.jogs = next(self.presses), True
+            with contextlib.suppress(TimeoutError):
+                return awaited(lambda: self.now["phase"] == "JOG", 1.0)
+
+    def enable(self) -> None:
+        awaited(lambda: self.now["ready"])
+        self.until({"do": "enable"}, "PAUSED")
+
+    def stands(self) -> dict[str, Any]:
+        """What no forged request may change."""
+        awaited(lambda: self.now["phase"] != "OFF" or self.now["ready"])
+        told, row = self.now, self.lab.bench.log.last()
+        phase = "on its way" if told["phase"] in MOVING else told["phase"]
+        kept = {name: told[name] for name in ("holder", "asking", "target", "poses")}
+        still = row["q"].round(3).tolist() if phase in ("OFF", "PAUSED", "FAULT") else None
+        return {"phase": phase, **kept, "enabled": int(row["enabled"]), "q": still}
+
+
+def handshake(client: Client, path: str, host: str, text: str) -> None:
+    """A websocket under another name of the server, and a message on it."""
+    with socket.create_connection(("127.0.0.1", client.port(path)), timeout=20.0) as wire:
+        lines = [
+            f"GET {path}?secret={client.told['secret']} HTTP/1.1",
+            f"Host: {host}",
+            f"Origin: http://{host}",
+            "Upgrade: websocket",
+            "Connection: Upgrade",
+            "Sec-WebSocket-Version: 13",
+            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
+        ]
+        wire.sendall(("\r\n".join(lines) + "\r\n\r\n" + text).encode())
+        answer = wire.recv(4096).split(b"\r\n")[0]
+        if b" 40" not in answer:
+            raise AssertionError(f"{path} under the name {host} answers {answer!r}")
+
+
+def outside(holder: Holder, want: dict[str, Any], **how: str) -> None:
+    """From one who must not be let in at all, at each door in turn."""
+    for path in ("/operate", "/pictures", "/stop"):
+        try:
+            with holder.client.open(path, **how) as wire:
+                wire.send(json.dumps({"at": holder.now["at"], **want}))
+        except InvalidStatus:
+            continue
+        raise AssertionError(f"{path} lets {how} in")
+
+
+def watching(holder: Holder, want: dict[str, Any]) -> None:
+    """From a browser without control."""
+    with holder.client.open("/operate") as wire:
+        wire.recv(20.0)
+        wire.send(json.dumps({"at": holder.now["at"], **want}))
+        if "refused" not in json.loads(wire.recv(20.0)):
+            raise AssertionError(f"{want} of one who watches is not refused")
+
+
+def at(holder: Holder, want: dict[str, Any], moment: object) -> None:
+    """From the browser in control, about a wrong moment."""
+    before = holder.refused
+    holder.say({**want, "at": moment})
+    awaited(lambda: holder.refused > before, 20.0)
+
+
+def port_of(holder: Holder) -> str:
+    return holder.lab.address.rpartition(":")[2]
+
+
+FORGERIES: dict[str, Callable[[Holder, dict[str, Any]], None]] = {
+    "another origin": lambda h, w: outside(h, w, origin="http://evil.example"),
+    "another port": lambda h, w: outside(h, w, origin="http://127.0.0.1:1"),
+    "no origin": lambda h, w: outside(h, w, origin="null"),
+    "no secret": lambda h, w: outside(h, w, secret=""),
+    "an old session": lambda h, w: outside(h, w, secret=secrets.token_urlsafe(32)),
+    "another name": lambda h, w: handshake(
+        h.client, "/operate", f"evil.example:{port_of(h)}", json.dumps(w)
+    ),
+    "without control": watching,
+    "long gone": lambda h, w: at(h, w, h.now["at"] - 1_000_000_000),
+    "to come": lambda h, w: at(h, w, h.now["at"] + 3_600_000_000_000),
+    "no moment": lambda h, w: at(h, w, None),
+    "no number": lambda h, w: at(h, w, True),
+}
+
+
+def forge(holder: Holder, count: int) -> list[str]:
+    """What went wrong with `count` forged requests while all is as it is."""
+    wrong: list[str] = []
+    before = holder.stands()
+    turns = itertools.islice(itertools.cycle(itertools.product(WANTS, FORGERIES)), count)
+    for want, kind in turns:
+        try:
+            FORGERIES[kind](holder, want)
+        except (AssertionError, TimeoutError) as error:
+            wrong.append(f"{kind}: {error}")
+        if (after := holder.stands()) != before:
+            wrong.append(f"{kind}, {want['do']}: {before} became {after}")
+            before = after
+    return wrong
+
+
+def forged(holder: Holder, count: int) -> dict[str, list[str]]:
+    """What went wrong, by the state in which the requests came. It ends with the drive on, and
+    paused."""
+    found: dict[str, list[str]] = {}
+    share = -(-count // 5)
+    holder.enable()
+    holder.until({"do": "teach", "name": "here"}, "PAUSED")
+    awaited(lambda: "here" in holder.now["poses"])
+    found["paused"] = forge(holder, share)
+    holder.jog(True)
+    found["jogging"] = forge(holder, share)
+    holder.jog(False)
+    holder.until({"do": "go", "name": "here"}, *MOVING)
+    found["on its way"] = forge(holder, share)
+    with holder.client.open("/stop") as stop:
+        stop.send("stop")
+        awaited(lambda: holder.now["clears"] and holder.now["target"] is None)
+    found["after a STOP"] = forge(holder, share)
+    holder.until({"do": "clear"}, "OFF")
+    awaited(lambda: holder.now["ready"])
+    found["off"] = forge(holder, share)
+    holder.enable()
+    return found
+
+
+class Ticks:
+    """The loop's commands as the arm got them: the longest time without, ms."""
+
+    def __init__(self, lab: PageLab) -> None:
+        self._log = lab.bench.log
+        self._count = self._log.count
+        self.longest, self.still = 0.0, True
+
+    def look(self) -> None:
+        rows = self._log.since(self._count)
+        came = rows["wall"][np.flatnonzero(np.diff(rows["number"])) + 1] * 1e-6
+        gaps = np.diff([rows["wall"][0] * 1e-6, *came, rows["wall"][-1] * 1e-6])
+        self.longest = max(self.longest, float(gaps.max()))
+        self.still = self.still and bool(rows["enabled"].all()) and not rows["applied"].any()
+        self._count = self._log.count - 1
+
+
+def rubbish(draw: random.Random) -> str | bytes:
+    """A message that nobody could mean."""
+    kinds: list[Callable[[], str | bytes]] = [
+        lambda: draw.randbytes(draw.randrange(300)),
+        lambda: "".join(chr(draw.randrange(1, 0xD7FF)) for _ in range(draw.randrange(200))),
+        lambda: "[" * draw.randrange(1, 30000),
+        lambda: '{"do":' * draw.randrange(1, 300),
+        lambda: "x" * draw.randrange(60000),
+        lambda: json.dumps(value(draw, 3)),
+        lambda: json.dumps({"do": draw.choice(WANTS)["do"], "at": value(draw, 1)}),
+        lambda: json.dumps({"do": value(draw, 2), "at": time.monotonic_ns()}),
+    ]
+    return draw.choice(kinds)()
+
+
+def value(draw: random.Random, deep: int) -> Any:
+    """JSON at random."""
+    if deep and draw.random() < 0.4:
+        return {str(value(draw, 0)): value(draw, deep - 1) for _ in range(draw.randrange(4))}
+    plain = None, True, "", "\ud800", "../../etc", 10**30, -(2**63), 1e308, float("nan"), 0, [[]]
+    return draw.choice(plain)
+
+
+def spoilt(draw: random.Random) -> dict[str, Any]:
+    """What the browser in control could mean, but for one thing."""
+    bad = draw.choice([None, [], [0.0], [1, 2, "3"], [float("nan")] * 3, {}, "x", [[1], 2, 3]])
+    names = "", " x", "x" * 41, "\n", 3, None, ["x"], "no such pose"
+    return draw.choice(
+        [
+            {"do": "jog", "rates": bad, "press": 1},
+            {"do": "jog", "rates": [0.1, 0, 0], "press": draw.choice([None, 0.5, "1", 2**63])},
+            {"do": "go", "name": draw.choice(names)},
+            {"do": "delete", "name": draw.choice(names)},
+            {"do": "set", "box": draw.choice(names), "values": bad},
+            {"do": "trouble", "what": bad},
+            {"do": f"enable{draw.randrange(9)}"},
+        ]
+    )
+
+
+def cut_off(client: Client, draw: random.Random) -> None:
+    """A line that is let in, says something that is no frame or half of one, and is gone."""
+    path = draw.choice(["/operate", "/pictures"])
+    wire = client.open(path)
+    with contextlib.suppress(OSError):
+        wire.socket.sendall(draw.randbytes(draw.randrange(1, 40)))
+    wire.socket.close()
+
+
+def fuzzed(holder: Holder, count: int, seed: int = 0) -> tuple[int, Ticks]:
+    """How many messages were said while the drive is on, paused, and how the loop went on."""
+    draw, ticks, said = random.Random(seed), Ticks(holder.lab), 0
+    while said < count:
+        try:
+            with (
+                holder.client.open("/operate") as hand,
+                holder.client.open("/pictures") as eye,
+            ):
+                for _ in range(EACH // 2):
+                    wire = draw.choice([hand, eye])
+                    wire.send(rubbish(draw))
+                    if draw.random() < 0.3:
+                        wire.recv(0.001)
+                    holder.say(spoilt(draw))
+                    said += 2
+        except (ConnectionClosed, TimeoutError):
+            """It was too much for the page, or there is no answer yet."""
+        cut_off(holder.client, draw)
+        said += 1
+        ticks.look()
+    return said, ticks
+
+
+def stop_heard(holder: Holder, count: int) -> bool:
+    """Whether the one in control still has it, and STOP is heard after rubbish at its door."""
+    draw = random.Random(1)
+    for _ in range(count):
+        with socket.create_connection(("127.0.0.1", holder.client.port("/stop"))) as wire:
+            wire.sendall(draw.choice([b"", b"GET /stop HTTP/1.1\r\n\r\n", draw.randbytes(100)]))
+    if holder.now["phase"] != "PAUSED" or holder.now["holder"] != holder.name:
+        return False
+    with holder.client.open("/stop") as wire:
+        wire.send("stop")
+        heard = wire.recv(20.0) == "heard"
+    awaited(lambda: holder.now["clears"] and not holder.lab.bench.log.last()["enabled"], 20.0)
+    return heard
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--forged", type=int, default=1000)
+    parser.add_argument("--fuzzed", type=int, default=10_000)
+    chosen = parser.parse_args()
+    print(machine(), flush=True)
+    bad = 0
+    with page_lab(recorded=True) as lab:
+
+        def person() -> None:
+            nonlocal bad
+            holder = Holder(lab)
+            for state, wrong in forged(holder, chosen.forged).items():
+                print(f"forged, {state:<13} {len(wrong)} of {-(-chosen.forged // 5)} did something")
+                for sentence in wrong[:5]:
+                    print(f"  {sentence}")
+                bad += len(wrong)
+            said, ticks = fuzzed(holder, chosen.fuzzed)
+            print(f"fuzzed: {said} messages, {holder.refused} refused to the one in control")
+            print(f"  longest without a command {ticks.longest:.1f} ms   (bar: {GAP:g} ms)")
+            print(f"  the arm stood still with its drive on: {ticks.still}")
+            heard = stop_heard(holder, chosen.fuzzed // 20)
+            print(f"  the page answers, and STOP is heard: {heard}")
+            bad += (ticks.longest > GAP) + (not ticks.still) + (not heard)
+
+        lab.play(person)
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
