@@ -49,6 +49,7 @@ class Curves:
     samples: deque[list[float]] = field(default_factory=lambda: deque[list[float]](maxlen=KEPT))
     """The last of them, each as `NAMES` has it."""
     _start: int | None = None
+    _due: int = 0
     _late: int = 0
     _next: int = 0
     _before: Tick | None = None
@@ -60,6 +61,9 @@ class Curves:
     def take(self, tick: Tick) -> None:
         """A tick, with the `time` at which it was due."""
         now = int(tick["now"][0])
+        if tick["time"] < self._due:  # another loop, such as the wait for the drive before it
+            self._start = None
+        self._due = tick["time"]
         begun = now - tick["time"]
         self._start = begun if self._start is None else min(begun, self._start)
         self._late = max(self._late, begun - self._start)

@@ -25,10 +25,8 @@ async function build(it, limits) {
   const render = it.renderer.render.bind(it.renderer);
   it.renderer.render = (...what) => { if (seen()) render(...what); };
   const far = Math.max(...limits.flat().map((point) => Math.hypot(...point)));
-  const low = limits.flat().every((point) => point[2] <= 0) ? -1 : 1;
   it.scene.add(ball(THREE, YELLOW, 1.3 * BALL), new THREE.AxesHelper(0.3 * far));
   it.scene.add(surface(THREE, limits));
-  it.move_camera(1.3 * far, -1.5 * far, (0.4 + 0.6 * low) * far, 0, 0, 0.35 * low * far, 0, 0, 1, 0);
   const target = stick(THREE, it.scene, BLACK), tool = stick(THREE, it.scene, BLUE);
   return { seen, tool, target };
 }
