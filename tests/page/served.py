@@ -15,8 +15,9 @@ from conftest import HEEDING_CTRL_C, with_tests
 def served(folder: Path, *options: str) -> Iterator[str]:
     """Where the page is; its records go into the folder."""
     command = [sys.executable, "-c", HEEDING_CTRL_C, "serve", "--port", "0", "--no-browser"]
+    poses = folder.with_name(f"{folder.name}-poses")
     process = subprocess.Popen(
-        [*command, "--seed", "1", "--out", str(folder), *options],
+        [*command, "--seed", "1", "--out", str(folder), "--poses", str(poses), *options],
         stdout=subprocess.PIPE,
         text=True,
         env=with_tests(COLUMNS="200", TERM="dumb"),

@@ -7,15 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from boards import board_at
 
 import rcmservo as rs
 from conftest import laboratory
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.page.board import Board
-from rcmservo.page.curves import NAMES
 from rcmservo.page.desk import Desk
-from rcmservo.page.shape import Shape
+from rcmservo.page.seen.curves import NAMES
+from rcmservo.page.seen.shape import Shape
 
 
 def seen(
@@ -23,7 +24,7 @@ def seen(
 ) -> tuple[list[rs.Tick], list[dict[str, Any]], Board]:
     """A run, what the page would show after each of its ticks, and the page's board."""
     lab, desk = laboratory(), Desk(get_context("spawn"))
-    board, tables = Board(desk), list[dict[str, Any]]()
+    board, tables = board_at(desk), list[dict[str, Any]]()
     ticks = list[rs.Tick]()
     for tick in rs.run(lab.plant, lab.servo(estimator=estimator), lab.target, seconds):
         desk.ticks.put(tick)
@@ -71,7 +72,7 @@ class LateClock:
 
 def test_the_curves_tell_the_loops_numbers_and_how_late_it_was_at_worst() -> None:
     lab, desk = laboratory(), Desk(get_context("spawn"))
-    board, ticks = Board(desk), list[rs.Tick]()
+    board, ticks = board_at(desk), list[rs.Tick]()
     lab.plant.clock = LateClock(lab.plant.clock, {104: 4_000_000, 107: 7_000_000})
     for tick in rs.run(lab.plant, lab.servo(), lab.target, 5.0):
         desk.ticks.put(tick)
@@ -109,7 +110,7 @@ def test_the_tool_in_space_is_where_its_markers_are() -> None:
     tool, markers = shape.points(q), lab.rig.body.points(q)[:2]
     assert np.allclose(tool[:2], markers, atol=0.5)
     assert np.allclose(np.cross(tool[0], tool[2]), 0.0, atol=1e-6)
-    board = Board(Desk(get_context("spawn")), target=lab.target, shape=shape)
+    board = board_at(Desk(get_context("spawn")), target=lab.target, shape=shape)
     assert np.allclose(board.table()["tool_target"], shape.points(lab.target.q), atol=0.01)
     assert board.table()["tool"] is None
     limits, (_, upper) = shape.limits(), lab.rig.settings.mechanism.limits.arrays

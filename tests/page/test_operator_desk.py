@@ -13,7 +13,8 @@ from rcmservo.page.control import Control
 from rcmservo.page.desk import Desk
 from rcmservo.page.hand import Hand
 from rcmservo.page.operator import GONE, LET_GO, PageOperator
-from rcmservo.page.tick_ring import SLOTS
+from rcmservo.page.settings import Chosen
+from rcmservo.page.tick_ring import DUE, SLOTS
 from rcmservo.page.wants import Aim, Beat, Go, Held, Note, Released, Taught, TeachAs
 from rcmservo.page.web.page_process import changing_hands, done
 from rcmservo.record import layout
@@ -27,7 +28,7 @@ class Browser:
 
     def __init__(self, desk: Desk, says: Scene, there: int = 10**9) -> None:
         self.desk, self.says, self.there, self.tick = desk, says, there, -1
-        self.operator = PageOperator(desk)
+        self.operator = PageOperator(desk, Chosen(laboratory().servo()))
         self.said: list[object] = []
 
     def __call__(self, tick: rs.Tick) -> Want:
@@ -189,6 +190,15 @@ def test_a_pose_is_taught_under_its_name() -> None:
     assert taught.target.points.tobytes() == ticks[-1].state.target.points.tobytes()
 
 
+def test_a_target_that_is_shown_again_is_told_and_kept_by_no_name() -> None:
+    ticks, browser = ran({100: [TeachAs("")]}, 3.0)
+    notes = [one.words for one in browser.said if isinstance(one, Note)]
+    assert notes == ["the target is shown again"]
+    assert not any(isinstance(one, Taught) for one in browser.said)
+    _, target = [one.target for one in browser.said if isinstance(one, Aim)]
+    assert same(target, ticks[-1].state.target)
+
+
 def test_what_the_settings_refuse_is_told_and_the_loop_goes_on() -> None:
     target = rs.Target(np.full((2, 2), 100.0), np.zeros(3))
     lab = laboratory()
@@ -209,7 +219,7 @@ def test_the_ring_gives_every_tick_as_its_record_has_it_and_the_newest_where_man
     ticks, browser = ran({}, 6.0)
     newest, found = browser.desk.ticks.after(-1)
     assert newest == len(ticks) - 1 == 599 and len(found) == SLOTS
-    assert found == [layout.tick(tick) for tick in ticks[-SLOTS:]]
+    assert found == [layout.tick(tick) + DUE.pack(tick.time) for tick in ticks[-SLOTS:]]
     assert browser.desk.ticks.after(newest) == (newest, [])
     assert browser.desk.ticks.after(newest - 3) == (newest, found[-3:])
     slot = browser.desk.ticks._slot(newest)

@@ -95,9 +95,21 @@ class Person:
         self.press(f"Go {name}")
         self.until("rcm.board.phase === 'ACQUIRE' || rcm.board.phase === 'SERVO'")
 
+    def trouble(self, kind: str, **parameters: str) -> None:
+        """Have something go wrong, from the menu."""
+        self.page.get_by_role("tab", name="Simulated trouble").click()
+        self.page.get_by_label("Kind of trouble").select_option(kind)
+        for name, value in parameters.items():
+            self.page.locator(f"#trouble-parameters input[name={name}]").fill(value)
+        self.press("Begin trouble")
+
     def gone(self, name: str) -> bool:
         """Whether the tool arrives at a pose within a while."""
         self.go(name)
+        return self.arrives()
+
+    def arrives(self) -> bool:
+        """Whether it arrives within a while."""
         end = time.monotonic() + 20.0
         while not self.arrived() and self.phase in ("ACQUIRE", "SERVO", "HOLD"):
             if time.monotonic() > end:
@@ -177,5 +189,66 @@ def test_closing_the_browser_in_mid_motion_pauses_and_another_one_resumes(
         assert np.allclose(q, second.told("board.q"), atol=2e-3)
         second.press("Resume")
         second.until("rcm.board.phase === 'ACQUIRE' || rcm.board.phase === 'SERVO'")
+
+    assert wrong_in(tmp_path, play) == ""
+
+
+def test_a_stopped_run_is_opened_looked_through_and_downloaded(
+    chromium: Browser, tmp_path: Path
+) -> None:
+    def play(address: str) -> None:
+        person = Person(chromium, address)
+        page = person.page
+        person.enable()
+        person.teach("here")
+        person.jog("Jog joint 1 plus", 1.0)
+        page.keyboard.press("Space")
+        person.until("rcm.board.phase === 'FAULT'")
+        page.get_by_role("button", name="session-1").click(timeout=PATIENCE)
+        slider = page.get_by_label("Time in the past run")
+        slider.wait_for(timeout=PATIENCE)
+        said = page.locator(".run-said")
+        before = said.inner_text()
+        slider.press("End")
+        assert said.inner_text() != before and " s · " in said.inner_text()
+        drawn = "[...document.querySelectorAll('.run-figures img')].map(one => one.naturalWidth)"
+        person.until(f"{drawn}.length === 4 && {drawn}.every(one => one > 0)")
+        for words, start in (
+            ("Download the record (MCAP)", b"\x89MCAP"),
+            ("Path as SVG", b"<?xml"),
+        ):
+            with page.expect_download(timeout=PATIENCE) as download:
+                page.get_by_text(words, exact=True).click()
+            assert Path(download.value.path()).read_bytes().startswith(start)
+
+    assert wrong_in(tmp_path, play) == ""
+
+
+def test_a_student_sees_a_lost_marker_a_moved_camera_and_an_emergency_stop_and_their_ways_out(
+    chromium: Browser, tmp_path: Path
+) -> None:
+    def play(address: str) -> None:
+        person = Person(chromium, address)
+        person.enable()
+        person.teach("here")
+        person.jog("Jog joint 2 minus", 1.0)
+        assert person.gone("here")
+        person.trouble("marker_loss", **{"marker": "1", "for": "0.5"})
+        person.until("rcm.board.phase === 'HOLD' || rcm.board.why.includes('marker 1')")
+        person.until("rcm.board.phase === 'SERVO' && !rcm.board.why")
+        person.trouble("relocate")
+        person.until("rcm.board.phase === 'PAUSED' && rcm.board.ways.includes('show')")
+        person.press("Show again")
+        person.until("rcm.board.notes.at(-1) === 'the target is shown again'")
+        person.press("Resume")
+        person.until("rcm.board.phase === 'SERVO'")
+        assert person.arrives()
+        person.trouble("drive_off")
+        person.until("rcm.board.phase === 'FAULT' && rcm.board.clears")
+        person.press("End all trouble")
+        person.page.wait_for_timeout(300)
+        assert person.phase == "FAULT" and person.told("board.ways") == ["clear"]
+        person.press("Clear")
+        person.enable()
 
     assert wrong_in(tmp_path, play) == ""

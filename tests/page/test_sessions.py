@@ -38,7 +38,7 @@ class Talking(list[object]):
 def sessions(*rings: str, needed: dict[int, str] | None = None) -> tuple[Sessions, Desk, Talking]:
     desk: Any = Desk(get_context("spawn"))
     desk.said = Talking(lambda: [desk.bell.put(ring) for ring in rings] and None)
-    return Sessions(desk, never, off, needed or {}), desk, desk.said
+    return Sessions(desk, never, off, needed or {}, never), desk, desk.said
 
 
 def test_a_stop_is_told_at_once_and_can_be_cleared_later() -> None:

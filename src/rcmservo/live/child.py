@@ -39,7 +39,7 @@ class Child:
             raise said
         return said
 
-    def tell(self, word: str) -> None:
+    def tell(self, word: object) -> None:
         with contextlib.suppress(OSError):
             self.wire.send(word)
 

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rcmservo.errors import RcmServoError
-from rcmservo.interfaces import Arm, Camera, Command, Floats, Target, Tracker
+from rcmservo.interfaces import Arm, Camera, Command, Floats, Frame, Target, Tracker
 from rcmservo.live.lab import CameraAccount, Stopped
 from rcmservo.live.realtime import realtime
 from rcmservo.live.reports import LiveResult, ReportThread
@@ -71,6 +71,8 @@ class Session:
     """Gets the target, before the drive is on. By default it is what the camera sees then."""
     operator: Callable[[], Operator] | None = None
     """Makes the person beside the loop; without one a pause ends the run."""
+    pictures: float = 0.0
+    """Pictures that the record gets, 1/s; 0 for none."""
     consent: Callable[[Plant], None] | None = None
     """Asks for leave at the last moment before the drive is switched on, and raises an error where
     it is not given; without it nobody is asked."""
@@ -106,6 +108,22 @@ class HeartbeatPlant(Plant):
         if self.beats.value >= 0:
             self.beats.value += 1
         return super().send(command)
+
+
+class Film:
+    """Which of the frames a record gets as pictures: so many a second, or none."""
+
+    def __init__(self, rate: float) -> None:
+        self._period = 1e9 / rate if rate > 0.0 else np.inf
+        self._due = 0.0 if rate > 0.0 else np.inf
+        self._shown: Frame | None = None
+
+    def picture(self, tick: Tick, frame: Frame | None) -> Frame | None:
+        """The frame that a tick knows, if it is the next one."""
+        if tick.time < self._due or frame is None or frame is self._shown:
+            return None
+        self._due, self._shown = tick.time + self._period, frame
+        return frame
 
 
 def serve(session: Session, beats: Any, supervisor: Connection) -> None:
@@ -212,11 +230,14 @@ def _servoed(
                 return plant.told_to_end()
 
             go_on(plant.told_to_end)
-            began = plant.clock.now()
+            began, film = plant.clock.now(), Film(session.pictures)
             try:
                 for tick in run(plant, servo, target, duration, ended, operator=operator):
                     recorder.write(tick)
                     reports.put(tick)
+                    picture = film.picture(tick, plant.frame)
+                    if picture is not None:
+                        recorder.write_frame(picture)
             finally:
                 plant.beats.value = STANDING
     timing = reports.timing(np.array(plant.lateness, dtype=float), system)

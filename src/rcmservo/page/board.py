@@ -10,14 +10,18 @@ import numpy as np
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats, Target
-from rcmservo.page.curves import Curves
 from rcmservo.page.desk import Desk
-from rcmservo.page.shape import Shape
+from rcmservo.page.poses import Poses
+from rcmservo.page.seen.curves import Curves
+from rcmservo.page.seen.shape import Shape
+from rcmservo.page.settings import standing
 from rcmservo.page.tick_ring import DUE
-from rcmservo.page.wants import Aim, Between, Note, Taught
+from rcmservo.page.wants import Aim, Between, InForce, Note, Taught
+from rcmservo.page.ways import ways
 from rcmservo.record import layout
 from rcmservo.record.columns import WORDS
 from rcmservo.record.layout import TICK
+from rcmservo.servo.servo import Servo
 
 NOTES = 20
 """Sentences that are kept."""
@@ -31,6 +35,8 @@ class Board:
 
     desk: Desk
     """Where it comes from."""
+    poses: Poses
+    """Where poses are kept."""
     between: Between | None = None
     """What there is instead of a loop; None while there is one."""
     target: Target | None = None
@@ -39,14 +45,20 @@ class Board:
     """The newest tick's columns and names."""
     notes: deque[str] = field(default_factory=lambda: deque[str](maxlen=NOTES))
     """What was said, the newest last."""
-    taught: dict[str, Target] = field(default_factory=dict[str, Target])
-    """Poses by their names."""
+    in_force: Servo | None = None
+    """The settings that the loop goes by."""
+    kept: int = 0
+    """It rises with each pose that is kept."""
+    changes: int = 0
+    """It rises with each change of settings."""
     curves: Curves = field(default_factory=Curves)
     """The loop's last seconds."""
     shape: Shape | None = None
     """What the tool is, where that is to be drawn."""
     count: int = -1
     """That of the newest tick taken."""
+    picture: bytes = b""
+    """The JPEG file that is shown."""
     looked: int = 0
     """ns, when it was last made new: what is shown later is no newer."""
 
@@ -81,7 +93,12 @@ class Board:
             case Aim():
                 self.target = said.target
             case Taught():
-                self.taught[said.name] = said.target
+                why = self.poses.keep(said.name, said.target, self.picture)
+                self.notes.append(why or f"{said.name} is taught")
+                self.kept += 1
+            case InForce():
+                self.in_force = said.servo
+                self.changes += 1
             case _:
                 raise TypeError(f"{said!r} is nothing that is said to the page")
 
@@ -100,9 +117,21 @@ class Board:
             "tool": self._tool(tick.get("q")),
             "tool_target": self._tool(None if target is None else target.q),
             "at": self.looked,
-            "poses": sorted(self.taught),
+            "poses": sorted(self.poses.targets),
+            "refused_poses": self.poses.refused,
+            "kept": self.kept,
+            "settings": self.changes,
+            "standing": self._standing(),
             "notes": list(self.notes)[-3:],
         }
+
+    def _standing(self) -> str:
+        """How the estimator stands, in words; empty where no servo looks."""
+        tick = self.tick
+        if self.in_force is None or not tick:
+            return ""
+        explored, condition = bool(tick["explored"][0]), float(tick["condition"][0])
+        return standing(self.in_force, explored, condition, Phase[tick["phase"]])
 
     def _tool(self, q: Floats | None) -> list[list[float]] | None:
         """Markers and tip [[x, y, z], ...] mm at the joints; None where they are not known."""
@@ -123,6 +152,7 @@ class Board:
                 "why": "",
                 "way_out": way,
                 "action": action,
+                "ways": [*(["clear"] if between.clears else [])],
                 "ready": between.ready,
                 "clears": between.clears,
             }
@@ -133,6 +163,7 @@ class Board:
             "why": cause.value,
             "way_out": cause.way_out,
             "action": self.tick["asks"],
+            "ways": ways(phase, cause),
             "ready": False,
             "clears": phase is Phase.FAULT,
         }

@@ -16,7 +16,19 @@ from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
-from rcmservo.page.wants import Beat, Enable, Go, Held, Released, TeachAs, Told
+from rcmservo.page.settings import change_of
+from rcmservo.page.wants import (
+    Beat,
+    Change,
+    Delete,
+    Enable,
+    Go,
+    Held,
+    Released,
+    TeachAs,
+    Told,
+    Wrong,
+)
 
 FRESH, FRESH_JOG = 300_000_000, 150_000_000
 """ns for which what the server has shown counts as seen now; by a hand that jogs."""
@@ -30,11 +42,18 @@ LONGEST = 2000
 NAME = 40
 """Characters of a pose's name."""
 
-REQUESTS = {
+PLAIN: dict[str, Told] = {
+    "beat": Beat(),
+    "enable": Enable(),
+    "show": TeachAs(""),
     "pause": Request.PAUSE,
     "resume": Request.RESUME,
     "clear": Request.CLEAR,
 }
+"""What messages want that say no more,"""
+
+NAMED: dict[str, Callable[[str], Told]] = {"teach": TeachAs, "delete": Delete}
+"""and those that name a pose."""
 
 
 class Unheeded(Exception):
@@ -104,18 +123,17 @@ def heard(
 
 
 def _told(do: object, message: dict[str, Any], pose: Callable[[str], Target | None]) -> Told:
-    if do == "beat":
-        return Beat()
-    if do == "enable":
-        return Enable()
-    if do == "jog":
-        return _held(message)
-    if do in ("teach", "go"):
-        called = _name(message.get("name"))
-        return TeachAs(called) if do == "teach" else _go(called, pose)
-    if isinstance(do, str) and do in REQUESTS:
-        return REQUESTS[do]
-    raise Unheeded(f"nobody knows what {str(do)[:NAME]!r} is")
+    if not isinstance(do, str):
+        raise Unheeded(f"nobody knows what {str(do)[:NAME]!r} is")
+    if do == "go":
+        return _go(_name(message.get("name")), pose)
+    if do in NAMED:
+        return NAMED[do](_name(message.get("name")))
+    if do in PLAIN:
+        return PLAIN[do]
+    if do in (read := {"jog": _held, "set": _change, "trouble": _wrong}):
+        return read[do](message)
+    raise Unheeded(f"nobody knows what {do[:NAME]!r} is")
 
 
 def _message(text: str) -> dict[str, Any]:
@@ -133,6 +151,20 @@ def _message(text: str) -> dict[str, Any]:
 def _held(message: dict[str, Any]) -> Held:
     try:
         return decode(Held, {key: message.get(key) for key in ("rates", "press")}, "jog")
+    except BadInput as error:
+        raise Unheeded(str(error)) from error
+
+
+def _change(message: dict[str, Any]) -> Change:
+    try:
+        return change_of(message.get("box"), message.get("table"))
+    except BadInput as error:
+        raise Unheeded(str(error)) from error
+
+
+def _wrong(message: dict[str, Any]) -> Wrong:
+    try:
+        return decode(Wrong, {"what": message.get("what")}, "trouble")
     except BadInput as error:
         raise Unheeded(str(error)) from error
 

@@ -2,7 +2,7 @@
 
 page ─ wants, hand ─► servo process       page, STOP ─ bell ─► supervisor
      ◄─── ticks ────
-     ◄─── said ───── servo process, supervisor
+     ◄─── said ───── servo process, supervisor     page ── changes ─► supervisor
 """
 
 import pickle
@@ -61,5 +61,9 @@ class Desk:
         """That the person is there, and which button is held."""
         self.said = Post()
         """What the servo process and the supervisor say to the person."""
+        self.trouble = Post()
+        """What is to go wrong with a simulated laboratory."""
         self.bell = Post()
         """What the supervisor is told: to stop, to clear."""
+        self.changes = Post()
+        """What it is told of settings, apart, so that they never fill the bell."""

@@ -1,5 +1,7 @@
 """Before the drive is on: the page sees what the camera sees, and the person switches it on."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from rcmservo.guard.states import Request
@@ -10,7 +12,7 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import NotShown, teach
 from rcmservo.loop.tick import Tick
 from rcmservo.page.desk import Desk
-from rcmservo.page.wants import Between, Enable, Note
+from rcmservo.page.wants import Between, Enable, InForce, Note
 from rcmservo.servo.servo import Servo
 
 STILL = np.zeros(3)
@@ -20,6 +22,8 @@ def await_enable(desk: Desk, servo: Servo, plant: Plant) -> Target:
     """Show what is seen until the person wants the drive on; the pose in which the tool then is, as
     the first target."""
     assert isinstance(plant, HeartbeatPlant)
+    desk.said.put(InForce(replace(servo)))
+    servo.warm_up()  # so that the drive goes on soon once it is wanted, whatever was set
     state, schedule = servo.init(), ticks(plant.clock, servo.rate)
     list(desk.wants.heard())  # what was wanted of a session that is over
     desk.said.put(Between("the drive is off", ready=True))

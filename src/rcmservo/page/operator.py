@@ -6,17 +6,21 @@ a jog button is held     the joints move, as long as the page says so anew
 """
 
 from collections import deque
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from rcmservo.errors import BadInput
 from rcmservo.guard.states import Phase, Request
 from rcmservo.interfaces import Target
-from rcmservo.loop.operator import Jog, Teach, Want
+from rcmservo.loop.operator import Jog, Teach, Want, goes_on
 from rcmservo.loop.tick import Tick
 from rcmservo.page.desk import Desk
 from rcmservo.page.hand import NONE, Gesture
-from rcmservo.page.wants import Aim, Go, Note, Taught, TeachAs
+from rcmservo.page.settings import AT_ONCE, Chosen
+from rcmservo.page.wants import Aim, Change, Go, InForce, Note, Taught, TeachAs
+from rcmservo.servo.servo import Servo
 
 GONE = 500_000_000
 """ns without a sign of life from the person in control after which the tool is paused."""
@@ -24,21 +28,24 @@ GONE = 500_000_000
 LET_GO = 80_000_000
 """ns after which a jog button that nobody says is held counts as let go."""
 
+Wanted = TypeVar("Wanted", Target, Servo)
+
 BY_ITSELF = Phase.ACQUIRE, Phase.SERVO, Phase.HOLD
 """Phases in which the tool goes its own way."""
 
 
 class PageOperator:
-    """What the page wants, from tick to tick."""
+    """What the page wants, from tick to tick. ``chosen`` is what was set as the session began."""
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
-        self._wants: deque[tuple[Want, str]] = deque([(Request.PAUSE, "")])
+    def __init__(self, desk: Desk, chosen: Chosen) -> None:
+        self._desk, self._chosen = desk, chosen
+        self._servo: Servo | None = None
+        self._wants: deque[tuple[Want, str | None]] = deque([(Request.PAUSE, None)])
         gesture = desk.hand.read() or Gesture()
         self._gesture, self._spent = gesture, gesture.press
         self._beat: int | None = None
         self._asked = NONE
-        self._teaching = ""
+        self._teaching: str | None = None
         self._target: Target | None = None
 
     def __call__(self, tick: Tick) -> Want:
@@ -53,10 +60,15 @@ class PageOperator:
         if not self._wants:
             return self._jog(tick)
         want, name = self._wants.popleft()
-        if self._teaching:
-            self._desk.said.put(Note(f"{self._teaching} was not taught"))
+        self._teaches_no_more()
         self._teaching = name
         return want
+
+    def _teaches_no_more(self) -> None:
+        """Tell of what was to be taught and was not."""
+        if self._teaching is not None:
+            self._desk.said.put(Note(f"{self._teaching or 'the target'} was not taught"))
+        self._teaching = None
 
     def _look(self, tick: Tick) -> None:
         """See what the hand does. A press is over that was not renewed in time."""
@@ -71,19 +83,40 @@ class PageOperator:
         match told:
             case Go():
                 try:
-                    tick.servo.demand(told.target)
+                    self._next(Servo, tick.servo).demand(told.target)
                 except BadInput as error:
                     self._desk.said.put(Note(str(error)))
                     return
-                self._wants.append((told.target, ""))
+                self._wants.append((told.target, None))
                 if tick.state.phase not in BY_ITSELF:
-                    self._wants.append((Request.RESUME, ""))
+                    self._wants.append((Request.RESUME, None))
             case TeachAs():
                 self._wants.append((Teach(), told.name))
+            case Change():
+                self._set(told, tick)
             case Request():
-                self._wants.append((told, ""))
+                self._wants.append((told, None))
             case _:
                 self._desk.said.put(Note(f"{type(told).__name__}: not while the drive is on"))
+
+    def _set(self, change: Change, tick: Tick) -> None:
+        """Have a box changed that may be now; the others are the next session's."""
+        if change.box not in AT_ONCE:
+            return
+        try:
+            chosen = self._chosen.with_change(change)
+            servo = goes_on(tick.servo, chosen.limited)
+            assert tick.state.target is not None
+            servo.demand(self._next(Target, tick.state.target))
+        except BadInput as error:
+            self._desk.said.put(Note(f"not before the next session: {error}"))
+            return
+        self._chosen = chosen
+        self._wants.append((servo, None))
+
+    def _next(self, kind: type[Wanted], now: Wanted) -> Wanted:
+        """What the loop will go by once it has what waits to be wanted; `now` is what it has."""
+        return next((one for one, _ in reversed(self._wants) if isinstance(one, kind)), now)
 
     def _alone(self, tick: Tick) -> bool:
         """Whether the tool goes its own way while nobody is there."""
@@ -99,18 +132,20 @@ class PageOperator:
         self._asked = gesture.press if going else NONE
         if not going:
             return Request.NONE
-        if self._teaching:
-            self._desk.said.put(Note(f"{self._teaching} was not taught"))
-            self._teaching = ""
+        self._teaches_no_more()
         return Jog(np.array([gesture.a, gesture.b, gesture.c]))
 
     def _tell(self, tick: Tick) -> None:
-        """Tell the page of a target that is new, and of one that was taught."""
+        """Tell the page of settings and a target that are new, and of one that was taught."""
+        if tick.servo is not self._servo:
+            self._servo = tick.servo
+            self._desk.said.put(InForce(replace(tick.servo)))
         target = tick.state.target
         if target is None or target is self._target:
             return
         self._target = target
         self._desk.said.put(Aim(target))
-        if self._teaching:
-            self._desk.said.put(Taught(self._teaching, target))
-            self._teaching = ""
+        if self._teaching is not None:
+            shown = Note("the target is shown again")
+            self._desk.said.put(Taught(self._teaching, target) if self._teaching else shown)
+            self._teaching = None

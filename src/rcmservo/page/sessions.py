@@ -13,9 +13,13 @@ from rcmservo.errors import RcmServoError
 from rcmservo.live.lab import Stopped
 from rcmservo.live.reports import Report
 from rcmservo.live.servo_process import Session
-from rcmservo.live.supervisor import SwitchOff, run_live
+from rcmservo.live.supervisor import NOTHING, Beside, SwitchOff, run_live
 from rcmservo.page.desk import Desk
-from rcmservo.page.wants import CLEAR, STOP, Between, Note
+from rcmservo.page.wants import CLEAR, STOP, Between, Change, Note
+
+
+class Again(Stopped):
+    """A session that was not enabled yet, and begins again with other settings."""
 
 
 class Rung(Stopped):
@@ -24,7 +28,8 @@ class Rung(Stopped):
 
 class Sessions:
     """Runs session after session. ``needed`` are processes without which none goes on, by their
-    sentinels, and what they are."""
+    sentinels, and what they are. ``change`` takes other settings for the next one; ``beside`` is
+    heard meanwhile."""
 
     def __init__(
         self,
@@ -32,10 +37,17 @@ class Sessions:
         session: Callable[[], Session],
         off: SwitchOff,
         needed: Mapping[int, str],
+        change: Callable[[Change], None],
+        beside: Beside = NOTHING,
     ) -> None:
         self._desk, self._session, self._off = desk, session, off
-        self._began = False
-        self._beside: dict[Any, Callable[[], None]] = {desk.bell: self._rung}
+        self._change = change
+        self._began, self._waits = False, False
+        self._beside: dict[Any, Callable[[], None]] = {
+            **beside,
+            desk.bell: self._rung,
+            desk.changes: self._changed,
+        }
         for sentinel, name in needed.items():
             self._beside[sentinel] = lambda name=name: self._lost(name)
 
@@ -48,12 +60,15 @@ class Sessions:
 
     def _run(self) -> str:
         """One session; why there can be no other before a person clears, empty where there can."""
-        self._began = False
+        self._changed()
+        self._began, self._waits = False, True
         self._desk.said.put(Between("preparing"))
         try:
             result = run_live(self._session(), self._off, self._report, self._beside)
         except Rung as rung:
             return str(rung)
+        except Again:
+            return ""
         except Stopped:  # by a signal, or for want of a process
             raise
         except RcmServoError as error:
@@ -64,7 +79,7 @@ class Sessions:
         return ""
 
     def _report(self, report: Report) -> None:
-        self._began = True
+        self._began, self._waits = True, False
 
     def _rung(self) -> None:
         """Hear the bell while a session runs."""
@@ -73,11 +88,22 @@ class Sessions:
             self._desk.said.put(Between(why, latched=True))
             raise Rung(why)
 
+    def _changed(self) -> None:
+        """Take other settings: a session that is not enabled begins again with them, one that is
+        goes on, and the next one has them."""
+        changes = list(self._desk.changes.heard())
+        for change in changes:
+            self._change(change)
+        if changes and self._waits:
+            self._waits = False
+            raise Again("other settings were set")
+
     def _lost(self, name: str) -> None:
         raise Stopped(f"{name} has ended by itself; {self._off(self._began)}")
 
     def _latch(self, why: str) -> None:
         """Say why all stands still, until a person clears it."""
+        self._waits = False
         list(self._desk.bell.heard())  # from before it could be cleared
         self._desk.said.put(Between(why, latched=True, clears=True))
         while True:

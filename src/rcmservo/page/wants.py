@@ -2,10 +2,12 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from rcmservo.errors import require
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
+from rcmservo.servo.servo import Servo
 
 
 @dataclass(frozen=True)
@@ -23,11 +25,19 @@ class Go:
 
 @dataclass(frozen=True)
 class TeachAs:
-    """Wanted: that the tool pauses, and that what the camera then sees becomes a target of this
-    name."""
+    """Wanted: that the tool pauses, and that what the camera then sees becomes the target, and is
+    kept by this name."""
 
     name: str
-    """Of the target."""
+    """Of the pose; empty where it is not kept."""
+
+
+@dataclass(frozen=True)
+class Delete:
+    """Wanted: that a pose is forgotten."""
+
+    name: str
+    """Its name."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +64,29 @@ class Released:
     """The person has let go of the button."""
 
 
-Told = Enable | Go | TeachAs | Held | Beat | Released | Request
+@dataclass(frozen=True, eq=False)
+class Change:
+    """Wanted: that a box of the servo has other settings."""
+
+    box: str
+    """Which one."""
+    value: Any
+    """Its settings."""
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """Wanted: that something goes wrong with a simulated laboratory."""
+
+    what: str
+    """As `--disturb` takes it, without `at`; empty: all that goes wrong ends."""
+
+    def __post_init__(self) -> None:
+        good = len(self.what) <= 200 and self.what.isprintable()
+        require(good, "what", self.what[:40], "a disturbance of at most 200 characters")
+
+
+Told = Enable | Go | TeachAs | Delete | Held | Beat | Released | Change | Request | Wrong
 """What comes from a browser."""
 
 
@@ -98,7 +130,15 @@ class Taught:
     """What the camera saw."""
 
 
-Said = Note | Between | Aim | Taught
+@dataclass(frozen=True, eq=False)
+class InForce:
+    """What the loop goes by from now on."""
+
+    servo: Servo
+    """Its settings."""
+
+
+Said = Note | Between | Aim | Taught | InForce
 """What servo process and supervisor tell the page beside the ticks."""
 
 STOP, CLEAR = "stop", "clear"

@@ -106,6 +106,16 @@ class Messages:
         """Bytes of the file that are not read because of damage."""
         return 0 if self.complete else self.size - self.place
 
+    @property
+    def where(self) -> tuple[int, int]:
+        """Where the message read last is: the byte at which its chunk begins, and its place
+        there; see `in_chunk`."""
+        return self.place, self._chunk.total() - 1
+
+    def number(self, topic: str) -> int:
+        """That of a topic's channel, −1 where none was read so far."""
+        return next((n for n, one in self._channels.items() if one.topic == topic), -1)
+
     def __iter__(self) -> Iterator[Message]:
         if self.path.exists() and not self.path.is_file():
             raise UnusableFile(self.path, "is not a file")
@@ -157,6 +167,16 @@ class Messages:
         if not sound:
             raise _Damage
         return opcode, body
+
+    def content(self, place: int) -> bytes:
+        """What the chunk that begins at a byte holds."""
+        with self.path.open("rb") as file:
+            self.size, self.place = self.path.stat().st_size, place
+            self._room = ROOM + RATIO * self.size
+            opcode, body = self._record(file)
+        if opcode != CHUNK:
+            raise _Damage
+        return self._unpacked(body)
 
     def _unpacked(self, record: bytes) -> bytes:
         """A chunk's content, as its checksum says it was written."""
@@ -230,6 +250,56 @@ class Messages:
         topic, _ = _text(record, 4)
         definition = self._schemas.get(struct.unpack_from("<H", record, 2)[0], "")
         self._channels.setdefault(_number(record), Channel(topic, definition))
+
+
+class Placed(NamedTuple):
+    """A message of a chunk that is read by itself."""
+
+    number: int
+    """That of its channel."""
+    time: int
+    """When it was logged, ns since the record's start."""
+    data: bytes
+    """Its bytes, in CDR."""
+
+
+def chunk_places(path: Path) -> list[int]:
+    """The bytes at which a file's chunks begin, by their heads alone, up to where the file ends or
+    is certainly damaged."""
+    places: list[int] = []
+    try:
+        with path.open("rb", buffering=0) as file:
+            size, place = path.stat().st_size, len(MAGIC)
+            while size - place >= _RECORD.size:
+                file.seek(place)
+                opcode, length = _RECORD.unpack(_exactly(file, _RECORD.size))
+                whole = length <= min(size - place - _RECORD.size, LARGEST)
+                if not whole or opcode not in (HEADER, CHUNK, MESSAGE_INDEX):
+                    break
+                if opcode == CHUNK:
+                    places.append(place)
+                place += _RECORD.size + length
+    except (OSError, _Damage) as error:
+        raise UnusableFile(path, f"cannot be read: {error}") from error
+    return places
+
+
+def in_chunk(path: Path, place: int) -> list[Placed]:
+    """The messages of the chunk that begins at a byte, as its checksum says they were written."""
+    try:
+        data = Messages(path).content(place)
+    except (OSError, _Damage) as error:
+        raise UnusableFile(path, f"has no sound chunk at byte {place}") from error
+    found: list[Placed] = []
+    at = 0
+    while at + _RECORD.size <= len(data):
+        opcode, length = _RECORD.unpack_from(data, at)
+        at += _RECORD.size
+        if opcode == MESSAGE and length >= _MESSAGE.size:
+            number, _, time, _ = _MESSAGE.unpack_from(data, at)
+            found.append(Placed(number, time, data[at + _MESSAGE.size : at + length]))
+        at += length
+    return found
 
 
 def _exactly(file: BinaryIO, length: int) -> bytes:

@@ -3,6 +3,7 @@ in here."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -145,6 +146,13 @@ class Rig:
         self.camera = Delivery(view, self.clock.now, self.schedule)
         self.clock.stalls = Stalls(self.schedule)
 
+    def open_to_trouble(self, arm: Any = None) -> None:
+        """Let disturbances come while it runs, by its schedule. The camera is before `arm`, which
+        moves elsewhere, if one is given."""
+        if arm is not None:
+            self._camera.arm = self.truth.arm = arm
+        self._disturb()
+
     def begin(self) -> None:
         """The run begins: the disturbances' times count from here."""
         self.schedule.begin(self.clock.now())
@@ -180,7 +188,7 @@ class Rig:
         if event.kind == "relocate":
             self.relocate_camera()
             return
-        markers = self.truth.markers(self.clock.now())
+        markers = self.truth.markers(self.truth.arm.time)
         moved = self._hands.moved(event, seconds, self.scene.optics, markers)
         self._see(replace(self.scene, optics=moved))
 

@@ -8,6 +8,8 @@ serve ─┬─► page process     what the person sees and wants
 
 import contextlib
 import itertools
+import json
+import time
 import webbrowser
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
@@ -25,6 +27,7 @@ from rcmservo.app.preparing import compiling, simulator
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.terminal import console
 from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.config.target_file import Setup
 from rcmservo.errors import RcmServoError, require
 from rcmservo.interfaces import Camera
 from rcmservo.live.child import Child
@@ -38,9 +41,16 @@ from rcmservo.servo.servo import Servo
 
 if TYPE_CHECKING:
     from rcmservo.page.desk import Desk
+    from rcmservo.page.settings import Chosen
+
+TROUBLE = "trouble.jsonl"
+"""In the folder of the records: what went wrong on request, and when."""
 
 LONGEST = 3600.0
 """s of a session."""
+
+PICTURES = 5.0
+"""Pictures that a record gets, 1/s."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +68,8 @@ class ServeOptions:
     """How the Jacobian is learnt; as of `rcmservo run`."""
     rig: OptionalPath = None
     """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene."""
+    poses: Path = Path("runs/poses")
+    """Folder with the poses that are taught on the page, in the files that --target takes."""
     out: OptionalPath = None
     """Folder for the records, new or empty; by default a new one under runs/."""
     boxes: Boxes = field(default_factory=ServoOptions)
@@ -94,33 +106,54 @@ class Behind:
     """Makes a session, recorded in a folder that is new."""
     off: SwitchOff
     """Has the drive switched off from outside of the session's process."""
-    servo: Servo
-    """What servoes."""
+    setup: Setup
+    """What a pose is bound to."""
+    chosen: "Chosen"
+    """The servo, which the page may set anew for the sessions to come."""
+    befall: Callable[[str], str]
+    """Lets something go wrong, and says in words what began."""
+    troubles: tuple[dict[str, Any], ...] = ()
+    """What can go wrong."""
 
 
 @contextlib.contextmanager
 def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
     """The simulated arm and its camera."""
+    from rcmservo.app.simulated_run.target import setup_of
     from rcmservo.sim.processes.bench import Bench
+    from rcmservo.sim.processes.trouble import Mischief, menu
+    from rcmservo.sim.processes.trouble import chosen as trouble_of
+    from rcmservo.sim.rig import Rig
     from rcmservo.sim.rig_file import rig_settings
 
-    words = about(options, lab, servo)
+    with _page("serve"):
+        from rcmservo.page.settings import Chosen
+    chosen = Chosen(servo)
     with Bench(options.seed, rig_settings(lab)) as bench:
 
         def session(desk: "Desk", folder: Path) -> Session:
             from rcmservo.page.enabling import await_enable
             from rcmservo.page.operator import PageOperator
 
-            record = folder / RECORD
+            record, limited = folder / RECORD, chosen.limited
+            words = about(options, lab, limited)
             return replace(
-                bench.session(servo, lab.markers, LONGEST, record, words),
+                bench.session(limited, lab.markers, LONGEST, record, words),
                 recorder=partial(recorder, record, words),
-                target=partial(await_enable, desk, servo),
-                operator=partial(PageOperator, desk),
+                target=partial(await_enable, desk, limited),
+                operator=partial(PageOperator, desk, chosen),
+                pictures=PICTURES,
             )
 
+        def befall(what: str) -> str:
+            trouble = Mischief(time.monotonic_ns(), trouble_of(what) if what else None)
+            bench.befall(trouble)
+            return f"trouble: {trouble.begins} begins" if what else "trouble: all that acted ends"
+
         title = f"simulated arm, seed {options.seed}"
-        yield Behind(title, partial(RingCamera, bench.ring), session, bench.off, servo)
+        setup = setup_of(Rig(options.seed, bench.settings, pictures=False), lab)
+        camera, troubles = partial(RingCamera, bench.ring), tuple(menu())
+        yield Behind(title, camera, session, bench.off, setup, chosen, befall, troubles)
 
 
 def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
@@ -133,20 +166,27 @@ def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
     def session() -> Session:
         return behind.session(desk, folder / f"session-{next(numbers)}")
 
-    with _served(options, desk, behind) as (address, needed), stopped_by_signals():
+    def troubled() -> None:
+        for one in desk.trouble.heard():
+            befallen(one.what, desk, behind.befall, folder / TROUBLE)
+
+    with _served(options, desk, behind, folder.parent) as (address, needed), stopped_by_signals():
         words = f"rcmservo page at {address}, {behind.title}; Ctrl-C ends it"
         console(False).print(words, soft_wrap=True)
         if options.browser:
             webbrowser.open(address)
-        Sessions(desk, session, behind.off, needed).keep()
+        beside = {desk.trouble: troubled}
+        Sessions(desk, session, behind.off, needed, behind.chosen.take, beside).keep()
 
 
 @contextlib.contextmanager
 def _served(
-    options: ServeOptions, desk: "Desk", behind: Behind
+    options: ServeOptions, desk: "Desk", behind: Behind, runs: Path
 ) -> Generator[tuple[str, dict[int, str]]]:
-    """The page's processes: where the page is, and what each is by its sentinel."""
-    from rcmservo.page.shape import Shape
+    """The page's processes: where the page is, and what each is by its sentinel. ``runs`` is the
+    folder of the past runs that it shows."""
+    from rcmservo.page.poses import PoseFolder
+    from rcmservo.page.seen.shape import Shape
     from rcmservo.page.web.doors import Doors, bound, drawn_secret
     from rcmservo.page.web.page_process import serve_page
     from rcmservo.page.web.site import Site
@@ -157,8 +197,10 @@ def _served(
         here, stop = bound(options.port), bound(0)
         port, stop_port = here.getsockname()[1], stop.getsockname()[1]
         doors = Doors(port, drawn_secret())
-        shape = Shape.of(behind.servo)
-        site = Site(f"rcmservo: {behind.title}", behind.camera, doors, stop_port, shape)
+        title, poses = f"rcmservo: {behind.title}", PoseFolder(options.poses, behind.setup)
+        shape = Shape.of(behind.chosen.servo)
+        given = behind.chosen, poses, shape, runs, behind.troubles
+        site = Site(title, behind.camera, doors, stop_port, *given)
         needed: dict[int, str] = {}
         for name, work, given in (
             ("the process that hears STOP", serve_stop, (desk.bell, doors, stop)),
@@ -169,6 +211,24 @@ def _served(
             child.hear()
             needed[child.process.sentinel] = name
         yield f"http://127.0.0.1:{port}", needed
+
+
+def befallen(what: str, desk: "Desk", befall: Callable[[str], str], log: Path) -> None:
+    """Let something go wrong; tell the person, and write it down with the time (ns) on the records'
+    clock."""
+    from rcmservo.page.wants import Note
+
+    try:
+        words = befall(what)
+    except RcmServoError as error:
+        desk.said.put(Note(str(error)))
+        return
+    desk.said.put(Note(words))
+    try:
+        with log.open("a") as file:
+            file.write(json.dumps({"time": time.monotonic_ns(), "what": words}) + "\n")
+    except OSError as error:
+        desk.said.put(Note(f"{log.name} cannot be written: {error.strerror}"))
 
 
 def recorder(path: Path, words: dict[str, Any]) -> Recorder:

@@ -6,7 +6,7 @@ import numpy as np
 from fastapi import FastAPI, HTTPException
 
 from rcmservo.page.board import Board, plain
-from rcmservo.page.curves import NAMES
+from rcmservo.page.seen.curves import NAMES
 from rcmservo.page.web.doors import Doors
 
 

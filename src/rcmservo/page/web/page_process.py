@@ -21,18 +21,25 @@ from rcmservo.guard.states import Request
 from rcmservo.page.board import Board
 from rcmservo.page.control import Control, Unheeded, heard, moment
 from rcmservo.page.desk import Desk
-from rcmservo.page.wants import CLEAR, Beat, Held, Released, Told
+from rcmservo.page.poses import Poses
+from rcmservo.page.settings import Chosen
+from rcmservo.page.wants import CLEAR, Beat, Change, Delete, Held, Released, Told, Wrong
 from rcmservo.page.web.curves_routes import add_curves
 from rcmservo.page.web.doors import NAMES, said_on
 from rcmservo.page.web.ending import GRACE, until_told
 from rcmservo.page.web.pictures import Pictures, packed
+from rcmservo.page.web.poses_routes import add_poses
+from rcmservo.page.web.runs_routes import add_runs
+from rcmservo.page.web.settings_routes import add_settings, set_box
 from rcmservo.page.web.sheet.layout import lay_out
 from rcmservo.page.web.site import Site
 
 
 def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connection) -> None:
     """Be the page until the other end of `control` speaks or is gone."""
-    board, who, doors = Board(desk, shape=site.shape), Control(), site.doors
+    poses = Poses(site.poses)
+    poses.read()
+    board, who, doors = Board(desk, poses, shape=site.shape), Control(), site.doors
     pictures = Pictures(site.camera(), board)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(NAMES))
@@ -49,14 +56,17 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
             return
         name = who.join(moment())
         try:
-            await _operated(wire, name, who, desk, board)
+            await _operated(wire, name, who, desk, board, site.chosen)
         except WebSocketDisconnect:
             """The browser is gone."""
         finally:
             with changing_hands(who, desk):
                 who.leave(name, moment())
 
+    add_settings(app, site, board)
+    add_poses(app, site, poses)
     add_curves(app, doors, board)
+    add_runs(app, site)
     lay_out(site)
     ui.run_with(
         app, title=site.title, dark=None, show_welcome_message=False, reconnect_timeout=10.0
@@ -89,7 +99,9 @@ def changing_hands(who: Control, desk: Desk) -> Generator[None]:
         desk.wants.put(Request.PAUSE)
 
 
-async def _operated(wire: WebSocket, name: str, who: Control, desk: Desk, board: Board) -> None:
+async def _operated(
+    wire: WebSocket, name: str, who: Control, desk: Desk, board: Board, chosen: Chosen
+) -> None:
     """What one browser wants. It is told its name, and what was refused."""
     await wire.send_json({"name": name})
     while True:
@@ -97,11 +109,16 @@ async def _operated(wire: WebSocket, name: str, who: Control, desk: Desk, board:
         refused = ""
         try:
             with changing_hands(who, desk):
-                told = heard(text, name, who, board.taught.get, moment())
+                told = heard(text, name, who, board.poses.targets.get, moment())
         except Unheeded as error:
             refused = str(error)
         else:
-            refused = "" if done(told, desk) else "the servo does not listen"
+            if isinstance(told, Change):
+                refused = set_box(told, chosen, desk, board)
+            elif isinstance(told, Delete):
+                refused = board.poses.delete(told.name)
+            else:
+                refused = "" if done(told, desk) else "the servo does not listen"
         if refused:
             await wire.send_json({"refused": refused})
 
@@ -115,6 +132,8 @@ def done(told: Told | None, desk: Desk) -> bool:
             desk.hand.holds(told.press, told.rates)
         case Released():
             desk.hand.lets_go()
+        case Wrong():
+            return desk.trouble.put(told)
         case Beat():
             desk.hand.beats()
         case _:

@@ -65,7 +65,8 @@ class Pictures:
         number = self._board.frame if self._board.frame in self._encoded else newest
         if number == self._shown.number or number < 0:
             return
-        jpeg, table = self._encoded[number], self._board.table()
+        jpeg = self._board.picture = self._encoded[number]
+        table = self._board.table()
         self._shown = ShownPicture(self._shown.count + 1, number, jpeg, table)
         self._new.set()
         self._new = asyncio.Event()

@@ -2,9 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from rcmservo.interfaces import Camera
-from rcmservo.page.shape import Shape
+from rcmservo.page.poses import PoseFolder
+from rcmservo.page.seen.shape import Shape
+from rcmservo.page.settings import Chosen
 from rcmservo.page.web.doors import Doors
 
 
@@ -20,5 +24,13 @@ class Site:
     """Who is let in."""
     stop_port: int
     """That of the process that hears STOP."""
+    chosen: Chosen
+    """The servo that can be set."""
+    poses: PoseFolder
+    """Where poses are kept."""
     shape: Shape
     """Of the tool that is drawn."""
+    runs: Path
+    """Folder of all runs."""
+    troubles: tuple[dict[str, Any], ...] = ()
+    """What can go wrong on request; none but in simulation."""

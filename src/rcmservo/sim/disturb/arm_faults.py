@@ -28,13 +28,14 @@ class DisturbedArm:
         return self.arm.q_true
 
     def enable(self) -> None:
-        """Switch the drives on, at rest, unless the arm hears nothing."""
-        if not self._is("arm_silent"):
+        """Switch the drives on, at rest, unless the arm hears nothing or its emergency stop is
+        pressed."""
+        if not self.silent and not self._is("drive_off"):
             self.arm.enable()
 
     def measure(self) -> Measured:
         """What the arm tells; while it is silent, its last answer."""
-        if not self._is("arm_silent"):
+        if not self.silent:
             time, q, enabled = self.arm.measure()
             self._answer = Measured(time, self._counted(q), enabled)
         return self._answer
@@ -45,9 +46,14 @@ class DisturbedArm:
             if event not in self._overrun:
                 self._overrun.add(event)
                 self.arm.advance_until(self.arm.time + round(event.end - event.start))
-        if not self._is("arm_silent") and not self.schedule.killed:
+        if not self.silent and not self.schedule.killed:
             self._applied = self.arm.apply(command)
         return self._applied
+
+    @property
+    def silent(self) -> bool:
+        """Whether it neither answers nor hears."""
+        return self._is("arm_silent")
 
     def _is(self, kind: str) -> bool:
         return any(self.schedule.acting(self.arm.time, kind))

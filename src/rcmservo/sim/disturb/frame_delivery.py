@@ -23,6 +23,11 @@ class Delivery:
         self._held: Frame | None = None
         self._coming: deque[tuple[int, Frame]] = deque()
 
+    @property
+    def due(self) -> int | None:
+        """When the next frame comes, ns; None where none is on its way."""
+        return self._coming[0][0] if self._coming else None
+
     def latest(self) -> Frame | None:
         raw = self.camera.latest()
         if raw is not None and raw is not self._raw:

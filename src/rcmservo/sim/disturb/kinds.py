@@ -242,6 +242,13 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
 )
 
 
+IN_RUNS_ONLY = frozenset(
+    {"nan_points", "corrupt", "overrun", "jitter", "hang", "kill", "disk_full"}
+)
+"""Kinds that nobody brings about in a laboratory that runs in wall time: its camera has pictures,
+all of one size, and the process and the disk are real ones there."""
+
+
 def causes_of(kind: str) -> set[Cause]:
     """The causes that a person would accept as naming a disturbance of this kind."""
     return set(KINDS[kind].causes)

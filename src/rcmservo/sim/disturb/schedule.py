@@ -46,6 +46,7 @@ class Schedule:
     def __init__(self, disturbances: Sequence[Disturbance], chance: np.random.SeedSequence) -> None:
         self.disturbances = tuple(disturbances)
         self._chance = chance.spawn(len(self.disturbances))
+        self._later = chance
         self.events: list[Event] = []
         self._kinds: frozenset[str] = frozenset()
         self.killed = False
@@ -55,6 +56,17 @@ class Schedule:
         pairs = zip(self.disturbances, self._chance, strict=True)
         self.events = [_event(disturbance, now, chance) for disturbance, chance in pairs]
         self._kinds = frozenset(event.kind for event in self.events)
+
+    def add(self, disturbance: Disturbance, now: int) -> None:
+        """One more, whose time counts from `now` ns; its chance follows from how many there were
+        before."""
+        self.events.append(_event(disturbance, now, self._later.spawn(1)[0]))
+        self._kinds |= {disturbance.kind}
+
+    def end(self, now: int) -> None:
+        """Whatever still acts is over at `now` ns. What stays where it is by then stays."""
+        for event in self.events:
+            event.end = min(event.end, max(event.start, now))
 
     def acting(self, time: int, *kinds: str) -> Iterable[Event]:
         """Those of these kinds that act at `time` ns."""

@@ -33,7 +33,9 @@ from rcmservo.live.arm_link import (
 from rcmservo.live.child import heard
 from rcmservo.live.realtime import realtime
 from rcmservo.sim.arm import STEP
+from rcmservo.sim.disturb.arm_faults import DisturbedArm
 from rcmservo.sim.processes.motion_log import MotionLog
+from rcmservo.sim.processes.trouble import Mischief
 from rcmservo.sim.rig import SETTLE, Rig, RigSettings
 
 PACE = 2_000_000
@@ -52,6 +54,9 @@ class ArmDevice:
     def __init__(self, rig: Rig, wire: socket.socket, log: MotionLog, now: int) -> None:
         self.rig, self.wire, self.log = rig, wire, log
         self.arm = rig.truth.arm
+        rig.open_to_trouble()
+        assert isinstance(rig.arm, DisturbedArm)
+        self.front = rig.arm
         self.session = 0
         self._callers: dict[str, int] = {}
         self._asked = 0
@@ -64,8 +69,11 @@ class ArmDevice:
     def turn(self, now: int) -> None:
         """Hear what has come, let time pass until now, and answer."""
         for message, sender in received(self.wire):
-            self._hear(message, sender, now)
+            if not self.front.silent:
+                self._hear(message, sender, now)
         self.advance(now)
+        if self.front.silent:
+            return
         done = [entry for entry in self._due if entry[0] <= now]
         if done or now - self._answered >= PACE:
             self._answered = now
@@ -107,7 +115,7 @@ class ArmDevice:
 
     def _obey(self, command: Command, now: int) -> None:
         self.advance(min(command.time, now))
-        self.arm.apply(command)
+        self.front.apply(command)
 
     def _do(self, wish: Wish, session: int, now: int) -> int:
         """Do what a person wants; when it will be done, ns."""
@@ -115,7 +123,7 @@ class ArmDevice:
         if wish is Wish.ENABLE:
             self.off()
             self.session = session
-            self.arm.enable()
+            self.front.enable()
         elif wish in (Wish.SHOW, Wish.HOME):
             scene = self.rig.scene
             self.arm.place(scene.target if wish is Wish.SHOW else scene.start)
@@ -127,7 +135,7 @@ class ArmDevice:
         self._callers = {
             caller: heard for caller, heard in self._callers.items() if now - heard <= KNOWN
         }
-        at, q, enabled = self.arm.measure()
+        at, q, enabled = self.front.measure()
         dog = self.arm.watchdog
         answer = Answer(self.session, at, q, enabled, dog.rates, dog.number)
         for caller in self._callers:
@@ -161,7 +169,9 @@ def emulate(
             ready, _, _ = select.select([wire, control], [], [], max(left, 0) * 1e-9)
             device.turn(time.monotonic_ns())
             said = heard(control) if control in ready else ""
-            if said == "off":
+            if isinstance(said, Mischief):
+                said.befalls(rig.schedule)
+            elif said == "off":
                 device.off()
                 control.send("off")
         device.off()

@@ -26,6 +26,7 @@ from rcmservo.sim.body import Body
 from rcmservo.sim.processes.arm_process import emulate
 from rcmservo.sim.processes.camera_process import film
 from rcmservo.sim.processes.motion_log import MotionLog, stopped
+from rcmservo.sim.processes.trouble import Mischief
 from rcmservo.sim.rig import RigSettings
 from rcmservo.tracking import ColourMarkers, MarkerLook
 
@@ -95,6 +96,11 @@ class Bench:
         after = (rows["time"][stop[1]] - rows["time"][stop[0]]) * 1e-6
         took = f"the arm's drive went off {after:.0f} ms after its last command"
         return took if began else "the arm's drive is off"
+
+    def befall(self, trouble: Mischief) -> None:
+        """Let trouble begin, or end, in the arm and before the camera."""
+        for device in (self.arm, self.camera):
+            device.tell(trouble)
 
     def error(self) -> float:
         """‖p₂ − p_d‖ mm, by the truth: how far the tool is from where it was shown."""

@@ -2,53 +2,68 @@
 servo."""
 
 import time
-from collections import deque
 from dataclasses import replace
 from multiprocessing.connection import Connection
+from typing import Any
 
-import numpy as np
-
-from rcmservo.interfaces import Frame
+from rcmservo.interfaces import Floats, Frame
+from rcmservo.live.child import heard
 from rcmservo.live.frame_ring import FrameRing
 from rcmservo.loop.clock import sleep_until
-from rcmservo.sim.cameras import BLUR, PictureCamera, moments
+from rcmservo.sim.disturb.frame_delivery import Delivery
 from rcmservo.sim.processes.motion_log import MotionLog
+from rcmservo.sim.processes.trouble import Mischief
 from rcmservo.sim.rig import Rig, RigSettings
 
 BEHIND = 2_000_000
 """ns after the end of an exposure at which the arm's log is sure to hold it."""
 
 
+class Elsewhere:
+    """The arm in its own process, as its log tells of it; `time` ns is when the camera looks."""
+
+    def __init__(self, log: MotionLog) -> None:
+        self.time, self.log = 0, log
+
+    def joints_at(self, time: int) -> Floats:
+        """The joints (3,) at a moment of the last seconds."""
+        return self.log.joints_at(time)
+
+
 def film(
     seed: int, settings: RigSettings, log: MotionLog, ring: FrameRing, control: Connection
 ) -> None:
-    """Publish frame after frame at the camera's pace until the other end of `control` speaks or is
-    gone.
+    """Publish frame after frame at the camera's pace until the other end of `control` says "end" or
+    is gone.
 
     It says "ready" once it can. A frame that would come too late because the one before took long
     is left out.
     """
-    camera = Rig(seed, settings).camera
-    assert isinstance(camera, PictureCamera)
-    timing, home = settings.timing, np.stack([camera.body.points(log.joints_at(0))] * BLUR)
-    camera.renderer.render(home, 0)
-    control.send("ready")
+    rig, arm = Rig(seed, settings), Elsewhere(log)
+    timing = settings.timing
     period, half = 1e9 / timing.frame_rate, round(0.5e9 * timing.exposure)
-    under_way: deque[Frame] = deque()
+    late = half + round(1e9 * timing.delay)
     number = int((time.monotonic_ns() - half) / period)
-    while not control.poll():
-        exposure = round(number * period)
-        ready = exposure + half + BEHIND
-        if under_way and under_way[0].arrival <= ready:
-            frame = under_way.popleft()
-            sleep_until(frame.arrival)
-            ring.publish(replace(frame, arrival=time.monotonic_ns()))
-            continue
-        sleep_until(ready)
-        times = moments(exposure, timing.exposure, BLUR)
-        poses = np.stack([camera.body.points(log.joints_at(t)) for t in times])
-        image = camera.renderer.render(poses, number)
-        under_way.append(
-            Frame(number, exposure, exposure + half + round(1e9 * timing.delay), image=image)
-        )
-        number = max(number + 1, int((time.monotonic_ns() - half - BEHIND) / period))
+    arm.time = round(number * period) + late
+    rig.open_to_trouble(arm)
+    view = rig.camera
+    assert isinstance(view, Delivery)
+    camera = Delivery(view.camera, time.monotonic_ns, rig.schedule)
+    camera.latest()
+    control.send("ready")
+    shown: Frame | None = None
+    said: Any = ""
+    while said != "end":
+        ready = round(number * period) + half + BEHIND
+        due = camera.due
+        sleep_until(ready if due is None else min(ready, due))
+        if time.monotonic_ns() >= ready:
+            arm.time = round(number * period) + late
+            number = max(number + 1, int((time.monotonic_ns() - half - BEHIND) / period))
+        frame, now = camera.latest(), time.monotonic_ns()
+        if frame is not None and frame is not shown:
+            shown = frame
+            ring.publish(replace(frame, arrival=frame.arrival + now - (due or now)))
+        said = heard(control) if control.poll() else ""
+        if isinstance(said, Mischief):
+            said.befalls(rig.schedule)

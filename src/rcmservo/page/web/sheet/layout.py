@@ -12,8 +12,11 @@ from rcmservo.page.web.sheet.curves_tab import curves_tab
 from rcmservo.page.web.sheet.jog_card import jog_card
 from rcmservo.page.web.sheet.parts import button, plain
 from rcmservo.page.web.sheet.poses_card import poses_card
+from rcmservo.page.web.sheet.runs_tab import runs_tab
 from rcmservo.page.web.sheet.scene_tab import scene_tab
+from rcmservo.page.web.sheet.settings_tab import settings_tab
 from rcmservo.page.web.sheet.status import notes, status, stop
+from rcmservo.page.web.sheet.trouble_tab import trouble_tab
 from rcmservo.page.web.site import Site
 
 STATIC = Path(__file__).parents[1] / "static"
@@ -32,13 +35,22 @@ class Tab(NamedTuple):
 
 def tabs(site: Site) -> list[Tab]:
     """Those of a site."""
-    return [Tab("Curves", "show_chart", curves_tab), Tab("3-D", "view_in_ar", scene_tab)]
+    simulated = [Tab("Simulated trouble", "bolt", trouble_tab)] if site.troubles else []
+    return [
+        Tab("Curves", "show_chart", curves_tab),
+        Tab("3-D", "view_in_ar", scene_tab),
+        Tab("Settings", "tune", settings_tab),
+        Tab("Runs", "history", runs_tab),
+        *simulated,
+    ]
 
 
 def lay_out(site: Site) -> None:
     """Have NiceGUI make the page."""
     app.add_static_files("/rcmservo", STATIC, max_cache_age=0)
-    told = json.dumps({"secret": site.doors.secret, "stopPort": site.stop_port})
+    told = json.dumps(
+        {"secret": site.doors.secret, "stopPort": site.stop_port, "troubles": site.troubles}
+    )
 
     @ui.page("/")
     def page() -> None:  # pyright: ignore[reportUnusedFunction]

@@ -8,6 +8,7 @@ BUTTONS = {
     "Enable": ("enable", "power_settings_new", "switch the drive on, paused, where the tool is"),
     "Pause": ("pause", "pause", "stand still, with the drive on"),
     "Resume": ("resume", "play_arrow", "go on to the target"),
+    "Show again": ("show", "my_location", "take what the camera sees now as the target"),
     "Clear": ("clear", "restart_alt", "leave a stop or a fault, with the drive off"),
 }
 """What each button sends, its icon, and what it does in words."""
@@ -20,6 +21,7 @@ def status() -> None:
         '<div id="why"></div><div id="way"></div><div id="errors"></div></div>',
         "w-full",
     )
+    plain('<div id="standing"></div>')
     plain('<div id="unheard" role="alert"></div>')
     with ui.row().classes("rcm-tight"):
         for name, (do, icon, words) in BUTTONS.items():

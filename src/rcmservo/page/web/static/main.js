@@ -4,9 +4,13 @@ import * as curves from "./curves.js";
 import * as jog from "./jog.js";
 import * as picture from "./picture.js";
 import * as poses from "./poses.js";
+import * as settings from "./settings.js";
 import * as scene from "./scene.js";
+import * as runs from "./runs.js";
 import * as state from "./state.js";
+import * as trouble from "./trouble.js";
 
 const rcm = connect(window.RCMSERVO);
 window.rcm = rcm;
-for (const part of [state, picture, poses, jog, curves, scene]) part.start(rcm);
+const parts = [state, picture, poses, jog, settings, curves, scene, runs, trouble];
+for (const part of parts) part.start(rcm);

@@ -73,7 +73,11 @@ function show(rcm) {
   enable("enable", may && board.ready);
   enable("pause", may && moving && board.phase !== "PAUSED");
   enable("resume", may && board.phase === "PAUSED");
+  enable("show", may && moving);
   enable("clear", may && board.clears);
+  for (const button of document.querySelectorAll("[data-do]")) {
+    button.classList.toggle("way", (board.ways || []).includes(button.dataset.do));
+  }
   enable("ask", connected && !rcm.holds);
   enable("give", may && rcm.asked);
 }

@@ -1,0 +1,1 @@
+"""Runs of the past, for the page: which there are, and one of them opened."""

@@ -1,0 +1,103 @@
+"""What a form for a box is made of: the fields of its dataclass, as their docstrings tell them."""
+
+import ast
+import inspect
+import re
+import textwrap
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+from rcmservo.config.kinds import KINDS
+from rcmservo.config.servo_json import describe
+from rcmservo.page.settings import AT_ONCE, BOXES
+from rcmservo.servo.servo import Servo
+
+PART = r"(?:1/s|rad|px|mm/s|mm|s/mm²|1/rad²|s)"
+UNIT = re.compile(rf"(?:^|, |\()({PART}(?:, {PART})*)(?=[.:;)]|$| whatever)")
+"""A unit, as the docstrings of settings have it."""
+
+
+@dataclass(frozen=True)
+class SettingField:
+    """A field of a form."""
+
+    name: str
+    """As files and the command line call it."""
+    unit: str
+    """Of its number, or one for each of its numbers; empty where it has none."""
+    words: str
+    """What it is."""
+    default: Any
+    """Its default."""
+    choices: list[str]
+    """What it can be, where that is a word."""
+
+
+@cache
+def fields_of(kind: type[Any]) -> list[SettingField]:
+    """The fields of a settings dataclass."""
+    if not is_dataclass(kind):
+        return []
+    words, types, given = docstrings(kind), get_type_hints(kind), kind()
+    return [
+        SettingField(
+            name=f.name,
+            unit=unit_in(words.get(f.name, "")),
+            words=words.get(f.name, ""),
+            default=getattr(given, f.name),
+            choices=_choices(types[f.name]),
+        )
+        for f in fields(kind)
+    ]
+
+
+def _choices(hint: Any) -> list[str]:
+    return list(get_args(hint)) if get_origin(hint) is Literal else []
+
+
+def docstrings(kind: type[Any]) -> dict[str, str]:
+    """The docstring below each field of a class, on one line."""
+    body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    assert isinstance(body, ast.ClassDef)
+    found: dict[str, str] = {}
+    for field, below in zip(body.body, body.body[1:], strict=False):
+        match field, below:
+            case ast.AnnAssign(target=ast.Name(name)), ast.Expr(ast.Constant(str(words))):
+                found[name] = " ".join(words.split())
+            case _:
+                """No field with a docstring."""
+    return found
+
+
+def unit_in(words: str) -> str:
+    """The first unit that a docstring tells; empty where it tells none."""
+    found = UNIT.search(words)
+    return found[1] if found else ""
+
+
+def forms(chosen: Servo, in_force: Servo | None) -> list[dict[str, Any]]:
+    """A form for each box that may change, as JSON has it: its kinds and their fields, what is set,
+    and what is in force."""
+    held: Any = None if in_force is None else describe(in_force)
+    wanted: Any = describe(chosen)
+    return [
+        {
+            "box": box,
+            "at_once": box in AT_ONCE,
+            "kinds": {
+                name: {
+                    "words": _words(kind),
+                    "fields": [vars(field) for field in fields_of(kind)],
+                }
+                for name, kind in KINDS[box].items()
+            },
+            "set": wanted[box],
+            "in_force": None if held is None else held[box],
+        }
+        for box in BOXES
+    ]
+
+
+def _words(kind: type[Any]) -> str:
+    return " ".join((kind.__doc__ or "").split())

@@ -1,0 +1,86 @@
+"""What a record tells at a glance: its beginning and its last ticks, however long it is."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rcmservo.config.texts import is_table
+from rcmservo.errors import UnusableFile
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import Phase
+from rcmservo.record.columns import WORDS
+from rcmservo.record.layout import TICKS, words_of
+from rcmservo.record.mcap_chunks import MAGIC, Messages, chunk_places, in_chunk
+from rcmservo.record.reader import TICK_TOPIC
+
+LAST = 20
+"""Chunks at the end among which there must be a tick."""
+
+
+@dataclass(frozen=True)
+class Glance:
+    """A record in a few words."""
+
+    about: dict[str, Any]
+    """What the run was told."""
+    servo: Any
+    """The description of its first servo; empty where there is none."""
+    seconds: float
+    """To its last tick."""
+    phase: str
+    """That of its last tick, in words; empty where it has none."""
+    cause: str
+    """That of its last tick, in words; empty where all was well."""
+    ended: bool
+    """Whether the file was ended in order."""
+
+
+def glance(path: Path) -> Glance:
+    """Look at a record's file. What is between its ends is not looked at."""
+    messages = Messages(path)
+    about, servo, layout = None, {}, None
+    for message in messages:
+        if message.topic == TICK_TOPIC:
+            layout = TICKS.get(message.definition)
+            break
+        if message.topic == "rcmservo/about":
+            about = _table(message.data)
+        elif message.topic == "rcmservo/stage":
+            servo = _table(message.data).get("servo", {})
+    if about is None:
+        raise UnusableFile(path, "is not a record of a run, or its start is damaged")
+    seconds, phase, cause = 0.0, "", ""
+    if layout is not None:
+        time, words = _last(path, messages.number(TICK_TOPIC), layout.itemsize)
+        seconds = time * 1e-9
+        phase, cause = _word(Phase, words.get("phase", "")), _word(Cause, words.get("cause", ""))
+    return Glance(about, servo, seconds, phase, cause, _ended(path))
+
+
+def _last(path: Path, number: int, size: int) -> tuple[int, dict[str, str]]:
+    """Time ns and names of the last tick."""
+    for place in reversed(chunk_places(path)[-LAST:]):
+        for message in reversed(in_chunk(path, place)):
+            if message.number == number:
+                names = words_of(message.data, size, len(WORDS))
+                return message.time, {
+                    one.name: name for one, name in zip(WORDS, names, strict=True)
+                }
+    return 0, {}
+
+
+def _word(kind: type[Phase] | type[Cause], name: str) -> str:
+    return kind[name].value if name in kind.__members__ else name
+
+
+def _table(data: bytes) -> dict[str, Any]:
+    value: object = json.loads(words_of(data, 4, 1)[0])
+    return value if is_table(value) else {}
+
+
+def _ended(path: Path) -> bool:
+    """Whether the file ends as one that was ended in order."""
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - len(MAGIC), 0))
+        return file.read() == MAGIC and path.stat().st_size > 2 * len(MAGIC)

@@ -1,0 +1,17 @@
+"""A board that keeps its poses nowhere."""
+
+from pathlib import Path
+from typing import Any
+
+from rcmservo.app.simulated_run.target import setup_of
+from rcmservo.config.rig_file import Lab
+from rcmservo.page.board import Board
+from rcmservo.page.desk import Desk
+from rcmservo.page.poses import PoseFolder, Poses
+from rcmservo.sim import Rig
+
+
+def board_at(desk: Desk, **more: Any) -> Board:
+    """What a desk's page shows."""
+    setup = setup_of(Rig(1, pictures=False), Lab())
+    return Board(desk, Poses(PoseFolder(Path("/nowhere/at/all"), setup)), **more)

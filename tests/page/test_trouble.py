@@ -1,0 +1,117 @@
+"""Trouble from the page's menu: the servo notices it, and what is pressed enables nothing."""
+
+import json
+from collections.abc import Iterator
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from served import served
+from test_doors import Site
+
+import rcmservo as rs
+from rcmservo.errors import BadInput
+from rcmservo.live.arm_link import arm_in, opened
+from rcmservo.sim.processes.arm_process import ArmDevice
+from rcmservo.sim.processes.motion_log import MotionLog
+from rcmservo.sim.processes.trouble import Mischief, chosen, menu
+from rcmservo.sim.rig import Rig
+
+MS = 1_000_000
+
+
+@pytest.mark.parametrize("kind", [one["kind"] for one in menu()])
+def test_each_kind_on_the_menu_can_be_chosen_with_its_defaults(kind: str) -> None:
+    assert chosen(f"{kind}:").kind == kind
+
+
+@pytest.mark.parametrize("text", ["kill:", "nan_points:", "flood:", "smoke:for=-1", "smoke:px=3"])
+def test_what_is_not_on_the_menu_is_refused(text: str) -> None:
+    with pytest.raises(BadInput):
+        chosen(text)
+
+
+@pytest.fixture
+def device(tmp_path: Path) -> Iterator[ArmDevice]:
+    with opened(arm_in(tmp_path)) as wire:
+        yield ArmDevice(Rig(1, pictures=False), wire, MotionLog(get_context("spawn")), 0)
+
+
+def test_a_pressed_emergency_stop_lets_nobody_enable_and_its_release_enables_nothing(
+    device: ArmDevice,
+) -> None:
+    device.front.enable()
+    device.turn(device.arm.time + MS)
+    assert device.arm.watchdog.enabled
+    schedule = device.rig.schedule
+    Mischief(device.arm.time, chosen("drive_off:")).befalls(schedule)
+    device.turn(device.arm.time + 2 * MS)
+    device.front.enable()
+    assert not device.arm.watchdog.enabled
+    Mischief(device.arm.time, None).befalls(schedule)
+    device.turn(device.arm.time + 20 * MS)
+    assert not device.arm.watchdog.enabled
+    device.front.enable()
+    assert device.arm.watchdog.enabled
+
+
+def test_an_arm_that_creeps_creeps_from_then_until_it_is_ended(device: ArmDevice) -> None:
+    device.front.enable()
+    q = device.arm.q_true.copy()
+    Mischief(device.arm.time, chosen("creep:speed=20,axis=3")).befalls(device.rig.schedule)
+    device.turn(device.arm.time + 20 * MS)
+    assert abs(device.arm.q_true[2] - q[2]) > 0.1
+    Mischief(device.arm.time, None).befalls(device.rig.schedule)
+    device.turn(device.arm.time + 20 * MS)
+    q = device.arm.q_true.copy()
+    device.turn(device.arm.time + 20 * MS)
+    assert np.allclose(device.arm.q_true, q, atol=1e-3)
+
+
+class AtThePage:
+    """Whoever has control."""
+
+    def __init__(self, site: Site, eye: Any, hand: Any) -> None:
+        self.site, self.eye, self.hand = site, eye, hand
+
+    def say(self, do: str, **more: Any) -> None:
+        at = self.site.board(self.eye)["at"]
+        self.hand.send(json.dumps({"do": do, "at": at, **more}))
+
+    def until(self, **what: Any) -> dict[str, Any]:
+        for _ in range(3000):
+            self.say("beat")
+            board = self.site.board(self.eye)
+            if all(board[key] == value for key, value in what.items()):
+                return board
+        raise AssertionError(f"{what} never came: {board}")
+
+
+@pytest.mark.alone
+def test_from_the_page_to_the_fault_and_its_way_out(tmp_path: Path) -> None:
+    with served(tmp_path / "out") as address:
+        site = Site(address)
+        with site.open("/pictures") as eye, site.open("/operate") as hand:
+            it = AtThePage(site, eye, hand)
+            it.until(ready=True)
+            it.say("enable")
+            it.until(phase="PAUSED")
+            it.say("trouble", what="marker_loss:marker=0")
+            it.until(points=[None, None])
+            it.say("trouble", what="")
+            while None in it.until(phase="PAUSED")["points"]:
+                """It is not seen again yet."""
+            it.say("trouble", what="relocate:")
+            it.until(why=rs.Cause.CAMERA_MOVED.value)
+            it.say("trouble", what="drive_off:")
+            it.until(phase="FAULT", why=rs.Cause.DRIVE_OFF.value)
+            it.say("trouble", what="")
+            it.until(phase="FAULT")
+            it.say("clear")
+            it.until(ready=True)
+            it.say("enable")
+            it.until(phase="PAUSED")
+    log = (tmp_path / "out" / "trouble.jsonl").read_text()
+    assert [json.loads(line)["time"] > 0 for line in log.splitlines()] == [True] * 5
