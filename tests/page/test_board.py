@@ -1,6 +1,7 @@
 """What the page shows is what the loop had: the same tick's numbers, and where it expected the
 markers."""
 
+from dataclasses import replace
 from multiprocessing import get_context
 from typing import Any
 
@@ -90,11 +91,16 @@ def test_the_curves_tell_the_loops_numbers_and_how_late_it_was_at_worst() -> Non
     late = curves["late"]
     assert sorted(late)[-1] == pytest.approx(7.0, abs=1e-6) and (late > 0.1).sum() <= 2
     servoed = np.array([by_time[round(t * 1e9)].state.phase is rs.Phase.SERVO for t in curves["t"]])
+    first = replace(ticks[0], seen=replace(ticks[0].seen, now=ticks[-1].seen.now + 1_555_000_000))
+    desk.ticks.put(first)
+    board.look()
+    assert board.curves.after(len(samples))[0][-1] == 0.0  # another loop has another schedule
     moves = servoed & (np.abs(curves["measured_r"]) > 20.0)
     assert moves.sum() > 5
     ratio = curves["predicted_r"][moves] / curves["measured_r"][moves]
     assert np.nanmedian(ratio) == pytest.approx(1.0, abs=0.1)
-    assert len(board.curves.after(board.curves.count - 3)) == 3 and not board.curves.after(10**9)
+    assert len(board.curves.after(board.curves.count - 3)) == 3
+    assert not board.curves.after(10**9)
 
 
 def test_the_tool_in_space_is_where_its_markers_are() -> None:

@@ -252,3 +252,22 @@ def test_a_student_sees_a_lost_marker_a_moved_camera_and_an_emergency_stop_and_t
         person.enable()
 
     assert wrong_in(tmp_path, play) == ""
+
+
+def test_the_curves_and_the_mechanism_are_drawn_where_they_are_looked_at(
+    chromium: Browser, tmp_path: Path
+) -> None:
+    chart, scene = "getElement(RCMSERVO.curves)?.chart", "getElement(RCMSERVO.scene.id)?.renderer"
+
+    def play(address: str) -> None:
+        person = Person(chromium, address)
+        person.enable()
+        person.page.get_by_role("tab", name="Curves").click()
+        person.until(
+            f"{chart}?.getOption().series?.filter((one) => one.data.length > 20).length > 10"
+        )
+        person.page.get_by_role("tab", name="3-D").click()
+        person.until(f"{scene}?.info.render.triangles > 2000")
+        assert not person.foreign
+
+    assert wrong_in(tmp_path, play) == ""

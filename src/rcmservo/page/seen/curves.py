@@ -50,6 +50,8 @@ class Curves:
     """The last of them, each as `NAMES` has it."""
     _start: int | None = None
     """ns on the loop's clock of its time 0, were its earliest tick not late at all."""
+    _due: int = 0
+    """ns from the start to when the newest tick was due."""
     _late: int = 0
     """ns, the worst lateness since the last sample."""
     _next: int = 0
@@ -64,6 +66,9 @@ class Curves:
     def take(self, tick: Tick) -> None:
         """A tick, with the `time` at which it was due."""
         now = int(tick["now"][0])
+        if tick["time"] < self._due:  # another loop, such as the wait for the drive before it
+            self._start = None
+        self._due = tick["time"]
         begun = now - tick["time"]
         self._start = begun if self._start is None else min(begun, self._start)
         self._late = max(self._late, begun - self._start)

@@ -22,6 +22,8 @@ class Delivery:
         self._again: Frame | None = None
         self._held: Frame | None = None
         self._coming: deque[tuple[int, Frame]] = deque()
+        self.came = 0
+        """When the newest frame was to come, ns."""
 
     @property
     def due(self) -> int | None:
@@ -34,7 +36,7 @@ class Delivery:
             self._raw = raw
             self._pass(raw)
         while self._coming and self._coming[0][0] <= self.now():
-            self._frame = self._coming.popleft()[1]
+            self.came, self._frame = self._coming.popleft()
         return self._frame
 
     def _pass(self, frame: Frame) -> None:

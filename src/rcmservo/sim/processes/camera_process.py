@@ -63,7 +63,7 @@ def film(
         frame, now = camera.latest(), time.monotonic_ns()
         if frame is not None and frame is not shown:
             shown = frame
-            ring.publish(replace(frame, arrival=frame.arrival + now - (due or now)))
+            ring.publish(replace(frame, arrival=frame.arrival + now - camera.came))
         said = heard(control) if control.poll() else ""
         if isinstance(said, Mischief):
             said.befalls(rig.schedule)

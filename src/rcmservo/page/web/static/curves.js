@@ -1,5 +1,6 @@
 // Curves of the last half minute. They are asked for and drawn only while they are looked at.
 import { charts, options } from "./charts.js";
+import { made } from "./made.js";
 
 const EVERY = 300, KEPT = 30; // ms, s
 
@@ -22,9 +23,9 @@ export function start(rcm) {
 
 // The chart, where it can be seen.
 function shown() {
-  const made = window.getElement?.(window.RCMSERVO.curves);
-  const there = made?.chart && made.$el.offsetParent !== null && !document.hidden;
-  return there ? made.chart : null;
+  const it = made(window.RCMSERVO.curves);
+  const there = it?.chart && it.$el.offsetParent !== null && !document.hidden;
+  return there ? it.chart : null;
 }
 
 async function ask(rcm) {

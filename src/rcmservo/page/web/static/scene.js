@@ -1,13 +1,15 @@
 // The mechanism in space, from the joints that the arm tells. It moves only while it is looked at.
+import { made } from "./made.js";
+
 const EVERY = 66, BLUE = "#005aff", BLACK = "#000000", YELLOW = "#e6c000", GREY = "#808080"; // ms
 const BALL = 4; // mm
 
 export function start(rcm) {
-  let made = null, drawn = null;
+  let it = null, drawn = null;
   const again = async () => {
     const { id } = window.RCMSERVO.scene;
-    made = window.getElement?.(id) || made;
-    if (made?.renderer && !drawn) drawn = await build(made, window.RCMSERVO.scene.limits);
+    it = made(id) || it;
+    if (it?.renderer && !drawn) drawn = await build(it, window.RCMSERVO.scene.limits);
     if (drawn && drawn.seen()) {
       drawn.tool.to(rcm.board.tool);
       drawn.target.to(rcm.board.tool_target);
@@ -17,17 +19,15 @@ export function start(rcm) {
   again();
 }
 
-async function build(made, limits) {
+async function build(it, limits) {
   const { THREE } = await import("nicegui-scene");
-  const seen = () => made.$el.isConnected && made.$el.offsetParent !== null && !document.hidden;
-  const render = made.renderer.render.bind(made.renderer);
-  made.renderer.render = (...what) => { if (seen()) render(...what); };
+  const seen = () => it.$el.isConnected && it.$el.offsetParent !== null && !document.hidden;
+  const render = it.renderer.render.bind(it.renderer);
+  it.renderer.render = (...what) => { if (seen()) render(...what); };
   const far = Math.max(...limits.flat().map((point) => Math.hypot(...point)));
-  const low = limits.flat().every((point) => point[2] <= 0) ? -1 : 1;
-  made.scene.add(ball(THREE, YELLOW, 1.3 * BALL), new THREE.AxesHelper(0.3 * far));
-  made.scene.add(surface(THREE, limits));
-  made.move_camera(1.3 * far, -1.5 * far, (0.4 + 0.6 * low) * far, 0, 0, 0.35 * low * far, 0, 0, 1, 0);
-  const target = stick(THREE, made.scene, BLACK), tool = stick(THREE, made.scene, BLUE);
+  it.scene.add(ball(THREE, YELLOW, 1.3 * BALL), new THREE.AxesHelper(0.3 * far));
+  it.scene.add(surface(THREE, limits));
+  const target = stick(THREE, it.scene, BLACK), tool = stick(THREE, it.scene, BLUE);
   return { seen, tool, target };
 }
 

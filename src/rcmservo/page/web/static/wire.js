@@ -5,7 +5,7 @@
 // rcm.changed(f) have f() called when there may be something to show anew
 // rcm.say(m)     say a message, which counts while rcm.board is fresh
 // rcm.url(path)  where something can be fetched
-const AGAIN = 500; // ms
+const AGAIN = 500, FRESH = 60, PRESSED = 500; // ms
 
 export function connect(site) {
   const listeners = [], showers = [];
@@ -55,14 +55,23 @@ export function connect(site) {
     rcm.holds = rcm.name !== "" && rcm.board.holder === rcm.name;
     rcm.asked = Boolean(rcm.board.asking);
     const jpeg = data.slice(4 + length);
+    sayPressed();
     for (const f of listeners) f(rcm.board, jpeg);
     show();
   });
 
   rcm.say = (message) => operate.say(JSON.stringify({ ...message, at: rcm.board.at }));
+  // A press counts once what is shown is of now: a browser that was busy waits for the next board.
+  let pressed = null;
+  const sayPressed = () => {
+    if (pressed === null || performance.now() - rcm.heard > FRESH) return;
+    if (performance.now() - pressed.since < PRESSED) rcm.say(pressed.message);
+    pressed = null;
+  };
   rcm.want = (what, more = {}) => {
     rcm.refused = "";
-    rcm.say({ do: what, ...more });
+    pressed = { message: { do: what, ...more }, since: performance.now() };
+    sayPressed();
   };
   rcm.connected = () =>
     performance.now() - rcm.heard < 1000 && pictures.wire !== null && operate.wire !== null;
