@@ -9,6 +9,8 @@ import secrets
 import socket
 from dataclasses import dataclass
 
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.errors import RcmServoError
@@ -40,6 +42,11 @@ class Doors:
     def knows(self, secret: str) -> bool:
         """Whether it is the secret that stands in the page."""
         return secrets.compare_digest(secret.encode(), self.secret.encode())
+
+    def asked(self, request: Request) -> None:
+        """For what is fetched: refuse whoever does not know the secret."""
+        if not self.knows(request.query_params.get("secret", "")):
+            raise HTTPException(403, "the page's secret is missing: open the page anew")
 
     async def let_in(self, wire: WebSocket) -> bool:
         """Accept a websocket that comes from the page; close any other."""

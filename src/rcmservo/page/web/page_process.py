@@ -63,10 +63,10 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
             with changing_hands(who, desk):
                 who.leave(name, moment())
 
-    add_settings(app, site, board)
-    add_poses(app, site, poses)
+    add_settings(app, doors, site.chosen, board)
+    add_poses(app, doors, poses)
     add_curves(app, doors, board)
-    add_runs(app, site)
+    add_runs(app, doors, site.runs)
     lay_out(site)
     ui.run_with(
         app, title=site.title, dark=None, show_welcome_message=False, reconnect_timeout=10.0

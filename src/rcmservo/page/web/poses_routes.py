@@ -3,24 +3,18 @@
 GET /pose?name=N   what was seen as the pose was taught
 """
 
-import secrets
-
-from fastapi import FastAPI, HTTPException, Response
+from fastapi import Depends, FastAPI, HTTPException, Response
 
 from rcmservo.page.poses import Poses
-from rcmservo.page.web.site import Site
-
-FORBIDDEN, MISSING = 403, 404
+from rcmservo.page.web.doors import Doors
 
 
-def add_poses(app: FastAPI, site: Site, poses: Poses) -> None:
+def add_poses(app: FastAPI, doors: Doors, poses: Poses) -> None:
     """Serve them to whoever knows the page's secret."""
 
-    @app.get("/pose")
-    async def pose(name: str = "", secret: str = "") -> Response:  # pyright: ignore[reportUnusedFunction]
-        if not secrets.compare_digest(secret.encode(), site.doors.secret.encode()):
-            raise HTTPException(FORBIDDEN)
+    @app.get("/pose", dependencies=[Depends(doors.asked)])
+    async def pose(name: str = "") -> Response:  # pyright: ignore[reportUnusedFunction]
         jpeg = poses.picture(name)
         if not jpeg:
-            raise HTTPException(MISSING)
+            raise HTTPException(404)
         return Response(jpeg, media_type="image/jpeg", headers={"Cache-Control": "no-store"})

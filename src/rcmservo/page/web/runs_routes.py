@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, Depends, FastAPI, HTTPException
-from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
 from rcmservo.errors import RcmServoError
 from rcmservo.page.past.aside import Aside
 from rcmservo.page.past.opened import OpenedRun, figures, opened, picture
 from rcmservo.page.past.shelf import Shelf
-from rcmservo.page.web.site import Site
+from rcmservo.page.web.doors import Doors
 
 KEPT = 4
 """Runs, and the figures of runs, that are kept in mind."""
@@ -103,15 +102,10 @@ def file_name(path: Path) -> str:
     return "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in folders)
 
 
-def add_runs(app: FastAPI, site: Site) -> None:
+def add_runs(app: FastAPI, doors: Doors, folder: Path) -> None:
     """Have past runs answered for."""
-
-    def secret_known(request: Request) -> None:
-        if not site.doors.knows(request.query_params.get("secret", "")):
-            raise HTTPException(403, "the page's secret is missing: open the page anew")
-
-    runs = PastRuns(site.runs)
-    router = APIRouter(prefix="/runs", dependencies=[Depends(secret_known)])
+    runs = PastRuns(folder)
+    router = APIRouter(prefix="/runs", dependencies=[Depends(doors.asked)])
 
     async def listed() -> list[dict[str, object]]:
         return await asyncio.to_thread(runs.shelf.listed)

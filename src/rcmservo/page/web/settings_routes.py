@@ -3,10 +3,9 @@
 GET /settings   a form for each box, with what is set and what is in force
 """
 
-import secrets
 from typing import Any
 
-from fastapi import FastAPI, HTTPException
+from fastapi import Depends, FastAPI
 
 from rcmservo.errors import BadInput
 from rcmservo.page.board import Board
@@ -14,19 +13,15 @@ from rcmservo.page.desk import Desk
 from rcmservo.page.setting_fields import forms
 from rcmservo.page.settings import AT_ONCE, Chosen
 from rcmservo.page.wants import Change
-from rcmservo.page.web.site import Site
-
-FORBIDDEN = 403
+from rcmservo.page.web.doors import Doors
 
 
-def add_settings(app: FastAPI, site: Site, board: Board) -> None:
+def add_settings(app: FastAPI, doors: Doors, chosen: Chosen, board: Board) -> None:
     """Serve the forms to whoever knows the page's secret."""
 
-    @app.get("/settings")
-    async def settings(secret: str = "") -> list[dict[str, Any]]:  # pyright: ignore[reportUnusedFunction]
-        if not secrets.compare_digest(secret.encode(), site.doors.secret.encode()):
-            raise HTTPException(FORBIDDEN)
-        return forms(site.chosen.servo, board.in_force)
+    @app.get("/settings", dependencies=[Depends(doors.asked)])
+    async def settings() -> list[dict[str, Any]]:  # pyright: ignore[reportUnusedFunction]
+        return forms(chosen.servo, board.in_force)
 
 
 def set_box(change: Change, chosen: Chosen, desk: Desk, board: Board) -> str:
