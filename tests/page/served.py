@@ -11,13 +11,29 @@ from pathlib import Path
 from conftest import HEEDING_CTRL_C, with_tests
 
 
+RIG = "[camera]\nframe_rate = 30.0\n"
+"""A browser without a GPU draws beside all that is simulated, on a machine with few processors."""
+
+
 @contextmanager
 def served(folder: Path, *options: str) -> Iterator[str]:
     """Where the page is; its records go into the folder."""
     command = [sys.executable, "-c", HEEDING_CTRL_C, "serve", "--port", "0", "--no-browser"]
+    (rig := folder.with_name(f"{folder.name}.toml")).write_text(RIG)
     poses = folder.with_name(f"{folder.name}-poses")
     process = subprocess.Popen(
-        [*command, "--seed", "1", "--out", str(folder), "--poses", str(poses), *options],
+        [
+            *command,
+            "--seed",
+            "1",
+            "--out",
+            str(folder),
+            "--poses",
+            str(poses),
+            "--rig",
+            str(rig),
+            *options,
+        ],
         stdout=subprocess.PIPE,
         text=True,
         env=with_tests(COLUMNS="200", TERM="dumb"),

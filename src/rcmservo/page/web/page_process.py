@@ -73,7 +73,11 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
     )
     pages.on_startup(pictures.pump)
     settings = uvicorn.Config(
-        app, log_level="warning", ws_max_size=65536, timeout_graceful_shutdown=GRACE
+        app,
+        log_level="warning",
+        ws_max_size=65536,
+        ws_per_message_deflate=False,  # a JPEG gets no smaller
+        timeout_graceful_shutdown=GRACE,
     )
     asyncio.run(until_told(settings, listening, control))
 

@@ -14,8 +14,11 @@ from rcmservo.interfaces import Camera, Frame
 from rcmservo.page.board import Board, Table
 from rcmservo.tracking import encode_image
 
-LOOK = 0.004
+LOOK = 0.006
 """s between looks at the camera."""
+PACE = 0.025
+"""s from picture to picture at least: 60 a second are for the servo, and half of them for the
+eye."""
 WITHOUT = 0.05
 """s after which what there is to tell is told without a new picture."""
 KEPT = 12
@@ -42,31 +45,39 @@ class Pictures:
 
     def __init__(self, camera: Camera, board: Board) -> None:
         self._camera, self._board = camera, board
-        self._frame: Frame | None = None
-        self._encoded: OrderedDict[int, bytes] = OrderedDict()
+        self._frames: OrderedDict[int, Frame] = OrderedDict()
         self._shown, self._new = ShownPicture(), asyncio.Event()
 
     async def pump(self) -> None:
-        """Encode picture after picture, and keep the board new."""
+        """Keep the board new, and encode picture after picture."""
+        loop, due = asyncio.get_running_loop(), 0.0
         while True:
-            frame = self._camera.latest()
-            if frame is not None and frame is not self._frame and frame.image is not None:
-                self._frame = frame
-                self._encoded[frame.number] = await asyncio.to_thread(encode_image, frame.image)
-                while len(self._encoded) > KEPT:
-                    self._encoded.popitem(last=False)
+            self._take()
             self._board.look()
-            self._choose()
+            frame = self._chosen() if loop.time() >= due else None
+            if frame is not None and frame.image is not None:
+                due, table = loop.time() + PACE, self._board.table()
+                jpeg = await asyncio.to_thread(encode_image, frame.image)
+                self._show(frame.number, jpeg, table)
             await asyncio.sleep(LOOK)
 
-    def _choose(self) -> None:
-        """Show the picture that the servo has used last, or the newest."""
-        newest = next(reversed(self._encoded), -1)
-        number = self._board.frame if self._board.frame in self._encoded else newest
-        if number == self._shown.number or number < 0:
-            return
-        jpeg = self._board.picture = self._encoded[number]
-        table = self._board.table()
+    def _take(self) -> None:
+        frame = self._camera.latest()
+        if frame is not None and frame.image is not None and frame.number not in self._frames:
+            self._frames[frame.number] = frame
+            while len(self._frames) > KEPT:
+                self._frames.popitem(last=False)
+
+    def _chosen(self) -> Frame | None:
+        """The frame that the servo has used last, or the newest where it has used none of late;
+        None where that is shown already."""
+        number, oldest = self._board.frame, next(iter(self._frames), -1)
+        if number < oldest:
+            number = next(reversed(self._frames))
+        return None if number == self._shown.number else self._frames.get(number)
+
+    def _show(self, number: int, jpeg: bytes, table: Table) -> None:
+        self._board.picture = jpeg
         self._shown = ShownPicture(self._shown.count + 1, number, jpeg, table)
         self._new.set()
         self._new = asyncio.Event()

@@ -5,7 +5,7 @@
 // rcm.changed(f) have f() called when there may be something to show anew
 // rcm.say(m)     say a message, which counts while rcm.board is fresh
 // rcm.url(path)  where something can be fetched
-const AGAIN = 500, FRESH = 60, PRESSED = 500; // ms
+const AGAIN = 500, FRESH = 60, PRESSED = 500, SHOWN = 80; // ms
 
 export function connect(site) {
   const listeners = [], showers = [];
@@ -14,7 +14,11 @@ export function connect(site) {
   rcm.url = (path) => `${path}${path.includes("?") ? "&" : "?"}secret=${secret}`;
   rcm.told = (f) => listeners.push(f);
   rcm.changed = (f) => showers.push(f);
-  const show = () => { for (const f of showers) f(); };
+  let shown = 0;
+  const show = () => {
+    shown = performance.now();
+    for (const f of showers) f();
+  };
   rcm.show = show;
 
   // A websocket that is opened again whenever it is gone.
@@ -57,7 +61,7 @@ export function connect(site) {
     const jpeg = data.slice(4 + length);
     sayPressed();
     for (const f of listeners) f(rcm.board, jpeg);
-    show();
+    if (rcm.heard - shown > SHOWN) show();
   });
 
   rcm.say = (message) => operate.say(JSON.stringify({ ...message, at: rcm.board.at }));
