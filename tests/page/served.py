@@ -10,7 +10,6 @@ from pathlib import Path
 
 from conftest import HEEDING_CTRL_C, with_tests
 
-
 RIG = "[camera]\nframe_rate = 30.0\n"
 """A browser without a GPU draws beside all that is simulated, on a machine with few processors."""
 
