@@ -214,6 +214,7 @@ def test_a_stopped_run_is_opened_looked_through_and_downloaded(
         person.jog("Jog joint 1 plus", 1.0)
         page.keyboard.press("Space")
         person.until("rcm.board.phase === 'FAULT'")
+        page.get_by_role("tab", name="Runs").click()
         page.get_by_role("button", name="session-1").click(timeout=PATIENCE)
         slider = page.get_by_label("Time in the past run")
         slider.wait_for(timeout=PATIENCE)
