@@ -17,6 +17,10 @@ from rcmservo.page.board import Board
 from rcmservo.page.desk import Desk
 from rcmservo.page.seen.curves import NAMES
 from rcmservo.page.seen.shape import Shape
+from rcmservo.sim import RigSettings
+from rcmservo.sim.body import Body
+from rcmservo.sim.processes.motion_log import MotionLog
+from rcmservo.sim.processes.true_error import TrueError
 
 
 def seen(
@@ -101,6 +105,22 @@ def test_the_curves_tell_the_loops_numbers_and_how_late_it_was_at_worst() -> Non
     assert np.nanmedian(ratio) == pytest.approx(1.0, abs=0.1)
     assert len(board.curves.after(board.curves.count - 3)) == 3
     assert not board.curves.after(10**9)
+
+
+def test_the_true_pose_error_is_that_of_the_targets_joints_and_none_where_nobody_knows() -> None:
+    lab, settings = laboratory(), RigSettings()
+    log = MotionLog(get_context("spawn"))
+    log.add(0, 0, 0, False, np.zeros(3), lab.rig.scene.start)
+    desk = Desk(get_context("spawn"))
+    board = board_at(desk, target=lab.target, truth=TrueError(settings, log))
+    body = Body(settings.mechanism, settings.tool)
+    off = body.points(lab.rig.scene.start)[1] - body.points(lab.target.q)[1]
+    assert board.table()["truth_mm"] == pytest.approx(np.linalg.norm(off), abs=1e-3)
+    log.add(0, 0, 0, False, np.zeros(3), lab.target.q)
+    assert board.table()["truth_mm"] == 0.0
+    assert board_at(desk, target=lab.target).table()["truth_mm"] is None
+    unknown = replace(lab.target, q=np.full(3, np.nan))
+    assert board_at(desk, target=unknown, truth=board.truth).table()["truth_mm"] is None
 
 
 def test_the_tool_in_space_is_where_its_markers_are() -> None:

@@ -2,6 +2,7 @@
 
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -27,6 +28,8 @@ NOTES = 20
 """Sentences that are kept."""
 
 Table = dict[str, Any]
+Truth = Callable[[Floats], float]
+"""The true pose error, mm, of a target by the joints (3,) at which it was shown."""
 
 
 @dataclass
@@ -55,6 +58,8 @@ class Board:
     """The loop's last seconds."""
     shape: Shape | None = None
     """What the tool is, where that is to be drawn."""
+    truth: Truth | None = None
+    """What tells how far the tool truly is from a target; None where nobody knows."""
     count: int = -1
     """That of the newest tick taken."""
     picture: bytes = b""
@@ -116,6 +121,7 @@ class Board:
             "target": None if target is None else pairs(target.points.ravel()),
             "tool": self._tool(tick.get("q")),
             "tool_target": self._tool(None if target is None else target.q),
+            "truth_mm": self._true_error(target),
             "at": self.looked,
             "poses": sorted(self.poses.targets),
             "refused_poses": self.poses.refused,
@@ -124,6 +130,11 @@ class Board:
             "standing": self._standing(),
             "notes": list(self.notes)[-3:],
         }
+
+    def _true_error(self, target: Target | None) -> float | None:
+        if self.truth is None or target is None or not np.isfinite(target.q).all():
+            return None
+        return round(self.truth(target.q), 4)
 
     def _standing(self) -> str:
         """How the estimator stands, in words; empty where no servo looks."""

@@ -40,6 +40,7 @@ from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
 
 if TYPE_CHECKING:
+    from rcmservo.page.board import Truth
     from rcmservo.page.desk import Desk
     from rcmservo.page.settings import Chosen
 
@@ -114,6 +115,8 @@ class Behind:
     """Lets something go wrong, and says in words what began."""
     troubles: tuple[dict[str, Any], ...] = ()
     """What can go wrong."""
+    truth: "Truth | None" = None
+    """Tells the true pose error, where there is one who knows it."""
 
 
 @contextlib.contextmanager
@@ -123,6 +126,7 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
     from rcmservo.sim.processes.bench import Bench
     from rcmservo.sim.processes.trouble import Mischief, menu
     from rcmservo.sim.processes.trouble import chosen as trouble_of
+    from rcmservo.sim.processes.true_error import TrueError
     from rcmservo.sim.rig import Rig
     from rcmservo.sim.rig_file import rig_settings
 
@@ -153,7 +157,8 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
         title = f"simulated arm, seed {options.seed}"
         setup = setup_of(Rig(options.seed, bench.settings, pictures=False), lab)
         camera, troubles = partial(RingCamera, bench.ring), tuple(menu())
-        yield Behind(title, camera, session, bench.off, setup, chosen, befall, troubles)
+        truth = TrueError(bench.settings, bench.log)
+        yield Behind(title, camera, session, bench.off, setup, chosen, befall, troubles, truth)
 
 
 def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
@@ -199,7 +204,7 @@ def _served(
         doors = Doors(port, drawn_secret())
         title, poses = f"rcmservo: {behind.title}", PoseFolder(options.poses, behind.setup)
         shape = Shape.of(behind.chosen.servo)
-        given = behind.chosen, poses, shape, runs, behind.troubles
+        given = behind.chosen, poses, shape, runs, behind.troubles, behind.truth
         site = Site(title, behind.camera, doors, stop_port, *given)
         needed: dict[int, str] = {}
         for name, work, given in (

@@ -39,7 +39,11 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
     """Be the page until the other end of `control` speaks or is gone."""
     poses = Poses(site.poses)
     poses.read()
-    board, who, doors = Board(desk, poses, shape=site.shape), Control(), site.doors
+    board, who, doors = (
+        Board(desk, poses, shape=site.shape, truth=site.truth),
+        Control(),
+        site.doors,
+    )
     pictures = Pictures(site.camera(), board)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(NAMES))

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from rcmservo.interfaces import Camera
+from rcmservo.page.board import Truth
 from rcmservo.page.poses import PoseFolder
 from rcmservo.page.seen.shape import Shape
 from rcmservo.page.settings import Chosen
@@ -34,3 +35,5 @@ class Site:
     """Folder of all runs."""
     troubles: tuple[dict[str, Any], ...] = ()
     """What can go wrong on request; none but in simulation."""
+    truth: Truth | None = None
+    """Tells the true pose error; None but in simulation."""

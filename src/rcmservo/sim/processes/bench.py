@@ -13,8 +13,6 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rcmservo.errors import UnusableFile
 from rcmservo.live.arm_link import RemoteArm, shown_and_brought_back
 from rcmservo.live.child import END, Child
@@ -22,11 +20,11 @@ from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
-from rcmservo.sim.body import Body
 from rcmservo.sim.processes.arm_process import emulate
 from rcmservo.sim.processes.camera_process import film
 from rcmservo.sim.processes.motion_log import MotionLog, stopped
 from rcmservo.sim.processes.trouble import Mischief
+from rcmservo.sim.processes.true_error import TrueError
 from rcmservo.sim.rig import RigSettings
 from rcmservo.tracking import ColourMarkers, MarkerLook
 
@@ -104,9 +102,7 @@ class Bench:
 
     def error(self) -> float:
         """‖p₂ − p_d‖ mm, by the truth: how far the tool is from where it was shown."""
-        body = Body(self.settings.mechanism, self.settings.tool)
-        now, shown = (body.points(q)[1] for q in (self.log.last()["q"], self.target))
-        return float(np.linalg.norm(now - shown))
+        return TrueError(self.settings, self.log)(self.target)
 
 
 def _short(folder: Path) -> Path:

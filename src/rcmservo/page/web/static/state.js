@@ -86,7 +86,8 @@ function errors(board) {
   if (!Array.isArray(board.delta) || board.delta.includes(null)) return "exploring";
   const [s, r, d] = board.delta;
   const degrees = (s * 180 / Math.PI).toFixed(2);
-  return `Δs ${degrees}°  Δr ${r.toFixed(1)} px  Δd ${d.toFixed(1)} px`;
+  const truth = board.truth_mm == null ? "" : `  truth: ${board.truth_mm.toFixed(2)} mm off`;
+  return `Δs ${degrees}°  Δr ${r.toFixed(1)} px  Δd ${d.toFixed(1)} px${truth}`;
 }
 
 // Whether a button that says something can be pressed.

@@ -1,0 +1,20 @@
+"""How far the tool truly is from a target, by what only the simulation knows."""
+
+import numpy as np
+
+from rcmservo.interfaces import Floats
+from rcmservo.sim.body import Body
+from rcmservo.sim.processes.motion_log import MotionLog
+from rcmservo.sim.rig import RigSettings
+
+
+class TrueError:
+    """‖p₂ − p_d‖ mm for the joints (3,) at which a target was shown. It is handed to a process when
+    that is started."""
+
+    def __init__(self, settings: RigSettings, log: MotionLog) -> None:
+        self._body, self._log = Body(settings.mechanism, settings.tool), log
+
+    def __call__(self, shown: Floats) -> float:
+        now, there = (self._body.points(q)[1] for q in (self._log.last()["q"], shown))
+        return float(np.linalg.norm(now - there))
