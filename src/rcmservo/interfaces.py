@@ -94,6 +94,9 @@ class Observation:
     """False once a record that was asked for is no longer written."""
     sizes: Floats = field(default_factory=lambda: np.full(2, np.nan))
     """The markers' apparent radii (2,) px, NaN where lost or not known."""
+    quality: Floats = field(default_factory=lambda: np.full(2, np.nan))
+    """How well the tracker saw the markers (2,), from 0 (lost) to 1; NaN where not known. It is for
+    people: no motion is decided by it."""
 
 
 @dataclass(frozen=True, eq=False)

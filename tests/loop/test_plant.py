@@ -226,3 +226,26 @@ def test_a_marker_where_no_camera_has_a_pixel_is_a_lost_one(far: float) -> None:
     assert seen.points[0].tolist() == [300.0, 200.0] and seen.sizes[0] == 9.0
     assert np.isnan(seen.points[1]).all() and np.isnan(seen.sizes[1])
     assert points[1, 1] == far
+
+
+def test_an_observation_tells_how_well_each_marker_was_seen_and_0_of_a_lost_one() -> None:
+    lab = laboratory()
+
+    class Telling(rs.tracking.PointMarkers):
+        told: Any = np.array([0.9, 0.4])
+
+        def find(self, frame: rs.Frame) -> rs.Markers:
+            lost = np.array([[1.0, 1.0], [np.nan, np.nan]])
+            found = super().find(frame)
+            return replace(found, points=found.points * lost, quality=self.told)
+
+    plant = rs.Plant(lab.rig.arm, lab.rig.camera, Telling(), lab.rig.clock)
+    for _ in rs.ticks(plant.clock, duration=0.2):
+        seen = plant.read()
+    assert seen.quality.tolist() == [0.9, 0.0]
+    plant.reset()
+    assert np.isnan(plant.read().quality).all()
+    Telling.told = np.zeros(3)  # of no use
+    for _ in rs.ticks(plant.clock, duration=0.2):
+        seen = plant.read()
+    assert np.isnan(seen.quality).all()

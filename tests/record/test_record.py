@@ -105,6 +105,7 @@ def told(tick: rs.Tick) -> dict[str, Any]:
         "command_enabled": state.command.enabled,
         "applied": tick.applied,
         "jog": tick.jog,
+        "quality": tick.seen.quality,
     }
 
 

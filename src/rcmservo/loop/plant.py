@@ -67,7 +67,7 @@ class Plant:
         self._dropped = Dropped.NONE
         self._past: deque[tuple[int, Floats]] = deque(maxlen=JOINT_HISTORY)
         self._began = 0
-        self._sizes = np.full(2, np.nan)
+        self._sizes, self._quality = np.full(2, np.nan), np.full(2, np.nan)
         self._q_exposure = np.full(3, np.nan)
         self._applied = np.zeros(3)
 
@@ -100,6 +100,7 @@ class Plant:
             dropped=self._dropped,
             recorded=self.recorded(),
             sizes=self._sizes,
+            quality=self._quality,
         )
 
     def reset(self) -> None:
@@ -113,7 +114,7 @@ class Plant:
         self._past.clear()
         self.markers = self.frame = None
         self._dropped = Dropped.NONE
-        self._sizes = np.full(2, np.nan)
+        self._sizes, self._quality = np.full(2, np.nan), np.full(2, np.nan)
         self._q_exposure = np.full(3, np.nan)
 
     def send(self, command: Command) -> Floats:
@@ -171,7 +172,7 @@ class Plant:
         if "find" in self._new:
             self._meet(self.tracker, "find", markers)
         self.markers, self.frame = replace(markers, points=_points(markers)), frame
-        self._sizes = _sizes(self.markers)
+        self._sizes, self._quality = _sizes(self.markers), _quality(self.markers)
         self._q_exposure = self._joints_at(frame.exposure)
 
     def _wrong(self, frame: Frame) -> Dropped:
@@ -211,6 +212,14 @@ def _sizes(markers: Markers) -> Floats:
     """The markers' apparent radii (2,) px, NaN for one that is lost."""
     seen = np.isfinite(markers.points).all(axis=1)
     return np.where(seen, markers.radius, np.nan)
+
+
+def _quality(markers: Markers) -> Floats:
+    """How well the markers were seen (2,), 0 for one that is lost; NaN of a tracker that tells none
+    of use."""
+    seen = np.isfinite(markers.points).all(axis=1)
+    told = np.asarray(markers.quality, dtype=np.float64)
+    return np.where(seen, told, 0.0) if told.shape == (2,) else np.full(2, np.nan)
 
 
 def _shape(frame: Frame) -> tuple[int, ...] | None:

@@ -115,6 +115,7 @@ class Board:
             "points": pairs(tick.get("points")),
             "ghost": pairs(ghost(tick)),
             "y": plain(tick.get("y")),
+            "quality": plain(tick.get("quality")),
             "rcm": plain(tick.get("o_c")),
             "delta": plain(tick.get("delta")),
             "q": plain(tick.get("q")),

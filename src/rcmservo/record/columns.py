@@ -20,6 +20,7 @@ SPEED = ("x [mm/s]", "y [mm/s]", "z [mm/s]")
 FEATURES = ("s [rad]", "r [px]", "d [px]")
 PIXEL = ("u [px]", "v [px]")
 SIZES = ("m1 [px]", "m2 [px]")
+QUALITY = ("m1 [1]", "m2 [1]")
 MARKERS = ("m1_u [px]", "m1_v [px]", "m2_u [px]", "m2_v [px]")
 JACOBIAN = tuple(
     f"{y}_{x} [{unit}/mm]" for y, unit in (("s", "rad"), ("r", "px"), ("d", "px")) for x in "xyz"
@@ -88,11 +89,12 @@ REALS = (
     Column("applied", RATES, at("applied")),
     Column("sizes", SIZES, at("seen.sizes")),
     Column("jog", RATES, at("jog")),
+    Column("quality", QUALITY, at("seen.quality")),
 )
 """A tick's other numbers. `applied_before` are the rates that the observation tells, `applied`
 those that the arm took of the command, `jog` those that a person asked for who moves the joints."""
 
-LATER = ("sizes",), ("jog",)
+LATER = ("sizes",), ("jog",), ("quality",)
 """Those of them that came with one version after the other: NaN where a record without them is
 read."""
 

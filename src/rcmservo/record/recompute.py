@@ -171,6 +171,7 @@ def _observation(then: Record, i: int) -> Observation:
         dropped=then.named(Dropped, "dropped", i),
         recorded=bool(ticks["recorded"][i, 0]),
         sizes=ticks["sizes"][i],
+        quality=ticks["quality"][i],
     )
 
 

@@ -30,7 +30,10 @@ export function paint(canvas, image, board) {
   if (board.target) tool(pen, board.target, board.rcm, BLACK, size, ["", ""]);
   if (board.ghost) board.ghost.filter(known).forEach((point) => ghost(pen, point, size));
   if (board.points) {
-    tool(pen, board.points, board.rcm, BLUE, size, ["m₁", "m₂"]);
+    tool(pen, board.points, board.rcm, BLUE, size, ["m₁", "m₂"].map((name, i) => {
+      const quality = board.quality ? board.quality[i] : null;
+      return quality === null ? name : `${name} ${(100 * quality).toFixed(0)} %`;
+    }));
     features(pen, board, size);
   }
   rcmMark(pen, board.rcm, canvas, size);
