@@ -89,6 +89,7 @@ class AtThePage:
         raise AssertionError(f"{what} never came: {board}")
 
 
+@pytest.mark.slow
 @pytest.mark.alone
 def test_from_the_page_to_the_fault_and_its_way_out(tmp_path: Path) -> None:
     with served(tmp_path / "out") as address:
