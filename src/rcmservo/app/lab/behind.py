@@ -55,6 +55,6 @@ def first_words(servo: Servo) -> str:
     """What happens once the drive is on, as the page's person decides it."""
     return (
         "Enable switches the drive on, and the tool stands, paused. Nothing moves before you hold "
-        "a jog button or go to a pose; the first time that goes a little about its start before, so "
-        f"that marker 1 goes at most {servo.exploration.reach:g} mm from corner to corner."
+        "a jog button or go to a pose; the first time that goes a little about its start before, "
+        f"so that marker 1 goes at most {servo.exploration.reach:g} mm from corner to corner."
     )
