@@ -1,4 +1,4 @@
-"""A person is asked at the page where the arm stands: only what answers this question, and was read,
+"""A person is asked at the page where the arm stands: what answers this question, and was read,
 counts, within the limits, and agreed to."""
 
 from multiprocessing import get_context
