@@ -15,6 +15,7 @@ import numpy as np
 
 from rcmservo.errors import require
 from rcmservo.interfaces import Frame, Image
+from rcmservo.live.lab import CameraAccount, LabCamera
 
 SLOTS = 8
 HEAD = struct.Struct("<qqqqI4x")
@@ -92,3 +93,28 @@ class RingCamera:
             np.frombuffer(pixels, np.uint8).reshape(self._ring.shape) if good else None
         )
         self._count, self._frame = count, Frame(head[1], head[2], head[3], image=image)
+
+
+class ShownCamera:
+    """A camera whose frames can be seen in a ring too. They are put there by whoever looks, in the
+    thread that tracks. A picture of another size is not shown."""
+
+    def __init__(self, camera: LabCamera, ring: FrameRing) -> None:
+        self._camera, self._ring = camera, ring
+        self._shown: Frame | None = None
+
+    def latest(self) -> Frame | None:
+        frame = self._camera.latest()
+        if frame is not None and frame is not self._shown:
+            self._shown = frame
+            if frame.image is not None and frame.image.shape == self._ring.shape:
+                self._ring.publish(frame)
+        return frame
+
+    def account(self) -> CameraAccount:
+        """What became of its frames so far."""
+        return self._camera.account()
+
+    def close(self) -> None:
+        """Let it go."""
+        self._camera.close()

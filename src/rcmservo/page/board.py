@@ -167,6 +167,8 @@ class Board:
                 "ways": [*(["clear"] if between.clears else [])],
                 "ready": between.ready,
                 "clears": between.clears,
+                "intent": between.intent,
+                "asks": between.asks,
             }
         phase, cause = Phase[self.tick["phase"]], Cause[self.tick["cause"]]
         return {
@@ -178,6 +180,8 @@ class Board:
             "ways": ways(phase, cause),
             "ready": False,
             "clears": phase is Phase.FAULT,
+            "intent": "",
+            "asks": "",
         }
 
 

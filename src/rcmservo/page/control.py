@@ -18,6 +18,7 @@ from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
 from rcmservo.page.settings import change_of
 from rcmservo.page.wants import (
+    Answer,
     Beat,
     Change,
     Delete,
@@ -131,7 +132,7 @@ def _told(do: object, message: dict[str, Any], pose: Callable[[str], Target | No
         return NAMED[do](_name(message.get("name")))
     if do in PLAIN:
         return PLAIN[do]
-    if do in (read := {"jog": _held, "set": _change, "trouble": _wrong}):
+    if do in (read := {"jog": _held, "set": _change, "trouble": _wrong, "answer": _answer}):
         return read[do](message)
     raise Unheeded(f"nobody knows what {do[:NAME]!r} is")
 
@@ -165,6 +166,14 @@ def _change(message: dict[str, Any]) -> Change:
 def _wrong(message: dict[str, Any]) -> Wrong:
     try:
         return decode(Wrong, {"what": message.get("what")}, "trouble")
+    except BadInput as error:
+        raise Unheeded(str(error)) from error
+
+
+def _answer(message: dict[str, Any]) -> Answer:
+    try:
+        told = {key: message.get(key) for key in ("question", "words")}
+        return decode(Answer, told, "answer")
     except BadInput as error:
         raise Unheeded(str(error)) from error
 

@@ -18,15 +18,15 @@ from rcmservo.servo.servo import Servo
 STILL = np.zeros(3)
 
 
-def await_enable(desk: Desk, servo: Servo, plant: Plant) -> Target:
-    """Show what is seen until the person wants the drive on; the pose in which the tool then is, as
-    the first target."""
+def await_enable(desk: Desk, servo: Servo, intent: str, plant: Plant) -> Target:
+    """Show what is seen, and tell what is going to happen, until the person wants the drive on; the
+    pose in which the tool then is, as the first target."""
     assert isinstance(plant, HeartbeatPlant)
     desk.said.put(InForce(replace(servo)))
     servo.warm_up()  # so that the drive goes on soon once it is wanted, whatever was set
     state, schedule = servo.init(), ticks(plant.clock, servo.rate)
     list(desk.wants.heard())  # what was wanted of a session that is over
-    desk.said.put(Between("the drive is off", ready=True))
+    desk.said.put(Between("the drive is off", ready=True, intent=intent))
     while True:
         now = next(schedule)
         go_on(plant.told_to_end)

@@ -75,6 +75,8 @@ class Sessions:
             return str(error)
         if result.timing is None:
             return result.outcome.cause
+        if result.why_off:
+            return f"the session is over: {result.why_off}"
         self._desk.said.put(Note("the session is over, and the drive off"))
         return ""
 

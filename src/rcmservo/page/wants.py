@@ -88,7 +88,22 @@ class Wrong:
         require(good, "what", self.what[:40], "a disturbance of at most 200 characters")
 
 
-Told = Enable | Go | TeachAs | Delete | Held | Beat | Released | Change | Request | Wrong
+@dataclass(frozen=True)
+class Answer:
+    """What a person answers to a question."""
+
+    question: str
+    """Which one, in its words: an answer to another one counts for nothing."""
+    words: str
+    """The answer."""
+
+    def __post_init__(self) -> None:
+        for name, text, most in (("question", self.question, 400), ("words", self.words, 100)):
+            good = len(text) <= most and text.isprintable()
+            require(good, name, text[:40], f"one line of at most {most} characters")
+
+
+Told = Enable | Go | TeachAs | Delete | Held | Beat | Released | Change | Request | Wrong | Answer
 """What comes from a browser."""
 
 
@@ -112,6 +127,10 @@ class Between:
     """Whether it stays so until the person clears it,"""
     clears: bool = False
     """and whether that can be done now."""
+    intent: str = ""
+    """What is going to happen once the drive is on."""
+    asks: str = ""
+    """What the person is asked; empty where that is nothing."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,6 +102,11 @@ def setup_of(lab: Lab, plant: Plant) -> Setup:
     image = None if frame is None else frame.image
     assert image is not None
     height, width = image.shape[:2]
+    return setup_at(lab, width, height)
+
+
+def setup_at(lab: Lab, width: int, height: int) -> Setup:
+    """The same, by the pictures' size in px."""
     told = {key: value for key, value in lab.devices["camera"].items() if key != "latency"}
     name = json.dumps(told, sort_keys=True)
     slack = lab.thresholds.slack

@@ -183,6 +183,16 @@ def require_devices(lab: Lab, rig: Path, digest: str) -> None:
 
 def intent(job: HardwareJob, servo: Servo, share: float) -> str:
     """What is going to happen once the drive is on, in words."""
+    return (
+        f"Once the drive is on the servo moves it for at most {job.duration:g} s: first a little "
+        f"about its start, so that marker 1 goes at most {servo.exploration.reach:g} mm from "
+        f"corner to corner, and then to the target. {bounds(job, servo, share)} Ctrl-C brings "
+        "it to rest; have the emergency stop at hand."
+    )
+
+
+def bounds(job: HardwareJob, servo: Servo, share: float) -> str:
+    """How fast and how far joints go, in words."""
     x, y, z = servo.gate.speed
     lower, upper = servo.mechanism.limits.arrays
     why = (
@@ -192,12 +202,8 @@ def intent(job: HardwareJob, servo: Servo, share: float) -> str:
         else f"the full speed, as `rcmservo rig check` has passed for {job.rig}"
     )
     return (
-        f"Once the drive is on the servo moves it for at most {job.duration:g} s: first a little "
-        f"about its start, so that marker 1 goes at most {servo.exploration.reach:g} mm from "
-        f"corner to corner, and then to the target. No joint goes faster than {x:g} rad/s, "
-        f"{y:g} rad/s and {z:g} mm/s, {why}. None leaves its limits: "
-        f"{words_of(lower, job.lab)} to {words_of(upper, job.lab)}. Ctrl-C brings it to rest; "
-        "have the emergency stop at hand."
+        f"No joint goes faster than {x:g} rad/s, {y:g} rad/s and {z:g} mm/s, {why}. None leaves "
+        f"its limits: {words_of(lower, job.lab)} to {words_of(upper, job.lab)}."
     )
 
 

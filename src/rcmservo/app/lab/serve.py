@@ -1,8 +1,9 @@
-"""`rcmservo serve`: the operator's page in the browser, before a simulated arm and its camera.
+"""`rcmservo serve`: the operator's page in the browser, before a simulated arm and its camera, or a
+laboratory's.
 
 serve ─┬─► page process     what the person sees and wants
        ├─► stop process     STOP, straight back to here
-       ├─► bench            the simulated arm and its camera
+       ├─► bench            the simulated arm and its camera, where there are no others
        └─► servo process    one session after the other
 """
 
@@ -12,6 +13,7 @@ import json
 import time
 import webbrowser
 from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from multiprocessing import get_context
@@ -22,42 +24,33 @@ from rich.live import Live
 from rich.text import Text
 
 from rcmservo.app.folders import new_folder
+from rcmservo.app.lab.behind import LONGEST, PICTURES, Behind, first_words, recorder
+from rcmservo.app.lab.live_on_hardware import HardwareJob, require_devices
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.preparing import compiling, simulator
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.terminal import console
-from rcmservo.config.rig_file import Lab, load_lab
-from rcmservo.config.target_file import Setup
+from rcmservo.config.checked import digest_of
+from rcmservo.config.rig_file import Lab, bytes_of, lab_of
 from rcmservo.errors import RcmServoError, require
-from rcmservo.interfaces import Camera
 from rcmservo.live.child import Child
 from rcmservo.live.frame_ring import RingCamera
 from rcmservo.live.servo_process import Session
-from rcmservo.live.supervisor import SwitchOff
 from rcmservo.live.told_to_end import stopped_by_signals
 from rcmservo.record.reader import RECORD
-from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
 
 if TYPE_CHECKING:
-    from rcmservo.page.board import Truth
     from rcmservo.page.desk import Desk
-    from rcmservo.page.settings import Chosen
 
 TROUBLE = "trouble.jsonl"
 """In the folder of the records: what went wrong on request, and when."""
 
-LONGEST = 3600.0
-"""s of a session."""
-
-PICTURES = 5.0
-"""Pictures that a record gets, 1/s."""
-
 
 @dataclass(frozen=True)
 class ServeOptions:
-    """The operator's page at 127.0.0.1: see, teach, go, stop. The arm and its camera are simulated.
-    It serves until Ctrl-C."""
+    """The operator's page at 127.0.0.1: see, teach, go, stop. The arm and its camera are simulated,
+    unless the rig file names an arm. It serves until Ctrl-C."""
 
     port: int = 8080
     """Where the page is; 0 takes a port that is free."""
@@ -68,7 +61,8 @@ class ServeOptions:
     estimator: EstimatorName = "dlt"
     """How the Jacobian is learnt; as of `rcmservo run`."""
     rig: OptionalPath = None
-    """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene."""
+    """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene; or with
+    your own devices, [arm] and [camera] with a kind."""
     poses: Path = Path("runs/poses")
     """Folder with the poses that are taught on the page, in the files that --target takes."""
     out: OptionalPath = None
@@ -82,41 +76,32 @@ def serve(options: ServeOptions) -> int:
     require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
     right = "a whole number from 0 to 65535"
     require(0 <= options.port < 65536, "--port", options.port, right)
-    lab = Lab() if options.rig is None else load_lab(options.rig)
-    right = "one without [arm]: the page has no hardware yet, see rcmservo live"
-    require("arm" not in lab.devices, "--rig", options.rig, right)
-    servo, out = options.boxes.servo(options.estimator, lab), console(False)
-    line = Live(Text(""), console=out, refresh_per_second=8, transient=True)
-    with simulator("serve"), new_folder(options.out, f"serve-seed{options.seed}") as folder:
+    data = b"" if options.rig is None else bytes_of(options.rig)
+    lab = Lab() if options.rig is None else lab_of(options.rig, data)
+    servo = options.boxes.servo(options.estimator, lab)
+    if options.rig is not None and "arm" in lab.devices:
+        right = f"left out: nothing is simulated of {options.rig}"
+        require(options.seed == 0, "--seed", options.seed, right)
+        require_devices(lab, options.rig, digest := digest_of(data))
+        job = HardwareJob(servo, options.estimator, LONGEST, lab, options.rig, digest, Path())
+        with _page("serve"):
+            from rcmservo.app.lab.page_rig import hardware
+        return _kept(options, "serve-hardware", servo, hardware(job))
+    with simulator("serve"):
+        return _kept(options, f"serve-seed{options.seed}", servo, _bench(options, lab, servo))
+
+
+def _kept(
+    options: ServeOptions, name: str, servo: Servo, devices: AbstractContextManager[Behind]
+) -> int:
+    """Serve with everything compiled, and keep the records in a folder."""
+    line = Live(Text(""), console=console(False), refresh_per_second=8, transient=True)
+    with new_folder(options.out, name) as folder:
         with line, compiling(line):
             servo.warm_up()
-        with contextlib.suppress(KeyboardInterrupt), _bench(options, lab, servo) as behind:
+        with contextlib.suppress(KeyboardInterrupt), devices as behind:
             _serve(options, behind, folder)
     return 0
-
-
-@dataclass(frozen=True)
-class Behind:
-    """What is behind the page."""
-
-    title: str
-    """What it is, in words."""
-    camera: Callable[[], Camera]
-    """Opens what the person sees, in the page's process."""
-    session: Callable[["Desk", Path], Session]
-    """Makes a session, recorded in a folder that is new."""
-    off: SwitchOff
-    """Has the drive switched off from outside of the session's process."""
-    setup: Setup
-    """What a pose is bound to."""
-    chosen: "Chosen"
-    """The servo, which the page may set anew for the sessions to come."""
-    befall: Callable[[str], str]
-    """Lets something go wrong, and says in words what began."""
-    troubles: tuple[dict[str, Any], ...] = ()
-    """What can go wrong."""
-    truth: "Truth | None" = None
-    """Tells the true pose error, where there is one who knows it."""
 
 
 @contextlib.contextmanager
@@ -144,7 +129,7 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
             return replace(
                 bench.session(limited, lab.markers, LONGEST, record, words),
                 recorder=partial(recorder, record, words),
-                target=partial(await_enable, desk, limited),
+                target=partial(await_enable, desk, limited, first_words(limited)),
                 operator=partial(PageOperator, desk, chosen),
                 pictures=PICTURES,
             )
@@ -234,12 +219,6 @@ def befallen(what: str, desk: "Desk", befall: Callable[[str], str], log: Path) -
             file.write(json.dumps({"time": time.monotonic_ns(), "what": words}) + "\n")
     except OSError as error:
         desk.said.put(Note(f"{log.name} cannot be written: {error.strerror}"))
-
-
-def recorder(path: Path, words: dict[str, Any]) -> Recorder:
-    """The record of a session, in a folder of its own, once there is something to record."""
-    path.parent.mkdir(parents=True)
-    return Recorder(path, words)
 
 
 def about(options: ServeOptions, lab: Lab, servo: Servo) -> dict[str, Any]:

@@ -13,6 +13,13 @@ BUTTONS = {
 }
 """What each button sends, its icon, and what it does in words."""
 
+ASKING = (
+    '<form id="asking" hidden><label for="answer" id="question"></label> '
+    '<input id="answer" type="text" maxlength="100" autocomplete="off"> '
+    '<button type="submit" data-do="answer" aria-label="Answer">Answer</button></form>'
+)
+"""What the person is asked before the drive can go on; static/asking.js fills it."""
+
 
 def status() -> None:
     """Phase, cause and way out, and the buttons."""
@@ -23,6 +30,8 @@ def status() -> None:
     )
     plain('<div id="standing"></div>')
     plain('<div id="unheard" role="alert"></div>')
+    plain('<div id="intent"></div>', "w-full")
+    plain(ASKING, "w-full")
     with ui.row().classes("rcm-tight"):
         for name, (do, icon, words) in BUTTONS.items():
             button(name, do, icon, words)

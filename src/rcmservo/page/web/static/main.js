@@ -1,5 +1,6 @@
 // The page in the browser: it draws what it is sent, and says what the person wants.
 import { connect } from "./wire.js";
+import * as asking from "./asking.js";
 import * as curves from "./curves.js";
 import * as jog from "./jog.js";
 import * as picture from "./picture.js";
@@ -12,5 +13,5 @@ import * as trouble from "./trouble.js";
 
 const rcm = connect(window.RCMSERVO);
 window.rcm = rcm;
-const parts = [state, picture, poses, jog, settings, curves, scene, runs, trouble];
+const parts = [state, asking, picture, poses, jog, settings, curves, scene, runs, trouble];
 for (const part of parts) part.start(rcm);

@@ -1,0 +1,92 @@
+"""A person is asked at the page where the arm stands: what answers this question, and was read,
+counts, within the limits, and agreed to."""
+
+from multiprocessing import get_context
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from conftest import laboratory
+from rcmservo.app.lab.at_the_arm import define
+from rcmservo.config.rig_file import Lab
+from rcmservo.interfaces import Measured
+from rcmservo.live.lab import Stopped
+from rcmservo.page.asking import READ, PagePerson
+from rcmservo.page.desk import Desk
+from rcmservo.page.wants import Answer, Between, Enable, Note
+
+
+class Page:
+    """A person who sees what is said and answers it after so many looks, and the servo's plant, in
+    no time at all."""
+
+    def __init__(self, *says: tuple[int, Any]) -> None:
+        self.desk, self.says, self.looks, self.now = Desk(get_context("spawn")), list(says), 0, 0
+        self.asked: list[Between] = []
+        self.notes: list[str] = []
+        self.defined: Any = None
+        clock: Any = SimpleNamespace(now=lambda: self.now, wait_until=self._wait)
+        self.plant: Any = SimpleNamespace(clock=clock, told_to_end=self._look, arm=self)
+
+    def _wait(self, time: int) -> None:
+        self.now = max(self.now, time)
+
+    def _look(self) -> bool:
+        for one in self.desk.said.heard():
+            if isinstance(one, Between):
+                self.asked.append(one)
+                self.looks = 0
+            if isinstance(one, Note):
+                self.notes.append(one.words)
+        self.looks += 1
+        if self.says and self.looks == self.says[0][0]:
+            told = self.says.pop(0)[1]
+            if isinstance(told, str):
+                told = Answer(self.asked[-1].asks, told)
+            assert self.desk.wants.put(told)
+        return self.looks > 500
+
+    def define(self, q: Any) -> None:
+        self.defined = q
+
+    def measure(self) -> Measured:
+        return Measured(0, self.defined, False)
+
+
+READ_BY = READ // 20_000_000 + 2
+"""Looks after which a question was read."""
+
+
+def test_joints_are_typed_within_limits_and_agreed_to_before_the_arm_is_told() -> None:
+    start = laboratory().rig.scene.start
+    typed = " ".join(f"{value:.4f}" for value in start)
+    page = Page(
+        (READ_BY, "here"),
+        (READ_BY, "9 0 100"),
+        (READ_BY, typed),
+        (READ_BY, "no"),
+        (READ_BY, typed),
+        (READ_BY, ""),
+    )
+    define(PagePerson(page.desk, page.plant), page.plant, Lab())
+    assert np.allclose(page.defined, start, atol=1e-4)
+    words = [one.words for one in page.asked]
+    assert "Bring the arm by hand to a mark" in words[0]
+    assert "three numbers (rad, rad, mm)" in words[1] and "within theta" in words[2]
+    assert [one.asks[:10] for one in page.asked] == ["The joints"] * 3 + [
+        "The arm st",
+        "The joints",
+        "The arm st",
+    ]
+
+
+@pytest.mark.parametrize(
+    "told", [(1, "0 0 100"), (READ_BY, Answer("Another?", "0 0 100")), (READ_BY, Enable())]
+)
+def test_what_was_said_too_soon_or_to_another_question_is_no_answer(told: Any) -> None:
+    page = Page(told)
+    with pytest.raises(Stopped):
+        PagePerson(page.desk, page.plant).ask("Where?")
+    assert page.notes == (["the drive is off: answer first"] if told[1] == Enable() else [])
