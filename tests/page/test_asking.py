@@ -15,7 +15,7 @@ from rcmservo.interfaces import Measured
 from rcmservo.live.lab import Stopped
 from rcmservo.page.asking import READ, PagePerson
 from rcmservo.page.desk import Desk
-from rcmservo.page.wants import Answer, Between, Enable, Note
+from rcmservo.page.wants import Between, Enable, Note, Reply
 
 
 class Page:
@@ -44,7 +44,7 @@ class Page:
         if self.says and self.looks == self.says[0][0]:
             told = self.says.pop(0)[1]
             if isinstance(told, str):
-                told = Answer(self.asked[-1].asks, told)
+                told = Reply(self.asked[-1].asks, told)
             assert self.desk.wants.put(told)
         return self.looks > 500
 
@@ -83,7 +83,7 @@ def test_joints_are_typed_within_limits_and_agreed_to_before_the_arm_is_told() -
 
 
 @pytest.mark.parametrize(
-    "told", [(1, "0 0 100"), (READ_BY, Answer("Another?", "0 0 100")), (READ_BY, Enable())]
+    "told", [(1, "0 0 100"), (READ_BY, Reply("Another?", "0 0 100")), (READ_BY, Enable())]
 )
 def test_what_was_said_too_soon_or_to_another_question_is_no_answer(told: Any) -> None:
     page = Page(told)

@@ -3,7 +3,7 @@
 from rcmservo.live.servo_process import HeartbeatPlant, go_on
 from rcmservo.loop.clock import ticks
 from rcmservo.page.desk import Desk
-from rcmservo.page.wants import Answer, Between, Note
+from rcmservo.page.wants import Between, Note, Reply
 
 READ = 500_000_000
 """ns that a person needs at least to read a question: what comes before was meant for another."""
@@ -31,7 +31,7 @@ class PagePerson:
         for _ in ticks(plant.clock, LOOKS):
             go_on(plant.told_to_end)
             for told in self._desk.wants.heard():
-                if not isinstance(told, Answer):
+                if not isinstance(told, Reply):
                     self._desk.said.put(Note("the drive is off: answer first"))
                 elif told.question == question and plant.clock.now() - asked >= READ:
                     return told.words.strip()

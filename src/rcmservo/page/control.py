@@ -18,7 +18,6 @@ from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
 from rcmservo.page.settings import change_of
 from rcmservo.page.wants import (
-    Answer,
     Beat,
     Change,
     Delete,
@@ -26,6 +25,7 @@ from rcmservo.page.wants import (
     Go,
     Held,
     Released,
+    Reply,
     TeachAs,
     Told,
     Wrong,
@@ -170,10 +170,10 @@ def _wrong(message: dict[str, Any]) -> Wrong:
         raise Unheeded(str(error)) from error
 
 
-def _answer(message: dict[str, Any]) -> Answer:
+def _answer(message: dict[str, Any]) -> Reply:
     try:
         told = {key: message.get(key) for key in ("question", "words")}
-        return decode(Answer, told, "answer")
+        return decode(Reply, told, "answer")
     except BadInput as error:
         raise Unheeded(str(error)) from error
 

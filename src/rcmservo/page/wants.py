@@ -89,7 +89,7 @@ class Wrong:
 
 
 @dataclass(frozen=True)
-class Answer:
+class Reply:
     """What a person answers to a question."""
 
     question: str
@@ -103,7 +103,7 @@ class Answer:
             require(good, name, text[:40], f"one line of at most {most} characters")
 
 
-Told = Enable | Go | TeachAs | Delete | Held | Beat | Released | Change | Request | Wrong | Answer
+Told = Enable | Go | TeachAs | Delete | Held | Beat | Released | Change | Request | Wrong | Reply
 """What comes from a browser."""
 
 

@@ -1,0 +1,161 @@
+"""`rcmservo serve --rig lab.toml` through the page's websockets, against the emulated controller
+and its camera. The emulator is asked over a connection of its own how the arm is."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from at_terminal import Laboratory, wait_for, words_of
+from page_forged import Holder
+from page_lab import awaited
+
+from conftest import HEEDING_CTRL_C, SMALL, with_tests
+from rcmservo.config.rig_file import load_lab
+from rcmservo.record.reader import read
+
+pytestmark = [pytest.mark.alone, pytest.mark.slow]
+
+
+@contextmanager
+def serving(lab: Laboratory, folder: Path) -> Iterator[tuple[Any, str]]:
+    """The command, and where its page is."""
+    out = "--out", str(folder / "out"), "--poses", str(folder / "poses")
+    command = [sys.executable, "-c", HEEDING_CTRL_C, "serve", "--port", "0", "--no-browser", *out]
+    process = subprocess.Popen(
+        [*command, "--rig", str(lab.lab())],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=with_tests(COLUMNS="300", TERM="dumb", XDG_STATE_HOME=str(folder)),
+    )
+    assert process.stdout is not None
+    try:
+        line = next(line for line in process.stdout if "rcmservo page at" in line)
+        address = re.search(r"http://127\.0\.0\.1:\d+", line)
+        assert address is not None and "at 10 % of the speed until `rig check` passes" in line
+        yield process, address[0]
+    finally:
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+
+
+class AtThePage(Holder):
+    """The person who has control."""
+
+    def __init__(self, address: str) -> None:
+        server: Any = SimpleNamespace(address=address)
+        super().__init__(server)
+
+    def answered(self, words: str, by: str) -> None:
+        """Answer until the page says something."""
+        asked = self.now["asks"]
+        want = {"do": "answer", "question": asked, "words": words}
+        self.insist(want, lambda: by in self.now["words"] + self.now["asks"])
+
+    def insist(self, want: dict[str, Any], reached: Callable[[], bool]) -> None:
+        """Say something until it is so: what comes late on a busy machine does not count."""
+        for _ in range(60):
+            self.say(want)
+            with suppress(TimeoutError):
+                return awaited(reached, 1.5)
+        raise TimeoutError(f"{want} leads to {self.now}")
+
+    def cleared(self) -> None:
+        """Clear, until the drive can be switched on."""
+        self.insist({"do": "clear"}, lambda: not self.now["clears"])
+        wait_for(lambda: self.now["ready"])
+
+    def until_words(self, words: str) -> None:
+        wait_for(lambda: words in self.now["words"] and self.now["clears"])
+
+    def stop(self) -> None:
+        with self.client.open("/stop") as wire:
+            wire.send("stop")
+            assert wire.recv(20.0) == "heard"
+
+
+def youngest(process: Any) -> int:
+    """The servo's process: that which was started last."""
+    told = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text()
+    return max(map(int, told.split()))
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Laboratory]:
+    with closing(Laboratory(tmp_path_factory.mktemp("lab"), 1, SMALL)) as lab:
+        lab.ask("MO ABC")
+        yield lab
+
+
+def test_a_laboratory_is_homed_enabled_jogged_and_stopped_at_the_page(
+    lab: Laboratory, tmp_path: Path
+) -> None:
+    lab.forget()
+    with serving(lab, tmp_path) as (process, address):
+        at = AtThePage(address)
+
+        # where it stands: typed within the limits, and agreed to
+        wait_for(lambda: at.now["asks"].startswith("The joints at the mark"))
+        at.say({"do": "enable"})
+        at.answered("9 0 100", "the joints must be within theta")
+        at.answered(words_of(lab.start), "The arm stands at theta")
+        assert lab.off and not lab.homed and not at.now["ready"]
+        at.answered("", "the drive is off")
+        wait_for(lambda: at.now["ready"])
+        assert lab.off and lab.homed and np.abs(lab.q - lab.start).max() < 0.01
+        stands = lab.counts
+        assert "0.1 rad/s, 0.1 rad/s and 8 mm/s, which is 10 % of the full" in at.now["intent"]
+        wait_for(lambda: None not in (at.now["points"] or [None]) and at.now["frame"] > 0)
+
+        # enabled it stands, and goes where a button is held
+        at.enable()
+        assert not lab.off and lab.counts == stands
+        at.jog(True)
+        wait_for(lambda: lab.counts != stands)
+
+        # STOP
+        at.stop()
+        at.until_words("STOP was pressed: the servo has switched the arm's drive off")
+        assert lab.off
+        at.jogs = False
+
+        # STOP while the servo hangs: the controller's own watchdog, and the servo is killed
+        at.cleared()
+        at.enable()
+        servo = youngest(process)
+        os.kill(servo, signal.SIGSTOP)
+        at.stop()
+        at.until_words("killed")
+        assert lab.off and not Path(f"/proc/{servo}").exists()
+
+        # the drive goes off by itself: why is told, and nothing goes on before it is cleared
+        at.cleared()
+        at.enable()
+        stands = lab.counts
+        lab.ask("MO ABC")
+        wait_for(lambda: at.now["phase"] == "FAULT")
+        wait_for(lambda: any(one.startswith("the arm: ") for one in at.now["notes"]))
+        at.insist({"do": "clear"}, lambda: "the session is over: " in at.now["words"])
+        assert not at.now["ready"] and lab.off
+        at.cleared()
+        assert lab.off and np.abs(np.subtract(lab.counts, stands)).max() < 50
+
+        # somebody else has switched it on
+        lab.ask("SH ABC")
+        at.insist({"do": "enable"}, lambda: at.now["clears"])
+        assert "the arm's drive is on, by somebody else" in at.now["words"]
+        lab.ask("MO ABC")
+        at.cleared()
+
+    assert lab.off
+    first = read(tmp_path / "out/session-1")
+    speeds = np.abs(first.ticks["command"]) / np.array(load_lab(lab.lab()).gate.speed)
+    assert first.complete and 0.0 < speeds.max() <= 0.1 * 0.2 * (1.0 + 1e-9)
