@@ -88,7 +88,10 @@ def test_a_wrong_token_is_refused_in_words(token: str) -> None:
     assert browser.get("/").status_code == 401
 
 
-@pytest.mark.parametrize("sent", [b"", b"\xff" * 9, b"token=" + b"x" * 9999, b"&" * 2048, b"{}"])
+LONG = b"more=" + b"x" * 9999 + b"&token=" + TOKEN.encode()
+
+
+@pytest.mark.parametrize("sent", [b"", b"\xff" * 9, b"token=" + b"x" * 9999, b"&" * 2048, LONG])
 def test_rubbish_instead_of_a_token_is_a_wrong_one(sent: bytes) -> None:
     assert Lab().browser().post("/", content=sent).status_code == 403
 

@@ -41,8 +41,8 @@ class Guesses:
 
     def wait(self, who: str, now: float) -> float:
         """s until the address is heard again."""
-        lately = [at for at in self._wrong.get(who, ()) if now - at < WITHIN]
-        return 0.0 if len(lately) < WRONG else lately[0] + WITHIN - now
+        before = self._wrong.get(who, [])
+        return 0.0 if len(before) < WRONG else max(0.0, before[0] + WITHIN - now)
 
     def wrong(self, who: str, now: float) -> None:
         """It gave a wrong one."""
