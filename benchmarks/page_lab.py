@@ -83,7 +83,7 @@ class PageLab:
         thread = threading.Thread(target=played, name="person", daemon=True)
         thread.start()
         with contextlib.suppress(KeyboardInterrupt):
-            serve._serve(self.options, self.behind, self.folder)
+            serve._serve(self.options, self.behind, self.folder, "")
         thread.join(PATIENCE)
         if wrong:
             raise wrong[0]
@@ -91,7 +91,7 @@ class PageLab:
     @contextlib.contextmanager
     def served(self, desk: Desk) -> Iterator[None]:
         """The page's processes alone."""
-        with serve._served(self.options, desk, self.behind, self.folder):
+        with serve._served(self.options, desk, self.behind, self.folder, ""):
             yield
 
 
@@ -242,8 +242,12 @@ def reached(port: int) -> bool:
 
 
 def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as wire:
-        return wire.getsockname()[1]
+    """One that is free with the next one, where STOP is heard."""
+    while True:
+        with socket.create_server(("127.0.0.1", 0)) as wire, contextlib.suppress(OSError):
+            port = wire.getsockname()[1]
+            socket.create_server(("127.0.0.1", port + 1)).close()
+            return port
 
 
 def machine() -> str:

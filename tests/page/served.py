@@ -40,7 +40,7 @@ def served(folder: Path, *options: str) -> Iterator[str]:
     assert process.stdout is not None
     try:
         line = next(line for line in process.stdout if "rcmservo page at" in line)
-        address = re.search(r"http://127\.0\.0\.1:\d+", line)
+        address = re.search(r"http://[\d.]+:\d+", line)
         assert address is not None and "simulated arm" in line, line
         yield address[0]
     finally:

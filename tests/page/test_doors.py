@@ -75,6 +75,19 @@ def test_a_name_of_somebodys_that_leads_here_gets_nothing(site: Site) -> None:
         urllib.request.urlopen(request)
 
 
+def test_a_page_of_another_origin_is_not_let_in_to_niceguis_own_socket(site: Site) -> None:
+    path = "/_nicegui_ws/socket.io/?EIO=4&transport="
+    for origin in ("http://evil.example", site.address):
+        request = urllib.request.Request(f"{site.address}{path}polling", headers={"Origin": origin})
+        if origin == site.address:
+            assert urllib.request.urlopen(request).status == 200
+            continue
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(request)
+        with pytest.raises(InvalidStatus, match="403"):
+            site.open(f"{path}websocket&told", origin)
+
+
 def test_who_watches_or_is_late_moves_nothing_and_is_told_why(site: Site) -> None:
     with site.open("/pictures") as eye, site.open("/operate") as holder:
         at, name = site.until(eye, "OFF")["at"], json.loads(holder.recv(20.0))["name"]

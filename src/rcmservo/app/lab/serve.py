@@ -49,11 +49,11 @@ TROUBLE = "trouble.jsonl"
 
 @dataclass(frozen=True)
 class ServeOptions:
-    """The operator's page at 127.0.0.1: see, teach, go, stop. The arm and its camera are simulated,
-    unless the rig file names an arm. It serves until Ctrl-C."""
+    """The operator's page in the browser: see, teach, go, stop. The arm and its camera are
+    simulated, unless the rig file names an arm. It serves until Ctrl-C."""
 
     port: int = 8080
-    """Where the page is; 0 takes a port that is free."""
+    """Where the page is, and at the next one STOP; 0 takes ports that are free."""
     browser: bool = True
     """Open the page in the browser that this computer has."""
     seed: int = 0
@@ -67,6 +67,11 @@ class ServeOptions:
     """Folder with the poses that are taught on the page, in the files that --target takes."""
     out: OptionalPath = None
     """Folder for the records, new or empty; by default a new one under runs/."""
+    host: str = "127.0.0.1"
+    """Address of this computer to listen on, 0.0.0.0 for all; others than 127.0.0.1 need
+    --token-file."""
+    token_file: OptionalPath = None
+    """File with the token that a browser must give; made with one where there is none."""
     boxes: Boxes = field(default_factory=ServoOptions)
     """The settings of the servo's boxes."""
 
@@ -74,8 +79,11 @@ class ServeOptions:
 def serve(options: ServeOptions) -> int:
     """Serve until Ctrl-C; the exit code is 0."""
     require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
-    right = "a whole number from 0 to 65535"
-    require(0 <= options.port < 65536, "--port", options.port, right)
+    right = "a whole number from 0 to 65534"
+    require(0 <= options.port < 65535, "--port", options.port, right)
+    with _page("serve"):
+        from rcmservo.page.web.token_file import token_for
+    token = token_for(options.host, options.token_file)
     data = b"" if options.rig is None else bytes_of(options.rig)
     lab = Lab() if options.rig is None else lab_of(options.rig, data)
     servo = options.boxes.servo(options.estimator, lab)
@@ -86,13 +94,18 @@ def serve(options: ServeOptions) -> int:
         job = HardwareJob(servo, options.estimator, LONGEST, lab, options.rig, digest, Path())
         with _page("serve"):
             from rcmservo.app.lab.page_rig import hardware
-        return _kept(options, "serve-hardware", servo, hardware(job))
+        return _kept(options, token, "serve-hardware", servo, hardware(job))
     with simulator("serve"):
-        return _kept(options, f"serve-seed{options.seed}", servo, _bench(options, lab, servo))
+        name, devices = f"serve-seed{options.seed}", _bench(options, lab, servo)
+        return _kept(options, token, name, servo, devices)
 
 
 def _kept(
-    options: ServeOptions, name: str, servo: Servo, devices: AbstractContextManager[Behind]
+    options: ServeOptions,
+    token: str,
+    name: str,
+    servo: Servo,
+    devices: AbstractContextManager[Behind],
 ) -> int:
     """Serve with everything compiled, and keep the records in a folder."""
     line = Live(Text(""), console=console(False), refresh_per_second=8, transient=True)
@@ -100,7 +113,7 @@ def _kept(
         with line, compiling(line):
             servo.warm_up()
         with contextlib.suppress(KeyboardInterrupt), devices as behind:
-            _serve(options, behind, folder)
+            _serve(options, behind, folder, token)
     return 0
 
 
@@ -146,7 +159,7 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
         yield Behind(title, camera, session, bench.off, setup, chosen, befall, troubles, truth)
 
 
-def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
+def _serve(options: ServeOptions, behind: Behind, folder: Path, token: str) -> None:
     """Have the page served, and run sessions beside it."""
     with _page("serve"):
         from rcmservo.page.desk import Desk
@@ -160,8 +173,10 @@ def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
         for one in desk.trouble.heard():
             befallen(one.what, desk, behind.befall, folder / TROUBLE)
 
-    with _served(options, desk, behind, folder.parent) as (address, needed), stopped_by_signals():
-        words = f"rcmservo page at {address}, {behind.title}; Ctrl-C ends it"
+    serving = _served(options, desk, behind, folder.parent, token)
+    with serving as (address, needed), stopped_by_signals():
+        asks = f", which asks for the token in {options.token_file}" if token else ""
+        words = f"rcmservo page at {address}, {behind.title}{asks}; Ctrl-C ends it"
         console(False).print(words, soft_wrap=True)
         if options.browser:
             webbrowser.open(address)
@@ -171,22 +186,23 @@ def _serve(options: ServeOptions, behind: Behind, folder: Path) -> None:
 
 @contextlib.contextmanager
 def _served(
-    options: ServeOptions, desk: "Desk", behind: Behind, runs: Path
+    options: ServeOptions, desk: "Desk", behind: Behind, runs: Path, token: str
 ) -> Generator[tuple[str, dict[int, str]]]:
     """The page's processes: where the page is, and what each is by its sentinel. ``runs`` is the
     folder of the past runs that it shows."""
     from rcmservo.page.poses import PoseFolder
     from rcmservo.page.seen.shape import Shape
-    from rcmservo.page.web.doors import Doors, bound, drawn_secret
+    from rcmservo.page.web.doors import Doors, bound, drawn_secret, reached_at
     from rcmservo.page.web.page_process import serve_page
     from rcmservo.page.web.site import Site
     from rcmservo.page.web.stop_process import serve_stop
 
     context = get_context("spawn")
     with contextlib.ExitStack() as stack:
-        here, stop = bound(options.port), bound(0)
+        here = bound(options.host, options.port)
+        stop = bound(options.host, options.port and options.port + 1)
         port, stop_port = here.getsockname()[1], stop.getsockname()[1]
-        doors = Doors(port, drawn_secret())
+        doors = Doors(port, drawn_secret(), token)
         title, poses = f"rcmservo: {behind.title}", PoseFolder(options.poses, behind.setup)
         shape = Shape.of(behind.chosen.servo)
         given = behind.chosen, poses, shape, runs, behind.troubles, behind.truth
@@ -200,7 +216,7 @@ def _served(
             stack.callback(child.end)
             child.hear()
             needed[child.process.sentinel] = name
-        yield f"http://127.0.0.1:{port}", needed
+        yield f"http://{reached_at(options.host)}:{port}", needed
 
 
 def befallen(what: str, desk: "Desk", befall: Callable[[str], str], log: Path) -> None:

@@ -14,7 +14,6 @@ import uvicorn
 from fastapi import FastAPI
 from nicegui import app as pages
 from nicegui import ui
-from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.guard.states import Request
@@ -25,13 +24,15 @@ from rcmservo.page.poses import Poses
 from rcmservo.page.settings import Chosen
 from rcmservo.page.wants import CLEAR, Beat, Change, Delete, Held, Released, Told, Wrong
 from rcmservo.page.web.curves_routes import add_curves
-from rcmservo.page.web.doors import NAMES, said_on
+from rcmservo.page.web.doors import said_on
 from rcmservo.page.web.ending import GRACE, until_told
 from rcmservo.page.web.pictures import Pictures, packed
+from rcmservo.page.web.porter import Porter
 from rcmservo.page.web.poses_routes import add_poses
 from rcmservo.page.web.runs_routes import add_runs
 from rcmservo.page.web.settings_routes import add_settings, set_box
 from rcmservo.page.web.sheet.layout import lay_out
+from rcmservo.page.web.sign_in import SignIn
 from rcmservo.page.web.site import Site
 
 
@@ -46,7 +47,8 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
     )
     pictures = Pictures(site.camera(), board)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(NAMES))
+    sign_in = SignIn(doors.token, doors.port) if doors.token else None
+    app.add_middleware(Porter, port=doors.port, sign_in=sign_in)
 
     @app.websocket("/pictures")
     async def see(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]

@@ -14,6 +14,7 @@ from rcmservo.page.desk import Post
 from rcmservo.page.wants import STOP
 from rcmservo.page.web.doors import Doors, said_on
 from rcmservo.page.web.ending import GRACE, until_told
+from rcmservo.page.web.porter import Porter
 
 
 def serve_stop(bell: Post, doors: Doors, listening: socket.socket, control: Connection) -> None:
@@ -30,7 +31,7 @@ def serve_stop(bell: Post, doors: Doors, listening: socket.socket, control: Conn
         except WebSocketDisconnect:
             return
 
-    app = Starlette(routes=[WebSocketRoute("/stop", pressed)])
+    app = Porter(Starlette(routes=[WebSocketRoute("/stop", pressed)]), doors.port)
     settings = uvicorn.Config(
         app, log_level="warning", lifespan="off", timeout_graceful_shutdown=GRACE
     )

@@ -1,0 +1,99 @@
+"""Signing in: a browser gives the token once, and is known by a cookie until the server ends."""
+
+import time
+from collections.abc import Callable
+from urllib.parse import parse_qs
+
+from starlette.requests import ClientDisconnect, HTTPConnection, Request
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+
+from rcmservo.page.web.doors import drawn_secret, same
+
+WRONG, WITHIN, WHOM = 5, 60.0, 1000
+"""Tokens that may be wrong within so many s from one address; addresses that are kept in mind."""
+LONGEST = 2048
+"""Bytes of what is sent to sign in."""
+
+SHEET = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>rcmservo: sign in</title>
+<meta name="viewport" content="width=device-width">
+<style>
+:root { color-scheme: light dark; font-family: sans-serif; }
+form { max-width: 24rem; margin: 15vh auto; display: grid; gap: 0.8rem; padding: 0 1rem; }
+input, button { font: inherit; padding: 0.5rem; border: 2px solid #0072b2; border-radius: 0.4rem; }
+button { background: #0072b2; color: #ffffff; cursor: pointer; }
+p { margin: 0; min-height: 1.3em; }
+</style></head><body>
+<form method="post" action="/">
+<label for="token">Token of this rcmservo, from its token file</label>
+<input id="token" name="token" type="password" autocomplete="current-password" required autofocus>
+<button>Sign in</button>
+<p role="alert">SAID</p>
+</form></body></html>
+"""
+
+
+class Guesses:
+    """Wrong tokens, which make an address wait, so that guessing is slow."""
+
+    def __init__(self) -> None:
+        self._wrong: dict[str, list[float]] = {}
+
+    def wait(self, who: str, now: float) -> float:
+        """s until the address is heard again."""
+        before = self._wrong.get(who, [])
+        return 0.0 if len(before) < WRONG else max(0.0, before[0] + WITHIN - now)
+
+    def wrong(self, who: str, now: float) -> None:
+        """It gave a wrong one."""
+        before = self._wrong.pop(who, [])
+        self._wrong[who] = [*before, now][-WRONG:]
+        if len(self._wrong) > WHOM:
+            del self._wrong[next(iter(self._wrong))]
+
+
+class SignIn:
+    """Who knows the token of the server whose page is at the port."""
+
+    def __init__(self, token: str, port: int, now: Callable[[], float] = time.monotonic) -> None:
+        self._token, self._now = token, now
+        self._cookie = f"rcmservo-{port}"  # those of all ports of an address are in one jar
+        self._known = drawn_secret()
+        self._guesses = Guesses()
+
+    def knows(self, browser: HTTPConnection) -> bool:
+        """Whether it has signed in."""
+        return same(browser.cookies.get(self._cookie, ""), self._known)
+
+    async def answer(self, request: Request) -> Response:
+        """The sheet on which the token is asked for; what becomes of one that was sent."""
+        if request.method != "POST":
+            return _sheet(401)
+        token = await _token(request)
+        who, now = request.client.host if request.client else "", self._now()
+        wait = self._guesses.wait(who, now)
+        if wait > 0.0:
+            return _sheet(429, f"That was wrong too often: wait {wait:.0f} s, then try again.")
+        if not same(token, self._token):
+            self._guesses.wrong(who, now)
+            return _sheet(403, "That is not the token.")
+        known = RedirectResponse("/", 303)
+        known.set_cookie(self._cookie, self._known, httponly=True, samesite="strict")
+        return known
+
+
+def _sheet(status: int, said: str = "") -> Response:
+    return HTMLResponse(SHEET.replace("SAID", said), status, {"cache-control": "no-store"})
+
+
+async def _token(request: Request) -> str:
+    """The one that was sent; empty where that is none."""
+    sent = b""
+    try:
+        async for part in request.stream():
+            sent += part
+            if len(sent) > LONGEST:
+                return ""
+    except ClientDisconnect:
+        return ""
+    return parse_qs(sent.decode(errors="replace")).get("token", [""])[0].strip()

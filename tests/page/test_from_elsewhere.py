@@ -1,0 +1,53 @@
+"""`rcmservo serve --host 0.0.0.0 --token-file`: from elsewhere a browser signs in once, and then
+has the page, its pictures and STOP."""
+
+import contextlib
+import json
+import re
+import urllib.error
+import urllib.parse
+import urllib.request
+from http.cookiejar import CookieJar
+from pathlib import Path
+
+import pytest
+from served import served
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Origin
+
+pytestmark = [pytest.mark.alone, pytest.mark.slow]
+
+
+def test_a_browser_elsewhere_signs_in_and_then_sees_and_stops(tmp_path: Path) -> None:
+    file = tmp_path / "token"
+    with served(tmp_path / "out", "--host", "0.0.0.0", "--token-file", str(file)) as address:
+        jar = CookieJar()
+        browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(jar))
+        with pytest.raises(urllib.error.HTTPError, match="401"):
+            browser.open(address)
+        told = urllib.parse.urlencode({"token": file.read_text().strip()}).encode()
+        page = re.search(
+            r"window\.RCMSERVO = (\{.*?\});", browser.open(address, told).read().decode()
+        )
+        assert page is not None
+        site, port = json.loads(page[1]), int(address.rpartition(":")[2])
+        cookie = {"Cookie": "; ".join(f"{one.name}={one.value}" for one in jar)}
+
+        def opened(path: str, port: int, headers: dict[str, str]) -> str | bytes:
+            url = f"ws://{urllib.parse.urlsplit(address).hostname}:{port}{path}"
+            with connect(
+                f"{url}?secret={site['secret']}", origin=Origin(address), additional_headers=headers
+            ) as wire:
+                wire.send("next")
+                return wire.recv(20.0)
+
+        assert opened("/stop", site["stopPort"], {}) == "heard"
+        assert len(opened("/pictures", port, cookie)) > 1000
+        with pytest.raises(InvalidStatus, match="403"):
+            opened("/pictures", port, {})
+        for path in ("/rcmservo/main.js", "/_nicegui_ws/socket.io/?EIO=4&transport=polling"):
+            with pytest.raises(urllib.error.HTTPError, match="401"):
+                urllib.request.urlopen(address + path)
+            with contextlib.closing(browser.open(address + path)) as got:
+                assert got.status == 200
