@@ -39,6 +39,7 @@ EACH = 100  # messages between looks at the arm's log
 WANTS: list[dict[str, Any]] = [
     {"do": "enable"},
     {"do": "jog", "rates": [0.5, 0.5, 5.0], "press": 7},
+    {"do": "jog", "velocity": [0.0, 10.0, 0.0], "press": 8},
     {"do": "go", "name": "here"},
     {"do": "teach", "name": "forged"},
     {"do": "delete", "name": "here"},

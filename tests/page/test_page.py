@@ -75,6 +75,7 @@ class Person:
     def enable(self) -> None:
         self.until("rcm.board.ready && rcm.holds")
         self.leads("Enable", "rcm.board.phase === 'PAUSED'")
+        self.page.get_by_label("Jog speed").select_option("full")
 
     def teach(self, name: str) -> None:
         self.page.get_by_label("Name of the pose").fill(name)

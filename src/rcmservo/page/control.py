@@ -24,6 +24,7 @@ from rcmservo.page.wants import (
     Enable,
     Go,
     Held,
+    Led,
     Released,
     TeachAs,
     Told,
@@ -148,9 +149,11 @@ def _message(text: str) -> dict[str, Any]:
     return message
 
 
-def _held(message: dict[str, Any]) -> Held:
+def _held(message: dict[str, Any]) -> Held | Led:
+    """The joints by their rates, or marker 1 by its velocity."""
+    table = {key: value for key, value in message.items() if key not in ("do", "at")}
     try:
-        return decode(Held, {key: message.get(key) for key in ("rates", "press")}, "jog")
+        return decode(Led if "velocity" in table else Held, table, "jog")
     except BadInput as error:
         raise Unheeded(str(error)) from error
 

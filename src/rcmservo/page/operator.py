@@ -12,10 +12,11 @@ from typing import TypeVar
 import numpy as np
 
 from rcmservo.errors import BadInput
-from rcmservo.guard.states import Phase, Request
-from rcmservo.interfaces import Target
+from rcmservo.guard.states import SLOW_SHARE, Phase, Request
+from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.operator import Jog, Teach, Want, goes_on
 from rcmservo.loop.tick import Tick
+from rcmservo.method.kinematics import joint_rates
 from rcmservo.page.desk import Desk
 from rcmservo.page.hand import NONE, Gesture
 from rcmservo.page.settings import AT_ONCE, Chosen
@@ -47,6 +48,7 @@ class PageOperator:
         self._asked = NONE
         self._teaching: str | None = None
         self._target: Target | None = None
+        joint_rates(chosen.servo.rcm, np.zeros(3), np.zeros(3))  # compiled before the loop begins
 
     def __call__(self, tick: Tick) -> Want:
         self._desk.ticks.put(tick)
@@ -133,7 +135,8 @@ class PageOperator:
         if not going:
             return Request.NONE
         self._teaches_no_more()
-        return Jog(np.array([gesture.a, gesture.b, gesture.c]))
+        rates = _rates(gesture, tick)
+        return Jog(rates) if np.isfinite(rates).all() else Request.NONE
 
     def _tell(self, tick: Tick) -> None:
         """Tell the page of settings and a target that are new, and of one that was taught."""
@@ -149,3 +152,13 @@ class PageOperator:
             shown = Note("the target is shown again")
             self._desk.said.put(Taught(self._teaching, target) if self._teaching else shown)
             self._teaching = None
+
+
+def _rates(gesture: Gesture, tick: Tick) -> Floats:
+    """The joint rates (3,) that a gesture means where the joints are now, at its share of the jog's
+    speed at most. They are not finite where the joints are not known."""
+    rates = np.array([gesture.a, gesture.b, gesture.c])
+    if gesture.leads:
+        rates = joint_rates(tick.servo.rcm, np.array(tick.seen.q), rates)
+    fastest = SLOW_SHARE * gesture.share * np.array(tick.servo.gate.speed)
+    return rates / max(1.0, float(np.abs(rates / fastest).max()))
