@@ -6,6 +6,7 @@ from typing import Any
 from rcmservo.errors import require
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
+from rcmservo.page.tour import GoOnTour, HowFar
 from rcmservo.servo.servo import Servo
 
 LARGEST = 1e9
@@ -118,7 +119,20 @@ class Wrong:
         require(good, "what", self.what[:40], "a disturbance of at most 200 characters")
 
 
-Told = Enable | Go | TeachAs | Delete | Held | Led | Beat | Released | Change | Request | Wrong
+Told = (
+    Enable
+    | Go
+    | GoOnTour
+    | TeachAs
+    | Delete
+    | Held
+    | Led
+    | Beat
+    | Released
+    | Change
+    | Request
+    | Wrong
+)
 """What comes from a browser."""
 
 
@@ -170,7 +184,15 @@ class InForce:
     """Its settings."""
 
 
-Said = Note | Between | Aim | Taught | InForce
+@dataclass(frozen=True)
+class OnTour:
+    """How far a tour is."""
+
+    progress: HowFar | None
+    """None where there is none, or none any more."""
+
+
+Said = Note | Between | Aim | Taught | InForce | OnTour
 """What servo process and supervisor tell the page beside the ticks."""
 
 STOP, CLEAR = "stop", "clear"
