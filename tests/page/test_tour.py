@@ -37,7 +37,8 @@ def toured(
 ) -> tuple[list[rs.Tick], list[object], rs.Target, rs.Target]:
     lab, a, b = two_poses()
     tour = GoOnTour(Plan((Stay("a", dwells[0]), Stay("b", dwells[1])), rounds), (a, b))
-    ticks, browser = ran({50: [tour]} | (says or {}), seconds, there, lab)
+    scene: Scene = {50: [tour], **(says or {})}
+    ticks, browser = ran(scene, seconds, there, lab)
     return ticks, browser.said, a, b
 
 
