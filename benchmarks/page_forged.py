@@ -39,7 +39,9 @@ EACH = 100  # messages between looks at the arm's log
 WANTS: list[dict[str, Any]] = [
     {"do": "enable"},
     {"do": "jog", "rates": [0.5, 0.5, 5.0], "press": 7},
+    {"do": "jog", "velocity": [0.0, 10.0, 0.0], "press": 8},
     {"do": "go", "name": "here"},
+    {"do": "tour", "stops": [{"pose": "here", "dwell": 0.0}], "rounds": 1000},
     {"do": "teach", "name": "forged"},
     {"do": "delete", "name": "here"},
     {"do": "show"},

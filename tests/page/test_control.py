@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import rcmservo as rs
 from rcmservo.page.control import FRESH, FRESH_JOG, SILENT, Control, Unheeded, heard
-from rcmservo.page.wants import Beat, Enable, Go, Held, Released, TeachAs
+from rcmservo.page.wants import Beat, Enable, Go, Held, Led, Released, TeachAs
 
 NOW = 10**12
 POSES = {"above": rs.Target(np.array([[1.0, 2.0], [3.0, 4.0]]), np.zeros(3))}
@@ -26,6 +26,8 @@ def test_each_message_becomes_what_it_says() -> None:
     assert said({"do": "pause"}) is rs.Request.PAUSE
     assert said({"do": "clear"}) is rs.Request.CLEAR
     assert said({"do": "jog", "rates": [1, 0, -2.5], "press": 3}) == Held((1.0, 0.0, -2.5), 3)
+    led = {"do": "jog", "velocity": [0, 5.5, 0], "press": 4, "share": 0.25}
+    assert said(led) == Led((0.0, 5.5, 0.0), 4, 0.25)
     assert said({"do": "teach", "name": "left of it"}) == TeachAs("left of it")
     go = said({"do": "go", "name": "above"})
     assert isinstance(go, Go) and go.target is POSES["above"]
@@ -52,6 +54,11 @@ def test_each_message_becomes_what_it_says() -> None:
         ({"do": "jog", "rates": [1, 2, 3]}, "press"),
         ({"do": "jog", "rates": [1, 2, 3], "press": 2**63}, "press"),
         ({"do": "jog", "rates": [1, 2, 3], "press": -1}, "press"),
+        ({"do": "jog", "rates": [1, 2, 3], "press": 1, "share": 1.5}, "share"),
+        ({"do": "jog", "rates": [1, 2, 3], "press": 1, "share": 0}, "share"),
+        ({"do": "jog", "velocity": [1, 2], "press": 1}, "velocity"),
+        ({"do": "jog", "velocity": [1, 2, 1e300], "press": 1}, "velocity"),
+        ({"do": "jog", "velocity": [1, 2, 3], "rates": [1, 2, 3], "press": 1}, "velocity"),
         ({"do": "go", "name": "nowhere"}, "no pose"),
         ({"do": "teach", "name": ""}, "name"),
         ({"do": "teach", "name": "x" * 41}, "name"),
@@ -88,7 +95,7 @@ def test_any_message_is_heeded_as_a_want_or_refused(message: dict[str, Any]) -> 
         want = said(message)
     except Unheeded:
         return
-    assert isinstance(want, Beat | Enable | Held | TeachAs | Go)
+    assert isinstance(want, Beat | Enable | Held | Led | TeachAs | Go)
     if isinstance(want, Held):
         assert np.isfinite(want.rates).all()
 

@@ -8,6 +8,7 @@ import pytest
 
 import rcmservo as rs
 from conftest import Laboratory, laboratory
+from rcmservo.guard.states import SLOW_SHARE
 from rcmservo.loop.operator import Want, same
 from rcmservo.page.control import Control
 from rcmservo.page.desk import Desk
@@ -15,7 +16,7 @@ from rcmservo.page.hand import Hand
 from rcmservo.page.operator import GONE, LET_GO, PageOperator
 from rcmservo.page.settings import Chosen
 from rcmservo.page.tick_ring import DUE, SLOTS
-from rcmservo.page.wants import Aim, Beat, Go, Held, Note, Released, Taught, TeachAs
+from rcmservo.page.wants import Aim, Beat, Go, Held, Led, Note, Released, Taught, TeachAs
 from rcmservo.page.web.page_process import changing_hands, done
 from rcmservo.record import layout
 
@@ -107,6 +108,32 @@ def test_a_button_that_is_held_moves_the_joints_and_its_loss_is_noticed_in_time(
     assert phases(ticks)[-2:] == [rs.Phase.JOG, rs.Phase.PAUSED]
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("way", [-10.0, 10.0])
+def test_marker_1_is_led_straight_along_an_axis_of_the_arms_base_frame(
+    axis: int, way: float
+) -> None:
+    velocity = [0.0, 0.0, 0.0]
+    velocity[axis] = way
+    press = Led((velocity[0], velocity[1], velocity[2]), 1)
+    ticks, browser = ran({k: [press] for k in range(100, 160, 4)}, 3.0)
+    begun, ended = jogged(ticks)[0], jogged(ticks)[-1]
+    servo = browser.operator._chosen.servo
+    moved = servo.marker_1(ticks[ended].seen.q) - servo.marker_1(ticks[begun].seen.q)
+    along = moved[axis] * np.sign(way)
+    assert 3.0 < along < 7.0 and np.linalg.norm(np.delete(moved, axis)) < 0.05 * along
+    assert phases(ticks)[-1] is rs.Phase.PAUSED
+
+
+def test_a_jog_has_its_share_of_the_speed_and_no_more_whatever_was_asked_for() -> None:
+    for share in (0.25, 1.0):
+        for press in (Held((1e9, 0.0, 1.0), 1, share), Led((0.0, -1e9, 1e9), 1, share)):
+            ticks, browser = ran({k: [press] for k in range(100, 140, 4)}, 2.0)
+            fastest = np.array(browser.operator._chosen.servo.gate.speed) * SLOW_SHARE
+            used = max(np.abs(tick.state.command.rates / fastest).max() for tick in ticks)
+            assert used == pytest.approx(share)
+
+
 def test_a_button_that_is_let_go_stops_at_the_next_tick() -> None:
     says = held(range(100, 150), (0.1, 0.0, 0.0)) | {150: [Released()]}
     ticks, _ = ran(says, 3.0)
@@ -142,7 +169,7 @@ def test_a_button_held_before_the_session_began_moves_nothing_in_it() -> None:
 def test_a_gesture_that_is_half_written_counts_for_nothing() -> None:
     hand = Hand(get_context("spawn"))
     hand.holds(3, (1.0, 2.0, 3.0))
-    assert hand.read() == (1, 3, 1.0, 2.0, 3.0)
+    assert hand.read() == (1, 3, 1.0, 2.0, 3.0, 1.0, False)
     hand._memory[20] ^= 1
     assert hand.read() is None
 

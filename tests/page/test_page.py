@@ -75,6 +75,7 @@ class Person:
     def enable(self) -> None:
         self.until("rcm.board.ready && rcm.holds")
         self.leads("Enable", "rcm.board.phase === 'PAUSED'")
+        self.page.get_by_label("Jog speed").select_option("full")
 
     def teach(self, name: str) -> None:
         self.page.get_by_label("Name of the pose").fill(name)
@@ -178,6 +179,31 @@ def test_a_person_teaches_two_poses_goes_back_and_forth_stops_and_begins_again(
         person.press("Clear")
         person.enable()
         assert not watcher.foreign and not person.foreign and watcher.told("drawn") > 20
+
+    assert wrong_in(chromium, tmp_path, play) == ""
+
+
+def test_marker_1_is_led_and_a_tour_of_two_poses_is_made_watched_and_over(
+    chromium: Browser, tmp_path: Path
+) -> None:
+    def play(address: str) -> None:
+        person = Person(chromium, address)
+        page = person.page
+        person.enable()
+        person.teach("here")
+        person.jog("Jog marker 1 along x plus", 1.0)
+        person.teach("there")
+        page.locator("#tour summary").click()
+        page.get_by_label("Dwell in seconds").fill("1")
+        for pose in ("here", "there"):
+            page.get_by_label("Pose to visit").select_option(pose)
+            person.press("Add")
+        person.press("Move there up")
+        person.leads("Start the tour", "rcm.board.tour !== null")
+        person.until("rcm.board.tour?.pose === 'there' && rcm.board.tour.left === 1")
+        person.until("document.getElementById('tour-progress').textContent.includes('here')")
+        person.until("rcm.board.tour === null && rcm.board.phase === 'PAUSED'")
+        assert "all its poses were visited" in person.told("board.notes.join()")
 
     assert wrong_in(chromium, tmp_path, play) == ""
 

@@ -3,7 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,8 @@ from rcmservo.page.seen.curves import Curves
 from rcmservo.page.seen.shape import Shape
 from rcmservo.page.settings import standing
 from rcmservo.page.tick_ring import DUE
-from rcmservo.page.wants import Aim, Between, InForce, Note, Taught
+from rcmservo.page.tour import HowFar
+from rcmservo.page.wants import Aim, Between, InForce, Note, OnTour, Taught
 from rcmservo.page.ways import ways
 from rcmservo.record import layout
 from rcmservo.record.columns import WORDS
@@ -54,6 +55,8 @@ class Board:
     """It rises with each pose that is kept."""
     changes: int = 0
     """It rises with each change of settings."""
+    tour: HowFar | None = None
+    """How far a tour is; None where there is none."""
     curves: Curves = field(default_factory=Curves)
     """The loop's last seconds."""
     shape: Shape | None = None
@@ -94,7 +97,9 @@ class Board:
                 self.between, self.tick = said, {}
                 self.count = self.desk.ticks.newest
                 self.curves.begin()
-                self.target = None
+                self.target = self.tour = None
+            case OnTour():
+                self.tour = said.progress
             case Aim():
                 self.target = said.target
             case Taught():
@@ -127,6 +132,7 @@ class Board:
             "poses": sorted(self.poses.targets),
             "refused_poses": self.poses.refused,
             "kept": self.kept,
+            "tour": None if self.tour is None else asdict(self.tour),
             "settings": self.changes,
             "standing": self._standing(),
             "notes": list(self.notes)[-3:],

@@ -17,6 +17,7 @@ from rcmservo.errors import BadInput
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
 from rcmservo.page.settings import change_of
+from rcmservo.page.tour import GoOnTour, Plan
 from rcmservo.page.wants import (
     Beat,
     Change,
@@ -24,6 +25,7 @@ from rcmservo.page.wants import (
     Enable,
     Go,
     Held,
+    Led,
     Released,
     Reply,
     TeachAs,
@@ -127,7 +129,9 @@ def _told(do: object, message: dict[str, Any], pose: Callable[[str], Target | No
     if not isinstance(do, str):
         raise Unheeded(f"nobody knows what {str(do)[:NAME]!r} is")
     if do == "go":
-        return _go(_name(message.get("name")), pose)
+        return Go(_known(_name(message.get("name")), pose))
+    if do == "tour":
+        return _tour(message, pose)
     if do in NAMED:
         return NAMED[do](_name(message.get("name")))
     if do in PLAIN:
@@ -149,9 +153,11 @@ def _message(text: str) -> dict[str, Any]:
     return message
 
 
-def _held(message: dict[str, Any]) -> Held:
+def _held(message: dict[str, Any]) -> Held | Led:
+    """The joints by their rates, or marker 1 by its velocity."""
+    table = {key: value for key, value in message.items() if key not in ("do", "at")}
     try:
-        return decode(Held, {key: message.get(key) for key in ("rates", "press")}, "jog")
+        return decode(Led if "velocity" in table else Held, table, "jog")
     except BadInput as error:
         raise Unheeded(str(error)) from error
 
@@ -185,11 +191,20 @@ def _name(name: object) -> str:
     return str(name)
 
 
-def _go(called: str, pose: Callable[[str], Target | None]) -> Go:
+def _known(called: str, pose: Callable[[str], Target | None]) -> Target:
     target = pose(called)
     if target is None:
-        raise Unheeded(f"there is no pose {called!r}")
-    return Go(target)
+        raise Unheeded(f"there is no pose {called[:NAME]!r}")
+    return target
+
+
+def _tour(message: dict[str, Any], pose: Callable[[str], Target | None]) -> GoOnTour:
+    """All its poses are known before it begins."""
+    try:
+        plan = decode(Plan, {key: message.get(key) for key in ("stops", "rounds")}, "tour")
+    except BadInput as error:
+        raise Unheeded(str(error)) from error
+    return GoOnTour(plan, tuple(_known(stop.pose, pose) for stop in plan.stops))
 
 
 def moment() -> int:

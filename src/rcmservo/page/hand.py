@@ -8,7 +8,7 @@ from multiprocessing.context import BaseContext
 from typing import Any, NamedTuple
 
 NONE = -1
-LAYOUT = struct.Struct("<qqddd")
+LAYOUT = struct.Struct("<qqdddd?")
 SUM = struct.Struct("<I")
 
 
@@ -20,11 +20,15 @@ class Gesture(NamedTuple):
     press: int = NONE
     """Which press of a button it is, NONE where none is held."""
     a: float = 0.0
-    """rad/s of joint 1."""
+    """rad/s of joint 1, or mm/s along x."""
     b: float = 0.0
-    """rad/s of joint 2."""
+    """rad/s of joint 2, or mm/s along y."""
     c: float = 0.0
-    """mm/s of joint 3."""
+    """mm/s of joint 3, or along z."""
+    share: float = 1.0
+    """Of the speed that a jog may have."""
+    leads: bool = False
+    """Whether the button leads marker 1 in the arm's base frame, and no single joint."""
 
 
 class Hand:
@@ -36,9 +40,13 @@ class Hand:
         self._now = Gesture()
         self._write(self._now)
 
-    def holds(self, press: int, rates: tuple[float, float, float]) -> None:
-        """It is there, and holds a button down."""
-        self._write(Gesture(self._now.life + 1, press, *rates))
+    def holds(self, press: int, rates: tuple[float, float, float], share: float = 1.0) -> None:
+        """It is there, and holds a button down that moves joints."""
+        self._write(Gesture(self._now.life + 1, press, *rates, share))
+
+    def leads(self, press: int, velocity: tuple[float, float, float], share: float = 1.0) -> None:
+        """It is there, and holds a button down that leads marker 1."""
+        self._write(Gesture(self._now.life + 1, press, *velocity, share, leads=True))
 
     def beats(self) -> None:
         """It is there, and holds nothing."""

@@ -3,6 +3,7 @@
 the session begins       paused: nothing moves before the person says where to
 no sign of life          what moves by itself is paused
 a jog button is held     the joints move, as long as the page says so anew
+a tour                   the tool goes from pose to pose, until something stops it
 """
 
 from collections import deque
@@ -12,14 +13,16 @@ from typing import TypeVar
 import numpy as np
 
 from rcmservo.errors import BadInput
-from rcmservo.guard.states import Phase, Request
-from rcmservo.interfaces import Target
+from rcmservo.guard.states import SLOW_SHARE, Phase, Request
+from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.operator import Jog, Teach, Want, goes_on
 from rcmservo.loop.tick import Tick
+from rcmservo.method.kinematics import joint_rates
 from rcmservo.page.desk import Desk
 from rcmservo.page.hand import NONE, Gesture
 from rcmservo.page.settings import AT_ONCE, Chosen
-from rcmservo.page.wants import Aim, Change, Go, InForce, Note, Taught, TeachAs
+from rcmservo.page.tour import BY_ITSELF, GoOnTour, HowFar, Touring
+from rcmservo.page.wants import Aim, Change, Go, InForce, Note, OnTour, Taught, TeachAs
 from rcmservo.servo.servo import Servo
 
 GONE = 500_000_000
@@ -29,9 +32,6 @@ LET_GO = 80_000_000
 """ns after which a jog button that nobody says is held counts as let go."""
 
 Wanted = TypeVar("Wanted", Target, Servo)
-
-BY_ITSELF = Phase.ACQUIRE, Phase.SERVO, Phase.HOLD
-"""Phases in which the tool goes its own way."""
 
 
 class PageOperator:
@@ -47,11 +47,15 @@ class PageOperator:
         self._asked = NONE
         self._teaching: str | None = None
         self._target: Target | None = None
+        self._touring: Touring | None = None
+        self._progress: HowFar | None = None
+        joint_rates(chosen.servo.rcm, np.zeros(3), np.zeros(3))  # compiled before the loop begins
 
     def __call__(self, tick: Tick) -> Want:
         self._desk.ticks.put(tick)
         self._tell(tick)
         self._look(tick)
+        self._tours(tick)
         for told in self._desk.wants.heard():
             self._hear(told, tick)
         if self._alone(tick):
@@ -82,14 +86,10 @@ class PageOperator:
     def _hear(self, told: object, tick: Tick) -> None:
         match told:
             case Go():
-                try:
-                    self._next(Servo, tick.servo).demand(told.target)
-                except BadInput as error:
-                    self._desk.said.put(Note(str(error)))
-                    return
-                self._wants.append((told.target, None))
-                if tick.state.phase not in BY_ITSELF:
-                    self._wants.append((Request.RESUME, None))
+                self._go(told.target, (told.target,), tick)
+            case GoOnTour():
+                if self._go(told.targets[0], told.targets, tick):
+                    self._touring = Touring(told)
             case TeachAs():
                 self._wants.append((Teach(), told.name))
             case Change():
@@ -98,6 +98,35 @@ class PageOperator:
                 self._wants.append((told, None))
             case _:
                 self._desk.said.put(Note(f"{type(told).__name__}: not while the drive is on"))
+
+    def _go(self, target: Target, all_of: tuple[Target, ...], tick: Tick) -> bool:
+        """Go to a target, if the settings can go to all of them; whether they can."""
+        try:
+            for one in all_of:
+                self._next(Servo, tick.servo).demand(one)
+        except BadInput as error:
+            self._desk.said.put(Note(str(error)))
+            return False
+        self._wants.append((target, None))
+        if tick.state.phase not in BY_ITSELF:
+            self._wants.append((Request.RESUME, None))
+        return True
+
+    def _tours(self, tick: Tick) -> None:
+        """Go on with a tour, once the tick goes by all that was wanted."""
+        touring = self._touring
+        if touring is not None and not self._wants:
+            if touring.look(tick):
+                self._wants.append((touring.target, None))
+            elif touring.progress is None:
+                self._touring = None
+                if tick.state.phase in BY_ITSELF:
+                    self._wants.append((Request.PAUSE, None))
+                self._desk.said.put(Note(touring.words))
+        progress = None if self._touring is None else self._touring.progress
+        if progress != self._progress:
+            self._progress = progress
+            self._desk.said.put(OnTour(progress))
 
     def _set(self, change: Change, tick: Tick) -> None:
         """Have a box changed that may be now; the others are the next session's."""
@@ -133,7 +162,10 @@ class PageOperator:
         if not going:
             return Request.NONE
         self._teaches_no_more()
-        return Jog(np.array([gesture.a, gesture.b, gesture.c]))
+        if self._touring is not None:
+            return Request.PAUSE
+        rates = _rates(gesture, tick)
+        return Jog(rates) if np.isfinite(rates).all() else Request.NONE
 
     def _tell(self, tick: Tick) -> None:
         """Tell the page of settings and a target that are new, and of one that was taught."""
@@ -149,3 +181,13 @@ class PageOperator:
             shown = Note("the target is shown again")
             self._desk.said.put(Taught(self._teaching, target) if self._teaching else shown)
             self._teaching = None
+
+
+def _rates(gesture: Gesture, tick: Tick) -> Floats:
+    """The joint rates (3,) that a gesture means where the joints are now, at its share of the jog's
+    speed at most. They are not finite where the joints are not known."""
+    rates = np.array([gesture.a, gesture.b, gesture.c])
+    if gesture.leads:
+        rates = joint_rates(tick.servo.rcm, np.array(tick.seen.q), rates)
+    fastest = SLOW_SHARE * gesture.share * np.array(tick.servo.gate.speed)
+    return rates / max(1.0, float(np.abs(rates / fastest).max()))

@@ -1,13 +1,16 @@
 """What the page tells the servo: what a person wants, and that the person is still there."""
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 from rcmservo.errors import require
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
+from rcmservo.page.tour import GoOnTour, HowFar
 from rcmservo.servo.servo import Servo
+
+LARGEST = 1e9
+"""Of a rate that a browser asks for."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +51,40 @@ class Held:
     """Joint rates rad/s, rad/s, mm/s."""
     press: int
     """Which press it is: what ended one press is not gone on with before the next."""
+    share: float = 1.0
+    """Of the speed that a jog may have."""
 
     def __post_init__(self) -> None:
-        good = len(self.rates) == 3 and all(map(math.isfinite, self.rates))
-        require(good, "rates", self.rates, "three numbers (rad/s, rad/s, mm/s)")
-        right = "a whole number from 0 to 2⁵³ − 1"
-        require(0 <= self.press < 2**53, "press", self.press, right)
+        _require_three("rates", self.rates, "rad/s, rad/s, mm/s")
+        _require_held(self.press, self.share)
+
+
+@dataclass(frozen=True)
+class Led:
+    """A person holds a button down, now, that leads marker 1 in a direction of the arm's base
+    frame."""
+
+    velocity: tuple[float, float, float]
+    """Of marker 1 along x, y, z, mm/s."""
+    press: int
+    """Which press it is, as for Held."""
+    share: float = 1.0
+    """Of the speed that a jog may have."""
+
+    def __post_init__(self) -> None:
+        _require_three("velocity", self.velocity, "mm/s")
+        _require_held(self.press, self.share)
+
+
+def _require_three(name: str, numbers: tuple[float, ...], unit: str) -> None:
+    good = len(numbers) == 3 and all(abs(number) <= LARGEST for number in numbers)
+    require(good, name, numbers, f"three numbers ({unit}) of at most 10⁹")
+
+
+def _require_held(press: int, share: float) -> None:
+    right = "a whole number from 0 to 2⁵³ − 1"
+    require(0 <= press < 2**53, "press", press, right)
+    require(0.0 < share <= 1.0, "share", share, "above 0 and at most 1")
 
 
 @dataclass(frozen=True)
@@ -103,7 +134,21 @@ class Reply:
             require(good, name, text[:40], f"one line of at most {most} characters")
 
 
-Told = Enable | Go | TeachAs | Delete | Held | Beat | Released | Change | Request | Wrong | Reply
+Told = (
+    Enable
+    | Go
+    | GoOnTour
+    | TeachAs
+    | Delete
+    | Held
+    | Led
+    | Beat
+    | Released
+    | Change
+    | Request
+    | Wrong
+    | Reply
+)
 """What comes from a browser."""
 
 
@@ -159,7 +204,15 @@ class InForce:
     """Its settings."""
 
 
-Said = Note | Between | Aim | Taught | InForce
+@dataclass(frozen=True)
+class OnTour:
+    """How far a tour is."""
+
+    progress: HowFar | None
+    """None where there is none, or none any more."""
+
+
+Said = Note | Between | Aim | Taught | InForce | OnTour
 """What servo process and supervisor tell the page beside the ticks."""
 
 STOP, CLEAR = "stop", "clear"

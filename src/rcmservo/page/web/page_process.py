@@ -22,7 +22,7 @@ from rcmservo.page.control import Control, Unheeded, heard, moment
 from rcmservo.page.desk import Desk
 from rcmservo.page.poses import Poses
 from rcmservo.page.settings import Chosen
-from rcmservo.page.wants import CLEAR, Beat, Change, Delete, Held, Released, Told, Wrong
+from rcmservo.page.wants import CLEAR, Beat, Change, Delete, Held, Led, Released, Told, Wrong
 from rcmservo.page.web.curves_routes import add_curves
 from rcmservo.page.web.doors import said_on
 from rcmservo.page.web.ending import GRACE, until_told
@@ -139,7 +139,9 @@ def done(told: Told | None, desk: Desk) -> bool:
         case None:
             return True
         case Held():
-            desk.hand.holds(told.press, told.rates)
+            desk.hand.holds(told.press, told.rates, told.share)
+        case Led():
+            desk.hand.leads(told.press, told.velocity, told.share)
         case Released():
             desk.hand.lets_go()
         case Wrong():

@@ -16,6 +16,7 @@ from rcmservo.page.web.sheet.runs_tab import runs_tab
 from rcmservo.page.web.sheet.scene_tab import scene_tab
 from rcmservo.page.web.sheet.settings_tab import settings_tab
 from rcmservo.page.web.sheet.status import notes, status, stop
+from rcmservo.page.web.sheet.tour_card import tour_card
 from rcmservo.page.web.sheet.trouble_tab import trouble_tab
 from rcmservo.page.web.site import Site
 
@@ -66,6 +67,7 @@ def lay_out(site: Site) -> None:
             with ui.column().classes("rcm-side"):
                 status()
                 poses_card()
+                tour_card()
                 jog_card()
                 notes()
 

@@ -1,4 +1,5 @@
-// Jog: a button counts as held only while it is, in a window that is looked at.
+// Jog: a button counts as held only while it is, in a window that is looked at. It moves joints by
+// their rates, or marker 1 by its velocity in the arm's base frame.
 const HOLD = 40, BEGUN = 500; // ms
 const FROM = ["IDLE", "PAUSED", "JOG"];
 
@@ -7,7 +8,7 @@ let press = Date.now(); // another page's presses are others
 
 export function start(rcm) {
   const say = () => {
-    if (held !== null) rcm.say({ do: "jog", rates: held.rates, press: held.press });
+    if (held !== null) rcm.say({ do: "jog", ...held.motion, press: held.press });
   };
   rcm.jogs = () => held !== null;
   rcm.letGo = () => {
@@ -18,9 +19,10 @@ export function start(rcm) {
   };
   const hold = (button, pointer) => {
     rcm.letGo();
-    const rates = [0, 0, 0];
-    rates[Number(button.dataset.joint)] = Number(button.dataset.sign) * 1e6; // as fast as allowed
-    held = { button, rates, pointer, press: ++press, since: performance.now() };
+    const { of, place, sign } = button.dataset, numbers = [0, 0, 0];
+    numbers[Number(place)] = Number(sign) * 1e6; // as fast as the share allows
+    const motion = { [of]: numbers, share: Number(document.getElementById("jog-share").value) };
+    held = { button, motion, pointer, press: ++press, since: performance.now() };
     button.classList.add("held");
     say();
   };

@@ -9,9 +9,10 @@ import * as settings from "./settings.js";
 import * as scene from "./scene.js";
 import * as runs from "./runs.js";
 import * as state from "./state.js";
+import * as tour from "./tour.js";
 import * as trouble from "./trouble.js";
 
 const rcm = connect(window.RCMSERVO);
 window.rcm = rcm;
-const parts = [state, asking, picture, poses, jog, settings, curves, scene, runs, trouble];
+const parts = [state, asking, picture, poses, tour, jog, settings, curves, scene, runs, trouble];
 for (const part of parts) part.start(rcm);

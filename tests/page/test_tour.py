@@ -1,0 +1,164 @@
+"""A tour: every pose is visited in turn for its dwell, and whatever stops the tool ends it."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from test_operator_desk import Scene, phases, ran
+
+import rcmservo as rs
+from conftest import Laboratory, laboratory
+from rcmservo.loop.operator import same
+from rcmservo.page.control import Control, Unheeded, heard
+from rcmservo.page.tour import GoOnTour, HowFar, Plan, Stay
+from rcmservo.page.wants import Go, Held, Note, OnTour, Taught, TeachAs
+from rcmservo.record.verdict import TOLERANCE
+
+NOW = 10**12
+STAY = {"pose": "a", "dwell": 0.5}
+
+
+def two_poses() -> tuple[Laboratory, rs.Target, rs.Target]:
+    lab = laboratory()
+    scene = lab.rig.scene
+    lab.rig.place((scene.start + scene.target) / 2.0)
+    other = rs.teach(lab.plant, frames=5)
+    lab.rig.go_home()
+    return lab, lab.target, other
+
+
+def toured(
+    dwells: tuple[float, float] = (0.5, 0.3),
+    rounds: int = 1,
+    seconds: float = 12.0,
+    says: Scene | None = None,
+    there: int = 10**9,
+) -> tuple[list[rs.Tick], list[object], rs.Target, rs.Target]:
+    lab, a, b = two_poses()
+    tour = GoOnTour(Plan((Stay("a", dwells[0]), Stay("b", dwells[1])), rounds), (a, b))
+    scene: Scene = {50: [tour], **(says or {})}
+    ticks, browser = ran(scene, seconds, there, lab)
+    return ticks, browser.said, a, b
+
+
+def notes(said: list[object]) -> list[str]:
+    return [one.words for one in said if isinstance(one, Note)]
+
+
+def way(said: list[object]) -> list[HowFar | None]:
+    return [one.progress for one in said if isinstance(one, OnTour)]
+
+
+def under_way(ticks: list[rs.Tick], target: rs.Target, after: int) -> int:
+    """The first tick on the way to a target."""
+    return next(
+        k
+        for k, tick in enumerate(ticks)
+        if k > after
+        and tick.state.phase is rs.Phase.SERVO
+        and tick.state.target is not None
+        and same(tick.state.target, target)
+    )
+
+
+def test_every_pose_is_visited_for_its_whole_dwell_in_every_round_and_then_the_tool_pauses() -> (
+    None
+):
+    ticks, said, a, b = toured(rounds=2, seconds=25.0)
+    at = [bool((np.abs(tick.state.delta) < TOLERANCE).all()) for tick in ticks]
+    leave = 0
+    for target, dwell in ((a, 50), (b, 30), (a, 50), (b, 30)):
+        go = under_way(ticks, target, leave)
+        leave = next(
+            k
+            for k in range(go, len(ticks))
+            if ticks[k].state.phase is rs.Phase.PAUSED or not same(ticks[k].state.target, target)
+        )
+        assert all(at[leave - dwell : leave])
+    assert ticks[leave].state.phase is rs.Phase.PAUSED is ticks[-1].state.phase
+    assert notes(said) == ["the tour is over: all its poses were visited"]
+    told = way(said)
+    assert told[0] == HowFar("a", 1, 2, 1, 2, None) and told[-1] is None
+    assert HowFar("b", 2, 2, 2, 2, 1) in told and len(told) < 30
+
+
+def test_a_dwell_of_nothing_still_has_the_tool_come_to_the_pose() -> None:
+    ticks, said, a, b = toured(dwells=(0.0, 0.0))
+    for target in (a, b):
+        there = [t for t in ticks if t.state.target is not None and same(t.state.target, target)]
+        seen = [t for t in there if t.state.phase is rs.Phase.SERVO]
+        assert len(seen) > 20 and (np.abs(seen[-1].state.delta) < TOLERANCE).all()
+    assert notes(said)[-1].startswith("the tour is over")
+
+
+@pytest.mark.parametrize(
+    ("says", "why"),
+    [
+        ([rs.Request.PAUSE], "paused"),
+        ([Held((0.1, 0.0, 0.0), 1)], "paused"),
+        (["other"], "elsewhere"),
+    ],
+)
+def test_a_pause_a_jog_button_and_another_go_end_it_in_a_pause(says: list[Any], why: str) -> None:
+    _, _, b = two_poses()
+    says = [Go(rs.Target(b.points + 3.0, b.q)) if one == "other" else one for one in says]
+    ticks, said, *_ = toured((5.0, 5.0), 9, 9.0, {400: says})
+    assert ticks[400].state.phase in (rs.Phase.SERVO, rs.Phase.ACQUIRE)
+    assert {tick.state.phase for tick in ticks[404:]} == {rs.Phase.PAUSED}
+    assert len(notes(said)) == 1 and why in notes(said)[0] and way(said)[-1] is None
+
+
+def test_it_ends_where_nobody_is_there_and_is_not_gone_on_with_by_a_resume() -> None:
+    ticks, said, *_ = toured((0.0, 0.0), 1000, 9.0, {800: [rs.Request.RESUME]}, there=400)
+    assert notes(said)[0].startswith("the tour has ended: paused")
+    assert phases(ticks)[-1] is rs.Phase.PAUSED and way(said)[-1] is None
+    later = {id(tick.state.target) for tick in ticks[500:]}
+    assert len(later) == 1
+
+
+def test_a_pose_that_is_taught_on_tour_is_taught_and_the_tour_is_over() -> None:
+    _, said, *_ = toured((5.0, 5.0), 9, 9.0, {500: [TeachAs("here")]})
+    assert [one.name for one in said if isinstance(one, Taught)] == ["here"]
+    assert "ended" in notes(said)[0] and way(said)[-1] is None
+
+
+def asked(**more: Any) -> Any:
+    message = {"do": "tour", "stops": [STAY], "rounds": 1, "at": NOW - 1} | more
+    _, a, _ = POSES
+    return heard(json.dumps(message), "a", Control("a"), {"a": a}.get, NOW)
+
+
+POSES = two_poses()
+
+
+def test_a_browser_asks_for_a_tour_of_poses_that_are_known() -> None:
+    tour = asked(stops=[STAY, STAY], rounds=1000)
+    assert tour.plan == Plan((Stay("a", 0.5), Stay("a", 0.5)), 1000)
+    assert [same(one, POSES[1]) for one in tour.targets] == [True, True]
+    asked(stops=[{"pose": "a", "dwell": 600}] * 20)
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        ({"stops": []}, "stops"),
+        ({"stops": [STAY] * 21}, "stops"),
+        ({"stops": "a"}, "stops"),
+        ({"stops": [{"pose": "b", "dwell": 1}]}, "no pose 'b'"),
+        ({"stops": [STAY, {"pose": "a", "dwell": 601}]}, "dwell"),
+        ({"stops": [{"pose": "a", "dwell": -1}]}, "dwell"),
+        ({"stops": [{"pose": "a", "dwell": float("nan")}]}, "dwell"),
+        ({"stops": [{"pose": "a"}]}, "dwell"),
+        ({"stops": [{"pose": 3, "dwell": 1}]}, "pose"),
+        ({"rounds": 0}, "rounds"),
+        ({"rounds": 1001}, "rounds"),
+        ({"rounds": 1.5}, "rounds"),
+        ({"rounds": None}, "rounds"),
+    ],
+)
+def test_a_tour_that_is_not_bounded_or_has_no_such_pose_is_refused(
+    more: dict[str, Any], why: str
+) -> None:
+    with pytest.raises(Unheeded, match=why):
+        asked(**more)
