@@ -21,10 +21,10 @@ from rcmservo.page.control import Control, Unheeded, heard
 from rcmservo.page.desk import Desk
 from rcmservo.page.operator import PageOperator
 from rcmservo.page.sessions import Again, Sessions
-from rcmservo.page.setting_fields import docstrings, forms
 from rcmservo.page.settings import BOXES, Chosen, change_of, standing
 from rcmservo.page.wants import Beat, Between, Change, Go, InForce, Note
 from rcmservo.page.web.page_process import done
+from rcmservo.page.web.setting_fields import docstrings, forms
 from rcmservo.page.web.settings_routes import set_box
 from rcmservo.record import reader
 from rcmservo.record.recompute import recompute

@@ -10,10 +10,10 @@ from fastapi import Depends, FastAPI
 from rcmservo.errors import BadInput
 from rcmservo.page.board import Board
 from rcmservo.page.desk import Desk
-from rcmservo.page.setting_fields import forms
 from rcmservo.page.settings import AT_ONCE, Chosen
 from rcmservo.page.wants import Change
 from rcmservo.page.web.doors import Doors
+from rcmservo.page.web.setting_fields import forms
 
 
 def add_settings(app: FastAPI, doors: Doors, chosen: Chosen, board: Board) -> None:
