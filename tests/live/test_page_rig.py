@@ -140,7 +140,7 @@ def test_a_laboratory_is_homed_enabled_jogged_and_stopped_at_the_page(
         at.cleared()
         at.enable()
         stands = lab.counts
-        lab.ask("MO ABC")
+        assert "?" not in lab.ask("AB 1;MO ABC")
         wait_for(lambda: at.now["phase"] == "FAULT")
         wait_for(lambda: any(one.startswith("the arm: ") for one in at.now["notes"]))
         at.insist({"do": "clear"}, lambda: "the session is over: " in at.now["words"])
