@@ -64,7 +64,7 @@ bench: $(TESTING)
 
 $(RUNNING): pyproject.toml
 	python3 -m venv .venv
-	$(PIP) -e '.[sim,video]'
+	$(PIP) -e '.[sim,video,page]'
 	touch $(RUNNING)
 
 $(TESTING): $(RUNNING)

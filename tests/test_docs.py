@@ -30,6 +30,8 @@ COMMANDS = [
     line for block in re.findall(r"```sh\n(.*?)```", README, re.S) for line in block.splitlines()
 ]
 SET_UP = {"make run", "make test"}
+SERVES = {".venv/bin/rcmservo serve"}
+"""What tests/page follows step by step."""
 
 
 @pytest.mark.parametrize("name", NAMES, ids=":".join)
@@ -130,7 +132,7 @@ def test_the_readme_names_every_experiment() -> None:
 
 @pytest.mark.slow
 @pytest.mark.alone
-@pytest.mark.parametrize("command", [command for command in COMMANDS if command not in SET_UP])
+@pytest.mark.parametrize("command", [one for one in COMMANDS if one not in SET_UP | SERVES])
 def test_every_other_command_of_the_readme_runs(command: str, tmp_path: Path) -> None:
     words = shlex.split(command)
     assert words[0] == ".venv/bin/rcmservo"

@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from first_use import follow, reached, section, steps
 from playwright.sync_api import Browser, Page, TimeoutError, sync_playwright
 from served import served
 
+from conftest import ROOT
 from peers import peer
 from stalls import undisturbed
 
@@ -127,6 +129,14 @@ class Person:
         return self.arrived()
 
 
+def seen(chromium: Browser, folder: Path) -> None:
+    """Keep what the browser shows in the end, for whoever reads the tests' folders."""
+    for k, context in enumerate(chromium.contexts):
+        for page in context.pages:
+            with suppress(TimeoutError):
+                page.screenshot(path=folder / f"{k}.png", timeout=AGAIN)
+
+
 def wrong_in(chromium: Browser, folder: Path, play: Callable[[str], None]) -> str:
     """What went wrong while something was played at a server; empty where nothing did."""
     tries = (folder / str(k) for k in range(10))
@@ -138,11 +148,25 @@ def wrong_in(chromium: Browser, folder: Path, play: Callable[[str], None]) -> st
             except (AssertionError, TimeoutError) as error:
                 return f"{type(error).__name__}: {error}"
             finally:
+                seen(chromium, folder)
                 for context in chromium.contexts:  # a page that is left would go on knocking
                     context.close()
         return ""
 
     return undisturbed(attempt, lambda wrong: not wrong)
+
+
+def test_the_steps_of_the_readme_lead_to_a_taught_pose(chromium: Browser, tmp_path: Path) -> None:
+    text = section((ROOT / "README.md").read_text(), "The operator's page")
+
+    def play(address: str) -> None:
+        person = Person(chromium, address)
+        todo = steps(text)
+        assert [verb for verb, _ in todo] == ["press", "type", "press", "hold", "press"]
+        follow(person.page, todo)
+        reached(person.page)
+
+    assert wrong_in(chromium, tmp_path, play) == ""
 
 
 def test_a_person_teaches_two_poses_goes_back_and_forth_stops_and_begins_again(

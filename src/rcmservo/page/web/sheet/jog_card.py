@@ -28,5 +28,6 @@ def _row(what: str, of: str, ways: list[tuple[str, str]]) -> None:
             for sign, way, drawn in ((-1, "minus", "−"), (1, "plus", "+")):
                 plain(
                     f'<button type="button" class="jog" data-of="{of}" data-place="{place}" '
-                    f'data-sign="{sign}" aria-label="Jog {called} {way}">{drawn}</button>'
+                    f'data-sign="{sign}" aria-label="Jog {called} {way}" '
+                    f'title="Jog {called} {way}">{drawn}</button>'
                 )

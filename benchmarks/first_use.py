@@ -1,0 +1,167 @@
+"""The first use as the README has it, and nothing else: from a clone to a taught pose reached.
+
+    python benchmarks/first_use.py [--count N]
+
+Each time a clone of this checkout is made in a new folder, without anything that was compiled or
+configured before. There the set-up command of "Two commands" is run, then that of "The operator's
+page", and then its numbered steps are followed in headless Chromium: what is bold after "press",
+"type" and "hold" is done in that order, by the names that a person sees. It has ended when the
+errors are within the verdict's tolerance.
+
+The downloads do not count: what pip installs was fetched before, into pip's own cache.
+
+Bar: 5 minutes. Exit code 1 where it is missed.
+"""
+
+import argparse
+import contextlib
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from page_lab import chromium, machine
+from playwright.sync_api import Page, TimeoutError
+
+BAR = 300.0  # s
+ROOT = Path(__file__).parents[1]
+STEP = r"\b([Pp]ress|[Tt]ype|[Hh]old) \*\*(.+?)\*\*"
+HELD = 4.0  # s: "until the tool has moved well away"
+FIELD = "Name of the pose"
+PRESSED = 120.0  # s for a button that a person waits for
+REACHED = """rcm.board.phase === 'SERVO' && rcm.board.delta.every(
+  (one, k) => Math.abs(one) < [0.5 * Math.PI / 180, 1, 1][k])"""
+
+
+def section(readme: str, heading: str) -> str:
+    """What stands below a heading."""
+    return readme.split(f"\n## {heading}\n")[1].split("\n## ", maxsplit=1)[0]
+
+
+def first_command(text: str) -> str:
+    """The first command of a section."""
+    found = re.search(r"```sh\n(.+?)\n```", text)
+    assert found is not None
+    return found[1]
+
+
+def steps(text: str) -> list[tuple[str, str]]:
+    """What a person is told to do, and with what."""
+    return [(verb.lower(), name) for verb, name in re.findall(STEP, text)]
+
+
+def follow(page: Page, todo: list[tuple[str, str]], told: Callable[[str], None] = print) -> None:
+    """Do it, as a person would."""
+    for verb, name in todo:
+        if verb == "type":
+            page.get_by_label(FIELD).fill(name)
+        elif verb == "press":
+            pressed(page, name)
+        else:
+            page.get_by_role("button", name=name, exact=True).hover()
+            page.mouse.down()
+            page.wait_for_timeout(1e3 * HELD)
+            page.mouse.up()
+            page.wait_for_function("rcm.board.phase === 'PAUSED'")
+        told(f"{verb} {name}")
+
+
+def reached(page: Page) -> None:
+    """Wait until the tool is where it was shown."""
+    page.wait_for_function(REACHED, timeout=1e3 * PRESSED)
+
+
+def pressed(page: Page, name: str) -> None:
+    """Press a button once it can be pressed; once more, where nothing came of it."""
+    button = page.get_by_role("button", name=name, exact=True)
+    before = page.evaluate("[rcm.board.phase, rcm.board.poses.length].join()")
+    changed = f"[rcm.board.phase, rcm.board.poses.length].join() !== '{before}'"
+    for _ in range(5):
+        button.click(timeout=1e3 * PRESSED)
+        with contextlib.suppress(TimeoutError):
+            page.wait_for_function(changed, timeout=5_000)
+            return
+    raise TimeoutError(f"nothing came of {name}")
+
+
+@contextlib.contextmanager
+def served(command: list[str], folder: Path, env: dict[str, str]) -> Iterator[str]:
+    """Where the page is that a command serves."""
+    process = subprocess.Popen(command, cwd=folder, env=env, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    try:
+        line = next(line for line in process.stdout if "page at" in line)
+        found = re.search(r"http://[\d.]+:\d+", line)
+        assert found is not None, line
+        yield found[0]
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(60)
+
+
+class Watch:
+    """Tells how long what was done has taken."""
+
+    def __init__(self) -> None:
+        self.start = self.before = time.monotonic()
+
+    def __call__(self, what: str) -> None:
+        now = time.monotonic()
+        print(f"  {now - self.before:6.1f} s  {what}", flush=True)
+        self.before = now
+
+
+def first_use(env: dict[str, str], folder: Path) -> float:
+    """s that it takes."""
+    watch = Watch()
+    subprocess.run(["git", "clone", "--quiet", ROOT, folder], check=True)
+    watch("git clone")
+    readme = (folder / "README.md").read_text()
+    text = section(readme, "The operator's page")
+    command = first_command(section(readme, "Two commands"))
+    subprocess.run(command, shell=True, cwd=folder, env=env, check=True, stdout=subprocess.DEVNULL)
+    watch(command)
+    with served(shlex.split(first_command(text)), folder, env) as address:
+        watch(first_command(text))
+        with chromium(address) as page:
+            watch("the page is in the browser")
+            follow(page, steps(text), watch)
+            reached(page)
+            watch("the pose is reached")
+            return time.monotonic() - watch.start
+
+
+def fetched(env: dict[str, str], folder: Path) -> None:
+    """Have pip fetch what it will need."""
+    subprocess.run([sys.executable, "-m", "venv", folder], check=True)
+    install = folder / "bin/pip", "install", "--quiet", "--no-compile", f"{ROOT}[sim,video,page]"
+    subprocess.run(install, env=env, check=True)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=1)
+    chosen = parser.parse_args()
+    print(machine(), flush=True)
+    took: list[float] = []
+    for _ in range(chosen.count):
+        with tempfile.TemporaryDirectory() as name:
+            home = Path(name)
+            kept = {key: os.environ[key] for key in os.environ if not key.startswith("PYTHON")}
+            env = kept | {"XDG_CACHE_HOME": str(home / "cache"), "PYTHONUNBUFFERED": "1"}
+            env["PIP_CACHE_DIR"] = str(home / "pip")
+            env.pop("VIRTUAL_ENV", None)
+            fetched(env, home / "fetched")
+            took.append(first_use(env, home / "rcmservo"))
+        print(f"{took[-1]:.0f} s   (bar: {BAR:g} s)", flush=True)
+    return 1 if max(took) > BAR else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
