@@ -14,9 +14,7 @@ def jog_card() -> None:
                 '<select id="jog-share" aria-label="Jog speed"><option value="0.25">slow</option>'
                 '<option value="0.5">half</option><option value="1">full</option></select>'
             )
-        _row(
-            "Joint", "rates", [("1", "joint 1"), ("2", "joint 2"), ("3, along the tool", "joint 3")]
-        )
+        _row("Joint", "rates", [(number, f"joint {number}") for number in "123"])
         _row("Marker 1", "velocity", [(axis, f"marker 1 along {axis}") for axis in "xyz"])
 
 

@@ -44,7 +44,7 @@ function row(rcm, name, why) {
   picture.alt = "";
   picture.onerror = () => picture.remove();
   picture.src = rcm.url(`/pose?name=${encodeURIComponent(name)}&kept=${rcm.board.kept}`);
-  const words = why ? document.createElement("span") : button(`Go ${name}`, `Go to ${name}`, "go");
+  const words = why ? document.createElement("span") : button(`Go ${name}`, `Go ${name}`, "go");
   if (why) words.textContent = `${name}: ${why}`;
   else words.onclick = () => rcm.go(name);
   const gone = button(`Delete ${name}`, "×", "delete");
