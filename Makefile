@@ -4,7 +4,7 @@
 # and beyond them
 #   make test-all  runs the slow tests too, and reports a short live run
 #   make peers     adds other people's clients that tests run, which are skipped without them
-#   make bench     measures everything at length, for about an hour
+#   make bench     measures everything at length, for about two hours
 .PHONY: run test test-all check peers bench
 BIN := .venv/bin
 RUNNING := .venv/.running
@@ -59,6 +59,11 @@ bench: $(TESTING)
 	$(BIN)/python benchmarks/crtk.py servo 5
 	$(BIN)/python benchmarks/rig_check.py --seeds 3
 	$(BIN)/python benchmarks/rig_check.py --seeds 1 --camera mjpeg
+	$(BIN)/python benchmarks/page_drawn.py
+	$(BIN)/python benchmarks/page_stop.py
+	$(BIN)/python benchmarks/page_cost.py
+	$(BIN)/python benchmarks/page_forged.py
+	$(BIN)/python benchmarks/first_use.py
 	$(BIN)/python benchmarks/soak.py --seconds 600
 	$(BIN)/python benchmarks/kill.py --count 200
 
