@@ -4,9 +4,10 @@
 
 Forged: requests of each kind that the page knows, with the drive off, paused, jogging, on the way
 to a pose, and after a STOP: from another origin or none, with a wrong secret, none, or that of an
-earlier server, under another name of the server, from a browser that watches, from the one in
-control about a moment that is long gone, to come or none. Each must leave state, control, target,
-poses and drive as they are, and joints that stand still where they are.
+earlier server, under another name of the server, from one that has not signed in with the token or
+has with another, from a browser that watches, from the one in control about a moment that is long
+gone, to come or none. Each must leave state, control, target, poses and drive as they are, and
+joints that stand still where they are.
 
 Fuzzed: websocket messages while the drive is on: text, bytes, JSON at random, deeply nested, too
 long; the same from the browser in control, about a fresh moment but with rubbish in it; frames that
@@ -59,7 +60,7 @@ class Holder:
     down."""
 
     def __init__(self, lab: PageLab) -> None:
-        self.client, self.lab = Client(lab.address), lab
+        self.client, self.lab = Client(lab.address, lab.token), lab
         self._lines = contextlib.ExitStack()
         self.hand = self._lines.enter_context(self.client.open("/operate"))
         self.eye = self._lines.enter_context(self.client.open("/pictures"))
@@ -129,6 +130,7 @@ def handshake(client: Client, path: str, host: str, text: str) -> None:
             f"GET {path}?secret={client.told['secret']} HTTP/1.1",
             f"Host: {host}",
             f"Origin: http://{host}",
+            f"Cookie: {client.known()}",
             "Upgrade: websocket",
             "Connection: Upgrade",
             "Sec-WebSocket-Version: 13",
@@ -149,6 +151,18 @@ def outside(holder: Holder, want: dict[str, Any], **how: str) -> None:
         except InvalidStatus:
             continue
         raise AssertionError(f"{path} lets {how} in")
+
+
+def unsigned(holder: Holder, want: dict[str, Any], cookie: str) -> None:
+    """From one who knows the page's secret, but has not signed in with the token. STOP is for
+    anyone who knows the secret."""
+    for path in ("/operate", "/pictures"):
+        try:
+            with holder.client.open(path, cookie=cookie) as wire:
+                wire.send(json.dumps({"at": holder.now["at"], **want}))
+        except InvalidStatus:
+            continue
+        raise AssertionError(f"{path} lets in who has not signed in")
 
 
 def watching(holder: Holder, want: dict[str, Any]) -> None:
@@ -177,6 +191,8 @@ FORGERIES: dict[str, Callable[[Holder, dict[str, Any]], None]] = {
     "no origin": lambda h, w: outside(h, w, origin="null"),
     "no secret": lambda h, w: outside(h, w, secret=""),
     "an old session": lambda h, w: outside(h, w, secret=secrets.token_urlsafe(32)),
+    "no token": lambda h, w: unsigned(h, w, ""),
+    "a wrong token": lambda h, w: unsigned(h, w, secrets.token_urlsafe(32)),
     "another name": lambda h, w: handshake(
         h.client, "/operate", f"evil.example:{port_of(h)}", json.dumps(w)
     ),
@@ -343,7 +359,7 @@ def main() -> int:
     chosen = parser.parse_args()
     print(machine(), flush=True)
     bad = 0
-    with page_lab(recorded=True) as lab:
+    with page_lab(recorded=True, token=secrets.token_urlsafe(32)) as lab:
 
         def person() -> None:
             nonlocal bad

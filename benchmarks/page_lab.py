@@ -19,10 +19,13 @@ import socket
 import tempfile
 import threading
 import time
+import urllib.error
+import urllib.parse
 import urllib.request
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from http.cookiejar import CookieJar
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -63,6 +66,7 @@ class PageLab:
     servo: Any
     page: Any
     arrivals: Any
+    token: str
 
     @property
     def address(self) -> str:
@@ -81,9 +85,10 @@ class PageLab:
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
         thread = threading.Thread(target=played, name="person", daemon=True)
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a script's background
         thread.start()
         with contextlib.suppress(KeyboardInterrupt):
-            serve._serve(self.options, self.behind, self.folder, "")
+            serve._serve(self.options, self.behind, self.folder, self.token)
         thread.join(PATIENCE)
         if wrong:
             raise wrong[0]
@@ -91,12 +96,12 @@ class PageLab:
     @contextlib.contextmanager
     def served(self, desk: Desk) -> Iterator[None]:
         """The page's processes alone."""
-        with serve._served(self.options, desk, self.behind, self.folder, ""):
+        with serve._served(self.options, desk, self.behind, self.folder, self.token):
             yield
 
 
 @contextlib.contextmanager
-def page_lab(seed: int = 0, recorded: bool = False) -> Generator[PageLab]:
+def page_lab(seed: int = 0, recorded: bool = False, token: str = "") -> Generator[PageLab]:
     """Everything but the page; the frames are ``recorded`` ones, if wanted."""
     context, lab = get_context("spawn"), Lab()
     with tempfile.TemporaryDirectory() as name:
@@ -124,7 +129,7 @@ def page_lab(seed: int = 0, recorded: bool = False) -> Generator[PageLab]:
 
             camera = partial(noted_camera, pids[1], known.camera)
             behind = replace(known, session=session, camera=camera)
-            yield PageLab(options, behind, bench, folder, *pids, arrivals)
+            yield PageLab(options, behind, bench, folder, *pids, arrivals, token)
 
 
 def noted_operator(pid: Any, make: Callable[[], Operator]) -> Operator:
@@ -165,24 +170,49 @@ def replayed(frames: list[Image], ring: FrameRing, arrivals: Any, control: Conne
 
 
 class Client:
-    """A browser without a screen: the websockets that it opens."""
+    """A browser without a screen: the websockets that it opens, once it has signed in with a token
+    where one is asked for."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, token: str = "") -> None:
         self.address = address
-        page = urllib.request.urlopen(address, timeout=PATIENCE).read().decode()
+        jar = CookieJar()
+        browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(jar))
+        form = urllib.parse.urlencode({"token": token}).encode() if token else None
+        page = browser.open(address, form, timeout=PATIENCE).read().decode()
         told = re.search(r"window\.RCMSERVO = (\{.*?\});", page)
         assert told is not None
         self.told = json.loads(told[1])
+        self.cookies = {one.name: str(one.value) for one in jar}
 
     def port(self, path: str) -> int:
         return self.told["stopPort"] if path == "/stop" else int(self.address.rpartition(":")[2])
 
+    def known(self, cookie: str | None = None) -> str:
+        """What it is known by; each cookie with another value, where one is given."""
+        return "; ".join(
+            f"{name}={value if cookie is None else cookie}" for name, value in self.cookies.items()
+        )
+
     def open(
-        self, path: str, origin: str = "", secret: str | None = None, **more: Any
+        self,
+        path: str,
+        origin: str = "",
+        secret: str | None = None,
+        cookie: str | None = None,
+        **more: Any,
     ) -> ClientConnection:
+        """A websocket; where a ``cookie`` is given, each has that value."""
         secret = self.told["secret"] if secret is None else secret
         url = f"ws://127.0.0.1:{self.port(path)}{path}?secret={secret}"
-        return connect(url, origin=Origin(origin or self.address), open_timeout=PATIENCE, **more)
+        known = self.known(cookie)
+        headers = {"Cookie": known} if known else {}
+        return connect(
+            url,
+            origin=Origin(origin or self.address),
+            open_timeout=PATIENCE,
+            additional_headers=headers,
+            **more,
+        )
 
 
 def board(wire: ClientConnection) -> dict[str, Any]:
@@ -235,8 +265,12 @@ def awaited(good: Callable[[], bool], within: float = PATIENCE) -> None:
 
 
 def reached(port: int) -> bool:
+    """Whether the page answers, be it by asking for a token."""
     with contextlib.suppress(OSError):
-        urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=1.0).close()
+        try:
+            urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=1.0).close()
+        except urllib.error.HTTPError as error:
+            error.close()
         return True
     return False
 

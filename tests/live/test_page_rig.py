@@ -51,7 +51,7 @@ class AtThePage(Holder):
     """The person who has control."""
 
     def __init__(self, address: str) -> None:
-        server: Any = SimpleNamespace(address=address)
+        server: Any = SimpleNamespace(address=address, token="")
         super().__init__(server)
 
     def answered(self, words: str, by: str) -> None:

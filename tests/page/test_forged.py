@@ -13,11 +13,11 @@ pytestmark = [pytest.mark.alone, pytest.mark.slow]
 def test_forged_requests_and_rubbish_move_change_and_stop_nothing() -> None:
     def wrong() -> list[str]:
         found: list[str] = []
-        with page_lab(recorded=True) as lab:
+        with page_lab(recorded=True, token="a token that is long enough") as lab:
 
             def person() -> None:
                 holder = page_forged.Holder(lab)
-                for state, sentences in page_forged.forged(holder, 55).items():
+                for state, sentences in page_forged.forged(holder, 65).items():
                     found.extend(f"{state}: {one}" for one in sentences)
                 _, ticks = page_forged.fuzzed(holder, 200)
                 if ticks.longest > page_forged.GAP or not ticks.still:

@@ -5,7 +5,7 @@
 // rcm.changed(f) have f() called when there may be something to show anew
 // rcm.say(m)     say a message, which counts while rcm.board is fresh
 // rcm.url(path)  where something can be fetched
-const AGAIN = 500, FRESH = 60, PRESSED = 500, SHOWN = 80; // ms
+const AGAIN = 500, FRESH = 100, PRESSED = 500, SHOWN = 80, LATELY = 10000; // ms
 
 export function connect(site) {
   const listeners = [], showers = [];
@@ -59,17 +59,29 @@ export function connect(site) {
     rcm.holds = rcm.name !== "" && rcm.board.holder === rcm.name;
     rcm.asked = Boolean(rcm.board.asking);
     const jpeg = data.slice(4 + length);
+    clocked();
     sayPressed();
     for (const f of listeners) f(rcm.board, jpeg);
     if (rcm.heard - shown > SHOWN) show();
   });
 
+  // How old what was told last is now, against what came quickest of late: a board that lay in a
+  // queue while the browser was busy is heard now, and tells of then.
+  let quickest = Infinity, before = Infinity, begun = 0;
+  const since = () => performance.now() - 1e-6 * rcm.board.at;
+  const age = () => since() - Math.min(quickest, before);
+  function clocked() {
+    if (rcm.heard - begun > LATELY) [before, quickest, begun] = [quickest, Infinity, rcm.heard];
+    quickest = Math.min(quickest, since());
+  }
+
   rcm.say = (message) => operate.say(JSON.stringify({ ...message, at: rcm.board.at }));
   // A press counts once what is shown is of now: a browser that was busy waits for the next board.
   let pressed = null;
   const sayPressed = () => {
-    if (pressed === null || performance.now() - rcm.heard > FRESH) return;
+    if (pressed === null || !(age() < FRESH)) return;
     if (performance.now() - pressed.since < PRESSED) rcm.say(pressed.message);
+    else rcm.refused = "this browser was busy: press again";
     pressed = null;
   };
   rcm.want = (what, more = {}) => {
