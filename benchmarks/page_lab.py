@@ -33,6 +33,7 @@ from typing import Any, cast
 
 import numpy as np
 from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import TimeoutError as PageTimeout
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
@@ -241,18 +242,26 @@ def until(page: Page, condition: str) -> None:
     page.wait_for_function(f"window.rcm && ({condition})", timeout=1e3 * PATIENCE)
 
 
-def press(page: Page, name: str) -> None:
-    page.get_by_role("button", name=name, exact=True).click(timeout=1e3 * PATIENCE)
+def press(page: Page, name: str, leads_to: str) -> None:
+    """Press a button until it leads somewhere: what comes late on a busy machine does not count."""
+    button = page.get_by_role("button", name=name, exact=True)
+    for _ in range(20):
+        if button.is_enabled():
+            button.click(timeout=1e3 * PATIENCE)
+        with contextlib.suppress(PageTimeout):
+            page.wait_for_function(leads_to, timeout=5_000)
+            return
+        print(f"{name} led nowhere: {page.locator('#notes').inner_text()!r}", flush=True)
+    raise TimeoutError(f"{name} leads nowhere: {page.evaluate('rcm.board.words')}")
 
 
 def enabled(page: Page) -> None:
     """Switch the drive on, after a stop if there was one."""
     until(page, "rcm.holds && (rcm.board.ready || rcm.board.clears)")
     if page.evaluate("rcm.board.clears"):
-        press(page, "Clear")
+        press(page, "Clear", "!rcm.board.clears")
     until(page, "rcm.holds && rcm.board.ready")
-    press(page, "Enable")
-    until(page, "rcm.board.phase === 'PAUSED'")
+    press(page, "Enable", "rcm.board.phase === 'PAUSED'")
 
 
 def awaited(good: Callable[[], bool], within: float = PATIENCE) -> None:

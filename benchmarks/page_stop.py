@@ -13,6 +13,7 @@ Bar: 200 ms, every time. Exit code 1 where it is missed.
 
 import argparse
 import contextlib
+import itertools
 import os
 import signal
 import sys
@@ -99,16 +100,26 @@ def main() -> int:
 
         def person() -> None:
             with chromium(lab.address) as page:
-                for turn in range(chosen.count):
-                    for kind in KINDS:
-                        found.append(stopped(page, lab, kind, turn))
-                        if found[-1].off > BAR or not found[-1].moving:
-                            print(found[-1], flush=True)
+                for turn, kind in itertools.product(range(chosen.count), KINDS):
+                    found.append(one := stopped(page, lab, kind, turn))
+                    print(f"{turn + 1:3} {kind:<14} {one.off:6.1f} ms", flush=True)
+                    if one.off > BAR or not one.moving:
+                        print(one, flush=True)
 
-        lab.play(person)
+        try:
+            lab.play(person)
+        finally:
+            bad = told(found)
+    return 1 if bad or len(found) < len(KINDS) * chosen.count else 0
+
+
+def told(found: list[Stopped]) -> int:
+    """Tell of what was found; how many were late."""
     bad = 0
     for kind in KINDS:
         some = [one for one in found if one.kind == kind]
+        if not some:
+            continue
         late = sum(one.off > BAR for one in some)
         bad += late
         print(f"{kind:<14} {spread([one.off for one in some])}   (bar: {BAR:g} ms)")
@@ -117,7 +128,7 @@ def main() -> int:
             f"{'':<14} {len(some) - late} of {len(some)} in time, moving at the click "
             f"{sum(one.moving for one in some)}, {heard} ended by STOP"
         )
-    return 1 if bad or len(found) < len(KINDS) * chosen.count else 0
+    return bad
 
 
 if __name__ == "__main__":

@@ -56,12 +56,16 @@ class Witness:
             before = now
 
 
-def undisturbed(attempt: Callable[[], Run], arrived: Callable[[Run], bool]) -> Run:
+def undisturbed(
+    attempt: Callable[[], Run], arrived: Callable[[Run], bool], long: int = LONG
+) -> Run:
     """What an attempt gave. One that did not arrive is made again if the witness was kept waiting
-    too; where that goes on, nothing can be told here."""
-    for _ in range(TRIES):
+    for ``long`` too; where that goes on, nothing can be told here."""
+    for k in range(TRIES):
         with Witness() as witness:
             run = attempt()
-        if arrived(run) or witness.longest < LONG:
+        if arrived(run) or witness.longest < long:
             return run
-    pytest.skip(f"this machine stood still in each of {TRIES} attempts")
+        print(f"attempt {k + 1}, in which this machine stood still for", end=" ")
+        print(f"{witness.longest * 1e-6:.0f} ms: {run!s:.500}")
+    pytest.skip(f"this machine stood still in each of {TRIES} attempts; the last: {run!s:.500}")
