@@ -6,7 +6,8 @@ In headless Chromium a jog button is held down by the keyboard, and STOP clicked
 the joint moves: N times as all is well (quiet), N times just after the page's process was stopped
 for 2 s by a signal, N times just after the servo's was for good. The time runs from before the
 click is handed to the browser until the first row of the arm's own log in which the drive is off.
-A stopped servo is also noticed by the arm's watchdog, which switches off by itself.
+A stopped servo is also noticed by the arm's watchdog, which switches off by itself. The frames are
+recorded ones, so that the simulated camera takes nothing from the browser.
 
 Bar: 200 ms, every time. Exit code 1 where it is missed.
 """
@@ -96,7 +97,7 @@ def main() -> int:
     chosen = parser.parse_args()
     print(machine(), flush=True)
     found: list[Stopped] = []
-    with page_lab() as lab:
+    with page_lab(recorded=True) as lab:
 
         def person() -> None:
             with chromium(lab.address) as page:

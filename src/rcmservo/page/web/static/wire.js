@@ -5,7 +5,7 @@
 // rcm.changed(f) have f() called when there may be something to show anew
 // rcm.say(m)     say a message, which counts while rcm.board is fresh
 // rcm.url(path)  where something can be fetched
-const AGAIN = 500, FRESH = 100, PRESSED = 500, SHOWN = 80, LATELY = 10000; // ms
+const AGAIN = 500, FRESH = 200, PRESSED = 500, SHOWN = 80, LATELY = 10000; // ms
 
 export function connect(site) {
   const listeners = [], showers = [];
@@ -76,12 +76,15 @@ export function connect(site) {
   }
 
   rcm.say = (message) => operate.say(JSON.stringify({ ...message, at: rcm.board.at }));
-  // A press counts once what is shown is of now: a browser that was busy waits for the next board.
+  // A press counts once what is shown is of now: a browser that was busy waits for the next board,
+  // but not for long.
   let pressed = null;
   const sayPressed = () => {
-    if (pressed === null || !(age() < FRESH)) return;
-    if (performance.now() - pressed.since < PRESSED) rcm.say(pressed.message);
-    else rcm.refused = "this browser was busy: press again";
+    if (pressed === null) return;
+    const late = performance.now() - pressed.since > PRESSED;
+    if (!late && !(age() < FRESH)) return;
+    if (late) rcm.refused = "this browser was busy: press again";
+    else rcm.say(pressed.message);
     pressed = null;
   };
   rcm.want = (what, more = {}) => {
