@@ -43,10 +43,10 @@ def test_each_message_becomes_what_it_says() -> None:
         ({"do": "fly"}, "nobody knows"),
         ({}, "nobody knows"),
         ({"do": ["jog"]}, "nobody knows"),
-        ({"do": "beat", "at": NOW - FRESH - 1}, "too late"),
-        ({"do": "beat", "at": NOW + 1}, "too late"),
-        ({"do": "beat", "at": float(NOW)}, "too late"),
-        ({"do": "beat", "at": None}, "too late"),
+        ({"do": "resume", "at": NOW - FRESH - 1}, "too late"),
+        ({"do": "resume", "at": NOW + 1}, "too late"),
+        ({"do": "resume", "at": float(NOW)}, "too late"),
+        ({"do": "resume", "at": None}, "too late"),
         ({"do": "jog", "rates": [1, 2], "press": 1}, "rates"),
         ({"do": "jog", "rates": [1, 2, float("nan")], "press": 1}, "rates"),
         ({"do": "jog", "rates": [1, 2, "3"], "press": 1}, "rates"),
@@ -128,6 +128,16 @@ def test_who_is_silent_loses_control_to_whoever_asks_and_who_is_not_keeps_it() -
     said({"do": "beat"}, "b", control)
     control.ask("c", NOW + SILENT)
     assert control.holder == "b" and control.asking == "c"
+
+
+def test_a_late_sign_of_life_counts_for_nothing_and_nobody_is_told() -> None:
+    control = Control()
+    control.join(NOW - 2 * SILENT)
+    heard = control.heard
+    assert said({"do": "beat", "at": NOW - FRESH - 1}, control.holder, control) is None
+    assert control.heard == heard
+    assert said({"do": "beat"}, control.holder, control) == Beat()
+    assert control.heard == NOW
 
 
 def test_a_jog_must_be_fresher_than_the_rest_and_letting_go_always_counts() -> None:

@@ -106,8 +106,8 @@ class Control:
 def heard(
     text: str, name: str, control: Control, pose: Callable[[str], Target | None], now: int
 ) -> Told | None:
-    """What a browser wants of the servo; None for what is settled between browsers. `pose` finds a
-    target by its name."""
+    """What a browser wants of the servo; None for what is settled between browsers, and for a sign
+    of life that comes too late: nobody pressed anything. `pose` finds a target by its name."""
     message = _message(text)
     do = message.get("do")
     if do == "ask":
@@ -120,6 +120,8 @@ def heard(
         return Released()
     at = message.get("at")
     if type(at) is not int or not 0 <= now - at <= (FRESH_JOG if do == "jog" else FRESH):
+        if do == "beat":
+            return None
         raise Unheeded("it came too late to count")
     control.heard = now
     return _told(do, message, pose)

@@ -80,7 +80,7 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
     pages.on_startup(pictures.pump)
     settings = uvicorn.Config(
         app,
-        log_level="warning",
+        log_level="error",
         ws_max_size=65536,
         ws_per_message_deflate=False,  # a JPEG gets no smaller
         timeout_graceful_shutdown=GRACE,

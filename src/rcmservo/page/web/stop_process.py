@@ -33,6 +33,6 @@ def serve_stop(bell: Post, doors: Doors, listening: socket.socket, control: Conn
 
     app = Porter(Starlette(routes=[WebSocketRoute("/stop", pressed)]), doors.port)
     settings = uvicorn.Config(
-        app, log_level="warning", lifespan="off", timeout_graceful_shutdown=GRACE
+        app, log_level="error", lifespan="off", timeout_graceful_shutdown=GRACE
     )
     asyncio.run(until_told(settings, listening, control))
