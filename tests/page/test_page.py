@@ -28,6 +28,8 @@ PATIENCE, AGAIN = 45_000, 5_000
 STANDSTILL = 50_000_000
 """ns of this machine from which on an arm stops, and what was played counts for nothing."""
 UNDER_WAY = "rcm.board.phase === 'ACQUIRE' || rcm.board.phase === 'SERVO'"
+AWAY = [0.1, 0.1, 8.0]
+"""rad, rad, mm by which a joint is jogged."""
 THERE = 0.02, 1.5, 1.5
 """rad, px, px within which the features are those of the target."""
 
@@ -85,12 +87,21 @@ class Person:
         self.page.get_by_label("Name of the pose").fill(name)
         self.leads("Teach", f"rcm.board.poses.includes('{name}')")
 
-    def jog(self, name: str, seconds: float) -> None:
-        self.page.get_by_role("button", name=name, exact=True).hover()
-        self.page.mouse.down()
-        self.page.wait_for_timeout(1000.0 * seconds)
-        self.page.mouse.up()
-        self.until("rcm.board.phase === 'PAUSED'")
+    def jog(self, name: str) -> None:
+        """Hold a button down until a joint has moved well away; where a busy machine let go of it,
+        press anew."""
+        q = self.told("board.q")
+        moved = f"rcm.board.q.some((one, k) => Math.abs(one - {q}[k]) > {AWAY}[k])"
+        for _ in range(10):
+            self.page.get_by_role("button", name=name, exact=True).hover()
+            self.page.mouse.down()
+            with suppress(TimeoutError):
+                self.page.wait_for_function(moved, timeout=AGAIN)
+            self.page.mouse.up()
+            self.until("rcm.board.phase === 'PAUSED'")
+            if self.page.evaluate(moved):
+                return
+        raise AssertionError(f"{name} moves nothing")
 
     def leaves(self, name: str) -> None:
         """Press a jog button and leave it without letting go."""
@@ -140,8 +151,10 @@ def seen(chromium: Browser, folder: Path) -> None:
 
 
 def wrong_in(chromium: Browser, folder: Path, play: Callable[[str], None]) -> str:
-    """What went wrong while something was played at a server; empty where nothing did."""
-    tries = (folder / str(k) for k in range(10))
+    """What went wrong while something was played at a server; empty where nothing did. A browser
+    without a GPU draws on the processors of all that is simulated, so what goes wrong once is told,
+    and played once more."""
+    tries = (folder / str(k) for k in range(20))
 
     def attempt() -> str:
         with served(next(tries)) as address:
@@ -155,7 +168,11 @@ def wrong_in(chromium: Browser, folder: Path, play: Callable[[str], None]) -> st
                     context.close()
         return ""
 
-    return undisturbed(attempt, lambda wrong: not wrong, STANDSTILL)
+    wrong = undisturbed(attempt, lambda wrong: not wrong, STANDSTILL)
+    if wrong:
+        print(f"once more, after {wrong}")
+        wrong = undisturbed(attempt, lambda wrong: not wrong, STANDSTILL)
+    return wrong
 
 
 def test_the_steps_of_the_readme_lead_to_a_taught_pose(chromium: Browser, tmp_path: Path) -> None:
@@ -184,10 +201,10 @@ def test_a_person_teaches_two_poses_goes_back_and_forth_stops_and_begins_again(
         person.page.wait_for_timeout(300)
         assert person.phase == "PAUSED"
         person.page.mouse.up(button="right")
-        person.jog("Jog joint 1 plus", 1.0)
-        person.jog("Jog joint 3 plus", 1.0)
+        person.jog("Jog joint 1 plus")
+        person.jog("Jog joint 3 plus")
         moved = np.array(person.told("board.q")) - q
-        assert 0.1 < moved[0] < 0.25 and abs(moved[1]) < 1e-3 and 8.0 < moved[2] < 20.0
+        assert moved[0] > AWAY[0] and abs(moved[1]) < 1e-3 and moved[2] > AWAY[2]
         person.teach("there")
         for pose in ("here", "there"):
             assert person.gone(pose), (pose, person.told("board"))
@@ -217,7 +234,7 @@ def test_marker_1_is_led_and_a_tour_of_two_poses_is_made_watched_and_over(
         page = person.page
         person.enable()
         person.teach("here")
-        person.jog("Jog marker 1 along x plus", 1.0)
+        person.jog("Jog marker 1 along x plus")
         person.teach("there")
         page.locator("#tour summary").click()
         page.get_by_label("Dwell in seconds").fill("1")
@@ -241,7 +258,7 @@ def test_closing_the_browser_in_mid_motion_pauses_and_another_one_resumes(
         first = Person(chromium, address)
         first.enable()
         first.teach("here")
-        first.jog("Jog joint 2 minus", 1.5)
+        first.jog("Jog joint 2 minus")
         first.leaves("Jog joint 2 minus")
         first.go("here")
         first.page.close()
@@ -263,7 +280,7 @@ def test_a_stopped_run_is_opened_looked_through_and_downloaded(
         page = person.page
         person.enable()
         person.teach("here")
-        person.jog("Jog joint 1 plus", 1.0)
+        person.jog("Jog joint 1 plus")
         page.keyboard.press("Space")
         person.until("rcm.board.phase === 'FAULT'")
         page.get_by_role("tab", name="Runs").click()
@@ -294,7 +311,7 @@ def test_a_student_sees_a_lost_marker_a_moved_camera_and_an_emergency_stop_and_t
         person = Person(chromium, address)
         person.enable()
         person.teach("here")
-        person.jog("Jog joint 2 minus", 1.0)
+        person.jog("Jog joint 2 minus")
         assert person.gone("here")
         person.trouble("marker_loss", **{"marker": "1", "for": "0.5"})
         person.until("rcm.board.phase === 'HOLD' || rcm.board.why.includes('marker 1')")
