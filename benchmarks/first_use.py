@@ -34,7 +34,7 @@ ROOT = Path(__file__).parents[1]
 STEP = r"\b([Pp]ress|[Tt]ype|[Hh]old) \*\*(.+?)\*\*"
 HELD = 4.0  # s: "until the tool has moved well away"
 FIELD = "Name of the pose"
-PRESSED = 120.0  # s for a button that a person waits for
+PRESSED = 30.0  # s for a button that a person waits for
 REACHED = """rcm.board.phase === 'SERVO' && rcm.board.delta.every(
   (one, k) => Math.abs(one) < [0.5 * Math.PI / 180, 1, 1][k])"""
 
@@ -74,7 +74,7 @@ def follow(page: Page, todo: list[tuple[str, str]], told: Callable[[str], None] 
 
 def reached(page: Page) -> None:
     """Wait until the tool is where it was shown."""
-    page.wait_for_function(REACHED, timeout=1e3 * PRESSED)
+    page.wait_for_function(REACHED, timeout=2e3 * PRESSED)
 
 
 def pressed(page: Page, name: str) -> None:

@@ -56,15 +56,13 @@ class Witness:
             before = now
 
 
-def undisturbed(
-    attempt: Callable[[], Run], arrived: Callable[[Run], bool], long: int = LONG
-) -> Run:
+def undisturbed(attempt: Callable[[], Run], arrived: Callable[[Run], bool]) -> Run:
     """What an attempt gave. One that did not arrive is made again if the witness was kept waiting
-    for ``long`` too; where that goes on, nothing can be told here."""
+    too; where that goes on, nothing can be told here."""
     for k in range(TRIES):
         with Witness() as witness:
             run = attempt()
-        if arrived(run) or witness.longest < long:
+        if arrived(run) or witness.longest < LONG:
             return run
         print(f"attempt {k + 1}, in which this machine stood still for", end=" ")
         print(f"{witness.longest * 1e-6:.0f} ms: {run!s:.500}")
