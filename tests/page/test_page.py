@@ -25,6 +25,14 @@ pytestmark = [
 PATIENCE, AGAIN = 45_000, 5_000
 """ms for what must come on a busy machine; after which a person presses once more."""
 ATTEMPTS = 3
+BUSY_AT_STOP = """() => {  // what is said where a busy browser comes to Resume and then to STOP
+  const said = [], send = WebSocket.prototype.send, end = performance.now() + 300;
+  WebSocket.prototype.send = function (words) { said.push(words); return send.call(this, words); };
+  while (performance.now() < end);
+  rcm.want("resume");
+  rcm.stop();
+  return new Promise((told) => setTimeout(() => told(said), 1000));
+}"""
 UNDER_WAY = "rcm.board.phase === 'ACQUIRE' || rcm.board.phase === 'SERVO'"
 AWAY = [0.1, 0.1, 8.0]
 """rad, rad, mm by which a joint is jogged."""
@@ -280,7 +288,8 @@ def test_a_stopped_run_is_opened_looked_through_and_downloaded(
         person.enable()
         person.teach("here")
         person.jog("Jog joint 1 plus")
-        page.keyboard.press("Space")
+        said = page.evaluate(BUSY_AT_STOP)
+        assert "stop" in said and not any("resume" in one for one in said)
         person.until("rcm.board.phase === 'FAULT'")
         page.get_by_role("tab", name="Runs").click()
         page.get_by_role("button", name="session-1").click(timeout=PATIENCE)

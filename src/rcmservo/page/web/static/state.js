@@ -11,6 +11,7 @@ export function start(rcm) {
   rcm.stopHeard = (heard) => { stopWords = heard ? "" : UNHEARD; };
   rcm.stop = () => {
     rcm.letGo();
+    rcm.forget(); // nothing that was pressed before comes after it
     stopWords = "STOP …";
     if (!rcm.stopLine.say("stop")) stopWords = UNHEARD;
     rcm.say({ do: "pause" }); // beside it, should that be what is left

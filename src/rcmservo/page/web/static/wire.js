@@ -4,6 +4,8 @@
 // rcm.told(f)    have f(board, jpeg) called with all that is told from now on
 // rcm.changed(f) have f() called when there may be something to show anew
 // rcm.say(m)     say a message, which counts while rcm.board is fresh
+// rcm.want(w, m) say what a press wants, and more of it, once rcm.board is fresh
+// rcm.forget()   say no more for a press that waits
 // rcm.url(path)  where something can be fetched
 const AGAIN = 500, FRESH = 200, PRESSED = 500, SHOWN = 80, LATELY = 10000; // ms
 
@@ -92,6 +94,7 @@ export function connect(site) {
     pressed = { message: { do: what, ...more }, since: performance.now() };
     sayPressed();
   };
+  rcm.forget = () => { pressed = null; };
   rcm.connected = () =>
     performance.now() - rcm.heard < 1000 && pictures.wire !== null && operate.wire !== null;
   rcm.may = () => rcm.connected() && rcm.holds && rcm.stopLine.wire !== null;
