@@ -69,7 +69,7 @@ bench: $(TESTING)
 
 $(RUNNING): pyproject.toml
 	python3 -m venv .venv
-	$(PIP) -e '.[sim,video,page]'
+	$(PIP) -e '.[sim,video,page,study]'
 	touch $(RUNNING)
 
 $(TESTING): $(RUNNING)

@@ -1,20 +1,17 @@
 """`rcmservo paper`: every experiment of the paper, and one report that judges its claims."""
 
-from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from rcmservo.app.folders import dated
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.preparing import simulator
+from rcmservo.app.progress import going_on, progress
 from rcmservo.app.servo_options import OptionalEstimator
-from rcmservo.app.terminal import console, is_alive
+from rcmservo.app.terminal import console
 from rcmservo.config.own_code import source
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import require
@@ -70,7 +67,7 @@ def paper(options: PaperOptions) -> int:
     words = f"{count} simulated pieces of work on all cores, into {folder}"
     out.print(words, style="dim", soft_wrap=True)
     total = sum(task.cost for some in tasks.values() for task in some)
-    with _going_on(folder, out), _progress(out, total) as advance:
+    with going_on(folder, out), progress(out, "simulating", total) as advance:
         written = paper.run(folder, options.quick, experiments, lambda task: advance(task.cost))
     rows = report.claims_in(folder)
     out.print(_claims(rows) if options.only is not None else _counts(rows))
@@ -93,37 +90,6 @@ def _own(options: PaperOptions) -> "Own | None":
     estimator: Estimator = getattr(options, options.OWN[name])
     examine(estimator, Lab().tool)
     return Own(name, name.rpartition(":")[2], estimator, Exploration(), source(estimator))
-
-
-@contextmanager
-def _going_on(folder: Path, out: Console) -> Generator[None]:
-    """After Ctrl-C, say how to go on."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        words = f"what is done is kept; the same command with --out {folder} goes on there"
-        out.print(words, soft_wrap=True)
-        raise
-
-
-@contextmanager
-def _progress(out: Console, total: float) -> Generator[Callable[[float], None]]:
-    """How far the work is: a bar, or a line for every tenth where no bar can be seen."""
-    columns = BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
-    words = TextColumn("simulating", markup=False)
-    with Progress(words, *columns, console=out, transient=True) as bar:
-        task = bar.add_task("", total=total)
-        tenths = 0
-
-        def advance(cost: float) -> None:
-            nonlocal tenths
-            bar.update(task, advance=cost)
-            now = int(10.0 * bar.tasks[0].completed / total)
-            if now > tenths and not is_alive(out):
-                out.print(f"{10 * now} % of the work is done", soft_wrap=True)
-            tenths = now
-
-        yield advance
 
 
 def _claims(rows: "list[ClaimRow]") -> Table:

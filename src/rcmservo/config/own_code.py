@@ -17,25 +17,25 @@ OPTION = "--estimator"
 NAME = re.compile(r"\w+(\.\w+)*:\w+")
 
 
-def named(name: str) -> type[Estimator]:
-    """The estimator class that a person has named; its module is imported, from the Python path or
-    the present folder."""
+def named(name: str, option: str = OPTION) -> type[Estimator]:
+    """The estimator class that a person has named by an option; its module is imported, from the
+    Python path or the present folder."""
     module, _, cls = name.partition(":")
     if not NAME.fullmatch(name):
         ours = ", ".join((*ESTIMATORS, *PRESETS))
-        raise BadInput(OPTION, name, f"one of {ours}, or module:class such as mylab.rls:RLS")
-    kind: object = getattr(_imported(module, name), cls, None)
+        raise BadInput(option, name, f"one of {ours}, or module:class such as mylab.rls:RLS")
+    kind: object = getattr(_imported(module, name, option), cls, None)
     if not (isinstance(kind, type) and issubclass(kind, Estimator)):
-        raise BadInput(OPTION, name, f"a class in {module} that derives from rcmservo.Estimator")
+        raise BadInput(option, name, f"a class in {module} that derives from rcmservo.Estimator")
     if not is_dataclass(kind):
-        raise BadInput(OPTION, name, "a frozen dataclass, whose fields are its settings")
+        raise BadInput(option, name, "a frozen dataclass, whose fields are its settings")
     if inspect.isabstract(kind):
         lacks = ", ".join(sorted(kind.__abstractmethods__))
-        raise BadInput(OPTION, name, f"an estimator with all its methods; it lacks {lacks}")
+        raise BadInput(option, name, f"an estimator with all its methods; it lacks {lacks}")
     return kind
 
 
-def _imported(module: str, name: str) -> object:
+def _imported(module: str, name: str, option: str) -> object:
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.append(here)
@@ -43,7 +43,7 @@ def _imported(module: str, name: str) -> object:
         return importlib.import_module(module)
     except (Exception, SystemExit) as error:  # of whatever the module does while it is imported
         right = f"a class of a module that can be imported; {module} raised {one_line(repr(error))}"
-        raise BadInput(OPTION, name, right) from error
+        raise BadInput(option, name, right) from error
 
 
 def source(estimator: Estimator) -> str:

@@ -90,7 +90,7 @@ def lab_of(path: Path, data: bytes) -> Lab:
     """The laboratory that the bytes of a rig file describe."""
     try:
         with told_with(path):
-            return _lab(texts.toml(data))
+            return lab_from(texts.toml(data))
     except BadInput:
         raise
     except texts.Refused as error:
@@ -110,7 +110,8 @@ def told_with(path: Path) -> Generator[None]:
         raise BadInput(f"{path}: {error.field}", error.value, error.right) from error
 
 
-def _lab(tables: texts.Table) -> Lab:
+def lab_from(tables: texts.Table) -> Lab:
+    """The laboratory that the sections of a rig file describe."""
     known = tuple(dict.fromkeys((*ROBOT_SECTIONS, *DEVICE_SECTIONS, *SIMULATION_SECTIONS)))
     for name, table in tables.items():
         if name not in known or not texts.is_table(table):

@@ -1,63 +1,28 @@
-"""Many closed loops of one servo, each in a scene drawn from a seed: what a study is made of."""
+"""Closed loops of one servo on the compiled twin, each in a scene drawn from a seed."""
 
 import signal
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
 from multiprocessing import Pool
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rcmservo.errors import require
-from rcmservo.guard.causes import CAUSES, Cause
-from rcmservo.guard.states import PHASES, Phase
 from rcmservo.interfaces import Floats
 from rcmservo.servo.compiled_ones import COMPILED, AnyRule
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
 from rcmservo.sim.arm import HARD_STOP
-from rcmservo.sim.rig import drawn
 from rcmservo.sim.scene import Scene
 from rcmservo.study.closed_loop import Course, Goal, Start, closed_loop
+from rcmservo.study.course import StudyRun
 from rcmservo.study.cramer_rao import bound
+from rcmservo.study.trial import frames_of, trial
 from rcmservo.study.twin import PAST, QUEUE, STEP, Drives, Pace, Twin
 
 BEGIN = 1_000_000_000
 """ns on the twin's clock at the first tick."""
-
-
-@dataclass(frozen=True, eq=False)
-class StudyRun:
-    """How one closed loop went: numbers of every tick."""
-
-    seed: int
-    """That its scene and noise were drawn from."""
-    rate: float
-    """Ticks per s."""
-    error: Floats
-    """(n,) mm from marker 2 to where it was shown, by the truth."""
-    phases: NDArray[np.int8]
-    """(n,) places in Phase."""
-    causes: NDArray[np.int8]
-    """(n,) places in Cause."""
-    bound: float
-    """mm, rms: the Cramér-Rao bound of the error, at the laboratory's noise, of a target that was
-    shown so, with all frames of the closed loop."""
-
-    def first_within(self, mm: float) -> float:
-        """s until the error was first at most so large; inf if it never was."""
-        there = np.flatnonzero(self.error <= mm)
-        return float(there[0] / self.rate) if len(there) else np.inf
-
-    @cached_property
-    def stops(self) -> list[tuple[float, Cause]]:
-        """s and cause of every stop: HOLD, PAUSED or FAULT after what was none of them."""
-        stopping = [PHASES.index(phase) for phase in (Phase.HOLD, Phase.PAUSED, Phase.FAULT)]
-        stands = np.isin(self.phases, stopping).astype(np.int8)
-        begun = np.flatnonzero(np.diff(stands, prepend=0) > 0)
-        return [(float(k / self.rate), CAUSES[self.causes[k]]) for k in begun]
 
 
 @dataclass(frozen=True)
@@ -86,14 +51,11 @@ class Study:
         slow = self.settings.drive.delay * self.servo.rate < QUEUE
         require(slow, "drive.delay", self.settings.drive.delay, f"below {QUEUE} ticks")
 
-    def run(self, seed: int) -> StudyRun:
-        """One closed loop, in the scene that `Rig(seed)` has."""
-        scene, random = drawn(seed, self.settings)
-        markers = scene.body.points(scene.target)[:2]
-        blur = random.standard_normal((2, 2)) / np.sqrt(self.shown)
-        points = scene.optics.project(markers) + self.settings.point_noise * blur
-        noise = self.settings.point_noise * random.standard_normal((self._frames, 2, 2))
-        return self.of(seed, scene, Goal(points, scene.target, markers[1]), noise)
+    def run(self, seed: int, repetition: int = 0) -> StudyRun:
+        """One closed loop, in the scene that `Rig(seed)` has, each repetition with noise of its
+        own."""
+        given = trial(seed, repetition, self.settings, self.duration, self.shown)
+        return self.of(seed, *given)
 
     def of(self, seed: int, scene: Scene, shown: Goal, noise: Floats) -> StudyRun:
         """One closed loop in a scene, to what was shown, with the noise (frames, 2, 2) px."""
@@ -103,7 +65,7 @@ class Study:
         trace = Course(np.empty(ticks), np.empty(ticks, np.int8), np.empty(ticks, np.int8))
         closed_loop(self._start, self._twin(scene), shown, noise, trace)
         least = bound(scene, self.settings.point_noise, self._frames, self.shown).rms
-        return StudyRun(seed, self.servo.rate, trace.error, trace.phase, trace.cause, least)
+        return StudyRun(seed, self.servo.rate, trace.error, trace.phase, trace.cause, least, scene)
 
     def runs(self, seeds: Iterable[int]) -> Iterator[StudyRun]:
         """A closed loop of every seed, in their order, on all cores."""
@@ -113,7 +75,7 @@ class Study:
 
     @property
     def _frames(self) -> int:
-        return int(self.duration * self.settings.timing.frame_rate) + 2
+        return frames_of(self.settings, self.duration)
 
     @property
     def _start(self) -> Start:

@@ -1,0 +1,110 @@
+"""Closed loops of the simulated laboratory itself: MuJoCo's arm, and the live path's own code, with
+any estimator, with disturbances, with rendered frames. What batch.py does with its compiled twin,
+at the same times and with the same noise."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rcmservo.errors import require
+from rcmservo.guard.states import PHASES, Request
+from rcmservo.interfaces import Target
+from rcmservo.loop.clock import ticks
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.teach import teach
+from rcmservo.loop.tick import Tick
+from rcmservo.servo.servo import Servo
+from rcmservo.sim import Disturbance, Rig, RigSettings
+from rcmservo.sim.scene import Scene
+from rcmservo.study.batch import BEGIN
+from rcmservo.study.course import StudyRun
+from rcmservo.study.cramer_rao import bound
+from rcmservo.study.trial import Trial, frames_of, trial
+from rcmservo.tracking import ColourMarkers, PointMarkers
+
+STILL = np.zeros(3)
+UNFIT = "kill", "disk_full"
+"""Disturbances of the process that servoes and of its record, not of the servo."""
+
+
+class Loop:
+    """One closed loop, before its first tick: whoever goes through its `ticks` moves the arm."""
+
+    def __init__(self, laboratory: "Laboratory", seed: int, repetition: int) -> None:
+        of = self._of = laboratory
+        self.rig = Rig(seed, of.settings, of.pictures, of.disturbances)
+        tracker = ColourMarkers() if of.pictures else PointMarkers()
+        self.plant = Plant(self.rig.arm, self.rig.camera, tracker, self.rig.clock)
+        self.given = trial(seed, repetition, of.settings, of.duration, of.shown)
+        self.p_d, self.target = self.given.goal.p2, self._shown(self.given)
+        self.errors: list[float] = []
+
+    def _shown(self, given: Trial) -> Target:
+        """The target: of rendered frames it must be shown, of points it is known what was seen."""
+        rig = self.rig
+        if self._of.pictures:
+            rig.show_target()
+            target = teach(self.plant, self._of.shown)
+            rig.go_home()
+            return target
+        rig.clock.wait_until(BEGIN)
+        rig.see_noise(given.noise)
+        return Target(given.goal.points, given.goal.q, rig.clock.now())
+
+    def ticks(self) -> Generator[Tick]:
+        """Every tick, after its command was sent."""
+        rig, plant, servo = self.rig, self.plant, self._of.servo
+        plant.reset()
+        rig.begin()
+        plant.enable()
+        state = servo.init()
+        for time in ticks(plant.clock, servo.rate, self._of.duration):
+            seen = plant.read()
+            state = servo.step(state, seen, self.target)
+            applied = plant.send(state.command)
+            p2 = rig.truth.markers(rig.clock.now())[1]
+            self.errors.append(float(np.linalg.norm(p2 - self.p_d)))
+            yield Tick(time, servo, seen, Request.NONE, STILL, state, applied)
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """A servo, and the laboratory that its scenes are drawn in."""
+
+    servo: Servo
+    """The servo."""
+    settings: RigSettings = field(default_factory=RigSettings)
+    """The laboratory."""
+    duration: float = 15.0
+    """Length of each closed loop, s."""
+    shown: int = 30
+    """Frames that the target is the mean of."""
+    disturbances: Sequence[Disturbance] = ()
+    """What goes wrong in every run."""
+    pictures: bool = False
+    """Rendered frames instead of a camera that tells points."""
+
+    def __post_init__(self) -> None:
+        require(0.0 < self.duration < np.inf, "duration", self.duration, "a positive time in s")
+        require(self.shown >= 1, "shown", self.shown, "at least 1 frame")
+        for one in self.disturbances:
+            right = f"none of {', '.join(UNFIT)}, which no servo can answer"
+            require(one.kind not in UNFIT, "disturbance", one.kind, right)
+
+    def run(self, seed: int, repetition: int = 0) -> StudyRun:
+        """One closed loop, in the scene that `Rig(seed)` has."""
+        loop = Loop(self, seed, repetition)
+        states = [tick.state for tick in loop.ticks()]
+        phases = np.array([PHASES.index(state.phase) for state in states], np.int8)
+        causes = np.array([state.cause.place for state in states], np.int8)
+        errors, rate = np.array(loop.errors), self.servo.rate
+        scene = loop.given.scene
+        return StudyRun(seed, rate, errors, phases, causes, self._bound(scene), scene)
+
+    def _bound(self, scene: Scene) -> float:
+        """NaN with rendered frames, whose noise is the tracker's and not known."""
+        if self.pictures:
+            return float("nan")
+        frames = frames_of(self.settings, self.duration)
+        return bound(scene, self.settings.point_noise, frames, self.shown).rms

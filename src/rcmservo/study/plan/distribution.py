@@ -1,0 +1,170 @@
+"""A distribution of scenes: the sections of a rig file, and which of their numbers vary from seed to
+seed.
+
+`[scene]` tells what camera, start and target are drawn from. Under `vary`, any number of the other
+sections has a range that it is drawn from evenly, "drive.lag" = [0.01, 0.05] say: of the tool, of
+the camera's noise, delay and lens, of encoders and drives. A list of numbers has a list at either
+end. All of it comes from the seed alone.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from rcmservo.config import texts
+from rcmservo.config.rig_file import Lab, lab_from
+from rcmservo.config.texts import Table, is_table
+from rcmservo.errors import BadInput, require
+from rcmservo.sim import RigSettings
+from rcmservo.sim.rig_file import rig_settings
+
+VARIED = "tool", "camera", "drive", "look", "scene"
+"""Sections whose numbers may vary."""
+
+CHILD = 4
+"""The child of a scene's seed that what varies is drawn from; the first four are the rig's."""
+
+BUILT_IN = "paper", "random", "laparoscopic", "hard"
+"""Those that have a name; each is a file beside this one, and says what it is."""
+
+Range = tuple[Any, Any]
+"""Least and greatest: two numbers, or two lists of them."""
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """What the scenes of a study are drawn from."""
+
+    name: str
+    """In rows and reports."""
+    tables: Table = field(default_factory=dict[str, Any])
+    """The sections of a rig file."""
+    vary: Mapping[str, Range] = field(default_factory=dict[str, Range])
+    """The range of every number that varies, by section.key."""
+
+    def __post_init__(self) -> None:
+        for name, ends in self.vary.items():
+            section, _, key = name.partition(".")
+            known = section in VARIED and bool(key)
+            right = f"section.key, with a section among {', '.join(VARIED)}"
+            require(known, f"{self.name}.vary", name, right)
+            _require_range(f'{self.name}.vary."{name}"', ends)
+        for end in (0.0, 1.0):
+            self._at(lambda low, high, end=end: low + end * (high - low))
+
+    @cached_property
+    def fixed(self) -> tuple[Lab, RigSettings]:
+        """The laboratory in the middle of all ranges."""
+        return self._at(lambda low, high: 0.5 * (low + high))
+
+    def laboratory(self, seed: int) -> tuple[Lab, RigSettings]:
+        """The laboratory of a seed; the robot knows its own part of it."""
+        if not self.vary:
+            return self.fixed
+        random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CHILD,)))
+        return self._at(random.uniform)
+
+    def seen(self, noise: float | None, delay: float | None) -> "Distribution":
+        """The same before a camera with this noise, px, and delay, s, where they are given."""
+        given = {"point_noise": noise, "delay": delay}
+        chosen = {key: value for key, value in given.items() if value is not None}
+        camera = {**self.tables.get("camera", {}), **chosen}
+        rest = {k: v for k, v in self.vary.items() if k.removeprefix("camera.") not in chosen}
+        return Distribution(self.name, {**self.tables, "camera": camera}, rest)
+
+    def _at(self, pick: Any) -> tuple[Lab, RigSettings]:
+        """The laboratory with a number picked from every range."""
+        tables = {name: dict(table) for name, table in self.tables.items()}
+        for name, (low, high) in self.vary.items():
+            section, _, key = name.partition(".")
+            tables.setdefault(section, {})[key] = _picked(low, high, pick)
+        with _told_with(self.name):
+            lab = lab_from(tables)
+            require(not lab.devices, "sections", ", ".join(lab.devices), "of a simulation")
+            return lab, rig_settings(lab)
+
+
+class _told_with:
+    """What is wrong with a distribution is told with its name."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, BadInput):
+            raise BadInput(
+                f"scenes {self.name}: {error.field}", error.value, error.right
+            ) from error
+
+
+def _picked(low: Any, high: Any, pick: Any) -> Any:
+    if isinstance(low, list):
+        return [_picked(a, b, pick) for a, b in zip(low, high, strict=True)]  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
+    return float(pick(low, high))
+
+
+def _require_range(where: str, ends: object) -> None:
+    right = "two finite numbers, least first, or two lists of them"
+    pair = isinstance(ends, list | tuple) and len(ends) == 2  # pyright: ignore[reportUnknownArgumentType]
+    require(pair and _ordered(*ends), where, ends, right)  # pyright: ignore[reportGeneralTypeIssues, reportUnknownArgumentType]
+
+
+def _ordered(low: Any, high: Any) -> bool:
+    if isinstance(low, list) and isinstance(high, list):
+        return len(low) == len(high) > 0 and all(map(_ordered, low, high))  # pyright: ignore[reportUnknownArgumentType]
+    numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in (low, high))
+    return numbers and bool(np.isfinite([low, high]).all()) and low <= high
+
+
+def built_in(name: str) -> Distribution:
+    """The distribution of this name."""
+    return distribution_from(name, texts.toml(_text(name).encode()), {})
+
+
+def described() -> Iterator[tuple[str, str]]:
+    """The name of every built-in distribution, and what it is."""
+    for name in BUILT_IN:
+        lines = _text(name).splitlines()
+        about = [line.lstrip("# ") for line in lines[: next(_first(lines), len(lines))]]
+        yield name, " ".join(about)
+
+
+def _first(lines: list[str]) -> Iterator[int]:
+    return (i for i, line in enumerate(lines) if not line.startswith("#"))
+
+
+def _text(name: str) -> str:
+    return (files("rcmservo.study.plan") / "scenes" / f"{name}.toml").read_text("utf-8")
+
+
+def distribution_from(name: str, table: Table, known: Mapping[str, Distribution]) -> Distribution:
+    """The distribution in a table: sections of a rig file, `vary`, and `like`, the name of one
+    whose sections and ranges it takes over where it has none of its own."""
+    own = dict(table)
+    like, vary = own.pop("like", None), own.pop("vary", {})
+    require(is_table(vary), f"{name}.vary", vary, "a table of ranges")
+    for section, value in own.items():
+        require(is_table(value), f"{name}.{section}", value, "a section of a rig file")
+    if like is None:
+        return Distribution(name, own, vary)
+    base = chosen(str(like), known, f"{name}.like")
+    sections = dict.fromkeys((*base.tables, *own))
+    tables = {key: {**base.tables.get(key, {}), **own.get(key, {})} for key in sections}
+    fixed = {f"{section}.{key}" for section, keys in own.items() for key in keys}
+    varied = {key: ends for key, ends in base.vary.items() if key not in fixed}
+    return Distribution(name, tables, {**varied, **vary})
+
+
+def chosen(name: str, known: Mapping[str, Distribution], where: str) -> Distribution:
+    """The distribution of a name: one that is `known`, or a built-in one."""
+    if name in known:
+        return known[name]
+    names = ", ".join(dict.fromkeys((*known, *BUILT_IN)))
+    require(name in BUILT_IN, where, name, f"one of {names}, or a rig file")
+    return built_in(name)

@@ -1,0 +1,108 @@
+"""A study as a TOML file: what `rcmservo study FILE` reads.
+
+    methods = ["dlt", "careful"]
+    scenes = ["random", "far"]
+    noise = [0.3, 1.0]
+
+    [method.careful]
+    estimator = { kind = "projection", rate = 1.0 }
+    controller = { gain = 2.0 }
+
+    [distribution.far]
+    like = "random"
+    scene = { distance = [250.0, 400.0] }
+    vary = { "camera.delay" = [0.01, 0.05] }
+
+Without `methods`, or `scenes`, all that the file describes are tried.
+"""
+
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from rcmservo.config import texts
+from rcmservo.config.decode import decode
+from rcmservo.config.files import read_small
+from rcmservo.config.rig_file import told_with
+from rcmservo.errors import BadInput, UnusableFile, one_line, require
+from rcmservo.study.plan.distribution import Distribution, chosen, distribution_from
+from rcmservo.study.plan.method import Method, Own, method_from, named
+from rcmservo.study.plan.plan import Plan
+
+LARGEST = 1_000_000
+"""Bytes of a file."""
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """What a file, and the command line above it, ask for; None is what neither says."""
+
+    methods: tuple[str, ...] | None = None
+    scenes: tuple[str, ...] | None = None
+    count: int | None = None
+    first_seed: int | None = None
+    noise: tuple[float, ...] | None = None
+    latency: tuple[float, ...] | None = None
+    disturb: tuple[tuple[str, ...], ...] | None = None
+    repetitions: int | None = None
+    duration: float | None = None
+    shown: int | None = None
+    engine: str | None = None
+    method: dict[str, Any] = field(default_factory=dict[str, Any])
+    distribution: dict[str, Any] = field(default_factory=dict[str, Any])
+
+
+def load(path: Path) -> StudyFile:
+    """What a file asks for."""
+    data = read_small(path, LARGEST, "a study")
+    try:
+        with told_with(path):
+            return decode(StudyFile, texts.toml(data), "study")
+    except BadInput:
+        raise
+    except RecursionError as error:
+        raise UnusableFile(path, "is nested too deeply") from error
+    except ValueError as error:
+        raise UnusableFile(path, f"is not valid TOML: {one_line(error)}") from error
+
+
+def plan_of(asked: StudyFile, own: Own) -> Plan:
+    """The plan that is asked for."""
+    methods = {name: _method(name, table, own) for name, table in asked.method.items()}
+    scenes: dict[str, Distribution] = {}
+    for name, table in asked.distribution.items():
+        require(isinstance(table, dict), f"distribution.{name}", table, "a table")
+        scenes[name] = distribution_from(name, table, scenes)
+    tried = asked.methods if asked.methods is not None else tuple(methods or ("dlt",))
+    drawn = asked.scenes if asked.scenes is not None else tuple(scenes or ("random",))
+    numbers = {
+        f.name: getattr(asked, f.name)
+        for f in fields(Plan)
+        if f.name not in ("methods", "scenes") and getattr(asked, f.name) is not None
+    }
+    return Plan(
+        methods=tuple(methods.get(name) or named(name, own) for name in tried),
+        scenes=tuple(_scenes(name, scenes) for name in drawn),
+        **numbers,
+    )
+
+
+def _method(name: str, table: object, own: Own) -> Method:
+    if not isinstance(table, dict):
+        raise BadInput(f"method.{name}", table, "a table")
+    return method_from(name, table, own)  # pyright: ignore[reportUnknownArgumentType]
+
+
+def _scenes(name: str, known: dict[str, Distribution]) -> Distribution:
+    """The distribution of a name, or a rig file's by its path."""
+    if name in known or not name.endswith(".toml"):
+        return chosen(name, known, "scenes")
+    path = Path(name)
+    data = read_small(path, LARGEST, "a rig file")
+    try:
+        with told_with(path):
+            return distribution_from(path.stem, texts.toml(data), known)
+    except BadInput:
+        raise
+    except ValueError as error:
+        raise UnusableFile(path, f"is not valid TOML: {one_line(error)}") from error

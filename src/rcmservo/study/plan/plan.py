@@ -1,0 +1,156 @@
+"""A study: methods x scenes x noise x latency x disturbances x repetitions, as cells, and the seeds
+that each is tried on."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+from rcmservo.errors import BadInput, require
+from rcmservo.sim import Disturbance
+from rcmservo.study.plan.cell import COMPILED, ENGINES, MUJOCO, PICTURES, Cell, described, engine_of
+from rcmservo.study.plan.distribution import Distribution
+from rcmservo.study.plan.method import Method, tried
+
+AUTO = "auto"
+LONGEST = 3600.0
+"""s of a closed loop."""
+MOST = 100_000_000
+"""Runs of a study."""
+SIZES = {COMPILED: 100, MUJOCO: 4, PICTURES: 1}
+"""Seeds of a chunk: a fraction of a second of work, so that little is lost with a worker."""
+
+
+class Chunk(NamedTuple):
+    """Runs that are made, kept and lost together."""
+
+    cell: Cell
+    """What they are runs of."""
+    seeds: range
+    """Of their scenes."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a study tries."""
+
+    methods: tuple[Method, ...]
+    """Compared on the same scenes with the same noise; the first is what the others are held
+    against."""
+    scenes: tuple[Distribution, ...]
+    """What scenes are drawn from."""
+    count: int = 200
+    """Scenes of each distribution."""
+    first_seed: int = 0
+    """Of the first scene; the others follow one by one."""
+    noise: tuple[float, ...] = ()
+    """px of the camera without pictures; empty for what the scenes have."""
+    latency: tuple[float, ...] = ()
+    """s from a frame's exposure to its arrival; empty for what the scenes have."""
+    disturb: tuple[tuple[str, ...], ...] = ((),)
+    """What goes wrong, one set after the other."""
+    repetitions: int = 1
+    """Runs in each scene, with different noise."""
+    duration: float = 15.0
+    """Length of each closed loop, s."""
+    shown: int = 300
+    """Frames that the target is shown for."""
+    engine: str = AUTO
+    """`auto`, or one of ENGINES for all."""
+
+    def __post_init__(self) -> None:
+        whole = "a whole number from {} to {}".format
+        require(1 <= self.count <= MOST, "count", self.count, whole(1, MOST))
+        require(0 <= self.first_seed < 2**53, "seed", self.first_seed, whole(0, "2^53"))
+        require(1 <= self.repetitions <= 1000, "repetitions", self.repetitions, whole(1, 1000))
+        require(1 <= self.shown <= 100_000, "shown", self.shown, whole(1, 100_000))
+        good = 1.0 < self.duration <= LONGEST
+        require(good, "duration", self.duration, f"more than 1 and at most {LONGEST:g} s")
+        good = self.engine in (AUTO, *ENGINES)
+        require(good, "engine", self.engine, f"one of {AUTO}, {', '.join(ENGINES)}")
+        require(bool(self.methods), "method", "none", "at least one")
+        require(bool(self.scenes), "scenes", "none", "at least one")
+        for what, names in (("method", self.methods), ("scenes", self.scenes)):
+            _require_once(what, [one.name for one in names])
+        for values, name, right in (
+            (self.noise, "noise", "a number of px that is not negative"),
+            (self.latency, "latency", "a time from 0 to 0.5 s"),
+        ):
+            for value in values:
+                require(0.0 <= value <= (1e3 if name == "noise" else 0.5), name, value, right)
+            _require_once(name, list(values))
+        _require_once("disturb", list(self.disturb))
+        require(self.runs <= MOST, "runs in all", self.runs, f"at most {MOST}")
+
+    @property
+    def runs(self) -> int:
+        """How many closed loops there are."""
+        cells = len(self.methods) * len(self.scenes) * max(len(self.noise), 1)
+        cells *= max(len(self.latency), 1) * len(self.disturb) * self.repetitions
+        return cells * self.count
+
+    def cells(self) -> Iterator[Cell]:
+        """Every cell, the methods of a condition after each other."""
+        noises, latencies = self.noise or (None,), self.latency or (None,)
+        axes = self.scenes, noises, latencies, self.disturb, range(self.repetitions)
+        for scenes, noise, latency, disturb, repetition in product(*axes):
+            seen = scenes.seen(noise, self._delay(scenes, latency))
+            asked = (
+                scenes.name,
+                f"{noise:g} px" if noise is not None else "",
+                f"{1e3 * latency:g} ms" if latency is not None else "",
+                *disturb,
+            )
+            for method in self.methods:
+                condition = ", ".join(filter(None, asked))
+                yield self._cell(method, condition, seen, disturb, repetition)
+
+    def chunks(self) -> Iterator[Chunk]:
+        """All runs, a few at a time, in the order of their rows."""
+        end = self.first_seed + self.count
+        for cell in self.cells():
+            size = SIZES[cell.engine]
+            first = self.first_seed - self.first_seed % size  # other studies share such chunks
+            for begin in range(first, end, size):
+                yield Chunk(cell, range(max(begin, self.first_seed), min(begin + size, end)))
+
+    def _delay(self, scenes: Distribution, latency: float | None) -> float | None:
+        """The camera's delay after the exposure that makes this latency."""
+        if latency is None:
+            return None
+        half = 0.5 * scenes.fixed[1].timing.exposure
+        require(latency >= half, "latency", latency, f"at least half of the exposure, {half:g} s")
+        return latency - half
+
+    def _cell(
+        self,
+        method: Method,
+        condition: str,
+        scenes: Distribution,
+        disturb: tuple[str, ...],
+        repetition: int,
+    ) -> Cell:
+        servo = tried(method, scenes.fixed[0])
+        told = tuple(str(Disturbance.parse(one)) for one in disturb)
+        cell = Cell(
+            method=method.name,
+            servo=described(servo),
+            source=method.parcel.digest,
+            condition=condition,
+            scenes=scenes.name,
+            tables=scenes.tables,
+            vary=scenes.vary,
+            disturb=told,
+            repetition=repetition,
+            engine=engine_of(servo, told, self.engine),
+            duration=self.duration,
+            shown=self.shown,
+        )
+        cell.engine_for(self.first_seed, servo)
+        return cell
+
+
+def _require_once(what: str, names: list[object]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise BadInput(what, name, "given once")

@@ -1,0 +1,146 @@
+"""One run of a study as a row: the columns of runs.parquet, each with its unit and meaning."""
+
+import platform
+from dataclasses import dataclass, field, fields
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rcmservo.interfaces import Floats
+from rcmservo.method.controller import scaled
+from rcmservo.method.singular import condition
+from rcmservo.sim import RigSettings
+from rcmservo.sim.scene import Scene
+from rcmservo.sim.scenes.ways import imaged_rcm
+from rcmservo.sim.truth import feature_jacobian
+from rcmservo.study.course import StudyRun
+
+NEAR = 1.0
+"""mm of pose error up to which a run is a success."""
+
+
+def column(meaning: str) -> Any:
+    """A column, and what it tells."""
+    return field(metadata={"meaning": meaning})
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run. None is what is not known, or never came."""
+
+    method: str = column("what was tried, by its name in the study")
+    scenes: str = column("the distribution that the scene was drawn from")
+    seed: int = column("all chance of the run comes from it, and from the repetition")
+    repetition: int = column("which noise of this scene")
+    noise_px: float = column("px, standard deviation of a marker's coordinate in a frame")
+    latency_s: float = column("s from the middle of a frame's exposure to its arrival")
+    disturb: str = column("what went wrong, as --disturb has it; empty where nothing did")
+    engine: str = column(
+        "compiled (the twin), mujoco (the live path's code) or pictures (the same)"
+    )
+    success: bool = column("whether pose_error_mm is at most 1 mm")
+    time_to_1mm_s: float | None = column("s until marker 2 was first within 1 mm of the target")
+    pose_error_mm: float = column("mm of marker 2, true, root mean square over the last second")
+    bound_mm: float | None = column("mm, rms: the Cramér-Rao bound of that, all frames of the run")
+    stop: str = column("cause of the first stop; empty where the run never stopped")
+    stop_s: float | None = column("s at which that was")
+    stops: int = column("how often the run stopped: HOLD, PAUSED or FAULT after none of them")
+    unnoticed_mm: float = column("mm by which the true error grew while servoing, no cause named")
+    start_error_mm: float = column("mm of marker 2 from the target at the first tick")
+    condition: float = column("of the scaled Jacobian, the largest on the straight way")
+    focal_px: float = column("px, the camera's focal length")
+    distance_mm: float = column("mm from the camera to the tool's marker 1 at the start")
+    rcm_depth: float = column("depth of the RCM before the camera, in units of marker 1's")
+    rejected: int = column("draws that did not suit before this scene did")
+    source: str = column("SHA-256 of the user's own module; empty for built-in methods")
+    cpu: str = column("the processor that made the run")
+    versions: str = column("of rcmservo, Python, NumPy, Numba and MuJoCo there")
+
+
+MEANINGS = {f.name: str(f.metadata["meaning"]) for f in fields(Row)}
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What of a row its cell tells."""
+
+    method: str
+    scenes: str
+    repetition: int
+    disturb: str
+    engine: str
+    source: str
+
+
+def row_of(asked: Asked, settings: RigSettings, run: StudyRun) -> Row:
+    """The row of a run."""
+    first, stops, timing, scene = run.first_within(NEAR), run.stops, settings.timing, run.scene
+    depths = scene.optics.depth(np.stack([np.zeros(3), scene.body.points(scene.start)[0]]))
+    away = scene.body.points(scene.start)[0] - scene.optics.position
+    return Row(
+        method=asked.method,
+        scenes=asked.scenes,
+        seed=run.seed,
+        repetition=asked.repetition,
+        noise_px=float(settings.point_noise),
+        latency_s=float(0.5 * timing.exposure + timing.delay),
+        disturb=asked.disturb,
+        engine=asked.engine,
+        success=bool(run.pose_error <= NEAR),
+        time_to_1mm_s=first if np.isfinite(first) else None,
+        pose_error_mm=run.pose_error,
+        bound_mm=run.bound if np.isfinite(run.bound) else None,
+        stop=stops[0][1].name if stops else "",
+        stop_s=stops[0][0] if stops else None,
+        stops=len(stops),
+        unnoticed_mm=run.unnoticed,
+        start_error_mm=float(run.error[0]),
+        condition=worst_condition(scene),
+        focal_px=float(scene.optics.focal),
+        distance_mm=float(np.linalg.norm(away)),
+        rcm_depth=float(depths[0] / depths[1]),
+        rejected=scene.rejected,
+        source=asked.source,
+        cpu=cpu(),
+        versions=versions(),
+    )
+
+
+def worst_condition(scene: Scene) -> float:
+    """The largest condition number of the scaled J on the way to the target; inf where there is
+    none."""
+    o_c = imaged_rcm(scene.optics)
+    return max(_condition(scene, q, o_c) for q in scene.way)
+
+
+def _condition(scene: Scene, q: Floats, o_c: Floats) -> float:
+    return float(condition(scaled(feature_jacobian(scene.body, scene.optics, q, o_c))))
+
+
+@cache
+def cpu() -> str:
+    """What the processor calls itself."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines()
+    except OSError:
+        lines = []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.processor() or platform.machine())
+
+
+@cache
+def versions() -> str:
+    """Of what decides a run's numbers, here."""
+    found = {"rcmservo": _version("rcmservo"), "python": platform.python_version()}
+    found |= {name: _version(name) for name in ("numpy", "numba", "mujoco-core")}
+    return " ".join(f"{name} {number}" for name, number in found.items())
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"

@@ -1,0 +1,173 @@
+"""A study in numbers: every method under every condition, and every method beside the first one, in
+the same scenes with the same noise."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from rcmservo.interfaces import Floats
+from rcmservo.study.plan.plan import Plan
+from rcmservo.study.told.statistics import (
+    Interval,
+    median_difference,
+    quantile,
+    resampled,
+    rms,
+    share,
+    share_difference,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """All runs of one method under one condition."""
+
+    method: str
+    """Its name."""
+    condition: str
+    """Scenes, noise, latency and disturbances, in words."""
+    first: int
+    """The row of the first of its runs; those of a later repetition follow further on."""
+    rows: Any
+    """They, as a table."""
+
+    def column(self, name: str) -> Floats:
+        """A column of numbers; NaN where nothing is known."""
+        return self.rows[name].to_numpy().astype(np.float64)
+
+    @property
+    def engine(self) -> str:
+        return self.rows["engine"][0].as_py()
+
+    @cached_property
+    def success(self) -> Floats:
+        return self.rows["success"].to_numpy()
+
+    @cached_property
+    def first_within(self) -> Floats:
+        """s until first within 1 mm; inf if never."""
+        times = self.column("time_to_1mm_s")
+        return np.where(np.isnan(times), np.inf, times)
+
+    @cached_property
+    def ratios(self) -> Floats:
+        """Pose error over the bound, of runs that arrived."""
+        bound = self.column("bound_mm")
+        good = self.success & (bound > 0.0)
+        return self.column("pose_error_mm")[good] / bound[good]
+
+    @property
+    def stops(self) -> list[tuple[str, int]]:
+        """Causes of first stops, the most frequent first."""
+        counted = Counter(name for name in self.rows["stop"].to_pylist() if name)
+        return counted.most_common()
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A method under a condition, in numbers."""
+
+    method: str
+    condition: str
+    engine: str
+    runs: int
+    success: Interval
+    """Share of the runs that ended within 1 mm."""
+    time_median_s: Interval
+    """s until first within 1 mm, runs that never were counting as infinite."""
+    time_95_s: Interval
+    pose_median_mm: Interval
+    """mm at the end, of all runs."""
+    pose_95_mm: Interval
+    ratio_median: Interval
+    """Pose error over the Cramér-Rao bound, of the runs that succeeded."""
+    ratio_rms: Interval
+    unnoticed_99_mm: Interval
+    """mm that the true error grew by without a word."""
+    unnoticed_worst_mm: float
+    stops: dict[str, int]
+    """First stops by their causes."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A method beside the first one, in the same scenes with the same noise."""
+
+    method: str
+    beside: str
+    condition: str
+    pairs: int
+    success: Interval
+    """Difference of the shares that succeeded."""
+    time_s: Interval
+    """Median difference of the times until first within 1 mm, where one of them came."""
+    pose_mm: Interval
+    """Median difference of the pose errors, where both succeeded."""
+
+
+def groups(plan: Plan, table: Any) -> list[Group]:
+    """The rows by condition and method."""
+    places: dict[tuple[str, str], list[int]] = {}
+    for i, cell in enumerate(plan.cells()):
+        places.setdefault((cell.condition, cell.method), []).append(i * plan.count)
+    return [
+        Group(method, condition, firsts[0], _slices(table, firsts, plan.count))
+        for (condition, method), firsts in places.items()
+    ]
+
+
+def _slices(table: Any, firsts: list[int], count: int) -> Any:
+    import pyarrow as pa
+
+    some: Any = pa
+    return some.concat_tables([table.slice(first, count) for first in firsts]).combine_chunks()
+
+
+def summary_of(group: Group) -> Summary:
+    """The numbers of a method under a condition."""
+    time, pose, runs = group.first_within, group.column("pose_error_mm"), len(group.success)
+    unnoticed = group.column("unnoticed_mm")
+    return Summary(
+        method=group.method,
+        condition=group.condition,
+        engine=group.engine,
+        runs=runs,
+        success=share(int(group.success.sum()), runs),
+        time_median_s=quantile(time, 0.5),
+        time_95_s=quantile(time, 0.95),
+        pose_median_mm=quantile(pose, 0.5),
+        pose_95_mm=quantile(pose, 0.95),
+        ratio_median=quantile(group.ratios, 0.5),
+        ratio_rms=resampled(group.ratios, rms),
+        unnoticed_99_mm=quantile(unnoticed, 0.99),
+        unnoticed_worst_mm=float(unnoticed.max()),
+        stops=dict(group.stops),
+    )
+
+
+def comparisons(found: list[Group]) -> Iterator[Comparison]:
+    """Every method beside the first one, condition by condition."""
+    base: dict[str, Group] = {}
+    for group in found:
+        first = base.setdefault(group.condition, group)
+        if first is not group:
+            yield compared(group, first)
+
+
+def compared(one: Group, other: Group) -> Comparison:
+    """One method beside another, under the same condition."""
+    both = one.success & other.success
+    poses = (group.column("pose_error_mm")[both] for group in (one, other))
+    return Comparison(
+        method=one.method,
+        beside=other.method,
+        condition=one.condition,
+        pairs=len(one.success),
+        success=share_difference(one.success, other.success),
+        time_s=median_difference(one.first_within, other.first_within),
+        pose_mm=median_difference(*poses),
+    )

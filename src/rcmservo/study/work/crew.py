@@ -1,0 +1,200 @@
+"""Workers, by dask.distributed: processes of this machine, or those of a cluster by the address of
+its scheduler.
+
+Whoever reaches a scheduler can run code on its workers. So the one that is started here listens on
+the loopback interface and asks for a certificate that is made for it alone. Another one is used
+over TLS, with the certificates that dask's own configuration names, or on the loopback interface,
+where a tunnel may end.
+"""
+
+import ipaddress
+import logging
+import socket
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import dask
+import distributed
+
+from rcmservo.errors import BadInput, RcmServoError, one_line, require
+from rcmservo.study.work.chunk import Numbers, Order, OtherPackage, done
+from rcmservo.study.work.package import package
+
+DASK: Any = distributed
+"""Dask without types: most of it has none."""
+
+HERE = "127.0.0.1"
+PATIENCE = 30.0
+"""s for which a scheduler is waited for, and then for a first worker."""
+AHEAD = 4
+"""Orders for each worker that are under way, so that none is idle."""
+LOSSES = 100
+"""Workers that may die with an order before it is blamed for that."""
+OPTION = "--cluster"
+
+
+class Lost(RcmServoError):
+    """What was under way cannot be had."""
+
+
+class Given(NamedTuple):
+    """An order that is under way."""
+
+    key: str
+    """What its result is kept by."""
+    order: Order
+    """What is to be done."""
+    losses: int
+    """Workers that died with it."""
+
+
+class Crew:
+    """Workers that take orders."""
+
+    def __init__(self, client: Any, where: str) -> None:
+        self._client, self.where = client, where
+        self._under_way: dict[Any, Given] = {}
+
+    @property
+    def count(self) -> int:
+        """Orders that are worked on at a time."""
+        return sum(self._client.nthreads().values())
+
+    def done(self, orders: Iterable[tuple[str, Order]]) -> Generator[tuple[str, list[Numbers]]]:
+        """The rows of every order, as they come. A worker that dies loses nothing: what it had is
+        done by another."""
+        waiting, futures = iter(orders), DASK.as_completed()
+        try:
+            self._fill(futures, waiting)
+            for future in futures:
+                given = self._under_way.pop(future)
+                try:
+                    rows = future.result()
+                except DASK.KilledWorker as error:
+                    futures.add(self._submit(self._again(given, error)))
+                    continue
+                yield given.key, rows
+                self._fill(futures, waiting)
+        except (OSError, DASK.CancelledError) as error:
+            raise Lost(f"the scheduler at {self.where} is gone: {one_line(error)}") from error
+        finally:
+            self._client.cancel(list(self._under_way))
+            self._under_way.clear()
+
+    def _fill(self, futures: Any, waiting: Iterator[tuple[str, Order]]) -> None:
+        """Keep every worker busy."""
+        room = AHEAD * max(self.count, 1) - len(self._under_way)
+        for _, (key, order) in zip(range(room), waiting, strict=False):
+            futures.add(self._submit(Given(key, order, 0)))
+
+    def _submit(self, given: Given) -> Any:
+        future = self._client.submit(done, given.order, key=f"{given.key}-{given.losses}")
+        self._under_way[future] = given
+        return future
+
+    def _again(self, given: Given, error: Exception) -> Given:
+        if given.losses >= LOSSES:
+            raise Lost(f"every worker that takes it dies: {one_line(error)}") from error
+        return given._replace(losses=given.losses + 1)
+
+
+@contextmanager
+def crew(address: str | None, workers: int | None) -> Generator[Crew]:
+    """The workers of a cluster, all of which have this very package; without an address as many
+    processes of this machine as it has processors, or as are asked for."""
+    with _quietly():
+        if address is None:
+            with _processes(workers) as client:
+                yield Crew(client, "this machine")
+        else:
+            _require_guarded(address)
+            with _reached(address) as client:
+                _require_same_package(client)
+                yield Crew(client, address)
+
+
+@contextmanager
+def _quietly() -> Generator[None]:
+    """What goes wrong is told by us; dask's own words of it go nowhere."""
+    log = logging.getLogger("distributed")
+    usual = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        log.setLevel(usual)
+
+
+@contextmanager
+def _processes(workers: int | None) -> Generator[Any]:
+    """A scheduler and workers of our own."""
+    tolerant = dask.config.set({"distributed.scheduler.allowed-failures": LOSSES})
+    with (
+        tolerant,
+        DASK.LocalCluster(
+            n_workers=workers or dask.system.CPU_COUNT,
+            threads_per_worker=1,
+            processes=True,
+            host=HERE,
+            dashboard_address=None,
+            security=True,
+            memory_limit=None,
+            silence_logs=logging.CRITICAL + 1,
+        ) as cluster,
+        DASK.Client(cluster) as client,
+    ):
+        yield client
+
+
+def _require_guarded(address: str) -> None:
+    """Refuse a scheduler that anybody in the network can talk to as well."""
+    scheme, _, rest = address.rpartition("://")
+    host, _, port = rest.rpartition(":")
+    good = scheme in ("", "tcp", "tls") and bool(host) and port.isdigit()
+    require(good, OPTION, address, "that of a dask scheduler, such as tls://host:8786")
+    right = (
+        "tls://..., or on the loopback interface, as whoever reaches a scheduler can run code on its "
+        "workers; a tunnel such as ssh -L 8786:localhost:8786 ends there"
+    )
+    require(scheme == "tls" or _on_loopback(host.strip("[]")), OPTION, address, right)
+
+
+def _on_loopback(host: str) -> bool:
+    try:
+        found = {info[4][0] for info in socket.getaddrinfo(host, None)}
+    except OSError as error:
+        raise BadInput(OPTION, host, f"a host with an address ({one_line(error)})") from error
+    return all(ipaddress.ip_address(place).is_loopback for place in found)
+
+
+@contextmanager
+def _reached(address: str) -> Generator[Any]:
+    """The client of a scheduler that is there, with a worker at least."""
+    try:
+        client = DASK.Client(address, timeout=PATIENCE)
+    except (OSError, TypeError, ValueError, RuntimeError) as error:
+        cause = error.__cause__ or error
+        right = f"the address of a dask scheduler that answers ({one_line(cause)})"
+        raise BadInput(OPTION, address, right) from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except TimeoutError as error:
+            raise RcmServoError(
+                f"no worker has joined the scheduler at {address} in {PATIENCE:g} s: start one, "
+                f"as docs/cluster.md has it"
+            ) from error
+        yield client
+
+
+def _require_same_package(client: Any) -> None:
+    """Refuse workers with another version of this package, or without it."""
+    told: dict[str, object] = client.run(package, on_error="return")
+    others = {worker: found for worker, found in told.items() if found != package()}
+    for worker, found in others.items():
+        has = f"rcmservo {found}" if isinstance(found, str) else f"none ({one_line(found)})"
+        raise OtherPackage(
+            f"{len(others)} of {len(told)} workers have another rcmservo than this machine, "
+            f"{package()}: {worker} has {has}; install the same version there"
+        )

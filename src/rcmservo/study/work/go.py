@@ -1,0 +1,61 @@
+"""A study, done: what is not there yet is ordered, what comes is kept, and all of it is gathered."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rcmservo.servo.own_estimator import name_of_class
+from rcmservo.study.plan.method import Own
+from rcmservo.study.plan.plan import Chunk, Plan
+from rcmservo.study.work.chunk import Order, one_run
+from rcmservo.study.work.crew import Crew
+from rcmservo.study.work.package import package
+from rcmservo.study.work.store import Store, key_of
+
+Progress = Callable[[int], None]
+"""Is told how many runs more are done."""
+
+
+class Work:
+    """A plan and its folder: what is done, and what is left."""
+
+    def __init__(self, plan: Plan, folder: Path) -> None:
+        self.plan, self.store = plan, Store(folder)
+        self.chunks = {key_of(chunk): chunk for chunk in plan.chunks()}
+        self.changed = ""
+        self.left = {k: chunk for k, chunk in self.chunks.items() if not self.store.has(k)}
+
+    @property
+    def runs_left(self) -> int:
+        return sum(len(chunk.seeds) for chunk in self.left.values())
+
+    def compile(self) -> None:
+        """Make the first run that is left of every cell, so that all that it needs is compiled
+        once, and not by every worker at a time; what cannot be run is told before any is started."""
+        first = {chunk.cell.text: chunk for chunk in reversed(self.left.values())}
+        for chunk in first.values():
+            one_run(chunk.cell, chunk.cell.rebuilt(self._own), chunk.seeds.start)
+
+    def go(self, crew: Crew, progress: Progress) -> None:
+        """Have all that is left done."""
+        parcels = {method.parcel.digest: method.parcel for method in self.plan.methods}
+        orders = (
+            (key, Order(chunk.cell.text, *_ends(chunk), package(), parcels[chunk.cell.source]))
+            for key, chunk in self.left.items()
+        )
+        for key, rows in crew.done(orders):
+            self.store.keep(key, rows)
+            progress(len(rows))
+
+    def gather(self) -> Any:
+        """All rows, as a table, which is written too."""
+        return self.store.gather(self.chunks)
+
+    @property
+    def _own(self) -> Own:
+        kinds = [type(m.estimator) for m in self.plan.methods if m.parcel.name]
+        return {name_of_class(kind): kind for kind in kinds}
+
+
+def _ends(chunk: Chunk) -> tuple[int, int]:
+    return chunk.seeds.start, chunk.seeds.stop

@@ -1,0 +1,109 @@
+"""What is done of a study, on disk: a folder with one Parquet file for every chunk, by the hash of
+all that it depends on. A study that was stopped goes on from there, and so does one of whose
+settings only some were changed."""
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from rcmservo.config.files import whole
+from rcmservo.errors import UnusableFile
+from rcmservo.study.plan.plan import Chunk
+from rcmservo.study.row import MEANINGS, Row
+from rcmservo.study.work.chunk import Numbers
+from rcmservo.study.work.package import package
+
+PA: Any = pa
+PQ: Any = pq
+"""Arrow without types: it has none."""
+
+RUNS = "runs.parquet"
+PARTS = "parts"
+
+KINDS: dict[type, Any] = {
+    str: PA.string(),
+    int: PA.int64(),
+    float: PA.float64(),
+    bool: PA.bool_(),
+}
+
+
+def _field(name: str, hint: Any) -> Any:
+    kinds = [kind for kind in get_args(hint) or (hint,) if kind is not type(None)]
+    optional = type(None) in get_args(hint)
+    about = {"meaning": MEANINGS[name]}
+    return PA.field(name, KINDS[kinds[0]], nullable=optional, metadata=about)
+
+
+HINTS = get_type_hints(Row)
+SCHEMA = PA.schema([_field(f.name, HINTS[f.name]) for f in fields(Row)])
+"""The columns of runs.parquet."""
+
+
+def key_of(chunk: Chunk) -> str:
+    """What a chunk's rows are known by: a hash of all that they depend on."""
+    text = json.dumps([package(), chunk.cell.text, chunk.seeds.start, chunk.seeds.stop])
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+class Store:
+    """The folder of a study."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.parts = folder, folder / PARTS
+        try:
+            self.parts.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UnusableFile(folder, f"cannot be written to: {error.strerror}") from error
+
+    @cached_property
+    def _there(self) -> set[str]:
+        return {path.stem for path in self.parts.glob("*.parquet")}
+
+    def has(self, key: str) -> bool:
+        """Whether a chunk is done."""
+        return key in self._there
+
+    def keep(self, key: str, rows: Iterable[Numbers]) -> None:
+        """Keep the rows of a chunk, whole or not at all."""
+        columns = list(zip(*rows, strict=True))
+        table = PA.table(
+            [PA.array(c, f.type) for c, f in zip(columns, SCHEMA, strict=True)], SCHEMA
+        )
+        self._write(table, self.parts / f"{key}.parquet")
+        self._there.add(key)
+
+    def gather(self, keys: Iterable[str]) -> Any:
+        """Write all rows of some chunks into one file, in their order, and give them as a table."""
+        tables = [self._part(key) for key in keys]
+        table = PA.concat_tables(tables) if tables else SCHEMA.empty_table()
+        self._write(table, self.folder / RUNS)
+        return table
+
+    def _part(self, key: str) -> Any:
+        path = self.parts / f"{key}.parquet"
+        try:
+            return PQ.read_table(path, schema=SCHEMA)
+        except (OSError, PA.ArrowException) as error:
+            path.unlink(missing_ok=True)
+            why = "cannot be read, and was removed: the same command makes it again"
+            raise UnusableFile(path, why) from error
+
+    def _write(self, table: Any, path: Path) -> None:
+        with whole(path) as part:
+            PQ.write_table(table, part, compression="zstd")
+
+
+def runs_in(folder: Path) -> Any:
+    """The rows of a study's folder, as a table."""
+    try:
+        return PQ.read_table(folder / RUNS, schema=SCHEMA)
+    except (OSError, PA.ArrowException) as error:
+        raise UnusableFile(folder / RUNS, "is not the runs of a study") from error
