@@ -14,7 +14,7 @@ from rich.live import Live
 
 from rcmservo.app import preparing
 from rcmservo.app.cli import main
-from rcmservo.app.preparing import compiling
+from rcmservo.app.waiting.preparing import compiling
 from rcmservo.app.score_report import MarkerErrors, ScoreReport, StepErrors, show_report
 from rcmservo.app.simulated_run.metrics import FeatureError, RunMetrics
 from rcmservo.app.simulated_run.told import show_run

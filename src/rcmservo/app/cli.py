@@ -17,7 +17,7 @@ from rcmservo.app.parse import parse
 from rcmservo.app.replay import ReplayOptions, recompute_run, recorded, replay
 from rcmservo.app.run import RunOptions, run
 from rcmservo.app.show import ShowOptions, show
-from rcmservo.app.study import StudyOptions, study
+from rcmservo.app.studies.study import StudyOptions, study
 from rcmservo.app.terminal import print_plainly
 from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.live.lab import Stopped

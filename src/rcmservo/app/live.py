@@ -19,10 +19,10 @@ from rcmservo.app.lab.live_on_hardware import (
 )
 from rcmservo.app.lab.live_told import LoopMetrics, Progress, add_loop, kept, loop_metrics
 from rcmservo.app.parse import OptionalPath
-from rcmservo.app.preparing import compiling, simulator
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.simulated_run.metrics import FeatureError, number
 from rcmservo.app.terminal import console, result_table, unit
+from rcmservo.app.waiting.preparing import compiling, simulator
 from rcmservo.config.checked import digest_of
 from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
 from rcmservo.errors import require

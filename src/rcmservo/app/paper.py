@@ -8,10 +8,10 @@ from rich.table import Table
 
 from rcmservo.app.folders import dated
 from rcmservo.app.parse import OptionalPath
-from rcmservo.app.preparing import simulator
-from rcmservo.app.progress import going_on, progress
 from rcmservo.app.servo_options import OptionalEstimator
 from rcmservo.app.terminal import console
+from rcmservo.app.waiting.preparing import simulator
+from rcmservo.app.waiting.progress import going_on, progress
 from rcmservo.config.own_code import source
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import require

@@ -11,10 +11,10 @@ from rich.text import Text
 
 from rcmservo.app.folders import new_folder, require_new
 from rcmservo.app.parse import OptionalPath
-from rcmservo.app.preparing import compiling, simulator
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.simulated_run.told import Story, show_run
 from rcmservo.app.terminal import console
+from rcmservo.app.waiting.preparing import compiling, simulator
 from rcmservo.config.rig_file import Lab, load_lab, told_with
 from rcmservo.errors import require
 

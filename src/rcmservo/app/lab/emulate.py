@@ -11,8 +11,8 @@ import tyro
 from rcmservo.app.lab.emulate_crtk import RosOptions, emulate_crtk
 from rcmservo.app.lab.emulated_arm import EmulatedArm, send_gige, send_mjpeg
 from rcmservo.app.parse import OptionalPath
-from rcmservo.app.preparing import simulator
 from rcmservo.app.terminal import console
+from rcmservo.app.waiting.preparing import simulator
 from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.errors import require
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller

@@ -7,8 +7,8 @@ from multiprocessing.connection import Connection
 from typing import Literal
 
 from rcmservo.app.lab.emulated_arm import EmulatedArm
-from rcmservo.app.preparing import simulator
 from rcmservo.app.terminal import console
+from rcmservo.app.waiting.preparing import simulator
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import RcmServoError
 from rcmservo.hardware.crtk.device import STEP, CrtkDevice

@@ -25,9 +25,9 @@ from rcmservo.app.lab.live_told import (
     kept,
     loop_metrics,
 )
-from rcmservo.app.preparing import compiling
 from rcmservo.app.simulated_run.metrics import FeatureError, number
 from rcmservo.app.terminal import result_table, unit
+from rcmservo.app.waiting.preparing import compiling
 from rcmservo.config.checked import is_checked
 from rcmservo.config.rig_file import Lab, told_with
 from rcmservo.errors import require

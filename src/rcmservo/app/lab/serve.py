@@ -27,9 +27,9 @@ from rcmservo.app.folders import new_folder
 from rcmservo.app.lab.behind import LONGEST, PICTURES, Behind, first_words, recorder
 from rcmservo.app.lab.live_on_hardware import HardwareJob, require_devices
 from rcmservo.app.parse import OptionalPath
-from rcmservo.app.preparing import compiling, simulator
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.terminal import console
+from rcmservo.app.waiting.preparing import compiling, simulator
 from rcmservo.config.checked import digest_of
 from rcmservo.config.rig_file import Lab, bytes_of, lab_of
 from rcmservo.errors import RcmServoError, require

@@ -1,5 +1,5 @@
-"""A distribution of scenes: the sections of a rig file, and which of their numbers vary from seed to
-seed.
+"""A distribution of scenes: the sections of a rig file, and which of their numbers vary from seed
+to seed.
 
 `[scene]` tells what camera, start and target are drawn from. Under `vary`, any number of the other
 sections has a range that it is drawn from evenly, "drive.lag" = [0.01, 0.05] say: of the tool, of

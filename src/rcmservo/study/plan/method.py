@@ -64,9 +64,8 @@ def method_from(name: str, table: Table, own: Own) -> Method:
     boxes: dict[str, Any] = {}
     for box, settings in rest.items():
         require(box in BOXES, f"{where}.{box}", settings, f"one of estimator, {', '.join(BOXES)}")
-        kind = {"kind": next(iter(KINDS[box]))}
-        settings = {**kind, **settings} if isinstance(settings, dict) else settings
-        boxes[box] = chosen(KINDS[box], settings, f"{where}.{box}")
+        usual = {"kind": next(iter(KINDS[box]))} if isinstance(settings, dict) else {}
+        boxes[box] = chosen(KINDS[box], {**usual, **settings}, f"{where}.{box}")
     return Method(name, estimator, **boxes)
 
 

@@ -3,6 +3,7 @@ that each is tried on."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -89,8 +90,12 @@ class Plan:
         cells *= max(len(self.latency), 1) * len(self.disturb) * self.repetitions
         return cells * self.count
 
-    def cells(self) -> Iterator[Cell]:
+    @cached_property
+    def cells(self) -> tuple[Cell, ...]:
         """Every cell, the methods of a condition after each other."""
+        return tuple(self._cells())
+
+    def _cells(self) -> Iterator[Cell]:
         noises, latencies = self.noise or (None,), self.latency or (None,)
         axes = self.scenes, noises, latencies, self.disturb, range(self.repetitions)
         for scenes, noise, latency, disturb, repetition in product(*axes):
@@ -108,7 +113,7 @@ class Plan:
     def chunks(self) -> Iterator[Chunk]:
         """All runs, a few at a time, in the order of their rows."""
         end = self.first_seed + self.count
-        for cell in self.cells():
+        for cell in self.cells:
             size = SIZES[cell.engine]
             first = self.first_seed - self.first_seed % size  # other studies share such chunks
             for begin in range(first, end, size):

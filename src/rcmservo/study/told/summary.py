@@ -30,10 +30,15 @@ class Group:
     """Its name."""
     condition: str
     """Scenes, noise, latency and disturbances, in words."""
-    first: int
-    """The row of the first of its runs; those of a later repetition follow further on."""
+    firsts: list[int]
+    """The row of the first run of each of its repetitions."""
     rows: Any
-    """They, as a table."""
+    """Its runs, repetition by repetition, as a table."""
+
+    def case(self, i: int) -> int:
+        """The row of its i-th run in the table of all."""
+        count = len(self.success) // len(self.firsts)
+        return self.firsts[i // count] + i % count
 
     def column(self, name: str) -> Floats:
         """A column of numbers; NaN where nothing is known."""
@@ -112,10 +117,10 @@ class Comparison:
 def groups(plan: Plan, table: Any) -> list[Group]:
     """The rows by condition and method."""
     places: dict[tuple[str, str], list[int]] = {}
-    for i, cell in enumerate(plan.cells()):
+    for i, cell in enumerate(plan.cells):
         places.setdefault((cell.condition, cell.method), []).append(i * plan.count)
     return [
-        Group(method, condition, firsts[0], _slices(table, firsts, plan.count))
+        Group(method, condition, firsts, _slices(table, firsts, plan.count))
         for (condition, method), firsts in places.items()
     ]
 

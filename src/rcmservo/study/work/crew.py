@@ -154,8 +154,8 @@ def _require_guarded(address: str) -> None:
     good = scheme in ("", "tcp", "tls") and bool(host) and port.isdigit()
     require(good, OPTION, address, "that of a dask scheduler, such as tls://host:8786")
     right = (
-        "tls://..., or on the loopback interface, as whoever reaches a scheduler can run code on its "
-        "workers; a tunnel such as ssh -L 8786:localhost:8786 ends there"
+        "tls://..., or on the loopback interface, as whoever reaches a scheduler can run code on "
+        "its workers; a tunnel such as ssh -L 8786:localhost:8786 ends there"
     )
     require(scheme == "tls" or _on_loopback(host.strip("[]")), OPTION, address, right)
 

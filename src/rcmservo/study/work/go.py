@@ -1,12 +1,14 @@
-"""A study, done: what is not there yet is ordered, what comes is kept, and all of it is gathered."""
+"""A study, done: what is not there yet is ordered, what comes is kept, and all is gathered."""
 
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from rcmservo.servo.own_estimator import name_of_class
 from rcmservo.study.plan.method import Own
 from rcmservo.study.plan.plan import Chunk, Plan
+from rcmservo.study.work import note
 from rcmservo.study.work.chunk import Order, one_run
 from rcmservo.study.work.crew import Crew
 from rcmservo.study.work.package import package
@@ -19,22 +21,28 @@ Progress = Callable[[int], None]
 class Work:
     """A plan and its folder: what is done, and what is left."""
 
+    changed: list[str]
+    """Settings that are not what they were when the folder was used last."""
+
     def __init__(self, plan: Plan, folder: Path) -> None:
         self.plan, self.store = plan, Store(folder)
         self.chunks = {key_of(chunk): chunk for chunk in plan.chunks()}
-        self.changed = ""
         self.left = {k: chunk for k, chunk in self.chunks.items() if not self.store.has(k)}
+        before, now = note.read(folder), note.note_of(plan)
+        self.changed = [] if before is None else note.changed(before, now)
+        note.write(folder, now)
 
     @property
     def runs_left(self) -> int:
+        """How many are not done."""
         return sum(len(chunk.seeds) for chunk in self.left.values())
 
     def compile(self) -> None:
         """Make the first run that is left of every cell, so that all that it needs is compiled
-        once, and not by every worker at a time; what cannot be run is told before any is started."""
+        once, and not by every worker at a time. What cannot be run is told before any begins."""
         first = {chunk.cell.text: chunk for chunk in reversed(self.left.values())}
         for chunk in first.values():
-            one_run(chunk.cell, chunk.cell.rebuilt(self._own), chunk.seeds.start)
+            one_run(chunk.cell, chunk.cell.rebuilt(self.own), chunk.seeds.start)
 
     def go(self, crew: Crew, progress: Progress) -> None:
         """Have all that is left done."""
@@ -51,8 +59,9 @@ class Work:
         """All rows, as a table, which is written too."""
         return self.store.gather(self.chunks)
 
-    @property
-    def _own(self) -> Own:
+    @cached_property
+    def own(self) -> Own:
+        """The users' own estimators, by module:class."""
         kinds = [type(m.estimator) for m in self.plan.methods if m.parcel.name]
         return {name_of_class(kind): kind for kind in kinds}
 

@@ -59,6 +59,9 @@ class Store:
     def __init__(self, folder: Path) -> None:
         self.folder, self.parts = folder, folder / PARTS
         try:
+            used = folder.is_dir() and not self.parts.is_dir() and any(folder.iterdir())
+            if used:
+                raise UnusableFile(folder, "is not empty, and holds no study: name a new folder")
             self.parts.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UnusableFile(folder, f"cannot be written to: {error.strerror}") from error

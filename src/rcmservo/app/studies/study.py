@@ -1,31 +1,33 @@
 """`rcmservo study`: methods over thousands of scenes, and one report that compares them."""
 
+import shlex
 import sys
 import time
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from rich.console import Console
 from rich.live import Live
-from rich.table import Table
 from rich.text import Text
 
 from rcmservo.app.folders import dated
 from rcmservo.app.parse import OptionalPath
-from rcmservo.app.preparing import compiling
-from rcmservo.app.progress import going_on, progress
+from rcmservo.app.studies.told import beside, results
 from rcmservo.app.terminal import console
+from rcmservo.app.waiting.preparing import compiling
+from rcmservo.app.waiting.progress import going_on, progress
 from rcmservo.config.own_code import named
 from rcmservo.errors import RcmServoError, require
+from rcmservo.method.estimators.base import Estimator
 
 if TYPE_CHECKING:
     from rcmservo.study.plan.file import StudyFile
     from rcmservo.study.plan.plan import Plan
-    from rcmservo.study.told.summary import Summary
     from rcmservo.study.work.go import Work
 
 OptionalFile = Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
@@ -76,6 +78,10 @@ class StudyOptions:
     """Address of a dask scheduler whose workers are to do it, such as tls://host:8786."""
     report: bool = True
     """Write report.html too."""
+    replay: int | None = None
+    """Instead of all this make one run of the study in --out again, by its row, and record it."""
+    film: bool = False
+    """Make a film of it too."""
 
 
 def study(options: StudyOptions) -> int:
@@ -87,18 +93,17 @@ def study(options: StudyOptions) -> int:
         for name, about in distribution.described():
             print(f"{name:14}{about}")
         return 0
+    if options.replay is not None:
+        from rcmservo.app.studies.seen_again import seen_again
+
+        return seen_again(options.out, options.replay, options.film, own_of(options))
     plan, out = planned(options), console()
     folder = options.out or dated("study")
     work = Work(plan, folder)
     _tell(out, work, folder)
-    began = time.monotonic()
     with going_on(folder, out):
-        if work.left:
-            _do(work, options, out)
-        _write(work, options, out, folder)
-    took = time.monotonic() - began
-    out.print(f"rows in {folder}; {plan.runs} runs, {took:.0f} s", soft_wrap=True)
-    return 0
+        about = _do(work, options, out) if work.left else {}
+        return _write(work, options, out, {**_about(options, work), **about})
 
 
 @contextmanager
@@ -117,12 +122,14 @@ def planned(options: StudyOptions) -> "Plan":
     """The plan of a file, and of the options above it."""
     from rcmservo.study.plan.file import StudyFile, load, plan_of
 
-    for value in (options.workers,):
-        require(value is None or 1 <= value <= 4096, "--workers", value, "from 1 to 4096")
-    own = {name: named(name, "--method") for name in options.method if ":" in name}
-    own |= {name: named(name, "--own") for name in options.own}
     asked = load(options.file) if options.file is not None else StudyFile()
-    return plan_of(_above(options, asked), own)
+    return plan_of(_above(options, asked), own_of(options))
+
+
+def own_of(options: StudyOptions) -> dict[str, type[Estimator]]:
+    """The users' own estimators that the command line names; their code is run here first."""
+    own = {name: named(name, "--method") for name in options.method if ":" in name}
+    return own | {name: named(name, "--own") for name in options.own}
 
 
 def _above(options: StudyOptions, asked: "StudyFile") -> "StudyFile":
@@ -145,56 +152,57 @@ def _above(options: StudyOptions, asked: "StudyFile") -> "StudyFile":
 
 def _tell(out: Console, work: "Work", folder: Path) -> None:
     """What is going to be done."""
-    plan, left = work.plan, work.runs_left
-    words = f"{plan.runs} simulated runs into {folder}"
-    if left < plan.runs:
-        words += f"; {plan.runs - left} of them are there already"
-    out.print(words, style="dim", soft_wrap=True)
+    runs, left = work.plan.runs, work.runs_left
+    out.print(f"{runs} simulated runs, into {folder}", style="dim", soft_wrap=True)
     if work.changed:
-        out.print(work.changed, soft_wrap=True)
+        words = f"{', '.join(work.changed)} changed since this folder was used last"
+        out.print(f"{words}: {left} of {runs} runs are made anew", soft_wrap=True)
+    elif left < runs:
+        out.print(f"{runs - left} are there already; the others follow", soft_wrap=True)
 
 
-def _do(work: "Work", options: StudyOptions, out: Console) -> None:
-    """Have what is left done."""
+def _do(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
+    """Have what is left done; how that went."""
     from rcmservo.study.work.crew import crew
 
-    with Live(Text(""), console=out, refresh_per_second=8, transient=True) as line:
-        with compiling(line):
-            work.compile()
-        line.update(Text("waiting for workers …", style="dim"))
-        hands = crew(options.cluster, options.workers)
-        workers = hands.__enter__()
-    plan = work.plan
-    try:
-        before = plan.runs - work.runs_left
-        with progress(out, "running", plan.runs, before, "runs") as advance:
-            work.go(workers, advance)
-    finally:
-        hands.__exit__(*sys.exc_info())
+    workers, runs, left = options.workers, work.plan.runs, work.runs_left
+    require(workers is None or 1 <= workers <= 4096, "--workers", workers, "from 1 to 4096")
+    with ExitStack() as stack:
+        with Live(Text(""), console=out, refresh_per_second=8, transient=True) as line:
+            with compiling(line):
+                work.compile()
+            line.update(Text("waiting for workers …", style="dim"))
+            hands = stack.enter_context(crew(options.cluster, workers))
+        began, count = time.monotonic(), hands.count
+        with progress(out, "running", runs, runs - left, "runs") as advance:
+            work.go(hands, advance)
+        took = time.monotonic() - began
+    return {"workers": f"{count} of {hands.where}", "pace": f"{left} runs in {took:.1f} s"}
 
 
-def _write(work: "Work", options: StudyOptions, out: Console, folder: Path) -> None:
+def _about(options: StudyOptions, work: "Work") -> dict[str, object]:
+    """What a report says of its making."""
+    from rcmservo.study.work.package import package
+
+    own = "".join(f" --own {name}" for name in work.own)
+    folder = work.store.folder
+    return {
+        "command": " ".join(["rcmservo", *map(shlex.quote, sys.argv[1:])]),
+        "replay": f"rcmservo study --out {shlex.quote(str(folder))}{own} --replay",
+        "package": package(),
+        "made": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        "runs": work.plan.runs,
+    }
+
+
+def _write(work: "Work", options: StudyOptions, out: Console, about: dict[str, object]) -> int:
     """Rows, summary and report."""
-    from rcmservo.study.told.summary import groups, summary_of
+    from rcmservo.study.told import report
 
-    table = work.gather()
-    found = groups(work.plan, table)
-    out.print(_results([summary_of(group) for group in found]))
-
-
-def _results(rows: "list[Summary]") -> Table:
-    """What the terminal shows of a study."""
-    table = Table("method", "scenes", "engine", "success", "to 1 mm", "error", "/ bound", "stops")
-    for row in rows:
-        low, high = 100 * row.success.low, 100 * row.success.high
-        table.add_row(
-            row.method,
-            row.condition,
-            row.engine,
-            f"{100 * row.success.value:.1f} % ({low:.1f}-{high:.1f})",
-            f"{row.time_median_s.value:.2f} s",
-            f"{row.pose_median_mm.value:.3f} mm",
-            f"{row.ratio_rms.value:.2f}",
-            ", ".join(f"{name} {count}" for name, count in row.stops.items()) or "–",
-        )
-    return table
+    told = report.write(work.store.folder, work.plan, work.gather(), about, options.report)
+    out.print(results(told.summaries))
+    for one in told.comparisons:
+        out.print(beside(one), soft_wrap=True)
+    written = "rows, summary and report" if options.report else "rows and summary"
+    out.print(f"{written} in {work.store.folder}", soft_wrap=True)
+    return 0

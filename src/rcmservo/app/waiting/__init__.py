@@ -1,0 +1,1 @@
+"""What a command tells while a person waits for it."""

@@ -1,0 +1,83 @@
+"""Where a method converges: the share of its runs that succeed, by two things of the scene, in bins
+that hold about as many runs each."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from rcmservo.interfaces import Floats
+from rcmservo.study.told.statistics import Interval, share
+from rcmservo.study.told.summary import Group
+
+BINS = 5
+LEAST = 10
+"""Runs of a cell on an average, below which there are fewer bins."""
+
+
+class Axis(NamedTuple):
+    """A column that maps are drawn over."""
+
+    column: str
+    words: str
+    """With its unit."""
+
+
+AXES = (
+    (
+        Axis("condition", "condition of the scaled J, the largest on the way"),
+        Axis("start_error_mm", "mm to go"),
+    ),
+    (
+        Axis("rcm_depth", "depth of the RCM before the camera, in units of marker 1's"),
+        Axis("distance_mm", "mm from the camera to marker 1"),
+    ),
+)
+"""The maps of a report: down, and across."""
+
+
+@dataclass(frozen=True)
+class Map:
+    """Shares by rows and columns."""
+
+    down: Axis
+    across: Axis
+    rows: list[str]
+    """Ranges of `down`."""
+    columns: list[str]
+    """Ranges of `across`."""
+    cells: list[list[tuple[int, Interval] | None]]
+    """Runs, and the share of them that succeeded; None where there are no runs."""
+
+
+def map_of(group: Group, down: Axis, across: Axis) -> Map:
+    """The map of a group."""
+    values = group.column(down.column), group.column(across.column)
+    count = int(np.clip(np.sqrt(len(group.success) / LEAST), 1, BINS))
+    edges = [_edges(one, count) for one in values]
+    places = [np.digitize(one, edge[1:-1]) for one, edge in zip(values, edges, strict=True)]
+    cells = [
+        [
+            _cell(group.success[(places[0] == i) & (places[1] == j)])
+            for j in range(len(edges[1]) - 1)
+        ]
+        for i in range(len(edges[0]) - 1)
+    ]
+    return Map(down, across, _ranges(edges[0]), _ranges(edges[1]), cells)
+
+
+def _edges(values: Floats, count: int) -> Floats:
+    """Ends of bins that hold about as many values each."""
+    known = values[np.isfinite(values)]
+    edges = np.unique(np.quantile(known, np.linspace(0.0, 1.0, count + 1))) if len(known) else known
+    return edges if len(edges) > 1 else np.array([-np.inf, np.inf])
+
+
+def _ranges(edges: Floats) -> list[str]:
+    return [f"{low:.3g} to {high:.3g}" for low, high in pairwise(edges)]
+
+
+def _cell(success: Floats) -> tuple[int, Interval] | None:
+    count = len(success)
+    return (count, share(int(success.sum()), count)) if count else None

@@ -1,0 +1,173 @@
+"""The report of a study: one HTML file that opens offline, and summary.json with its numbers."""
+
+import base64
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from rcmservo.config.files import write_whole
+from rcmservo.figures import charts
+from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.interfaces import Floats
+from rcmservo.study.plan.plan import Plan
+from rcmservo.study.row import MEANINGS
+from rcmservo.study.told.maps import AXES, Map, map_of
+from rcmservo.study.told.summary import (
+    Comparison,
+    Group,
+    Summary,
+    comparisons,
+    groups,
+    summary_of,
+)
+
+REPORT, SUMMARY = "report.html", "summary.json"
+WORST = 5
+"""Runs of each method that are told apart."""
+
+
+class Bad(NamedTuple):
+    """A run that went badly."""
+
+    case: int
+    """Its row in runs.parquet, from 0."""
+    seed: int
+    repetition: int
+    pose_mm: float
+    unnoticed_mm: float
+    stop: str
+
+
+@dataclass(frozen=True)
+class Condition:
+    """All that is told of one condition."""
+
+    name: str
+    """In words."""
+    summaries: list[Summary]
+    comparisons: list[Comparison]
+    figure: str
+    """As data that the page embeds."""
+    maps: list[tuple[str, list[Map]]]
+    """By method."""
+    worst: list[tuple[str, list[Bad]]]
+    """By method."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """Where a report is, and what the terminal tells of it."""
+
+    summaries: list[Summary]
+    comparisons: list[Comparison]
+
+
+def write(folder: Path, plan: Plan, table: Any, about: Mapping[str, Any], page: bool) -> Told:
+    """Write summary.json and, if it is wanted, the page. `about` says how the study was made."""
+    found = groups(plan, table)
+    summaries, beside = [summary_of(group) for group in found], list(comparisons(found))
+    numbers = {
+        **about,
+        "methods": [asdict(one) for one in summaries],
+        "comparisons": [asdict(one) for one in beside],
+    }
+    write_whole(folder / SUMMARY, json.dumps(_plain(numbers), indent=1, ensure_ascii=False) + "\n")
+    if page:
+        names = list(dict.fromkeys(group.condition for group in found))
+        conditions = [_condition(name, found, summaries, beside, plan) for name in names]
+        write_whole(folder / REPORT, _page(folder, plan, table, about, conditions))
+    return Told(summaries, beside)
+
+
+def _plain(value: Any) -> Any:
+    """The same for JSON: intervals as tables, and null for what is not finite."""
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return _plain(value._asdict())  # pyright: ignore[reportAttributeAccessIssue, reportUnknownArgumentType]
+    if isinstance(value, dict):
+        return {str(key): _plain(one) for key, one in value.items()}  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]  # pyright: ignore[reportUnknownVariableType]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _condition(
+    name: str,
+    found: list[Group],
+    summaries: list[Summary],
+    beside: list[Comparison],
+    plan: Plan,
+) -> Condition:
+    here = [group for group in found if group.condition == name]
+    drawing = charts.svg(_figure(here)).encode()
+    return Condition(
+        name=name,
+        summaries=[one for one in summaries if one.condition == name],
+        comparisons=[one for one in beside if one.condition == name],
+        figure=f"data:image/svg+xml;base64,{base64.b64encode(drawing).decode()}",
+        maps=[(g.method, [map_of(g, *axes) for axes in AXES]) for g in here],
+        worst=[(group.method, _worst(group, plan)) for group in here],
+    )
+
+
+def _figure(here: list[Group]) -> Figure:
+    """Which share of the runs was there after so many s, and ended so near."""
+    times = [_shares(g.method, g.first_within, i) for i, g in enumerate(here)]
+    poses = [_shares(g.method, g.column("pose_error_mm"), i) for i, g in enumerate(here)]
+    panels = [
+        Panel("s until first within 1 mm", "share of the runs", times, y_limits=(0.0, 1.02)),
+        Panel("mm off at the end", "share of the runs", poses, log_x=True, y_limits=(0.0, 1.02)),
+    ]
+    return Figure("", panels, columns=2)
+
+
+def _shares(label: str, values: Floats, style: int) -> Curve:
+    """The share of all runs with at most this value; the curve ends below 1 where some never
+    came."""
+    known = np.sort(values[np.isfinite(values)])
+    return curve(label, known, np.arange(1, len(known) + 1) / len(values), style)
+
+
+def _worst(group: Group, plan: Plan) -> list[Bad]:
+    """Its runs that went worst: those farthest from the target at the end."""
+    pose, unnoticed = group.column("pose_error_mm"), group.column("unnoticed_mm")
+    order = np.argsort(-np.nan_to_num(pose, nan=np.inf), kind="stable")[:WORST]
+    rows = group.rows.take(order.tolist()).to_pylist()
+    return [
+        Bad(group.case(int(i)), row["seed"], row["repetition"], pose[i], unnoticed[i], row["stop"])
+        for i, row in zip(order, rows, strict=True)
+    ]
+
+
+def _page(
+    folder: Path, plan: Plan, table: Any, about: Mapping[str, Any], conditions: list[Condition]
+) -> str:
+    environment = Environment(
+        loader=PackageLoader("rcmservo.study.told", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("report.html.j2").render(
+        about=about,
+        folder=folder,
+        plan=plan,
+        conditions=conditions,
+        meanings=MEANINGS,
+        cpus=table["cpu"].unique().to_pylist(),
+        versions=table["versions"].unique().to_pylist(),
+        tone=_tone,
+    )
+
+
+def _tone(share: float) -> str:
+    """The colour behind a share, from orange over white to green; the number stands on it."""
+    ends = (230, 159, 0) if share < 0.5 else (0, 158, 115)
+    strength = 0.75 * abs(2.0 * share - 1.0)
+    return "rgb({})".format(", ".join(f"{255 - strength * (255 - c):.0f}" for c in ends))
