@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rcmservo.errors import require
-from rcmservo.interfaces import Camera, Floats
+from rcmservo.interfaces import Camera, Floats, Image
 from rcmservo.method.kinematics import Kinematics, SphericalRcm
 from rcmservo.method.tool import RigidTool, Tool
 from rcmservo.sim.arm import Drive, SimulatedArm
@@ -117,6 +117,7 @@ class Rig:
         self.clock = SimulatedClock(self._arm)
         self.truth = Truth(self._arm, self.body, self.scene.optics)
         self.schedule, self._hands = Schedule(disturbances, chance), Hands()
+        self._drawn: tuple[Scene, Renderer] | None = None
         self.arm: SimulatedArm | DisturbedArm = self._arm
         self.camera: Camera = self._camera
         if disturbances:
@@ -177,6 +178,15 @@ class Rig:
         """A person brings the tool to the joints q (3,) and holds it there."""
         self._arm.place(q)
         self.clock.wait_until(self.clock.now() + SETTLE)
+
+    def picture(self, time: int, number: int) -> Image:
+        """What the camera without pictures would have seen at a moment (ns) of the last second, as
+        a frame of this number: for a film."""
+        scene, renderer = self._drawn or (None, None)
+        if scene is not self.scene or renderer is None:
+            renderer = self._renderer()
+            self._drawn = self.scene, renderer
+        return renderer.render(self.body.points(self._arm.joints_at(time))[None], number)
 
     def relocate_camera(self) -> None:
         """Somebody moves and rolls the camera. It sees the tool from another side from the next

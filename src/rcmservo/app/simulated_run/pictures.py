@@ -39,14 +39,15 @@ def pictures(
             return
         shown = frame
         if video is not None:
-            video.write(_overlay(frame.image, tick))
+            video.write(overlay(frame.image, tick))
         if job.frames:
             recorder.write_frame(frame)
 
     return picture
 
 
-def _overlay(image: Image, tick: Tick) -> Image:
+def overlay(image: Image, tick: Tick) -> Image:
+    """A frame with what the servo makes of it."""
     state = tick.state
     words = f"{state.cause.value}\n{tick.time * 1e-9:5.2f} s  {state.phase.value}"
     if np.isfinite(state.delta).all():

@@ -10,6 +10,7 @@ from typing import Any
 
 from rcmservo.config import texts
 from rcmservo.config.servo_json import describe, rebuild
+from rcmservo.config.texts import is_table
 from rcmservo.errors import require
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance
@@ -79,8 +80,9 @@ class Cell:
 
 def cell_from(text: str) -> Cell:
     """The cell of a line that `text` gave."""
-    table = texts.from_json(text)
-    return Cell(**{**table, "disturb": tuple(table["disturb"])})
+    table: dict[str, Any] = texts.from_json(text)
+    table["disturb"] = tuple(table["disturb"])
+    return Cell(**table)
 
 
 def engine_of(servo: Servo, disturb: tuple[str, ...], wanted: str) -> str:
@@ -97,5 +99,5 @@ def engine_of(servo: Servo, disturb: tuple[str, ...], wanted: str) -> str:
 def described(servo: Servo) -> Mapping[str, Any]:
     """A servo as a cell keeps it."""
     told = describe(servo)
-    assert isinstance(told, dict)
+    assert is_table(told)
     return told

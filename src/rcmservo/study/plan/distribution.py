@@ -7,11 +7,11 @@ the camera's noise, delay and lens, of encoders and drives. A list of numbers ha
 end. All of it comes from the seed alone.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.resources import files
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -30,6 +30,9 @@ CHILD = 4
 
 BUILT_IN = "paper", "random", "laparoscopic", "hard"
 """Those that have a name; each is a file beside this one, and says what it is."""
+
+Pick = Callable[[float, float], float]
+"""Takes one number of a range."""
 
 Range = tuple[Any, Any]
 """Least and greatest: two numbers, or two lists of them."""
@@ -53,13 +56,13 @@ class Distribution:
             right = f"section.key, with a section among {', '.join(VARIED)}"
             require(known, f"{self.name}.vary", name, right)
             _require_range(f'{self.name}.vary."{name}"', ends)
-        for end in (0.0, 1.0):
-            self._at(lambda low, high, end=end: low + end * (high - low))
+        self._at(min)
+        self._at(max)
 
     @cached_property
     def fixed(self) -> tuple[Lab, RigSettings]:
         """The laboratory in the middle of all ranges."""
-        return self._at(lambda low, high: 0.5 * (low + high))
+        return self._at(_middle)
 
     def laboratory(self, seed: int) -> tuple[Lab, RigSettings]:
         """The laboratory of a seed; the robot knows its own part of it."""
@@ -76,7 +79,7 @@ class Distribution:
         rest = {k: v for k, v in self.vary.items() if k.removeprefix("camera.") not in chosen}
         return Distribution(self.name, {**self.tables, "camera": camera}, rest)
 
-    def _at(self, pick: Any) -> tuple[Lab, RigSettings]:
+    def _at(self, pick: Pick) -> tuple[Lab, RigSettings]:
         """The laboratory with a number picked from every range."""
         tables = {name: dict(table) for name, table in self.tables.items()}
         for name, (low, high) in self.vary.items():
@@ -103,23 +106,25 @@ class _told_with:
             ) from error
 
 
-def _picked(low: Any, high: Any, pick: Any) -> Any:
+def _middle(low: float, high: float) -> float:
+    return 0.5 * (low + high)
+
+
+def _picked(low: Any, high: Any, pick: Pick) -> Any:
     if isinstance(low, list):
-        return [_picked(a, b, pick) for a, b in zip(low, high, strict=True)]  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
+        ends = zip(cast(list[Any], low), high, strict=True)
+        return [_picked(a, b, pick) for a, b in ends]
     return float(pick(low, high))
 
 
 def _require_range(where: str, ends: object) -> None:
     right = "two finite numbers, least first, or two lists of them"
-    pair = isinstance(ends, list | tuple) and len(ends) == 2  # pyright: ignore[reportUnknownArgumentType]
-    require(pair and _ordered(*ends), where, ends, right)  # pyright: ignore[reportGeneralTypeIssues, reportUnknownArgumentType]
-
-
-def _ordered(low: Any, high: Any) -> bool:
-    if isinstance(low, list) and isinstance(high, list):
-        return len(low) == len(high) > 0 and all(map(_ordered, low, high))  # pyright: ignore[reportUnknownArgumentType]
-    numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in (low, high))
-    return numbers and bool(np.isfinite([low, high]).all()) and low <= high
+    try:
+        numbers = np.array(ends, np.float64)
+    except (TypeError, ValueError) as error:
+        raise BadInput(where, ends, right) from error
+    good = numbers.ndim >= 1 and len(numbers) == 2 and np.isfinite(numbers).all()
+    require(bool(good and (numbers[0] <= numbers[1]).all()), where, ends, right)
 
 
 def built_in(name: str) -> Distribution:

@@ -7,7 +7,7 @@ from typing import Any
 
 from rcmservo.config.kinds import ESTIMATORS, KINDS, PRESETS, chosen, kind_in
 from rcmservo.config.rig_file import Lab
-from rcmservo.config.texts import Table
+from rcmservo.config.texts import Table, is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
@@ -64,14 +64,14 @@ def method_from(name: str, table: Table, own: Own) -> Method:
     boxes: dict[str, Any] = {}
     for box, settings in rest.items():
         require(box in BOXES, f"{where}.{box}", settings, f"one of estimator, {', '.join(BOXES)}")
-        usual = {"kind": next(iter(KINDS[box]))} if isinstance(settings, dict) else {}
-        boxes[box] = chosen(KINDS[box], {**usual, **settings}, f"{where}.{box}")
+        usual = {"kind": next(iter(KINDS[box]))} if is_table(settings) else {}
+        boxes[box] = chosen(KINDS[box], usual | settings, f"{where}.{box}")
     return Method(name, estimator, **boxes)
 
 
 def _estimator(told: object, own: Own, where: str) -> Estimator:
     """The estimator of a name or a table."""
-    if isinstance(told, dict):
+    if is_table(told):
         return chosen({**ESTIMATORS, **own}, told, where)
     if isinstance(told, str) and told in PRESETS:
         return PRESETS[told]

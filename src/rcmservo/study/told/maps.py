@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rcmservo.interfaces import Floats
-from rcmservo.study.told.statistics import Interval, share
+from rcmservo.study.told.statistics import Flags, Interval, share
 from rcmservo.study.told.summary import Group
 
 BINS = 5
@@ -78,6 +78,6 @@ def _ranges(edges: Floats) -> list[str]:
     return [f"{low:.3g} to {high:.3g}" for low, high in pairwise(edges)]
 
 
-def _cell(success: Floats) -> tuple[int, Interval] | None:
+def _cell(success: Flags) -> tuple[int, Interval] | None:
     count = len(success)
     return (count, share(int(success.sum()), count)) if count else None

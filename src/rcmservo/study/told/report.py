@@ -6,18 +6,20 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from rcmservo.config.files import write_whole
+from rcmservo.config.texts import is_table
 from rcmservo.figures import charts
 from rcmservo.figures.charts import Curve, Figure, Panel, curve
 from rcmservo.interfaces import Floats
 from rcmservo.study.plan.plan import Plan
 from rcmservo.study.row import MEANINGS
 from rcmservo.study.told.maps import AXES, Map, map_of
+from rcmservo.study.told.statistics import Interval
 from rcmservo.study.told.summary import (
     Comparison,
     Group,
@@ -87,12 +89,12 @@ def write(folder: Path, plan: Plan, table: Any, about: Mapping[str, Any], page: 
 
 def _plain(value: Any) -> Any:
     """The same for JSON: intervals as tables, and null for what is not finite."""
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return _plain(value._asdict())  # pyright: ignore[reportAttributeAccessIssue, reportUnknownArgumentType]
-    if isinstance(value, dict):
-        return {str(key): _plain(one) for key, one in value.items()}  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]  # pyright: ignore[reportUnknownVariableType]
+    if isinstance(value, Interval):
+        return _plain(value._asdict())
+    if is_table(value):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_plain(one) for one in cast(list[Any], value)]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -135,11 +137,18 @@ def _shares(label: str, values: Floats, style: int) -> Curve:
 
 def _worst(group: Group, plan: Plan) -> list[Bad]:
     """Its runs that went worst: those farthest from the target at the end."""
-    pose, unnoticed = group.column("pose_error_mm"), group.column("unnoticed_mm")
+    pose = group.column("pose_error_mm")
     order = np.argsort(-np.nan_to_num(pose, nan=np.inf), kind="stable")[:WORST]
     rows = group.rows.take(order.tolist()).to_pylist()
     return [
-        Bad(group.case(int(i)), row["seed"], row["repetition"], pose[i], unnoticed[i], row["stop"])
+        Bad(
+            group.case(int(i)),
+            row["seed"],
+            row["repetition"],
+            row["pose_error_mm"],
+            row["unnoticed_mm"],
+            row["stop"],
+        )
         for i, row in zip(order, rows, strict=True)
     ]
 

@@ -2,12 +2,18 @@
 0 and 1, times that never come, errors with long tails."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import binom, binomtest, norm
+from numpy.typing import NDArray
+from scipy import stats
 
 from rcmservo.interfaces import Floats
+
+STATS: Any = stats
+"""SciPy's without types: it has none."""
+
+Flags = NDArray[np.bool_]
 
 SURE = 0.95
 """Of every interval."""
@@ -29,7 +35,7 @@ UNKNOWN = Interval(np.nan, np.nan, np.nan)
 
 def share(count: int, of: int) -> Interval:
     """A share, with Wilson's interval (E. B. Wilson, J. Am. Stat. Assoc. 22, 1927)."""
-    low, high = binomtest(count, of).proportion_ci(SURE, method="wilson")
+    low, high = STATS.binomtest(count, of).proportion_ci(SURE, method="wilson")
     return Interval(count / of, float(low), float(high))
 
 
@@ -39,7 +45,7 @@ def quantile(values: Floats, p: float) -> Interval:
     n, ordered = len(values), np.sort(values)
     if n == 0:
         return UNKNOWN
-    ends = binom.ppf([(1.0 - SURE) / 2.0, (1.0 + SURE) / 2.0], n, p)
+    ends = STATS.binom.ppf([(1.0 - SURE) / 2.0, (1.0 + SURE) / 2.0], n, p)
     low, high = max(int(ends[0]) - 1, 0), min(int(ends[1]), n - 1)
     at = ordered[[min(int(p * n), n - 1), low, high]]
     return Interval(float(at[0]), float(at[1]), float(at[2]))
@@ -60,14 +66,14 @@ def rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def share_difference(one: Floats, other: Floats) -> Interval:
+def share_difference(one: Flags, other: Flags) -> Interval:
     """How much greater the share of `one` is than that of `other`, of pairs of booleans (n,), with
     the interval of A. Agresti and Y. Min, Biostatistics 6, 2005: half a pair more in each of the
     four cases, so that no interval is empty where the two never differed."""
     gained, lost, n = int((one & ~other).sum()), int((~one & other).sum()), len(one)
     b, c, m = gained + 0.5, lost + 0.5, n + 2.0
     middle = (b - c) / m
-    spread = float(norm.ppf((1.0 + SURE) / 2.0)) * np.sqrt(b + c - (b - c) ** 2 / m) / m
+    spread = float(STATS.norm.ppf((1.0 + SURE) / 2.0)) * np.sqrt(b + c - (b - c) ** 2 / m) / m
     return Interval((gained - lost) / n, middle - spread, middle + spread)
 
 

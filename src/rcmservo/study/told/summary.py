@@ -12,6 +12,7 @@ import numpy as np
 from rcmservo.interfaces import Floats
 from rcmservo.study.plan.plan import Plan
 from rcmservo.study.told.statistics import (
+    Flags,
     Interval,
     median_difference,
     quantile,
@@ -49,7 +50,8 @@ class Group:
         return self.rows["engine"][0].as_py()
 
     @cached_property
-    def success(self) -> Floats:
+    def success(self) -> Flags:
+        """Of each of its runs."""
         return self.rows["success"].to_numpy()
 
     @cached_property
@@ -128,8 +130,8 @@ def groups(plan: Plan, table: Any) -> list[Group]:
 def _slices(table: Any, firsts: list[int], count: int) -> Any:
     import pyarrow as pa
 
-    some: Any = pa
-    return some.concat_tables([table.slice(first, count) for first in firsts]).combine_chunks()
+    arrow: Any = pa
+    return arrow.concat_tables([table.slice(first, count) for first in firsts]).combine_chunks()
 
 
 def summary_of(group: Group) -> Summary:

@@ -14,8 +14,8 @@ from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-import dask
 import distributed
+from dask import config, system
 
 from rcmservo.errors import BadInput, RcmServoError, one_line, require
 from rcmservo.study.work.chunk import Numbers, Order, OtherPackage, done
@@ -129,11 +129,11 @@ def _quietly() -> Generator[None]:
 @contextmanager
 def _processes(workers: int | None) -> Generator[Any]:
     """A scheduler and workers of our own."""
-    tolerant = dask.config.set({"distributed.scheduler.allowed-failures": LOSSES})
+    tolerant = config.set({"distributed.scheduler.allowed-failures": LOSSES})
     with (
         tolerant,
         DASK.LocalCluster(
-            n_workers=workers or dask.system.CPU_COUNT,
+            n_workers=workers or system.CPU_COUNT,
             threads_per_worker=1,
             processes=True,
             host=HERE,

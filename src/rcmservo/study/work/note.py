@@ -62,8 +62,9 @@ def read(folder: Path) -> Note | None:
         return None
     try:
         table = texts.from_json(read_small(path, LARGEST, "a study's note").decode())
-        assert table.pop("format") == FORMAT
-        return Note(**{**table, "cells": tuple(table["cells"])})
+        assert table["format"] == FORMAT
+        cells = tuple(table["cells"])
+        return Note(table["package"], table["count"], table["first_seed"], cells)
     except RcmServoError:
         raise
     except (ValueError, RecursionError, TypeError, KeyError, AttributeError, AssertionError) as e:

@@ -1,0 +1,128 @@
+"""`rcmservo study --replay`: one run of a study, made again, recorded, and held against its row."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from rcmservo.app.folders import new_folder
+from rcmservo.app.lab.drawn import draw_figures
+from rcmservo.app.simulated_run.pictures import overlay
+from rcmservo.app.terminal import console
+from rcmservo.errors import BadInput, RcmServoError, UnusableFile, require
+from rcmservo.figures.video import Video
+from rcmservo.loop.tick import Tick
+from rcmservo.method.estimators.base import Estimator
+from rcmservo.record import reader
+from rcmservo.record.reader import RECORD
+from rcmservo.record.writer import Recorder
+from rcmservo.servo.servo import Servo
+from rcmservo.study.laboratory import Laboratory, Loop
+from rcmservo.study.plan.cell import COMPILED, MUJOCO, Cell
+from rcmservo.study.plan.parcel import parcel_of
+from rcmservo.study.work import note
+from rcmservo.study.work.chunk import one_run
+from rcmservo.study.work.package import package
+from rcmservo.study.work.store import runs_in
+
+SEEN = "replays"
+"""The folder of these records, in that of the study."""
+
+
+def seen_again(folder: Path | None, case: int, film: bool, own: dict[str, type[Estimator]]) -> int:
+    """Make the run of a row again, and record it; 0 where it came out the same."""
+    if folder is None:
+        raise BadInput("--out", None, "the folder of the study, with --replay")
+    made = note.read(folder)
+    if made is None:
+        raise UnusableFile(folder, "holds no study")
+    require(0 <= case < made.runs, "--replay", case, f"a row from 0 to {made.runs - 1}")
+    cell, seed = made.run_of(case)
+    _require_same(made.package, cell, own)
+    servo, out = cell.rebuilt(own), console()
+    row = asdict(one_run(cell, servo, seed))
+    before = runs_in(folder).slice(case, 1).to_pylist()[0]
+    other = [name for name in row if row[name] != before[name]]
+    with new_folder(_free(folder / SEEN / str(case)), "replay") as there:
+        failed = _record(cell, servo, seed, there, film)
+    out.print(f"row {case}: {cell.method}, {cell.condition}, seed {seed}, {cell.engine}")
+    for name in ("success", "time_to_1mm_s", "pose_error_mm", "stop", "stop_s", "unnoticed_mm"):
+        out.print(f"  {name} {row[name]}")
+    same = "the same row, bit for bit" if not other else f"not the same: {', '.join(other)}"
+    how = ", recorded with MuJoCo's arm" if cell.engine == COMPILED else ", recorded"
+    out.print(f"{same}{how} in {there}; rcmservo show {there} tells it", soft_wrap=True)
+    if failed:
+        out.print(failed, soft_wrap=True)
+    return 1 if other else 0
+
+
+def _require_same(made_by: str, cell: Cell, own: dict[str, type[Estimator]]) -> None:
+    """Refuse to make a run again with other code than it was made with."""
+    if made_by != package():
+        raise RcmServoError(
+            f"this study was made by another rcmservo ({made_by}) than this one ({package()}): "
+            "make it anew first"
+        )
+    kind = str(cell.servo["estimator"]["kind"])
+    if cell.source and (kind not in own or parcel_of(own[kind]).digest != cell.source):
+        why = "has changed since" if kind in own else "is code of others"
+        raise RcmServoError(
+            f"the estimator {kind} {why}: "
+            + ("make the study anew first" if kind in own else f"name it with --own {kind}")
+        )
+
+
+def _free(path: Path) -> Path:
+    """The path, or with a number after it if something is there already."""
+    tries = (path.with_name(f"{path.name}-{k}") if k > 1 else path for k in range(1, 10_000))
+    return next(one for one in tries if not one.exists())
+
+
+def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> str:
+    """Make the run in the laboratory, with its record, its figures and its film; what of the film
+    went wrong, in words."""
+    engine = MUJOCO if cell.engine == COMPILED else cell.engine
+    laboratory = replace(cell, engine=engine).engine_for(seed, servo)
+    assert isinstance(laboratory, Laboratory)
+    loop = Loop(laboratory, seed, cell.repetition)
+    about = {"simulation": True, "seed": seed, "study": asdict(cell)}
+    with ExitStack() as stack:
+        recorder = stack.enter_context(Recorder(folder / RECORD, about))
+        video = _video(folder, loop) if film else None
+        recorder.begin(laboratory.servo, loop.target, None)
+        filmed = _filmed(loop, video) if video is not None else None
+        for tick in loop.ticks():
+            recorder.write(tick)
+            p1, p2 = loop.rig.truth.markers(loop.rig.clock.now())
+            state = tick.state
+            error = loop.rig.truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
+            recorder.write_truth(p1, p2, error)
+            if filmed is not None:
+                filmed(tick)
+        if video is not None:
+            video.close()
+    draw_figures(reader.read(folder), folder)
+    return video.failed if video is not None else ""
+
+
+def _video(folder: Path, loop: Loop) -> Video:
+    size, rate = loop.rig.settings, loop.rig.settings.timing.frame_rate
+    return Video(folder / "overlay.mp4", (size.width, size.height), rate)
+
+
+def _filmed(loop: Loop, video: Video) -> Callable[[Tick], None]:
+    """What adds every new frame to the film. Where the camera only told points, the scene is drawn
+    as a camera with pictures would have seen it then."""
+    newest = -1
+
+    def picture(tick: Tick) -> None:
+        nonlocal newest
+        if tick.seen.frame <= newest:
+            return
+        newest = tick.seen.frame
+        frame = loop.plant.frame
+        seen = None if frame is None else frame.image
+        image = loop.rig.picture(tick.seen.exposure, newest) if seen is None else seen
+        video.write(overlay(image, tick))
+
+    return picture
