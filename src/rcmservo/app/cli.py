@@ -18,6 +18,7 @@ from rcmservo.app.replay import ReplayOptions, recompute_run, recorded, replay
 from rcmservo.app.run import RunOptions, run
 from rcmservo.app.show import ShowOptions, show
 from rcmservo.app.studies.study import StudyOptions, study
+from rcmservo.app.studies.tune import TuneOptions, tune
 from rcmservo.app.terminal import print_plainly
 from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.live.lab import Stopped
@@ -36,6 +37,7 @@ COMMANDS: dict[str, tuple[type[Any], Callable[[Any], int]]] = {
     "export": (ExportOptions, export),
     "paper": (PaperOptions, paper),
     "study": (StudyOptions, study),
+    "tune": (TuneOptions, tune),
     "emulate": (EmulateOptions, emulate),
     "rig": (RigOptions, rig_check),
     "markers": (MarkersOptions, markers),

@@ -28,9 +28,17 @@ from rcmservo.method.estimators.base import Estimator
 if TYPE_CHECKING:
     from rcmservo.study.plan.file import StudyFile
     from rcmservo.study.plan.plan import Plan
+    from rcmservo.study.work.crew import Crew
     from rcmservo.study.work.go import Work
 
-OptionalFile = Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+OptionalFile = Annotated[
+    Path | None,
+    tyro.conf.Positional,
+    tyro.conf.arg(metavar="[FILE]", help_behavior_hint=""),
+]
+OptionalInt = Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="")]
+OptionalFloat = Annotated[float | None, tyro.conf.arg(metavar="FLOAT", help_behavior_hint="")]
+OptionalText = Annotated[str | None, tyro.conf.arg(metavar="TEXT", help_behavior_hint="")]
 Names = tyro.conf.UseAppendAction[tuple[str, ...]]
 
 
@@ -50,9 +58,9 @@ class StudyOptions:
     own: Names = ()
     """Your own estimator, as module:class, that FILE names: code of others is run only where the
     command line names it too."""
-    count: int | None = None
+    count: OptionalInt = None
     """Scenes of each kind (200)."""
-    seed: int | None = None
+    seed: OptionalInt = None
     """Of the first scene (0); the others follow one by one."""
     noise: tuple[float, ...] = ()
     """px of the camera that tells points; several are tried one after the other."""
@@ -60,25 +68,25 @@ class StudyOptions:
     """s from a frame's exposure to its arrival; several are tried one after the other."""
     disturb: Names = ()
     """What goes wrong in every run, as `rcmservo run --disturb` has it."""
-    repetitions: int | None = None
+    repetitions: OptionalInt = None
     """Runs in each scene, with different noise (1)."""
-    duration: float | None = None
+    duration: OptionalFloat = None
     """Length of each run, s (15)."""
-    shown: int | None = None
+    shown: OptionalInt = None
     """Frames that the target is shown for (300, 5 s)."""
-    engine: str | None = None
+    engine: OptionalText = None
     """auto, which is the compiled twin where it can do it, else MuJoCo; or compiled, mujoco, or
     pictures, which is MuJoCo with rendered frames."""
     out: OptionalPath = None
     """Folder to write to, or that of an earlier study, which then goes on where it stopped. By
     default a new one under runs/."""
-    workers: int | None = None
+    workers: OptionalInt = None
     """Processes of this machine (one for each processor)."""
-    cluster: str | None = None
+    cluster: OptionalText = None
     """Address of a dask scheduler whose workers are to do it, such as tls://host:8786."""
     report: bool = True
     """Write report.html too."""
-    replay: int | None = None
+    replay: OptionalInt = None
     """Instead of all this make one run of the study in --out again, by its row, and record it."""
     film: bool = False
     """Make a film of it too."""
@@ -102,8 +110,8 @@ def study(options: StudyOptions) -> int:
     work = Work(plan, folder)
     _tell(out, work, folder)
     with going_on(folder, out):
-        about = _do(work, options, out) if work.left else {}
-        return _write(work, options, out, {**_about(options, work), **about})
+        how = _do(work, options, out) if work.left else {}
+        return _write(work, options, out, {**about(work), **how})
 
 
 @contextmanager
@@ -163,16 +171,8 @@ def _tell(out: Console, work: "Work", folder: Path) -> None:
 
 def _do(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
     """Have what is left done; how that went."""
-    from rcmservo.study.work.crew import crew
-
-    workers, runs, left = options.workers, work.plan.runs, work.runs_left
-    require(workers is None or 1 <= workers <= 4096, "--workers", workers, "from 1 to 4096")
-    with ExitStack() as stack:
-        with Live(Text(""), console=out, refresh_per_second=8, transient=True) as line:
-            with compiling(line):
-                work.compile()
-            line.update(Text("waiting for workers …", style="dim"))
-            hands = stack.enter_context(crew(options.cluster, workers))
+    runs, left = work.plan.runs, work.runs_left
+    with workers_for(work, options.cluster, options.workers, out) as hands:
         began, count = time.monotonic(), hands.count
         with progress(out, "running", runs, runs - left, "runs") as advance:
             work.go(hands, advance)
@@ -180,7 +180,24 @@ def _do(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
     return {"workers": f"{count} of {hands.where}", "pace": f"{left} runs in {took:.1f} s"}
 
 
-def _about(options: StudyOptions, work: "Work") -> dict[str, object]:
+@contextmanager
+def workers_for(
+    work: "Work", cluster: str | None, workers: int | None, out: Console
+) -> Generator["Crew"]:
+    """Workers, after all that the work needs was compiled."""
+    from rcmservo.study.work.crew import crew
+
+    require(workers is None or 1 <= workers <= 4096, "--workers", workers, "from 1 to 4096")
+    with ExitStack() as stack:
+        with Live(Text(""), console=out, refresh_per_second=8, transient=True) as line:
+            with compiling(line):
+                work.compile()
+            line.update(Text("waiting for workers …", style="dim"))
+            hands = stack.enter_context(crew(cluster, workers))
+        yield hands
+
+
+def about(work: "Work") -> dict[str, object]:
     """What a report says of its making."""
     from rcmservo.study.work.package import package
 
@@ -195,11 +212,11 @@ def _about(options: StudyOptions, work: "Work") -> dict[str, object]:
     }
 
 
-def _write(work: "Work", options: StudyOptions, out: Console, about: dict[str, object]) -> int:
+def _write(work: "Work", options: StudyOptions, out: Console, how: dict[str, object]) -> int:
     """Rows, summary and report."""
     from rcmservo.study.told import report
 
-    told = report.write(work.store.folder, work.plan, work.gather(), about, options.report)
+    told = report.write(work.store.folder, work.plan, work.gather(), how, options.report)
     out.print(results(told.summaries))
     for one in told.comparisons:
         out.print(beside(one), soft_wrap=True)

@@ -50,6 +50,10 @@ class StudyFile:
     engine: str | None = None
     method: dict[str, Any] = field(default_factory=dict[str, Any])
     distribution: dict[str, Any] = field(default_factory=dict[str, Any])
+    search: dict[str, Any] = field(default_factory=dict[str, Any])
+    """What `rcmservo tune` searches; a study leaves it alone."""
+    tune: dict[str, Any] = field(default_factory=dict[str, Any])
+    """How it does."""
 
 
 def load(path: Path) -> StudyFile:

@@ -1,0 +1,175 @@
+"""`rcmservo tune`: settings found by study, tried on scenes that the search has not seen."""
+
+import json
+import shlex
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from rcmservo.app.folders import dated
+from rcmservo.app.parse import OptionalPath
+from rcmservo.app.studies.study import Names, OptionalInt, OptionalText, about, needed, workers_for
+from rcmservo.app.studies.told import beside, results
+from rcmservo.app.terminal import console
+from rcmservo.app.waiting.progress import going_on, progress
+from rcmservo.config.decode import decode
+from rcmservo.config.files import write_whole
+from rcmservo.config.kinds import ESTIMATORS, name_of
+from rcmservo.config.own_code import named
+from rcmservo.config.rig_file import told_with
+
+if TYPE_CHECKING:
+    from rcmservo.study.plan.method import Method, Own
+    from rcmservo.study.tuning.search import Tried, Tuning
+
+SETTINGS = "tuned.toml"
+"""What was found, as a study's file that has it as its method."""
+
+
+@dataclass(frozen=True)
+class TuneOptions:
+    """Search a method's settings by study, and try what was found on scenes that the search has not
+    seen."""
+
+    file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+    """TOML file of a study with one method, with [search] and [tune]; docs/studies.md shows one."""
+    own: Names = ()
+    """Your own estimator, as module:class, that FILE names."""
+    out: OptionalPath = None
+    """Folder to write to, or that of an earlier search, which then goes on where it stopped. By
+    default a new one under runs/."""
+    workers: OptionalInt = None
+    """Processes of this machine (one for each processor)."""
+    cluster: OptionalText = None
+    """Address of a dask scheduler whose workers are to do it, such as tls://host:8786."""
+
+
+@dataclass(frozen=True)
+class TuneSection:
+    """[tune] of a file."""
+
+    trials: int = 50
+    goal: str = "time"
+    seed: int = 0
+    validation: int = 1000
+
+
+def tune(options: TuneOptions) -> int:
+    """Search, try, and write settings and report."""
+    with needed():
+        from rcmservo.study.tuning.search import TUNED, best, searched
+        from rcmservo.study.tuning.space import with_values
+        from rcmservo.study.work.go import Work
+    tuning, out = _tuning(options), console()
+    folder = options.out or dated("tune")
+    start = tuning.plan.methods[0]
+    unseen = Work(tuning.unseen, folder)
+    words = f"{tuning.trials} trials of {tuning.plan.runs} simulated runs, into {folder}"
+    out.print(words, style="dim", soft_wrap=True)
+    with going_on(folder, out):
+        with workers_for(unseen, options.cluster, options.workers, out) as crew:
+            with progress(out, "searching", tuning.trials) as advance:
+                tried = searched(tuning, folder / "search", crew, lambda _: advance(1))
+            found = best(tried)
+            method = with_values(start, TUNED, found.values)
+            plan = replace(tuning.unseen, methods=(start, method))
+            work = Work(plan, folder)
+            with progress(out, "trying on unseen scenes", plan.runs, 0, "runs") as advance:
+                work.go(crew, advance)
+        return _write(options, tuning, method, tried, work, out)
+
+
+def _tuning(options: TuneOptions) -> "Tuning":
+    """What a file asks for."""
+    from rcmservo.study.plan.file import load, plan_of
+    from rcmservo.study.tuning.search import Tuning
+    from rcmservo.study.tuning.space import axis_from
+
+    asked = load(options.file)
+    with told_with(options.file):
+        section = decode(TuneSection, asked.tune, "tune")
+        plan = plan_of(asked, {name: named(name, "--own") for name in options.own})
+        method = plan.methods[0]
+        axes = tuple(axis_from(name, told, method) for name, told in asked.search.items())
+        return Tuning(plan, axes, **asdict(section))
+
+
+def _write(
+    options: TuneOptions,
+    tuning: "Tuning",
+    method: "Method",
+    tried: "list[Tried]",
+    work: Any,
+    out: Any,
+) -> int:
+    """Settings, rows, summary and report, and what the terminal tells."""
+    from rcmservo.study.told import report
+    from rcmservo.study.tuning.space import value_of
+
+    folder, start = work.store.folder, tuning.plan.methods[0]
+    text = settings_text(method, work.own, tuning)
+    write_whole(folder / SETTINGS, text)
+    costs = ", ".join(f"{cost:.3f}" for cost in (tried[0].cost, min(one.cost for one in tried)))
+    changes = {
+        axis.name: f"{value_of(start, axis.name)} -> {value_of(method, axis.name)}"
+        for axis in tuning.axes
+    }
+    how = {
+        **about(work),
+        "search": f"{len(tried)} trials of {tuning.plan.runs} runs, seeds "
+        f"{tuning.plan.first_seed} to {tuning.plan.first_seed + tuning.plan.count - 1}; goal "
+        f"{tuning.goal}, at the start and at the best: {costs}",
+        "found": ", ".join(f"{name} {change}" for name, change in changes.items()),
+        "settings": str(folder / SETTINGS),
+    }
+    told = report.write(folder, work.plan, work.gather(), how, page=True)
+    for name, change in changes.items():
+        out.print(f"  {name} {change}", soft_wrap=True)
+    out.print("on scenes that the search has not seen:")
+    out.print(results(told.summaries))
+    for one in told.comparisons:
+        out.print(beside(one), soft_wrap=True)
+    out.print(f"settings in {folder / SETTINGS}, report in {folder}", soft_wrap=True)
+    out.print(f"to run with them: {run_command(method)}", soft_wrap=True)
+    return 0
+
+
+def run_command(method: "Method") -> str:
+    """How `rcmservo run` takes these settings."""
+    kind = name_of(method.estimator, ESTIMATORS)
+    words = ["rcmservo", "run", "--estimator", kind]
+    for group, box in _groups(method, kind).items():
+        for f in fields(box):
+            value = getattr(box, f.name)
+            if value != getattr(type(box)(), f.name):
+                told = value if isinstance(value, tuple) else (value,)
+                words += [f"--{group}.{f.name}".replace("_", "-"), *map(str, told)]
+    return shlex.join(words)
+
+
+def _groups(method: "Method", kind: str) -> Mapping[str, Any]:
+    boxes = {"controller": method.controller, "exploration": method.exploration}
+    own = kind.rpartition(":")[0].rpartition(".")[2] or kind
+    return {own: method.estimator, **boxes, "imaged_rcm": method.imaged_rcm}
+
+
+def settings_text(method: "Method", own: "Own", tuning: "Tuning") -> str:
+    """The method as a file that `rcmservo study` reads: all its settings."""
+    kind = next((n for n, k in own.items() if k is type(method.estimator)), None)
+    lines = [
+        f"# Found by rcmservo tune: {tuning.trials} trials, goal {tuning.goal}.",
+        f"[method.{method.name}.estimator]",
+        f"kind = {json.dumps(kind or name_of(method.estimator, ESTIMATORS))}",
+        *_settings(method.estimator),
+    ]
+    for box in ("controller", "exploration", "imaged_rcm"):
+        lines += [f"[method.{method.name}.{box}]", *_settings(getattr(method, box))]
+    return "\n".join(lines) + "\n"
+
+
+def _settings(box: Any) -> list[str]:
+    """JSON's numbers, words, lists, true and false are TOML's too."""
+    return [f"{f.name} = {json.dumps(getattr(box, f.name))}" for f in fields(box)]

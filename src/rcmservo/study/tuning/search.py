@@ -1,0 +1,128 @@
+"""The search: Optuna asks, a study answers.
+
+Every trial is a study of the same scenes with the same noise, so that two trials differ by their
+settings alone, and what is done of it is kept like that of any study: a search that was stopped
+goes the same way again, without doing anything twice. What it found is then held against the
+settings at the start, in scenes that the search has not seen: the best of many trials looks better
+than it is on the scenes that it was chosen by.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import optuna
+
+from rcmservo.errors import BadInput, require
+from rcmservo.interfaces import Floats
+from rcmservo.study.plan.plan import Plan
+from rcmservo.study.tuning.space import Axis, Values, value_of, with_values
+from rcmservo.study.work.crew import Crew
+from rcmservo.study.work.go import Work
+
+OPTUNA: Any = optuna
+GOALS = "time", "error"
+FAILED_MM = 10.0
+"""What a run that fails counts as where the goal is the error, mm."""
+TUNED = "tuned"
+"""The name of what was found."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What is searched, and how long."""
+
+    plan: Plan
+    """Its one method is where the search starts; its scenes are those of the search."""
+    axes: tuple[Axis, ...]
+    """What is searched."""
+    trials: int = 50
+    """Settings that are tried."""
+    goal: str = "time"
+    """What is to be small, on an average over the runs: `time`, s until first within 1 mm, a run
+    that fails counting as twice its length; or `error`, mm off at the end, a run that fails
+    counting as FAILED_MM."""
+    seed: int = 0
+    """Of the optimiser's chance."""
+    validation: int = 1000
+    """Scenes that the search has not seen, on which it is tried."""
+
+    def __post_init__(self) -> None:
+        require(len(self.plan.methods) == 1, "method", len(self.plan.methods), "one that is tuned")
+        require(bool(self.axes), "search", "nothing", "a setting at least")
+        require(self.goal in GOALS, "tune.goal", self.goal, f"one of {', '.join(GOALS)}")
+        good = 1 <= self.trials <= 100_000
+        require(good, "tune.trials", self.trials, "a whole number from 1 to 100000")
+        good = 10 <= self.validation <= 1_000_000
+        require(good, "tune.validation", self.validation, "a whole number from 10 to 1000000")
+        require(0 <= self.seed < 2**32, "tune.seed", self.seed, "a whole number from 0 to 2^32")
+
+    @property
+    def unseen(self) -> Plan:
+        """The plan of the validation, without what was found yet."""
+        first = self.plan.first_seed + self.plan.count
+        return replace(self.plan, first_seed=first, count=self.validation)
+
+
+class Tried(NamedTuple):
+    """One trial."""
+
+    number: int
+    values: Values
+    cost: float
+    """What was to be small; inf for settings that cannot be."""
+    success: float
+    """Share of the runs."""
+
+
+def searched(
+    tuning: Tuning, folder: Path, crew: Crew, told: Callable[[Tried], None]
+) -> list[Tried]:
+    """All trials, each kept in the folder."""
+    OPTUNA.logging.set_verbosity(OPTUNA.logging.ERROR)
+    sampler = OPTUNA.samplers.TPESampler(seed=tuning.seed)
+    study = OPTUNA.create_study(sampler=sampler, direction="minimize")
+    method = tuning.plan.methods[0]
+    study.enqueue_trial({axis.name: value_of(method, axis.name) for axis in tuning.axes})
+    return list(_trials(tuning, folder, crew, study, told))
+
+
+def _trials(
+    tuning: Tuning, folder: Path, crew: Crew, study: Any, told: Callable[[Tried], None]
+) -> Iterator[Tried]:
+    for number in range(tuning.trials):
+        trial = study.ask()
+        values = {axis.name: axis.suggested(trial) for axis in tuning.axes}
+        tried = _tried(tuning, number, values, folder, crew)
+        study.tell(trial, min(tried.cost, 1e6))
+        told(tried)
+        yield tried
+
+
+def _tried(tuning: Tuning, number: int, values: Values, folder: Path, crew: Crew) -> Tried:
+    """What comes of some settings."""
+    try:
+        method = with_values(tuning.plan.methods[0], TUNED, values)
+        work = Work(replace(tuning.plan, methods=(method,)), folder)
+    except BadInput:  # settings that do not go together
+        return Tried(number, values, np.inf, 0.0)
+    work.go(crew, lambda _: None)
+    rows = work.gather()
+    success: Any = rows["success"].to_numpy()
+    return Tried(number, values, cost_of(tuning, rows), float(success.mean()))
+
+
+def cost_of(tuning: Tuning, rows: Any) -> float:
+    """What is to be small."""
+    success: Any = rows["success"].to_numpy()
+    column = "time_to_1mm_s" if tuning.goal == "time" else "pose_error_mm"
+    values: Floats = rows[column].to_numpy().astype(np.float64)
+    failed = 2.0 * tuning.plan.duration if tuning.goal == "time" else FAILED_MM
+    return float(np.mean(np.where(success, np.minimum(values, failed), failed)))
+
+
+def best(tried: list[Tried]) -> Tried:
+    """The trial that cost least, the first of those that are alike."""
+    return min(tried, key=lambda one: (one.cost, one.number))

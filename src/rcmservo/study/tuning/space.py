@@ -1,0 +1,100 @@
+"""What is searched: some of a method's settings, each with the values that it may have.
+
+    [search]
+    "controller.gain" = [2.0, 15.0]
+    "exploration.leg" = { from = 0.05, to = 0.5, log = true }
+    "controller.features" = ["srd", "points"]
+
+Two numbers are a range, whole ones a range of whole ones; words are a choice.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
+from typing import Any, cast
+
+from rcmservo.config.texts import is_table
+from rcmservo.errors import BadInput, require
+from rcmservo.study.plan.method import BOXES, Method
+
+Values = Mapping[str, Any]
+"""A value for every setting that is searched, by box.name."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One setting, and the values that it may have."""
+
+    name: str
+    """box.name."""
+    low: float = 0.0
+    """The least."""
+    high: float = 0.0
+    """The greatest."""
+    log: bool = False
+    """Whether a factor counts as much at either end."""
+    words: tuple[str, ...] = ()
+    """What it may be, where it is no number."""
+
+    def suggested(self, trial: Any) -> Any:
+        """A value, by the optimiser."""
+        if self.words:
+            return trial.suggest_categorical(self.name, list(self.words))
+        if isinstance(self.low, int):
+            return trial.suggest_int(self.name, self.low, self.high, log=self.log)
+        return trial.suggest_float(self.name, self.low, self.high, log=self.log)
+
+
+def axis_from(name: str, told: object, method: Method) -> Axis:
+    """The axis that a file describes, of a setting that the method has."""
+    where = f'search."{name}"'
+    usual = value_of(method, name)
+    if is_table(told):
+        known = {"from", "to", "log"}
+        for key in told:
+            require(key in known, f"{where}.{key}", told[key], "one of from, to, log")
+        return _range(where, name, [told.get("from"), told.get("to")], bool(told.get("log")), usual)
+    right = "two numbers, least first, or a list of words"
+    if not isinstance(told, list) or not told:
+        raise BadInput(where, told, right)
+    values = cast(list[Any], told)
+    if all(isinstance(value, str) for value in values):
+        require(isinstance(usual, str), where, values, f"two numbers, as it is {usual!r} now")
+        return Axis(name, words=tuple(values))
+    return _range(where, name, values, False, usual)
+
+
+def _range(where: str, name: str, ends: list[Any], log: bool, usual: Any) -> Axis:
+    numbers = [x for x in ends if isinstance(x, int | float) and not isinstance(x, bool)]
+    good = len(ends) == len(numbers) == 2 and -1e300 < numbers[0] < numbers[1] < 1e300
+    require(good, where, ends, "two finite numbers, least first")
+    require(numbers[0] > 0 or not log, where, ends, "positive numbers, where log = true")
+    number = isinstance(usual, int | float) and not isinstance(usual, bool)
+    require(number, where, ends, f"left out: it is {usual!r} now, which is no number")
+    kind = int if isinstance(usual, int) else float
+    if kind is int:
+        whole = all(isinstance(x, int) for x in numbers)
+        require(whole, where, ends, f"two whole numbers, as it is {usual} now")
+    return Axis(name, kind(numbers[0]), kind(numbers[1]), log)
+
+
+def value_of(method: Method, name: str) -> Any:
+    """The value that a setting has now."""
+    box, _, key = name.partition(".")
+    boxes = ("estimator", *BOXES)
+    require(box in boxes, "search", name, f"box.name, with a box among {', '.join(boxes)}")
+    names = [f.name for f in fields(getattr(method, box))]
+    near = get_close_matches(key, names, 1)
+    hint = f" (did you mean {box}.{near[0]}?)" if near else ""
+    right = f"a setting of {box}, one of {', '.join(names) or 'none'}{hint}"
+    require(key in names, "search", name, right)
+    return getattr(getattr(method, box), key)
+
+
+def with_values(method: Method, name: str, values: Values) -> Method:
+    """The method with other values, under another name."""
+    boxes: dict[str, Any] = {}
+    for path, value in values.items():
+        box, _, key = path.partition(".")
+        boxes[box] = replace(boxes.get(box, getattr(method, box)), **{key: value})
+    return replace(method, name=name, **boxes)
