@@ -88,7 +88,9 @@ def course(seed: int, scene: Scene, ticks: Iterable[Tick], bound: float = 0.0) -
     away = [np.linalg.norm(scene.body.points(tick.seen.q)[1] - there) for tick in run]
     phases = np.array([PHASES.index(tick.state.phase) for tick in run], np.int8)
     causes = np.array([tick.state.cause.place for tick in run], np.int8)
-    return StudyRun(seed, run[0].servo.rate, np.array(away, np.float64), phases, causes, bound, scene)
+    return StudyRun(
+        seed, run[0].servo.rate, np.array(away, np.float64), phases, causes, bound, scene
+    )
 
 
 def one(options: Options, seed: int) -> StudyRun:

@@ -12,13 +12,13 @@ import pytest
 from rich.console import Console
 from rich.live import Live
 
-from rcmservo.app import preparing
 from rcmservo.app.cli import main
-from rcmservo.app.waiting.preparing import compiling
 from rcmservo.app.score_report import MarkerErrors, ScoreReport, StepErrors, show_report
 from rcmservo.app.simulated_run.metrics import FeatureError, RunMetrics
 from rcmservo.app.simulated_run.told import show_run
 from rcmservo.app.terminal import console, print_plainly
+from rcmservo.app.waiting import preparing
+from rcmservo.app.waiting.preparing import compiling
 
 LONG = f"runs/{'a folder with a long name/' * 6}[/y]"
 METRICS = RunMetrics(1, "projection", cause="[b]too far[/b]", folder=LONG)

@@ -147,7 +147,9 @@ def test_what_it_tells_of_a_run_is_counted_from_its_first_tick() -> None:
     phases = [Phase.SERVO, Phase.HOLD, Phase.HOLD, Phase.ACQUIRE, Phase.FAULT]
     places = np.array([PHASES.index(phase) for phase in phases], np.int8)
     causes = np.array([0, Cause.STALE.place, Cause.STALE.place, 0, Cause.DRIVE_OFF.place], np.int8)
-    run = StudyRun(0, 100.0, np.array([3.0, 2.0, 1.0, 0.5, 1.5]), places, causes, 0.1, drawn(0, QUIET)[0])
+    run = StudyRun(
+        0, 100.0, np.array([3.0, 2.0, 1.0, 0.5, 1.5]), places, causes, 0.1, drawn(0, QUIET)[0]
+    )
     assert run.first_within(1.0) == 0.02
     assert run.stops == [(0.01, Cause.STALE), (0.04, Cause.DRIVE_OFF)]
     held = replace(run, phases=places[1:], causes=causes[1:])

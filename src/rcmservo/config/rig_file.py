@@ -102,12 +102,12 @@ def lab_of(path: Path, data: bytes) -> Lab:
 
 
 @contextmanager
-def told_with(path: Path) -> Generator[None]:
-    """What is wrong with a value that is used in here is told with the file that holds it."""
+def told_with(place: object) -> Generator[None]:
+    """What is wrong with a value that is used in here is told with its file, or another place."""
     try:
         yield
     except BadInput as error:
-        raise BadInput(f"{path}: {error.field}", error.value, error.right) from error
+        raise BadInput(f"{place}: {error.field}", error.value, error.right) from error
 
 
 def lab_from(tables: texts.Table) -> Lab:

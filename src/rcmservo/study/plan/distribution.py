@@ -16,7 +16,7 @@ from typing import Any, cast
 import numpy as np
 
 from rcmservo.config import texts
-from rcmservo.config.rig_file import Lab, lab_from
+from rcmservo.config.rig_file import Lab, lab_from, told_with
 from rcmservo.config.texts import Table, is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.sim import RigSettings
@@ -85,25 +85,10 @@ class Distribution:
         for name, (low, high) in self.vary.items():
             section, _, key = name.partition(".")
             tables.setdefault(section, {})[key] = _picked(low, high, pick)
-        with _told_with(self.name):
+        with told_with(f"scenes {self.name}"):
             lab = lab_from(tables)
             require(not lab.devices, "sections", ", ".join(lab.devices), "of a simulation")
             return lab, rig_settings(lab)
-
-
-class _told_with:
-    """What is wrong with a distribution is told with its name."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-
-    def __enter__(self) -> None: ...
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, BadInput):
-            raise BadInput(
-                f"scenes {self.name}: {error.field}", error.value, error.right
-            ) from error
 
 
 def _middle(low: float, high: float) -> float:

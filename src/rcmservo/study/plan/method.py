@@ -64,8 +64,9 @@ def method_from(name: str, table: Table, own: Own) -> Method:
     boxes: dict[str, Any] = {}
     for box, settings in rest.items():
         require(box in BOXES, f"{where}.{box}", settings, f"one of estimator, {', '.join(BOXES)}")
-        usual = {"kind": next(iter(KINDS[box]))} if is_table(settings) else {}
-        boxes[box] = chosen(KINDS[box], usual | settings, f"{where}.{box}")
+        kind = {"kind": next(iter(KINDS[box]))}
+        whole = kind | settings if is_table(settings) else settings
+        boxes[box] = chosen(KINDS[box], whole, f"{where}.{box}")
     return Method(name, estimator, **boxes)
 
 

@@ -1,0 +1,106 @@
+"""Intervals of 95 % hold what they promise, in samples like those of studies."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from rcmservo.interfaces import Floats
+from rcmservo.study.told.statistics import (
+    Interval,
+    median_difference,
+    quantile,
+    resampled,
+    rms,
+    share,
+    share_difference,
+)
+
+SAMPLES = 2000
+"""The share of intervals that hold the truth is known to 0.5 %."""
+
+
+def held(truth: float, sample: Callable[[np.random.Generator], Interval], count: int) -> float:
+    """The share of intervals that hold the truth."""
+    random = np.random.default_rng(1)
+    intervals = [sample(random) for _ in range(count)]
+    return float(np.mean([one.low <= truth <= one.high for one in intervals]))
+
+
+@pytest.mark.parametrize("p", [0.5, 0.9, 0.99])
+def test_the_interval_of_a_share_holds_it(p: float) -> None:
+    """Wilson's is above or below 95 % for single p and n; the mean over n is near it."""
+
+    def sample(random: np.random.Generator) -> Interval:
+        n = int(random.integers(100, 400))
+        return share(int(random.binomial(n, p)), n)
+
+    assert 0.93 < held(p, sample, SAMPLES) < 0.98
+
+
+def test_a_share_of_all_or_none_still_has_an_interval() -> None:
+    assert share(200, 200) == pytest.approx((1.0, 0.981, 1.0), abs=1e-3)
+    assert share(0, 200) == pytest.approx((0.0, 0.0, 0.019), abs=1e-3)
+
+
+@pytest.mark.parametrize("p", [0.5, 0.95])
+def test_the_interval_of_a_quantile_holds_it_whatever_the_tail(p: float) -> None:
+    truth = float(np.tan(np.pi * (p - 0.5)))  # of Cauchy's distribution, which has no mean
+
+    def sample(random: np.random.Generator) -> Interval:
+        return quantile(random.standard_cauchy(200), p)
+
+    assert 0.94 < held(truth, sample, SAMPLES) < 0.985
+
+
+def test_what_never_came_is_beyond_every_time() -> None:
+    times = np.array([1.0, 2.0, 3.0, np.inf, np.inf, np.inf, np.inf])
+    assert quantile(times, 0.5).value == np.inf and quantile(times, 0.1).value == 1.0
+    assert quantile(times, 0.5).low == 1.0
+    assert np.isnan(quantile(np.array([]), 0.5).value)
+
+
+def test_the_interval_of_a_root_mean_square_holds_it() -> None:
+    def sample(random: np.random.Generator) -> Interval:
+        return resampled(random.standard_normal(200), rms)
+
+    assert 0.91 < held(1.0, sample, 200) < 0.99
+
+
+@pytest.mark.parametrize(("gained", "lost"), [(0.02, 0.02), (0.1, 0.0), (0.05, 0.01)])
+def test_the_interval_of_a_difference_of_paired_shares_holds_it(gained: float, lost: float) -> None:
+    def sample(random: np.random.Generator) -> Interval:
+        chance = random.random(200)
+        one, other = chance < gained, (gained <= chance) & (chance < gained + lost)
+        both = random.random(200) < 0.8
+        return share_difference(one | (both & ~other), other | (both & ~one))
+
+    assert 0.93 < held(gained - lost, sample, SAMPLES) < 0.985
+
+
+def test_pairs_that_never_differed_do_not_show_that_none_would() -> None:
+    same = np.ones(200, bool)
+    value, low, high = share_difference(same, same)
+    assert value == 0.0 and low < -0.005 and high > 0.005
+
+
+def test_pairs_tell_more_than_two_samples_do() -> None:
+    """A difference that is a tenth of what scenes differ by."""
+    random = np.random.default_rng(0)
+    scenes = random.exponential(1.0, 200)
+    one, other = scenes + 0.1 + 0.01 * random.standard_normal(200), scenes
+    paired, apart = median_difference(one, other), quantile(one, 0.5)
+    assert paired.low > 0.09 and paired.high < 0.11
+    assert apart.low < np.median(other) < apart.high
+
+
+def test_a_pair_counts_where_one_of_its_times_came() -> None:
+    inf = np.inf
+    one, other = np.array([1.0, inf, inf, 2.0]), np.array([2.0, 1.0, inf, 4.0])
+    assert known(one, other).tolist() == [-2.0, -1.0, inf]
+    assert median_difference(one, other).value == -1.0
+
+
+def known(one: Floats, other: Floats) -> Floats:
+    both = np.isfinite(one) | np.isfinite(other)
+    return np.sort(one[both] - other[both])

@@ -1,0 +1,161 @@
+"""What is done of a study stays done, whatever happens, and is the same however it was done."""
+
+import errno
+import json
+import os
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from studies import Alone, made, small
+
+from rcmservo.errors import RcmServoError, UnusableFile
+from rcmservo.study.row import Row
+from rcmservo.study.work import note, store
+from rcmservo.study.work.chunk import OtherPackage, done
+from rcmservo.study.work.go import Work
+from rcmservo.study.work.store import RUNS, SCHEMA, key_of, runs_in
+
+
+def test_a_study_that_was_stopped_ends_with_the_same_bytes(tmp_path: Path) -> None:
+    whole, stopped = made(small(), tmp_path / "a"), Work(small(), tmp_path / "b")
+    stopped.left = dict(list(stopped.left.items())[:2])
+    stopped.go(Alone(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    after = Work(small(), tmp_path / "b")
+    assert not after.changed and after.runs_left == 500 - 200
+    after.go(Alone(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    for work in (whole, after):
+        work.gather()
+    assert (tmp_path / "a" / RUNS).read_bytes() == (tmp_path / "b" / RUNS).read_bytes()
+
+
+def test_progress_counts_every_run_once(tmp_path: Path) -> None:
+    counted: list[int] = []
+    Work(small(), tmp_path).go(Alone(), counted.append)  # pyright: ignore[reportArgumentType]
+    assert sum(counted) == 500
+
+
+def test_a_changed_setting_makes_anew_what_depends_on_it_and_is_told(tmp_path: Path) -> None:
+    made(small(), tmp_path)
+    more = Work(small(count=300), tmp_path)
+    assert more.changed == ["count"] and more.runs_left == 2 * 100
+    other = Work(small(methods=("dlt", "projection-printed")), tmp_path)
+    assert other.changed == ["count", "method", "servo"] and other.runs_left == 250
+    longer = Work(small(duration=3.0), tmp_path)
+    assert "duration" in longer.changed and longer.runs_left == 500
+    again = Work(small(), tmp_path)
+    assert again.changed and again.runs_left == 0
+
+
+def test_rows_of_another_rcmservo_are_not_taken_for_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made(small(), tmp_path)
+    monkeypatch.setattr(store, "package", lambda: "0.0.1 abc")
+    monkeypatch.setattr(note, "package", lambda: "0.0.1 abc")
+    work = Work(small(), tmp_path)
+    assert work.changed == ["package"] and work.runs_left == 500
+
+
+def test_a_worker_with_another_rcmservo_refuses(tmp_path: Path) -> None:
+    work = Work(small(), tmp_path)
+    orders: list[tuple[str, object]] = []
+
+    class Keeps:
+        def done(self, given: object) -> list[object]:
+            orders.extend(given)  # pyright: ignore
+            return []
+
+    work.go(Keeps(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    order = orders[0][1]
+    with pytest.raises(OtherPackage, match=r"has another rcmservo .* than this machine \(0\.0\.1"):
+        done(order._replace(package="0.0.1 abc"))  # pyright: ignore
+
+
+@pytest.mark.parametrize("when", ["part", "gather"])
+def test_a_full_disk_is_one_sentence_and_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str
+) -> None:
+    work, written = Work(small(), tmp_path), [0]
+    usual = store.PQ.write_table
+
+    class Full:
+        read_table = store.PQ.read_table
+
+        @staticmethod
+        def write_table(table: object, path: Path, **options: object) -> None:
+            written[0] += 1
+            if written[0] == (3 if when == "part" else 7):
+                path.write_bytes(b"half")
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            usual(table, path, **options)
+
+    monkeypatch.setattr(store, "PQ", Full)
+    with pytest.raises(UnusableFile, match="cannot be written: No space left on device"):
+        work.go(Alone(), lambda _: None)  # pyright: ignore[reportArgumentType]
+        work.gather()
+    monkeypatch.undo()
+    left = Work(small(), tmp_path)
+    assert left.runs_left == (500 - 200 if when == "part" else 0)
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_a_part_that_was_damaged_is_told_and_made_again(tmp_path: Path) -> None:
+    work = made(small(), tmp_path)
+    part = next((tmp_path / "parts").glob("*.parquet"))
+    part.write_bytes(part.read_bytes()[:-20])
+    with pytest.raises(UnusableFile, match="the same command makes it again"):
+        work.gather()
+    assert made(small(), tmp_path).gather().num_rows == 500
+
+
+def test_a_folder_that_holds_something_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(UnusableFile, match="holds no study: name a new folder"):
+        Work(small(), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+    (tmp_path / "mine.txt").unlink()
+    made(small(count=4), tmp_path)
+    (tmp_path / note.NAME).write_text("{}")
+    with pytest.raises(UnusableFile, match="is not what `rcmservo study` wrote"):
+        Work(small(count=4), tmp_path)
+
+
+def test_every_row_has_every_column_with_its_meaning(tmp_path: Path) -> None:
+    table = made(small(count=3), tmp_path).gather()
+    assert table.column_names == [f.name for f in fields(Row)]
+    for column in table.schema:
+        assert len(column.metadata[b"meaning"]) > 5
+    assert table.schema.equals(SCHEMA) and runs_in(tmp_path).equals(table)
+    assert table["method"].to_pylist() == ["dlt"] * 3 + ["projection"] * 3
+    assert table["seed"].to_pylist() == [0, 1, 2] * 2
+    with pytest.raises(RcmServoError, match="is not the runs of a study"):
+        runs_in(tmp_path / "elsewhere")
+
+
+def test_any_row_can_be_made_again_from_what_the_folder_notes(tmp_path: Path) -> None:
+    table = made(small(count=30, repetitions=2, noise=(0.3, 1.0)), tmp_path).gather()
+    told = note.read(tmp_path)
+    assert told is not None and told.runs == table.num_rows == 2 * 2 * 2 * 30
+    for case in (0, 29, 30, 95, 239):
+        cell, seed = told.run_of(case)
+        row = table.slice(case, 1).to_pylist()[0]
+        given = (cell.method, seed, cell.repetition, cell.tables["camera"]["point_noise"])
+        assert given == (row["method"], row["seed"], row["repetition"], row["noise_px"])
+
+
+def test_repetitions_are_the_same_scene_with_other_noise(tmp_path: Path) -> None:
+    rows = made(small(methods=("dlt",), count=5, repetitions=3), tmp_path).gather().to_pydict()
+    focal = np.array(rows["focal_px"]).reshape(3, 5)
+    assert (focal == focal[0]).all() and len(set(focal[0])) == 5
+    assert len(set(rows["pose_error_mm"])) == 15
+
+
+def test_chunks_are_known_by_all_that_they_depend_on() -> None:
+    one = [key_of(chunk) for chunk in small().chunks()]
+    assert len(set(one)) == len(one) == 6
+    for other in (small(shown=10), small(noise=(0.4,)), small(scenes=("paper",))):
+        assert not set(one) & {key_of(chunk) for chunk in other.chunks()}
+    text = json.dumps([chunk.cell.text for chunk in small().chunks()])
+    assert "/" not in text.replace("://", "")  # no path of this machine
