@@ -52,6 +52,15 @@ class Cluster:
         words += ["--local-directory", folder]
         self.workers.append(self._stack.enter_context(program(words, **options)))
 
+    def wait_for(self, count: int) -> None:
+        """Wait until so many workers are there."""
+        with distributed.Client(self.address, timeout=PATIENCE) as client:
+            client.wait_for_workers(count, timeout=PATIENCE)
+
+    def stop(self) -> None:
+        """End the scheduler and all workers at once."""
+        self._stack.close()
+
     def pids(self, security: Any = None) -> list[int]:
         """The processes that work now."""
         with distributed.Client(self.address, security=security, timeout=PATIENCE) as client:

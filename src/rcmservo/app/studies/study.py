@@ -98,8 +98,8 @@ def study(options: StudyOptions) -> int:
         from rcmservo.study.plan import distribution
         from rcmservo.study.work.go import Work
     if "help" in options.scenes:
-        for name, about in distribution.described():
-            print(f"{name:14}{about}")
+        for name, words in distribution.described():
+            print(f"{name:14}{words}")
         return 0
     if options.replay is not None:
         from rcmservo.app.studies.seen_again import seen_again

@@ -7,6 +7,7 @@ over TLS, with the certificates that dask's own configuration names, or on the l
 where a tunnel may end.
 """
 
+import gc
 import ipaddress
 import logging
 import socket
@@ -171,12 +172,11 @@ def _on_loopback(host: str) -> bool:
 @contextmanager
 def _reached(address: str) -> Generator[Any]:
     """The client of a scheduler that is there, with a worker at least."""
-    try:
-        client = DASK.Client(address, timeout=PATIENCE)
-    except (OSError, TypeError, ValueError, RuntimeError) as error:
-        cause = error.__cause__ or error
-        right = f"the address of a dask scheduler that answers ({one_line(cause)})"
-        raise BadInput(OPTION, address, right) from error
+    client, failure = _connected(address)
+    if client is None:
+        gc.collect()  # the half-made client, while it cannot wait for itself: later it might
+        right = f"the address of a dask scheduler that answers ({failure})"
+        raise BadInput(OPTION, address, right)
     with client:
         try:
             client.wait_for_workers(1, timeout=PATIENCE)
@@ -186,6 +186,15 @@ def _reached(address: str) -> Generator[Any]:
                 f"as docs/cluster.md has it"
             ) from error
         yield client
+
+
+def _connected(address: str) -> tuple[Any, str]:
+    """The client of a scheduler; or None, and why not, with nothing that holds on to the half-made
+    one."""
+    try:
+        return DASK.Client(address, timeout=PATIENCE), ""
+    except (OSError, TypeError, ValueError, RuntimeError) as error:
+        return None, one_line(error.__cause__ or error)
 
 
 def _require_same_package(client: Any) -> None:

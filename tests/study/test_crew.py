@@ -1,0 +1,277 @@
+"""Workers by dask: the same rows on any number of them, whatever dies; a cluster that is not there,
+or is another one than it should be, is one sentence."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+from dask_cluster import Cluster, cluster
+from studies import made, small
+
+import rcmservo
+from rcmservo.app.cli import main
+from rcmservo.errors import BadInput, RcmServoError
+from rcmservo.study.work import crew as crews
+from rcmservo.study.work.chunk import OtherPackage
+from rcmservo.study.work.crew import Crew, Lost, crew
+from rcmservo.study.work.go import Work
+from rcmservo.study.work.store import RUNS
+
+OWN = """
+from dataclasses import dataclass
+import numpy as np
+import rcmservo as rs
+from rcmservo.method.features import about, features_jacobian
+
+@dataclass(frozen=True)
+class Least(rs.Estimator):
+    name = "least"
+    def init(self):
+        return np.zeros((4, 4)), 1e6 * np.eye(4)
+    def update(self, memory, tool, sample):
+        A, P = memory
+        x = np.append(sample.p1, 1.0)
+        gain = P @ x / (FORGET + x @ P @ x)
+        A = A + np.outer(sample.points.ravel() - A @ x, gain)
+        return A, (P - np.outer(gain, P @ x)) / FORGET
+    def jacobian(self, memory, tool, sample):
+        return features_jacobian(about(sample.points, sample.o_c)) @ memory[0][:, :3]
+"""
+
+
+@pytest.fixture(scope="module")
+def lab() -> Generator[Cluster]:
+    with cluster(2) as lab:
+        lab.wait_for(2)
+        yield lab
+
+
+def rows_by(folder: Path, hands: Crew, **choices: object) -> bytes:
+    work = Work(small(**choices), folder)
+    work.go(hands, lambda _: None)
+    work.gather()
+    return (folder / RUNS).read_bytes()
+
+
+def rows_here(folder: Path, **choices: object) -> bytes:
+    made(small(**choices), folder).gather()
+    return (folder / RUNS).read_bytes()
+
+
+def test_a_cluster_makes_the_rows_that_this_process_makes(lab: Cluster, tmp_path: Path) -> None:
+    with crew(lab.address, None) as hands:
+        assert hands.count == 2
+        theirs = rows_by(tmp_path / "cluster", hands)
+    assert theirs == rows_here(tmp_path / "here")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2, 8])
+def test_the_rows_are_the_same_on_any_number_of_workers(workers: int, tmp_path: Path) -> None:
+    choices = {"count": 1000, "methods": ("dlt", "projection", "flow"), "duration": 1.5}
+    choices["count"] = 200
+    with crew(None, workers) as hands:
+        assert hands.count == workers
+        theirs = rows_by(tmp_path / "many", hands, **choices)
+    assert theirs == rows_here(tmp_path / "here", **choices)
+
+
+@pytest.mark.slow
+def test_workers_that_die_lose_nothing(tmp_path: Path) -> None:
+    choices = {"count": 6000, "duration": 15.0, "methods": ("dlt",)}
+    over, killed = threading.Event(), [0]
+
+    with cluster(3) as lab, crew(lab.address, None) as hands:
+
+        def kill() -> None:
+            while not over.wait(1.5):
+                os.kill(lab.pids()[killed[0] % 2], signal.SIGKILL)
+                killed[0] += 1
+
+        killer = threading.Thread(target=kill, daemon=True)
+        killer.start()
+        theirs = rows_by(tmp_path / "cluster", hands, **choices)
+        over.set()
+        killer.join()
+    assert killed[0] >= 2
+    assert theirs == rows_here(tmp_path / "here", **choices)
+
+
+def test_what_no_worker_survives_is_told(lab: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    with crew(lab.address, None) as hands:
+
+        class Deadly:
+            def result(self) -> None:
+                raise crews.DASK.KilledWorker("task", None, 3)
+
+        monkeypatch.setattr(crews, "LOSSES", 3)
+        given = crews.Given("key", None, 3)  # pyright: ignore[reportArgumentType]
+        with pytest.raises(Lost, match="every worker that takes it dies"):
+            hands._again(given, ValueError("died"))  # pyright: ignore[reportPrivateUsage]
+
+
+def test_a_users_own_module_travels_with_its_source(
+    lab: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The workers stand in folders of their own, and have never seen it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    found = []
+    for forget in (0.99, 0.9):
+        (tmp_path / "mylab_least.py").write_text(OWN.replace("FORGET", str(forget)))
+        sys.modules.pop("mylab_least", None)
+        words = ["study", "--method", "mylab_least:Least", "--count", "6", "--duration", "4"]
+        folder = tmp_path / f"out-{forget}"
+        words += ["--cluster", lab.address, "--out", str(folder), "--no-report"]
+        assert main(words) == 0
+        found.append(crews_rows(folder))
+    one, other = found
+    assert {row["engine"] for row in one} == {"mujoco"} and one[0]["source"] != other[0]["source"]
+    assert len(one[0]["source"]) == 64
+    errors = [[row["pose_error_mm"] for row in rows] for rows in found]
+    assert errors[0] != errors[1]
+
+
+def crews_rows(folder: Path) -> list[dict[str, object]]:
+    from rcmservo.study.work.store import runs_in
+
+    return runs_in(folder).to_pylist()
+
+
+@pytest.mark.slow
+def test_workers_with_another_rcmservo_are_refused(tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    shutil.copytree(Path(rcmservo.__file__).parent, other / "rcmservo")
+    law = other / "rcmservo/method/controller.py"
+    law.write_text(law.read_text().replace("SURE = 1e3", "SURE = 1e4"))
+    with cluster(1) as lab:
+        lab.start(1, env={**os.environ, "PYTHONPATH": str(other)})
+        lab.wait_for(2)
+        words = "1 of 2 workers have another rcmservo than this machine"
+        with pytest.raises(OtherPackage, match=words), crew(lab.address, None):
+            pass
+
+
+def test_workers_without_rcmservo_are_refused(
+    lab: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def nowhere() -> str:
+        raise ModuleNotFoundError("No module named 'rcmservo'")
+
+    usual = crews.package
+    monkeypatch.setattr(crews, "package", nowhere)
+    with crews._reached(lab.address) as client:  # pyright: ignore[reportPrivateUsage]
+        told = client.run(nowhere, on_error="return")
+    assert all(isinstance(found, ModuleNotFoundError) for found in told.values())
+
+    class Told:
+        def run(self, *given: object, **options: object) -> dict[str, object]:
+            return told
+
+    monkeypatch.setattr(crews, "package", usual)
+    with pytest.raises(OtherPackage, match="has none"):
+        crews._require_same_package(Told())  # pyright: ignore[reportPrivateUsage]
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("tcp://192.0.2.7:8786", "whoever reaches a scheduler can run code on its workers"),
+        ("192.0.2.7:8786", "or on the loopback interface"),
+        ("nowhere", "that of a dask scheduler, such as tls://host:8786"),
+        ("http://127.0.0.1:8786", "that of a dask scheduler"),
+        ("tcp://127.0.0.1:port", "that of a dask scheduler"),
+        ("tcp://no.such.host.invalid:8786", "a host with an address"),
+        ("tcp://127.0.0.1:9", "the address of a dask scheduler that answers"),
+        ("tls://127.0.0.1:9", "the address of a dask scheduler that answers"),
+    ],
+)
+def test_a_cluster_that_cannot_be_used_is_one_sentence(
+    address: str, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(crews, "PATIENCE", 0.5)
+    with pytest.raises(BadInput, match="--cluster") as told, crew(address, None):
+        pass
+    assert words in str(told.value) and "\n" not in str(told.value)
+
+
+def test_a_scheduler_without_workers_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    with cluster(0) as lab:
+        monkeypatch.setattr(crews, "PATIENCE", 1.0)
+        with pytest.raises(RcmServoError, match="no worker has joined"), crew(lab.address, None):
+            pass
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_is_told_and_what_is_done_stays(tmp_path: Path) -> None:
+    counted: list[int] = []
+    with cluster(1) as lab, crew(lab.address, None) as hands:
+        work = Work(small(count=5000, duration=15.0), tmp_path)
+
+        def progress(runs: int) -> None:
+            counted.append(runs)
+            if len(counted) == 3:
+                lab.stop()
+
+        with pytest.raises(Lost, match=r"scheduler at .* is gone"):
+            work.go(hands, progress)
+    left = Work(small(count=5000, duration=15.0), tmp_path)
+    assert left.runs_left <= left.plan.runs - sum(counted)
+
+
+@pytest.mark.slow
+def test_over_tls_with_the_certificates_of_dasks_own_configuration(tmp_path: Path) -> None:
+    from dask import config
+    from distributed.security import Security
+
+    made_up = Security.temporary()
+    files = {
+        "--tls-ca-file": ("ca.pem", made_up.tls_ca_file),
+        "--tls-cert": ("cert.pem", made_up.tls_scheduler_cert),
+        "--tls-key": ("key.pem", made_up.tls_scheduler_key),
+    }
+    for name, text in files.values():
+        (tmp_path / name).write_text(str(text))
+    tls = {option: str(tmp_path / name) for option, (name, _) in files.items()}
+    comm = "distributed.comm.tls"
+    keys = {
+        f"{comm}.ca-file": tls["--tls-ca-file"],
+        f"{comm}.client.cert": tls["--tls-cert"],
+        f"{comm}.client.key": tls["--tls-key"],
+    }
+    with cluster(1, tls) as lab:
+        assert lab.address.startswith("tls://")
+        with pytest.raises(BadInput, match="--cluster"), crew(lab.address, None):
+            pass
+        with config.set(keys), crew(lab.address, None) as hands:
+            theirs = rows_by(tmp_path / "cluster", hands, count=20)
+    assert theirs == rows_here(tmp_path / "here", count=20)
+
+
+@pytest.mark.slow
+def test_ctrl_c_keeps_what_is_done_and_the_same_command_goes_on(tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    code += "from rcmservo.__main__ import main; sys.exit(main())"
+    words = [sys.executable, "-c", code, "study", "--count", "3000", "--out", str(folder)]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+    ) as study:
+        while study.poll() is None and len(list(folder.glob("parts/*.parquet"))) < 3:
+            threading.Event().wait(0.02)
+        os.killpg(study.pid, signal.SIGINT)
+        out, err = (told.decode() for told in study.communicate(timeout=60))
+    assert study.returncode == 130, err
+    assert f"the same command with --out {folder} goes on there" in out
+    assert err.strip() == "rcmservo: stopped by Ctrl-C"
+    done = len(list(folder.glob("parts/*.parquet")))
+    assert 3 <= done < 30
+    again = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert f"{100 * done} are there already" in again.stdout
+    assert len(crews_rows(folder)) == 3000
