@@ -1,6 +1,7 @@
 """The simulated cameras: one makes pictures, the other tells where the markers' centres are."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -15,6 +16,28 @@ from rcmservo.sim.rendering import Between, Renderer
 
 BLUR = 4
 """Moments per exposure at which the tool is drawn."""
+
+Noise = Callable[[int], Floats]
+"""What is added to both markers in the frame of this number, (2, 2) px."""
+
+
+def by_chance(deviation: float, random: np.random.Generator) -> Noise:
+    """Noise of a standard deviation in px, drawn when a frame is taken."""
+    return lambda _: deviation * random.standard_normal((2, 2))
+
+
+def in_order(noise: Floats, seen: int) -> Noise:
+    """The given `noise` (frames, 2, 2) px, of the frames after number `seen`, whichever of them are
+    taken."""
+    good = noise.ndim == 3 and noise.shape[1:] == (2, 2)
+    require(good, "noise", noise.shape, "of shape (frames, 2, 2)")
+
+    def of(number: int) -> Floats:
+        frames = number - seen
+        require(frames <= len(noise), "noise", noise.shape, f"that of at least {frames} frames")
+        return noise[frames - 1]
+
+    return of
 
 
 @dataclass(frozen=True)
@@ -109,8 +132,8 @@ class PictureCamera(SimulatedCamera):
 class PointCamera(SimulatedCamera):
     """A camera without pictures: it tells the centres of both markers, with noise."""
 
-    noise: float
-    """px, the standard deviation of each coordinate."""
+    noise: Noise
+    """Of each frame."""
 
     def __init__(
         self,
@@ -118,15 +141,14 @@ class PointCamera(SimulatedCamera):
         body: Body,
         timing: Timing,
         optics: Optics,
-        noise: float,
-        random: np.random.Generator,
+        noise: Noise,
     ) -> None:
         super().__init__(arm, body, timing)
-        self.noise, self._optics, self._random = noise, optics, random
+        self.noise, self._optics = noise, optics
 
     def taken(self, number: int, exposure: int, arrival: int) -> Frame:
         points = self.optics.project(self.points_at(exposure)[:2])
-        points = points + self.noise * self._random.standard_normal((2, 2))
+        points = points + self.noise(number)
         size = np.array([self.optics.width, self.optics.height])
         inside = ((points >= 0.0) & (points <= size - 1.0)).all(axis=1)
         points[~inside] = np.nan

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.errors import require
+from rcmservo.errors import BadInput, require
 from rcmservo.interfaces import Camera, Floats
 from rcmservo.method.kinematics import Kinematics, SphericalRcm
 from rcmservo.method.tool import RigidTool, Tool
 from rcmservo.sim.arm import Drive, SimulatedArm
 from rcmservo.sim.body import Body
-from rcmservo.sim.cameras import PictureCamera, PointCamera, Timing
+from rcmservo.sim.cameras import PictureCamera, PointCamera, Timing, by_chance, in_order
 from rcmservo.sim.clock import SimulatedClock
 from rcmservo.sim.disturb.arm_faults import DisturbedArm
 from rcmservo.sim.disturb.camera_moves import Hands
@@ -129,8 +129,8 @@ class Rig:
         s = self.settings
         if pictures:
             return PictureCamera(self._arm, self.body, s.timing, self._renderer())
-        optics, noise = self.scene.optics, s.point_noise
-        return PointCamera(self._arm, self.body, s.timing, optics, noise, random)
+        noise = by_chance(s.point_noise, random)
+        return PointCamera(self._arm, self.body, s.timing, self.scene.optics, noise)
 
     def _renderer(self) -> Renderer:
         return Renderer(self.scene.optics, self.settings.look, self.scene.tissue, self.seed)
@@ -177,6 +177,15 @@ class Rig:
         """A person brings the tool to the joints q (3,) and holds it there."""
         self._arm.place(q)
         self.clock.wait_until(self.clock.now() + SETTLE)
+
+    def see_noise(self, noise: Floats) -> None:
+        """From the next frame on the camera without pictures sees the markers with the noise
+        (frames, 2, 2) px, a row for each frame that arrives: what the compiled twin is given."""
+        camera = self._camera
+        if not isinstance(camera, PointCamera):
+            raise BadInput("camera", type(camera).__name__, "the one without pictures")
+        camera.latest()  # the frame that is there already has the noise of before
+        camera.noise = in_order(noise, camera.timing.newest(self.clock.now())[0])
 
     def relocate_camera(self) -> None:
         """Somebody moves and rolls the camera. It sees the tool from another side from the next

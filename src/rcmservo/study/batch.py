@@ -22,6 +22,7 @@ from rcmservo.sim.rig import drawn
 from rcmservo.sim.scene import Scene
 from rcmservo.study.closed_loop import Course, Goal, Start, closed_loop
 from rcmservo.study.cramer_rao import bound
+from rcmservo.study.inertia import inertia_of
 from rcmservo.study.twin import PAST, QUEUE, STEP, Drives, Pace, Twin
 
 BEGIN = 1_000_000_000
@@ -143,4 +144,5 @@ class Study:
             encoder=np.maximum(drive.encoder, 1e-12),
             lower=middle - HARD_STOP * half,
             upper=middle + HARD_STOP * half,
+            inertia=inertia_of(self.settings.mechanism).rows,
         )
