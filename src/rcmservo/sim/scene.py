@@ -43,6 +43,10 @@ class SceneSettings:
     max_condition: float = 40.0
     """The scaled Jacobian's condition number is at most this on the straight way to the target."""
 
+    min_condition: float = 0.0
+    """Somewhere on that way it is more than this: 40 and a ``max_condition`` without bound make the
+    hard scenes, which the default leaves out."""
+
     room: float = 10.0
     """mm about the start in which both markers stay in view, so that there is room to explore."""
 
@@ -70,6 +74,9 @@ class SceneSettings:
         alone = self.errors is None or (self.start is None and self.target is None)
         self._require("errors", alone, "left out where start or target are given")
         self._require("max_condition", self.max_condition > 1.0, "a number above 1")
+        hardest = self.max_condition
+        easy = 0.0 <= self.min_condition < hardest
+        self._require("min_condition", easy, f"a number from 0 to below max_condition = {hardest}")
         for name in ("start", "target"):
             q: Triple | None = getattr(self, name)
             self._require(name, q is None or _finite(q), "three finite joint values (rad, rad, mm)")

@@ -57,8 +57,9 @@ def draw(draws: Draws) -> Scene:
         if scene is not None and draws.fitness.suits(scene):
             return scene
     raise NoScene(
-        f"no scene in {MAX_DRAWS} draws has both markers in view: change the start and target "
-        "joints, the limits, or the ranges of focal length, distance and travel"
+        f"no scene in {MAX_DRAWS} draws has both markers in view and the condition asked for: "
+        "change the start and target joints, the limits, or the ranges of focal length, distance, "
+        "travel and condition"
     )
 
 
