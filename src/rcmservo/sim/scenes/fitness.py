@@ -64,7 +64,12 @@ class Fitness:
         return visible(optics.lens, body.rcm, body.tool.shaft, way, self.radius)
 
     def regular(self, optics: Optics, way: Floats) -> bool:
-        """Whether the scaled Jacobian is conditioned along the way (n, 3) as was asked for."""
+        """Whether the scaled Jacobian is conditioned along the way (n, 3) as was asked for.
+
+        Through a port nothing is asked: about an RCM that is not seen there is none.
+        """
+        if self.settings.ports is not None:
+            return True
         body, s = self.body, self.settings
         most, least = float(s.max_condition), float(s.min_condition)
         return regular(optics.lens, body.rcm, body.tool.shaft, way, most, least)
