@@ -7,6 +7,9 @@ Ports 70-130 mm apart, the camera 60-120 mm from the tool, 15 mm between the mar
 shown for 5 s and 15 s of servoing: by the compiled twin of the laboratory with a camera that tells
 points, or by the laboratory itself with rendered pictures. One marker may be hidden for good once
 the tool is on its way.
+
+Here ports are in any direction, beneath the tool too, and balls may overlap in part: what is asked
+is where the RCM may be. `SceneSettings.ports` has them in a patient's wall.
 """
 
 import sys

@@ -8,9 +8,10 @@ import pytest
 from conftest import ROOT
 from rcmservo.errors import BadInput
 from rcmservo.method.features import SCALE
-from rcmservo.sim import RigSettings
+from rcmservo.sim import RigSettings, SceneSettings
 from rcmservo.sim.body import Body
 from rcmservo.sim.rig import drawn
+from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.fitness import Fitness
 from rcmservo.sim.scenes.ways import imaged_rcm
 from rcmservo.sim.truth import feature_jacobian
@@ -18,6 +19,14 @@ from rcmservo.sim.truth import feature_jacobian
 SETTINGS = RigSettings()
 BODY = Body(SETTINGS.mechanism, SETTINGS.tool)
 FITNESS = Fitness(SETTINGS.scene, BODY, max(SETTINGS.look.marker_radii))
+HARD = SceneSettings(min_condition=40.0, max_condition=1e9)
+
+
+def worst_condition(scene: Scene) -> float:
+    """The largest of the scaled true Jacobian on the way."""
+    o_c = imaged_rcm(scene.optics)
+    jacobians = [feature_jacobian(BODY, scene.optics, q, o_c) for q in scene.way]
+    return max(float(np.linalg.cond(J / SCALE[:, None])) for J in jacobians)
 
 
 def test_the_scenes_of_forty_seeds_are_those_of_version_0_2_0() -> None:
@@ -44,12 +53,26 @@ def test_a_scene_suits_until_its_camera_turns_away_or_the_way_runs_into_a_limit(
 @pytest.mark.parametrize("seed", range(5))
 def test_the_condition_asked_for_bounds_that_of_the_true_jacobian_along_the_way(seed: int) -> None:
     scene, _ = drawn(seed, SETTINGS)
-    o_c = imaged_rcm(scene.optics)
-    jacobians = [feature_jacobian(BODY, scene.optics, q, o_c) for q in scene.way]
-    worst = max(np.linalg.cond(J / SCALE[:, None]) for J in jacobians)
+    worst = worst_condition(scene)
     for share, right in ((1.0 + 1e-9, True), (1.0 - 1e-9, False)):
         asked = replace(SETTINGS.scene, max_condition=share * worst)
         assert Fitness(asked, BODY, 4.0).regular(scene.optics, scene.way) == right
+        beyond = replace(HARD, min_condition=share * worst)
+        assert Fitness(beyond, BODY, 4.0).regular(scene.optics, scene.way) != right
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_hard_scene_is_one_that_only_its_condition_bars_from_the_usual_ones(seed: int) -> None:
+    scene, _ = drawn(seed, replace(SETTINGS, scene=HARD))
+    assert worst_condition(scene) > SETTINGS.scene.max_condition
+    unlimited = replace(FITNESS, settings=replace(SETTINGS.scene, max_condition=1e9))
+    assert unlimited.suits(scene) and not FITNESS.suits(scene)
+
+
+@pytest.mark.parametrize("least", [-1.0, 40.0, np.nan, np.inf])
+def test_a_condition_that_no_scene_has_is_one_sentence(least: float) -> None:
+    with pytest.raises(BadInput, match=r"scene\.min_condition must be a number from 0 to below"):
+        SceneSettings(min_condition=least)
 
 
 def test_where_the_camera_does_not_see_the_rcm_nothing_is_regular() -> None:

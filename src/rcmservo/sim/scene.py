@@ -31,6 +31,12 @@ class SceneSettings:
     """rad of the camera above the tool, where down is the way from the RCM straight into the
     body."""
 
+    ports: tuple[float, float] | None = None
+    """mm between the tool's port, which is the RCM, and the camera's: the camera is an endoscope,
+    ``distance`` from the tool and in the body. ``elevation`` and the conditions then count for
+    nothing, as the RCM may be behind the camera. None: the camera is anywhere around the tool, and
+    the RCM before it."""
+
     distortion: tuple[float, float] = (-0.08, 0.02)
     """k₁ and k₂ of the lens."""
 
@@ -42,6 +48,10 @@ class SceneSettings:
 
     max_condition: float = 40.0
     """The scaled Jacobian's condition number is at most this on the straight way to the target."""
+
+    min_condition: float = 0.0
+    """Somewhere on that way it is more than this: 40 and a ``max_condition`` without bound make the
+    hard scenes, which the default leaves out."""
 
     room: float = 10.0
     """mm about the start in which both markers stay in view, so that there is room to explore."""
@@ -62,6 +72,9 @@ class SceneSettings:
         for name in ("focal", "distance", "travel", "insertion"):
             low, high = getattr(self, name)
             self._require(name, 0.0 < low <= high < np.inf, "two positive numbers, least first")
+        low, high = self.ports or (1.0, 1.0)
+        right = "two positive numbers, least first"
+        self._require("ports", 0.0 < low <= high < np.inf, right)
         low, high = self.elevation
         self._require("elevation", -1.5 <= low <= high <= 1.5, "two angles from -1.5 to 1.5 rad")
         self._require("distortion", _finite(self.distortion), "two finite numbers k1, k2")
@@ -69,7 +82,14 @@ class SceneSettings:
         self._require("errors", wanted, "three finite numbers (rad, px, px), not all zero")
         alone = self.errors is None or (self.start is None and self.target is None)
         self._require("errors", alone, "left out where start or target are given")
+        seen = self.ports is None or self.errors is None
+        self._require("errors", seen, "left out where ports are given, as they are about the RCM")
         self._require("max_condition", self.max_condition > 1.0, "a number above 1")
+        hardest = self.max_condition
+        easy = 0.0 <= self.min_condition < hardest
+        self._require("min_condition", easy, f"a number from 0 to below max_condition = {hardest}")
+        asked = self.ports is None or self.min_condition == 0.0
+        self._require("min_condition", asked, "left out where ports are given")
         for name in ("start", "target"):
             q: Triple | None = getattr(self, name)
             self._require(name, q is None or _finite(q), "three finite joint values (rad, rad, mm)")

@@ -18,6 +18,7 @@ from rcmservo.sim.scene import Scene
 from rcmservo.study.closed_loop import Course, Goal, Start, closed_loop
 from rcmservo.study.course import StudyRun
 from rcmservo.study.cramer_rao import bound
+from rcmservo.study.inertia import inertia_of
 from rcmservo.study.trial import frames_of, trial
 from rcmservo.study.twin import PAST, QUEUE, STEP, Drives, Pace, Twin
 
@@ -105,4 +106,5 @@ class Study:
             encoder=np.maximum(drive.encoder, 1e-12),
             lower=middle - HARD_STOP * half,
             upper=middle + HARD_STOP * half,
+            inertia=inertia_of(self.settings.mechanism).rows,
         )

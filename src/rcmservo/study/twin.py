@@ -1,8 +1,10 @@
 """The twin of the simulated laboratory, for studies: arm and point camera as compiled functions.
 
-The drives are those of `rcmservo.sim.arm`: delay, first-order lag, deadband, counting encoders and
-hard stops. What MuJoCo adds, the tool's inertia, is left out: its velocity drives follow within a
-millisecond. The camera is that of `rcmservo.sim.cameras`: the same lens, the same times.
+The drives are those of `rcmservo.sim.arm`: delay, first-order lag, deadband, inertia, counting
+encoders and hard stops. The camera is that of `rcmservo.sim.cameras`: the same lens, the same
+times. With the same noise a closed loop goes the way that it goes in the laboratory, to a few
+1e-6 mm. The inertia delays by less than a millisecond, but what a servo decides can hang on that:
+without it one loop in seven ended more than 5 % nearer or farther off.
 """
 
 from typing import NamedTuple
@@ -14,8 +16,9 @@ from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 from rcmservo.loops import fill, put
 from rcmservo.memory import scratch
-from rcmservo.rows import Row, Rows, flag, real, reals, whole
+from rcmservo.rows import Row, Rows, flag, part, real, reals, whole
 from rcmservo.sim.lens import Lens
+from rcmservo.study.inertia import Inertia, drive, tilt_at, tilted
 
 STEP = 1_000_000
 """ns of one step of the arm."""
@@ -39,7 +42,8 @@ class Drives(Row):
 
     time: int = whole("ns", "now")
     q: Floats = reals(3, "rad, rad, mm", "the joints as they are")
-    rates: Floats = reals(3, "rad/s, rad/s, mm/s", "their rates, lagging behind")
+    speeds: Floats = reals(3, "rad/s, rad/s, mm/s", "their rates")
+    rates: Floats = reals(3, "rad/s, rad/s, mm/s", "the rates that the drives pull to, lagging")
     wanted: Floats = reals(3, "rad/s, rad/s, mm/s", "the rates that the drives obey")
     applied: Floats = reals(3, "rad/s, rad/s, mm/s", "the rates last taken of a command")
     on: bool = flag("whether the drives are on")
@@ -51,6 +55,7 @@ class Drives(Row):
     encoder: Floats = reals(3, "rad, rad, mm", "of one count")
     lower: Floats = reals(3, "rad, rad, mm", "the hard stops")
     upper: Floats = reals(3, "rad, rad, mm", "the hard stops")
+    inertia: Inertia = part(Inertia, "its masses")
 
 
 class Twin(NamedTuple):
@@ -98,16 +103,23 @@ def advance(twin: Twin, until: int) -> None:
 @compiled
 def move(a: Drives, past: Floats, steps: int) -> None:
     """So many steps towards the rates that are wanted."""
-    follow, first, q, rates = a.follow, a.time // STEP + 1, scratch(3), scratch(3)
+    follow, first, inner, seconds = a.follow, a.time // STEP + 1, 1 - a.inertia.outer, STEP * 1e-9
+    q, v, rates, pulls = scratch(3), scratch(3), scratch(3), scratch(3)
     put(q, a.q)
+    put(v, a.speeds)
     put(rates, a.rates)
+    tilt = tilt_at(q[inner])
     for k in range(first, first + steps):
         for i in range(3):
             rates[i] += follow * (a.wanted[i] - rates[i])
-            there = min(max(q[i] + rates[i] * STEP * 1e-9, a.lower[i]), a.upper[i])
-            q[i] = there if abs(rates[i]) > a.deadband[i] else q[i]
+            pulls[i] = rates[i] if abs(rates[i]) > a.deadband[i] else 0.0
+        drive(a.inertia, q[2], tilt, pulls, seconds, v)
+        tilt = tilted(tilt, v[inner] * seconds)
+        for i in range(3):
+            q[i] = min(max(q[i] + v[i] * seconds, a.lower[i]), a.upper[i])
             past[k % PAST, i] = q[i]
     put(a.q, q)
+    put(a.speeds, v)
     put(a.rates, rates)
 
 

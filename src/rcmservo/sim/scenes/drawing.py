@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rcmservo.interfaces import Floats
-from rcmservo.method.features import difference
+from rcmservo.method.features import features, wrapped
 from rcmservo.sim.body import Body
 from rcmservo.sim.optics import Optics, look_at
 from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.scene import NoScene, Scene, SceneSettings
 from rcmservo.sim.scenes.fitness import Fitness
-from rcmservo.sim.scenes.ways import features_at, straight, with_errors
+from rcmservo.sim.scenes.ports import through_port
+from rcmservo.sim.scenes.ways import straight, with_errors
 
 MAX_DRAWS = 20_000
 
@@ -46,6 +47,11 @@ class Draws:
     """The chance."""
 
     @property
+    def ported(self) -> bool:
+        """Whether the camera is an endoscope."""
+        return self.settings.ports is not None
+
+    @property
     def fitness(self) -> Fitness:
         return Fitness(self.settings, self.body, self.radius)
 
@@ -57,8 +63,9 @@ def draw(draws: Draws) -> Scene:
         if scene is not None and draws.fitness.suits(scene):
             return scene
     raise NoScene(
-        f"no scene in {MAX_DRAWS} draws has both markers in view: change the start and target "
-        "joints, the limits, or the ranges of focal length, distance and travel"
+        f"no scene in {MAX_DRAWS} draws has both markers in view and the condition asked for: "
+        "change the start and target joints, the limits, or the ranges of focal length, distance, "
+        "travel and condition"
     )
 
 
@@ -68,9 +75,10 @@ def relocated(draws: Draws, scene: Scene) -> Scene:
     Its place is drawn as that of any scene is.
     """
     for rejected in range(MAX_DRAWS):
-        new, tissue = _camera(draws, scene.start, scene.target)
-        if new is None:
+        camera = _camera(draws, scene.start, scene.target)
+        if camera is None:
             continue
+        new, tissue = camera
         optics = replace(scene.optics, rotation=new.rotation, position=new.position)
         if _differs(draws, scene, optics):
             return replace(scene, optics=optics, tissue=tissue, rejected=rejected)
@@ -79,11 +87,17 @@ def relocated(draws: Draws, scene: Scene) -> Scene:
 
 def _differs(draws: Draws, scene: Scene, optics: Optics) -> bool:
     """Whether the scene suits before this camera too, and is seen turned by it."""
-    before, after = (features_at(draws.body, one, scene.start) for one in (scene.optics, optics))
-    turned = abs(difference(after, before)[0]) > TURNED
+    before, after = (_seen_angle(draws.body, one, scene.start) for one in (scene.optics, optics))
+    turned = abs(wrapped(after - before)) > TURNED
     fitness = draws.fitness
     visible = fitness.visible(optics, scene.way)
     return bool(turned) and visible and fitness.regular(optics, scene.way)
+
+
+def _seen_angle(body: Body, optics: Optics, q: Floats) -> float:
+    """That of the imaged tool, s of eq. (7), rad; it needs no imaged RCM."""
+    m = optics.project(body.points(q)[:2])
+    return float(features(m.ravel())[0])
 
 
 def _attempt(draws: Draws, rejected: int) -> Scene | None:
@@ -93,9 +107,10 @@ def _attempt(draws: Draws, rejected: int) -> Scene | None:
     target = np.array(s.target) if s.target else _near(draws, start)
     if target is None:
         return None
-    optics, tissue = _camera(draws, start, target)
-    if optics is None:
+    camera = _camera(draws, start, target)
+    if camera is None:
         return None
+    optics, tissue = camera
     ways = _ways(draws, optics, start, target)
     return None if ways is None else Scene(optics, draws.body, *ways, tissue, rejected)
 
@@ -130,17 +145,27 @@ def _near(draws: Draws, start: Floats) -> Floats | None:
     return draws.body.mechanism.joints(p1 * (1.0 - offset / rho)) if rho > offset else None
 
 
-def _camera(draws: Draws, start: Floats, target: Floats) -> tuple[Optics | None, Tissue]:
-    """A camera that looks at the tool from anywhere around it, and tissue behind the tool, half
-    facing the camera. No camera where the RCM would not be before it."""
+def _camera(draws: Draws, start: Floats, target: Floats) -> tuple[Optics, Tissue] | None:
+    """A camera that looks at the tool, and tissue behind the tool, half facing the camera. None
+    where there cannot be that camera: through a port, or anywhere with the RCM before it."""
     points = np.concatenate([draws.body.points(q) for q in (start, target)])
     down = np.array([0.0, 0.0, 1.0 if points[:, 2].sum() > 0.0 else -1.0])
     middle = (points[[0, 1, 4, 5]]).mean(axis=0)
-    towards, distance = _towards_camera(draws, down)
+    place = _place(draws, middle, down)
+    if place is None:
+        return None
+    towards, distance = place
     tissue = _tissue(points, towards - down)
     optics = _looking(draws, middle, middle + distance * towards, distance)
     before = optics.depth(np.zeros((1, 3)))[0] > RCM_DEPTH * optics.depth(middle[None])[0]
-    return (optics if before else None), tissue
+    return (optics, tissue) if draws.ported or before else None
+
+
+def _place(draws: Draws, middle: Floats, down: Floats) -> tuple[Floats, float] | None:
+    """The unit direction (3,) from the tool's `middle` to the camera, and how far it is, mm."""
+    if draws.ported:
+        return through_port(draws.random, draws.settings, middle, down)
+    return _towards_camera(draws, down)
 
 
 def _towards_camera(draws: Draws, down: Floats) -> tuple[Floats, float]:

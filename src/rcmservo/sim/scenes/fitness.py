@@ -64,9 +64,15 @@ class Fitness:
         return visible(optics.lens, body.rcm, body.tool.shaft, way, self.radius)
 
     def regular(self, optics: Optics, way: Floats) -> bool:
-        """Whether the scaled Jacobian is well conditioned along the way (n, 3)."""
-        body, limit = self.body, self.settings.max_condition
-        return regular(optics.lens, body.rcm, body.tool.shaft, way, float(limit))
+        """Whether the scaled Jacobian is conditioned along the way (n, 3) as was asked for.
+
+        Through a port nothing is asked: about an RCM that is not seen there is none.
+        """
+        if self.settings.ports is not None:
+            return True
+        body, s = self.body, self.settings
+        most, least = float(s.max_condition), float(s.min_condition)
+        return regular(optics.lens, body.rcm, body.tool.shaft, way, most, least)
 
     def _room(self, optics: Optics, way: Floats) -> bool:
         """Whether both markers stay in the picture about all the joints (n, 3)."""
@@ -131,14 +137,18 @@ def roomy(lens: Rows[Lens], rcm: Rcm, shaft: Shaft, way: Floats, room: float) ->
 
 
 @compiled
-def regular(lens: Rows[Lens], rcm: Rcm, shaft: Shaft, way: Floats, limit: float) -> bool:
-    """Whether the scaled Jacobian's condition is at most `limit` along the way (n, 3)."""
-    o_c = np.empty(2)
+def regular(
+    lens: Rows[Lens], rcm: Rcm, shaft: Shaft, way: Floats, most: float, least: float
+) -> bool:
+    """Whether the scaled Jacobian's condition is at most `most` along the way (n, 3), and somewhere
+    on it above `least`."""
+    o_c, worst = np.empty(2), 0.0
     o_c[0], o_c[1] = project(lens[0], np.zeros(3))
     if not all_finite(o_c):
         return False
     for q in way:
         J = true_jacobian(lens[0], shaft, position(rcm, q), o_c)
-        if not condition(scaled(J)) <= limit:
+        worst = max(worst, condition(scaled(J)))
+        if not worst <= most:
             return False
-    return True
+    return worst > least

@@ -1,0 +1,105 @@
+"""Scenes as an endoscope sees them: through a port of its own, wherever the RCM then is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from conftest import first_quick
+from rcmservo.config.rig_file import load_lab
+from rcmservo.errors import BadInput
+from rcmservo.interfaces import Floats
+from rcmservo.method.kinematics import PitchYawRcm
+from rcmservo.sim import Rig, RigSettings, SceneSettings
+from rcmservo.sim.rig import drawn
+from rcmservo.sim.rig_file import rig_settings
+from rcmservo.sim.scene import NoScene, Scene
+from rcmservo.sim.scenes.ports import INSIDE, SLOPE
+from rcmservo.tracking import ColourMarkers
+
+PORTS = 70.0, 130.0
+SCENE = SceneSettings(ports=PORTS, distance=(60.0, 120.0), travel=(10.0, 30.0))
+SETTINGS = RigSettings(scene=SCENE)
+WRIST = replace(SETTINGS, mechanism=PitchYawRcm())
+
+
+def line_of_ports(scene: Scene) -> Floats:
+    """Points (N, 3) mm on the way out from the lens, along which the endoscope's shaft must lie."""
+    markers = np.concatenate([scene.body.points(q)[:2] for q in (scene.start, scene.target)])
+    middle = markers.mean(axis=0)
+    out = scene.optics.position - middle
+    return scene.optics.position + np.outer(
+        np.arange(INSIDE - 0.05, 400.0, 0.1), out / np.linalg.norm(out)
+    )
+
+
+@pytest.mark.parametrize("settings", [SETTINGS, WRIST])
+def test_the_endoscope_comes_through_the_wall_at_the_distance_asked_for(
+    settings: RigSettings,
+) -> None:
+    for seed in range(40):
+        line = line_of_ports(drawn(seed, settings)[0])
+        away = np.linalg.norm(line, axis=1)
+        wall = np.abs(line[:, 2]) <= away * np.sin(SLOPE + 1e-3)
+        assert (wall & (away > PORTS[0] - 0.1) & (away < PORTS[1] + 0.1)).any()
+
+
+def test_the_rcm_is_behind_it_or_before_it() -> None:
+    optics = [drawn(seed, SETTINGS)[0].optics for seed in range(40)]
+    behind = [one.depth(np.zeros((1, 3)))[0] < 0.0 for one in optics]
+    assert 0.25 < np.mean(behind) < 0.75
+
+
+def test_start_and_target_are_as_far_apart_as_was_asked_for_and_the_camera_as_near() -> None:
+    for seed in range(20):
+        scene, _ = drawn(seed, SETTINGS)
+        markers = np.stack([scene.body.points(q)[:2] for q in (scene.start, scene.target)])
+        assert 10.0 <= np.linalg.norm(markers[1, 0] - markers[0, 0]) <= 30.0
+        assert 60.0 <= np.linalg.norm(scene.optics.position - markers.mean(axis=(0, 1))) <= 120.0
+
+
+@pytest.mark.parametrize("seed", first_quick(range(8)))
+def test_a_tracker_finds_both_markers_in_its_pictures(seed: int) -> None:
+    rig = Rig(seed, SETTINGS)
+    for q in (rig.scene.target, rig.scene.start):
+        rig.place(q)
+        frame = rig.camera.latest()
+        assert frame is not None
+        seen = ColourMarkers().find(frame).points
+        np.testing.assert_allclose(seen, rig.truth.pixels(q), atol=2.0)
+
+
+def test_a_camera_before_which_the_rcm_is_not_can_be_relocated() -> None:
+    rigs = [Rig(seed, SETTINGS, pictures=False) for seed in range(20)]
+    for rig in [rig for rig in rigs if np.isnan(rig.truth.imaged_rcm()).any()][:4]:
+        before = rig.truth.pixels(rig.scene.start)
+        rig.relocate_camera()
+        after = rig.truth.pixels(rig.scene.start)
+        (a, b), (c, d) = before[1] - before[0], after[1] - after[0]
+        assert np.abs(np.arctan2(a * d - b * c, a * c + b * d)) > 0.5
+
+
+def test_a_camera_farther_off_than_its_port_is_no_endoscope() -> None:
+    with pytest.raises(NoScene):
+        drawn(0, RigSettings(scene=replace(SCENE, distance=(400.0, 500.0))))
+
+
+def test_a_rig_file_may_have_ports(tmp_path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text("[scene]\nports = [70.0, 130.0]\n")
+    assert rig_settings(load_lab(path)).scene.ports == PORTS
+
+
+@pytest.mark.parametrize(
+    ("choices", "words"),
+    [
+        ({"ports": (0.0, 130.0)}, "ports must be two positive numbers"),
+        ({"ports": (130.0, 70.0)}, "ports must be two positive numbers"),
+        ({"ports": (70.0, np.nan)}, "ports must be two positive numbers"),
+        ({"ports": PORTS, "errors": (0.3, 30.0, 20.0)}, "errors must be left out where ports"),
+        ({"ports": PORTS, "min_condition": 20.0}, "min_condition must be left out where ports"),
+    ],
+)
+def test_what_no_endoscope_can_be_is_one_sentence(choices: dict, words: str) -> None:
+    with pytest.raises(BadInput, match=rf"scene\.{words}"):
+        SceneSettings(**choices)
