@@ -9,9 +9,6 @@ from conftest import first_quick
 from rcmservo.errors import BadInput
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import PHASES, Phase
-from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.clock import ticks
-from rcmservo.loop.plant import Plant
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.flow import FlowEstimator
@@ -27,7 +24,9 @@ from rcmservo.sim.rig import drawn
 from rcmservo.sim.scene import Scene
 from rcmservo.study import Study, StudyRun
 from rcmservo.study.closed_loop import Goal
-from rcmservo.tracking import PointMarkers
+from rcmservo.study.laboratory import Laboratory
+from rcmservo.study.plan.file import StudyFile, plan_of
+from rcmservo.study.work.chunk import one_run
 
 QUIET = RigSettings(point_noise=0.0)
 WRIST = RigSettings(mechanism=PitchYawRcm(), tool=ScaledTool(1.3), point_noise=0.0)
@@ -44,49 +43,24 @@ def study_of(settings: RigSettings, **choices: float) -> Study:
 
 def by_physics(study: Study, seed: int) -> StudyRun:
     """The same closed loop with MuJoCo's arm and the live path."""
-    goal, noise = shown(seed, study.settings)
-    rig = Rig(seed, study.settings, pictures=False)
-    plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
-    aim = Target(goal.points, goal.q, rig.clock.now())
-    plant.enable()
-    rig.see_noise(noise)
-    state, errors, phases, causes = study.servo.init(), [], [], []
-    for _ in ticks(plant.clock, study.servo.rate, study.duration):
-        state = study.servo.step(state, plant.read(), aim)
-        errors.append(np.linalg.norm(rig.body.points(rig.arm.q_true)[1] - goal.p2))
-        phases.append(PHASES.index(state.phase))
-        causes.append(state.cause.place)
-        plant.send(state.command)
-    told = np.array(phases, np.int8), np.array(causes, np.int8)
-    return StudyRun(seed, study.servo.rate, np.array(errors), *told, 0.0)
+    return Laboratory(study.servo, study.settings, study.duration, study.shown).run(seed)
 
 
-def shown(seed: int, settings: RigSettings) -> tuple[Goal, Floats]:
-    """What a seed's target looks like, with as little noise as its mean over 30 frames has, and the
-    noise (1000, 2, 2) px of the frames after it."""
-    scene, random = drawn(seed, settings)
+def shown(seed: int, settings: RigSettings) -> Goal:
+    """What a seed's target looks like, without noise."""
+    scene, _ = drawn(seed, settings)
     markers = scene.body.points(scene.target)[:2]
-    blur, noise = random.standard_normal((2, 2)), random.standard_normal((1000, 2, 2))
-    points = scene.optics.project(markers) + settings.point_noise * blur / np.sqrt(30.0)
-    return Goal(points, scene.target, markers[1]), settings.point_noise * noise
-
-
-def by_twin(study: Study, seed: int) -> StudyRun:
-    return study.of(seed, drawn(seed, study.settings)[0], *shown(seed, study.settings))
-
-
-def final(run: StudyRun) -> float:
-    """mm, root mean square over the last second."""
-    return float(np.sqrt(np.mean(run.error[-round(run.rate) :] ** 2)))
+    return Goal(scene.optics.project(markers), scene.target, markers[1])
 
 
 def agree(study: Study, seed: int) -> StudyRun:
     """A closed loop of the twin, which goes the way of MuJoCo's arm."""
-    twin, physics = by_twin(study, seed), by_physics(study, seed)
+    twin, physics = study.run(seed), by_physics(study, seed)
     assert np.abs(twin.error - physics.error).max() < NEAR
     assert np.count_nonzero(twin.phases != physics.phases) <= 2
     assert twin.first_within(1.0) == pytest.approx(physics.first_within(1.0), abs=FRAME)
-    assert final(twin) == pytest.approx(final(physics), rel=0.05)
+    assert twin.pose_error == pytest.approx(physics.pose_error, rel=0.05)
+    assert twin.bound == physics.bound and twin.stops == physics.stops
     return twin
 
 
@@ -120,13 +94,13 @@ def test_with_the_same_noise_the_twin_goes_the_way_of_the_simulated_arm(
     settings, seed = scene
     servo = Servo(settings.mechanism, settings.tool, estimator)
     run = agree(Study(servo, settings, duration=6.0), seed)
-    quiet = by_twin(Study(servo, replace(settings, point_noise=0.0), duration=6.0), seed)
+    quiet = Study(servo, replace(settings, point_noise=0.0), duration=6.0).run(seed)
     assert np.abs(run.error - quiet.error).max() > 10.0 * NEAR
 
 
 def test_a_twin_with_other_drives_goes_another_way() -> None:
     slow = replace(QUIET, drive=Drive(lag=0.021))
-    usual, other = (by_twin(study_of(one, duration=4.0), 0) for one in (QUIET, slow))
+    usual, other = (study_of(one, duration=4.0).run(0) for one in (QUIET, slow))
     assert np.abs(usual.error - other.error).max() > NEAR
 
 
@@ -226,7 +200,7 @@ def test_a_seed_or_a_noise_that_cannot_be_is_one_sentence() -> None:
         study.run(-1)
     scene, _ = drawn(0, QUIET)
     with pytest.raises(BadInput, match="noise must be"):
-        study.of(0, scene, shown(0, QUIET)[0], np.zeros((10, 2, 2)))
+        study.of(0, scene, shown(0, QUIET), np.zeros((10, 2, 2)))
 
 
 def test_given_noise_is_that_of_each_frame_whichever_of_them_are_taken() -> None:
@@ -252,3 +226,21 @@ def test_noise_that_cannot_be_given_is_one_sentence() -> None:
         Rig(0, QUIET, pictures=False).see_noise(np.zeros((10, 4)))
     with pytest.raises(BadInput, match="camera must be the one without pictures"):
         Rig(0, QUIET).see_noise(np.zeros((10, 2, 2)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["dlt", "projection"])
+def test_both_engines_agree_scene_by_scene(method: str) -> None:
+    """100 scenes each; no disagreement is left out."""
+    plan = plan_of(StudyFile(methods=(method,), count=1), {})
+    compiled = plan.cells[0]
+    mujoco = replace(compiled, engine="mujoco")
+    servo = compiled.rebuilt({})
+    for seed in range(100):
+        one, other = (one_run(cell, servo, seed) for cell in (compiled, mujoco))
+        assert one.success == other.success and one.stop == other.stop, seed
+        times = [np.inf if row.time_to_1mm_s is None else row.time_to_1mm_s for row in (one, other)]
+        assert times[0] == pytest.approx(times[1], abs=FRAME), seed
+        assert one.pose_error_mm == pytest.approx(other.pose_error_mm, rel=0.05), seed
+        assert (one.bound_mm, one.condition) == (other.bound_mm, other.condition)
+        assert one.unnoticed_mm == pytest.approx(other.unnoticed_mm, abs=0.01), seed
