@@ -2,7 +2,9 @@
 
 import signal
 from collections.abc import Iterable, Iterator
+from copy import deepcopy
 from dataclasses import dataclass, field
+from functools import cached_property
 from multiprocessing import Pool
 from typing import cast
 
@@ -10,8 +12,9 @@ import numpy as np
 
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
+from rcmservo.rows import changed, copied
 from rcmservo.servo.compiled_ones import COMPILED, AnyRule
-from rcmservo.servo.servo import Servo
+from rcmservo.servo.servo import Servo, State
 from rcmservo.sim import RigSettings
 from rcmservo.sim.arm import HARD_STOP
 from rcmservo.sim.scene import Scene
@@ -81,8 +84,13 @@ class Study:
     @property
     def _start(self) -> Start:
         """The servo at the start, in memory of its own."""
-        servo, state = self.servo, self.servo.init()
-        return Start(state.kept.rows, state.beside, servo.fixed, cast(AnyRule, servo.rule), BEGIN)
+        servo, state = self.servo, self._ignorant
+        kept, beside = copied(state.kept).rows, deepcopy(state.beside)
+        return Start(kept, beside, servo.fixed, cast(AnyRule, servo.rule), BEGIN)
+
+    @cached_property
+    def _ignorant(self) -> State:
+        return self.servo.init()
 
     def _twin(self, scene: Scene) -> Twin:
         """The laboratory before a scene's start."""
@@ -90,16 +98,17 @@ class Study:
         late = round((0.5 * timing.exposure + timing.delay) * 1e9)
         pace = Pace.of(period=1e9 / timing.frame_rate, late=late)
         rings = np.zeros((QUEUE, 3)), np.zeros(QUEUE, np.int64), np.zeros((PAST, 3))
-        drives = self._drives(scene.start).rows
+        drives = changed(self._drives, q=scene.start).rows
         frame = np.full(3, np.nan), np.full((2, 2), np.nan)
         return Twin(drives, *rings, np.zeros((PAST, 3)), scene.optics.lens, pace.rows, *frame)
 
-    def _drives(self, q: Floats) -> Drives:
+    @cached_property
+    def _drives(self) -> Drives:
+        """The arm, wherever it stands."""
         drive, limits = self.settings.drive, self.settings.mechanism.limits
         lower, upper = limits.arrays
         middle, half = (upper + lower) / 2.0, (upper - lower) / 2.0
         return Drives.of(
-            q=q,
             delay=round(drive.delay * 1e9),
             follow=1.0 - np.exp(-STEP * 1e-9 / drive.lag),
             deadband=drive.deadband,

@@ -20,7 +20,7 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
-from rcmservo.method.kinematics import SPHERICAL, Kinematics
+from rcmservo.method.kinematics import SPHERICAL, Kinematics, Point
 from rcmservo.rows import Row, real, reals, whole
 from rcmservo.sim.arm import AXES, PHYSICS, UNIT, model_of
 
@@ -73,17 +73,30 @@ def tilted(tilt: Tilt, by: float) -> Tilt:
 
 
 @compiled
-def drive(a: Inertia, z: float, tilt: Tilt, u: Floats, h: float, v: Floats) -> None:
-    """Let the drives pull the joints' rates v (3,) to u (3,) for h s, with the slide at z."""
-    outer, inner, k = a.outer, 1 - a.outer, a.strength
-    turn, swing, slide = v[outer], v[inner], v[2]
+def heavy(a: Inertia, z: float, tilt: Tilt, h: float) -> Point:
+    """M + h k of outer hinge, inner hinge and slide, with the slide at z."""
+    far, outer = a.mass * z * z, a.outer
+    share = 0.5 * (1.0 - a.upright * tilt[0])  # sin²α
+    M_outer, M_inner = a.own[outer] + (a.rod + far) * share, a.own[1 - outer] + far
+    k = a.strength
+    return M_outer + h * k[outer], M_inner + h * k[1 - outer], a.own[2] + h * k[2]
+
+
+@compiled
+def turning(a: Inertia, z: float, tilt: Tilt, v: Point) -> Point:
+    """c of outer hinge, inner hinge and slide at the rates v, with the slide at z."""
+    turn, swing, slide = v
     share, slope = 0.5 * (1.0 - a.upright * tilt[0]), a.upright * tilt[1]  # sin²α, its derivative
-    far, growth = a.mass * z * z, 2.0 * a.mass * z * slide
-    tool = a.rod + far
-    c_outer = (tool * slope * swing + growth * share) * turn
-    c_inner = growth * swing - 0.5 * tool * slope * turn * turn
-    c_slide = -a.mass * z * (share * turn * turn + swing * swing)
-    M_outer, M_inner = a.own[outer] + tool * share, a.own[inner] + far
-    v[outer] += h * (k[outer] * (u[outer] - turn) - c_outer) / (M_outer + h * k[outer])
-    v[inner] += h * (k[inner] * (u[inner] - swing) - c_inner) / (M_inner + h * k[inner])
-    v[2] += h * (k[2] * (u[2] - slide) - c_slide) / (a.own[2] + h * k[2])
+    growth, tool = 2.0 * a.mass * z * slide, a.rod + a.mass * z * z
+    return (
+        (tool * slope * swing + growth * share) * turn,
+        growth * swing - 0.5 * tool * slope * turn * turn,
+        -a.mass * z * (share * turn * turn + swing * swing),
+    )
+
+
+@compiled
+def nearer(inverse: float, number: float) -> float:
+    """1/number from nearly that, by a step of Newton's: much quicker than to divide, and as good
+    where it has changed by a thousandth."""
+    return inverse * (2.0 - number * inverse)
