@@ -94,7 +94,8 @@ class Study:
         blur = random.standard_normal((2, 2)) / np.sqrt(self.shown)
         points = scene.optics.project(markers) + self.settings.point_noise * blur
         noise = self.settings.point_noise * random.standard_normal((self._frames, 2, 2))
-        return self.of(seed, scene, Goal(points, scene.target, markers[1]), noise)
+        told = self.settings.drive.told(scene.target)
+        return self.of(seed, scene, Goal(points, told, markers[1]), noise)
 
     def of(self, seed: int, scene: Scene, shown: Goal, noise: Floats) -> StudyRun:
         """One closed loop in a scene, to what was shown, with the noise (frames, 2, 2) px."""
@@ -142,6 +143,8 @@ class Study:
             follow=1.0 - np.exp(-STEP * 1e-9 / drive.lag),
             deadband=drive.deadband,
             encoder=np.maximum(drive.encoder, 1e-12),
+            offset=drive.encoder_offset,
+            made=1.0 + np.array(drive.rate_error),
             lower=middle - HARD_STOP * half,
             upper=middle + HARD_STOP * half,
             inertia=inertia_of(self.settings.mechanism).rows,

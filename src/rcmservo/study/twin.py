@@ -53,6 +53,8 @@ class Drives(Row):
     follow: float = real("", "share of the way to the wanted rate in one step")
     deadband: Floats = reals(3, "rad/s, rad/s, mm/s", "below which a joint stays still")
     encoder: Floats = reals(3, "rad, rad, mm", "of one count")
+    offset: Floats = reals(3, "rad, rad, mm", "by which what they tell is beside the joints")
+    made: Floats = reals(3, "", "what each motor makes of its rate")
     lower: Floats = reals(3, "rad, rad, mm", "the hard stops")
     upper: Floats = reals(3, "rad, rad, mm", "the hard stops")
     inertia: Inertia = part(Inertia, "its masses")
@@ -112,7 +114,7 @@ def move(a: Drives, past: Floats, steps: int) -> None:
     for k in range(first, first + steps):
         for i in range(3):
             rates[i] += follow * (a.wanted[i] - rates[i])
-            pulls[i] = rates[i] if abs(rates[i]) > a.deadband[i] else 0.0
+            pulls[i] = a.made[i] * rates[i] if abs(rates[i]) > a.deadband[i] else 0.0
         drive(a.inertia, q[2], tilt, pulls, seconds, v)
         tilt = tilted(tilt, v[inner] * seconds)
         for i in range(3):
@@ -164,7 +166,7 @@ def count(twin: Twin, into: Floats) -> None:
     """Write the joints (3,) as the encoders count them now."""
     a = twin.drives[0]
     for i in range(3):
-        into[i] = np.round(a.q[i] / a.encoder[i]) * a.encoder[i]
+        into[i] = np.round((a.q[i] + a.offset[i]) / a.encoder[i]) * a.encoder[i]
 
 
 @compiled
