@@ -17,20 +17,24 @@ from rcmservo.method.kinematics import PitchYawRcm, SphericalRcm
 from rcmservo.method.tool import RigidTool, ScaledTool
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Drive, Rig, RigSettings
+from rcmservo.sim.arm import HARD_STOP
 from rcmservo.sim.body import Body
 from rcmservo.sim.optics import Optics, look_at
 from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.rig import drawn
 from rcmservo.sim.scene import Scene
 from rcmservo.study import Study, StudyRun
+from rcmservo.study.batch import BEGIN
 from rcmservo.study.closed_loop import Goal
 from rcmservo.study.laboratory import Laboratory
 from rcmservo.study.plan.file import StudyFile, plan_of
+from rcmservo.study.twin import Drives, advance, count, place, take
 from rcmservo.study.work.chunk import one_run
 
 QUIET = RigSettings(point_noise=0.0)
 WRIST = RigSettings(mechanism=PitchYawRcm(), tool=ScaledTool(1.3), point_noise=0.0)
 NOISY, NOISY_WRIST = (replace(settings, point_noise=0.3) for settings in (QUIET, WRIST))
+WRONG = Drive(encoder_offset=(0.02, -0.03, 2.0), rate_error=(0.01, -0.012, 0.015))
 NEAR = 1e-3
 """mm by which the two may differ: rounding, and what an encoder's count makes of it."""
 FRAME = 1.0 / 60.0
@@ -96,6 +100,25 @@ def test_with_the_same_noise_the_twin_goes_the_way_of_the_simulated_arm(
     run = agree(Study(servo, settings, duration=6.0), seed)
     quiet = Study(servo, replace(settings, point_noise=0.0), duration=6.0).run(seed)
     assert np.abs(run.error - quiet.error).max() > 10.0 * NEAR
+
+
+@pytest.mark.parametrize(
+    "scene", first_quick([(usual, n) for n in range(4) for usual in (NOISY, NOISY_WRIST)])
+)
+def test_the_twin_has_the_errors_of_the_simulated_arm(scene: tuple[RigSettings, int]) -> None:
+    usual, seed = scene
+    settings = replace(usual, drive=WRONG)
+    servo = Servo(settings.mechanism, settings.tool, DltEstimator())
+    run = agree(Study(servo, settings, duration=6.0), seed)
+    assert run.error[-1] < 1.0 and not run.stops
+    assert np.abs(run.error - Study(servo, usual, duration=6.0).run(seed).error).max() > 0.1
+
+
+def test_a_study_shows_the_target_with_the_joints_that_the_arm_tells() -> None:
+    """20 mm off, the servo would take the target's pose for another one."""
+    far = replace(NOISY, drive=Drive(encoder_offset=(0.1, 0.1, 5.0)))
+    run = Study(Servo(far.mechanism, far.tool, DltEstimator()), far, duration=6.0).run(2)
+    assert not run.stops and run.error[-1] < 1.0
 
 
 def test_a_twin_with_other_drives_goes_another_way() -> None:
@@ -226,6 +249,21 @@ def test_noise_that_cannot_be_given_is_one_sentence() -> None:
         Rig(0, QUIET, pictures=False).see_noise(np.zeros((10, 4)))
     with pytest.raises(BadInput, match="camera must be the one without pictures"):
         Rig(0, QUIET).see_noise(np.zeros((10, 2, 2)))
+
+
+def test_the_twin_stops_at_its_hard_stop_by_the_true_joints() -> None:
+    study = study_of(replace(QUIET, drive=WRONG))
+    twin = study._twin(drawn(0, QUIET)[0])
+    place(twin, BEGIN)
+    for k in range(500):
+        take(twin, np.array([0.0, 0.0, 100.0]), True)
+        advance(twin, BEGIN + (k + 1) * 10_000_000)
+    lower, upper = study.settings.mechanism.limits.arrays
+    stop = (lower + upper) / 2.0 + HARD_STOP * (upper - lower) / 2.0
+    told = np.empty(3)
+    count(twin, told)
+    assert Drives(twin.drives).q[2] == stop[2]
+    assert told[2] == pytest.approx(stop[2] + WRONG.encoder_offset[2], abs=2e-3)
 
 
 @pytest.mark.slow

@@ -1,9 +1,10 @@
 """The simulated arm: a MuJoCo model with velocity drives, and the faults of real drives.
 
 A command reaches a joint after a delay and through a first-order lag. A command inside the deadband
-moves nothing. The encoders count in steps. A watchdog stands before the drives: without valid
-commands the arm stops by itself. Gravity is compensated, and the joints' ranges end at hard stops.
-MuJoCo counts in m, everything else here counts in mm.
+moves nothing, and a motor may make more or less of a rate than was asked. The encoders count in
+steps, from a zero that may be wrong. A watchdog stands before the drives: without valid commands
+the arm stops by itself. Gravity is compensated, and the joints' ranges end at hard stops. MuJoCo
+counts in m, everything else here counts in mm.
 """
 
 from collections import deque
@@ -56,6 +57,13 @@ class Drive:
     encoder: tuple[float, float, float] = (2e-5, 2e-5, 2e-3)
     """rad, rad, mm of one count of each encoder."""
 
+    encoder_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """rad, rad, mm by which the joints that the arm tells are beside those that it has. Of an
+    emulated motion controller, whose encoders count from where they are homed, it is none."""
+
+    rate_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Shares by which each joint moves faster than it is asked to."""
+
     def __post_init__(self) -> None:
         require(0.0 <= self.delay <= 1.0, "drive.delay", self.delay, "a time from 0 to 1 s")
         require(0.001 <= self.lag <= 10.0, "drive.lag", self.lag, "a time from 0.001 to 10 s")
@@ -64,6 +72,19 @@ class Drive:
             values = getattr(self, name)
             good = len(values) == 3 and all(0.0 <= value < np.inf for value in values)
             require(good, f"drive.{name}", values, right)
+        offset, error = self.encoder_offset, self.rate_error
+        good = len(offset) == 3 and bool(np.isfinite(offset).all())
+        require(good, "drive.encoder_offset", offset, "three finite numbers (rad, rad, mm)")
+        good = len(error) == 3 and all(-1.0 < share <= 1.0 for share in error)
+        require(good, "drive.rate_error", error, "three shares above -1 and at most 1")
+
+    def told(self, q: Floats) -> Floats:
+        """What an arm tells with its joints at q (3,), but for counting."""
+        return q + np.array(self.encoder_offset)
+
+    def true(self, told: Floats) -> Floats:
+        """Where the joints (3,) of an arm are that tells these, but for counting."""
+        return told - np.array(self.encoder_offset)
 
 
 MODEL = """
@@ -142,6 +163,7 @@ class SimulatedArm:
         self._wanted, self._rates = [0.0] * 3, [0.0] * 3
         self._controlled = False
         self._follow = float(1.0 - np.exp(-STEP * 1e-9 / drive.lag))
+        self._made = [1.0 + share for share in drive.rate_error]
         self._encoder = np.maximum(np.array(drive.encoder), 1e-12)
         self._past = Past(STEP)
         self._past.keep(self.time, self._data.qpos.copy())
@@ -200,7 +222,7 @@ class SimulatedArm:
         rates, deadband = self._rates, self.drive.deadband
         moving = [rates[i] if abs(rates[i]) > deadband[i] else 0.0 for i in range(3)]
         creep = self.creep if self.watchdog.enabled else (0.0, 0.0, 0.0)
-        made = [self.gains[i] * moving[i] + creep[i] for i in range(3)]
+        made = [self.gains[i] * self._made[i] * moving[i] + creep[i] for i in range(3)]
         self._data.ctrl[:] = [made[i] * UNIT[i] for i in self._order]
 
     def joints_at(self, time: int) -> Floats:
@@ -237,7 +259,7 @@ class SimulatedArm:
 
     def measure(self) -> Measured:
         """The arm's answer: the joints as the encoders count them."""
-        counted = np.round(self.q_true / self._encoder) * self._encoder
+        counted = np.round(self.drive.told(self.q_true) / self._encoder) * self._encoder
         return Measured(self._clock, counted, self.watchdog.enabled)
 
     def apply(self, command: Command) -> Floats:

@@ -15,7 +15,7 @@ class Truth:
     """The judge of a simulated run. It reads the true arm and the true camera. No servo gets it."""
 
     def __init__(self, arm: SimulatedArm, body: Body, optics: Optics) -> None:
-        self.arm, self.body, self.optics = arm, body, optics
+        self.arm, self.body, self.optics, self._drive = arm, body, optics, arm.drive
 
     def joints_at(self, time: int) -> Floats:
         """The joints (3,) at a moment (ns) of the last second."""
@@ -37,9 +37,9 @@ class Truth:
         """J (3, 3) = ∂y/∂p₁ at the joints q (3,), about the origin o_c (2,) that the servo uses."""
         return feature_jacobian(self.body, self.optics, q, o_c)
 
-    def jacobian_error(self, J_hat: Floats, q: Floats, o_c: Floats) -> float:
-        """‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians."""
-        J = scaled(self.jacobian(q, o_c))
+    def jacobian_error(self, J_hat: Floats, told: Floats, o_c: Floats) -> float:
+        """‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians, where the arm told these joints (3,)."""
+        J = scaled(self.jacobian(self._drive.true(told), o_c))
         return float(np.linalg.norm(scaled(J_hat) - J) / np.linalg.norm(J))
 
 

@@ -113,6 +113,8 @@ class Study:
             follow=1.0 - np.exp(-STEP * 1e-9 / drive.lag),
             deadband=drive.deadband,
             encoder=np.maximum(drive.encoder, 1e-12),
+            offset=drive.encoder_offset,
+            made=1.0 + np.array(drive.rate_error),
             lower=middle - HARD_STOP * half,
             upper=middle + HARD_STOP * half,
             inertia=inertia_of(self.settings.mechanism).rows,

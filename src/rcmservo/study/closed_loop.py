@@ -52,7 +52,7 @@ class Goal(NamedTuple):
     points: Floats
     """The target's markers (2, 2) raw px."""
     q: Floats
-    """The joints (3,) then."""
+    """The joints (3,) then, as the arm told them."""
     p2: Floats
     """Where marker 2 truly was, (3,) mm."""
 

@@ -45,4 +45,5 @@ def trial(seed: int, repetition: int, settings: RigSettings, duration: float, sh
     blur = random.standard_normal((2, 2)) / np.sqrt(shown)
     points = scene.optics.project(markers) + sigma * blur
     noise = sigma * random.standard_normal((frames_of(settings, duration), 2, 2))
-    return Trial(scene, Goal(points, scene.target, markers[1]), noise)
+    told = settings.drive.told(scene.target)
+    return Trial(scene, Goal(points, told, markers[1]), noise)

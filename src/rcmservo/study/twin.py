@@ -56,6 +56,8 @@ class Drives(Row):
     follow: float = real("", "share of the way to the wanted rate in one step")
     deadband: Floats = reals(3, "rad/s, rad/s, mm/s", "below which a joint stays still")
     encoder: Floats = reals(3, "rad, rad, mm", "of one count")
+    offset: Floats = reals(3, "rad, rad, mm", "by which what they tell is beside the joints")
+    made: Floats = reals(3, "", "what each motor makes of its rate")
     lower: Floats = reals(3, "rad, rad, mm", "the hard stops")
     upper: Floats = reals(3, "rad, rad, mm", "the hard stops")
     inertia: Inertia = part(Inertia, "its masses")
@@ -111,24 +113,21 @@ def move(a: Drives, past: Floats, steps: int) -> None:
     i, place = 1 - o, a.time // STEP
     (q_o, q_i, q_s), (v_o, v_i, v_s) = in_turn(a.q, o), in_turn(a.speeds, o)
     (r_o, r_i, r_s), (w_o, w_i, w_s) = in_turn(a.rates, o), in_turn(a.wanted, o)
-    d_o, d_i, d_s = in_turn(a.deadband, o)
+    (d_o, d_i, d_s), (m_o, m_i, m_s) = in_turn(a.deadband, o), in_turn(a.made, o)
     (low_o, low_i, low_s), (high_o, high_i, high_s) = in_turn(a.lower, o), in_turn(a.upper, o)
     k_o, k_i, k_s = in_turn(m.strength, o)
     tilt = tilt_at(q_i)
     M_o, M_i, M_s = heavy(m, q_s, tilt, h)
     by_o, by_i, by_s = h / M_o, h / M_i, h / M_s
     for _ in range(steps):
-        r_o, r_i, r_s = (
-            r_o + follow * (w_o - r_o),
-            r_i + follow * (w_i - r_i),
-            r_s + follow * (w_s - r_s),
-        )
+        r_o, r_i = r_o + follow * (w_o - r_o), r_i + follow * (w_i - r_i)
+        r_s += follow * (w_s - r_s)
         M_o, M_i, M_s = heavy(m, q_s, tilt, h)
         by_o, by_i = nearer(by_o, M_o * RATE), nearer(by_i, M_i * RATE)
         c_o, c_i, c_s = turning(m, q_s, tilt, (v_o, v_i, v_s))
-        v_o += by_o * (k_o * (beyond(r_o, d_o) - v_o) - c_o)
-        v_i += by_i * (k_i * (beyond(r_i, d_i) - v_i) - c_i)
-        v_s += by_s * (k_s * (beyond(r_s, d_s) - v_s) - c_s)
+        v_o += by_o * (k_o * (m_o * beyond(r_o, d_o) - v_o) - c_o)
+        v_i += by_i * (k_i * (m_i * beyond(r_i, d_i) - v_i) - c_i)
+        v_s += by_s * (k_s * (m_s * beyond(r_s, d_s) - v_s) - c_s)
         tilt = tilted(tilt, v_i * h)
         q_o, q_i = min(max(q_o + v_o * h, low_o), high_o), min(max(q_i + v_i * h, low_i), high_i)
         q_s = min(max(q_s + v_s * h, low_s), high_s)
@@ -192,7 +191,7 @@ def count(twin: Twin, into: Floats) -> None:
     """Write the joints (3,) as the encoders count them now."""
     a = twin.drives[0]
     for i in range(3):
-        into[i] = np.round(a.q[i] / a.encoder[i]) * a.encoder[i]
+        into[i] = np.round((a.q[i] + a.offset[i]) / a.encoder[i]) * a.encoder[i]
 
 
 @compiled

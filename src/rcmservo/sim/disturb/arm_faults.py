@@ -76,7 +76,8 @@ class DisturbedArm:
         """The joints (3,) as wrong encoders count them."""
         q = q.copy()
         for event in self.schedule.acting(self.arm.time, "encoder_reversed"):
-            turned = self._turned.setdefault(event, self.arm.joints_at(event.start)[event.axis])
+            there = self.arm.drive.told(self.arm.joints_at(event.start))
+            turned = self._turned.setdefault(event, there[event.axis])
             q[event.axis] = 2.0 * turned - q[event.axis]
         for event in self.schedule.acting(self.arm.time, "encoder_zero"):
             q[event.axis] += _of_axis(event, "offset")

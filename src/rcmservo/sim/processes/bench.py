@@ -102,7 +102,7 @@ class Bench:
 
     def error(self) -> float:
         """‖p₂ − p_d‖ mm, by the truth: how far the tool is from where it was shown."""
-        return TrueError(self.settings, self.log)(self.target)
+        return TrueError(self.settings, self.log)(self.settings.drive.told(self.target))
 
 
 def _short(folder: Path) -> Path:
