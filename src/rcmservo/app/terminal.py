@@ -13,6 +13,7 @@ from rich.table import Table
 PLAIN = str.maketrans(
     {
         "°": "deg",
+        "∞": "inf",
         "…": "...",
         "–": "-",
         "−": "-",

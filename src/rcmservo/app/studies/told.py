@@ -41,8 +41,12 @@ def _spread(one: "Interval", form: str, times: float = 1.0) -> str:
     """A number and its interval."""
     if math.isnan(one.value):
         return "–"
-    value, low, high = (
-        "never" if math.isinf(x) else format(times * x, form)
-        for x in (one.value, one.low, one.high)
-    )
+    value, low, high = (_number(times * x, form) for x in one)
     return f"{value} ({low} to {high})"
+
+
+def _number(value: float, form: str) -> str:
+    """A number; of a time that never came, or of a difference to one, that it is without end."""
+    if math.isinf(value):
+        return "never" if "+" not in form else f"{value:+f}".replace("inf", "∞")
+    return format(value, form)
