@@ -51,7 +51,7 @@ class Drives(Row):
     last: int = whole("", "the newest command on its way, and one more")
     delay: int = whole("ns", "from a command to its being obeyed")
     follow: float = real("", "share of the way to the wanted rate in one step")
-    deadband: Floats = reals(3, "rad/s, rad/s, mm/s", "below which a joint stays still")
+    deadband: Floats = reals(3, "rad/s, rad/s, mm/s", "made rates below which it stays still")
     encoder: Floats = reals(3, "rad, rad, mm", "of one count")
     offset: Floats = reals(3, "rad, rad, mm", "by which what they tell is beside the joints")
     made: Floats = reals(3, "", "what each motor makes of its rate")
@@ -93,13 +93,20 @@ def advance(twin: Twin, until: int) -> None:
             fill(a.wanted, 0.0)
             fill(a.rates, 0.0)
         while a.first < a.last and twin.due[a.first % QUEUE] <= a.time + STEP:
-            put(a.wanted, twin.queue[a.first % QUEUE])
+            obey(a, twin.queue[a.first % QUEUE])
             a.first += 1
         steps = (until - a.time + STEP // 2 - 1) // STEP
         if a.first < a.last:
             steps = min(steps, max((twin.due[a.first % QUEUE] - a.time - 1) // STEP, 1))
         move(a, twin.past, steps)
         a.time += steps * STEP
+
+
+@compiled
+def obey(a: Drives, rates: Floats) -> None:
+    """Want what the motors make of these rates (3,)."""
+    for i in range(3):
+        a.wanted[i] = a.made[i] * rates[i]
 
 
 @compiled
@@ -114,7 +121,7 @@ def move(a: Drives, past: Floats, steps: int) -> None:
     for k in range(first, first + steps):
         for i in range(3):
             rates[i] += follow * (a.wanted[i] - rates[i])
-            pulls[i] = a.made[i] * rates[i] if abs(rates[i]) > a.deadband[i] else 0.0
+            pulls[i] = rates[i] if abs(rates[i]) > a.deadband[i] else 0.0
         drive(a.inertia, q[2], tilt, pulls, seconds, v)
         tilt = tilted(tilt, v[inner] * seconds)
         for i in range(3):
