@@ -107,14 +107,15 @@ class Study:
         """The arm, wherever it stands."""
         drive, limits = self.settings.drive, self.settings.mechanism.limits
         lower, upper = limits.arrays
+        made = 1.0 + np.array(drive.rate_error)
         middle, half = (upper + lower) / 2.0, (upper - lower) / 2.0
         return Drives.of(
             delay=round(drive.delay * 1e9),
             follow=1.0 - np.exp(-STEP * 1e-9 / drive.lag),
-            deadband=drive.deadband,
+            deadband=made * drive.deadband,
             encoder=np.maximum(drive.encoder, 1e-12),
             offset=drive.encoder_offset,
-            made=1.0 + np.array(drive.rate_error),
+            made=made,
             lower=middle - HARD_STOP * half,
             upper=middle + HARD_STOP * half,
             inertia=inertia_of(self.settings.mechanism).rows,

@@ -54,7 +54,7 @@ class Drives(Row):
     last: int = whole("", "the newest command on its way, and one more")
     delay: int = whole("ns", "from a command to its being obeyed")
     follow: float = real("", "share of the way to the wanted rate in one step")
-    deadband: Floats = reals(3, "rad/s, rad/s, mm/s", "below which a joint stays still")
+    deadband: Floats = reals(3, "rad/s, rad/s, mm/s", "made rates below which it stays still")
     encoder: Floats = reals(3, "rad, rad, mm", "of one count")
     offset: Floats = reals(3, "rad, rad, mm", "by which what they tell is beside the joints")
     made: Floats = reals(3, "", "what each motor makes of its rate")
@@ -96,7 +96,7 @@ def advance(twin: Twin, until: int) -> None:
             fill(a.wanted, 0.0)
             fill(a.rates, 0.0)
         while a.first < a.last and twin.due[a.first % QUEUE] <= a.time + STEP:
-            put(a.wanted, twin.queue[a.first % QUEUE])
+            obey(a, twin.queue[a.first % QUEUE])
             a.first += 1
         steps = (until - a.time + STEP // 2 - 1) // STEP
         if a.first < a.last:
@@ -106,14 +106,21 @@ def advance(twin: Twin, until: int) -> None:
 
 
 @compiled
+def obey(a: Drives, rates: Floats) -> None:
+    """Want what the motors make of these rates (3,)."""
+    for i in range(3):
+        a.wanted[i] = a.made[i] * rates[i]
+
+
+@compiled
 def move(a: Drives, past: Floats, steps: int) -> None:
     """So many steps towards the rates that are wanted. Numbers one by one, outer hinge, inner hinge
-    and slide, stay in the processor's registers: this is half of a study's time."""
+    and slide, stay in the processor's registers: this is a quarter of a study's time."""
     m, h, follow, o = a.inertia, STEP * 1e-9, a.follow, a.inertia.outer
     i, place = 1 - o, a.time // STEP
     (q_o, q_i, q_s), (v_o, v_i, v_s) = in_turn(a.q, o), in_turn(a.speeds, o)
     (r_o, r_i, r_s), (w_o, w_i, w_s) = in_turn(a.rates, o), in_turn(a.wanted, o)
-    (d_o, d_i, d_s), (m_o, m_i, m_s) = in_turn(a.deadband, o), in_turn(a.made, o)
+    d_o, d_i, d_s = in_turn(a.deadband, o)
     (low_o, low_i, low_s), (high_o, high_i, high_s) = in_turn(a.lower, o), in_turn(a.upper, o)
     k_o, k_i, k_s = in_turn(m.strength, o)
     tilt = tilt_at(q_i)
@@ -125,9 +132,9 @@ def move(a: Drives, past: Floats, steps: int) -> None:
         M_o, M_i, M_s = heavy(m, q_s, tilt, h)
         by_o, by_i = nearer(by_o, M_o * RATE), nearer(by_i, M_i * RATE)
         c_o, c_i, c_s = turning(m, q_s, tilt, (v_o, v_i, v_s))
-        v_o += by_o * (k_o * (m_o * beyond(r_o, d_o) - v_o) - c_o)
-        v_i += by_i * (k_i * (m_i * beyond(r_i, d_i) - v_i) - c_i)
-        v_s += by_s * (k_s * (m_s * beyond(r_s, d_s) - v_s) - c_s)
+        v_o += by_o * (k_o * (beyond(r_o, d_o) - v_o) - c_o)
+        v_i += by_i * (k_i * (beyond(r_i, d_i) - v_i) - c_i)
+        v_s += by_s * (k_s * (beyond(r_s, d_s) - v_s) - c_s)
         tilt = tilted(tilt, v_i * h)
         q_o, q_i = min(max(q_o + v_o * h, low_o), high_o), min(max(q_i + v_i * h, low_i), high_i)
         q_s = min(max(q_s + v_s * h, low_s), high_s)
