@@ -1,7 +1,7 @@
 """An estimator of one's own, recursive least squares, beside the default in ten simulated scenes.
 
 python examples/02_own_estimator.py [SEEDS]
-rcmservo run --estimator 02_own_estimator:RLS --rls.forgetting 0.99     # in this folder
+rcmservo run --estimator 02_own_estimator:RLS --pixels.forgetting 0.99     # in this folder
 """
 
 import sys
@@ -22,7 +22,7 @@ class RLS(rs.Estimator):
     min_step: float = 1.0
     """Displacement of marker 1 from which on there is something to learn, mm."""
 
-    name = "rls"
+    name = "pixels"
 
     def init(self):
         return np.zeros((4, 4)), 1e6 * np.eye(4), np.full(3, np.inf)

@@ -26,9 +26,13 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import teach
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.broyden import BroydenEstimator
+from rcmservo.method.estimators.correntropy import CorrentropyEstimator
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.flow import FlowEstimator
+from rcmservo.method.estimators.kalman import KalmanEstimator
+from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
 from rcmservo.method.estimators.projection import ProjectionEstimator, normal_equations, sights
+from rcmservo.method.estimators.rls import RlsEstimator
 from rcmservo.method.kinematics import PITCH_YAW, SPHERICAL, Rcm
 from rcmservo.method.tool import RIGID, RigidTool, ScaledTool, Shaft, second_marker
 from rcmservo.rows import Row
@@ -200,6 +204,10 @@ ESTIMATORS = {
     "dlt": DltEstimator(),
     "flow": FlowEstimator(gamma=0.05),
     "broyden": BroydenEstimator(min_step=0.1),
+    "nflow": NormalisedFlowEstimator(min_step=0.1),
+    "rls": RlsEstimator(min_step=0.1),
+    "kalman": KalmanEstimator(min_step=0.1),
+    "correntropy": CorrentropyEstimator(min_step=0.1),
 }
 TOOLS = {"rigid": RigidTool(spacing=SPACING), "scaled": ScaledTool(scale=1.3)}
 CONTROLLERS = {

@@ -27,9 +27,13 @@ from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.affine import AffineEstimator
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.broyden import BroydenEstimator
+from rcmservo.method.estimators.correntropy import CorrentropyEstimator
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.flow import FlowEstimator
+from rcmservo.method.estimators.kalman import KalmanEstimator
+from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
 from rcmservo.method.estimators.projection import ProjectionEstimator
+from rcmservo.method.estimators.rls import RlsEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.method.kinematics import JointLimits, PitchYawRcm, SphericalRcm
@@ -46,6 +50,7 @@ __all__ = [
     "Cause",
     "Clock",
     "Command",
+    "CorrentropyEstimator",
     "DltEstimator",
     "Estimator",
     "Exploration",
@@ -55,9 +60,11 @@ __all__ = [
     "ImagedRcm",
     "Jog",
     "JointLimits",
+    "KalmanEstimator",
     "Markers",
     "Measured",
     "Mode",
+    "NormalisedFlowEstimator",
     "Observation",
     "Operator",
     "Phase",
@@ -67,6 +74,7 @@ __all__ = [
     "RcmServoError",
     "Request",
     "RigidTool",
+    "RlsEstimator",
     "Sample",
     "SaturatedController",
     "ScaledTool",

@@ -38,13 +38,13 @@ def said(capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
 def test_it_runs_with_its_settings_and_its_replay_is_the_same_bit_for_bit(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["--estimator", NAME, "--rls.forgetting", "0.95", "--out", "run", *SHORT]
+    words = ["--estimator", NAME, "--pixels.forgetting", "0.95", "--out", "run", *SHORT]
     assert main(["run", *words]) in (0, 1)
     assert said(capsys)["estimator"] == NAME
     assert main(["replay", "run", "--json", f"--estimator={NAME}"]) == 0
     again = said(capsys)
     assert again["same"] and not again["open_loop"] and again["changed"] == ""
-    assert main(["replay", "run", "--json", "--estimator", NAME, "--rls.forgetting", "0.8"]) == 1
+    assert main(["replay", "run", "--json", "--estimator", NAME, "--pixels.forgetting", "0.8"]) == 1
     assert said(capsys)["open_loop"]
     (here / "lab_of_mine/rls.py").open("a").write("# changed\n")
     assert main(["replay", "run", "--estimator", NAME]) == 0
@@ -56,7 +56,7 @@ def test_it_runs_with_its_settings_and_its_replay_is_the_same_bit_for_bit(
 @pytest.mark.alone
 @pytest.mark.slow
 def test_it_servoes_live_in_another_process_and_replays(here: Path) -> None:
-    live = ["live", "--estimator", NAME, "--rls.forgetting", "0.95", "--duration", "2"]
+    live = ["live", "--estimator", NAME, "--pixels.forgetting", "0.95", "--duration", "2"]
     command = [sys.executable, "-m", "rcmservo", *live, "--out", "run"]
     done = subprocess.run(command, cwd=here, capture_output=True, text=True, check=False)
     assert done.returncode in (0, 1), done.stderr
@@ -67,8 +67,11 @@ def test_it_servoes_live_in_another_process_and_replays(here: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--estimator", NAME, "--rls.forgettin", "0.9"], "--rls.forgetting"),
-        (["--estimator", NAME, "--rls.forgetting", "much"], "--rls.forgetting must be a number"),
+        (["--estimator", NAME, "--pixels.forgettin", "0.9"], "--pixels.forgetting"),
+        (
+            ["--estimator", NAME, "--pixels.forgetting", "much"],
+            "--pixels.forgetting must be a number",
+        ),
         (["--estimator", "flwo"], "(did you mean flow?), got 'flwo'"),
         (["--estimator", "lab_of_mine.rls:rls"], "derives from rcmservo.Estimator"),
     ],

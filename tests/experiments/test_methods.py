@@ -13,7 +13,13 @@ from rcmservo.experiments.baselines import worst_condition
 from rcmservo.experiments.camera_knowledge import parameter_error, parameters_of
 from rcmservo.experiments.harness.lab.cameras import PINHOLE
 from rcmservo.experiments.harness.lab.closed_loop import FAST_FIT, LONG, WIDE, for_ever, servo_for
-from rcmservo.experiments.harness.lab.methods import DEFAULT, METHODS, Conditions, attempted
+from rcmservo.experiments.harness.lab.methods import (
+    DEFAULT,
+    METHODS,
+    Conditions,
+    Learner,
+    attempted,
+)
 from rcmservo.experiments.harness.lab.random_observations import RandomObservations
 from rcmservo.experiments.harness.lab.witness import laboratory
 from rcmservo.interfaces import Target
@@ -33,6 +39,7 @@ ARRIVES = [name for name in METHODS if name != "image-rolled"]
 SEED = 3
 SEEDS = {"broyden-1mm": 0}
 """Where not every scene will do: noise over 1 mm leads Broyden's update astray in most."""
+LONGER = Exploration(leg=0.4, reach=16.0)
 
 
 @pytest.mark.parametrize("name", ARRIVES)
@@ -41,6 +48,19 @@ def test_every_method_moves_and_arrives_at_the_target(name: str) -> None:
     assert trial.poses[0] > 10.0
     assert trial.poses[-1] < 1.0
     assert trial.settled, trial.why_not
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("exploration", [Exploration(), LONGER], ids=["default", "longer"])
+@pytest.mark.parametrize("name", ["nflow", "rls", "kalman", "correntropy"])
+def test_every_way_to_learn_from_displacements_works(name: str, exploration: Exploration) -> None:
+    """With the noise of the comparison: what is said to do worse must be seen to work."""
+    method = METHODS[name]
+    assert isinstance(method, Learner) and method.exploration == Exploration()
+    made = replace(method, exploration=exploration)
+    trials = [attempted(made, SCENE, seed, Conditions(duration=10.0)) for seed in range(10)]
+    assert sum(trial.settled for trial in trials) >= 9
+    assert np.median([trial.pose for trial in trials]) < 0.4
 
 
 def test_a_calibration_from_before_a_roll_misleads_the_image_based_law() -> None:

@@ -74,5 +74,5 @@ def test_its_settings_are_options_of_paper(monkeypatch: pytest.MonkeyPatch) -> N
     kind = type(recursive_least_squares())
     monkeypatch.setattr("rcmservo.app.own_options.named", lambda name: kind)
     options = with_own({"paper": PaperOptions}, ["paper", "--estimator", "mylab.rls:RLS"])["paper"]
-    made = options(estimator="mylab.rls:RLS", rls=kind(forgetting=0.9))
+    made = options(estimator="mylab.rls:RLS", pixels=kind(forgetting=0.9))
     assert getattr(made, made.OWN["mylab.rls:RLS"]).forgetting == 0.9

@@ -77,6 +77,10 @@ def eventful(lab, servo):
         pytest.param("printed", "scaled", marks=pytest.mark.slow),
         pytest.param("flow", "rigid", marks=pytest.mark.slow),
         pytest.param("broyden", "rigid", marks=pytest.mark.slow),
+        pytest.param("nflow", "rigid", marks=pytest.mark.slow),
+        pytest.param("rls", "rigid", marks=pytest.mark.slow),
+        pytest.param("kalman", "rigid", marks=pytest.mark.slow),
+        pytest.param("correntropy", "rigid", marks=pytest.mark.slow),
     ],
 )
 def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_pauses(

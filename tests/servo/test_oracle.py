@@ -314,8 +314,8 @@ def drifting(seen):
 
 
 def learning(seen):
-    """The flow rule and Broyden's update."""
-    from rcmservo.method.estimators import broyden, flow
+    """The flow rule, Broyden's update, and the others that learn from displacements."""
+    from rcmservo.method.estimators import broyden, correntropy, displacement, flow, kalman, rls
 
     J, delta_p, delta_y = 0.5 * seen.J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0])
     p1, p2, both = seen.places[0], seen.places[1], (seen.points, seen.target)
@@ -327,7 +327,15 @@ def learning(seen):
     for least in (1.0, 1e3):
         found, _ = broyden.update(J, p1, both[0], p2, both[1], seen.o_c, least)
         out[f"broyden {least}"] = found
-    return out
+    P, rule = np.diag([1.0, 2.0, 3.0]), (delta_p, delta_y)
+    way, flow_seen, far = displacement.displaced(p1, both[0], p2, both[1], seen.o_c, 1.0)
+    found = {
+        "displaced": ([*way, *flow_seen, far],),
+        "rls": rls.learn(J, P, *rule, 0.9),
+        "kalman": kalman.learn(J, P, *rule, 0.01, 0.05),
+        "correntropy": correntropy.learn(J, np.stack([P, P, P]), *rule, 0.01, 0.05, 3.0),
+    }
+    return out | {f"{name} {k}": part for name, of in found.items() for k, part in enumerate(of)}
 
 
 def guarding(seen):
@@ -437,9 +445,13 @@ def steps():
     from rcmservo.method.controller import SaturatedController
     from rcmservo.method.estimators.affine import AffineEstimator
     from rcmservo.method.estimators.broyden import BroydenEstimator
+    from rcmservo.method.estimators.correntropy import CorrentropyEstimator
     from rcmservo.method.estimators.dlt import DltEstimator
     from rcmservo.method.estimators.flow import FlowEstimator
+    from rcmservo.method.estimators.kalman import KalmanEstimator
+    from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
     from rcmservo.method.estimators.projection import ProjectionEstimator
+    from rcmservo.method.estimators.rls import RlsEstimator
     from rcmservo.method.exploration import Exploration
     from rcmservo.method.kinematics import PitchYawRcm
     from rcmservo.method.tool import RigidTool, ScaledTool
@@ -456,6 +468,10 @@ def steps():
         "dlt": (DltEstimator(), RigidTool(30.0), "srd"),
         "flow": (FlowEstimator(0.05), RigidTool(30.0), "srd"),
         "broyden": (BroydenEstimator(), RigidTool(30.0), "srd"),
+        "nflow": (NormalisedFlowEstimator(), RigidTool(30.0), "srd"),
+        "rls": (RlsEstimator(), RigidTool(30.0), "srd"),
+        "kalman": (KalmanEstimator(), RigidTool(30.0), "srd"),
+        "correntropy": (CorrentropyEstimator(), RigidTool(30.0), "srd"),
         "points": (DltEstimator(), RigidTool(30.0), "points"),
         "size": (AffineEstimator(), RigidTool(30.0), "size"),
     }

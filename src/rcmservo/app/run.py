@@ -36,7 +36,8 @@ class RunOptions:
     """Length of the run, s of simulated time."""
     estimator: EstimatorName = "dlt"
     """How the Jacobian is learnt: projection is rule (21) with the fast Γ, projection-printed with
-    the paper's Γ, flow is rule (28), broyden is the rank-1 update that III-C compares it to."""
+    the paper's Γ, flow is rule (28), broyden is the rank-1 update that III-C compares it to, nflow,
+    rls, kalman and correntropy are other ways to learn Ĵ from displacements."""
     rig: OptionalPath = None
     """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene."""
     out: OptionalPath = None

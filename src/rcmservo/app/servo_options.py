@@ -14,9 +14,13 @@ from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.affine import AffineEstimator
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.broyden import BroydenEstimator
+from rcmservo.method.estimators.correntropy import CorrentropyEstimator
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.flow import FlowEstimator
+from rcmservo.method.estimators.kalman import KalmanEstimator
+from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
 from rcmservo.method.estimators.projection import ProjectionEstimator
+from rcmservo.method.estimators.rls import RlsEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.servo.own_estimator import examine
@@ -53,6 +57,14 @@ class ServoOptions:
     """Ĵ from flow, rule (28)."""
     broyden: BroydenEstimator = field(default_factory=BroydenEstimator)
     """Ĵ by Broyden's rank-1 update."""
+    nflow: NormalisedFlowEstimator = field(default_factory=NormalisedFlowEstimator)
+    """Ĵ from flow, rule (28) with the speed divided out."""
+    rls: RlsEstimator = field(default_factory=RlsEstimator)
+    """Ĵ by recursive least squares with forgetting."""
+    kalman: KalmanEstimator = field(default_factory=KalmanEstimator)
+    """Ĵ by Kalman's filter on its rows."""
+    correntropy: CorrentropyEstimator = field(default_factory=CorrentropyEstimator)
+    """Ĵ by Kalman's filter with maximum correntropy, against outliers."""
 
     @property
     def estimators(self) -> dict[str, Estimator]:

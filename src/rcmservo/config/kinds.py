@@ -17,9 +17,13 @@ from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.affine import AffineEstimator
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.broyden import BroydenEstimator
+from rcmservo.method.estimators.correntropy import CorrentropyEstimator
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.flow import FlowEstimator
+from rcmservo.method.estimators.kalman import KalmanEstimator
+from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
 from rcmservo.method.estimators.projection import PRINTED, ProjectionEstimator
+from rcmservo.method.estimators.rls import RlsEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.method.kinematics import Kinematics, PitchYawRcm, SphericalRcm
@@ -38,6 +42,10 @@ ESTIMATORS: Mapping[str, type[Estimator]] = {
         AffineEstimator,
         FlowEstimator,
         BroydenEstimator,
+        NormalisedFlowEstimator,
+        RlsEstimator,
+        KalmanEstimator,
+        CorrentropyEstimator,
     )
 }
 PRESETS: Mapping[str, Estimator] = {"projection-printed": PRINTED}

@@ -185,7 +185,7 @@ class SaturatedController:
     """k, 1/s. The greatest gain without overshoot is 1/(e T), where the drives follow T s after the
     joints were read: as built in T = 46 ms, of delay, lag and tick. The camera's latency does not
     count, as the error is carried on to the present joints, and noise neither, where the estimator
-    averages it out; where it does not (projection, flow, broyden), a smaller gain is quieter."""
+    averages it out; where it does not (all but dlt and affine), a smaller gain is quieter."""
     bounds: tuple[float, float, float] = (float(np.radians(50.0)), 50.0, 50.0)
     """b, the feature errors (rad, px, px) from which on the action is saturated."""
     potential: Literal["continuous", "printed"] = "continuous"

@@ -1,6 +1,6 @@
 """The methods that are compared: what each is handed, and how it takes the tool to a target.
 
-Six learn Ĵ and need no calibration. One learns a constant Jacobian of the four marker coordinates
+Ten learn Ĵ and need no calibration. One learns a constant Jacobian of the four marker coordinates
 from the same exploration. The others are handed a calibration, exact or wrong.
 """
 
@@ -39,7 +39,11 @@ from rcmservo.loop.teach import teach
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.broyden import BroydenEstimator
+from rcmservo.method.estimators.correntropy import CorrentropyEstimator
 from rcmservo.method.estimators.dlt import DltEstimator
+from rcmservo.method.estimators.kalman import KalmanEstimator
+from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
+from rcmservo.method.estimators.rls import RlsEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, SceneSettings
@@ -243,6 +247,20 @@ METHODS: Mapping[str, Method] = {
         "Broyden's update on displacements of 1 mm",
         "Broyden, 1 mm",
         BroydenEstimator(min_step=1.0),
+        Exploration(),
+    ),
+    "nflow": Learner(
+        "the flow rule normalised by the speed",
+        "normalised flow",
+        NormalisedFlowEstimator(),
+        Exploration(),
+    ),
+    "rls": Learner("recursive least squares with forgetting", "RLS", RlsEstimator(), Exploration()),
+    "kalman": Learner("Kalman's filter on Ĵ", "Kalman", KalmanEstimator(), Exploration()),
+    "correntropy": Learner(
+        "Kalman's filter on Ĵ with maximum correntropy",
+        "correntropy",
+        CorrentropyEstimator(),
         Exploration(),
     ),
     "constant": Constant(
