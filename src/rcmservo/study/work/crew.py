@@ -139,6 +139,7 @@ def _processes(workers: int | None) -> Generator[Any]:
             processes=True,
             host=HERE,
             dashboard_address=None,
+            scheduler_kwargs={"dashboard": False, "dashboard_address": f"{HERE}:0"},
             security=True,
             memory_limit=None,
             silence_logs=logging.CRITICAL + 1,
