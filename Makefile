@@ -38,7 +38,8 @@ check: $(TESTING)
 
 bench: $(TESTING)
 	$(BIN)/python benchmarks/step_time.py
-	$(BIN)/python benchmarks/batch.py
+	$(BIN)/python benchmarks/study.py
+	$(BIN)/python benchmarks/cluster.py
 	$(BIN)/python benchmarks/tracking.py 150
 	$(BIN)/python benchmarks/settle.py
 	$(BIN)/python benchmarks/campaign.py faults

@@ -20,10 +20,8 @@ from functools import partial
 from multiprocessing import Pool
 from typing import Literal
 
-import laboratory
 import numpy as np
 import tyro
-from batch import share
 
 import rcmservo as rs
 from rcmservo.app.servo_options import ServoOptions
@@ -38,9 +36,12 @@ from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.scene import Scene
 from rcmservo.study import Study, StudyRun
 from rcmservo.study.closed_loop import Goal
+from rcmservo.study.told import statistics
 
 SHOWN = 300
 """Frames: 5 s."""
+DURATION = 15.0
+"""s."""
 BORDER = 20.0
 """px that the markers keep from the picture's border."""
 CLEARANCE = 15.0
@@ -168,18 +169,42 @@ def by_laboratory(options: Options, seed: int) -> Ended:
 def shown(options: Options, seed: int, scene: Scene) -> Ended:
     """The same, of a target that the tracker sees whole."""
     if not options.hidden:
-        return ended(scene, laboratory.course(seed, scene, ticks(options, seed, scene, [])))
+        return ended(scene, course(seed, scene, ticks(options, seed, scene, [])))
     servoing = (t for t in ticks(options, seed, scene, []) if t.state.phase is Phase.SERVO)
     at = next((tick.time for tick in servoing), 0) * 1e-9
     lost = Disturbance.parse(f"marker_loss:at={at},marker={options.hidden}")
-    return ended(scene, laboratory.course(seed, scene, ticks(options, seed, scene, [lost])))
+    return ended(scene, course(seed, scene, ticks(options, seed, scene, [lost])))
 
 
 def ticks(
     options: Options, seed: int, scene: Scene, disturbances: list[Disturbance]
 ) -> Iterator[Tick]:
+    """A person shows the target and brings the tool home; then the servo runs."""
     rig = rs.sim.Rig(seed, settings_of(options), disturbances=disturbances, scene=scene)
-    return laboratory.ticks(rig, rs.tracking.ColourMarkers(), options.estimator)
+    plant = rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
+    rig.show_target()
+    target = rs.teach(plant, SHOWN)
+    rig.go_home()
+    rig.begin()
+    settings, estimator = rig.settings, ServoOptions().estimator(options.estimator)
+    servo = rs.Servo(settings.mechanism, settings.tool, estimator)
+    yield from rs.run(plant, servo, target, DURATION)
+
+
+def course(seed: int, scene: Scene, ticks: Iterator[Tick]) -> StudyRun:
+    """How a run in a scene went, by the joints that the arm told."""
+    run, there = list(ticks), scene.body.points(scene.target)[1]
+    away = [np.linalg.norm(scene.body.points(tick.seen.q)[1] - there) for tick in run]
+    phases = np.array([PHASES.index(tick.state.phase) for tick in run], np.int8)
+    causes = np.array([tick.state.cause.place for tick in run], np.int8)
+    errors, rate = np.array(away, np.float64), run[0].servo.rate
+    return StudyRun(seed, rate, errors, phases, causes, np.nan, scene)
+
+
+def share(count: int, of: int) -> str:
+    """A share and its interval."""
+    value, low, high = statistics.share(count, of)
+    return f"{100 * value:.2f} % ({100 * low:.2f}-{100 * high:.2f})"
 
 
 def report(options: Options, runs: list[Ended]) -> None:

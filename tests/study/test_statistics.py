@@ -56,8 +56,27 @@ def test_the_interval_of_a_quantile_holds_it_whatever_the_tail(p: float) -> None
 def test_what_never_came_is_beyond_every_time() -> None:
     times = np.array([1.0, 2.0, 3.0, np.inf, np.inf, np.inf, np.inf])
     assert quantile(times, 0.5).value == np.inf and quantile(times, 0.1).value == 1.0
-    assert quantile(times, 0.5).low == 1.0
+    assert quantile(times, 0.5).low == 1.0 and quantile(times, 0.5).high == np.inf
     assert np.isnan(quantile(np.array([]), 0.5).value)
+
+
+@pytest.mark.parametrize(("count", "p"), [(1, 0.5), (3, 0.5), (12, 0.5), (24, 0.95), (60, 0.99)])
+def test_the_interval_of_a_quantile_holds_it_in_few_values(count: int, p: float) -> None:
+    """The least and the greatest of a few values are no ends: their interval holds the truth too
+    seldom, and two methods would be told apart by one scene."""
+
+    def sample(random: np.random.Generator) -> Interval:
+        return quantile(random.uniform(size=count), p, 0.0)
+
+    assert held(p, sample, SAMPLES) > 0.94
+
+
+def test_a_few_pairs_tell_nothing_apart() -> None:
+    for count in range(1, 6):
+        one = median_difference(np.full(count, 2.0), np.ones(count))
+        assert one == (1.0, -np.inf, np.inf)
+    assert median_difference(np.full(6, 2.0), np.ones(6)).low == 1.0
+    assert resampled(np.ones(5), rms) == (1.0, 0.0, np.inf)
 
 
 def test_the_interval_of_a_root_mean_square_holds_it() -> None:
@@ -82,6 +101,8 @@ def test_pairs_that_never_differed_do_not_show_that_none_would() -> None:
     same = np.ones(200, bool)
     value, low, high = share_difference(same, same)
     assert value == 0.0 and low < -0.005 and high > 0.005
+    assert share_difference(same[:9], ~same[:9]).high == 1.0
+    assert share_difference(~same[:9], same[:9]).low == -1.0
 
 
 def test_pairs_tell_more_than_two_samples_do() -> None:

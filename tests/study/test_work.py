@@ -41,11 +41,11 @@ def test_a_changed_setting_makes_anew_what_depends_on_it_and_is_told(tmp_path: P
     more = Work(small(count=300), tmp_path)
     assert more.changed == ["count"] and more.runs_left == 2 * 100
     other = Work(small(methods=("dlt", "projection-printed")), tmp_path)
-    assert other.changed == ["count", "method", "servo"] and other.runs_left == 250
-    longer = Work(small(duration=3.0), tmp_path)
+    assert other.changed == ["method", "servo"] and other.runs_left == 250
+    longer = made(small(duration=3.0), tmp_path)
     assert "duration" in longer.changed and longer.runs_left == 500
     again = Work(small(), tmp_path)
-    assert again.changed and again.runs_left == 0
+    assert again.changed == ["duration"] and again.runs_left == 0
 
 
 def test_rows_of_another_rcmservo_are_not_taken_for_its_own(
@@ -130,8 +130,36 @@ def test_every_row_has_every_column_with_its_meaning(tmp_path: Path) -> None:
     assert table.schema.equals(SCHEMA) and runs_in(tmp_path).equals(table)
     assert table["method"].to_pylist() == ["dlt"] * 3 + ["projection"] * 3
     assert table["seed"].to_pylist() == [0, 1, 2] * 2
-    with pytest.raises(RcmServoError, match="is not the runs of a study"):
+    with pytest.raises(RcmServoError, match="is not there: the study is not done yet"):
         runs_in(tmp_path / "elsewhere")
+    (tmp_path / RUNS).write_bytes(b"PAR1")
+    with pytest.raises(RcmServoError, match="is not the runs of a study"):
+        runs_in(tmp_path)
+
+
+def test_nothing_is_written_before_the_first_rows_are_there(tmp_path: Path) -> None:
+    """A plan that is refused later, or stopped at once, would leave folders behind."""
+    work = Work(small(count=4), tmp_path / "a" / "b")
+    assert not list(tmp_path.iterdir())
+    work.go(Alone(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == ["parts", note.NAME]
+
+
+def test_a_folder_that_nobody_may_write_to_is_told_before_anything_is_done(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(UnusableFile, match="cannot be written to"):
+            Work(small(count=4), folder)
+
+
+def test_gathered_rows_are_never_those_of_another_study_than_is_noted(tmp_path: Path) -> None:
+    """One that was stopped would be replayed by the rows of the one before."""
+    made(small(count=4), tmp_path).gather()
+    stopped = Work(small(count=4, duration=3.0), tmp_path)
+    stopped.left = dict(list(stopped.left.items())[:1])
+    stopped.go(Alone(), lambda _: None)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(RcmServoError, match="is not there: the study is not done yet"):
+        runs_in(tmp_path)
 
 
 def test_any_row_can_be_made_again_from_what_the_folder_notes(tmp_path: Path) -> None:

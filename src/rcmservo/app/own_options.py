@@ -38,10 +38,10 @@ def with_own(commands: dict[str, type[Any]], arguments: Sequence[str]) -> dict[s
 def _extended(command: type[Any], name: str, kind: type[Estimator]) -> type[Any]:
     """The options of a command with the estimator's settings, among the servo's boxes if it has
     them."""
-    names = dict.fromkeys((name, name_of_class(kind)), _group(kind))
+    names = dict.fromkeys((name, name_of_class(kind)), group_of(kind))
     if "boxes" not in _names(command):
-        return _with(command, _group(kind), kind, OWN=names)
-    boxes = _with(ServoOptions, _group(kind), kind, OWN=names)
+        return _with(command, group_of(kind), kind, OWN=names)
+    boxes = _with(ServoOptions, group_of(kind), kind, OWN=names)
     return _with(command, "boxes", boxes, Annotated[boxes, tyro.conf.arg(name="")])
 
 
@@ -70,7 +70,7 @@ def _try(name: str, kind: type[Estimator]) -> None:
         raise BadInput(OPTION, name, right) from error
 
 
-def _group(kind: type[Estimator]) -> str:
+def group_of(kind: type[Estimator]) -> str:
     """What the options of its settings begin with: its name, or else its module's or class's."""
     taken = _names(ServoOptions)
     wanted = (getattr(kind, "name", ""), kind.__module__.rpartition(".")[2], kind.__name__.lower())

@@ -17,6 +17,7 @@ from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.ways import imaged_rcm
 from rcmservo.sim.truth import feature_jacobian
 from rcmservo.study.course import StudyRun
+from rcmservo.study.plan.cell import PICTURES
 
 NEAR = 1.0
 """mm of pose error up to which a run is a success."""
@@ -39,7 +40,7 @@ class Row:
     scenes: str = column("the distribution that the scene was drawn from")
     seed: int = column("all chance of the run comes from it, and from the repetition")
     repetition: int = column("which noise of this scene")
-    noise_px: float = column("px, standard deviation of a marker's coordinate in a frame")
+    noise_px: float | None = column("px, standard deviation of a marker's coordinate in a frame")
     latency_s: float = column("s from the middle of a frame's exposure to its arrival")
     disturb: str = column("what went wrong, as --disturb has it; empty where nothing did")
     engine: str = column(
@@ -91,7 +92,7 @@ def row_of(asked: Asked, settings: RigSettings, run: StudyRun) -> Row:
         scenes=asked.scenes,
         seed=run.seed,
         repetition=asked.repetition,
-        noise_px=float(settings.point_noise),
+        noise_px=None if asked.engine == PICTURES else float(settings.point_noise),
         latency_s=float(0.5 * timing.exposure + timing.delay),
         disturb=asked.disturb,
         engine=asked.engine,

@@ -1,6 +1,7 @@
 """What the terminal tells of a study."""
 
 import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from rich.table import Table
@@ -9,21 +10,37 @@ if TYPE_CHECKING:
     from rcmservo.study.told.statistics import Interval
     from rcmservo.study.told.summary import Comparison, Summary
 
+NUMBERS = "success, %", "to 1 mm, s", "error, mm", "error / bound"
+"""Columns of numbers: the medians of time and error, and the rms of the ratio."""
+
+
+def described(distributions: Iterable[tuple[str, str]]) -> Table:
+    """What every distribution of scenes is."""
+    table = Table.grid(padding=(0, 2))
+    for name, words in distributions:
+        table.add_row(name, words)
+    return table
+
 
 def results(rows: list["Summary"]) -> Table:
-    """What the terminal shows of a study."""
-    table = Table("method", "scenes", "engine", "success", "to 1 mm", "error", "/ bound", "stops")
+    """What the terminal shows of a study: every number with its interval below it."""
+    table = Table(show_lines=True)
+    for words in ("method", "scenes", "engine"):
+        table.add_column(words, overflow="fold")
+    for words in NUMBERS:
+        table.add_column(words, overflow="fold", justify="right")
+    table.add_column("first stops", overflow="fold")
     for row in rows:
         stops = [f"{name} {count}" for name, count in row.stops.items()]
         table.add_row(
             row.method,
             row.condition,
             row.engine,
-            f"{_spread(row.success, '.1f', 100.0)} %",
-            f"{_spread(row.time_median_s, '.2f')} s",
-            f"{_spread(row.pose_median_mm, '.3f')} mm",
+            _spread(row.success, ".1f", 100.0),
+            _spread(row.time_median_s, ".2f", 1.0, "never"),
+            _spread(row.pose_median_mm, ".3f"),
             _spread(row.ratio_rms, ".2f"),
-            ", ".join(stops) or "–",
+            "\n".join(stops) or "–",
         )
     return table
 
@@ -32,21 +49,37 @@ def beside(one: "Comparison") -> str:
     """A method beside the first one, in a sentence."""
     return (
         f"{one.method} beside {one.beside}, {one.condition}, {one.pairs} pairs: success "
-        f"{_spread(one.success, '+.1f', 100.0)} % points, to 1 mm {_spread(one.time_s, '+.2f')} s, "
-        f"error {_spread(one.pose_mm, '+.3f')} mm"
+        f"{_inline(one.success, '+.1f', '% points', 100.0)}, {_sooner(one)}, "
+        f"error {_inline(one.pose_mm, '+.3f', 'mm')}"
     )
 
 
-def _spread(one: "Interval", form: str, times: float = 1.0) -> str:
-    """A number and its interval."""
+def _sooner(one: "Comparison") -> str:
+    """How much sooner it comes within 1 mm, where both mostly do."""
+    if math.isinf(one.time_s.value):
+        only = one.beside if one.time_s.value > 0.0 else one.method
+        return f"to 1 mm mostly only {only} comes"
+    return f"to 1 mm {_inline(one.time_s, '+.2f', 's')}"
+
+
+def number(value: float, form: str, endless: str = "∞") -> str:
+    """A number, or that it is without end."""
+    if math.isinf(value):
+        return endless if "+" not in form else f"{value:+f}".replace("inf", "∞")
+    return format(value, form)
+
+
+def _spread(one: "Interval", form: str, times: float = 1.0, endless: str = "∞") -> str:
+    """A number, and its interval in the line below."""
+    value, low, high = (number(times * x, form, endless) for x in one)
     if math.isnan(one.value):
         return "–"
-    value, low, high = (_number(times * x, form) for x in one)
-    return f"{value} ({low} to {high})"
+    return value if low == high == value else f"{value}\n{low} to {high}"
 
 
-def _number(value: float, form: str) -> str:
-    """A number; of a time that never came, or of a difference to one, that it is without end."""
-    if math.isinf(value):
-        return "never" if "+" not in form else f"{value:+f}".replace("inf", "∞")
-    return format(value, form)
+def _inline(one: "Interval", form: str, unit: str, times: float = 1.0) -> str:
+    """A number with its interval and its unit; a dash where there is none."""
+    if math.isnan(one.value):
+        return "–"
+    value, low, high = (number(times * x, form) for x in one)
+    return value if low == high == value else f"{value} ({low} to {high}) {unit}"

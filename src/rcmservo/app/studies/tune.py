@@ -5,11 +5,12 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import tyro
 
 from rcmservo.app.folders import dated
+from rcmservo.app.own_options import group_of
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.studies.study import Names, OptionalInt, OptionalText, about, needed, workers_for
 from rcmservo.app.studies.told import beside, results
@@ -60,7 +61,8 @@ class TuneSection:
 def tune(options: TuneOptions) -> int:
     """Search, try, and write settings and report."""
     with needed():
-        from rcmservo.study.tuning.search import TUNED, best, searched
+        from rcmservo.study.told import report
+        from rcmservo.study.tuning.search import best, searched
         from rcmservo.study.tuning.space import with_values
         from rcmservo.study.work.go import Work
     tuning, out = _tuning(options), console()
@@ -74,12 +76,25 @@ def tune(options: TuneOptions) -> int:
             with progress(out, "searching", tuning.trials) as advance:
                 tried = searched(tuning, folder / "search", crew, lambda _: advance(1))
             found = best(tried)
-            method = with_values(start, TUNED, found.values)
+            method = with_values(start, tuning.name, found.values)
             plan = replace(tuning.unseen, methods=(start, method))
             work = Work(plan, folder)
             with progress(out, "trying on unseen scenes", plan.runs, 0, "runs") as advance:
                 work.go(crew, advance)
-        return _write(options, tuning, method, tried, work, out)
+        write_whole(folder / SETTINGS, settings_text(method, work.own, tuning))
+        made = about(work) | _found(tuning, method, tried, folder / SETTINGS)
+        told = report.write(folder, work.plan, work.gather(), made, page=True)
+    better = found.number > 0
+    out.print(
+        made["found"] if better else "nothing better than the settings at the start was found"
+    )
+    out.print("on scenes that the search has not seen:")
+    out.print(results(told.summaries))
+    for one in told.comparisons:
+        out.print(beside(one), soft_wrap=True)
+    out.print(f"settings in {folder / SETTINGS}, report in {folder}", soft_wrap=True)
+    out.print(f"to run with them: {run_command(method)}", soft_wrap=True)
+    return 0
 
 
 def _tuning(options: TuneOptions) -> "Tuning":
@@ -97,44 +112,29 @@ def _tuning(options: TuneOptions) -> "Tuning":
         return Tuning(plan, axes, **asdict(section))
 
 
-def _write(
-    options: TuneOptions,
-    tuning: "Tuning",
-    method: "Method",
-    tried: "list[Tried]",
-    work: Any,
-    out: Any,
-) -> int:
-    """Settings, rows, summary and report, and what the terminal tells."""
-    from rcmservo.study.told import report
+def _found(
+    tuning: "Tuning", method: "Method", tried: "list[Tried]", settings: Path
+) -> dict[str, object]:
+    """What a report says of the search."""
     from rcmservo.study.tuning.space import value_of
 
-    folder, start = work.store.folder, tuning.plan.methods[0]
-    text = settings_text(method, work.own, tuning)
-    write_whole(folder / SETTINGS, text)
-    costs = ", ".join(f"{cost:.3f}" for cost in (tried[0].cost, min(one.cost for one in tried)))
-    changes = {
-        axis.name: f"{value_of(start, axis.name)} -> {value_of(method, axis.name)}"
+    plan, start = tuning.plan, tuning.plan.methods[0]
+    costs = tried[0].cost, min(one.cost for one in tried)
+    seeds = f"seeds {plan.first_seed} to {plan.first_seed + plan.count - 1}"
+    changes = [
+        f"{axis.name} {_told(value_of(start, axis.name))} -> {_told(value_of(method, axis.name))}"
         for axis in tuning.axes
+    ]
+    return {
+        "search": f"{len(tried)} trials of {plan.runs} runs, {seeds}; goal {tuning.goal}, at the "
+        f"start and at the best: {costs[0]:.3f}, {costs[1]:.3f}",
+        "found": ", ".join(changes),
+        "settings": str(settings),
     }
-    how = {
-        **about(work),
-        "search": f"{len(tried)} trials of {tuning.plan.runs} runs, seeds "
-        f"{tuning.plan.first_seed} to {tuning.plan.first_seed + tuning.plan.count - 1}; goal "
-        f"{tuning.goal}, at the start and at the best: {costs}",
-        "found": ", ".join(f"{name} {change}" for name, change in changes.items()),
-        "settings": str(folder / SETTINGS),
-    }
-    told = report.write(folder, work.plan, work.gather(), how, page=True)
-    for name, change in changes.items():
-        out.print(f"  {name} {change}", soft_wrap=True)
-    out.print("on scenes that the search has not seen:")
-    out.print(results(told.summaries))
-    for one in told.comparisons:
-        out.print(beside(one), soft_wrap=True)
-    out.print(f"settings in {folder / SETTINGS}, report in {folder}", soft_wrap=True)
-    out.print(f"to run with them: {run_command(method)}", soft_wrap=True)
-    return 0
+
+
+def _told(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def run_command(method: "Method") -> str:
@@ -145,14 +145,25 @@ def run_command(method: "Method") -> str:
         for f in fields(box):
             value = getattr(box, f.name)
             if value != getattr(type(box)(), f.name):
-                told = value if isinstance(value, tuple) else (value,)
-                words += [f"--{group}.{f.name}".replace("_", "-"), *map(str, told)]
+                words += _option(f"{group}.{f.name}".replace("_", "-"), value)
     return shlex.join(words)
 
 
+def _option(name: str, value: Any) -> list[str]:
+    """A setting as words of a command line."""
+    if isinstance(value, bool):
+        group, _, key = name.partition(".")
+        return [f"--{name}" if value else f"--{group}.no-{key}"]
+    return [
+        f"--{name}",
+        *map(str, cast(tuple[Any, ...], value) if isinstance(value, tuple) else (value,)),
+    ]
+
+
 def _groups(method: "Method", kind: str) -> Mapping[str, Any]:
+    """The boxes by what their options begin with."""
+    own = group_of(type(method.estimator)) if ":" in kind else kind
     boxes = {"controller": method.controller, "exploration": method.exploration}
-    own = kind.rpartition(":")[0].rpartition(".")[2] or kind
     return {own: method.estimator, **boxes, "imaged_rcm": method.imaged_rcm}
 
 

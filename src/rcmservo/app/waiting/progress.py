@@ -23,7 +23,8 @@ def progress(
     rate = [TextColumn("{task.fields[rate]}", markup=False)] if unit else []
     columns = BarColumn(), TaskProgressColumn(), *rate, TimeRemainingColumn()
     with Progress(TextColumn(words, markup=False), *columns, console=out, transient=True) as bar:
-        task = bar.add_task("", total=total, completed=done, rate="")
+        task = bar.add_task("", total=total, rate="")
+        bar.update(task, completed=done)
         tenths, began, made = int(10.0 * done / total), time.monotonic(), 0.0
 
         def advance(amount: float) -> None:
@@ -36,7 +37,7 @@ def progress(
             if now > tenths and not is_alive(out):
                 left = (total - done - made) / pace
                 more = f", {told}, about {left:.0f} s left" if unit and now < 10 else ""
-                out.print(f"{10 * now} % of the work is done{more}", soft_wrap=True)
+                out.print(f"{words}: {10 * now} % is done{more}", soft_wrap=True)
             tenths = now
 
         yield advance

@@ -69,6 +69,8 @@ class Plan:
         require(good, "duration", self.duration, f"more than 1 and at most {LONGEST:g} s")
         good = self.engine in (AUTO, *ENGINES)
         require(good, "engine", self.engine, f"one of {AUTO}, {', '.join(ENGINES)}")
+        right = "left out with pictures, whose noise is the tracker's"
+        require(self.engine != PICTURES or not self.noise, "noise", list(self.noise), right)
         require(bool(self.methods), "method", "none", "at least one")
         require(bool(self.scenes), "scenes", "none", "at least one")
         for what, names in (("method", self.methods), ("scenes", self.scenes)):
@@ -102,8 +104,8 @@ class Plan:
             seen = scenes.seen(noise, self._delay(scenes, latency))
             asked = (
                 scenes.name,
-                f"{noise:g} px" if noise is not None else "",
-                f"{1e3 * latency:g} ms" if latency is not None else "",
+                f"{noise:.12g} px" if noise is not None else "",
+                f"{1e3 * latency:.12g} ms" if latency is not None else "",
                 *disturb,
             )
             for method in self.methods:

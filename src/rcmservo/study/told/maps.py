@@ -68,14 +68,18 @@ def map_of(group: Group, down: Axis, across: Axis) -> Map:
 
 
 def _edges(values: Floats, count: int) -> Floats:
-    """Ends of bins that hold about as many values each."""
+    """Ends of bins that hold about as many values each. Infinite ones are in the last."""
     known = values[np.isfinite(values)]
-    edges = np.unique(np.quantile(known, np.linspace(0.0, 1.0, count + 1))) if len(known) else known
-    return edges if len(edges) > 1 else np.array([-np.inf, np.inf])
+    ends = np.quantile(known, np.linspace(0.0, 1.0, count + 1)) if len(known) else [np.inf]
+    edges = np.unique(ends)
+    edges = edges if len(edges) > 1 else np.repeat(edges, 2)
+    edges[-1] = values.max()
+    return edges
 
 
 def _ranges(edges: Floats) -> list[str]:
-    return [f"{low:.3g} to {high:.3g}" for low, high in pairwise(edges)]
+    ends = [f"{end:.3g}".replace("inf", "∞") for end in edges]
+    return [low if low == high else f"{low} to {high}" for low, high in pairwise(ends)]
 
 
 def _cell(success: Flags) -> tuple[int, Interval] | None:

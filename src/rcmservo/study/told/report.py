@@ -32,6 +32,8 @@ from rcmservo.study.told.summary import (
 REPORT, SUMMARY = "report.html", "summary.json"
 WORST = 5
 """Runs of each method that are told apart."""
+STEPS = 200
+"""Of a curve at most: more cannot be seen."""
 
 
 class Bad(NamedTuple):
@@ -64,7 +66,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Told:
-    """Where a report is, and what the terminal tells of it."""
+    """What the terminal tells of a study."""
 
     summaries: list[Summary]
     comparisons: list[Comparison]
@@ -83,7 +85,7 @@ def write(folder: Path, plan: Plan, table: Any, about: Mapping[str, Any], page: 
     if page:
         names = list(dict.fromkeys(group.condition for group in found))
         conditions = [_condition(name, found, summaries, beside, plan) for name in names]
-        write_whole(folder / REPORT, _page(folder, plan, table, about, conditions))
+        write_whole(folder / REPORT, _page(plan, table, about, conditions))
     return Told(summaries, beside)
 
 
@@ -106,7 +108,7 @@ def _condition(
     plan: Plan,
 ) -> Condition:
     here = [group for group in found if group.condition == name]
-    drawing = charts.svg(_figure(here)).encode()
+    drawing = charts.svg(_figure(here, plan.duration)).encode()
     return Condition(
         name=name,
         summaries=[one for one in summaries if one.condition == name],
@@ -117,22 +119,26 @@ def _condition(
     )
 
 
-def _figure(here: list[Group]) -> Figure:
+def _figure(here: list[Group], duration: float) -> Figure:
     """Which share of the runs was there after so many s, and ended so near."""
-    times = [_shares(g.method, g.first_within, i) for i, g in enumerate(here)]
-    poses = [_shares(g.method, g.column("pose_error_mm"), i) for i, g in enumerate(here)]
+    times = [_shares(g.method, g.first_within, i, (0.0, duration)) for i, g in enumerate(here)]
+    poses = [_shares(g.method, g.column("pose_error_mm"), i, ()) for i, g in enumerate(here)]
     panels = [
-        Panel("s until first within 1 mm", "share of the runs", times, y_limits=(0.0, 1.02)),
-        Panel("mm off at the end", "share of the runs", poses, log_x=True, y_limits=(0.0, 1.02)),
+        Panel("s until first within 1 mm", "share of the runs", times, y_limits=(-0.02, 1.02)),
+        Panel("mm off at the end", "share of the runs", poses, log_x=True, y_limits=(-0.02, 1.02)),
     ]
     return Figure("", panels, columns=2)
 
 
-def _shares(label: str, values: Floats, style: int) -> Curve:
-    """The share of all runs with at most this value; the curve ends below 1 where some never
-    came."""
+def _shares(label: str, values: Floats, style: int, ends: tuple[float, ...]) -> Curve:
+    """The share of all runs with at most this value, as steps, from the first to the last of the
+    `ends` where there are any; it ends below 1 where some never came."""
     known = np.sort(values[np.isfinite(values)])
-    return curve(label, known, np.arange(1, len(known) + 1) / len(values), style)
+    places = np.unique(np.linspace(0, len(known) - 1, min(len(known), STEPS)).round().astype(int))
+    shares = np.concatenate([[0.0], (places + 1) / len(values)])
+    x = np.concatenate([ends[:1], np.repeat(known[places], 2), ends[1:]])
+    y = np.repeat(shares, 2)
+    return curve(label, x, y if ends else y[1:-1], style)
 
 
 def _worst(group: Group, plan: Plan) -> list[Bad]:
@@ -153,9 +159,7 @@ def _worst(group: Group, plan: Plan) -> list[Bad]:
     ]
 
 
-def _page(
-    folder: Path, plan: Plan, table: Any, about: Mapping[str, Any], conditions: list[Condition]
-) -> str:
+def _page(plan: Plan, table: Any, about: Mapping[str, Any], conditions: list[Condition]) -> str:
     environment = Environment(
         loader=PackageLoader("rcmservo.study.told", "."),
         autoescape=True,
@@ -165,7 +169,6 @@ def _page(
     )
     return environment.get_template("report.html.j2").render(
         about=about,
-        folder=folder,
         plan=plan,
         conditions=conditions,
         meanings=MEANINGS,

@@ -20,6 +20,8 @@ SURE = 0.95
 
 RESAMPLED = 1000
 """Draws of a bootstrap; its seed is 0."""
+FEW = 6
+"""Values below which a bootstrap tells nothing of how far it may be off."""
 
 
 class Interval(NamedTuple):
@@ -39,22 +41,29 @@ def share(count: int, of: int) -> Interval:
     return Interval(count / of, float(low), float(high))
 
 
-def quantile(values: Floats, p: float) -> Interval:
+def quantile(values: Floats, p: float, least: float = -np.inf) -> Interval:
     """A quantile, with the interval between order statistics, whatever the values' distribution.
-    Values that never came are inf."""
+    Values that never came are inf. Where the values are too few for an end of it, that is inf, or
+    what no value is below, `least`."""
     n, ordered = len(values), np.sort(values)
     if n == 0:
         return UNKNOWN
     ends = STATS.binom.ppf([(1.0 - SURE) / 2.0, (1.0 + SURE) / 2.0], n, p)
-    low, high = max(int(ends[0]) - 1, 0), min(int(ends[1]), n - 1)
-    at = ordered[[min(int(p * n), n - 1), low, high]]
-    return Interval(float(at[0]), float(at[1]), float(at[2]))
+    low, high = int(ends[0]) - 1, int(ends[1])
+    return Interval(
+        float(ordered[min(int(p * n), n - 1)]),
+        float(ordered[low]) if low >= 0 else least,
+        float(ordered[high]) if high < n else np.inf,
+    )
 
 
 def resampled(values: Floats, of: Callable[[Floats], float]) -> Interval:
-    """A statistic, with its bootstrap interval between percentiles."""
+    """A statistic that is not negative, with its bootstrap interval between percentiles; from 0 to
+    inf where the values are too few for one."""
     if len(values) == 0:
         return UNKNOWN
+    if len(values) < FEW:
+        return Interval(of(values), 0.0, np.inf)
     random = np.random.default_rng(0)
     drawn = [of(random.choice(values, len(values))) for _ in range(RESAMPLED)]
     low, high = np.quantile(drawn, [(1.0 - SURE) / 2.0, (1.0 + SURE) / 2.0])
@@ -74,7 +83,7 @@ def share_difference(one: Flags, other: Flags) -> Interval:
     b, c, m = gained + 0.5, lost + 0.5, n + 2.0
     middle = (b - c) / m
     spread = float(STATS.norm.ppf((1.0 + SURE) / 2.0)) * np.sqrt(b + c - (b - c) ** 2 / m) / m
-    return Interval((gained - lost) / n, middle - spread, middle + spread)
+    return Interval((gained - lost) / n, max(middle - spread, -1.0), min(middle + spread, 1.0))
 
 
 def median_difference(one: Floats, other: Floats) -> Interval:

@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import optuna
 
-from rcmservo.errors import BadInput, require
+from rcmservo.errors import require
 from rcmservo.interfaces import Floats
+from rcmservo.servo.own_estimator import UnusableEstimator
 from rcmservo.study.plan.plan import Plan
 from rcmservo.study.tuning.space import Axis, Values, value_of, with_values
 from rcmservo.study.work.crew import Crew
@@ -26,8 +27,8 @@ OPTUNA: Any = optuna
 GOALS = "time", "error"
 FAILED_MM = 10.0
 """What a run that fails counts as where the goal is the error, mm."""
-TUNED = "tuned"
-"""The name of what was found."""
+TUNED, AGAIN = "tuned", "tuned-again"
+"""What is found is called; and where the search starts at what one before has found."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,11 @@ class Tuning:
         require(0 <= self.seed < 2**32, "tune.seed", self.seed, "a whole number from 0 to 2^32")
 
     @property
+    def name(self) -> str:
+        """Of what is found."""
+        return AGAIN if self.plan.methods[0].name == TUNED else TUNED
+
+    @property
     def unseen(self) -> Plan:
         """The plan of the validation, without what was found yet."""
         first = self.plan.first_seed + self.plan.count
@@ -84,19 +90,23 @@ def searched(
     OPTUNA.logging.set_verbosity(OPTUNA.logging.ERROR)
     sampler = OPTUNA.samplers.TPESampler(seed=tuning.seed)
     study = OPTUNA.create_study(sampler=sampler, direction="minimize")
-    method = tuning.plan.methods[0]
-    study.enqueue_trial({axis.name: value_of(method, axis.name) for axis in tuning.axes})
     return list(_trials(tuning, folder, crew, study, told))
 
 
 def _trials(
     tuning: Tuning, folder: Path, crew: Crew, study: Any, told: Callable[[Tried], None]
 ) -> Iterator[Tried]:
+    method = tuning.plan.methods[0]
+    start = {axis.name: value_of(method, axis.name) for axis in tuning.axes}
+    within = all(axis.has(start[axis.name]) for axis in tuning.axes)
+    if within:
+        study.enqueue_trial(start)
     for number in range(tuning.trials):
-        trial = study.ask()
-        values = {axis.name: axis.suggested(trial) for axis in tuning.axes}
+        trial = study.ask() if number or within else None  # of a start beyond, it cannot be told
+        values = start if trial is None else {one.name: one.suggested(trial) for one in tuning.axes}
         tried = _tried(tuning, number, values, folder, crew)
-        study.tell(trial, min(tried.cost, 1e6))
+        if trial is not None:
+            study.tell(trial, min(tried.cost, 1e6))
         told(tried)
         yield tried
 
@@ -104,9 +114,9 @@ def _trials(
 def _tried(tuning: Tuning, number: int, values: Values, folder: Path, crew: Crew) -> Tried:
     """What comes of some settings."""
     try:
-        method = with_values(tuning.plan.methods[0], TUNED, values)
+        method = with_values(tuning.plan.methods[0], tuning.name, values)
         work = Work(replace(tuning.plan, methods=(method,)), folder)
-    except BadInput:  # settings that do not go together
+    except (ValueError, UnusableEstimator):  # settings that do not go together
         return Tried(number, values, np.inf, 0.0)
     work.go(crew, lambda _: None)
     rows = work.gather()

@@ -36,6 +36,10 @@ class Axis:
     words: tuple[str, ...] = ()
     """What it may be, where it is no number."""
 
+    def has(self, value: Any) -> bool:
+        """Whether it may have a value."""
+        return value in self.words if self.words else self.low <= value <= self.high
+
     def suggested(self, trial: Any) -> Any:
         """A value, by the optimiser."""
         if self.words:
@@ -53,11 +57,12 @@ def axis_from(name: str, told: object, method: Method) -> Axis:
         known = {"from", "to", "log"}
         for key in told:
             require(key in known, f"{where}.{key}", told[key], "one of from, to, log")
-        return _range(where, name, [told.get("from"), told.get("to")], bool(told.get("log")), usual)
-    right = "two numbers, least first, or a list of words"
-    if not isinstance(told, list) or not told:
-        raise BadInput(where, told, right)
-    values = cast(list[Any], told)
+        log = told.get("log", False)
+        if not isinstance(log, bool):
+            raise BadInput(f"{where}.log", log, "true or false")
+        return _range(where, name, [told.get("from"), told.get("to")], log, usual)
+    values = cast(list[Any], told) if isinstance(told, list) else []
+    require(bool(values), where, cast(object, told), "two numbers, least first, or a list of words")
     if all(isinstance(value, str) for value in values):
         require(isinstance(usual, str), where, values, f"two numbers, as it is {usual!r} now")
         return Axis(name, words=tuple(values))

@@ -19,18 +19,18 @@ Progress = Callable[[int], None]
 
 
 class Work:
-    """A plan and its folder: what is done, and what is left."""
+    """A plan and its folder: what is done, and what is left. The folder is made when there is
+    something to keep."""
 
     changed: list[str]
     """Settings that are not what they were when the folder was used last."""
 
     def __init__(self, plan: Plan, folder: Path) -> None:
-        self.plan, self.store = plan, Store(folder)
+        self.plan, self.store, self._noted = plan, Store(folder), False
         self.chunks = {key_of(chunk): chunk for chunk in plan.chunks()}
         self.left = {k: chunk for k, chunk in self.chunks.items() if not self.store.has(k)}
-        before, now = note.read(folder), note.note_of(plan)
-        self.changed = [] if before is None else note.changed(before, now)
-        note.write(folder, now)
+        self._before, self._note = note.read(folder), note.note_of(plan)
+        self.changed = [] if self._before is None else note.changed(self._before, self._note)
 
     @property
     def runs_left(self) -> int:
@@ -52,12 +52,23 @@ class Work:
             for key, chunk in self.left.items()
         )
         for key, rows in crew.done(orders):
+            self._write_note()
             self.store.keep(key, rows)
             progress(len(rows))
 
     def gather(self) -> Any:
         """All rows, as a table, which is written too."""
+        self._write_note()
         return self.store.gather(self.chunks)
+
+    def _write_note(self) -> None:
+        """Note what the folder holds, once; rows that were gathered of another study go."""
+        if not self._noted:
+            self.store.make()
+            if self._before != self._note:
+                self.store.forget()
+            note.write(self.store.folder, self._note)
+            self._noted = True
 
     @cached_property
     def own(self) -> Own:

@@ -4,7 +4,9 @@ settings only some were changed."""
 
 import hashlib
 import json
+import os
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
@@ -57,14 +59,35 @@ class Store:
     """The folder of a study."""
 
     def __init__(self, folder: Path) -> None:
+        """Refuse a folder that holds something else, or cannot be written to; make none."""
         self.folder, self.parts = folder, folder / PARTS
+        made = [path for path in (self.parts, folder, *folder.parents) if not path.exists()]
         try:
             used = folder.is_dir() and not self.parts.is_dir() and any(folder.iterdir())
             if used:
                 raise UnusableFile(folder, "is not empty, and holds no study: name a new folder")
             self.parts.mkdir(parents=True, exist_ok=True)
+            with suppress(OSError):  # another one that has just begun may want it
+                for path in made:
+                    path.rmdir()
         except OSError as error:
             raise UnusableFile(folder, f"cannot be written to: {error.strerror}") from error
+        if not made and not os.access(self.parts, os.W_OK):
+            raise UnusableFile(folder, "cannot be written to")
+
+    def make(self) -> None:
+        """Make the folder, where it is not there."""
+        try:
+            self.parts.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UnusableFile(self.folder, f"cannot be written to: {error.strerror}") from error
+
+    def forget(self) -> None:
+        """Leave no rows that are gathered; the parts stay."""
+        try:
+            (self.folder / RUNS).unlink(missing_ok=True)
+        except OSError as error:
+            raise UnusableFile(self.folder / RUNS, f"cannot be removed: {error}") from error
 
     @cached_property
     def _there(self) -> set[str]:
@@ -108,5 +131,8 @@ def runs_in(folder: Path) -> Any:
     """The rows of a study's folder, as a table."""
     try:
         return PQ.read_table(folder / RUNS, schema=SCHEMA)
+    except FileNotFoundError as error:
+        why = "is not there: the study is not done yet, and its command goes on where it stopped"
+        raise UnusableFile(folder / RUNS, why) from error
     except (OSError, PA.ArrowException) as error:
         raise UnusableFile(folder / RUNS, "is not the runs of a study") from error
