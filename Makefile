@@ -4,8 +4,9 @@
 # and beyond them
 #   make test-all  runs the slow tests too, and reports a short live run
 #   make peers     adds other people's clients that tests run, which are skipped without them
+#   make studies   runs the studies behind docs/how_to_choose.md, and writes that page, in 20 minutes
 #   make bench     measures everything at length, for about two hours
-.PHONY: run test test-all check peers bench
+.PHONY: run test test-all check peers studies bench
 BIN := .venv/bin
 RUNNING := .venv/.running
 TESTING := .venv/.testing
@@ -29,6 +30,10 @@ test-all: $(TESTING)
 # Of a peer only what its test needs, apart from what the project needs.
 peers: $(TESTING)
 	$(PIP) --no-deps --upgrade --target .peers socs==0.6.4
+
+# They go on where they stopped; the page is not written where they no longer bear a sentence of it.
+studies: $(RUNNING)
+	$(BIN)/python docs/make_studies.py
 
 check: $(TESTING)
 	$(BIN)/ruff format --check --quiet src tests benchmarks examples docs
