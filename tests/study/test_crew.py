@@ -10,6 +10,7 @@ import sys
 import threading
 from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import distributed
 import psutil
@@ -107,10 +108,13 @@ def test_workers_that_die_lose_nothing(tmp_path: Path) -> None:
 
 
 def test_its_own_workers_can_be_reached_from_this_machine_only_and_with_a_certificate() -> None:
+    def heard() -> set[Any]:
+        here = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        return {c.laddr for p in here for c in p.net_connections() if c.status == "LISTEN"}
+
+    before = heard()
     with crew(None, 1) as hands:
-        me = psutil.Process()
-        here = [me, *me.children(recursive=True)]
-        places = {c.laddr for p in here for c in p.net_connections() if c.status == "LISTEN"}
+        places = heard() - before
         assert len(places) >= 2 and {place.ip for place in places} == {"127.0.0.1"}
         for place in places:
             with pytest.raises((OSError, ValueError)):

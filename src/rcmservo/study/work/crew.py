@@ -131,7 +131,7 @@ def _quietly() -> Generator[None]:
 @contextmanager
 def _processes(workers: int | None) -> Generator[Any]:
     """A scheduler and workers of our own."""
-    chosen = {
+    chosen: dict[str, Any] = {
         "distributed.scheduler.allowed-failures": LOSSES,
         "distributed.scheduler.http.routes": [],
     }
