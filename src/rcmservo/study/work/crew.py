@@ -10,6 +10,7 @@ where a tunnel may end.
 import gc
 import ipaddress
 import logging
+import re
 import socket
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
@@ -33,6 +34,8 @@ AHEAD = 4
 LOSSES = 100
 """Workers that may die with an order before it is blamed for that."""
 OPTION = "--cluster"
+INSIDE = re.compile(r"in <[^>]*>: (\w+: )?(\[Errno \d+\] )?")
+"""What dask's messages tell of its own objects."""
 
 
 class Lost(RcmServoError):
@@ -109,7 +112,7 @@ def crew(address: str | None, workers: int | None) -> Generator[Crew]:
             with _processes(workers) as client:
                 yield Crew(client, "this machine")
         else:
-            _require_guarded(address)
+            require_guarded(address)
             with _reached(address) as client:
                 _require_same_package(client)
                 yield Crew(client, address)
@@ -149,7 +152,7 @@ def _processes(workers: int | None) -> Generator[Any]:
         yield client
 
 
-def _require_guarded(address: str) -> None:
+def require_guarded(address: str) -> None:
     """Refuse a scheduler that anybody in the network can talk to as well."""
     scheme, _, rest = address.rpartition("://")
     host, _, port = rest.rpartition(":")
@@ -195,7 +198,7 @@ def _connected(address: str) -> tuple[Any, str]:
     try:
         return DASK.Client(address, timeout=PATIENCE), ""
     except (OSError, TypeError, ValueError, RuntimeError) as error:
-        return None, one_line(error.__cause__ or error)
+        return None, one_line(INSIDE.sub("", str(error.__cause__ or error)))
 
 
 def _require_same_package(client: Any) -> None:
