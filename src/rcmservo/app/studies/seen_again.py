@@ -27,6 +27,10 @@ from rcmservo.study.work.store import runs_in
 
 SEEN = "replays"
 """The folder of these records, in that of the study."""
+TOLD = "success", "time_to_1mm_s", "pose_error_mm", "stop", "stop_s", "unnoticed_mm"
+"""Columns that the terminal tells."""
+PLACE = "cpu", "versions"
+"""Columns that tell where a row was made, and not what came of the run."""
 
 
 def seen_again(folder: Path | None, case: int, film: bool, own: dict[str, type[Estimator]]) -> int:
@@ -37,23 +41,32 @@ def seen_again(folder: Path | None, case: int, film: bool, own: dict[str, type[E
     if made is None:
         raise UnusableFile(folder, "holds no study")
     require(0 <= case < made.runs, "--replay", case, f"a row from 0 to {made.runs - 1}")
-    cell, seed = made.run_of(case)
+    (cell, seed), rows = made.run_of(case), runs_in(folder)
     _require_same(made.package, cell, own)
     servo, out = cell.rebuilt(own), console()
     row = asdict(one_run(cell, servo, seed))
-    before = runs_in(folder).slice(case, 1).to_pylist()[0]
-    other = [name for name in row if row[name] != before[name]]
+    before = rows.slice(case, 1).to_pylist()[0]
+    other = [name for name in row if row[name] != before[name] and name not in PLACE]
     with new_folder(_free(folder / SEEN / str(case)), "replay") as there:
         failed = _record(cell, servo, seed, there, film)
     out.print(f"row {case}: {cell.method}, {cell.condition}, seed {seed}, {cell.engine}")
-    for name in ("success", "time_to_1mm_s", "pose_error_mm", "stop", "stop_s", "unnoticed_mm"):
-        out.print(f"  {name} {row[name]}")
+    for name in TOLD:
+        out.print(f"  {name:14} {_worded(row[name])}")
     same = "the same row, bit for bit" if not other else f"not the same: {', '.join(other)}"
+    elsewhere = [f"{name} was {before[name]}" for name in PLACE if row[name] != before[name]]
+    same = f"{same} ({', '.join(elsewhere)})" if elsewhere else same
     how = ", recorded with MuJoCo's arm" if cell.engine == COMPILED else ", recorded"
     out.print(f"{same}{how} in {there}; rcmservo show {there} tells it", soft_wrap=True)
     if failed:
         out.print(failed, soft_wrap=True)
     return 1 if other else 0
+
+
+def _worded(value: object) -> str:
+    """A value of a row for eyes."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else str(value or "–")
 
 
 def _require_same(made_by: str, cell: Cell, own: dict[str, type[Estimator]]) -> None:

@@ -65,6 +65,7 @@ def tune(options: TuneOptions) -> int:
         from rcmservo.study.tuning.search import best, searched
         from rcmservo.study.tuning.space import with_values
         from rcmservo.study.work.go import Work
+        from rcmservo.study.work.store import SEARCH
     tuning, out = _tuning(options), console()
     folder = options.out or dated("tune")
     start = tuning.plan.methods[0]
@@ -74,7 +75,7 @@ def tune(options: TuneOptions) -> int:
     with going_on(folder, out):
         with workers_for(unseen, options.cluster, options.workers, out) as crew:
             with progress(out, "searching", tuning.trials) as advance:
-                tried = searched(tuning, folder / "search", crew, lambda _: advance(1))
+                tried = searched(tuning, folder / SEARCH, crew, lambda _: advance(1))
             found = best(tried)
             method = with_values(start, tuning.name, found.values)
             plan = replace(tuning.unseen, methods=(start, method))

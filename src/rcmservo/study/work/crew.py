@@ -10,6 +10,7 @@ where a tunnel may end.
 import gc
 import ipaddress
 import logging
+import re
 import signal
 import socket
 from collections.abc import Generator, Iterable, Iterator
@@ -34,6 +35,8 @@ AHEAD = 4
 LOSSES = 100
 """Workers that may die with an order before it is blamed for that."""
 OPTION = "--cluster"
+INSIDE = re.compile(r"in <[^>]*>: (\w+: )?(\[Errno \d+\] )?")
+"""What dask's messages tell of its own objects."""
 
 
 class Lost(RcmServoError):
@@ -110,7 +113,7 @@ def crew(address: str | None, workers: int | None) -> Generator[Crew]:
             with _processes(workers) as client:
                 yield Crew(client, "this machine")
         else:
-            _require_guarded(address)
+            require_guarded(address)
             with _reached(address) as client:
                 _require_same_package(client)
                 yield Crew(client, address)
@@ -166,7 +169,7 @@ def _left_alone() -> Generator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, usual)
 
 
-def _require_guarded(address: str) -> None:
+def require_guarded(address: str) -> None:
     """Refuse a scheduler that anybody in the network can talk to as well."""
     scheme, _, rest = address.rpartition("://")
     host, _, port = rest.rpartition(":")
@@ -212,7 +215,7 @@ def _connected(address: str) -> tuple[Any, str]:
     try:
         return DASK.Client(address, timeout=PATIENCE), ""
     except (OSError, TypeError, ValueError, RuntimeError) as error:
-        return None, one_line(error.__cause__ or error)
+        return None, one_line(INSIDE.sub("", str(error.__cause__ or error)))
 
 
 def _require_same_package(client: Any) -> None:

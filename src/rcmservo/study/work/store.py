@@ -28,6 +28,8 @@ PQ: Any = pq
 
 RUNS = "runs.parquet"
 PARTS = "parts"
+SEARCH = "search"
+"""The folder of a search's trials, in that of what is made of it."""
 
 KINDS: dict[type, Any] = {
     str: PA.string(),
@@ -45,8 +47,9 @@ def _field(name: str, hint: Any) -> Any:
 
 
 HINTS = get_type_hints(Row)
-SCHEMA = PA.schema([_field(f.name, HINTS[f.name]) for f in fields(Row)])
-"""The columns of runs.parquet."""
+SCHEMA = PA.schema([_field(f.name, HINTS[f.name]) for f in fields(Row)], MEANINGS)
+"""The columns of runs.parquet; what each means is told beside it, and in the file's own metadata
+too, which programs without Arrow read."""
 
 
 def key_of(chunk: Chunk) -> str:
@@ -63,8 +66,8 @@ class Store:
         self.folder, self.parts = folder, folder / PARTS
         made = [path for path in (self.parts, folder, *folder.parents) if not path.exists()]
         try:
-            used = folder.is_dir() and not self.parts.is_dir() and any(folder.iterdir())
-            if used:
+            ours = self.parts.is_dir() or (folder / SEARCH / PARTS).is_dir()
+            if folder.is_dir() and not ours and any(folder.iterdir()):
                 raise UnusableFile(folder, "is not empty, and holds no study: name a new folder")
             self.parts.mkdir(parents=True, exist_ok=True)
             with suppress(OSError):  # another one that has just begun may want it
