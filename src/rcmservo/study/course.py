@@ -56,6 +56,11 @@ class StudyRun:
         return [(float(k / self.rate), CAUSES[self.causes[k]]) for k in begun]
 
     @property
+    def began(self) -> bool:
+        """Whether the tool was ever to move."""
+        return bool((self.phases == SERVO).any())
+
+    @property
     def unnoticed(self) -> float:
         """mm: the most by which the error grew while the tool servoed and no cause was named,
         beyond the least that it had been since it began to. Every way that is not straight has a

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rcmservo.errors import require
-from rcmservo.guard.states import PHASES, Request
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import PHASES, Phase, Request
 from rcmservo.interfaces import Target
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.teach import teach
+from rcmservo.loop.teach import NotShown, teach
 from rcmservo.loop.tick import Tick
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Rig, RigSettings
@@ -21,7 +22,7 @@ from rcmservo.study.batch import BEGIN
 from rcmservo.study.course import StudyRun
 from rcmservo.study.cramer_rao import bound
 from rcmservo.study.trial import Trial, frames_of, trial
-from rcmservo.tracking import ColourMarkers, PointMarkers
+from rcmservo.tracking import ColourMarkers, MarkerLook, PointMarkers
 
 STILL = np.zeros(3)
 UNFIT = "kill", "disk_full"
@@ -34,7 +35,7 @@ class Loop:
     def __init__(self, laboratory: "Laboratory", seed: int, repetition: int) -> None:
         of = self._of = laboratory
         self.rig = Rig(seed, of.settings, of.pictures, of.disturbances)
-        tracker = ColourMarkers() if of.pictures else PointMarkers()
+        tracker = ColourMarkers(of.look) if of.pictures else PointMarkers()
         self.plant = Plant(self.rig.arm, self.rig.camera, tracker, self.rig.clock)
         self.given = trial(seed, repetition, of.settings, of.duration, of.shown)
         self.p_d, self.target = self.given.goal.p2, self._shown(self.given)
@@ -84,6 +85,8 @@ class Laboratory:
     """What goes wrong in every run."""
     pictures: bool = False
     """Rendered frames instead of a camera that tells points."""
+    look: MarkerLook = field(default_factory=MarkerLook)
+    """What the tracker looks for in them."""
 
     def __post_init__(self) -> None:
         require(0.0 < self.duration < np.inf, "duration", self.duration, "a positive time in s")
@@ -93,14 +96,28 @@ class Laboratory:
             require(one.kind not in UNFIT, "disturbance", one.kind, right)
 
     def run(self, seed: int, repetition: int = 0) -> StudyRun:
-        """One closed loop, in the scene that `Rig(seed)` has."""
-        loop = Loop(self, seed, repetition)
+        """One closed loop, in the scene that `Rig(seed)` has. Where the target cannot be taught,
+        the tool stays where it is."""
+        try:
+            loop = Loop(self, seed, repetition)
+        except NotShown:
+            return self._stood(seed, repetition)
         states = [tick.state for tick in loop.ticks()]
         phases = np.array([PHASES.index(state.phase) for state in states], np.int8)
         causes = np.array([state.cause.place for state in states], np.int8)
         errors, rate = np.array(loop.errors), self.servo.rate
         scene = loop.given.scene
         return StudyRun(seed, rate, errors, phases, causes, self._bound(scene), scene)
+
+    def _stood(self, seed: int, repetition: int) -> StudyRun:
+        """A run that nobody begins."""
+        given = trial(seed, repetition, self.settings, self.duration, self.shown)
+        scene, rate = given.scene, self.servo.rate
+        far = float(np.linalg.norm(scene.body.points(scene.start)[1] - given.goal.p2))
+        n = round(self.duration * rate)
+        phases = np.full(n, PHASES.index(Phase.IDLE), np.int8)
+        causes = np.full(n, Cause.NONE.place, np.int8)
+        return StudyRun(seed, rate, np.full(n, far), phases, causes, self._bound(scene), scene)
 
     def _bound(self, scene: Scene) -> float:
         """NaN with rendered frames, whose noise is the tracker's and not known."""
