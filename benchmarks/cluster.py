@@ -56,8 +56,9 @@ class Killer(threading.Thread):
     def run(self) -> None:
         chance = random.Random(0)
         while not self.over.wait(self.every):
-            os.kill(chance.choice(self.lab.pids()), signal.SIGKILL)
-            self.killed += 1
+            if there := self.lab.pids():
+                os.kill(chance.choice(there), signal.SIGKILL)
+                self.killed += 1
 
 
 def main(options: Options) -> None:

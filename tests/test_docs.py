@@ -177,3 +177,38 @@ def test_citation_and_package_agree_on_the_version() -> None:
 
     assert f"version: {rcmservo.__version__}\n" in (ROOT / "CITATION.cff").read_text()
     assert f'version = "{rcmservo.__version__}"' in (ROOT / "pyproject.toml").read_text()
+
+
+STUDIES = (ROOT / "docs/studies.md").read_text()
+
+
+@pytest.mark.slow
+def test_the_estimator_of_the_studies_page_is_compared_as_the_page_says(tmp_path: Path) -> None:
+    block = re.search(r"```python\n(.*?)```", STUDIES, re.S)
+    command = re.search(r"^rcmservo (study .*mylab:RLS.*)$", STUDIES, re.M)
+    assert block is not None and command is not None
+    code = [line for line in block[1].splitlines() if line and not line.startswith(("from", "im"))]
+    assert len(code) <= 24, "twenty lines will do"
+    (tmp_path / "mylab.py").write_text(block[1])
+    words = shlex.split(command[1].replace("--count 200", "--count 6"))
+    line = [str(Path(sys.executable).with_name("rcmservo")), *words]
+    told = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert "mylab:RLS beside dlt" in told and (tmp_path / "runs/mine/report.html").exists()
+
+
+def test_the_columns_of_the_studies_page_are_those_of_the_rows() -> None:
+    from rcmservo.study.row import MEANINGS
+
+    told = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", STUDIES, re.M))
+    assert {name: told.get(name) for name in MEANINGS} == MEANINGS
+
+
+@pytest.mark.parametrize(
+    "block", re.findall(r"```toml\n(.*?)```", STUDIES, re.S), ids=("study", "search")
+)
+def test_the_files_of_the_studies_page_are_files_of_studies(block: str, tmp_path: Path) -> None:
+    from rcmservo.study.plan.file import load, plan_of
+
+    (tmp_path / "study.toml").write_text(block)
+    plan = plan_of(load(tmp_path / "study.toml"), {})
+    assert plan.cells and plan.runs >= 200

@@ -1,5 +1,7 @@
 """What a row tells of a run is what the run did, by the truth of its scene."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from studies import small
@@ -12,9 +14,11 @@ from rcmservo.sim.scenes.ways import imaged_rcm
 from rcmservo.sim.truth import feature_jacobian
 from rcmservo.study.batch import Study
 from rcmservo.study.course import StudyRun
+from rcmservo.study.laboratory import Laboratory
 from rcmservo.study.plan.cell import Cell
-from rcmservo.study.row import Asked, Row, row_of
+from rcmservo.study.row import NEVER, Asked, Row, row_of
 from rcmservo.study.work.chunk import one_run
+from rcmservo.tracking import MarkerLook
 
 S, A, H = Phase.SERVO, Phase.ACQUIRE, Phase.HOLD
 QUIET, SAID = Cause.NONE, Cause.STALE
@@ -71,7 +75,7 @@ def test_first_within_is_the_first_time_whatever_follows() -> None:
 
 def test_a_row_of_a_run_that_never_came_near_knows_no_time_and_no_success() -> None:
     asked, settings = Asked("m", "s", 0, "", "mujoco", ""), small().scenes[0].fixed[1]
-    far = row_of(asked, settings, course([30.0] * 20, [A] * 20))
+    far = row_of(asked, settings, course([30.0] * 20, [S] * 20))
     assert (far.success, far.time_to_1mm_s, far.stop, far.stop_s, far.stops) == (
         *(False, None, "", None, 0),
     )
@@ -79,6 +83,30 @@ def test_a_row_of_a_run_that_never_came_near_knows_no_time_and_no_success() -> N
     assert (stopped.success, stopped.time_to_1mm_s, stopped.stop_s, stopped.stops) == (
         *(True, 0.9, 0.9, 1),
     )
+
+
+def test_a_run_that_never_began_says_so() -> None:
+    """As where frames are older than `thresholds.latency`: there is no stop to be told."""
+    assert row(0, latency=(0.2,))[0].stop == NEVER
+    assert row(0, latency=(0.05,))[0].stop == ""
+
+
+def test_a_target_that_cannot_be_taught_ends_its_run_and_not_the_study() -> None:
+    """By a tracker that looks for other balls."""
+    cell = small(duration=1.1, shown=1, engine="pictures", methods=("dlt",)).cells[0]
+    engine = cell.engine_for(0, cell.rebuilt({}))
+    assert isinstance(engine, Laboratory)
+    run = replace(engine, look=MarkerLook("magenta", "cyan")).run(0)
+    assert not run.began and not run.stops
+    assert run.error == pytest.approx(np.full(110, run.pose_error))
+    assert run.pose_error == pytest.approx(row(0)[0].start_error_mm, rel=1e-3)
+
+
+def test_the_balls_of_an_endoscopes_scenes_are_seen_in_pictures() -> None:
+    """On a shaft that is thicker than they are they would not be."""
+    choices = {"duration": 1.1, "shown": 1, "engine": "pictures", "scenes": ("laparoscopic",)}
+    cell = small(methods=("dlt",), **choices).cells[0]
+    assert cell.engine_for(0, cell.rebuilt({})).run(0).began
 
 
 @pytest.mark.parametrize("scenes", ["random", "hard", "laparoscopic"])

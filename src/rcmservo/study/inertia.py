@@ -15,6 +15,7 @@ All in rad and mm: of the slide, masses and strengths count 1e-6 of what they ar
 """
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,9 +24,6 @@ from rcmservo.interfaces import Floats
 from rcmservo.method.kinematics import SPHERICAL, Kinematics, Point
 from rcmservo.rows import Row, real, reals, whole
 from rcmservo.sim.arm import AXES, PHYSICS, UNIT, model_of
-
-Tilt = tuple[float, float]
-"""cos and sin of twice the inner joint's angle."""
 
 
 class Inertia(Row):
@@ -58,45 +56,39 @@ def inertia_of(mechanism: Kinematics) -> Inertia:
     )
 
 
-@compiled
-def tilt_at(angle: float) -> Tilt:
-    """The tilt with the inner joint at an `angle`."""
-    return np.cos(2.0 * angle), np.sin(2.0 * angle)
+class Near(NamedTuple):
+    """The equations about a place, for the few ms that the arm is near it: linear in the way of
+    slide and inner hinge from there, what they leave out being a millionth."""
+
+    by: Point
+    """h/(M + h k) of outer hinge, inner hinge and slide."""
+    by_z: tuple[float, float]
+    """How those of the hinges change with the slide, by mm."""
+    by_angle: float
+    """How that of the outer one changes with the inner hinge's angle, by rad."""
+    c_outer: tuple[float, float]
+    """c of the outer hinge is v_outer (this v_inner + that v_slide),"""
+    c_inner: tuple[float, float]
+    """of the inner one this v_slide v_inner - that v_outer²,"""
+    c_slide: tuple[float, float]
+    """and of the slide -(this v_outer² + that v_inner²)."""
 
 
 @compiled
-def tilted(tilt: Tilt, by: float) -> Tilt:
-    """The tilt a step later: to the third power of the small angle, in a third of the time."""
-    (c, s), t = tilt, 2.0 * by
-    cos, sin = 1.0 - t * t / 2.0, t - t * t * t / 6.0
-    return c * cos - s * sin, s * cos + c * sin
-
-
-@compiled
-def heavy(a: Inertia, z: float, tilt: Tilt, h: float) -> Point:
-    """M + h k of outer hinge, inner hinge and slide, with the slide at z."""
-    far, outer = a.mass * z * z, a.outer
-    share = 0.5 * (1.0 - a.upright * tilt[0])  # sin²α
-    M_outer, M_inner = a.own[outer] + (a.rod + far) * share, a.own[1 - outer] + far
-    k = a.strength
-    return M_outer + h * k[outer], M_inner + h * k[1 - outer], a.own[2] + h * k[2]
-
-
-@compiled
-def turning(a: Inertia, z: float, tilt: Tilt, v: Point) -> Point:
-    """c of outer hinge, inner hinge and slide at the rates v, with the slide at z."""
-    turn, swing, slide = v
-    share, slope = 0.5 * (1.0 - a.upright * tilt[0]), a.upright * tilt[1]  # sin²α, its derivative
-    growth, tool = 2.0 * a.mass * z * slide, a.rod + a.mass * z * z
-    return (
-        (tool * slope * swing + growth * share) * turn,
-        growth * swing - 0.5 * tool * slope * turn * turn,
-        -a.mass * z * (share * turn * turn + swing * swing),
+def near(a: Inertia, z: float, angle: float, h: float) -> Near:
+    """The equations with the slide at z and the inner joint at an `angle`."""
+    o, k, m = a.outer, a.strength, a.mass
+    share = 0.5 * (1.0 - a.upright * np.cos(2.0 * angle))  # sin²α
+    slope = a.upright * np.sin(2.0 * angle)  # its derivative
+    far, growth = m * z * z, 2.0 * m * z
+    tool = a.rod + far
+    outer = h / (a.own[o] + tool * share + h * k[o])
+    inner = h / (a.own[1 - o] + far + h * k[1 - o])
+    return Near(
+        (outer, inner, h / (a.own[2] + h * k[2])),
+        (-outer * outer * growth * share / h, -inner * inner * growth / h),
+        -outer * outer * tool * slope / h,
+        (tool * slope, growth * share),
+        (growth, 0.5 * tool * slope),
+        (m * z * share, m * z),
     )
-
-
-@compiled
-def nearer(inverse: float, number: float) -> float:
-    """1/number from nearly that, by a step of Newton's: much quicker than to divide, and as good
-    where it has changed by a thousandth."""
-    return inverse * (2.0 - number * inverse)

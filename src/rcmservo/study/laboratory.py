@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rcmservo.errors import require
-from rcmservo.guard.states import PHASES, Request
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import PHASES, Phase, Request
 from rcmservo.interfaces import Target
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.teach import teach
+from rcmservo.loop.teach import NotShown, teach
 from rcmservo.loop.tick import Tick
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Rig, RigSettings
@@ -21,7 +22,7 @@ from rcmservo.study.batch import BEGIN
 from rcmservo.study.course import StudyRun
 from rcmservo.study.cramer_rao import bound
 from rcmservo.study.trial import Trial, frames_of, trial
-from rcmservo.tracking import ColourMarkers, PointMarkers
+from rcmservo.tracking import ColourMarkers, MarkerLook, PointMarkers
 
 STILL = np.zeros(3)
 UNFIT = "kill", "disk_full"
@@ -29,16 +30,19 @@ UNFIT = "kill", "disk_full"
 
 
 class Loop:
-    """One closed loop, before its first tick: whoever goes through its `ticks` moves the arm."""
+    """One closed loop, before its first tick: whoever goes through its `ticks` moves the arm, until
+    the end or as far as they like."""
 
     def __init__(self, laboratory: "Laboratory", seed: int, repetition: int) -> None:
         of = self._of = laboratory
-        self.rig = Rig(seed, of.settings, of.pictures, of.disturbances)
-        tracker = ColourMarkers() if of.pictures else PointMarkers()
-        self.plant = Plant(self.rig.arm, self.rig.camera, tracker, self.rig.clock)
         self.given = trial(seed, repetition, of.settings, of.duration, of.shown)
+        self.rig = Rig(seed, of.settings, of.pictures, of.disturbances, self.given.scene)
+        tracker = ColourMarkers(of.look) if of.pictures else PointMarkers()
+        self.plant = Plant(self.rig.arm, self.rig.camera, tracker, self.rig.clock)
         self.p_d, self.target = self.given.goal.p2, self._shown(self.given)
-        self.errors: list[float] = []
+        self._errors: list[float] = []
+        self._phases: list[int] = []
+        self._causes: list[int] = []
 
     def _shown(self, given: Trial) -> Target:
         """The target: of rendered frames it must be shown, of points it is known what was seen."""
@@ -63,9 +67,23 @@ class Loop:
             seen = plant.read()
             state = servo.step(state, seen, self.target)
             applied = plant.send(state.command)
-            p2 = rig.truth.markers(rig.clock.now())[1]
-            self.errors.append(float(np.linalg.norm(p2 - self.p_d)))
+            self.note(state.phase, state.cause)
             yield Tick(time, servo, seen, Request.NONE, STILL, state, applied)
+
+    def note(self, phase: Phase, cause: Cause) -> None:
+        """Take note of a tick whose command was sent: of a law that is no servo's too."""
+        p2 = self.rig.truth.markers(self.rig.clock.now())[1]
+        self._errors.append(float(np.linalg.norm(p2 - self.p_d)))
+        self._phases.append(PHASES.index(phase))
+        self._causes.append(cause.place)
+
+    @property
+    def run(self) -> StudyRun:
+        """How it went up to now."""
+        of, given = self._of, self.given
+        phases, causes = np.array(self._phases, np.int8), np.array(self._causes, np.int8)
+        least, errors = of.bound(given.scene), np.array(self._errors)
+        return StudyRun(self.rig.seed, of.servo.rate, errors, phases, causes, least, given.scene)
 
 
 @dataclass(frozen=True)
@@ -84,6 +102,8 @@ class Laboratory:
     """What goes wrong in every run."""
     pictures: bool = False
     """Rendered frames instead of a camera that tells points."""
+    look: MarkerLook = field(default_factory=MarkerLook)
+    """What the tracker looks for in them."""
 
     def __post_init__(self) -> None:
         require(0.0 < self.duration < np.inf, "duration", self.duration, "a positive time in s")
@@ -93,17 +113,29 @@ class Laboratory:
             require(one.kind not in UNFIT, "disturbance", one.kind, right)
 
     def run(self, seed: int, repetition: int = 0) -> StudyRun:
-        """One closed loop, in the scene that `Rig(seed)` has."""
-        loop = Loop(self, seed, repetition)
-        states = [tick.state for tick in loop.ticks()]
-        phases = np.array([PHASES.index(state.phase) for state in states], np.int8)
-        causes = np.array([state.cause.place for state in states], np.int8)
-        errors, rate = np.array(loop.errors), self.servo.rate
-        scene = loop.given.scene
-        return StudyRun(seed, rate, errors, phases, causes, self._bound(scene), scene)
+        """One closed loop, in the scene that `Rig(seed)` has. Where the target cannot be taught,
+        the tool stays where it is."""
+        try:
+            loop = Loop(self, seed, repetition)
+        except NotShown:
+            return self._stood(seed, repetition)
+        for _ in loop.ticks():
+            pass
+        return loop.run
 
-    def _bound(self, scene: Scene) -> float:
-        """NaN with rendered frames, whose noise is the tracker's and not known."""
+    def _stood(self, seed: int, repetition: int) -> StudyRun:
+        """A run that nobody begins."""
+        given = trial(seed, repetition, self.settings, self.duration, self.shown)
+        scene, rate = given.scene, self.servo.rate
+        far = float(np.linalg.norm(scene.body.points(scene.start)[1] - given.goal.p2))
+        n = round(self.duration * rate)
+        phases = np.full(n, PHASES.index(Phase.IDLE), np.int8)
+        causes = np.full(n, Cause.NONE.place, np.int8)
+        return StudyRun(seed, rate, np.full(n, far), phases, causes, self.bound(scene), scene)
+
+    def bound(self, scene: Scene) -> float:
+        """The Cramér-Rao bound of the error, mm; NaN with rendered frames, whose noise is the
+        tracker's and not known."""
         if self.pictures:
             return float("nan")
         frames = frames_of(self.settings, self.duration)

@@ -22,6 +22,10 @@ from rcmservo.study.plan.cell import PICTURES
 NEAR = 1.0
 """mm of pose error up to which a run is a success."""
 
+NEVER = "NEVER_BEGAN"
+"""What is told instead of a stop of a run whose target could not be taught, or whose frames came
+too late for anything to be made of them."""
+
 
 def column(meaning: str) -> Any:
     """A column, and what it tells."""
@@ -46,7 +50,9 @@ class Row:
     time_to_1mm_s: float | None = column("s until marker 2 was first within 1 mm of the target")
     pose_error_mm: float = column("mm of marker 2, true, root mean square over the last second")
     bound_mm: float | None = column("mm, rms: the Cramér-Rao bound of that, all frames of the run")
-    stop: str = column("cause of the first stop; empty where the run never stopped")
+    stop: str = column(
+        f"cause of the first stop; empty where the run never stopped, {NEVER} where it never began"
+    )
     stop_s: float | None = column("s at which that was")
     stops: int = column("how often the run stopped: HOLD, PAUSED or FAULT after none of them")
     unnoticed_mm: float = column("mm by which the true error grew while servoing, no cause named")
@@ -94,7 +100,7 @@ def row_of(asked: Asked, settings: RigSettings, run: StudyRun) -> Row:
         time_to_1mm_s=first if np.isfinite(first) else None,
         pose_error_mm=run.pose_error,
         bound_mm=run.bound if np.isfinite(run.bound) else None,
-        stop=stops[0][1].name if stops else "",
+        stop=stops[0][1].name if stops else "" if run.began else NEVER,
         stop_s=stops[0][0] if stops else None,
         stops=len(stops),
         unnoticed_mm=run.unnoticed,

@@ -75,7 +75,8 @@ class Cell:
             return Study(servo, settings, self.duration, self.shown)
         wrong = tuple(map(Disturbance.parse, self.disturb))
         pictures = self.engine == PICTURES
-        return Laboratory(servo, settings, self.duration, self.shown, wrong, pictures)
+        shown = self.duration, self.shown
+        return Laboratory(servo, settings, *shown, wrong, pictures, lab.markers)
 
 
 def cell_from(text: str) -> Cell:

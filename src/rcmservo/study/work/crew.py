@@ -11,6 +11,7 @@ import gc
 import ipaddress
 import logging
 import re
+import signal
 import socket
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
@@ -133,23 +134,39 @@ def _quietly() -> Generator[None]:
 @contextmanager
 def _processes(workers: int | None) -> Generator[Any]:
     """A scheduler and workers of our own."""
-    tolerant = config.set({"distributed.scheduler.allowed-failures": LOSSES})
+    chosen: dict[str, Any] = {
+        "distributed.scheduler.allowed-failures": LOSSES,
+        "distributed.scheduler.http.routes": [],
+    }
     with (
-        tolerant,
+        config.set(chosen),
+        _left_alone(),
         DASK.LocalCluster(
             n_workers=workers or system.CPU_COUNT,
             threads_per_worker=1,
             processes=True,
             host=HERE,
-            dashboard_address=None,
-            scheduler_kwargs={"dashboard": False, "dashboard_address": f"{HERE}:0"},
+            dashboard_address=f"{HERE}:0",
+            worker_dashboard_address=f"{HERE}:0",
             security=True,
             memory_limit=None,
             silence_logs=logging.CRITICAL + 1,
         ) as cluster,
         DASK.Client(cluster) as client,
     ):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         yield client
+
+
+@contextmanager
+def _left_alone() -> Generator[None]:
+    """Ctrl-C, which reaches every process of the terminal, waits until this one unblocks it. The
+    thread that is made in here, and all workers that it ever starts, never hear of it."""
+    usual = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, usual)
 
 
 def require_guarded(address: str) -> None:
