@@ -68,18 +68,20 @@ def map_of(group: Group, down: Axis, across: Axis) -> Map:
 
 
 def _edges(values: Floats, count: int) -> Floats:
-    """Ends of bins that hold about as many values each. Infinite ones are in the last."""
+    """Ends of bins that hold about as many values each; infinite ones have a bin of their own."""
     known = values[np.isfinite(values)]
-    ends = np.quantile(known, np.linspace(0.0, 1.0, count + 1)) if len(known) else [np.inf]
-    edges = np.unique(ends)
+    if not len(known):
+        return np.array([np.inf, np.inf])
+    edges = np.unique(np.quantile(known, np.linspace(0.0, 1.0, count + 1)))
     edges = edges if len(edges) > 1 else np.repeat(edges, 2)
-    edges[-1] = values.max()
-    return edges
+    if len(known) == len(values):
+        return edges
+    return np.array([*edges[:-1], np.nextafter(edges[-1], np.inf), np.inf])
 
 
 def _ranges(edges: Floats) -> list[str]:
-    ends = [f"{end:.3g}".replace("inf", "∞") for end in edges]
-    return [low if low == high else f"{low} to {high}" for low, high in pairwise(ends)]
+    ends = [f"{end:.3g}" if np.isfinite(end) else "∞" for end in edges]
+    return [a if a == b else b if b == "∞" else f"{a} to {b}" for a, b in pairwise(ends)]
 
 
 def _cell(success: Flags) -> tuple[int, Interval] | None:
