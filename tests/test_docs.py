@@ -71,6 +71,7 @@ def unexplained(path: Path) -> Iterator[str]:
         if "dataclass" in kind or "NamedTuple" in kind:
             for field, below in itertools.pairwise([*node.body, ast.Pass()]):
                 told = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+                told |= ast.unparse(field).partition(" = ")[2].startswith("column(")
                 if isinstance(field, ast.AnnAssign) and not told:
                     yield f"{path.name}: {node.name}.{ast.unparse(field.target)}"
 

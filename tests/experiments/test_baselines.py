@@ -22,7 +22,7 @@ from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.sim import SceneSettings
 from rcmservo.study.course import StudyRun
-from rcmservo.study.laboratory import Laboratory, Loop
+from rcmservo.study.laboratory import Laboratory, LaboratoryLoop
 from rcmservo.study.plan.cell import COMPILED, MUJOCO
 from rcmservo.study.row import worst_condition
 from rcmservo.study.told import statistics
@@ -129,7 +129,7 @@ def test_what_a_laboratory_tells_of_a_loop_is_what_happened_up_to_now() -> None:
     chance = attempt()
     servo = chance.servo(FAST.estimator, FAST.exploration)
     laboratory = Laboratory(servo, chance.settings, 2.0)
-    loop, whole = Loop(laboratory, SEED, 0), laboratory.run(SEED)
+    loop, whole = LaboratoryLoop(laboratory, SEED, 0), laboratory.run(SEED)
     for _, _tick in zip(range(50), loop.ticks(), strict=False):
         pass
     np.testing.assert_array_equal(loop.run.error, whole.error[: len(loop.run.error)])

@@ -23,7 +23,7 @@ from rcmservo.app.cli import main
 from rcmservo.errors import BadInput, RcmServoError
 from rcmservo.study.work import crew as crews
 from rcmservo.study.work.chunk import OtherPackage
-from rcmservo.study.work.crew import Crew, Lost, crew
+from rcmservo.study.work.crew import Crew, WorkLost, crew
 from rcmservo.study.work.go import Work
 from rcmservo.study.work.store import RUNS
 
@@ -157,7 +157,7 @@ def test_what_no_worker_survives_is_told(lab: Cluster, monkeypatch: pytest.Monke
 
         monkeypatch.setattr(crews, "LOSSES", 3)
         given = crews.Given("key", None, 3)  # pyright: ignore[reportArgumentType]
-        with pytest.raises(Lost, match="every worker that takes it dies"):
+        with pytest.raises(WorkLost, match="every worker that takes it dies"):
             hands._again(given, ValueError("died"))  # pyright: ignore[reportPrivateUsage]
 
 
@@ -215,13 +215,13 @@ def test_workers_without_rcmservo_are_refused(
         told = client.run(nowhere, on_error="return")
     assert all(isinstance(found, ModuleNotFoundError) for found in told.values())
 
-    class Told:
+    class ReportTold:
         def run(self, *given: object, **options: object) -> dict[str, object]:
             return told
 
     monkeypatch.setattr(crews, "package", usual)
     with pytest.raises(OtherPackage, match="has none"):
-        crews._require_same_package(Told())  # pyright: ignore[reportPrivateUsage]
+        crews._require_same_package(ReportTold())  # pyright: ignore[reportPrivateUsage]
 
 
 @pytest.mark.parametrize(
@@ -264,7 +264,7 @@ def test_a_scheduler_that_goes_is_told_and_what_is_done_stays(tmp_path: Path) ->
             if len(counted) == 3:
                 lab.stop()
 
-        with pytest.raises(Lost, match=r"scheduler at .* is gone"):
+        with pytest.raises(WorkLost, match=r"scheduler at .* is gone"):
             work.go(hands, progress)
     left = Work(small(count=5000, duration=15.0), tmp_path)
     assert left.runs_left <= left.plan.runs - sum(counted)

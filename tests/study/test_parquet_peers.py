@@ -13,12 +13,12 @@ from studies import made, small
 
 from conftest import ROOT
 from peers import peer
-from rcmservo.study.row import MEANINGS, Row
+from rcmservo.study.row import MEANINGS, StudyRow
 from rcmservo.study.work.store import RUNS
 
 PEERS = ROOT / ".peers"
-NAMES = [f.name for f in fields(Row)]
-HINTS = get_type_hints(Row)
+NAMES = [f.name for f in fields(StudyRow)]
+HINTS = get_type_hints(StudyRow)
 KINDS = [str(HINTS[name]).removeprefix("<class '").split("'")[0].split(" |")[0] for name in NAMES]
 """str, int, float or bool, of every column."""
 

@@ -21,7 +21,7 @@ from studies import made, small
 from rcmservo.app.studies.told import beside, results
 from rcmservo.app.terminal import console
 from rcmservo.interfaces import Floats
-from rcmservo.study.plan.plan import Plan
+from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.told import report
 from rcmservo.study.told.maps import AXES, Map, map_of
 from rcmservo.study.told.statistics import Interval
@@ -39,7 +39,7 @@ NO_NUMBER = re.compile(r"(?<![a-z])(nan|inf)(?![a-z])")
 class Study:
     """A study that was told: its folder, rows, numbers and page."""
 
-    def __init__(self, folder: Path, plan: Plan, table: Any = None) -> None:
+    def __init__(self, folder: Path, plan: StudyPlan, table: Any = None) -> None:
         self.folder, self.plan = folder, plan
         rows = made(plan, folder).gather() if table is None else table
         about = {"command": "rcmservo study", "replay": "rcmservo study --out X --replay"}

@@ -21,7 +21,7 @@ from rcmservo.sim.scene import Scene
 from rcmservo.study.batch import BEGIN
 from rcmservo.study.course import StudyRun
 from rcmservo.study.cramer_rao import bound
-from rcmservo.study.trial import Trial, frames_of, trial
+from rcmservo.study.trial import StudyTrial, frames_of, trial
 from rcmservo.tracking import ColourMarkers, MarkerLook, PointMarkers
 
 STILL = np.zeros(3)
@@ -29,7 +29,7 @@ UNFIT = "kill", "disk_full"
 """Disturbances of the process that servoes and of its record, not of the servo."""
 
 
-class Loop:
+class LaboratoryLoop:
     """One closed loop, before its first tick: whoever goes through its `ticks` moves the arm, until
     the end or as far as they like."""
 
@@ -44,7 +44,7 @@ class Loop:
         self._phases: list[int] = []
         self._causes: list[int] = []
 
-    def _shown(self, given: Trial) -> Target:
+    def _shown(self, given: StudyTrial) -> Target:
         """The target: of rendered frames it must be shown, of points it is known what was seen."""
         rig = self.rig
         if self._of.pictures:
@@ -116,7 +116,7 @@ class Laboratory:
         """One closed loop, in the scene that `Rig(seed)` has. Where the target cannot be taught,
         the tool stays where it is."""
         try:
-            loop = Loop(self, seed, repetition)
+            loop = LaboratoryLoop(self, seed, repetition)
         except NotShown:
             return self._stood(seed, repetition)
         for _ in loop.ticks():

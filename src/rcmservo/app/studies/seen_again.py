@@ -17,7 +17,7 @@ from rcmservo.record import reader
 from rcmservo.record.reader import RECORD
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
-from rcmservo.study.laboratory import Laboratory, Loop
+from rcmservo.study.laboratory import Laboratory, LaboratoryLoop
 from rcmservo.study.plan.cell import COMPILED, MUJOCO, Cell
 from rcmservo.study.plan.parcel import parcel_of
 from rcmservo.study.work import note
@@ -97,7 +97,7 @@ def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> st
     engine = MUJOCO if cell.engine == COMPILED else cell.engine
     laboratory = replace(cell, engine=engine).engine_for(seed, servo)
     assert isinstance(laboratory, Laboratory)
-    loop = Loop(laboratory, seed, cell.repetition)
+    loop = LaboratoryLoop(laboratory, seed, cell.repetition)
     about = {"simulation": True, "seed": seed, "study": asdict(cell)}
     with ExitStack() as stack:
         recorder = stack.enter_context(Recorder(folder / RECORD, about))
@@ -118,12 +118,12 @@ def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> st
     return video.failed if video is not None else ""
 
 
-def _video(folder: Path, loop: Loop) -> Video:
+def _video(folder: Path, loop: LaboratoryLoop) -> Video:
     size, rate = loop.rig.settings, loop.rig.settings.timing.frame_rate
     return Video(folder / "overlay.mp4", (size.width, size.height), rate)
 
 
-def _filmed(loop: Loop, video: Video) -> Callable[[Tick], None]:
+def _filmed(loop: LaboratoryLoop, video: Video) -> Callable[[Tick], None]:
     """What adds every new frame to the film. Where the camera only told points, the scene is drawn
     as a camera with pictures would have seen it then."""
     newest = -1

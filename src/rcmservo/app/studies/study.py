@@ -28,7 +28,7 @@ from rcmservo.method.estimators.base import Estimator
 
 if TYPE_CHECKING:
     from rcmservo.study.plan.file import StudyFile
-    from rcmservo.study.plan.plan import Plan
+    from rcmservo.study.plan.plan import StudyPlan
     from rcmservo.study.work.crew import Crew
     from rcmservo.study.work.go import Work
 
@@ -137,7 +137,7 @@ def needed() -> Generator[None]:
         ) from error
 
 
-def planned(options: StudyOptions) -> "Plan":
+def planned(options: StudyOptions) -> "StudyPlan":
     """The plan of a file, and of the options above it."""
     from rcmservo.study.plan.distribution import BUILT_IN
     from rcmservo.study.plan.file import StudyFile, load, plan_of

@@ -8,7 +8,7 @@ from rich.table import Table
 
 if TYPE_CHECKING:
     from rcmservo.study.told.statistics import Interval
-    from rcmservo.study.told.summary import Comparison, Summary
+    from rcmservo.study.told.summary import PairedComparison, Summary
 
 NUMBERS = "success, %", "to 1 mm, s", "error, mm", "/ bound"
 """Columns of numbers: the medians of time and error, and the rms of the ratio."""
@@ -44,7 +44,7 @@ def results(rows: list["Summary"]) -> Table:
     return table
 
 
-def beside(one: "Comparison") -> str:
+def beside(one: "PairedComparison") -> str:
     """A method beside the first one, in a sentence."""
     return (
         f"{one.method} beside {one.beside}, {one.condition}, {one.pairs} pairs: success "
@@ -53,7 +53,7 @@ def beside(one: "Comparison") -> str:
     )
 
 
-def _sooner(one: "Comparison") -> str:
+def _sooner(one: "PairedComparison") -> str:
     """How much sooner it comes within 1 mm, where both mostly do."""
     if math.isinf(one.time_s.value):
         only = one.beside if one.time_s.value > 0.0 else one.method

@@ -21,7 +21,7 @@ import distributed
 from dask import config, system
 
 from rcmservo.errors import BadInput, RcmServoError, one_line, require
-from rcmservo.study.work.chunk import Numbers, Order, OtherPackage, done
+from rcmservo.study.work.chunk import ChunkOrder, Numbers, OtherPackage, done
 from rcmservo.study.work.package import package
 
 DASK: Any = distributed
@@ -39,7 +39,7 @@ INSIDE = re.compile(r"in <[^>]*>: (\w+: )?(\[Errno \d+\] )?")
 """What dask's messages tell of its own objects."""
 
 
-class Lost(RcmServoError):
+class WorkLost(RcmServoError):
     """What was under way cannot be had."""
 
 
@@ -48,7 +48,7 @@ class Given(NamedTuple):
 
     key: str
     """What its result is kept by."""
-    order: Order
+    order: ChunkOrder
     """What is to be done."""
     losses: int
     """Workers that died with it."""
@@ -66,7 +66,9 @@ class Crew:
         """Orders that are worked on at a time."""
         return sum(self._client.nthreads().values())
 
-    def done(self, orders: Iterable[tuple[str, Order]]) -> Generator[tuple[str, list[Numbers]]]:
+    def done(
+        self, orders: Iterable[tuple[str, ChunkOrder]]
+    ) -> Generator[tuple[str, list[Numbers]]]:
         """The rows of every order, as they come. A worker that dies loses nothing: what it had is
         done by another."""
         waiting, futures = iter(orders), DASK.as_completed()
@@ -82,12 +84,12 @@ class Crew:
                 yield given.key, rows
                 self._fill(futures, waiting)
         except (OSError, DASK.CancelledError) as error:
-            raise Lost(f"the scheduler at {self.where} is gone: {one_line(error)}") from error
+            raise WorkLost(f"the scheduler at {self.where} is gone: {one_line(error)}") from error
         finally:
             self._client.cancel(list(self._under_way))
             self._under_way.clear()
 
-    def _fill(self, futures: Any, waiting: Iterator[tuple[str, Order]]) -> None:
+    def _fill(self, futures: Any, waiting: Iterator[tuple[str, ChunkOrder]]) -> None:
         """Keep every worker busy."""
         room = AHEAD * max(self.count, 1) - len(self._under_way)
         for _, (key, order) in zip(range(room), waiting, strict=False):
@@ -100,7 +102,7 @@ class Crew:
 
     def _again(self, given: Given, error: Exception) -> Given:
         if given.losses >= LOSSES:
-            raise Lost(f"every worker that takes it dies: {one_line(error)}") from error
+            raise WorkLost(f"every worker that takes it dies: {one_line(error)}") from error
         return given._replace(losses=given.losses + 1)
 
 

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from rcmservo.config.files import whole
 from rcmservo.errors import UnusableFile
 from rcmservo.study.plan.plan import Chunk
-from rcmservo.study.row import MEANINGS, Row
+from rcmservo.study.row import MEANINGS, StudyRow
 from rcmservo.study.work.chunk import Numbers
 from rcmservo.study.work.package import package
 
@@ -46,8 +46,8 @@ def _field(name: str, hint: Any) -> Any:
     return PA.field(name, KINDS[kinds[0]], nullable=optional, metadata=about)
 
 
-HINTS = get_type_hints(Row)
-SCHEMA = PA.schema([_field(f.name, HINTS[f.name]) for f in fields(Row)], MEANINGS)
+HINTS = get_type_hints(StudyRow)
+SCHEMA = PA.schema([_field(f.name, HINTS[f.name]) for f in fields(StudyRow)], MEANINGS)
 """The columns of runs.parquet; what each means is told beside it, and in the file's own metadata
 too, which programs without Arrow read."""
 

@@ -26,7 +26,7 @@ from rcmservo.sim.rig import drawn
 from rcmservo.sim.truth import Truth
 from rcmservo.study.batch import Study
 from rcmservo.study.course import LAST, StudyRun
-from rcmservo.study.laboratory import Laboratory, Loop
+from rcmservo.study.laboratory import Laboratory, LaboratoryLoop
 from rcmservo.study.plan.cell import COMPILED, MUJOCO
 
 FOR_GOOD = Phase.PAUSED, Phase.FAULT
@@ -109,7 +109,7 @@ class Attempt:
 
     def live(self, servo: Servo) -> Fared:
         """`servo_by` before MuJoCo's arm, by the live path."""
-        loop = Loop(Laboratory(servo, self.settings, self._longest(servo)), self.seed, 0)
+        loop = LaboratoryLoop(Laboratory(servo, self.settings, self._longest(servo)), self.seed, 0)
         end, going, errors = np.inf, 0.0, list[float]()
         for k, tick in enumerate(loop.ticks()):
             time, phase = tick.time / 1e9, tick.state.phase
@@ -126,7 +126,7 @@ class Attempt:
     def by_poses(self, calibration: Calibration) -> Fared:
         """Move by pose-based control, which explores nothing."""
         given, robot = self.conditions, self.servo(FAST_FIT, Exploration())
-        loop = Loop(Laboratory(robot, self.settings, given.duration), self.seed, 0)
+        loop = LaboratoryLoop(Laboratory(robot, self.settings, given.duration), self.seed, 0)
         law = PoseLaw(calibration, robot, loop.target, given.controller.gain)
         drive(loop, robot, law, given.duration)
         return Fared(loop.run, MUJOCO)

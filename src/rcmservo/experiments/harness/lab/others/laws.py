@@ -15,7 +15,7 @@ from rcmservo.interfaces import Floats, Observation, Target
 from rcmservo.loop.clock import ticks
 from rcmservo.method.kinematics import joint_rates
 from rcmservo.servo.servo import Servo
-from rcmservo.study.laboratory import Loop
+from rcmservo.study.laboratory import LaboratoryLoop
 
 
 def saturated(error: Floats, bound: float) -> Floats:
@@ -48,7 +48,7 @@ class PoseLaw:
         return -self.gain * saturated(here - wanted, self.bound)
 
 
-def drive(loop: Loop, robot: Servo, law: PoseLaw, duration: float) -> None:
+def drive(loop: LaboratoryLoop, robot: Servo, law: PoseLaw, duration: float) -> None:
     """Switch the drive on, and move by the law for `duration` s.
 
     `robot` lends what the robot knows of itself, its gate, and the greatest speed of its own law.
