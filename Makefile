@@ -5,7 +5,8 @@
 #   make test-all  runs the slow tests too, and reports a short live run
 #   make peers     adds other people's clients that tests run, which are skipped without them
 #   make bench     measures everything at length, for about two hours
-.PHONY: run test test-all check peers bench
+#   make studies   runs the studies that docs/how_to_choose.md will stand on, and writes that page
+.PHONY: run test test-all check peers studies bench
 BIN := .venv/bin
 RUNNING := .venv/.running
 TESTING := .venv/.testing
@@ -37,6 +38,10 @@ check: $(TESTING)
 	$(BIN)/ruff check --quiet src tests benchmarks examples docs
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
+
+# They go on where they stopped; the page is not written where they no longer bear a sentence of it.
+studies: $(RUNNING)
+	$(BIN)/python docs/make_studies.py
 
 bench: $(TESTING)
 	$(BIN)/python benchmarks/step_time.py
