@@ -220,7 +220,7 @@ def test_the_terminal_folds_long_words_and_crops_none(
 
 def test_what_only_one_of_two_does_is_said_in_words() -> None:
     never, some = Interval(np.inf, np.inf, np.inf), Interval(np.nan, np.nan, np.nan)
-    one = report.Comparison("a", "b", "random", 9, Interval(-1.0, -1.0, -0.6), never, some)
+    one = report.PairedComparison("a", "b", "random", 9, Interval(-1.0, -1.0, -0.6), never, some)
     assert beside(one) == (
         "a beside b, random, 9 pairs: success -100.0 (-100.0 to -60.0) % points, to 1 mm mostly "
         "only b comes, error –"
