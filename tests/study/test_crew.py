@@ -75,24 +75,6 @@ def test_a_cluster_makes_the_rows_that_this_process_makes(lab: Cluster, tmp_path
     assert theirs == rows_here(tmp_path / "here")
 
 
-def test_workers_of_this_machine_are_reached_from_nowhere_else(
-    recwarn: pytest.WarningsRecorder,
-) -> None:
-    """Neither they nor the scheduler nor its server of numbers; and of two at a time none warns of
-    the other."""
-    with crew(None, 1), crew(None, 1):
-        here = psutil.Process()
-        family = [here, *here.children(recursive=True)]
-        places = [
-            one.laddr.ip
-            for process in family
-            for one in process.net_connections("inet")
-            if one.status == psutil.CONN_LISTEN
-        ]
-    assert len(places) >= 6 and set(places) == {"127.0.0.1"}
-    assert not [str(one.message) for one in recwarn if "Port" in str(one.message)]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2, 8])
 def test_the_rows_are_the_same_on_any_number_of_workers(workers: int, tmp_path: Path) -> None:
