@@ -27,9 +27,11 @@ test-all: $(TESTING)
 	$(BIN)/python benchmarks/soak.py --seconds 10
 	-$(BIN)/python benchmarks/kill.py --count 4
 
-# Of a peer only what its test needs, apart from what the project needs.
+# Of a peer only what its test needs, apart from what the project needs: pandas finds NumPy and Arrow
+# there. Polars is in two packages of one version.
 peers: $(TESTING)
-	$(PIP) --no-deps --upgrade --target .peers socs==0.6.4
+	$(PIP) --no-deps --upgrade --target .peers socs==0.6.4 'pandas>=2.2,<4' 'duckdb>=1.1,<3'
+	$(PIP) --upgrade --target .peers 'polars>=1.20,<3'
 
 # They go on where they stopped; the page is not written where they no longer bear a sentence of it.
 studies: $(RUNNING)

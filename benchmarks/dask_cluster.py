@@ -17,6 +17,8 @@ import distributed
 
 PATIENCE = 60.0
 """s for a scheduler, or a worker, to be there."""
+UNSEEN = "--dashboard-address", "127.0.0.1:0"
+"""Where dask's own web server is."""
 DASK = [str(Path(sys.executable).with_name("dask"))]
 
 
@@ -46,7 +48,7 @@ class Cluster:
     def start(self, count: int, **options: Any) -> None:
         """Start so many workers more, each with a nanny that starts it anew when it dies."""
         words = [*DASK, "worker", self.address, "--nworkers", str(count), "--nthreads", "1"]
-        words += ["--no-dashboard", "--memory-limit", "0", *self.tls]
+        words += [*UNSEEN, "--memory-limit", "0", *self.tls]
         folder = self._stack.enter_context(tempfile.TemporaryDirectory())
         options = {"cwd": folder, **options}
         words += ["--local-directory", folder]
@@ -73,7 +75,7 @@ def cluster(workers: int, tls: Mapping[str, str] | None = None) -> Generator[Clu
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         noted, options = folder / "scheduler.json", [w for p in (tls or {}).items() for w in p]
-        words = [*DASK, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+        words = [*DASK, "scheduler", "--host", "127.0.0.1", "--port", "0", *UNSEEN]
         words += ["--protocol", "tls" if tls else "tcp", "--scheduler-file", str(noted), *options]
         stack.enter_context(program(words, cwd=folder))
         address = _noted(noted)

@@ -24,7 +24,7 @@ import tyro
 import rcmservo as rs
 from rcmservo.study.plan.file import StudyFile, plan_of
 from rcmservo.study.trial import trial
-from rcmservo.study.work.chunk import Order, done
+from rcmservo.study.work.chunk import ChunkOrder, done
 from rcmservo.study.work.crew import crew
 from rcmservo.study.work.package import package
 
@@ -68,15 +68,15 @@ def command(scenes: int, *words: str) -> float:
         return took
 
 
-def orders(scenes: int) -> list[Order]:
+def orders(scenes: int) -> list[ChunkOrder]:
     """The work of a study, in chunks."""
     chunks = plan_of(StudyFile(count=scenes), {}).chunks()
     ends = ((chunk, chunk.seeds.start, chunk.seeds.stop) for chunk in chunks)
     empty = plan_of(StudyFile(), {}).methods[0].parcel
-    return [Order(chunk.cell.text, begin, end, package(), empty) for chunk, begin, end in ends]
+    return [ChunkOrder(chunk.cell.text, begin, end, package(), empty) for chunk, begin, end in ends]
 
 
-def alone(work: list[Order], ready: object, go: object) -> None:
+def alone(work: list[ChunkOrder], ready: object, go: object) -> None:
     """One process by itself."""
     done(work[0])
     ready.release()  # pyright: ignore
@@ -85,7 +85,7 @@ def alone(work: list[Order], ready: object, go: object) -> None:
         done(order)
 
 
-def two_alone(work: list[Order]) -> float:
+def two_alone(work: list[ChunkOrder]) -> float:
     """Chunks a second of two processes that do half of the work each."""
     context = get_context("spawn")
     ready, go = context.Semaphore(0), context.Event()
@@ -101,7 +101,7 @@ def two_alone(work: list[Order]) -> float:
     return len(work) / (time.monotonic() - began)
 
 
-def two_workers(work: list[Order]) -> float:
+def two_workers(work: list[ChunkOrder]) -> float:
     """Chunks a second of a study's two workers."""
     with crew(None, 2) as hands:
         warm = [(f"warm-{k}", work[k]) for k in range(4)]

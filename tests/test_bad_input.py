@@ -1,6 +1,7 @@
 """Bad input gets one sentence that names what is wrong, exit code 2, and leaves nothing behind."""
 
 import shutil
+import sys
 from pathlib import Path
 
 import cv2
@@ -75,6 +76,70 @@ COMMAND_LINES = {
     "a rig that is not there": (["run", "--rig", "nowhere.toml"], "nowhere.toml"),
 }
 
+ONE = '[method.a]\nestimator = "dlt"\n'
+GAIN = '[search]\n"controller.gain" = [2.0, 15.0]\n'
+STUDIES = {
+    "unknown method": (["study", "--method", "magic"], "method must be one of projection", "magic"),
+    "code that is not there": (["study", "--method", "nolab:RLS"], "--method", "nolab"),
+    "two names for one option": (["study", "--method", "dlt", "flow"], "FILE", "several times"),
+    "a method twice": (["study", "--method", "dlt", "--method", "dlt"], "given once"),
+    "unknown scenes": (["study", "--scenes", "magic"], "scenes must be one of paper", "magic"),
+    "no such scenes": (["study", "--scenes", "none.toml"], "none.toml: cannot be read"),
+    "unknown engine": (["study", "--engine", "warp"], "engine must be one of auto", "warp"),
+    "no compiled one": (["study", "--method", "flow", "--engine", "compiled"], "auto or mujoco"),
+    "no scenes at all": (["study", "--count", "0"], "count must be a whole number from 1"),
+    "too many": (["study", "--count", "100000000", "--repetitions", "9"], "runs in all must be"),
+    "no whole number": (["study", "--count", "many"], "--count must be given INT", "many"),
+    "negative first seed": (["study", "--seed", "-1"], "seed must be a whole number", "-1"),
+    "no duration": (["study", "--duration", "nan"], "duration must be more than 1", "nan"),
+    "negative noise": (["study", "--noise", "-0.1"], "noise must be", "-0.1"),
+    "noise of pictures": (["study", "--engine", "pictures", "--noise", "1"], "the tracker's"),
+    "latency within it": (["study", "--latency", "0.001"], "at least half of the exposure"),
+    "unknown disturbance": (["study", "--disturb", "marker_los"], "did you mean marker_loss"),
+    "no workers": (["study", "--workers", "0"], "--workers must be from 1", "0"),
+    "no scheduler": (["study", "--cluster", "nowhere"], "--cluster must be that of a dask", "8786"),
+    "open scheduler": (
+        ["study", "--cluster", "tcp://192.0.2.7:8786"],
+        "can run code on its workers",
+    ),
+    "no file": (["study", "none.toml"], "none.toml: cannot be read"),
+    "a folder": (["study", "."], "is not a file"),
+    "too large": (["study", "large.toml"], "larger than 1000000 bytes, too large for a study"),
+    "no TOML": (["study", "noise.toml"], "noise.toml: is not valid TOML"),
+    "unknown key": (["study", "unknown.toml"], "unknown.toml: study.cont", "did you mean count?"),
+    "a row of nothing": (["study", "--replay", "1"], "--out must be the folder of the study"),
+    "a row of no study": (["study", "--out", "mine", "--replay", "1"], "mine: holds no study"),
+    "a film of nothing": (["study", "--film"], "--film must be given with --replay"),
+    "in use": (["study", "--out", "mine"], "mine: is not empty, and holds no study"),
+    "a file to write into": (["study", "--out", "one.toml"], "one.toml: cannot be written to"),
+    "below a file": (["study", "--out", "one.toml/x"], "cannot be written to"),
+    "nothing to search by": (["tune"], "FILE must be given"),
+    "no file to search by": (["tune", "none.toml"], "none.toml: cannot be read"),
+    "nothing to search": (["tune", "one.toml"], "one.toml: search must be a setting at least"),
+    "two to search": (["tune", "two.toml"], "two.toml: method must be one that is tuned", "2"),
+    "unknown setting": (["tune", "gian.toml"], "did you mean controller.gain?"),
+    "unknown goal": (["tune", "goal.toml"], "tune.goal must be one of time, error", "speed"),
+    "unknown key of a search": (["tune", "key.toml"], "tune.trails", "did you mean trials?"),
+    "a search in use": (["tune", "good.toml", "--out", "mine"], "mine: is not empty"),
+    "a search without workers": (["tune", "good.toml", "--workers", "0"], "--workers must be"),
+    "a search in the open": (
+        ["tune", "good.toml", "--cluster", "tcp://192.0.2.7:1"],
+        "can run code",
+    ),
+}
+FILES = {
+    "large.toml": "#" * 1_000_001,
+    "noise.toml": "\x00 = [",
+    "unknown.toml": "cont = 3",
+    "one.toml": ONE,
+    "two.toml": 'methods = ["a", "flow"]\n' + ONE + GAIN,
+    "gian.toml": ONE + GAIN.replace("gain", "gian"),
+    "goal.toml": ONE + GAIN + '[tune]\ngoal = "speed"',
+    "key.toml": ONE + GAIN + "[tune]\ntrails = 3",
+    "good.toml": ONE + GAIN,
+    "mine/mine.txt": "mine",
+}
+
 
 def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *names: str) -> None:
     """The command ends with 2 and one sentence on stderr that holds the names."""
@@ -90,6 +155,25 @@ def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *names: st
 def test_a_bad_command_line_is_refused(case: str, capsys: pytest.CaptureFixture[str]) -> None:
     arguments, name = COMMAND_LINES[case]
     refused(arguments, capsys, name)
+
+
+@pytest.mark.parametrize("case", STUDIES)
+def test_a_bad_study_is_refused_and_nothing_is_left(
+    case: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Not a folder under runs/ either."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "mine").mkdir()
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text)
+    arguments, *names = STUDIES[case]
+    refused(arguments, capsys, *names)
+    left = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
+    assert left == {*FILES, "mine"}
 
 
 @pytest.mark.parametrize("case", RIGS)

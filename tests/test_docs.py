@@ -10,7 +10,6 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -72,6 +71,7 @@ def unexplained(path: Path) -> Iterator[str]:
         if "dataclass" in kind or "NamedTuple" in kind:
             for field, below in itertools.pairwise([*node.body, ast.Pass()]):
                 told = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+                told |= ast.unparse(field).partition(" = ")[2].startswith("column(")
                 if isinstance(field, ast.AnnAssign) and not told:
                     yield f"{path.name}: {node.name}.{ast.unparse(field.target)}"
 
@@ -180,129 +180,36 @@ def test_citation_and_package_agree_on_the_version() -> None:
     assert f'version = "{rcmservo.__version__}"' in (ROOT / "pyproject.toml").read_text()
 
 
-CHOOSING = ROOT / "docs/studies"
-STUDIES = sorted(path.stem for path in CHOOSING.glob("*.toml"))
-TEMPLATE = ROOT / "docs/how_to_choose.md.j2"
-RESULT = re.compile(r"\d\s*(%|mm\b|s\b(?!tudy))")
-"""A figure with the unit of a result. Settings of px, Hz and ms are none."""
-
-
-@pytest.fixture
-def choosing(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The module that writes docs/how_to_choose.md."""
-    monkeypatch.syspath_prepend(str(ROOT / "docs"))
-    return importlib.import_module("choosing")
-
-
-@pytest.mark.parametrize("name", STUDIES)
-def test_every_study_behind_the_page_can_be_planned(name: str) -> None:
-    from rcmservo.study.plan.file import load, plan_of
-
-    plan = plan_of(load(CHOOSING / f"{name}.toml"), {})
-    assert 0 < plan.runs <= 10_000
-    assert len(plan.cells) > 1
-
-
-def test_every_study_behind_the_page_has_its_figures_and_is_named_on_it(choosing: Any) -> None:
-    figures, page = choosing.load(), choosing.PAGE.read_text()
-    assert sorted(figures["studies"]) == STUDIES
-    for name, study in figures["studies"].items():
-        assert f"([{name}])" in page or f"[{name}]," in page, f"no sentence is of {name}"
-        assert study["question"].endswith("?") and f"`{study['command']}`" in page
-
-
-def test_the_page_on_how_to_choose_is_what_its_template_and_its_figures_make(choosing: Any) -> None:
-    """So none of its figures was typed by hand, and the figures bear every sentence."""
-    assert choosing.render(choosing.load()) == choosing.PAGE.read_text()
-
-
-def test_no_figure_stands_in_the_sentences_of_the_template() -> None:
-    text = re.sub(r"\{\{.*?\}\}|\{%.*?%\}", " ", TEMPLATE.read_text(), flags=re.S)
-    text = re.sub(r"`[^`]*`|^#.*$", " ", text, flags=re.M)
-    assert [match[0] for match in RESULT.finditer(text)] == []
-
-
-@pytest.mark.parametrize("text", ["in 98 % of", "after 1.9 s", "0.04 mm off", "ends 3mm off"])
-def test_a_figure_is_known_when_it_is_seen(text: str) -> None:
-    assert RESULT.search(text)
-
-
-ROWS = {"random": {"a": {"success": [0.5, 0.4, 0.6], "runs": 10, "stops": {"SINGULAR": 2}}}}
-BESIDE = {"random": {"b": {"success": [-0.1, -0.2, -0.02], "time_s": [None, None, None]}}}
-FIGURES = {"studies": {"one": {"rows": ROWS, "beside": BESIDE}}}
-"""Of a study as small as can be."""
-
-
-@pytest.mark.parametrize(
-    ("claim", "holds"),
-    [
-        ('worse("one", "b", "random")', True),
-        ('better("one", "b", "random")', False),
-        ('alike("one", "b", "random")', False),
-        ('at_least(0.4, "one", "a", "random")', True),
-        ('at_most(0.5, "one", "a", "random")', False),
-        ('stopped_by("SINGULAR", 0.2, "one", "a", "random")', True),
-        ('below(("one", "a", "random"), ("one", "a", "random"))', False),
-    ],
-)
-def test_a_sentence_that_the_figures_do_not_bear_is_not_written(
-    choosing: Any, tmp_path: Path, claim: str, holds: bool
-) -> None:
-    sentence = (
-        f'{{% call says({claim}) %}}It is {{{{ share("one", "a", "random") }}}}.{{% endcall %}}'
-    )
-    (tmp_path / "page.j2").write_text(sentence)
-    if holds:
-        written = choosing.render(FIGURES, tmp_path, "page.j2")
-        assert written == "It is 50.0 % (40.0 to 60.0). ([one])\n"
-        return
-    with pytest.raises(choosing.Unborne, match=r"claim 1 of: It is 50\.0 %"):
-        choosing.render(FIGURES, tmp_path, "page.j2")
-
-
-@pytest.mark.parametrize(
-    ("text", "error"),
-    [
-        ('{{ share("one", "a", "random") }}', "stand outside any sentence"),
-        (
-            '{% call says(better("one", "b", "random", "time_s")) %}x{% endcall %}',
-            "nothing is known",
-        ),
-        (
-            '{% call says() %}{{ share("one", "c", "random") }}{% endcall %}',
-            "one has no c in random",
-        ),
-    ],
-)
-def test_a_figure_without_a_source_is_refused(
-    choosing: Any, tmp_path: Path, text: str, error: str
-) -> None:
-    (tmp_path / "page.j2").write_text(text)
-    with pytest.raises((choosing.Unborne, ValueError, KeyError), match=error):
-        choosing.render(FIGURES, tmp_path, "page.j2")
+STUDIES = (ROOT / "docs/studies.md").read_text()
 
 
 @pytest.mark.slow
-def test_a_study_becomes_figures_and_a_page(
-    choosing: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As `make studies` does it, with a study of four runs."""
-    make = importlib.import_module("make_studies")
-    (tmp_path / "docs").mkdir()
-    monkeypatch.setattr(make, "ROOT", tmp_path)
-    for place in (make, choosing):
-        monkeypatch.setattr(place, "STUDIES", tmp_path / "docs/studies")
-        monkeypatch.setattr(place, "FIGURES", tmp_path / "docs/studies/figures.json")
-    choosing.STUDIES.mkdir()
-    methods = 'methods = ["dlt", "projection"]\ncount = 2\n'
-    (choosing.STUDIES / "tiny.toml").write_text(f"# Does it\n# run? So it seems.\n{methods}")
-    (tmp_path / "docs/page.j2").write_text(
-        '{{ table("tiny", "share time error ratio unnoticed", stops=True) }}\n'
-    )
-    make.run("tiny", 1)
-    make.write(make.gathered())
-    figures = choosing.load(choosing.FIGURES)
-    assert figures["studies"]["tiny"]["question"] == "Does it run?"
-    page = choosing.render(figures, tmp_path / "docs", "page.j2")
-    assert re.search(r"^\| `dlt` \| [\d.]+ % \([\d.]+ to [\d.]+\) \| [\d.]+ s", page, re.M)
-    assert page.endswith("([tiny])\n")
+def test_the_estimator_of_the_studies_page_is_compared_as_the_page_says(tmp_path: Path) -> None:
+    block = re.search(r"```python\n(.*?)```", STUDIES, re.S)
+    command = re.search(r"^rcmservo (study .*mylab:RLS.*)$", STUDIES, re.M)
+    assert block is not None and command is not None
+    code = [line for line in block[1].splitlines() if line and not line.startswith(("from", "im"))]
+    assert len(code) <= 24, "twenty lines will do"
+    (tmp_path / "mylab.py").write_text(block[1])
+    words = shlex.split(command[1].replace("--count 200", "--count 6"))
+    line = [str(Path(sys.executable).with_name("rcmservo")), *words]
+    told = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert "mylab:RLS beside dlt" in told and (tmp_path / "runs/mine/report.html").exists()
+
+
+def test_the_columns_of_the_studies_page_are_those_of_the_rows() -> None:
+    from rcmservo.study.row import MEANINGS
+
+    told = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", STUDIES, re.M))
+    assert {name: told.get(name) for name in MEANINGS} == MEANINGS
+
+
+@pytest.mark.parametrize(
+    "block", re.findall(r"```toml\n(.*?)```", STUDIES, re.S), ids=("study", "search")
+)
+def test_the_files_of_the_studies_page_are_files_of_studies(block: str, tmp_path: Path) -> None:
+    from rcmservo.study.plan.file import load, plan_of
+
+    (tmp_path / "study.toml").write_text(block)
+    plan = plan_of(load(tmp_path / "study.toml"), {})
+    assert plan.cells and plan.runs >= 200

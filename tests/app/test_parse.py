@@ -26,10 +26,10 @@ SENTENCES = {
     "run x": "'x' is more than run takes" + RUN,
     "show a --seed 3": "show has no option --seed; see rcmservo show --help",
     "show": "PATH must be given: A run's folder, or an .mcap file; see rcmservo show --help",
-    "rnu": "the command must be one of run, live, serve, replay, show, export, paper, emulate, "
-    "rig, markers, got 'rnu' (did you mean run?); see rcmservo --help",
-    "": "a command must be given, one of run, live, serve, replay, show, export, paper, emulate, "
-    "rig, markers; see rcmservo --help",
+    "rnu": "the command must be one of run, live, serve, replay, show, export, paper, study, "
+    "tune, emulate, rig, markers, got 'rnu' (did you mean run?); see rcmservo --help",
+    "": "a command must be given, one of run, live, serve, replay, show, export, paper, study, "
+    "tune, emulate, rig, markers; see rcmservo --help",
 }
 
 

@@ -7,9 +7,17 @@ from typing import Any
 
 import pytest
 
-from rcmservo.experiments.harness.claims import FAILS, HOLDS, REMARK, Chapter, Claim, NotMeasured
-from rcmservo.experiments.harness.plain import plain
-from rcmservo.experiments.harness.rows import first_page, row_of, rows_of
+from rcmservo.experiments.harness.claims import (
+    FAILS,
+    HOLDS,
+    REMARK,
+    UNDECIDED,
+    Chapter,
+    Claim,
+    NotMeasured,
+)
+from rcmservo.experiments.harness.plain import built, plain
+from rcmservo.experiments.harness.rows import ClaimRow, first_page, row_of, rows_of
 from rcmservo.experiments.harness.sentences import OURS, SENTENCES
 from rcmservo.experiments.harness.traps import traps_met
 
@@ -40,6 +48,32 @@ def test_a_verdict_follows_from_the_number_its_bound_and_the_trials(
     assert given.verdict == verdict
     assert row_of("some", 0, given).verdict == verdict
     json.dumps(plain(row_of("some", 0, given)), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("given", "verdict", "remark"),
+    [
+        (replace(claim(1.0), interval=(0.5, 1.5)), HOLDS, ""),
+        (replace(claim(1.0), interval=(0.5, 2.5)), REMARK, UNDECIDED),
+        (replace(claim(3.0), interval=(1.5, 4.0)), FAILS, UNDECIDED),
+        (replace(claim(3.0), interval=(2.5, 4.0)), FAILS, ""),
+        (replace(claim(3.0, ">="), interval=(2.0, 4.0)), HOLDS, ""),
+        (replace(claim(1.0, remark="but"), interval=(0.5, 2.5)), REMARK, f"but; {UNDECIDED}"),
+        (replace(claim(1.0, trials=2), interval=(0.5, 2.5)), None, ""),
+    ],
+)
+def test_an_interval_with_both_sides_of_the_bound_is_a_remark(
+    given: Claim, verdict: str | None, remark: str
+) -> None:
+    row = row_of("some", 0, given)
+    assert (row.verdict, row.remark) == (verdict, remark)
+    assert row.interval == (None if verdict is None else given.interval)
+    assert built(ClaimRow, json.loads(json.dumps(plain(row)))) == row
+
+
+def test_an_interval_without_end_is_an_error() -> None:
+    with pytest.raises(NotMeasured, match="it is so: measured inf"):
+        replace(claim(1.0), interval=(0.5, float("inf")))
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])

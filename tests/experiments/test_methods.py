@@ -1,6 +1,5 @@
-"""The methods that are compared: each moves, and arrives where it should."""
+"""What the experiments are made of: ways to take the flow, estimators, tours without an end."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,18 +7,11 @@ import pytest
 
 from conftest import ROOT
 from rcmservo.app.cli import main
-from rcmservo.experiments import baselines, differentiation, regulation_projection
-from rcmservo.experiments.baselines import worst_condition
+from rcmservo.experiments import differentiation, regulation_projection
 from rcmservo.experiments.camera_knowledge import parameter_error, parameters_of
 from rcmservo.experiments.harness.lab.cameras import PINHOLE
 from rcmservo.experiments.harness.lab.closed_loop import FAST_FIT, LONG, WIDE, for_ever, servo_for
-from rcmservo.experiments.harness.lab.methods import (
-    DEFAULT,
-    METHODS,
-    Conditions,
-    Learner,
-    attempted,
-)
+from rcmservo.experiments.harness.lab.methods import DEFAULT
 from rcmservo.experiments.harness.lab.random_observations import RandomObservations
 from rcmservo.experiments.harness.lab.witness import laboratory
 from rcmservo.interfaces import Target
@@ -34,53 +26,7 @@ from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 
 SCENE = SceneSettings(room=17.0)
-CONDITIONS = Conditions(noise=0.1, duration=8.0)
-ARRIVES = [name for name in METHODS if name != "image-rolled"]
 SEED = 3
-SEEDS = {"broyden-1mm": 0}
-"""Where not every scene will do: noise over 1 mm leads Broyden's update astray in most."""
-LONGER = Exploration(leg=0.4, reach=16.0)
-
-
-@pytest.mark.parametrize("name", ARRIVES)
-def test_every_method_moves_and_arrives_at_the_target(name: str) -> None:
-    trial = attempted(METHODS[name], SCENE, SEEDS.get(name, SEED), CONDITIONS)
-    assert trial.poses[0] > 10.0
-    assert trial.poses[-1] < 1.0
-    assert trial.settled, trial.why_not
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("exploration", [Exploration(), LONGER], ids=["default", "longer"])
-@pytest.mark.parametrize("name", ["nflow", "rls", "kalman", "correntropy"])
-def test_every_way_to_learn_from_displacements_works(name: str, exploration: Exploration) -> None:
-    """With the noise of the comparison: what is said to do worse must be seen to work."""
-    method = METHODS[name]
-    assert isinstance(method, Learner) and method.exploration == Exploration()
-    made = replace(method, exploration=exploration)
-    trials = [attempted(made, SCENE, seed, Conditions(duration=10.0)) for seed in range(10)]
-    assert sum(trial.settled for trial in trials) >= 9
-    assert np.median([trial.pose for trial in trials]) < 0.4
-
-
-def test_a_calibration_from_before_a_roll_misleads_the_image_based_law() -> None:
-    trial = attempted(METHODS["image-rolled"], SCENE, SEED, CONDITIONS)
-    assert trial.poses[-1] > 10.0
-    assert not trial.settled
-
-
-def test_a_law_that_is_no_servos_does_not_explore() -> None:
-    trial = attempted(METHODS["pose-exact"], SCENE, SEED, replace(CONDITIONS, duration=3.0))
-    assert trial.explored_at is None
-    assert trial.poses[5] < trial.poses[0] - 5.0
-
-
-def test_the_scenes_said_to_be_rejected_are_rejected_by_our_condition_and_all_of_them_are() -> None:
-    settings = baselines.Settings()
-    limit = settings.scene.max_condition
-    drawn = range(max(settings.rejected) + 1)
-    found = tuple(seed for seed in drawn if worst_condition(settings.unlimited, seed) > limit)
-    assert found == settings.rejected
 
 
 def test_every_way_of_taking_the_flow_gives_numbers(tmp_path: Path) -> None:
@@ -150,7 +96,7 @@ def test_the_whole_projection_has_the_papers_parameters() -> None:
 def test_a_tour_without_an_end_goes_on_in_equal_rounds(exploration: Exploration) -> None:
     """Its corners are apart by the exploration's reach at most, as in the first round."""
     rig, plant = laboratory(SEED, SCENE, 0.1)
-    servo = servo_for(rig, FAST_FIT, for_ever(exploration))
+    servo = servo_for(rig.settings, FAST_FIT, for_ever(exploration))
     here = Target(rig.truth.pixels(rig.scene.start), rig.scene.start)
     ways = list[float]()
     start = rig.body.points(rig.arm.q_true)[0]

@@ -20,7 +20,7 @@ from rcmservo.study.plan.distribution import (
     distribution_from,
 )
 from rcmservo.study.plan.file import StudyFile, load, plan_of
-from rcmservo.study.plan.plan import Plan
+from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.work.chunk import one_run
 
 FILE = """
@@ -46,7 +46,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def planned(folder: Path, text: str, own: Any = None) -> Plan:
+def planned(folder: Path, text: str, own: Any = None) -> StudyPlan:
     return plan_of(load(written(folder, text)), own or {})
 
 
@@ -111,7 +111,9 @@ def test_one_distribution_takes_over_from_another_what_it_has_not_itself() -> No
 def test_every_built_in_distribution_has_scenes_and_words(name: str) -> None:
     about = dict(described())[name]
     assert len(about) > 40 and about.endswith(".") and "#" not in about
-    plan = Plan(methods=plan_of(StudyFile(), {}).methods, scenes=(built_in(name),), duration=2.0)
+    plan = StudyPlan(
+        methods=plan_of(StudyFile(), {}).methods, scenes=(built_in(name),), duration=2.0
+    )
     cell = plan.cells[0]
     rows = [one_run(cell, cell.rebuilt({}), seed) for seed in range(3)]
     assert len({row.focal_px for row in rows}) == 3
@@ -141,7 +143,7 @@ def test_the_engine_is_the_compiled_one_wherever_it_can_be(tmp_path: Path) -> No
         ('methods = ["dtl"]', "method must be one of projection, dlt"),
         ('methods = ["dlt", "dlt"]', "method must be given once"),
         ("methods = []", "method must be at least one"),
-        ('methods = ["mylab:RLS"]', "that --method names"),
+        ('methods = ["mylab:RLS"]', "that --own names too"),
         ('scenes = ["randm"]', "scenes must be one of paper, random"),
         ("count = 0", "count must be a whole number from 1"),
         ("count = 1.5", "study.count must be a whole number"),
@@ -182,6 +184,6 @@ def test_what_cannot_be_studied_is_one_sentence(tmp_path: Path, text: str, words
 
 def test_scenes_that_cannot_be_drawn_are_told_with_their_name_and_seed() -> None:
     nowhere = Distribution("nowhere", texts.toml(b"[scene]\ntravel = [900.0, 901.0]"))
-    cell = Plan(plan_of(StudyFile(), {}).methods, (nowhere,)).cells[0]
+    cell = StudyPlan(plan_of(StudyFile(), {}).methods, (nowhere,)).cells[0]
     with pytest.raises(NoScene, match="scenes nowhere, seed 3: no scene in"):
         one_run(cell, cell.rebuilt({}), 3)

@@ -21,7 +21,7 @@ from studies import made, small
 from rcmservo.app.studies.told import beside, results
 from rcmservo.app.terminal import console
 from rcmservo.interfaces import Floats
-from rcmservo.study.plan.plan import Plan
+from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.told import report
 from rcmservo.study.told.maps import AXES, Map, map_of
 from rcmservo.study.told.statistics import Interval
@@ -39,7 +39,7 @@ NO_NUMBER = re.compile(r"(?<![a-z])(nan|inf)(?![a-z])")
 class Study:
     """A study that was told: its folder, rows, numbers and page."""
 
-    def __init__(self, folder: Path, plan: Plan, table: Any = None) -> None:
+    def __init__(self, folder: Path, plan: StudyPlan, table: Any = None) -> None:
         self.folder, self.plan = folder, plan
         rows = made(plan, folder).gather() if table is None else table
         about = {"command": "rcmservo study", "replay": "rcmservo study --out X --replay"}
@@ -220,7 +220,7 @@ def test_the_terminal_folds_long_words_and_crops_none(
 
 def test_what_only_one_of_two_does_is_said_in_words() -> None:
     never, some = Interval(np.inf, np.inf, np.inf), Interval(np.nan, np.nan, np.nan)
-    one = report.Comparison("a", "b", "random", 9, Interval(-1.0, -1.0, -0.6), never, some)
+    one = report.PairedComparison("a", "b", "random", 9, Interval(-1.0, -1.0, -0.6), never, some)
     assert beside(one) == (
         "a beside b, random, 9 pairs: success -100.0 (-100.0 to -60.0) % points, to 1 mm mostly "
         "only b comes, error –"
@@ -271,7 +271,7 @@ def test_the_cells_of_a_map_are_all_runs_and_their_shares_those_of_the_runs_in_t
         ([7.0], ["7"]),
         ([7.0] * 300, ["7"]),
         ([INFINITE] * 300, ["∞"]),
-        ([7.0] * 299 + [INFINITE], ["7 to ∞"]),
+        ([7.0] * 299 + [INFINITE], ["7", "∞"]),
         ([*range(1, 300), INFINITE], None),
     ],
 )
@@ -285,7 +285,8 @@ def test_a_map_of_few_or_equal_or_infinite_values_still_has_all_runs(
     if rows is not None:
         assert one.rows == rows
     else:
-        assert len(one.rows) == 5 and one.rows[-1].endswith("to ∞")
+        assert one.rows[-2:] == ["239 to 299", "∞"] and len(one.rows) == 6
+        assert sum(cell[0] for cell in one.cells[-1] if cell) == 1
 
 
 def test_a_study_of_one_scene_is_told_and_tells_nothing_apart(tmp_path: Path) -> None:
@@ -319,6 +320,13 @@ def test_where_the_bound_is_not_known_the_page_has_a_dash(tmp_path: Path) -> Non
     one = study.numbers["methods"][0]
     assert one["success"]["value"] > 0.5 and one["ratio_median"]["value"] is None
     assert study.seen.words.count("–") == 2
+
+
+def test_without_noise_there_is_no_bound_to_divide_by(tmp_path: Path) -> None:
+    study = Study(tmp_path, small(count=20, methods=("dlt",), duration=4.0, noise=(0.0,)))
+    one = study.numbers["methods"][0]
+    assert {row["bound_mm"] for row in study.rows} == {0.0} and one["success"]["value"] > 0.5
+    assert one["ratio_rms"]["value"] is None and study.seen.words.count("–") == 2
 
 
 def test_the_rows_say_what_their_columns_mean_wherever_they_are(study: Study) -> None:

@@ -26,11 +26,11 @@ from rcmservo.method.exploration import Exploration
 from rcmservo.servo.own_estimator import called
 from rcmservo.study.plan.cell import cell_from
 from rcmservo.study.plan.file import StudyFile, load, plan_of
-from rcmservo.study.plan.method import Method
+from rcmservo.study.plan.method import StudyMethod
 from rcmservo.study.told.summary import comparisons, groups
 from rcmservo.study.tuning.search import AGAIN, TUNED, Tried, Tuning, best, cost_of, searched
-from rcmservo.study.tuning.space import Axis, axis_from, value_of, with_values
-from rcmservo.study.work.chunk import Numbers, Order, one_run
+from rcmservo.study.tuning.space import SearchAxis, axis_from, value_of, with_values
+from rcmservo.study.work.chunk import ChunkOrder, Numbers, one_run
 
 BAD: dict[str, Any] = {
     "estimator": "dlt",
@@ -42,7 +42,7 @@ AXES = {
     "controller.gain": {"from": 0.3, "to": 20.0, "log": True},
     "exploration.share": [0.02, 0.5],
 }
-USUAL = Method("usual", ProjectionEstimator())
+USUAL = StudyMethod("usual", ProjectionEstimator())
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,9 @@ class Counting(Alone):
     def __init__(self) -> None:
         self.runs, self.seeds = 0, set[int]()
 
-    def done(self, orders: Iterable[tuple[str, Order]]) -> Generator[tuple[str, list[Numbers]]]:
+    def done(
+        self, orders: Iterable[tuple[str, ChunkOrder]]
+    ) -> Generator[tuple[str, list[Numbers]]]:
         for key, order in orders:
             self.runs += order.end - order.begin
             self.seeds |= set(range(order.begin, order.end))
@@ -74,7 +76,9 @@ class Counting(Alone):
 class Here(Alone):
     """A crew of one that has the class of this module."""
 
-    def done(self, orders: Iterable[tuple[str, Order]]) -> Generator[tuple[str, list[Numbers]]]:
+    def done(
+        self, orders: Iterable[tuple[str, ChunkOrder]]
+    ) -> Generator[tuple[str, list[Numbers]]]:
         for key, order in orders:
             cell = cell_from(order.cell)
             servo = cell.rebuilt({called(Picky()): Picky})
@@ -103,22 +107,24 @@ def tried(asked: Tuning, folder: Path, crew: Alone | None = None) -> list[Tried]
 @pytest.mark.parametrize(
     ("name", "told", "axis"),
     [
-        ("controller.gain", [2, 15.0], Axis("controller.gain", 2.0, 15.0)),
-        ("estimator.observations", [6, 40], Axis("estimator.observations", 6, 40)),
+        ("controller.gain", [2, 15.0], SearchAxis("controller.gain", 2.0, 15.0)),
+        ("estimator.observations", [6, 40], SearchAxis("estimator.observations", 6, 40)),
         (
             "exploration.leg",
             {"from": 0.05, "to": 0.5, "log": True},
-            Axis("exploration.leg", 0.05, 0.5, True),
+            SearchAxis("exploration.leg", 0.05, 0.5, True),
         ),
-        ("exploration.leg", {"from": -1, "to": 1}, Axis("exploration.leg", -1.0, 1.0)),
+        ("exploration.leg", {"from": -1, "to": 1}, SearchAxis("exploration.leg", -1.0, 1.0)),
         (
             "controller.features",
             ["srd", "points"],
-            Axis("controller.features", words=("srd", "points")),
+            SearchAxis("controller.features", words=("srd", "points")),
         ),
     ],
 )
-def test_a_range_or_a_choice_is_read_as_it_stands(name: str, told: object, axis: Axis) -> None:
+def test_a_range_or_a_choice_is_read_as_it_stands(
+    name: str, told: object, axis: SearchAxis
+) -> None:
     found = axis_from(name, told, USUAL)
     assert found == axis and type(found.low) is type(axis.low)
 
@@ -239,7 +245,7 @@ def test_settings_that_do_not_go_together_cost_all_and_end_nothing(tmp_path: Pat
 
 def test_a_users_own_estimator_may_refuse_in_its_own_way(tmp_path: Path) -> None:
     asked = tuning(count=1, trials=6)
-    plan = replace(asked.plan, methods=(Method("own", Picky()),), duration=1.1)
+    plan = replace(asked.plan, methods=(StudyMethod("own", Picky()),), duration=1.1)
     axes = (axis_from("estimator.forgetting", [0.9, 1.0], plan.methods[0]),)
     found = tried(replace(asked, plan=plan, axes=axes), tmp_path, Here())
     refused = [one.cost == np.inf for one in found]
@@ -265,14 +271,16 @@ def test_from_a_bad_start_a_search_finds_what_is_better_in_scenes_that_it_has_no
 
 
 METHODS = {
-    "gain": Method("tuned", ProjectionEstimator(), SaturatedController(gain=17.16936316628802)),
-    "words, lists and whole numbers": Method(
+    "gain": StudyMethod(
+        "tuned", ProjectionEstimator(), SaturatedController(gain=17.16936316628802)
+    ),
+    "words, lists and whole numbers": StudyMethod(
         "tuned",
         ProjectionEstimator(observations=33, both_markers=False, gamma="printed"),
         SaturatedController(features="points", bounds=(0.7, 1e-3, 123456.789)),
         Exploration(leg=1 / 3, legs=4),
     ),
-    "a preset": Method("tuned", PRINTED),
+    "a preset": StudyMethod("tuned", PRINTED),
 }
 
 
@@ -294,7 +302,7 @@ def test_the_command_with_a_users_own_estimator_calls_its_settings_as_its_option
 ) -> None:
     monkeypatch.setitem(sys.modules, "lab_of_mine", sys.modules[__name__])
     monkeypatch.setattr(Picky, "__module__", "lab_of_mine")
-    method = Method("tuned", Picky(forgetting=0.91))
+    method = StudyMethod("tuned", Picky(forgetting=0.91))
     options = options_of(run_command(method))
     assert options.estimator == "lab_of_mine:Picky"
     assert options.boxes.estimator(options.estimator) == method.estimator
@@ -307,7 +315,7 @@ def test_what_was_found_is_a_study_file_that_gives_it_back(case: str, tmp_path: 
 
 
 def test_what_was_found_of_a_users_own_estimator_names_it(tmp_path: Path) -> None:
-    method, own = Method("tuned", Picky(forgetting=0.91)), {"lab_of_mine:Picky": Picky}
+    method, own = StudyMethod("tuned", Picky(forgetting=0.91)), {"lab_of_mine:Picky": Picky}
     (tmp_path / "tuned.toml").write_text(settings_text(method, own, tuning()))
     assert plan_of(load(tmp_path / "tuned.toml"), own).methods == (method,)
     with pytest.raises(RcmServoError, match="lab_of_mine:Picky"):

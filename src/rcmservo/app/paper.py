@@ -98,7 +98,8 @@ def _claims(rows: "list[ClaimRow]") -> Table:
     for row in rows:
         claim = ": ".join(filter(None, (row.claim, *row.case)))
         verdict = row.verdict or f"n = {row.trials}"
-        table.add_row(claim, row.where, f"{row.measured:.3g} {row.unit}", verdict)
+        ends = "({:.3g} to {:.3g}) ".format(*row.interval) if row.interval else ""
+        table.add_row(claim, row.where, f"{row.measured:.3g} {ends}{row.unit}", verdict)
     return table
 
 

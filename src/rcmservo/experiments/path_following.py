@@ -102,7 +102,7 @@ def follow_all(folder: Path, settings: Settings, method: str) -> Followings:
 def follow(settings: Settings, method: Learner, seed: int) -> Following:
     """Explore, go to the path's first point, then servo to reference pixels that move along it."""
     rig, plant = laboratory(seed, settings.scene, settings.noise)
-    servo = servo_for(rig, method.estimator, method.exploration, settings.law(method))
+    servo = servo_for(rig.settings, method.estimator, method.exploration, settings.law(method))
     trace = Trace(circle(rig, settings.radius, settings.period))
     state, target = servo.init(), trace.path.reference(0.0)
     servo.warm_up()

@@ -118,7 +118,7 @@ def relocated(folder: Path, seed: int, method: str, settings: Settings) -> Reloc
     estimator, exploration = METHODS[method]
 
     def servo(rig: Rig) -> Servo:
-        return servo_for(rig, estimator, exploration, settings.controller)
+        return servo_for(rig.settings, estimator, exploration, settings.controller)
 
     with ClosedLoop(folder, seed, laboratory, settings.pictures, servo) as loop:
         target, p_d = loop.shown(loop.rig.scene.target)

@@ -118,7 +118,7 @@ def visit_all(folder: Path, seed: int, method: str, pictures: bool, settings: Se
     estimator, exploration = PAPER_METHODS[method]
 
     def servo(rig: Rig) -> Servo:
-        return servo_for(rig, estimator, exploration, settings.controller)
+        return servo_for(rig.settings, estimator, exploration, settings.controller)
 
     with ClosedLoop(folder, seed, laboratory, pictures, servo) as loop:
         shown = [loop.shown(q) for q in drawn_poses(loop.rig, settings.poses, settings.spread)]

@@ -92,7 +92,7 @@ def regulate(folder: Path, settings: Settings, estimator: str, seed: int) -> Fra
     """
     del folder
     rig, plant = laboratory(seed, PAPER_SCENES, NOISE)
-    servo = servo_for(rig, *PAPER_METHODS[estimator])
+    servo = servo_for(rig.settings, *PAPER_METHODS[estimator])
     servo.warm_up()
     home = teach(plant)
     rig.show_target()

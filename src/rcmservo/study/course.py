@@ -1,6 +1,6 @@
 """How one closed loop of a study went, by the truth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -47,6 +47,23 @@ class StudyRun:
     def pose_error(self) -> float:
         """mm: the root mean square of the error over the last second."""
         return float(np.sqrt(np.mean(self.error[-round(LAST * self.rate) :] ** 2)))
+
+    @property
+    def explored(self) -> float:
+        """s until the tool was first servoed, its exploration behind it; inf if it never was."""
+        servoed = np.flatnonzero(self.phases == SERVO)
+        return float(servoed[0] / self.rate) if len(servoed) else np.inf
+
+    @property
+    def held(self) -> Cause:
+        """What the tool stood still for at the last tick; NONE if it did not."""
+        return CAUSES[int(self.causes[-1])] if int(self.phases[-1]) in STOPPING else Cause.NONE
+
+    def until(self, time: float) -> "StudyRun":
+        """The run had it ended so many s after its first tick; its bound stays that of all
+        frames."""
+        n = round(min(time * self.rate, len(self.error)))
+        return replace(self, error=self.error[:n], phases=self.phases[:n], causes=self.causes[:n])
 
     @cached_property
     def stops(self) -> list[tuple[float, Cause]]:

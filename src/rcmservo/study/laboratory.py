@@ -21,7 +21,7 @@ from rcmservo.sim.scene import Scene
 from rcmservo.study.batch import BEGIN
 from rcmservo.study.course import StudyRun
 from rcmservo.study.cramer_rao import bound
-from rcmservo.study.trial import Trial, frames_of, trial
+from rcmservo.study.trial import StudyTrial, frames_of, trial
 from rcmservo.tracking import ColourMarkers, MarkerLook, PointMarkers
 
 STILL = np.zeros(3)
@@ -29,19 +29,22 @@ UNFIT = "kill", "disk_full"
 """Disturbances of the process that servoes and of its record, not of the servo."""
 
 
-class Loop:
-    """One closed loop, before its first tick: whoever goes through its `ticks` moves the arm."""
+class LaboratoryLoop:
+    """One closed loop, before its first tick: whoever goes through its `ticks` moves the arm, until
+    the end or as far as they like."""
 
     def __init__(self, laboratory: "Laboratory", seed: int, repetition: int) -> None:
         of = self._of = laboratory
-        self.rig = Rig(seed, of.settings, of.pictures, of.disturbances)
+        self.given = trial(seed, repetition, of.settings, of.duration, of.shown)
+        self.rig = Rig(seed, of.settings, of.pictures, of.disturbances, self.given.scene)
         tracker = ColourMarkers(of.look) if of.pictures else PointMarkers()
         self.plant = Plant(self.rig.arm, self.rig.camera, tracker, self.rig.clock)
-        self.given = trial(seed, repetition, of.settings, of.duration, of.shown)
         self.p_d, self.target = self.given.goal.p2, self._shown(self.given)
-        self.errors: list[float] = []
+        self._errors: list[float] = []
+        self._phases: list[int] = []
+        self._causes: list[int] = []
 
-    def _shown(self, given: Trial) -> Target:
+    def _shown(self, given: StudyTrial) -> Target:
         """The target: of rendered frames it must be shown, of points it is known what was seen."""
         rig = self.rig
         if self._of.pictures:
@@ -64,9 +67,23 @@ class Loop:
             seen = plant.read()
             state = servo.step(state, seen, self.target)
             applied = plant.send(state.command)
-            p2 = rig.truth.markers(rig.clock.now())[1]
-            self.errors.append(float(np.linalg.norm(p2 - self.p_d)))
+            self.note(state.phase, state.cause)
             yield Tick(time, servo, seen, Request.NONE, STILL, state, applied)
+
+    def note(self, phase: Phase, cause: Cause) -> None:
+        """Take note of a tick whose command was sent: of a law that is no servo's too."""
+        p2 = self.rig.truth.markers(self.rig.clock.now())[1]
+        self._errors.append(float(np.linalg.norm(p2 - self.p_d)))
+        self._phases.append(PHASES.index(phase))
+        self._causes.append(cause.place)
+
+    @property
+    def run(self) -> StudyRun:
+        """How it went up to now."""
+        of, given = self._of, self.given
+        phases, causes = np.array(self._phases, np.int8), np.array(self._causes, np.int8)
+        least, errors = of.bound(given.scene), np.array(self._errors)
+        return StudyRun(self.rig.seed, of.servo.rate, errors, phases, causes, least, given.scene)
 
 
 @dataclass(frozen=True)
@@ -99,15 +116,12 @@ class Laboratory:
         """One closed loop, in the scene that `Rig(seed)` has. Where the target cannot be taught,
         the tool stays where it is."""
         try:
-            loop = Loop(self, seed, repetition)
+            loop = LaboratoryLoop(self, seed, repetition)
         except NotShown:
             return self._stood(seed, repetition)
-        states = [tick.state for tick in loop.ticks()]
-        phases = np.array([PHASES.index(state.phase) for state in states], np.int8)
-        causes = np.array([state.cause.place for state in states], np.int8)
-        errors, rate = np.array(loop.errors), self.servo.rate
-        scene = loop.given.scene
-        return StudyRun(seed, rate, errors, phases, causes, self._bound(scene), scene)
+        for _ in loop.ticks():
+            pass
+        return loop.run
 
     def _stood(self, seed: int, repetition: int) -> StudyRun:
         """A run that nobody begins."""
@@ -117,10 +131,11 @@ class Laboratory:
         n = round(self.duration * rate)
         phases = np.full(n, PHASES.index(Phase.IDLE), np.int8)
         causes = np.full(n, Cause.NONE.place, np.int8)
-        return StudyRun(seed, rate, np.full(n, far), phases, causes, self._bound(scene), scene)
+        return StudyRun(seed, rate, np.full(n, far), phases, causes, self.bound(scene), scene)
 
-    def _bound(self, scene: Scene) -> float:
-        """NaN with rendered frames, whose noise is the tracker's and not known."""
+    def bound(self, scene: Scene) -> float:
+        """The Cramér-Rao bound of the error, mm; NaN with rendered frames, whose noise is the
+        tracker's and not known."""
         if self.pictures:
             return float("nan")
         frames = frames_of(self.settings, self.duration)

@@ -33,7 +33,7 @@ def column(meaning: str) -> Any:
 
 
 @dataclass(frozen=True)
-class Row:
+class StudyRow:
     """One run. None is what is not known, or never came."""
 
     method: str = column("what was tried, by its name in the study")
@@ -67,27 +67,33 @@ class Row:
     versions: str = column("of rcmservo, Python, NumPy, Numba and MuJoCo there")
 
 
-MEANINGS = {f.name: str(f.metadata["meaning"]) for f in fields(Row)}
+MEANINGS = {f.name: str(f.metadata["meaning"]) for f in fields(StudyRow)}
 
 
 @dataclass(frozen=True)
-class Asked:
+class CellNames:
     """What of a row its cell tells."""
 
     method: str
+    """As the row has it."""
     scenes: str
+    """As the row has it."""
     repetition: int
+    """As the row has it."""
     disturb: str
+    """As the row has it."""
     engine: str
+    """As the row has it."""
     source: str
+    """As the row has it."""
 
 
-def row_of(asked: Asked, settings: RigSettings, run: StudyRun) -> Row:
+def row_of(asked: CellNames, settings: RigSettings, run: StudyRun) -> StudyRow:
     """The row of a run."""
     first, stops, timing, scene = run.first_within(NEAR), run.stops, settings.timing, run.scene
     depths = scene.optics.depth(np.stack([np.zeros(3), scene.body.points(scene.start)[0]]))
     away = scene.body.points(scene.start)[0] - scene.optics.position
-    return Row(
+    return StudyRow(
         method=asked.method,
         scenes=asked.scenes,
         seed=run.seed,

@@ -17,7 +17,7 @@ NOISE = 1
 """The child of a scene's seed that its noise is drawn from; its own children are repetitions."""
 
 
-class Trial(NamedTuple):
+class StudyTrial(NamedTuple):
     """One scene, one target, one noise."""
 
     scene: Scene
@@ -33,7 +33,9 @@ def frames_of(settings: RigSettings, duration: float) -> int:
     return int(duration * settings.timing.frame_rate) + 2
 
 
-def trial(seed: int, repetition: int, settings: RigSettings, duration: float, shown: int) -> Trial:
+def trial(
+    seed: int, repetition: int, settings: RigSettings, duration: float, shown: int
+) -> StudyTrial:
     """The trial of a seed: its scene is that of `Rig(seed)`, with other noise in each
     `repetition`."""
     require(repetition >= 0, "repetition", repetition, "a whole number that is not negative")
@@ -46,4 +48,4 @@ def trial(seed: int, repetition: int, settings: RigSettings, duration: float, sh
     points = scene.optics.project(markers) + sigma * blur
     noise = sigma * random.standard_normal((frames_of(settings, duration), 2, 2))
     told = settings.drive.told(scene.target)
-    return Trial(scene, Goal(points, told, markers[1]), noise)
+    return StudyTrial(scene, Goal(points, told, markers[1]), noise)

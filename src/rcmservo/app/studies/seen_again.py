@@ -17,7 +17,7 @@ from rcmservo.record import reader
 from rcmservo.record.reader import RECORD
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
-from rcmservo.study.laboratory import Laboratory, Loop
+from rcmservo.study.laboratory import Laboratory, LaboratoryLoop
 from rcmservo.study.plan.cell import COMPILED, MUJOCO, Cell
 from rcmservo.study.plan.parcel import parcel_of
 from rcmservo.study.work import note
@@ -27,6 +27,10 @@ from rcmservo.study.work.store import runs_in
 
 SEEN = "replays"
 """The folder of these records, in that of the study."""
+TOLD = "success", "time_to_1mm_s", "pose_error_mm", "stop", "stop_s", "unnoticed_mm"
+"""Columns that the terminal tells."""
+PLACE = "cpu", "versions"
+"""Columns that tell where a row was made, and not what came of the run."""
 
 
 def seen_again(folder: Path | None, case: int, film: bool, own: dict[str, type[Estimator]]) -> int:
@@ -37,23 +41,32 @@ def seen_again(folder: Path | None, case: int, film: bool, own: dict[str, type[E
     if made is None:
         raise UnusableFile(folder, "holds no study")
     require(0 <= case < made.runs, "--replay", case, f"a row from 0 to {made.runs - 1}")
-    cell, seed = made.run_of(case)
+    (cell, seed), rows = made.run_of(case), runs_in(folder)
     _require_same(made.package, cell, own)
     servo, out = cell.rebuilt(own), console()
     row = asdict(one_run(cell, servo, seed))
-    before = runs_in(folder).slice(case, 1).to_pylist()[0]
-    other = [name for name in row if row[name] != before[name]]
+    before = rows.slice(case, 1).to_pylist()[0]
+    other = [name for name in row if row[name] != before[name] and name not in PLACE]
     with new_folder(_free(folder / SEEN / str(case)), "replay") as there:
         failed = _record(cell, servo, seed, there, film)
     out.print(f"row {case}: {cell.method}, {cell.condition}, seed {seed}, {cell.engine}")
-    for name in ("success", "time_to_1mm_s", "pose_error_mm", "stop", "stop_s", "unnoticed_mm"):
-        out.print(f"  {name} {row[name]}")
+    for name in TOLD:
+        out.print(f"  {name:14} {_worded(row[name])}")
     same = "the same row, bit for bit" if not other else f"not the same: {', '.join(other)}"
+    elsewhere = [f"{name} was {before[name]}" for name in PLACE if row[name] != before[name]]
+    same = f"{same} ({', '.join(elsewhere)})" if elsewhere else same
     how = ", recorded with MuJoCo's arm" if cell.engine == COMPILED else ", recorded"
     out.print(f"{same}{how} in {there}; rcmservo show {there} tells it", soft_wrap=True)
     if failed:
         out.print(failed, soft_wrap=True)
     return 1 if other else 0
+
+
+def _worded(value: object) -> str:
+    """A value of a row for eyes."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else str(value or "–")
 
 
 def _require_same(made_by: str, cell: Cell, own: dict[str, type[Estimator]]) -> None:
@@ -84,7 +97,7 @@ def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> st
     engine = MUJOCO if cell.engine == COMPILED else cell.engine
     laboratory = replace(cell, engine=engine).engine_for(seed, servo)
     assert isinstance(laboratory, Laboratory)
-    loop = Loop(laboratory, seed, cell.repetition)
+    loop = LaboratoryLoop(laboratory, seed, cell.repetition)
     about = {"simulation": True, "seed": seed, "study": asdict(cell)}
     with ExitStack() as stack:
         recorder = stack.enter_context(Recorder(folder / RECORD, about))
@@ -105,12 +118,12 @@ def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> st
     return video.failed if video is not None else ""
 
 
-def _video(folder: Path, loop: Loop) -> Video:
+def _video(folder: Path, loop: LaboratoryLoop) -> Video:
     size, rate = loop.rig.settings, loop.rig.settings.timing.frame_rate
     return Video(folder / "overlay.mp4", (size.width, size.height), rate)
 
 
-def _filmed(loop: Loop, video: Video) -> Callable[[Tick], None]:
+def _filmed(loop: LaboratoryLoop, video: Video) -> Callable[[Tick], None]:
     """What adds every new frame to the film. Where the camera only told points, the scene is drawn
     as a camera with pictures would have seen it then."""
     newest = -1

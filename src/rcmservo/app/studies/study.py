@@ -17,17 +17,18 @@ from rich.text import Text
 
 from rcmservo.app.folders import dated
 from rcmservo.app.parse import OptionalPath
-from rcmservo.app.studies.told import beside, results
+from rcmservo.app.studies.told import beside, described, results
 from rcmservo.app.terminal import console
 from rcmservo.app.waiting.preparing import compiling
 from rcmservo.app.waiting.progress import going_on, progress
+from rcmservo.config.kinds import ESTIMATORS, PRESETS
 from rcmservo.config.own_code import named
 from rcmservo.errors import RcmServoError, require
 from rcmservo.method.estimators.base import Estimator
 
 if TYPE_CHECKING:
     from rcmservo.study.plan.file import StudyFile
-    from rcmservo.study.plan.plan import Plan
+    from rcmservo.study.plan.plan import StudyPlan
     from rcmservo.study.work.crew import Crew
     from rcmservo.study.work.go import Work
 
@@ -40,6 +41,7 @@ OptionalInt = Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_h
 OptionalFloat = Annotated[float | None, tyro.conf.arg(metavar="FLOAT", help_behavior_hint="")]
 OptionalText = Annotated[str | None, tyro.conf.arg(metavar="TEXT", help_behavior_hint="")]
 Names = tyro.conf.UseAppendAction[tuple[str, ...]]
+Numbers = Annotated[tuple[float, ...], tyro.conf.arg(help_behavior_hint="")]
 
 
 @dataclass(frozen=True)
@@ -62,10 +64,12 @@ class StudyOptions:
     """Scenes of each kind (200)."""
     seed: OptionalInt = None
     """Of the first scene (0); the others follow one by one."""
-    noise: tuple[float, ...] = ()
-    """px of the camera that tells points; several are tried one after the other."""
-    latency: tuple[float, ...] = ()
-    """s from a frame's exposure to its arrival; several are tried one after the other."""
+    noise: Numbers = ()
+    """px of the camera that tells points; several are tried one after the other. FILE stands before
+    it."""
+    latency: Numbers = ()
+    """s from a frame's exposure to its arrival; several are tried one after the other. FILE stands
+    before it."""
     disturb: Names = ()
     """What goes wrong in every run, as `rcmservo run --disturb` has it."""
     repetitions: OptionalInt = None
@@ -95,23 +99,30 @@ class StudyOptions:
 def study(options: StudyOptions) -> int:
     """Do what is not done yet, and write rows and report."""
     with needed():
+        from rcmservo.app.studies.seen_again import seen_again
         from rcmservo.study.plan import distribution
+        from rcmservo.study.told import report
         from rcmservo.study.work.go import Work
+    out = console()
     if "help" in options.scenes:
-        for name, words in distribution.described():
-            print(f"{name:14}{words}")
+        out.print(described(distribution.described()))
         return 0
     if options.replay is not None:
-        from rcmservo.app.studies.seen_again import seen_again
-
         return seen_again(options.out, options.replay, options.film, own_of(options))
-    plan, out = planned(options), console()
+    require(not options.film, "--film", True, "given with --replay")
+    plan = planned(options)
     folder = options.out or dated("study")
     work = Work(plan, folder)
     _tell(out, work, folder)
     with going_on(folder, out):
         how = _do(work, options, out) if work.left else {}
-        return _write(work, options, out, {**about(work), **how})
+        told = report.write(folder, plan, work.gather(), {**about(work), **how}, options.report)
+    out.print(results(told.summaries))
+    for one in told.comparisons:
+        out.print(beside(one), soft_wrap=True)
+    written = "rows, summary and report" if options.report else "rows and summary"
+    out.print(f"{written} in {folder}", soft_wrap=True)
+    return 0
 
 
 @contextmanager
@@ -126,10 +137,16 @@ def needed() -> Generator[None]:
         ) from error
 
 
-def planned(options: StudyOptions) -> "Plan":
+def planned(options: StudyOptions) -> "StudyPlan":
     """The plan of a file, and of the options above it."""
+    from rcmservo.study.plan.distribution import BUILT_IN
     from rcmservo.study.plan.file import StudyFile, load, plan_of
 
+    if options.file is not None and str(options.file) in (*ESTIMATORS, *PRESETS, *BUILT_IN):
+        right = (
+            "a TOML file; --method and --scenes take one name each, and may be given several times"
+        )
+        require(options.file.exists(), "FILE", options.file, right)
     asked = load(options.file) if options.file is not None else StudyFile()
     return plan_of(_above(options, asked), own_of(options))
 
@@ -161,10 +178,13 @@ def _above(options: StudyOptions, asked: "StudyFile") -> "StudyFile":
 def _tell(out: Console, work: "Work", folder: Path) -> None:
     """What is going to be done."""
     runs, left = work.plan.runs, work.runs_left
-    out.print(f"{runs} simulated runs, into {folder}", style="dim", soft_wrap=True)
+    words = f"{runs} simulated run{'s' if runs > 1 else ''}, into {folder}"
+    out.print(words, style="dim", soft_wrap=True)
     if work.changed:
         words = f"{', '.join(work.changed)} changed since this folder was used last"
         out.print(f"{words}: {left} of {runs} runs are made anew", soft_wrap=True)
+    elif not left:
+        out.print("all are there already", soft_wrap=True)
     elif left < runs:
         out.print(f"{runs - left} are there already; the others follow", soft_wrap=True)
 
@@ -185,9 +205,11 @@ def workers_for(
     work: "Work", cluster: str | None, workers: int | None, out: Console
 ) -> Generator["Crew"]:
     """Workers, after all that the work needs was compiled."""
-    from rcmservo.study.work.crew import crew
+    from rcmservo.study.work.crew import crew, require_guarded
 
     require(workers is None or 1 <= workers <= 4096, "--workers", workers, "from 1 to 4096")
+    if cluster is not None:
+        require_guarded(cluster)
     with ExitStack() as stack:
         with Live(Text(""), console=out, refresh_per_second=8, transient=True) as line:
             with compiling(line):
@@ -210,16 +232,3 @@ def about(work: "Work") -> dict[str, object]:
         "made": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         "runs": work.plan.runs,
     }
-
-
-def _write(work: "Work", options: StudyOptions, out: Console, how: dict[str, object]) -> int:
-    """Rows, summary and report."""
-    from rcmservo.study.told import report
-
-    told = report.write(work.store.folder, work.plan, work.gather(), how, options.report)
-    out.print(results(told.summaries))
-    for one in told.comparisons:
-        out.print(beside(one), soft_wrap=True)
-    written = "rows, summary and report" if options.report else "rows and summary"
-    out.print(f"{written} in {work.store.folder}", soft_wrap=True)
-    return 0

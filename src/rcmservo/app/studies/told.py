@@ -8,9 +8,9 @@ from rich.table import Table
 
 if TYPE_CHECKING:
     from rcmservo.study.told.statistics import Interval
-    from rcmservo.study.told.summary import Comparison, Summary
+    from rcmservo.study.told.summary import PairedComparison, Summary
 
-NUMBERS = "success, %", "to 1 mm, s", "error, mm", "error / bound"
+NUMBERS = "success, %", "to 1 mm, s", "error, mm", "/ bound"
 """Columns of numbers: the medians of time and error, and the rms of the ratio."""
 
 
@@ -25,7 +25,7 @@ def described(distributions: Iterable[tuple[str, str]]) -> Table:
 def results(rows: list["Summary"]) -> Table:
     """What the terminal shows of a study: every number with its interval below it."""
     table = Table(show_lines=True)
-    for words in ("method", "scenes", "engine"):
+    for words in ("method\nengine", "scenes"):
         table.add_column(words, overflow="fold")
     for words in NUMBERS:
         table.add_column(words, overflow="fold", justify="right")
@@ -33,9 +33,8 @@ def results(rows: list["Summary"]) -> Table:
     for row in rows:
         stops = [f"{name} {count}" for name, count in row.stops.items()]
         table.add_row(
-            row.method,
+            f"{row.method}\n{row.engine}",
             row.condition,
-            row.engine,
             _spread(row.success, ".1f", 100.0),
             _spread(row.time_median_s, ".2f", 1.0, "never"),
             _spread(row.pose_median_mm, ".3f"),
@@ -45,7 +44,7 @@ def results(rows: list["Summary"]) -> Table:
     return table
 
 
-def beside(one: "Comparison") -> str:
+def beside(one: "PairedComparison") -> str:
     """A method beside the first one, in a sentence."""
     return (
         f"{one.method} beside {one.beside}, {one.condition}, {one.pairs} pairs: success "
@@ -54,7 +53,7 @@ def beside(one: "Comparison") -> str:
     )
 
 
-def _sooner(one: "Comparison") -> str:
+def _sooner(one: "PairedComparison") -> str:
     """How much sooner it comes within 1 mm, where both mostly do."""
     if math.isinf(one.time_s.value):
         only = one.beside if one.time_s.value > 0.0 else one.method

@@ -23,7 +23,7 @@ from rcmservo.config.own_code import named
 from rcmservo.config.rig_file import told_with
 
 if TYPE_CHECKING:
-    from rcmservo.study.plan.method import Method, Own
+    from rcmservo.study.plan.method import Own, StudyMethod
     from rcmservo.study.tuning.search import Tried, Tuning
 
 SETTINGS = "tuned.toml"
@@ -53,9 +53,13 @@ class TuneSection:
     """[tune] of a file."""
 
     trials: int = 50
+    """Settings that are tried."""
     goal: str = "time"
+    """What is to be small: time or error."""
     seed: int = 0
+    """Of the optimiser's chance."""
     validation: int = 1000
+    """Scenes that the search has not seen."""
 
 
 def tune(options: TuneOptions) -> int:
@@ -65,6 +69,7 @@ def tune(options: TuneOptions) -> int:
         from rcmservo.study.tuning.search import best, searched
         from rcmservo.study.tuning.space import with_values
         from rcmservo.study.work.go import Work
+        from rcmservo.study.work.store import SEARCH
     tuning, out = _tuning(options), console()
     folder = options.out or dated("tune")
     start = tuning.plan.methods[0]
@@ -74,7 +79,7 @@ def tune(options: TuneOptions) -> int:
     with going_on(folder, out):
         with workers_for(unseen, options.cluster, options.workers, out) as crew:
             with progress(out, "searching", tuning.trials) as advance:
-                tried = searched(tuning, folder / "search", crew, lambda _: advance(1))
+                tried = searched(tuning, folder / SEARCH, crew, lambda _: advance(1))
             found = best(tried)
             method = with_values(start, tuning.name, found.values)
             plan = replace(tuning.unseen, methods=(start, method))
@@ -113,7 +118,7 @@ def _tuning(options: TuneOptions) -> "Tuning":
 
 
 def _found(
-    tuning: "Tuning", method: "Method", tried: "list[Tried]", settings: Path
+    tuning: "Tuning", method: "StudyMethod", tried: "list[Tried]", settings: Path
 ) -> dict[str, object]:
     """What a report says of the search."""
     from rcmservo.study.tuning.space import value_of
@@ -137,7 +142,7 @@ def _told(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def run_command(method: "Method") -> str:
+def run_command(method: "StudyMethod") -> str:
     """How `rcmservo run` takes these settings."""
     kind = name_of(method.estimator, ESTIMATORS)
     words = ["rcmservo", "run", "--estimator", kind]
@@ -160,14 +165,14 @@ def _option(name: str, value: Any) -> list[str]:
     ]
 
 
-def _groups(method: "Method", kind: str) -> Mapping[str, Any]:
+def _groups(method: "StudyMethod", kind: str) -> Mapping[str, Any]:
     """The boxes by what their options begin with."""
     own = group_of(type(method.estimator)) if ":" in kind else kind
     boxes = {"controller": method.controller, "exploration": method.exploration}
     return {own: method.estimator, **boxes, "imaged_rcm": method.imaged_rcm}
 
 
-def settings_text(method: "Method", own: "Own", tuning: "Tuning") -> str:
+def settings_text(method: "StudyMethod", own: "Own", tuning: "Tuning") -> str:
     """The method as a file that `rcmservo study` reads: all its settings."""
     kind = next((n for n, k in own.items() if k is type(method.estimator)), None)
     lines = [

@@ -17,6 +17,9 @@ VERDICTS = (HOLDS, REMARK, FAILS)
 ENOUGH = 3
 """Trials from which on a number is called a verdict."""
 
+UNDECIDED = "the interval of 95 % holds both sides of the bound"
+"""The remark on a number that chance may have put on its side."""
+
 
 class NotMeasured(RcmServoError):
     """A measurement that is missing or not finite: no verdict can come of it."""
@@ -38,7 +41,7 @@ class Claim:
     about: str
     """The sentence of the paper that it bears on, a key of SENTENCES; or OURS."""
     measured: float
-    """The number; it must be finite."""
+    """The number; it must be finite, as the ends of its interval."""
     unit: str
     """Of ``measured`` and ``bound``, as it is printed; empty for a plain number."""
     relation: Literal["<=", ">="]
@@ -47,6 +50,8 @@ class Claim:
     """What ``measured`` is compared with."""
     seeds: Sequence[int] = ()
     """What the number came from; empty for a computation without chance."""
+    interval: tuple[float, float] | None = None
+    """Between what the number is, with 95 %; None where that is not told."""
     follows: bool = False
     """Whether it only follows from the paper's sentence, instead of saying the same."""
     case: tuple[str, str] = ("", "")
@@ -65,8 +70,9 @@ class Claim:
     """Whether the number confirms that pitfall."""
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.measured):
-            raise NotMeasured(self.claim, self.measured)
+        for number in (self.measured, *(self.interval or ())):
+            if not math.isfinite(number):
+                raise NotMeasured(self.claim, number)
         if self.about != OURS and self.about not in SENTENCES:
             raise ValueError(f"no sentence of the paper is called {self.about!r}")
 
@@ -78,14 +84,28 @@ class Claim:
     @property
     def verdict(self) -> str | None:
         """What the number makes of the claim; None where one or two trials cannot tell."""
-        if 0 < self.number < ENOUGH:
+        if self._few:
             return None
-        return (REMARK if self.remark else HOLDS) if self._holds else FAILS
+        return (REMARK if self.remarks else HOLDS) if self._keeps(self.measured) else FAILS
 
     @property
-    def _holds(self) -> bool:
-        at_most = self.relation == "<="
-        return self.measured <= self.bound if at_most else self.measured >= self.bound
+    def remarks(self) -> str:
+        """Its remark, and whether the number can tell at all."""
+        sides = {self._keeps(end) for end in self.sure or ()}
+        return "; ".join(filter(None, (self.remark, UNDECIDED if len(sides) == 2 else "")))
+
+    @property
+    def sure(self) -> tuple[float, float] | None:
+        """Its interval; None where one or two trials cannot tell."""
+        return None if self._few else self.interval
+
+    @property
+    def _few(self) -> bool:
+        return 0 < self.number < ENOUGH
+
+    def _keeps(self, number: float) -> bool:
+        """Whether a number keeps the bound."""
+        return number <= self.bound if self.relation == "<=" else number >= self.bound
 
     @property
     def whose(self) -> str:

@@ -28,6 +28,9 @@ class ClaimRow:
     """Where in the paper that sentence stands; or OURS."""
     measured: float
     """The number, in ``unit``."""
+    interval: tuple[float, float] | None
+    """Between what the number is, with 95 %; None where that is not told, or where one or two
+    trials cannot tell."""
     unit: str
     """Of ``measured`` and ``bound``; empty for a plain number."""
     relation: str
@@ -68,13 +71,14 @@ def row_of(experiment: str, number: int, claim: Claim) -> ClaimRow:
         case=claim.case,
         where=claim.where,
         measured=float(claim.measured),
+        interval=claim.sure,
         unit=claim.unit,
         relation=claim.relation,
         bound=float(claim.bound),
         verdict=claim.verdict,
         trials=claim.number,
         seed=[int(seed) for seed in claim.seeds],
-        remark=claim.remark,
+        remark=claim.remarks,
         detail=claim.detail,
         figure=claim.figure,
         trap=claim.trap,

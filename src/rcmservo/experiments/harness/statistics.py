@@ -7,6 +7,7 @@ import numpy as np
 
 from rcmservo.figures.charts import Curve, curve
 from rcmservo.interfaces import Floats
+from rcmservo.study.told.statistics import Interval
 
 
 def rms(values: Floats | Sequence[float]) -> float:
@@ -32,6 +33,24 @@ def known(values: Iterable[float | None]) -> list[float]:
 def told(value: float, form: str = ".2f") -> str:
     """A number in a sentence; a dash where there is none."""
     return format(value, form) if math.isfinite(value) else "–"
+
+
+def spread(one: Interval, form: str = ".2f") -> str:
+    """A number and its interval in a sentence; an infinite time never came."""
+    value, low, high = ("never" if math.isinf(x) else told(x, form) for x in one)
+    return f"{value} ({low} to {high})"
+
+
+def percent(one: Interval) -> Interval:
+    """A share in %."""
+    return Interval(*(100.0 * number for number in one))
+
+
+def bars(intervals: Sequence[Interval], style: int = 0, aside: float = 0.0) -> Curve:
+    """A line along each interval, `aside` of the place of its group."""
+    x = [place + aside for place in range(len(intervals)) for _ in range(3)]
+    y = [end for one in intervals for end in (one.low, one.high, math.nan)]
+    return curve("", x, y, style)
 
 
 def marks(groups: Sequence[Sequence[float | None]], label: str = "", style: int = 0) -> Curve:

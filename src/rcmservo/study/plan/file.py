@@ -26,8 +26,8 @@ from rcmservo.config.files import read_small
 from rcmservo.config.rig_file import told_with
 from rcmservo.errors import BadInput, UnusableFile, one_line, require
 from rcmservo.study.plan.distribution import Distribution, chosen, distribution_from
-from rcmservo.study.plan.method import Method, Own, method_from, named
-from rcmservo.study.plan.plan import Plan
+from rcmservo.study.plan.method import Own, StudyMethod, method_from, named
+from rcmservo.study.plan.plan import StudyPlan
 
 LARGEST = 1_000_000
 """Bytes of a file."""
@@ -38,18 +38,31 @@ class StudyFile:
     """What a file, and the command line above it, ask for; None is what neither says."""
 
     methods: tuple[str, ...] | None = None
+    """Names of what is tried."""
     scenes: tuple[str, ...] | None = None
+    """Names of what scenes are drawn from."""
     count: int | None = None
+    """Scenes of each kind."""
     first_seed: int | None = None
+    """Of the first scene."""
     noise: tuple[float, ...] | None = None
+    """px."""
     latency: tuple[float, ...] | None = None
+    """s."""
     disturb: tuple[tuple[str, ...], ...] | None = None
+    """Sets of what goes wrong."""
     repetitions: int | None = None
+    """Runs in each scene."""
     duration: float | None = None
+    """s."""
     shown: int | None = None
+    """Frames."""
     engine: str | None = None
+    """What makes the runs."""
     method: dict[str, Any] = field(default_factory=dict[str, Any])
+    """Methods of its own, by their names."""
     distribution: dict[str, Any] = field(default_factory=dict[str, Any])
+    """Distributions of its own, by their names."""
     search: dict[str, Any] = field(default_factory=dict[str, Any])
     """What `rcmservo tune` searches; a study leaves it alone."""
     tune: dict[str, Any] = field(default_factory=dict[str, Any])
@@ -70,7 +83,7 @@ def load(path: Path) -> StudyFile:
         raise UnusableFile(path, f"is not valid TOML: {one_line(error)}") from error
 
 
-def plan_of(asked: StudyFile, own: Own) -> Plan:
+def plan_of(asked: StudyFile, own: Own) -> StudyPlan:
     """The plan that is asked for."""
     methods = {name: _method(name, table, own) for name, table in asked.method.items()}
     scenes: dict[str, Distribution] = {}
@@ -81,17 +94,17 @@ def plan_of(asked: StudyFile, own: Own) -> Plan:
     drawn = asked.scenes if asked.scenes is not None else tuple(scenes or ("random",))
     numbers = {
         f.name: getattr(asked, f.name)
-        for f in fields(Plan)
+        for f in fields(StudyPlan)
         if f.name not in ("methods", "scenes") and getattr(asked, f.name) is not None
     }
-    return Plan(
+    return StudyPlan(
         methods=tuple(methods.get(name) or named(name, own) for name in tried),
         scenes=tuple(_scenes(name, scenes) for name in drawn),
         **numbers,
     )
 
 
-def _method(name: str, table: object, own: Own) -> Method:
+def _method(name: str, table: object, own: Own) -> StudyMethod:
     if not isinstance(table, dict):
         raise BadInput(f"method.{name}", table, "a table")
     return method_from(name, table, own)  # pyright: ignore[reportUnknownArgumentType]

@@ -25,7 +25,7 @@ BOXES = "controller", "exploration", "imaged_rcm"
 
 
 @dataclass(frozen=True)
-class Method:
+class StudyMethod:
     """What is tried."""
 
     name: str
@@ -51,12 +51,12 @@ class Method:
         return Servo(lab.mechanism, lab.tool, gate=lab.gate, thresholds=lab.thresholds, **boxes)
 
 
-def named(name: str, own: Own) -> Method:
+def named(name: str, own: Own) -> StudyMethod:
     """The method with the built-in settings of an estimator, and those of all other boxes."""
-    return Method(name, _estimator(name, own, "method"))
+    return StudyMethod(name, _estimator(name, own, "method"))
 
 
-def method_from(name: str, table: Table, own: Own) -> Method:
+def method_from(name: str, table: Table, own: Own) -> StudyMethod:
     """The method in a table: `estimator`, by its name or as a table with its `kind`, and tables of
     the other boxes' settings."""
     where, rest = f"method.{name}", dict(table)
@@ -67,7 +67,7 @@ def method_from(name: str, table: Table, own: Own) -> Method:
         kind = {"kind": next(iter(KINDS[box]))}
         whole = kind | settings if is_table(settings) else settings
         boxes[box] = chosen(KINDS[box], whole, f"{where}.{box}")
-    return Method(name, estimator, **boxes)
+    return StudyMethod(name, estimator, **boxes)
 
 
 def _estimator(told: object, own: Own, where: str) -> Estimator:
@@ -78,12 +78,12 @@ def _estimator(told: object, own: Own, where: str) -> Estimator:
         return PRESETS[told]
     if not isinstance(told, str) or told not in {**ESTIMATORS, **own}:
         names = ", ".join((*ESTIMATORS, *PRESETS))
-        right = f"one of {names}, or module:class that --method names"
+        right = f"one of {names}, or module:class that --own names too"
         raise BadInput(where, told, right)
     return kind_in({**ESTIMATORS, **own}, told, where)()
 
 
-def tried(method: Method, lab: Lab) -> Servo:
+def tried(method: StudyMethod, lab: Lab) -> Servo:
     """The servo of a method, whose estimator is tried first if it is a user's own."""
     examine(method.estimator, lab.tool)
     return method.servo(lab)

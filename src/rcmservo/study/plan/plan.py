@@ -11,7 +11,7 @@ from rcmservo.errors import BadInput, require
 from rcmservo.sim import Disturbance
 from rcmservo.study.plan.cell import COMPILED, ENGINES, MUJOCO, PICTURES, Cell, described, engine_of
 from rcmservo.study.plan.distribution import Distribution
-from rcmservo.study.plan.method import Method, tried
+from rcmservo.study.plan.method import StudyMethod, tried
 
 AUTO = "auto"
 LONGEST = 3600.0
@@ -32,10 +32,10 @@ class Chunk(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Plan:
+class StudyPlan:
     """What a study tries."""
 
-    methods: tuple[Method, ...]
+    methods: tuple[StudyMethod, ...]
     """Compared on the same scenes with the same noise; the first is what the others are held
     against."""
     scenes: tuple[Distribution, ...]
@@ -131,7 +131,7 @@ class Plan:
 
     def _cell(
         self,
-        method: Method,
+        method: StudyMethod,
         condition: str,
         scenes: Distribution,
         disturb: tuple[str, ...],

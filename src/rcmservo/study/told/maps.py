@@ -16,22 +16,23 @@ LEAST = 10
 """Runs of a cell on an average, below which there are fewer bins."""
 
 
-class Axis(NamedTuple):
+class MapAxis(NamedTuple):
     """A column that maps are drawn over."""
 
     column: str
+    """Of the rows."""
     words: str
     """With its unit."""
 
 
 AXES = (
     (
-        Axis("condition", "condition of the scaled J, the largest on the way"),
-        Axis("start_error_mm", "mm to go"),
+        MapAxis("condition", "condition of the scaled J, the largest on the way"),
+        MapAxis("start_error_mm", "mm to go"),
     ),
     (
-        Axis("rcm_depth", "depth of the RCM before the camera, in units of marker 1's"),
-        Axis("distance_mm", "mm from the camera to marker 1"),
+        MapAxis("rcm_depth", "depth of the RCM before the camera, in units of marker 1's"),
+        MapAxis("distance_mm", "mm from the camera to marker 1"),
     ),
 )
 """The maps of a report: down, and across."""
@@ -41,8 +42,10 @@ AXES = (
 class Map:
     """Shares by rows and columns."""
 
-    down: Axis
-    across: Axis
+    down: MapAxis
+    """What its rows go by."""
+    across: MapAxis
+    """What its columns go by."""
     rows: list[str]
     """Ranges of `down`."""
     columns: list[str]
@@ -51,7 +54,7 @@ class Map:
     """Runs, and the share of them that succeeded; None where there are no runs."""
 
 
-def map_of(group: Group, down: Axis, across: Axis) -> Map:
+def map_of(group: Group, down: MapAxis, across: MapAxis) -> Map:
     """The map of a group."""
     values = group.column(down.column), group.column(across.column)
     count = int(np.clip(np.sqrt(len(group.success) / LEAST), 1, BINS))
@@ -68,18 +71,20 @@ def map_of(group: Group, down: Axis, across: Axis) -> Map:
 
 
 def _edges(values: Floats, count: int) -> Floats:
-    """Ends of bins that hold about as many values each. Infinite ones are in the last."""
+    """Ends of bins that hold about as many values each; infinite ones have a bin of their own."""
     known = values[np.isfinite(values)]
-    ends = np.quantile(known, np.linspace(0.0, 1.0, count + 1)) if len(known) else [np.inf]
-    edges = np.unique(ends)
+    if not len(known):
+        return np.array([np.inf, np.inf])
+    edges = np.unique(np.quantile(known, np.linspace(0.0, 1.0, count + 1)))
     edges = edges if len(edges) > 1 else np.repeat(edges, 2)
-    edges[-1] = values.max()
-    return edges
+    if len(known) == len(values):
+        return edges
+    return np.array([*edges[:-1], np.nextafter(edges[-1], np.inf), np.inf])
 
 
 def _ranges(edges: Floats) -> list[str]:
-    ends = [f"{end:.3g}".replace("inf", "∞") for end in edges]
-    return [low if low == high else f"{low} to {high}" for low, high in pairwise(ends)]
+    ends = [f"{end:.3g}" if np.isfinite(end) else "∞" for end in edges]
+    return [a if a == b else b if b == "∞" else f"{a} to {b}" for a, b in pairwise(ends)]
 
 
 def _cell(success: Flags) -> tuple[int, Interval] | None:

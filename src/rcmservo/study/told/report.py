@@ -16,13 +16,13 @@ from rcmservo.config.texts import is_table
 from rcmservo.figures import charts
 from rcmservo.figures.charts import Curve, Figure, Panel, curve
 from rcmservo.interfaces import Floats
-from rcmservo.study.plan.plan import Plan
+from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.row import MEANINGS
 from rcmservo.study.told.maps import AXES, Map, map_of
 from rcmservo.study.told.statistics import Interval
 from rcmservo.study.told.summary import (
-    Comparison,
     Group,
+    PairedComparison,
     Summary,
     comparisons,
     groups,
@@ -42,10 +42,15 @@ class Bad(NamedTuple):
     case: int
     """Its row in runs.parquet, from 0."""
     seed: int
+    """Of its scene."""
     repetition: int
+    """Which noise."""
     pose_mm: float
+    """Off at the end."""
     unnoticed_mm: float
+    """By which the error grew without a word."""
     stop: str
+    """Cause of its first stop; empty if none."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,9 @@ class Condition:
     name: str
     """In words."""
     summaries: list[Summary]
-    comparisons: list[Comparison]
+    """Of every method."""
+    comparisons: list[PairedComparison]
+    """Of all methods but the first with that."""
     figure: str
     """As data that the page embeds."""
     maps: list[tuple[str, list[Map]]]
@@ -65,14 +72,18 @@ class Condition:
 
 
 @dataclass(frozen=True)
-class Told:
+class ReportTold:
     """What the terminal tells of a study."""
 
     summaries: list[Summary]
-    comparisons: list[Comparison]
+    """Of every method under every condition."""
+    comparisons: list[PairedComparison]
+    """Of every method with the first one."""
 
 
-def write(folder: Path, plan: Plan, table: Any, about: Mapping[str, Any], page: bool) -> Told:
+def write(
+    folder: Path, plan: StudyPlan, table: Any, about: Mapping[str, Any], page: bool
+) -> ReportTold:
     """Write summary.json and, if it is wanted, the page. `about` says how the study was made."""
     found = groups(plan, table)
     summaries, beside = [summary_of(group) for group in found], list(comparisons(found))
@@ -86,7 +97,7 @@ def write(folder: Path, plan: Plan, table: Any, about: Mapping[str, Any], page: 
         names = list(dict.fromkeys(group.condition for group in found))
         conditions = [_condition(name, found, summaries, beside, plan) for name in names]
         write_whole(folder / REPORT, _page(plan, table, about, conditions))
-    return Told(summaries, beside)
+    return ReportTold(summaries, beside)
 
 
 def _plain(value: Any) -> Any:
@@ -104,8 +115,8 @@ def _condition(
     name: str,
     found: list[Group],
     summaries: list[Summary],
-    beside: list[Comparison],
-    plan: Plan,
+    beside: list[PairedComparison],
+    plan: StudyPlan,
 ) -> Condition:
     here = [group for group in found if group.condition == name]
     drawing = charts.svg(_figure(here, plan.duration)).encode()
@@ -141,7 +152,7 @@ def _shares(label: str, values: Floats, style: int, ends: tuple[float, ...]) -> 
     return curve(label, x, y if ends else y[1:-1], style)
 
 
-def _worst(group: Group, plan: Plan) -> list[Bad]:
+def _worst(group: Group, plan: StudyPlan) -> list[Bad]:
     """Its runs that went worst: those farthest from the target at the end."""
     pose = group.column("pose_error_mm")
     order = np.argsort(-np.nan_to_num(pose, nan=np.inf), kind="stable")[:WORST]
@@ -159,7 +170,9 @@ def _worst(group: Group, plan: Plan) -> list[Bad]:
     ]
 
 
-def _page(plan: Plan, table: Any, about: Mapping[str, Any], conditions: list[Condition]) -> str:
+def _page(
+    plan: StudyPlan, table: Any, about: Mapping[str, Any], conditions: list[Condition]
+) -> str:
     environment = Environment(
         loader=PackageLoader("rcmservo.study.told", "."),
         autoescape=True,

@@ -28,8 +28,11 @@ class Interval(NamedTuple):
     """A number, and between what it is."""
 
     value: float
+    """The number."""
     low: float
+    """The least that it is thought to be."""
     high: float
+    """The greatest."""
 
 
 UNKNOWN = Interval(np.nan, np.nan, np.nan)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rcmservo.interfaces import Floats
-from rcmservo.study.plan.plan import Plan
+from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.told.statistics import (
     Flags,
     Interval,
@@ -79,35 +79,47 @@ class Summary:
     """A method under a condition, in numbers."""
 
     method: str
+    """Its name."""
     condition: str
+    """In words."""
     engine: str
+    """What made the runs."""
     runs: int
+    """How many."""
     success: Interval
     """Share of the runs that ended within 1 mm."""
     time_median_s: Interval
     """s until first within 1 mm, runs that never were counting as infinite."""
     time_95_s: Interval
+    """The same, 95 % of the runs."""
     pose_median_mm: Interval
     """mm at the end, of all runs."""
     pose_95_mm: Interval
+    """The same, 95 % of the runs."""
     ratio_median: Interval
     """Pose error over the Cramér-Rao bound, of the runs that succeeded."""
     ratio_rms: Interval
+    """The same, root mean square."""
     unnoticed_99_mm: Interval
     """mm that the true error grew by without a word."""
     unnoticed_worst_mm: float
+    """The most of it."""
     stops: dict[str, int]
     """First stops by their causes."""
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PairedComparison:
     """A method beside the first one, in the same scenes with the same noise."""
 
     method: str
+    """Its name."""
     beside: str
+    """The first one's."""
     condition: str
+    """In words."""
     pairs: int
+    """How many."""
     success: Interval
     """Difference of the shares that succeeded."""
     time_s: Interval
@@ -116,7 +128,7 @@ class Comparison:
     """Median difference of the pose errors, where both succeeded."""
 
 
-def groups(plan: Plan, table: Any) -> list[Group]:
+def groups(plan: StudyPlan, table: Any) -> list[Group]:
     """The rows by condition and method."""
     places: dict[tuple[str, str], list[int]] = {}
     for i, cell in enumerate(plan.cells):
@@ -156,7 +168,7 @@ def summary_of(group: Group) -> Summary:
     )
 
 
-def comparisons(found: list[Group]) -> Iterator[Comparison]:
+def comparisons(found: list[Group]) -> Iterator[PairedComparison]:
     """Every method beside the first one, condition by condition."""
     base: dict[str, Group] = {}
     for group in found:
@@ -165,11 +177,11 @@ def comparisons(found: list[Group]) -> Iterator[Comparison]:
             yield compared(group, first)
 
 
-def compared(one: Group, other: Group) -> Comparison:
+def compared(one: Group, other: Group) -> PairedComparison:
     """One method beside another, under the same condition."""
     both = one.success & other.success
     poses = (group.column("pose_error_mm")[both] for group in (one, other))
-    return Comparison(
+    return PairedComparison(
         method=one.method,
         beside=other.method,
         condition=one.condition,

@@ -18,8 +18,8 @@ import optuna
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.servo.own_estimator import UnusableEstimator
-from rcmservo.study.plan.plan import Plan
-from rcmservo.study.tuning.space import Axis, Values, value_of, with_values
+from rcmservo.study.plan.plan import StudyPlan
+from rcmservo.study.tuning.space import SearchAxis, Values, value_of, with_values
 from rcmservo.study.work.crew import Crew
 from rcmservo.study.work.go import Work
 
@@ -35,9 +35,9 @@ TUNED, AGAIN = "tuned", "tuned-again"
 class Tuning:
     """What is searched, and how long."""
 
-    plan: Plan
+    plan: StudyPlan
     """Its one method is where the search starts; its scenes are those of the search."""
-    axes: tuple[Axis, ...]
+    axes: tuple[SearchAxis, ...]
     """What is searched."""
     trials: int = 50
     """Settings that are tried."""
@@ -66,7 +66,7 @@ class Tuning:
         return AGAIN if self.plan.methods[0].name == TUNED else TUNED
 
     @property
-    def unseen(self) -> Plan:
+    def unseen(self) -> StudyPlan:
         """The plan of the validation, without what was found yet."""
         first = self.plan.first_seed + self.plan.count
         return replace(self.plan, first_seed=first, count=self.validation)
@@ -76,7 +76,9 @@ class Tried(NamedTuple):
     """One trial."""
 
     number: int
+    """From 0 on."""
     values: Values
+    """Of the settings that are searched."""
     cost: float
     """What was to be small; inf for settings that cannot be."""
     success: float

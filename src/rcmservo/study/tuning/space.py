@@ -15,14 +15,14 @@ from typing import Any, cast
 
 from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput, require
-from rcmservo.study.plan.method import BOXES, Method
+from rcmservo.study.plan.method import BOXES, StudyMethod
 
 Values = Mapping[str, Any]
 """A value for every setting that is searched, by box.name."""
 
 
 @dataclass(frozen=True)
-class Axis:
+class SearchAxis:
     """One setting, and the values that it may have."""
 
     name: str
@@ -49,7 +49,7 @@ class Axis:
         return trial.suggest_float(self.name, self.low, self.high, log=self.log)
 
 
-def axis_from(name: str, told: object, method: Method) -> Axis:
+def axis_from(name: str, told: object, method: StudyMethod) -> SearchAxis:
     """The axis that a file describes, of a setting that the method has."""
     where = f'search."{name}"'
     usual = value_of(method, name)
@@ -65,11 +65,11 @@ def axis_from(name: str, told: object, method: Method) -> Axis:
     require(bool(values), where, cast(object, told), "two numbers, least first, or a list of words")
     if all(isinstance(value, str) for value in values):
         require(isinstance(usual, str), where, values, f"two numbers, as it is {usual!r} now")
-        return Axis(name, words=tuple(values))
+        return SearchAxis(name, words=tuple(values))
     return _range(where, name, values, False, usual)
 
 
-def _range(where: str, name: str, ends: list[Any], log: bool, usual: Any) -> Axis:
+def _range(where: str, name: str, ends: list[Any], log: bool, usual: Any) -> SearchAxis:
     numbers = [x for x in ends if isinstance(x, int | float) and not isinstance(x, bool)]
     good = len(ends) == len(numbers) == 2 and -1e300 < numbers[0] < numbers[1] < 1e300
     require(good, where, ends, "two finite numbers, least first")
@@ -80,10 +80,10 @@ def _range(where: str, name: str, ends: list[Any], log: bool, usual: Any) -> Axi
     if kind is int:
         whole = all(isinstance(x, int) for x in numbers)
         require(whole, where, ends, f"two whole numbers, as it is {usual} now")
-    return Axis(name, kind(numbers[0]), kind(numbers[1]), log)
+    return SearchAxis(name, kind(numbers[0]), kind(numbers[1]), log)
 
 
-def value_of(method: Method, name: str) -> Any:
+def value_of(method: StudyMethod, name: str) -> Any:
     """The value that a setting has now."""
     box, _, key = name.partition(".")
     boxes = ("estimator", *BOXES)
@@ -96,7 +96,7 @@ def value_of(method: Method, name: str) -> Any:
     return getattr(getattr(method, box), key)
 
 
-def with_values(method: Method, name: str, values: Values) -> Method:
+def with_values(method: StudyMethod, name: str, values: Values) -> StudyMethod:
     """The method with other values, under another name."""
     boxes: dict[str, Any] = {}
     for path, value in values.items():

@@ -9,7 +9,7 @@ from rcmservo.servo.servo import Servo
 from rcmservo.sim.scene import NoScene
 from rcmservo.study.plan.cell import Cell, cell_from
 from rcmservo.study.plan.parcel import Parcel, classes
-from rcmservo.study.row import Asked, Row, row_of
+from rcmservo.study.row import CellNames, StudyRow, row_of
 from rcmservo.study.work.package import package
 
 
@@ -17,7 +17,7 @@ class OtherPackage(RcmServoError):
     """A worker with another rcmservo than the one that asks."""
 
 
-class Order(NamedTuple):
+class ChunkOrder(NamedTuple):
     """What a worker is to do: plain texts, whatever has been imported there."""
 
     cell: str
@@ -36,7 +36,7 @@ Numbers = tuple[Any, ...]
 """A row's values in the order of its columns: quicker to send than rows."""
 
 
-def done(order: Order) -> list[Numbers]:
+def done(order: ChunkOrder) -> list[Numbers]:
     """The rows of a chunk."""
     if order.package != package():
         raise OtherPackage(
@@ -53,14 +53,14 @@ def _prepared(text: str, parcel: Parcel) -> tuple[Cell, Servo]:
     return cell, cell.rebuilt(classes(parcel))
 
 
-def one_run(cell: Cell, servo: Servo, seed: int) -> Row:
+def one_run(cell: Cell, servo: Servo, seed: int) -> StudyRow:
     """The run of one seed."""
     engine = cell.engine_for(seed, servo)
     try:
         run = engine.run(seed, cell.repetition)
     except NoScene as error:
         raise NoScene(f"scenes {cell.scenes}, seed {seed}: {error}") from error
-    asked = Asked(
+    asked = CellNames(
         cell.method, cell.scenes, cell.repetition, " ".join(cell.disturb), cell.engine, cell.source
     )
     return row_of(asked, engine.settings, run)

@@ -10,6 +10,7 @@ where a tunnel may end.
 import gc
 import ipaddress
 import logging
+import re
 import signal
 import socket
 from collections.abc import Generator, Iterable, Iterator
@@ -20,7 +21,7 @@ import distributed
 from dask import config, system
 
 from rcmservo.errors import BadInput, RcmServoError, one_line, require
-from rcmservo.study.work.chunk import Numbers, Order, OtherPackage, done
+from rcmservo.study.work.chunk import ChunkOrder, Numbers, OtherPackage, done
 from rcmservo.study.work.package import package
 
 DASK: Any = distributed
@@ -34,9 +35,11 @@ AHEAD = 4
 LOSSES = 100
 """Workers that may die with an order before it is blamed for that."""
 OPTION = "--cluster"
+INSIDE = re.compile(r"in <[^>]*>: (\w+: )?(\[Errno \d+\] )?")
+"""What dask's messages tell of its own objects."""
 
 
-class Lost(RcmServoError):
+class WorkLost(RcmServoError):
     """What was under way cannot be had."""
 
 
@@ -45,7 +48,7 @@ class Given(NamedTuple):
 
     key: str
     """What its result is kept by."""
-    order: Order
+    order: ChunkOrder
     """What is to be done."""
     losses: int
     """Workers that died with it."""
@@ -63,7 +66,9 @@ class Crew:
         """Orders that are worked on at a time."""
         return sum(self._client.nthreads().values())
 
-    def done(self, orders: Iterable[tuple[str, Order]]) -> Generator[tuple[str, list[Numbers]]]:
+    def done(
+        self, orders: Iterable[tuple[str, ChunkOrder]]
+    ) -> Generator[tuple[str, list[Numbers]]]:
         """The rows of every order, as they come. A worker that dies loses nothing: what it had is
         done by another."""
         waiting, futures = iter(orders), DASK.as_completed()
@@ -79,12 +84,12 @@ class Crew:
                 yield given.key, rows
                 self._fill(futures, waiting)
         except (OSError, DASK.CancelledError) as error:
-            raise Lost(f"the scheduler at {self.where} is gone: {one_line(error)}") from error
+            raise WorkLost(f"the scheduler at {self.where} is gone: {one_line(error)}") from error
         finally:
             self._client.cancel(list(self._under_way))
             self._under_way.clear()
 
-    def _fill(self, futures: Any, waiting: Iterator[tuple[str, Order]]) -> None:
+    def _fill(self, futures: Any, waiting: Iterator[tuple[str, ChunkOrder]]) -> None:
         """Keep every worker busy."""
         room = AHEAD * max(self.count, 1) - len(self._under_way)
         for _, (key, order) in zip(range(room), waiting, strict=False):
@@ -97,7 +102,7 @@ class Crew:
 
     def _again(self, given: Given, error: Exception) -> Given:
         if given.losses >= LOSSES:
-            raise Lost(f"every worker that takes it dies: {one_line(error)}") from error
+            raise WorkLost(f"every worker that takes it dies: {one_line(error)}") from error
         return given._replace(losses=given.losses + 1)
 
 
@@ -110,7 +115,7 @@ def crew(address: str | None, workers: int | None) -> Generator[Crew]:
             with _processes(workers) as client:
                 yield Crew(client, "this machine")
         else:
-            _require_guarded(address)
+            require_guarded(address)
             with _reached(address) as client:
                 _require_same_package(client)
                 yield Crew(client, address)
@@ -131,7 +136,7 @@ def _quietly() -> Generator[None]:
 @contextmanager
 def _processes(workers: int | None) -> Generator[Any]:
     """A scheduler and workers of our own."""
-    chosen = {
+    chosen: dict[str, Any] = {
         "distributed.scheduler.allowed-failures": LOSSES,
         "distributed.scheduler.http.routes": [],
     }
@@ -166,7 +171,7 @@ def _left_alone() -> Generator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, usual)
 
 
-def _require_guarded(address: str) -> None:
+def require_guarded(address: str) -> None:
     """Refuse a scheduler that anybody in the network can talk to as well."""
     scheme, _, rest = address.rpartition("://")
     host, _, port = rest.rpartition(":")
@@ -212,7 +217,7 @@ def _connected(address: str) -> tuple[Any, str]:
     try:
         return DASK.Client(address, timeout=PATIENCE), ""
     except (OSError, TypeError, ValueError, RuntimeError) as error:
-        return None, one_line(error.__cause__ or error)
+        return None, one_line(INSIDE.sub("", str(error.__cause__ or error)))
 
 
 def _require_same_package(client: Any) -> None:

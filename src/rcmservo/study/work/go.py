@@ -7,9 +7,9 @@ from typing import Any
 
 from rcmservo.servo.own_estimator import name_of_class
 from rcmservo.study.plan.method import Own
-from rcmservo.study.plan.plan import Chunk, Plan
+from rcmservo.study.plan.plan import Chunk, StudyPlan
 from rcmservo.study.work import note
-from rcmservo.study.work.chunk import Order, one_run
+from rcmservo.study.work.chunk import ChunkOrder, one_run
 from rcmservo.study.work.crew import Crew
 from rcmservo.study.work.package import package
 from rcmservo.study.work.store import Store, key_of
@@ -25,7 +25,7 @@ class Work:
     changed: list[str]
     """Settings that are not what they were when the folder was used last."""
 
-    def __init__(self, plan: Plan, folder: Path) -> None:
+    def __init__(self, plan: StudyPlan, folder: Path) -> None:
         self.plan, self.store, self._noted = plan, Store(folder), False
         self.chunks = {key_of(chunk): chunk for chunk in plan.chunks()}
         self.left = {k: chunk for k, chunk in self.chunks.items() if not self.store.has(k)}
@@ -48,7 +48,7 @@ class Work:
         """Have all that is left done."""
         parcels = {method.parcel.digest: method.parcel for method in self.plan.methods}
         orders = (
-            (key, Order(chunk.cell.text, *_ends(chunk), package(), parcels[chunk.cell.source]))
+            (key, ChunkOrder(chunk.cell.text, *_ends(chunk), package(), parcels[chunk.cell.source]))
             for key, chunk in self.left.items()
         )
         for key, rows in crew.done(orders):

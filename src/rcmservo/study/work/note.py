@@ -11,7 +11,7 @@ from rcmservo.config import texts
 from rcmservo.config.files import read_small, write_whole
 from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.study.plan.cell import Cell, cell_from
-from rcmservo.study.plan.plan import Plan
+from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.work.package import package
 
 NAME, FORMAT = "study.json", "rcmservo study 1"
@@ -20,7 +20,7 @@ LARGEST = 100_000_000
 
 
 @dataclass(frozen=True)
-class Note:
+class StudyNote:
     """A study as its folder tells it."""
 
     package: str
@@ -43,19 +43,19 @@ class Note:
         return len(self.cells) * self.count
 
 
-def note_of(plan: Plan) -> Note:
+def note_of(plan: StudyPlan) -> StudyNote:
     """What is noted of a plan."""
     cells = tuple(asdict(cell) for cell in plan.cells)
-    return Note(package(), plan.count, plan.first_seed, cells)
+    return StudyNote(package(), plan.count, plan.first_seed, cells)
 
 
-def write(folder: Path, note: Note) -> None:
+def write(folder: Path, note: StudyNote) -> None:
     """Note what the folder holds."""
     text = json.dumps({"format": FORMAT, **asdict(note)}, indent=1) + "\n"
     write_whole(folder / NAME, text)
 
 
-def read(folder: Path) -> Note | None:
+def read(folder: Path) -> StudyNote | None:
     """What a folder holds; None where it holds no study yet."""
     path = folder / NAME
     if not path.exists():
@@ -64,14 +64,14 @@ def read(folder: Path) -> Note | None:
         table = texts.from_json(read_small(path, LARGEST, "a study's note").decode())
         assert table["format"] == FORMAT
         cells = tuple(table["cells"])
-        return Note(table["package"], table["count"], table["first_seed"], cells)
+        return StudyNote(table["package"], table["count"], table["first_seed"], cells)
     except RcmServoError:
         raise
     except (ValueError, RecursionError, TypeError, KeyError, AttributeError, AssertionError) as e:
         raise UnusableFile(path, "is not what `rcmservo study` wrote: name a new folder") from e
 
 
-def changed(before: Note, now: Note) -> list[str]:
+def changed(before: StudyNote, now: StudyNote) -> list[str]:
     """What of a study is not as it was, in the words of its settings."""
     names = [
         name
@@ -82,5 +82,5 @@ def changed(before: Note, now: Note) -> list[str]:
     return names + [key for key in keys if _all(before, key) != _all(now, key)]
 
 
-def _all(note: Note, key: str) -> set[str]:
+def _all(note: StudyNote, key: str) -> set[str]:
     return {json.dumps(cell.get(key), sort_keys=True) for cell in note.cells}

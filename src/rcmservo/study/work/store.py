@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from rcmservo.config.files import whole
 from rcmservo.errors import UnusableFile
 from rcmservo.study.plan.plan import Chunk
-from rcmservo.study.row import MEANINGS, Row
+from rcmservo.study.row import MEANINGS, StudyRow
 from rcmservo.study.work.chunk import Numbers
 from rcmservo.study.work.package import package
 
@@ -28,6 +28,8 @@ PQ: Any = pq
 
 RUNS = "runs.parquet"
 PARTS = "parts"
+SEARCH = "search"
+"""The folder of a search's trials, in that of what is made of it."""
 
 KINDS: dict[type, Any] = {
     str: PA.string(),
@@ -44,9 +46,10 @@ def _field(name: str, hint: Any) -> Any:
     return PA.field(name, KINDS[kinds[0]], nullable=optional, metadata=about)
 
 
-HINTS = get_type_hints(Row)
-SCHEMA = PA.schema([_field(f.name, HINTS[f.name]) for f in fields(Row)])
-"""The columns of runs.parquet."""
+HINTS = get_type_hints(StudyRow)
+SCHEMA = PA.schema([_field(f.name, HINTS[f.name]) for f in fields(StudyRow)], MEANINGS)
+"""The columns of runs.parquet; what each means is told beside it, and in the file's own metadata
+too, which programs without Arrow read."""
 
 
 def key_of(chunk: Chunk) -> str:
@@ -63,8 +66,8 @@ class Store:
         self.folder, self.parts = folder, folder / PARTS
         made = [path for path in (self.parts, folder, *folder.parents) if not path.exists()]
         try:
-            used = folder.is_dir() and not self.parts.is_dir() and any(folder.iterdir())
-            if used:
+            ours = self.parts.is_dir() or (folder / SEARCH / PARTS).is_dir()
+            if folder.is_dir() and not ours and any(folder.iterdir()):
                 raise UnusableFile(folder, "is not empty, and holds no study: name a new folder")
             self.parts.mkdir(parents=True, exist_ok=True)
             with suppress(OSError):  # another one that has just begun may want it

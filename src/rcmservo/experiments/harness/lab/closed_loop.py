@@ -110,16 +110,16 @@ def _read(path: Path, changed: int) -> reader.Record:
 
 
 def servo_for(
-    rig: Rig,
+    laboratory: RigSettings,
     estimator: Estimator,
     exploration: Exploration | None = None,
     controller: SaturatedController = PRINTED_LAW,
     lines: int = 50,
 ) -> Servo:
-    """A servo that knows the rig's mechanism and tool, and nothing of its camera."""
+    """A servo that knows the laboratory's mechanism and tool, and nothing of its camera."""
     return Servo(
-        rig.settings.mechanism,
-        rig.settings.tool,
+        laboratory.mechanism,
+        laboratory.tool,
         estimator=estimator,
         controller=controller,
         exploration=exploration or Exploration(),

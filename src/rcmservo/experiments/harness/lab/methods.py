@@ -7,35 +7,12 @@ from the same exploration. The others are handed a calibration, exact or wrong.
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
-import numpy as np
-
-from rcmservo.experiments.harness.lab.closed_loop import (
-    FAST_FIT,
-    FAST_LAW,
-    FLOW,
-    LONG,
-    PRINTED_FIT,
-    WIDE,
-    servo_for,
-)
-from rcmservo.experiments.harness.lab.others.calibration import (
-    Calibrated,
-    Calibration,
-    Miscalibration,
-    exact,
-    rolled,
-    wrong,
-)
+from rcmservo.experiments.harness.lab.attempt import Attempt, Fared
+from rcmservo.experiments.harness.lab.closed_loop import FAST_FIT, FLOW, LONG, PRINTED_FIT, WIDE
+from rcmservo.experiments.harness.lab.others.calibration import Calibrated, Quality
 from rcmservo.experiments.harness.lab.others.constant import ConstantJacobian
-from rcmservo.experiments.harness.lab.others.laws import PoseLaw, drive
-from rcmservo.experiments.harness.lab.witness import Trial, Witness, laboratory
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.interfaces import Target
-from rcmservo.loop.plant import Plant
-from rcmservo.loop.run import Tick, run
-from rcmservo.loop.teach import teach
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.broyden import BroydenEstimator
@@ -45,8 +22,6 @@ from rcmservo.method.estimators.kalman import KalmanEstimator
 from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
 from rcmservo.method.estimators.rls import RlsEstimator
 from rcmservo.method.exploration import Exploration
-from rcmservo.servo.servo import Servo
-from rcmservo.sim import Rig, SceneSettings
 
 LINES_ONLY = Exploration(tolerance=1e3)
 """The default tour, of which a calibrated law needs nothing but the lines for o_c: it trusts its
@@ -54,79 +29,6 @@ LINES_ONLY = Exploration(tolerance=1e3)
 
 TRUSTING = Thresholds(disagreements=1000)
 """Of a Jacobian that stays as it was while the tool goes on."""
-
-Quality = Literal["exact", "wrong", "rolled"]
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """What is the same for every method."""
-
-    noise: float = 0.3
-    """px, of every marker coordinate."""
-    duration: float = 20.0
-    """s after the exploration."""
-    controller: SaturatedController = FAST_LAW
-    """Of every servo but our default's; laws that are not a servo's take its gain k and its
-    greatest speed."""
-    miscalibration: Miscalibration = field(default_factory=Miscalibration)
-    """How wrong a wrong calibration is."""
-    roll: float = float(np.radians(90.0))
-    """rad by which the camera was rolled after it had been calibrated."""
-
-
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """One method in one scene."""
-
-    rig: Rig
-    """The laboratory with the scene."""
-    plant: Plant
-    """What the method sees and moves."""
-    target: Target
-    """What the camera saw when the scene's target was shown."""
-    witness: Witness
-    """It judges the run by the truth."""
-    conditions: Conditions
-    """The same for every method."""
-
-    def calibration(self, quality: Quality) -> Calibration:
-        """What a person hands over: exact, wrong in directions drawn from the seed, or stale."""
-        optics, conditions = self.rig.scene.optics, self.conditions
-        if quality == "exact":
-            return exact(optics)
-        if quality == "rolled":
-            return rolled(optics, conditions.roll)
-        random = np.random.default_rng([self.rig.seed, 1])
-        return wrong(optics, conditions.miscalibration, random)
-
-    def servo(
-        self,
-        estimator: Estimator,
-        exploration: Exploration,
-        controller: SaturatedController | None = None,
-    ) -> Servo:
-        """A servo, if not with a controller of its own with that of all methods."""
-        law = controller or self.conditions.controller
-        return servo_for(self.rig, estimator, exploration, law)
-
-    def servo_by(self, servo: Servo) -> None:
-        """Explore, then servo for as long as every method has."""
-        witness, duration = self.witness, self.conditions.duration
-
-        def over(tick: Tick) -> bool:
-            explored = witness.explored_at
-            return explored is not None and tick.time / 1e9 >= explored + duration
-
-        longest = servo.exploration.max_time + duration
-        for tick in run(self.plant, servo, self.target, longest, done=over):
-            witness.look_at(tick)
-
-    def move_by(self, law: PoseLaw) -> None:
-        """Move by a law of its own."""
-        robot = self.servo(FAST_FIT, Exploration())
-        for time in drive(self.plant, robot, law, self.conditions.duration):
-            self.witness.look(time)
 
 
 @dataclass(frozen=True)
@@ -139,8 +41,8 @@ class Method(ABC):
     """In figures and tables."""
 
     @abstractmethod
-    def run(self, attempt: Attempt) -> None:
-        """Take the tool to the target, the witness looking on."""
+    def run(self, attempt: Attempt) -> Fared:
+        """Take the tool to the target."""
 
 
 @dataclass(frozen=True)
@@ -154,8 +56,8 @@ class Learner(Method):
     controller: SaturatedController | None = field(default=None, kw_only=True)
     """Its own; None for that of all methods."""
 
-    def run(self, attempt: Attempt) -> None:
-        attempt.servo_by(attempt.servo(self.estimator, self.exploration, self.controller))
+    def run(self, attempt: Attempt) -> Fared:
+        return attempt.servo_by(attempt.servo(self.estimator, self.exploration, self.controller))
 
 
 @dataclass(frozen=True)
@@ -173,9 +75,9 @@ class ImageBased(Method):
     quality: Quality
     """Of the calibration: exact, wrong, or from before the camera was rolled."""
 
-    def run(self, attempt: Attempt) -> None:
+    def run(self, attempt: Attempt) -> Fared:
         estimator = Calibrated(attempt.calibration(self.quality))
-        attempt.servo_by(attempt.servo(estimator, LINES_ONLY))
+        return attempt.servo_by(attempt.servo(estimator, LINES_ONLY))
 
 
 @dataclass(frozen=True)
@@ -185,10 +87,8 @@ class PoseBased(Method):
     quality: Quality
     """Of the calibration."""
 
-    def run(self, attempt: Attempt) -> None:
-        robot = attempt.servo(FAST_FIT, Exploration())
-        given, gain = attempt.calibration(self.quality), attempt.conditions.controller.gain
-        attempt.move_by(PoseLaw(given, robot, attempt.target, gain))
+    def run(self, attempt: Attempt) -> Fared:
+        return attempt.by_poses(attempt.calibration(self.quality))
 
 
 @dataclass(frozen=True)
@@ -198,20 +98,20 @@ class PointBased(Method):
     quality: Quality
     """Of the calibration: exact or wrong."""
 
-    def run(self, attempt: Attempt) -> None:
+    def run(self, attempt: Attempt) -> Fared:
         law = replace(attempt.conditions.controller, features="points")
         estimator = Calibrated(attempt.calibration(self.quality))
-        attempt.servo_by(attempt.servo(estimator, LINES_ONLY, law))
+        return attempt.servo_by(attempt.servo(estimator, LINES_ONLY, law))
 
 
 @dataclass(frozen=True)
 class Constant(Method):
     """The law on four marker coordinates, with one constant Jacobian learnt while exploring."""
 
-    def run(self, attempt: Attempt) -> None:
+    def run(self, attempt: Attempt) -> Fared:
         law = replace(attempt.conditions.controller, features="points")
         servo = attempt.servo(ConstantJacobian(), LINES_ONLY, law)
-        attempt.servo_by(replace(servo, thresholds=TRUSTING))
+        return attempt.servo_by(replace(servo, thresholds=TRUSTING))
 
 
 FAST = Learner("our projection-based method (fast Γ, k = 2)", "fast Γ", FAST_FIT, Exploration())
@@ -292,14 +192,3 @@ METHODS: Mapping[str, Method] = {
     ),
 }
 """Every method by its name in folders, in the order of the figures."""
-
-
-def attempted(method: Method, scene: SceneSettings, seed: int, conditions: Conditions) -> Trial:
-    """One method in one scene, and what the truth says of it."""
-    rig, plant = laboratory(seed, scene, conditions.noise)
-    rig.show_target()
-    target = teach(plant)
-    rig.go_home()
-    attempt = Attempt(rig, plant, target, Witness(rig), conditions)
-    method.run(attempt)
-    return attempt.witness.trial()

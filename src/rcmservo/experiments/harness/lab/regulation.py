@@ -92,7 +92,9 @@ class Regulation:
 
     def servo(self, rig: Rig) -> Servo:
         """The servo of such a run."""
-        return servo_for(rig, self.estimator, self.exploration, self.controller, self.lines)
+        return servo_for(
+            rig.settings, self.estimator, self.exploration, self.controller, self.lines
+        )
 
     @property
     def errors(self) -> Floats:

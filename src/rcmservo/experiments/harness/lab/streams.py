@@ -98,7 +98,7 @@ class Stream:
 def stream(seed: int, noise: float, settings: StreamSettings, kind: Kind) -> tuple[Rig, Stream]:
     """The samples that a servo with the fast fit learnt from, and the truth at each."""
     rig, plant = laboratory(seed, settings.scene, noise)
-    servo = servo_for(rig, FAST_FIT, _exploration(settings, kind), PRINTED_LAW)
+    servo = servo_for(rig.settings, FAST_FIT, _exploration(settings, kind), PRINTED_LAW)
     rig.show_target()
     target = teach(plant)
     rig.go_home()

@@ -1,8 +1,7 @@
-"""What the truth says of a run to the scene's target: the same witness for every method.
+"""What the truth says of a servo's run to the scene's target.
 
 Whether a run has settled is judged on the true features without noise, about the true imaged RCM:
-single frames with noise leave the tolerance by chance, and some methods have no features of their
-own.
+single frames with noise leave the tolerance by chance.
 """
 
 from dataclasses import dataclass
@@ -41,16 +40,10 @@ class Trial:
     """Why it did not settle; empty if it did."""
     settle_time: float | None
     """s from the first tick on, or None."""
-    explored_at: float | None
-    """s at which the exploration ended, or None."""
     pose: float
     """‖p₂ − p_d‖ mm, rms over AT_END s; of a run that a cause ended, where it ended."""
     jacobian: float | None
-    """Median scaled error of Ĵ after the exploration; None of a method that has none."""
-    step: float
-    """s between two of the ``poses``."""
-    poses: list[float]
-    """‖p₂ − p_d‖ mm over time."""
+    """Median scaled error of Ĵ after the exploration; None if that did not end."""
 
     @property
     def settled(self) -> bool:
@@ -81,29 +74,21 @@ class Witness:
         self._poses: list[float] = []
         self._jacobians: list[float] = []
         self._cause = Cause.NONE
-        self.explored_at: float | None = None
 
     def _features(self, q: Floats) -> Floats:
         return features(about(self._rig.truth.pixels(q), self._rig.truth.imaged_rcm()))
 
-    def look(self, time: float) -> bool:
-        """Take note of a tick at `time` s, and tell whether the truth was looked at."""
+    def look_at(self, tick: Tick) -> None:
+        """Take note of a tick."""
+        state, self._cause = tick.state, tick.state.cause
         self._ticks += 1
         if (self._ticks - 1) % EVERY:
-            return False
+            return
         q = self._rig.arm.q_true
-        self._times.append(time)
+        self._times.append(tick.time / 1e9)
         self._deltas.append(difference(self._features(q), self._y_d))
         self._poses.append(float(np.linalg.norm(self._rig.body.points(q)[1] - self._p_d)))
-        return True
-
-    def look_at(self, tick: Tick) -> None:
-        """Take note of a servo's tick: of its cause and its Ĵ too."""
-        state, time = tick.state, tick.time / 1e9
-        self._cause = state.cause
-        if state.explored and self.explored_at is None:
-            self.explored_at = time
-        if self.look(time) and state.explored:
+        if state.explored:
             error = self._rig.truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
             self._jacobians.append(error)
 
@@ -116,11 +101,8 @@ class Witness:
             seed=self._rig.seed,
             why_not=why_not,
             settle_time=None if why_not else settled_at,
-            explored_at=self.explored_at,
             pose=pose,
             jacobian=median(self._jacobians) if self._jacobians else None,
-            step=self._times[1] - self._times[0],
-            poses=[round(one, 5) for one in self._poses],
         )
 
     def _pose(self) -> float:

@@ -5,7 +5,7 @@ it would to anybody who has the matrix C alone.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy import optimize
@@ -21,6 +21,9 @@ from rcmservo.sim.optics import Optics
 
 SCIPY: Any = optimize
 """SciPy's optimisers without types."""
+
+
+Quality = Literal["exact", "wrong", "rolled"]
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,8 @@ class Calibration:
         def jacobian(p1: Floats) -> Floats:
             return self.points_jacobian(p1, tool)
 
-        return SCIPY.least_squares(left, guess, jac=jacobian, method="lm").x
+        found, _ = SCIPY.leastsq(left, guess, Dfun=jacobian, ftol=1e-8, xtol=1e-8)
+        return found
 
     def points_jacobian(self, p1: Floats, tool: Tool) -> Floats:
         """∂m/∂p₁ (4, 3) px/mm of both markers with marker 1 at p1 (3,) mm."""
@@ -89,6 +93,16 @@ def rolled(optics: Optics, roll: float) -> Calibration:
     sight."""
     back = Rotation.from_rotvec([0.0, 0.0, roll]).as_matrix()
     return exact(replace(optics, rotation=back @ optics.rotation))
+
+
+def handed_over(
+    quality: Quality, optics: Optics, by: Miscalibration, roll: float, random: np.random.Generator
+) -> Calibration:
+    """What a person hands over of the true camera: exact, wrong in random directions, or from
+    before a roll."""
+    if quality == "exact":
+        return exact(optics)
+    return rolled(optics, roll) if quality == "rolled" else wrong(optics, by, random)
 
 
 def _direction(random: np.random.Generator) -> Floats:

@@ -4,17 +4,18 @@ drives an arm by it.
 A law here knows no phases and no faults: it is on from its first frame to its last.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from rcmservo.experiments.harness.lab.others.calibration import Calibration
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats, Observation, Target
 from rcmservo.loop.clock import ticks
-from rcmservo.loop.plant import Plant
 from rcmservo.method.kinematics import joint_rates
 from rcmservo.servo.servo import Servo
+from rcmservo.study.laboratory import LaboratoryLoop
 
 
 def saturated(error: Floats, bound: float) -> Floats:
@@ -47,25 +48,23 @@ class PoseLaw:
         return -self.gain * saturated(here - wanted, self.bound)
 
 
-def drive(plant: Plant, robot: Servo, law: PoseLaw, duration: float) -> Iterator[float]:
-    """Switch the drive on, move by the law, and yield the time s of every tick.
+def drive(loop: LaboratoryLoop, robot: Servo, law: PoseLaw, duration: float) -> None:
+    """Switch the drive on, and move by the law for `duration` s.
 
     `robot` lends what the robot knows of itself, its gate, and the greatest speed of its own law.
     """
+    plant = loop.plant
     plant.reset()
     plant.enable()
     command, v, frame = robot.gate.rest(), np.zeros(3), -1
-    try:
-        for time in ticks(plant.clock, robot.rate, duration):
-            seen = plant.read()
-            if seen.frame > frame:
-                frame, v = seen.frame, _wanted(law, robot, seen)
-            rates = joint_rates(robot.rcm, seen.q, v)
-            command = robot.gate.admit(rates, command, seen.q, robot.rcm, seen.now).command
-            plant.send(command)
-            yield time / 1e9
-    finally:
-        plant.send(robot.gate.stop(command, plant.clock.now()))
+    for _ in ticks(plant.clock, robot.rate, duration):
+        seen = plant.read()
+        if seen.frame > frame:
+            frame, v = seen.frame, _wanted(law, robot, seen)
+        rates = joint_rates(robot.rcm, seen.q, v)
+        command = robot.gate.admit(rates, command, seen.q, robot.rcm, seen.now).command
+        plant.send(command)
+        loop.note(Phase.SERVO, Cause.NONE)
 
 
 def _wanted(law: PoseLaw, robot: Servo, seen: Observation) -> Floats:

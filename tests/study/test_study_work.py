@@ -11,7 +11,7 @@ import pytest
 from studies import Alone, made, small
 
 from rcmservo.errors import RcmServoError, UnusableFile
-from rcmservo.study.row import Row
+from rcmservo.study.row import StudyRow
 from rcmservo.study.work import note, store
 from rcmservo.study.work.chunk import OtherPackage, done
 from rcmservo.study.work.go import Work
@@ -124,7 +124,7 @@ def test_a_folder_that_holds_something_else_is_refused(tmp_path: Path) -> None:
 
 def test_every_row_has_every_column_with_its_meaning(tmp_path: Path) -> None:
     table = made(small(count=3), tmp_path).gather()
-    assert table.column_names == [f.name for f in fields(Row)]
+    assert table.column_names == [f.name for f in fields(StudyRow)]
     for column in table.schema:
         assert len(column.metadata[b"meaning"]) > 5
     assert table.schema.equals(SCHEMA) and runs_in(tmp_path).equals(table)
