@@ -15,6 +15,7 @@ from rcmservo.experiments.harness.lab.attempt import Attempt, Conditions, Fared
 from rcmservo.experiments.harness.lab.methods import FAST, METHODS, Learner, Own
 from rcmservo.experiments.harness.lab.tally import MethodRuns, Tally, runs_of
 from rcmservo.experiments.harness.plain import built, plain
+from rcmservo.experiments.harness.statistics import spread
 from rcmservo.experiments.harness.tasks import Result, Results
 from rcmservo.figures import charts
 from rcmservo.guard.causes import Cause
@@ -230,7 +231,13 @@ def test_every_number_over_scenes_has_its_interval_and_it_holds_the_number(
             assert low - 1e-9 <= claim.measured <= high + 1e-9, claim.claim
     pairs = [claim for claim in chapter.claims if "x the pose error" in claim.unit]
     assert len(pairs) > 8
-    assert all(re.search(r"\(\d\.\d\d to \d+\.\d\d\) mm", claim.detail) for claim in pairs)
+    assert all(re.search(r"\d\.\d\d \(\d\.\d\d to ∞\) mm", claim.detail) for claim in pairs)
+
+
+def test_a_length_or_a_time_with_its_interval_in_a_sentence() -> None:
+    assert spread(statistics.Interval(0.123, 0.1, 0.2)) == "0.12 (0.10 to 0.20)"
+    assert spread(statistics.Interval(2.0, 1.0, np.inf), ".1f") == "2.0 (1.0 to ∞)"
+    assert spread(statistics.Interval(np.inf, 1.0, np.inf), ".1f") == "never (1.0 to ∞)"
 
 
 def test_a_users_own_stands_in_claims_and_figures(chapter: Chapter) -> None:

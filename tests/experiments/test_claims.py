@@ -2,6 +2,7 @@
 else."""
 
 import json
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -71,9 +72,15 @@ def test_an_interval_with_both_sides_of_the_bound_is_a_remark(
     assert built(ClaimRow, json.loads(json.dumps(plain(row)))) == row
 
 
-def test_an_interval_without_end_is_an_error() -> None:
-    with pytest.raises(NotMeasured, match="it is so: measured inf"):
-        replace(claim(1.0), interval=(0.5, float("inf")))
+def test_an_interval_that_too_few_trials_leave_open_is_not_told_and_decides_nothing() -> None:
+    row = row_of("some", 0, replace(claim(1.0), interval=(0.0, math.inf)))
+    assert (row.verdict, row.remark, row.interval) == (REMARK, UNDECIDED, None)
+    json.dumps(plain(row), allow_nan=False)
+
+
+def test_an_interval_that_was_not_measured_is_an_error() -> None:
+    with pytest.raises(NotMeasured, match="it is so, its interval: measured nan"):
+        replace(claim(1.0), interval=(0.5, math.nan))
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])

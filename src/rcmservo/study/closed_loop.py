@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rcmservo.compiled import compiled
 from rcmservo.guard.watch import Told
 from rcmservo.interfaces import Floats
+from rcmservo.loops import fill
 from rcmservo.memory import scratch, unowned
 from rcmservo.method.kinematics import Point, apart, point_at
 from rcmservo.method.tool import Shaft, second_point
@@ -91,7 +92,8 @@ def closed_loop(start: Start, twin: Twin, shown: Goal, noise: Floats, trace: Cou
     c, a = fixed[0].dials, twin.drives[0]
     place(twin, start.now)
     skipped = newest(twin.pace[0], start.now)
-    frame, still = Newest(-1, 0, 0), np.zeros(3)
+    frame, still = Newest(-1, 0, 0), scratch(3)
+    fill(still, 0.0)
     for k in range(len(trace.error)):
         now = start.now + k * c.period
         advance(twin, now)

@@ -60,6 +60,10 @@ class Near(NamedTuple):
     """The equations about a place, for the few ms that the arm is near it: linear in the way of
     slide and inner hinge from there, what they leave out being a millionth."""
 
+    z: float
+    """The slide there, mm."""
+    angle: float
+    """The inner hinge there, rad."""
     by: Point
     """h/(M + h k) of outer hinge, inner hinge and slide."""
     by_z: tuple[float, float]
@@ -85,6 +89,8 @@ def near(a: Inertia, z: float, angle: float, h: float) -> Near:
     outer = h / (a.own[o] + tool * share + h * k[o])
     inner = h / (a.own[1 - o] + far + h * k[1 - o])
     return Near(
+        z,
+        angle,
         (outer, inner, h / (a.own[2] + h * k[2])),
         (-outer * outer * growth * share / h, -inner * inner * growth / h),
         -outer * outer * tool * slope / h,

@@ -18,7 +18,7 @@ from rcmservo.loops import fill, put
 from rcmservo.method.kinematics import Point
 from rcmservo.rows import Row, Rows, flag, part, real, reals, whole
 from rcmservo.sim.lens import Lens
-from rcmservo.study.inertia import Inertia, near
+from rcmservo.study.inertia import Inertia, Near, near
 
 STEP = 1_000_000
 """ns of one step of the arm."""
@@ -85,8 +85,9 @@ class Twin(NamedTuple):
 
 @compiled
 def advance(twin: Twin, until: int) -> None:
-    """Let time pass until a moment (ns), to the nearest step."""
+    """Let time pass until a moment (ns), a tick later at most, to the nearest step."""
     a = twin.drives[0]
+    here = midway(a, steps_to(a, until))
     while a.time + STEP // 2 < until:
         if not a.on:
             a.first = a.last
@@ -95,11 +96,26 @@ def advance(twin: Twin, until: int) -> None:
         while a.first < a.last and twin.due[a.first % QUEUE] <= a.time + STEP:
             obey(a, twin.queue[a.first % QUEUE])
             a.first += 1
-        steps = (until - a.time + STEP // 2 - 1) // STEP
+        steps = steps_to(a, until)
         if a.first < a.last:
             steps = min(steps, max((twin.due[a.first % QUEUE] - a.time - 1) // STEP, 1))
-        move(a, twin.past, steps)
+        move(a, here, twin.past, steps)
         a.time += steps * STEP
+
+
+@compiled
+def steps_to(a: Drives, until: int) -> int:
+    """How many steps there are to a moment, to the nearest."""
+    return (until - a.time + STEP // 2 - 1) // STEP
+
+
+@compiled
+def midway(a: Drives, steps: int) -> Near:
+    """The arm's equations about the middle of the way that it goes in so many steps."""
+    half = 0.5 * steps * STEP * 1e-9
+    inner = 1 - a.inertia.outer
+    z, angle = a.q[2] + half * a.speeds[2], a.q[inner] + half * a.speeds[inner]
+    return near(a.inertia, z, angle, STEP * 1e-9)
 
 
 @compiled
@@ -110,9 +126,8 @@ def obey(a: Drives, rates: Floats) -> None:
 
 
 @compiled
-def move(a: Drives, past: Floats, steps: int) -> None:
-    """So many steps, a tick's at most, towards the rates that are wanted: by the equations of
-    inertia.py, about the middle of the way.
+def move(a: Drives, here: Near, past: Floats, steps: int) -> None:
+    """So many steps towards the rates that are wanted, by the equations `here`.
 
     Numbers one by one, of outer hinge, inner hinge and slide, stay in the processor's registers.
     """
@@ -123,13 +138,11 @@ def move(a: Drives, past: Floats, steps: int) -> None:
     d_o, d_i, d_s = in_turn(a.deadband, o)
     (low_o, low_i, low_s), (high_o, high_i, high_s) = in_turn(a.lower, o), in_turn(a.upper, o)
     k_o, k_i, k_s = in_turn(a.inertia.strength, o)
-    z, angle = q_s + 0.5 * steps * h * v_s, q_i + 0.5 * steps * h * v_i
-    here = near(a.inertia, z, angle, h)
     (b_o, b_i, b_s), (o_z, i_z), o_a = here.by, here.by_z, here.by_angle
     (o_1, o_2), (i_1, i_2), (s_1, s_2) = here.c_outer, here.c_inner, here.c_slide
     for _ in range(steps):
-        by_o = b_o + o_z * (q_s - z) + o_a * (q_i - angle)
-        by_i = b_i + i_z * (q_s - z)
+        by_o = b_o + o_z * (q_s - here.z) + o_a * (q_i - here.angle)
+        by_i = b_i + i_z * (q_s - here.z)
         c_o = v_o * (o_1 * v_i + o_2 * v_s)
         c_i = i_1 * v_s * v_i - i_2 * v_o * v_o
         c_s = -(s_1 * v_o * v_o + s_2 * v_i * v_i)

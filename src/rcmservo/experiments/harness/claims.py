@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from rcmservo.errors import RcmServoError
 from rcmservo.experiments.harness.sentences import OURS, SENTENCES
 from rcmservo.figures.charts import Figure
@@ -41,7 +43,7 @@ class Claim:
     about: str
     """The sentence of the paper that it bears on, a key of SENTENCES; or OURS."""
     measured: float
-    """The number; it must be finite, as the ends of its interval."""
+    """The number; it must be finite."""
     unit: str
     """Of ``measured`` and ``bound``, as it is printed; empty for a plain number."""
     relation: Literal["<=", ">="]
@@ -51,7 +53,8 @@ class Claim:
     seeds: Sequence[int] = ()
     """What the number came from; empty for a computation without chance."""
     interval: tuple[float, float] | None = None
-    """Between what the number is, with 95 %; None where that is not told."""
+    """Between what the number is, with 95 %: an end is infinite where the trials are too few for
+    it. None where that is not told."""
     follows: bool = False
     """Whether it only follows from the paper's sentence, instead of saying the same."""
     case: tuple[str, str] = ("", "")
@@ -70,9 +73,11 @@ class Claim:
     """Whether the number confirms that pitfall."""
 
     def __post_init__(self) -> None:
-        for number in (self.measured, *(self.interval or ())):
-            if not math.isfinite(number):
-                raise NotMeasured(self.claim, number)
+        if not math.isfinite(self.measured):
+            raise NotMeasured(self.claim, self.measured)
+        for end in self.interval or ():
+            if math.isnan(end):
+                raise NotMeasured(f"{self.claim}, its interval", end)
         if self.about != OURS and self.about not in SENTENCES:
             raise ValueError(f"no sentence of the paper is called {self.about!r}")
 
@@ -91,13 +96,15 @@ class Claim:
     @property
     def remarks(self) -> str:
         """Its remark, and whether the number can tell at all."""
-        sides = {self._keeps(end) for end in self.sure or ()}
+        sides = set[bool]() if self._few else {self._keeps(end) for end in self.interval or ()}
         return "; ".join(filter(None, (self.remark, UNDECIDED if len(sides) == 2 else "")))
 
     @property
     def sure(self) -> tuple[float, float] | None:
-        """Its interval; None where one or two trials cannot tell."""
-        return None if self._few else self.interval
+        """Its interval; None where the trials are too few for one."""
+        if self._few or self.interval is None or not np.isfinite(self.interval).all():
+            return None
+        return self.interval
 
     @property
     def _few(self) -> bool:

@@ -29,8 +29,8 @@ class ClaimRow:
     measured: float
     """The number, in ``unit``."""
     interval: tuple[float, float] | None
-    """Between what the number is, with 95 %; None where that is not told, or where one or two
-    trials cannot tell."""
+    """Between what the number is, with 95 %; None where that is not told, or the trials are too few
+    for it."""
     unit: str
     """Of ``measured`` and ``bound``; empty for a plain number."""
     relation: str

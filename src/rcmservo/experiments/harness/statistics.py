@@ -36,9 +36,11 @@ def told(value: float, form: str = ".2f") -> str:
 
 
 def spread(one: Interval, form: str = ".2f") -> str:
-    """A number and its interval in a sentence; an infinite time never came."""
-    value, low, high = ("never" if math.isinf(x) else told(x, form) for x in one)
-    return f"{value} ({low} to {high})"
+    """A number and its interval in a sentence; an infinite time never came, and too few trials
+    leave an end open."""
+    value, low, high = (told(number, form) for number in one)
+    value = "never" if math.isinf(one.value) else value
+    return f"{value} ({low} to {'∞' if math.isinf(one.high) else high})"
 
 
 def percent(one: Interval) -> Interval:

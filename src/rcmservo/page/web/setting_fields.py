@@ -57,7 +57,15 @@ def _choices(hint: Any) -> list[str]:
 
 
 def docstrings(kind: type[Any]) -> dict[str, str]:
-    """The docstring below each field of a class, on one line."""
+    """The docstring below each field of a dataclass, on one line; of those that it inherits too."""
+    found: dict[str, str] = {}
+    for parent in filter(is_dataclass, reversed(kind.__mro__)):
+        found |= _own_docstrings(parent)
+    return found
+
+
+def _own_docstrings(kind: type[Any]) -> dict[str, str]:
+    """Those that stand in the class itself."""
     body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
     assert isinstance(body, ast.ClassDef)
     found: dict[str, str] = {}

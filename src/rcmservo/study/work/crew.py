@@ -139,6 +139,10 @@ def _processes(workers: int | None) -> Generator[Any]:
     chosen: dict[str, Any] = {
         "distributed.scheduler.allowed-failures": LOSSES,
         "distributed.scheduler.http.routes": [],
+        # what dask watches itself by, a twentieth of two processors
+        "distributed.worker.profile.enabled": False,
+        "distributed.admin.tick.interval": "1s",
+        "distributed.admin.system-monitor.interval": "10s",
     }
     with (
         config.set(chosen),

@@ -112,12 +112,12 @@ class Tally:
     @property
     def time(self) -> Interval:
         """Median s until first within 1 mm, the exploration included; inf if never."""
-        return quantile(np.nan_to_num(self.runs.within, nan=np.inf), 0.5)
+        return quantile(np.nan_to_num(self.runs.within, nan=np.inf), 0.5, least=0.0)
 
     @property
     def pose(self) -> Interval:
         """Median pose error mm at the end, of all runs."""
-        return quantile(self.runs.pose, 0.5)
+        return quantile(self.runs.pose, 0.5, least=0.0)
 
     @property
     def worst(self) -> float:
