@@ -70,31 +70,33 @@ class Near(NamedTuple):
     """How those of the hinges change with the slide, by mm."""
     by_angle: float
     """How that of the outer one changes with the inner hinge's angle, by rad."""
-    c_outer: tuple[float, float]
-    """c of the outer hinge is v_outer (this v_inner + that v_slide),"""
-    c_inner: tuple[float, float]
-    """of the inner one this v_slide v_inner - that v_outer²,"""
-    c_slide: tuple[float, float]
-    """and of the slide -(this v_outer² + that v_inner²)."""
+    c: Point
+    """Numbers a, b, e: c of the outer hinge is 2 v_outer (a v_inner + b v_slide), of the inner one
+    2 e v_slide v_inner - a v_outer², and of the slide -(b v_outer² + e v_inner²)."""
+    c_z: Point
+    """How they change with the slide, by mm."""
+    c_angle: tuple[float, float]
+    """How the first two change with the inner hinge's angle, by rad."""
 
 
 @compiled
-def near(a: Inertia, z: float, angle: float, h: float) -> Near:
+def near(arm: Inertia, z: float, angle: float, h: float) -> Near:
     """The equations with the slide at z and the inner joint at an `angle`."""
-    o, k, m = a.outer, a.strength, a.mass
-    share = 0.5 * (1.0 - a.upright * np.cos(2.0 * angle))  # sin²α
-    slope = a.upright * np.sin(2.0 * angle)  # its derivative
+    o, k, m = arm.outer, arm.strength, arm.mass
+    turned = arm.upright * np.cos(2.0 * angle)
+    share = 0.5 * (1.0 - turned)  # sin²α
+    slope = arm.upright * np.sin(2.0 * angle)  # its derivative
     far, growth = m * z * z, 2.0 * m * z
-    tool = a.rod + far
-    outer = h / (a.own[o] + tool * share + h * k[o])
-    inner = h / (a.own[1 - o] + far + h * k[1 - o])
+    tool = arm.rod + far
+    outer = h / (arm.own[o] + tool * share + h * k[o])
+    inner = h / (arm.own[1 - o] + far + h * k[1 - o])
     return Near(
         z,
         angle,
-        (outer, inner, h / (a.own[2] + h * k[2])),
+        (outer, inner, h / (arm.own[2] + h * k[2])),
         (-outer * outer * growth * share / h, -inner * inner * growth / h),
         -outer * outer * tool * slope / h,
-        (tool * slope, growth * share),
-        (growth, 0.5 * tool * slope),
-        (m * z * share, m * z),
+        (0.5 * tool * slope, m * z * share, m * z),
+        (0.5 * growth * slope, m * share, m),
+        (tool * turned, m * z * slope),
     )

@@ -87,8 +87,9 @@ class Twin(NamedTuple):
 def advance(twin: Twin, until: int) -> None:
     """Let time pass until a moment (ns), a tick later at most, to the nearest step."""
     a = twin.drives[0]
-    here = midway(a, steps_to(a, until))
-    while a.time + STEP // 2 < until:
+    left = (until - a.time + STEP // 2 - 1) // STEP
+    here = midway(a, left)
+    while left > 0:
         if not a.on:
             a.first = a.last
             fill(a.wanted, 0.0)
@@ -96,17 +97,12 @@ def advance(twin: Twin, until: int) -> None:
         while a.first < a.last and twin.due[a.first % QUEUE] <= a.time + STEP:
             obey(a, twin.queue[a.first % QUEUE])
             a.first += 1
-        steps = steps_to(a, until)
+        steps = left
         if a.first < a.last:
-            steps = min(steps, max((twin.due[a.first % QUEUE] - a.time - 1) // STEP, 1))
+            steps = min(left, max((twin.due[a.first % QUEUE] - a.time - 1) // STEP, 1))
         move(a, here, twin.past, steps)
         a.time += steps * STEP
-
-
-@compiled
-def steps_to(a: Drives, until: int) -> int:
-    """How many steps there are to a moment, to the nearest."""
-    return (until - a.time + STEP // 2 - 1) // STEP
+        left -= steps
 
 
 @compiled
@@ -138,21 +134,27 @@ def move(a: Drives, here: Near, past: Floats, steps: int) -> None:
     d_o, d_i, d_s = in_turn(a.deadband, o)
     (low_o, low_i, low_s), (high_o, high_i, high_s) = in_turn(a.lower, o), in_turn(a.upper, o)
     k_o, k_i, k_s = in_turn(a.inertia.strength, o)
-    (b_o, b_i, b_s), (o_z, i_z), o_a = here.by, here.by_z, here.by_angle
-    (o_1, o_2), (i_1, i_2), (s_1, s_2) = here.c_outer, here.c_inner, here.c_slide
+    (by_o, by_i, by_s), (o_z, i_z), o_a = here.by, here.by_z, here.by_angle
+    (c_a, c_b, c_e), (a_z, b_z, e_z), (a_a, b_a) = here.c, here.c_z, here.c_angle
+    z, angle = q_s - here.z, q_i - here.angle
+    by_o, by_i = by_o + o_z * z + o_a * angle, by_i + i_z * z
+    c_a, c_b, c_e = c_a + a_z * z + a_a * angle, c_b + b_z * z + b_a * angle, c_e + e_z * z
     for _ in range(steps):
-        by_o = b_o + o_z * (q_s - here.z) + o_a * (q_i - here.angle)
-        by_i = b_i + i_z * (q_s - here.z)
-        c_o = v_o * (o_1 * v_i + o_2 * v_s)
-        c_i = i_1 * v_s * v_i - i_2 * v_o * v_o
-        c_s = -(s_1 * v_o * v_o + s_2 * v_i * v_i)
+        turned = v_o * v_o
+        c_o = (v_o + v_o) * (c_a * v_i + c_b * v_s)
+        c_i = (v_s + v_s) * c_e * v_i - c_a * turned
+        c_s = -(c_b * turned + c_e * v_i * v_i)
         r_o, r_i = r_o + follow * (w_o - r_o), r_i + follow * (w_i - r_i)
         r_s += follow * (w_s - r_s)
         v_o += by_o * (k_o * (beyond(r_o, d_o) - v_o) - c_o)
         v_i += by_i * (k_i * (beyond(r_i, d_i) - v_i) - c_i)
-        v_s += b_s * (k_s * (beyond(r_s, d_s) - v_s) - c_s)
-        q_o, q_i = min(max(q_o + v_o * h, low_o), high_o), min(max(q_i + v_i * h, low_i), high_i)
-        q_s = min(max(q_s + v_s * h, low_s), high_s)
+        v_s += by_s * (k_s * (beyond(r_s, d_s) - v_s) - c_s)
+        gone_o, gone_i, gone_s = v_o * h, v_i * h, v_s * h
+        by_o, by_i = by_o + o_z * gone_s + o_a * gone_i, by_i + i_z * gone_s
+        c_a, c_b = c_a + a_z * gone_s + a_a * gone_i, c_b + b_z * gone_s + b_a * gone_i
+        c_e += e_z * gone_s
+        q_o, q_i = min(max(q_o + gone_o, low_o), high_o), min(max(q_i + gone_i, low_i), high_i)
+        q_s = min(max(q_s + gone_s, low_s), high_s)
         place = (place + 1) & (PAST - 1)
         past[place, o], past[place, i], past[place, 2] = q_o, q_i, q_s
     a.q[o], a.q[i], a.q[2] = q_o, q_i, q_s
