@@ -9,7 +9,7 @@ import ssl
 import subprocess
 import sys
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +73,27 @@ def test_a_cluster_makes_the_rows_that_this_process_makes(lab: Cluster, tmp_path
         assert hands.count == 2
         theirs = rows_by(tmp_path / "cluster", hands)
     assert theirs == rows_here(tmp_path / "here")
+
+
+def test_a_worker_that_lacks_the_package_is_told(
+    lab: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that joined after all others had been asked which they have."""
+
+    def unknown(order: object) -> None:
+        raise ModuleNotFoundError("No module named 'rcmservo'")
+
+    monkeypatch.setattr(crews, "done", sent_by_value(unknown))
+    with crew(lab.address, None) as hands:
+        work = hands.done([("one", None)])  # pyright: ignore[reportArgumentType]
+        with pytest.raises(WorkLost, match="a worker has no rcmservo: No module named 'rcmservo'"):
+            list(work)
+
+
+def sent_by_value(function: Callable[[object], None]) -> Callable[[object], None]:
+    """A function that workers need not import."""
+    function.__module__ = "__main__"
+    return function
 
 
 @pytest.mark.slow
@@ -216,7 +237,8 @@ def test_workers_without_rcmservo_are_refused(
         ("tcp://127.0.0.1:port", "that of a dask scheduler"),
         ("tcp://no.such.host.invalid:8786", "a host with an address"),
         ("tcp://127.0.0.1:9", "the address of a dask scheduler that answers"),
-        ("tls://127.0.0.1:9", "the address of a dask scheduler that answers"),
+        ("tls://127.0.0.1:9", "docs/cluster.md); it lacks ca-file, client.cert, client.key"),
+        ("tcp://host..name:8786", "a host with an address"),
     ],
 )
 def test_a_cluster_that_cannot_be_used_is_one_sentence(

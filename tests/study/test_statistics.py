@@ -4,17 +4,22 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from rcmservo.interfaces import Floats
 from rcmservo.study.told.statistics import (
     Interval,
     median_difference,
     quantile,
-    resampled,
-    rms,
+    root_mean_square,
     share,
     share_difference,
 )
+
+TIMES = st.one_of(st.floats(0.0, 15.0), st.just(np.inf))
+"""s until something came, or never."""
 
 SAMPLES = 2000
 """The share of intervals that hold the truth is known to 0.5 %."""
@@ -76,14 +81,42 @@ def test_a_few_pairs_tell_nothing_apart() -> None:
         one = median_difference(np.full(count, 2.0), np.ones(count))
         assert one == (1.0, -np.inf, np.inf)
     assert median_difference(np.full(6, 2.0), np.ones(6)).low == 1.0
-    assert resampled(np.ones(5), rms) == (1.0, 0.0, np.inf)
+    assert root_mean_square(np.ones(1)) == (1.0, 0.0, np.inf)
 
 
-def test_the_interval_of_a_root_mean_square_holds_it() -> None:
+@pytest.mark.parametrize("count", [6, 20, 200])
+def test_the_interval_of_a_root_mean_square_holds_it_and_does_not_lie_below(count: int) -> None:
+    """Of the lengths of Gaussian errors in space, as an efficient method has them. One that ended
+    below the truth too often would have it beat the bound."""
+
     def sample(random: np.random.Generator) -> Interval:
-        return resampled(random.standard_normal(200), rms)
+        return root_mean_square(np.linalg.norm(random.standard_normal((count, 3)), axis=1))
 
-    assert 0.91 < held(1.0, sample, 200) < 0.99
+    def below(random: np.random.Generator) -> Interval:
+        return sample(random)._replace(low=0.0)
+
+    assert held(np.sqrt(3.0), sample, SAMPLES) > 0.93
+    assert held(np.sqrt(3.0), below, SAMPLES) > 0.945
+
+
+def test_a_quantile_is_where_so_many_are_and_a_median_in_the_middle() -> None:
+    inf, one = np.inf, np.array([1.0, 2.0, 4.0, 8.0])
+    assert quantile(one, 0.5).value == 3.0 and quantile(one[:3], 0.5).value == 2.0
+    assert quantile(np.r_[np.arange(190.0), np.full(10, inf)], 0.95).value == 189.0
+    assert quantile(np.r_[np.arange(189.0), np.full(11, inf)], 0.95).value == inf
+    assert quantile(np.array([-inf, inf]), 0.5).value != 0.0
+
+
+@given(
+    one=arrays(float, 9, elements=TIMES),
+    other=arrays(float, 9, elements=TIMES),
+    count=st.integers(1, 9),
+)
+def test_which_method_stands_first_turns_the_sign_and_nothing_else(
+    one: Floats, other: Floats, count: int
+) -> None:
+    there, back = (median_difference(a[:count], b[:count]) for a, b in ((one, other), (other, one)))
+    np.testing.assert_array_equal(there, (-back.value, -back.high, -back.low))
 
 
 @pytest.mark.parametrize(("gained", "lost"), [(0.02, 0.02), (0.1, 0.0), (0.05, 0.01)])

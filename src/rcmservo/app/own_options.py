@@ -9,7 +9,6 @@ import tyro
 
 from rcmservo.app.servo_options import ServoOptions
 from rcmservo.config.own_code import OPTION, named
-from rcmservo.errors import BadInput, RcmServoError, one_line
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.servo.own_estimator import name_of_class
 
@@ -31,7 +30,6 @@ def with_own(commands: dict[str, type[Any]], arguments: Sequence[str]) -> dict[s
     if "estimator" not in _names(command):
         return commands
     kind = named(name)
-    _try(name, kind)
     return commands | {arguments[0]: _extended(command, name, kind)}
 
 
@@ -57,17 +55,6 @@ def _with(
 
 def _names(options: type[Any]) -> set[str]:
     return {f.name for f in fields(options)}
-
-
-def _try(name: str, kind: type[Estimator]) -> None:
-    """Refuse a class that cannot be made from its defaults."""
-    try:
-        kind()
-    except RcmServoError:
-        raise
-    except Exception as error:
-        right = f"a class whose settings all have a default; to make one raised {one_line(error)}"
-        raise BadInput(OPTION, name, right) from error
 
 
 def group_of(kind: type[Estimator]) -> str:

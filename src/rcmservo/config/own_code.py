@@ -10,7 +10,7 @@ from dataclasses import is_dataclass
 from pathlib import Path
 
 from rcmservo.config.kinds import ESTIMATORS, PRESETS
-from rcmservo.errors import BadInput, one_line
+from rcmservo.errors import BadInput, RcmServoError, one_line
 from rcmservo.method.estimators.base import Estimator
 
 OPTION = "--estimator"
@@ -32,7 +32,19 @@ def named(name: str, option: str = OPTION) -> type[Estimator]:
     if inspect.isabstract(kind):
         lacks = ", ".join(sorted(kind.__abstractmethods__))
         raise BadInput(option, name, f"an estimator with all its methods; it lacks {lacks}")
+    _try(kind, name, option)
     return kind
+
+
+def _try(kind: type[Estimator], name: str, option: str) -> None:
+    """Refuse a class that cannot be made from its defaults."""
+    try:
+        kind()
+    except RcmServoError:
+        raise
+    except Exception as error:
+        right = f"a class whose settings all have a default; to make one raised {one_line(error)}"
+        raise BadInput(option, name, right) from error
 
 
 def _imported(module: str, name: str, option: str) -> object:

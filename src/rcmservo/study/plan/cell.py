@@ -92,7 +92,7 @@ def engine_of(servo: Servo, disturb: tuple[str, ...], wanted: str) -> str:
     compiled = servo.rule is not None and not disturb
     if wanted == "auto":
         return COMPILED if compiled else MUJOCO
-    right = "auto or mujoco: neither disturbances nor estimators in Python are compiled"
+    right = "auto, mujoco or pictures: neither disturbances nor estimators in Python are compiled"
     require(compiled or wanted != COMPILED, "engine", wanted, right)
     return wanted
 

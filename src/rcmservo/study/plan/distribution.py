@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.resources import files
+from itertools import cycle
 from typing import Any, cast
 
 import numpy as np
@@ -56,8 +57,9 @@ class Distribution:
             right = f"section.key, with a section among {', '.join(VARIED)}"
             require(known, f"{self.name}.vary", name, right)
             _require_range(f'{self.name}.vary."{name}"', ends)
-        self._at(min)
-        self._at(max)
+        for turns in ((min,), (max,), (min, max), (max, min)):  # ends of pairs, each with each
+            pick = cycle(turns)
+            self._at(lambda low, high, pick=pick: next(pick)(low, high))
 
     @cached_property
     def fixed(self) -> tuple[Lab, RigSettings]:
@@ -69,7 +71,7 @@ class Distribution:
         if not self.vary:
             return self.fixed
         random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CHILD,)))
-        return self._at(random.uniform)
+        return self._at(random.uniform, f", seed {seed}")
 
     def seen(self, noise: float | None, delay: float | None) -> "Distribution":
         """The same before a camera with this noise, px, and delay, s, where they are given."""
@@ -79,13 +81,13 @@ class Distribution:
         rest = {k: v for k, v in self.vary.items() if k.removeprefix("camera.") not in chosen}
         return Distribution(self.name, {**self.tables, "camera": camera}, rest)
 
-    def _at(self, pick: Pick) -> tuple[Lab, RigSettings]:
+    def _at(self, pick: Pick, where: str = "") -> tuple[Lab, RigSettings]:
         """The laboratory with a number picked from every range."""
         tables = {name: dict(table) for name, table in self.tables.items()}
         for name, (low, high) in self.vary.items():
             section, _, key = name.partition(".")
             tables.setdefault(section, {})[key] = _picked(low, high, pick)
-        with told_with(f"scenes {self.name}"):
+        with told_with(f"scenes {self.name}{where}"):
             lab = lab_from(tables)
             require(not lab.devices, "sections", ", ".join(lab.devices), "of a simulation")
             return lab, rig_settings(lab)
@@ -151,10 +153,13 @@ def distribution_from(name: str, table: Table, known: Mapping[str, Distribution]
     return Distribution(name, tables, {**varied, **vary})
 
 
-def chosen(name: str, known: Mapping[str, Distribution], where: str) -> Distribution:
-    """The distribution of a name: one that is `known`, or a built-in one."""
+def chosen(
+    name: str, known: Mapping[str, Distribution], where: str, beside: str = ""
+) -> Distribution:
+    """The distribution of a name: one that is `known`, or a built-in one. What could be named
+    `beside` these is for who named another one."""
     if name in known:
         return known[name]
     names = ", ".join(dict.fromkeys((*known, *BUILT_IN)))
-    require(name in BUILT_IN, where, name, f"one of {names}, or a rig file")
+    require(name in BUILT_IN, where, name, f"one of {names}{beside}")
     return built_in(name)

@@ -113,7 +113,7 @@ def _method(name: str, table: object, own: Own) -> StudyMethod:
 def _scenes(name: str, known: dict[str, Distribution]) -> Distribution:
     """The distribution of a name, or a rig file's by its path."""
     if name in known or not name.endswith(".toml"):
-        return chosen(name, known, "scenes")
+        return chosen(name, known, "scenes", ", or a rig file")
     path = Path(name)
     data = read_small(path, LARGEST, "a rig file")
     try:

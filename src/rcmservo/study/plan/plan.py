@@ -73,6 +73,9 @@ class StudyPlan:
         require(self.engine != PICTURES or not self.noise, "noise", list(self.noise), right)
         require(bool(self.methods), "method", "none", "at least one")
         require(bool(self.scenes), "scenes", "none", "at least one")
+        require(
+            bool(self.disturb), "disturb", "[]", "at least one set; [[]] for none that is wrong"
+        )
         for what, names in (("method", self.methods), ("scenes", self.scenes)):
             _require_once(what, [one.name for one in names])
         for values, name, right in (

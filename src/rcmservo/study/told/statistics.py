@@ -1,7 +1,6 @@
 """Numbers with their intervals of 95 %, each by a way that holds for what studies have: shares near
 0 and 1, times that never come, errors with long tails."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,11 +16,6 @@ Flags = NDArray[np.bool_]
 
 SURE = 0.95
 """Of every interval."""
-
-RESAMPLED = 1000
-"""Draws of a bootstrap; its seed is 0."""
-FEW = 6
-"""Values below which a bootstrap tells nothing of how far it may be off."""
 
 
 class Interval(NamedTuple):
@@ -54,28 +48,37 @@ def quantile(values: Floats, p: float, least: float = -np.inf) -> Interval:
     ends = STATS.binom.ppf([(1.0 - SURE) / 2.0, (1.0 + SURE) / 2.0], n, p)
     low, high = int(ends[0]) - 1, int(ends[1])
     return Interval(
-        float(ordered[min(int(p * n), n - 1)]),
+        _at(ordered, p * n),
         float(ordered[low]) if low >= 0 else least,
         float(ordered[high]) if high < n else np.inf,
     )
 
 
-def resampled(values: Floats, of: Callable[[Floats], float]) -> Interval:
-    """A statistic that is not negative, with its bootstrap interval between percentiles; from 0 to
-    inf where the values are too few for one."""
-    if len(values) == 0:
+def _at(ordered: Floats, count: float) -> float:
+    """The value up to which there are so many: half-way to the next one where they are whole, but
+    for a next one that never came."""
+    whole = round(count)
+    if abs(count - whole) > 1e-9:
+        return float(ordered[int(count)])
+    both = ordered[max(whole - 1, 0) : whole + 1]
+    known = both[np.isfinite(both)]
+    if len(known):
+        return float(known.mean())
+    return float(both[0]) if both[0] == both[-1] else np.nan
+
+
+def root_mean_square(values: Floats) -> Interval:
+    """The root mean square, with the interval that Student's t gives the logarithm of the mean
+    square; from 0 to inf of a single value."""
+    n, squares = len(values), values**2
+    if n == 0:
         return UNKNOWN
-    if len(values) < FEW:
-        return Interval(of(values), 0.0, np.inf)
-    random = np.random.default_rng(0)
-    drawn = [of(random.choice(values, len(values))) for _ in range(RESAMPLED)]
-    low, high = np.quantile(drawn, [(1.0 - SURE) / 2.0, (1.0 + SURE) / 2.0])
-    return Interval(of(values), float(low), float(high))
-
-
-def rms(values: Floats) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(values**2)))
+    mean = float(squares.mean())
+    if n == 1 or mean == 0.0:
+        return Interval(np.sqrt(mean), 0.0, np.inf)
+    spread = float(squares.std(ddof=1)) / (mean * np.sqrt(n))
+    ratio = np.exp(0.5 * float(STATS.t.ppf((1.0 + SURE) / 2.0, n - 1)) * spread)
+    return Interval(np.sqrt(mean), np.sqrt(mean) / ratio, np.sqrt(mean) * ratio)
 
 
 def share_difference(one: Flags, other: Flags) -> Interval:

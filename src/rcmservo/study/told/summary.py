@@ -16,8 +16,7 @@ from rcmservo.study.told.statistics import (
     Interval,
     median_difference,
     quantile,
-    resampled,
-    rms,
+    root_mean_square,
     share,
     share_difference,
 )
@@ -161,7 +160,7 @@ def summary_of(group: Group) -> Summary:
         pose_median_mm=quantile(pose, 0.5, 0.0),
         pose_95_mm=quantile(pose, 0.95, 0.0),
         ratio_median=quantile(group.ratios, 0.5, 0.0),
-        ratio_rms=resampled(group.ratios, rms),
+        ratio_rms=root_mean_square(group.ratios),
         unnoticed_99_mm=quantile(unnoticed, 0.99, 0.0),
         unnoticed_worst_mm=float(unnoticed.max()),
         stops=dict(group.stops),

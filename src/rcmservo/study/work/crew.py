@@ -81,6 +81,8 @@ class Crew:
                 except DASK.KilledWorker as error:
                     futures.add(self._submit(self._again(given, error)))
                     continue
+                except ImportError as error:
+                    raise WorkLost(f"a worker has no rcmservo: {one_line(error)}") from error
                 yield given.key, rows
                 self._fill(futures, waiting)
         except (OSError, DASK.CancelledError) as error:
@@ -116,6 +118,7 @@ def crew(address: str | None, workers: int | None) -> Generator[Crew]:
                 yield Crew(client, "this machine")
         else:
             require_guarded(address)
+            _require_certificates(address)
             with _reached(address) as client:
                 _require_same_package(client)
                 yield Crew(client, address)
@@ -188,10 +191,19 @@ def require_guarded(address: str) -> None:
     require(scheme == "tls" or _on_loopback(host.strip("[]")), OPTION, address, right)
 
 
+def _require_certificates(address: str) -> None:
+    """Refuse TLS of which dask's configuration has no certificates."""
+    names = "ca-file", "client.cert", "client.key"
+    lacking = [name for name in names if not config.get(f"distributed.comm.tls.{name}", None)]
+    right = "an address with its certificates in dask's configuration (docs/cluster.md); it lacks "
+    need = address.startswith("tls://")
+    require(not (need and lacking), OPTION, address, right + ", ".join(lacking))
+
+
 def _on_loopback(host: str) -> bool:
     try:
         found = {info[4][0] for info in socket.getaddrinfo(host, None)}
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         raise BadInput(OPTION, host, f"a host with an address ({one_line(error)})") from error
     return all(ipaddress.ip_address(place).is_loopback for place in found)
 

@@ -46,9 +46,9 @@ class Work:
 
     def go(self, crew: Crew, progress: Progress) -> None:
         """Have all that is left done."""
-        parcels = {method.parcel.digest: method.parcel for method in self.plan.methods}
+        parcels = {method.name: method.parcel for method in self.plan.methods}
         orders = (
-            (key, ChunkOrder(chunk.cell.text, *_ends(chunk), package(), parcels[chunk.cell.source]))
+            (key, ChunkOrder(chunk.cell.text, *_ends(chunk), package(), parcels[chunk.cell.method]))
             for key, chunk in self.left.items()
         )
         for key, rows in crew.done(orders):
