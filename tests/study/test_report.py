@@ -3,9 +3,11 @@ neither ends where there is little to tell."""
 
 import base64
 import json
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import replace
+from fractions import Fraction
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -96,10 +98,13 @@ def column(rows: Iterable[dict[str, Any]], name: str) -> Floats:
     return np.array([np.inf if row[name] is None else row[name] for row in rows], np.float64)
 
 
-def at(values: Floats, p: float) -> float | None:
-    """A quantile as the report has it: the value that so many are below, null beyond all."""
-    found = np.sort(values)[int(p * len(values))]
-    return None if np.isinf(found) else found
+def at(values: Floats, p: float) -> Any:
+    """A quantile as the report has it: the value up to which there are so many, half-way to the
+    next one that came where they are whole; null beyond all that came."""
+    ordered, many = np.sort(values), Fraction(str(p)) * len(values)
+    below, above = ordered[math.ceil(many) - 1], ordered[math.floor(many)]
+    found = 0.5 * (below + above) if np.isfinite(above) else below
+    return pytest.approx(found) if np.isfinite(found) else None
 
 
 @pytest.mark.parametrize("noise", [0.3, 2.0])
