@@ -175,6 +175,7 @@ def test_the_page_has_every_method_every_condition_and_a_figure_of_each(study: S
         assert words in study.seen.text
     for method in ("dlt", "projection", ODD):
         assert study.seen.text.count(f"Settings of {method}") == 1
+    assert study.seen.text.count("Where it converges") == 2
 
 
 def test_a_name_is_never_taken_for_html(study: Study) -> None:
@@ -299,6 +300,7 @@ def test_a_study_of_one_scene_is_told_and_tells_nothing_apart(tmp_path: Path) ->
     assert study.seen.text.count("not told apart") == 3
 
 
+    assert "Where it converges" not in study.seen.text  # one cell would repeat the success rate
 def test_a_study_without_any_success_is_told(tmp_path: Path) -> None:
     study = Study(tmp_path, small(count=30, duration=1.2))
     for one in study.numbers["methods"]:
