@@ -81,4 +81,5 @@ def _inline(one: "Interval", form: str, unit: str, times: float = 1.0) -> str:
     if math.isnan(one.value):
         return "–"
     value, low, high = (number(times * x, form) for x in one)
-    return value if low == high == value else f"{value} ({low} to {high}) {unit}"
+    between = "" if low == high == value else f" ({low} to {high})"
+    return f"{value}{between} {unit}"
