@@ -127,7 +127,7 @@ def test_a_study_leaves_rows_summary_and_report_and_tells_how_far_it_is(study: s
     assert lines[-1] == "rows, summary and report in study"
     assert "running: 100 % is done" in lines and "mine beside dlt, random, 3 pairs" in study
     summary = json.loads(Path("study/summary.json").read_text())
-    assert summary["workers"] == "2 of this machine" and "--own" in summary["command"]
+    assert summary["workers"] == "2 on this machine" and "--own" in summary["command"]
     assert f"--own {OWN} --replay 5</code>" in Path("study/report.html").read_text()
 
 

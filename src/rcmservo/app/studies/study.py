@@ -197,7 +197,7 @@ def _do(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
         with progress(out, "running", runs, runs - left, "runs") as advance:
             work.go(hands, advance)
         took = time.monotonic() - began
-    return {"workers": f"{count} of {hands.where}", "pace": f"{left} runs in {took:.1f} s"}
+    return {"workers": f"{count} on {hands.where}", "pace": f"{left} runs in {took:.1f} s"}
 
 
 @contextmanager
