@@ -65,11 +65,11 @@ class StudyOptions:
     seed: OptionalInt = None
     """Of the first scene (0); the others follow one by one."""
     noise: Numbers = ()
-    """px of the camera that tells points; several are tried one after the other. FILE stands before
-    it."""
+    """px of the camera that tells points; several are tried one after the other: write FILE before
+    this option."""
     latency: Numbers = ()
-    """s from a frame's exposure to its arrival; several are tried one after the other. FILE stands
-    before it."""
+    """s from a frame's exposure to its arrival; several are tried one after the other: write FILE
+    before this option."""
     disturb: Names = ()
     """What goes wrong in every run, as `rcmservo run --disturb` has it."""
     repetitions: OptionalInt = None
