@@ -262,6 +262,26 @@ def test_a_row_that_another_processor_made_is_the_same_and_that_is_said(
     assert "the same row, bit for bit (cpu was " in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (('"engine": "mujoco",', ""), "study.cells[1].engine must be given, got None"),
+        (('"count": 3', '"count": "x"'), "study.count must be a whole number, got 'x'"),
+        (('"count": 3', '"count": 30'), "runs.parquet: has 6 rows, and study.json tells of 60"),
+    ],
+)
+def test_a_run_is_not_made_again_from_a_damaged_note(
+    study: str, damage: tuple[str, str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    note = Path("study/study.json")
+    whole = note.read_text()
+    try:
+        note.write_text(whole.replace(*damage))
+        refused(["study", "--out", "study", "--replay", "0"], words, capsys)
+    finally:
+        note.write_text(whole)
+
+
 def test_a_row_that_comes_out_otherwise_is_told_with_exit_code_1(
     study: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -41,11 +41,37 @@ def test_a_changed_setting_makes_anew_what_depends_on_it_and_is_told(tmp_path: P
     more = Work(small(count=300), tmp_path)
     assert more.changed == ["count"] and more.runs_left == 2 * 100
     other = Work(small(methods=("dlt", "projection-printed")), tmp_path)
-    assert other.changed == ["method", "servo"] and other.runs_left == 250
+    assert other.changed == ["method"] and other.runs_left == 250
     longer = made(small(duration=3.0), tmp_path)
     assert "duration" in longer.changed and longer.runs_left == 500
     again = Work(small(), tmp_path)
     assert again.changed == ["duration"] and again.runs_left == 0
+
+
+@pytest.mark.parametrize(
+    ("choices", "words"),
+    [
+        ({"noise": (0.5,)}, ["noise"]),
+        ({"latency": (0.05,)}, ["latency"]),
+        ({"first_seed": 3, "shown": 7}, ["seed", "shown"]),
+        ({"scenes": ("random", "laparoscopic")}, ["scenes"]),
+        ({"scenes": ("paper",)}, ["scenes"]),
+        ({"methods": ("dlt", "projection", "flow")}, ["method"]),
+        (
+            {"method": {"dlt": {"estimator": "dlt", "controller": {"gain": 3.0}}}},
+            ["settings of dlt"],
+        ),
+        ({"engine": "mujoco"}, ["engine of dlt", "engine of projection"]),
+        ({"repetitions": 2, "duration": 3.0}, ["repetitions", "duration"]),
+        ({"distribution": {"random": {"vary": {"camera.point_noise": [0.1, 1.0]}}}}, ["noise"]),
+        ({"distribution": {"random": {"drive": {"lag": 0.01}}}}, ["scenes"]),
+    ],
+)
+def test_what_changed_is_told_in_the_words_of_who_changed_it(
+    choices: dict[str, object], words: list[str]
+) -> None:
+    before, now = note.note_of(small(count=4)), note.note_of(small(**{"count": 4, **choices}))
+    assert note.changed(before, now) == words
 
 
 def test_rows_of_another_rcmservo_are_not_taken_for_its_own(
@@ -55,7 +81,7 @@ def test_rows_of_another_rcmservo_are_not_taken_for_its_own(
     monkeypatch.setattr(store, "package", lambda: "0.0.1 abc")
     monkeypatch.setattr(note, "package", lambda: "0.0.1 abc")
     work = Work(small(), tmp_path)
-    assert work.changed == ["package"] and work.runs_left == 500
+    assert work.changed == ["rcmservo"] and work.runs_left == 500
 
 
 def test_a_worker_with_another_rcmservo_refuses(tmp_path: Path) -> None:
