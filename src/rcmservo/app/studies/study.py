@@ -112,6 +112,7 @@ def study(options: StudyOptions) -> int:
     require(not options.film, "--film", True, "given with --replay")
     plan = planned(options)
     folder = options.out or dated("study")
+    require_kept(options.file, folder)
     work = Work(plan, folder)
     _tell(out, work, folder)
     with going_on(folder, out):
@@ -149,6 +150,14 @@ def planned(options: StudyOptions) -> "StudyPlan":
         require(options.file.exists(), "FILE", options.file, right)
     asked = load(options.file) if options.file is not None else StudyFile()
     return plan_of(_above(options, asked), own_of(options))
+
+
+def require_kept(file: Path | None, folder: Path) -> None:
+    """Refuse the FILE that a search has left in this very folder: it would go with the others."""
+    from rcmservo.study.work.store import TUNED
+
+    kept = file is None or file.resolve() != (folder / TUNED).resolve()
+    require(kept, "--out", folder, f"another folder than that of FILE, whose {TUNED} would go")
 
 
 def own_of(options: StudyOptions) -> dict[str, type[Estimator]]:

@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from rcmservo.study.plan.method import Own, StudyMethod
     from rcmservo.study.tuning.search import Tried, Tuning
 
-SETTINGS = "tuned.toml"
-"""What was found, as a study's file that has it as its method."""
-
 
 @dataclass(frozen=True)
 class TuneOptions:
@@ -69,7 +66,7 @@ def tune(options: TuneOptions) -> int:
         from rcmservo.study.tuning.search import best, searched
         from rcmservo.study.tuning.space import with_values
         from rcmservo.study.work.go import Work
-        from rcmservo.study.work.store import SEARCH
+        from rcmservo.study.work.store import SEARCH, TUNED
     tuning, out = _tuning(options), console()
     folder = options.out or dated("tune")
     start = tuning.plan.methods[0]
@@ -86,9 +83,10 @@ def tune(options: TuneOptions) -> int:
             work = Work(plan, folder)
             with progress(out, "trying on unseen scenes", plan.runs, 0, "runs") as advance:
                 work.go(crew, advance)
-        write_whole(folder / SETTINGS, settings_text(method, work.own, tuning))
-        made = about(work) | _found(tuning, method, tried, folder / SETTINGS)
-        told = report.write(folder, work.plan, work.gather(), made, page=True)
+        rows = work.gather()
+        write_whole(folder / TUNED, settings_text(method, work.own, tuning))
+        made = about(work) | _found(tuning, method, tried, folder / TUNED)
+        told = report.write(folder, work.plan, rows, made, page=True)
     better = found.number > 0
     out.print(
         made["found"] if better else "nothing better than the settings at the start was found"
@@ -97,7 +95,7 @@ def tune(options: TuneOptions) -> int:
     out.print(results(told.summaries))
     for one in told.comparisons:
         out.print(beside(one), soft_wrap=True)
-    out.print(f"settings in {folder / SETTINGS}, report in {folder}", soft_wrap=True)
+    out.print(f"settings in {folder / TUNED}, report in {folder}", soft_wrap=True)
     out.print(f"to run with them: {run_command(method)}", soft_wrap=True)
     return 0
 

@@ -28,8 +28,8 @@ from rcmservo.study.told.summary import (
     groups,
     summary_of,
 )
+from rcmservo.study.work.store import REPORT, SUMMARY
 
-REPORT, SUMMARY = "report.html", "summary.json"
 WORST = 5
 """Runs of each method that are told apart."""
 STEPS = 200
