@@ -17,7 +17,7 @@ from rich.text import Text
 
 from rcmservo.app.folders import dated
 from rcmservo.app.parse import OptionalPath
-from rcmservo.app.studies.told import beside, described, results
+from rcmservo.app.studies.told import beside, described, results, tell_work
 from rcmservo.app.terminal import console
 from rcmservo.app.waiting.preparing import compiling
 from rcmservo.app.waiting.progress import going_on, progress
@@ -114,7 +114,7 @@ def study(options: StudyOptions) -> int:
     folder = options.out or dated("study")
     require_kept(options.file, folder)
     work = Work(plan, folder)
-    _tell(out, work, folder)
+    tell_work(out, work)
     with going_on(folder, out):
         how = _do(work, options, out) if work.left else {}
         told = report.write(folder, plan, work.gather(), {**about(work), **how}, options.report)
@@ -182,20 +182,6 @@ def _above(options: StudyOptions, asked: "StudyFile") -> "StudyFile":
         "engine": options.engine,
     }
     return replace(asked, **{k: value for k, value in said.items() if value not in ((), None)})
-
-
-def _tell(out: Console, work: "Work", folder: Path) -> None:
-    """What is going to be done."""
-    runs, left = work.plan.runs, work.runs_left
-    words = f"{runs} simulated run{'s' if runs > 1 else ''}, into {folder}"
-    out.print(words, style="dim", soft_wrap=True)
-    if work.changed:
-        words = f"{', '.join(work.changed)} changed since this folder was used last"
-        out.print(f"{words}: {left} of {runs} runs are made anew", soft_wrap=True)
-    elif not left:
-        out.print("all are there already", soft_wrap=True)
-    elif left < runs:
-        out.print(f"{runs - left} are there already; the others follow", soft_wrap=True)
 
 
 def _do(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
