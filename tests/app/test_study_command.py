@@ -127,7 +127,7 @@ def test_a_study_leaves_rows_summary_and_report_and_tells_how_far_it_is(study: s
     assert lines[-1] == "rows, summary and report in study"
     assert "running: 100 % is done" in lines and "mine beside dlt, random, 3 pairs" in study
     summary = json.loads(Path("study/summary.json").read_text())
-    assert summary["workers"] == "2 of this machine" and "--own" in summary["command"]
+    assert summary["workers"] == "2 on this machine" and "--own" in summary["command"]
     assert f"--own {OWN} --replay 5</code>" in Path("study/report.html").read_text()
 
 
@@ -262,6 +262,26 @@ def test_a_row_that_another_processor_made_is_the_same_and_that_is_said(
     assert "the same row, bit for bit (cpu was " in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (('"engine": "mujoco",', ""), "study.cells[1].engine must be given, got None"),
+        (('"count": 3', '"count": "x"'), "study.count must be a whole number, got 'x'"),
+        (('"count": 3', '"count": 30'), "runs.parquet: has 6 rows, and study.json tells of 60"),
+    ],
+)
+def test_a_run_is_not_made_again_from_a_damaged_note(
+    study: str, damage: tuple[str, str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    note = Path("study/study.json")
+    whole = note.read_text()
+    try:
+        note.write_text(whole.replace(*damage))
+        refused(["study", "--out", "study", "--replay", "0"], words, capsys)
+    finally:
+        note.write_text(whole)
+
+
 def test_a_row_that_comes_out_otherwise_is_told_with_exit_code_1(
     study: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -328,3 +348,35 @@ def test_a_search_leaves_settings_report_and_a_command_and_goes_on_where_it_was(
     assert main(["study", "tuned/tuned.toml", "--count", "1", "--out", "again"]) == 0
     assert main(["study", "--out", "tuned", "--replay", "13"]) == 0
     assert "row 13: tuned, random, seed 6" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("alone")
+def test_a_search_says_that_it_goes_on_or_what_changed_and_ends_at_all(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def said(text: str) -> list[str]:
+        Path("short.toml").write_text(text)
+        assert main(["tune", "short.toml", "--out", "short"]) == 0
+        return capsys.readouterr().out.splitlines()
+
+    short = SEARCH.replace("trials = 3", "trials = 1")
+    assert not [line for line in said(short) if "already" in line or "changed" in line]
+    next(Path("short/parts").iterdir()).unlink()
+    again = said(short)
+    assert "trials that are there already are not made again" in again
+    assert "12 are there already; the others follow" in again
+    assert "trying on unseen scenes: 100 % is done" in again
+    other = said(short.replace("duration = 2.0", "duration = 2.5"))
+    assert "duration changed since this folder was used last: trials are made anew" in other
+    assert "duration changed since this folder was used last: 24 of 24 runs are made anew" in other
+
+
+def test_what_a_search_found_is_not_tried_in_its_own_folder_from_which_it_would_go(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = Path("found/tuned.toml")
+    found.parent.mkdir()
+    found.write_text('[method.tuned]\nestimator = "dlt"\n')
+    words = ["study", str(found), "--out", "found"]
+    refused(words, "--out must be another folder than that of FILE, whose tuned.toml", capsys)
+    assert found.exists()

@@ -180,6 +180,7 @@ def test_the_page_has_every_method_every_condition_and_a_figure_of_each(study: S
         assert words in study.seen.text
     for method in ("dlt", "projection", ODD):
         assert study.seen.text.count(f"Settings of {method}") == 1
+    assert study.seen.text.count("Where it converges") == 2
 
 
 def test_a_name_is_never_taken_for_html(study: Study) -> None:
@@ -230,6 +231,8 @@ def test_what_only_one_of_two_does_is_said_in_words() -> None:
         "a beside b, random, 9 pairs: success -100.0 (-100.0 to -60.0) % points, to 1 mm mostly "
         "only b comes, error –"
     )
+    alike = replace(one, time_s=Interval(0.0, 0.0, 0.0), pose_mm=Interval(0.0, 0.0, 0.0))
+    assert beside(alike).endswith("to 1 mm +0.00 s, error +0.000 mm")
     sooner = replace(one, time_s=Interval(-np.inf, -np.inf, -0.5))
     assert "to 1 mm mostly only a comes" in beside(sooner)
 
@@ -302,6 +305,7 @@ def test_a_study_of_one_scene_is_told_and_tells_nothing_apart(tmp_path: Path) ->
     assert "worse" not in study.seen.words and "better" not in study.seen.words
     assert not NO_NUMBER.search(study.seen.text)
     assert study.seen.text.count("not told apart") == 3
+    assert "Where it converges" not in study.seen.text  # one cell would repeat the success rate
 
 
 def test_a_study_without_any_success_is_told(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from rcmservo.study.row import StudyRow
 from rcmservo.study.work import note, store
 from rcmservo.study.work.chunk import OtherPackage, done
 from rcmservo.study.work.go import Work
-from rcmservo.study.work.store import RUNS, SCHEMA, key_of, runs_in
+from rcmservo.study.work.store import REPORT, RUNS, SCHEMA, SUMMARY, TUNED, key_of, runs_in
 
 
 def test_a_study_that_was_stopped_ends_with_the_same_bytes(tmp_path: Path) -> None:
@@ -41,11 +41,37 @@ def test_a_changed_setting_makes_anew_what_depends_on_it_and_is_told(tmp_path: P
     more = Work(small(count=300), tmp_path)
     assert more.changed == ["count"] and more.runs_left == 2 * 100
     other = Work(small(methods=("dlt", "projection-printed")), tmp_path)
-    assert other.changed == ["method", "servo"] and other.runs_left == 250
+    assert other.changed == ["method"] and other.runs_left == 250
     longer = made(small(duration=3.0), tmp_path)
     assert "duration" in longer.changed and longer.runs_left == 500
     again = Work(small(), tmp_path)
     assert again.changed == ["duration"] and again.runs_left == 0
+
+
+@pytest.mark.parametrize(
+    ("choices", "words"),
+    [
+        ({"noise": (0.5,)}, ["noise"]),
+        ({"latency": (0.05,)}, ["latency"]),
+        ({"first_seed": 3, "shown": 7}, ["seed", "shown"]),
+        ({"scenes": ("random", "laparoscopic")}, ["scenes"]),
+        ({"scenes": ("paper",)}, ["scenes"]),
+        ({"methods": ("dlt", "projection", "flow")}, ["method"]),
+        (
+            {"method": {"dlt": {"estimator": "dlt", "controller": {"gain": 3.0}}}},
+            ["settings of dlt"],
+        ),
+        ({"engine": "mujoco"}, ["engine of dlt", "engine of projection"]),
+        ({"repetitions": 2, "duration": 3.0}, ["repetitions", "duration"]),
+        ({"distribution": {"random": {"vary": {"camera.point_noise": [0.1, 1.0]}}}}, ["noise"]),
+        ({"distribution": {"random": {"drive": {"lag": 0.01}}}}, ["scenes"]),
+    ],
+)
+def test_what_changed_is_told_in_the_words_of_who_changed_it(
+    choices: dict[str, object], words: list[str]
+) -> None:
+    before, now = note.note_of(small(count=4)), note.note_of(small(**{"count": 4, **choices}))
+    assert note.changed(before, now) == words
 
 
 def test_rows_of_another_rcmservo_are_not_taken_for_its_own(
@@ -55,7 +81,7 @@ def test_rows_of_another_rcmservo_are_not_taken_for_its_own(
     monkeypatch.setattr(store, "package", lambda: "0.0.1 abc")
     monkeypatch.setattr(note, "package", lambda: "0.0.1 abc")
     work = Work(small(), tmp_path)
-    assert work.changed == ["package"] and work.runs_left == 500
+    assert work.changed == ["rcmservo"] and work.runs_left == 500
 
 
 def test_a_worker_with_another_rcmservo_refuses(tmp_path: Path) -> None:
@@ -160,6 +186,45 @@ def test_gathered_rows_are_never_those_of_another_study_than_is_noted(tmp_path: 
     stopped.go(Alone(), lambda _: None)  # pyright: ignore[reportArgumentType]
     with pytest.raises(RcmServoError, match="is not there: the study is not done yet"):
         runs_in(tmp_path)
+
+
+def test_nothing_that_tells_of_other_rows_stays_beside_new_ones(tmp_path: Path) -> None:
+    """A report with --no-report, numbers where the study was stopped, what a search found."""
+    work, told = made(small(count=4), tmp_path), {REPORT, SUMMARY, TUNED}
+    work.gather()
+    for name in told:
+        (tmp_path / name).write_text("of these rows")
+    Work(small(count=4), tmp_path).gather()
+    assert told <= {path.name for path in tmp_path.iterdir()}
+    made(small(count=4, duration=3.0), tmp_path).gather()
+    assert {path.name for path in tmp_path.iterdir()} == {"parts", note.NAME, RUNS}
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        ({"count": "x"}, "study.count must be a whole number, got 'x'"),
+        ({"count": 0}, "study.count must be a whole number from 1 on, got 0"),
+        ({"first_seed": 1.5}, "study.first_seed must be a whole number, got 1.5"),
+        ({"first_seed": -1}, "study.first_seed must be a whole number from 0 on, got -1"),
+        ({"format": "other"}, "study.format must be rcmservo study 1, got 'other'"),
+        ({"cells": []}, "study.cells must be one at least"),
+        ({"cells": [{"method": "dlt"}]}, "study.cells[0].servo must be given"),
+        ({"servo": {}}, "study.cells[0].servo.estimator must be a table with its kind, got None"),
+        ({"tables": {"tool": 3}}, "study.cells[0].tables.tool must be a table, got 3"),
+        ({"motor": 3}, "study.cells[0].motor must be left out"),
+    ],
+)
+def test_a_damaged_note_is_told_by_what_is_wrong_in_it(
+    tmp_path: Path, damage: dict[str, object], words: str
+) -> None:
+    note.write(tmp_path, note.note_of(small(count=4)))
+    told = json.loads((tmp_path / note.NAME).read_text())
+    (told if set(damage) <= set(told) else told["cells"][0]).update(damage)
+    (tmp_path / note.NAME).write_text(json.dumps(told))
+    with pytest.raises(UnusableFile) as error:
+        note.read(tmp_path)
+    assert words in str(error.value) and "\n" not in str(error.value)
 
 
 def test_any_row_can_be_made_again_from_what_the_folder_notes(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from rcmservo.app.folders import new_folder
 from rcmservo.app.lab.drawn import draw_figures
@@ -23,7 +24,7 @@ from rcmservo.study.plan.parcel import parcel_of
 from rcmservo.study.work import note
 from rcmservo.study.work.chunk import one_run
 from rcmservo.study.work.package import package
-from rcmservo.study.work.store import runs_in
+from rcmservo.study.work.store import RUNS, runs_in
 
 SEEN = "replays"
 """The folder of these records, in that of the study."""
@@ -41,11 +42,10 @@ def seen_again(folder: Path | None, case: int, film: bool, own: dict[str, type[E
     if made is None:
         raise UnusableFile(folder, "holds no study")
     require(0 <= case < made.runs, "--replay", case, f"a row from 0 to {made.runs - 1}")
-    (cell, seed), rows = made.run_of(case), runs_in(folder)
+    (cell, seed), before = made.run_of(case), _row(folder, made, case)
     _require_same(made.package, cell, own)
     servo, out = cell.rebuilt(own), console()
     row = asdict(one_run(cell, servo, seed))
-    before = rows.slice(case, 1).to_pylist()[0]
     other = [name for name in row if row[name] != before[name] and name not in PLACE]
     with new_folder(_free(folder / SEEN / str(case)), "replay") as there:
         failed = _record(cell, servo, seed, there, film)
@@ -60,6 +60,15 @@ def seen_again(folder: Path | None, case: int, film: bool, own: dict[str, type[E
     if failed:
         out.print(failed, soft_wrap=True)
     return 1 if other else 0
+
+
+def _row(folder: Path, made: note.StudyNote, case: int) -> dict[str, Any]:
+    """The row as the study has it."""
+    rows = runs_in(folder)
+    if rows.num_rows != made.runs:
+        why = f"has {rows.num_rows} rows, and {note.NAME} tells of {made.runs}: name a new folder"
+        raise UnusableFile(folder / RUNS, why)
+    return rows.slice(case, 1).to_pylist()[0]
 
 
 def _worded(value: object) -> str:

@@ -17,7 +17,7 @@ from rich.text import Text
 
 from rcmservo.app.folders import dated
 from rcmservo.app.parse import OptionalPath
-from rcmservo.app.studies.told import beside, described, results
+from rcmservo.app.studies.told import beside, described, results, tell_work
 from rcmservo.app.terminal import console
 from rcmservo.app.waiting.preparing import compiling
 from rcmservo.app.waiting.progress import going_on, progress
@@ -65,11 +65,11 @@ class StudyOptions:
     seed: OptionalInt = None
     """Of the first scene (0); the others follow one by one."""
     noise: Numbers = ()
-    """px of the camera that tells points; several are tried one after the other. FILE stands before
-    it."""
+    """px of the camera that tells points; several are tried one after the other: write FILE before
+    this option."""
     latency: Numbers = ()
-    """s from a frame's exposure to its arrival; several are tried one after the other. FILE stands
-    before it."""
+    """s from a frame's exposure to its arrival; several are tried one after the other: write FILE
+    before this option."""
     disturb: Names = ()
     """What goes wrong in every run, as `rcmservo run --disturb` has it."""
     repetitions: OptionalInt = None
@@ -112,8 +112,9 @@ def study(options: StudyOptions) -> int:
     require(not options.film, "--film", True, "given with --replay")
     plan = planned(options)
     folder = options.out or dated("study")
+    require_kept(options.file, folder)
     work = Work(plan, folder)
-    _tell(out, work, folder)
+    tell_work(out, work)
     with going_on(folder, out):
         how = _do(work, options, out) if work.left else {}
         told = report.write(folder, plan, work.gather(), {**about(work), **how}, options.report)
@@ -151,6 +152,14 @@ def planned(options: StudyOptions) -> "StudyPlan":
     return plan_of(_above(options, asked), own_of(options))
 
 
+def require_kept(file: Path | None, folder: Path) -> None:
+    """Refuse the FILE that a search has left in this very folder: it would go with the others."""
+    from rcmservo.study.work.store import TUNED
+
+    kept = file is None or file.resolve() != (folder / TUNED).resolve()
+    require(kept, "--out", folder, f"another folder than that of FILE, whose {TUNED} would go")
+
+
 def own_of(options: StudyOptions) -> dict[str, type[Estimator]]:
     """The users' own estimators that the command line names; their code is run here first."""
     own = {name: named(name, "--method") for name in options.method if ":" in name}
@@ -175,20 +184,6 @@ def _above(options: StudyOptions, asked: "StudyFile") -> "StudyFile":
     return replace(asked, **{k: value for k, value in said.items() if value not in ((), None)})
 
 
-def _tell(out: Console, work: "Work", folder: Path) -> None:
-    """What is going to be done."""
-    runs, left = work.plan.runs, work.runs_left
-    words = f"{runs} simulated run{'s' if runs > 1 else ''}, into {folder}"
-    out.print(words, style="dim", soft_wrap=True)
-    if work.changed:
-        words = f"{', '.join(work.changed)} changed since this folder was used last"
-        out.print(f"{words}: {left} of {runs} runs are made anew", soft_wrap=True)
-    elif not left:
-        out.print("all are there already", soft_wrap=True)
-    elif left < runs:
-        out.print(f"{runs - left} are there already; the others follow", soft_wrap=True)
-
-
 def _do(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
     """Have what is left done; how that went."""
     runs, left = work.plan.runs, work.runs_left
@@ -197,7 +192,7 @@ def _do(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
         with progress(out, "running", runs, runs - left, "runs") as advance:
             work.go(hands, advance)
         took = time.monotonic() - began
-    return {"workers": f"{count} of {hands.where}", "pace": f"{left} runs in {took:.1f} s"}
+    return {"workers": f"{count} on {hands.where}", "pace": f"{left} runs in {took:.1f} s"}
 
 
 @contextmanager

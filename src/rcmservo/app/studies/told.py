@@ -4,11 +4,13 @@ import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from rich.console import Console
 from rich.table import Table
 
 if TYPE_CHECKING:
     from rcmservo.study.told.statistics import Interval
     from rcmservo.study.told.summary import PairedComparison, Summary
+    from rcmservo.study.work.go import Work
 
 NUMBERS = "success, %", "to 1 mm, s", "error, mm", "/ bound"
 """Columns of numbers: the medians of time and error, and the rms of the ratio."""
@@ -20,6 +22,20 @@ def described(distributions: Iterable[tuple[str, str]]) -> Table:
     for name, words in distributions:
         table.add_row(name, words)
     return table
+
+
+def tell_work(out: Console, work: "Work") -> None:
+    """What is going to be done."""
+    runs, left = work.plan.runs, work.runs_left
+    words = f"{runs} simulated run{'s' if runs > 1 else ''}, into {work.store.folder}"
+    out.print(words, style="dim", soft_wrap=True)
+    if work.changed:
+        words = f"{', '.join(work.changed)} changed since this folder was used last"
+        out.print(f"{words}: {left} of {runs} runs are made anew", soft_wrap=True)
+    elif not left:
+        out.print("all are there already", soft_wrap=True)
+    elif left < runs:
+        out.print(f"{runs - left} are there already; the others follow", soft_wrap=True)
 
 
 def results(rows: list["Summary"]) -> Table:
@@ -81,4 +97,5 @@ def _inline(one: "Interval", form: str, unit: str, times: float = 1.0) -> str:
     if math.isnan(one.value):
         return "–"
     value, low, high = (number(times * x, form) for x in one)
-    return value if low == high == value else f"{value} ({low} to {high}) {unit}"
+    between = "" if low == high == value else f" ({low} to {high})"
+    return f"{value}{between} {unit}"

@@ -8,12 +8,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import tyro
+from rich.console import Console
 
 from rcmservo.app.folders import dated
 from rcmservo.app.own_options import group_of
 from rcmservo.app.parse import OptionalPath
-from rcmservo.app.studies.study import Names, OptionalInt, OptionalText, about, needed, workers_for
-from rcmservo.app.studies.told import beside, results
+from rcmservo.app.studies.study import (
+    Names,
+    OptionalInt,
+    OptionalText,
+    about,
+    needed,
+    require_kept,
+    workers_for,
+)
+from rcmservo.app.studies.told import beside, results, tell_work
 from rcmservo.app.terminal import console
 from rcmservo.app.waiting.progress import going_on, progress
 from rcmservo.config.decode import decode
@@ -25,9 +34,6 @@ from rcmservo.config.rig_file import told_with
 if TYPE_CHECKING:
     from rcmservo.study.plan.method import Own, StudyMethod
     from rcmservo.study.tuning.search import Tried, Tuning
-
-SETTINGS = "tuned.toml"
-"""What was found, as a study's file that has it as its method."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +75,13 @@ def tune(options: TuneOptions) -> int:
         from rcmservo.study.tuning.search import best, searched
         from rcmservo.study.tuning.space import with_values
         from rcmservo.study.work.go import Work
-        from rcmservo.study.work.store import SEARCH
+        from rcmservo.study.work.store import SEARCH, TUNED
     tuning, out = _tuning(options), console()
     folder = options.out or dated("tune")
+    require_kept(options.file, folder)
     start = tuning.plan.methods[0]
     unseen = Work(tuning.unseen, folder)
-    words = f"{tuning.trials} trials of {tuning.plan.runs} simulated runs, into {folder}"
-    out.print(words, style="dim", soft_wrap=True)
+    _tell_search(out, tuning, folder, folder / SEARCH)
     with going_on(folder, out):
         with workers_for(unseen, options.cluster, options.workers, out) as crew:
             with progress(out, "searching", tuning.trials) as advance:
@@ -84,11 +90,14 @@ def tune(options: TuneOptions) -> int:
             method = with_values(start, tuning.name, found.values)
             plan = replace(tuning.unseen, methods=(start, method))
             work = Work(plan, folder)
-            with progress(out, "trying on unseen scenes", plan.runs, 0, "runs") as advance:
+            tell_work(out, work)
+            done = plan.runs - work.runs_left
+            with progress(out, "trying on unseen scenes", plan.runs, done, "runs") as advance:
                 work.go(crew, advance)
-        write_whole(folder / SETTINGS, settings_text(method, work.own, tuning))
-        made = about(work) | _found(tuning, method, tried, folder / SETTINGS)
-        told = report.write(folder, work.plan, work.gather(), made, page=True)
+        rows = work.gather()
+        write_whole(folder / TUNED, settings_text(method, work.own, tuning))
+        made = about(work) | _found(tuning, method, tried, folder / TUNED)
+        told = report.write(folder, work.plan, rows, made, page=True)
     better = found.number > 0
     out.print(
         made["found"] if better else "nothing better than the settings at the start was found"
@@ -97,7 +106,7 @@ def tune(options: TuneOptions) -> int:
     out.print(results(told.summaries))
     for one in told.comparisons:
         out.print(beside(one), soft_wrap=True)
-    out.print(f"settings in {folder / SETTINGS}, report in {folder}", soft_wrap=True)
+    out.print(f"settings in {folder / TUNED}, report in {folder}", soft_wrap=True)
     out.print(f"to run with them: {run_command(method)}", soft_wrap=True)
     return 0
 
@@ -115,6 +124,25 @@ def _tuning(options: TuneOptions) -> "Tuning":
         method = plan.methods[0]
         axes = tuple(axis_from(name, told, method) for name, told in asked.search.items())
         return Tuning(plan, axes, **asdict(section))
+
+
+def _tell_search(out: Console, tuning: "Tuning", folder: Path, search: Path) -> None:
+    """What is going to be searched, and whether it goes on. Each trial has a method of its own."""
+    from rcmservo.study.work import note
+
+    words = f"{tuning.trials} trials of {tuning.plan.runs} simulated runs, into {folder}"
+    out.print(words, style="dim", soft_wrap=True)
+    before = note.read(search)
+    if before is None:
+        return
+    changed = note.changed(before, note.note_of(tuning.plan))
+    other = ", ".join(word for word in changed if word != note.METHOD)
+    out.print(
+        f"{other} changed since this folder was used last: trials are made anew"
+        if other
+        else "trials that are there already are not made again",
+        soft_wrap=True,
+    )
 
 
 def _found(

@@ -53,6 +53,11 @@ class Map:
     cells: list[list[tuple[int, Interval] | None]]
     """Runs, and the share of them that succeeded; None where there are no runs."""
 
+    @property
+    def divides(self) -> bool:
+        """Whether there is more than one cell, which has the share of all runs."""
+        return len(self.rows) * len(self.columns) > 1
+
 
 def map_of(group: Group, down: MapAxis, across: MapAxis) -> Map:
     """The map of a group."""

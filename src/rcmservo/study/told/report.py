@@ -28,8 +28,8 @@ from rcmservo.study.told.summary import (
     groups,
     summary_of,
 )
+from rcmservo.study.work.store import REPORT, SUMMARY
 
-REPORT, SUMMARY = "report.html", "summary.json"
 WORST = 5
 """Runs of each method that are told apart."""
 STEPS = 200
@@ -66,7 +66,7 @@ class Condition:
     figure: str
     """As data that the page embeds."""
     maps: list[tuple[str, list[Map]]]
-    """By method."""
+    """By method; none where they would repeat its success rate."""
     worst: list[tuple[str, list[Bad]]]
     """By method."""
 
@@ -125,9 +125,14 @@ def _condition(
         summaries=[one for one in summaries if one.condition == name],
         comparisons=[one for one in beside if one.condition == name],
         figure=f"data:image/svg+xml;base64,{base64.b64encode(drawing).decode()}",
-        maps=[(g.method, [map_of(g, *axes) for axes in AXES]) for g in here],
+        maps=[(group.method, maps) for group in here if (maps := _maps(group))],
         worst=[(group.method, _worst(group, plan)) for group in here],
     )
+
+
+def _maps(group: Group) -> list[Map]:
+    """Where it converges."""
+    return [one for axes in AXES if (one := map_of(group, *axes)).divides]
 
 
 def _figure(here: list[Group], duration: float) -> Figure:

@@ -2,21 +2,31 @@
 tells what has changed when the study is another one."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from rcmservo.config import texts
+from rcmservo.config.decode import decode
 from rcmservo.config.files import read_small, write_whole
-from rcmservo.errors import RcmServoError, UnusableFile
-from rcmservo.study.plan.cell import Cell, cell_from
+from rcmservo.config.texts import Table, is_table
+from rcmservo.errors import UnusableFile, one_line, require
+from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.work.package import package
 
 NAME, FORMAT = "study.json", "rcmservo study 1"
 LARGEST = 100_000_000
 """Bytes."""
+WORDS = {"package": "rcmservo", "count": "count", "first_seed": "seed"}
+"""What users call what is the same for all cells."""
+METHOD = "method"
+"""What users call the names of the methods."""
+SETTINGS = "estimator", "controller", "exploration", "imaged_rcm"
+"""Boxes of a servo that are the method's; the others are the scenes'."""
+NOISE, DELAY = "camera.point_noise", "camera.delay"
+"""Numbers of a distribution that have options of their own."""
 
 
 @dataclass(frozen=True)
@@ -29,13 +39,12 @@ class StudyNote:
     """Scenes of each cell."""
     first_seed: int
     """Of the first of them."""
-    cells: tuple[Mapping[str, Any], ...]
+    cells: tuple[Cell, ...]
     """In the order of their rows, `count` each."""
 
     def run_of(self, case: int) -> tuple[Cell, int]:
         """The cell and the seed of a row."""
-        cell = cell_from(json.dumps(self.cells[case // self.count]))
-        return cell, self.first_seed + case % self.count
+        return self.cells[case // self.count], self.first_seed + case % self.count
 
     @property
     def runs(self) -> int:
@@ -43,10 +52,48 @@ class StudyNote:
         return len(self.cells) * self.count
 
 
+@dataclass(frozen=True)
+class NoteTable:
+    """study.json as it is written."""
+
+    format: str
+    """FORMAT."""
+    package: str
+    """As StudyNote has it, and so are the others."""
+    count: int
+    """At least 1."""
+    first_seed: int
+    """At least 0."""
+    cells: tuple[dict[str, Any], ...]
+    """One at least."""
+
+    def __post_init__(self) -> None:
+        require(self.format == FORMAT, "format", self.format, FORMAT)
+        require(self.count >= 1, "count", self.count, "a whole number from 1 on")
+        require(self.first_seed >= 0, "first_seed", self.first_seed, "a whole number from 0 on")
+        require(bool(self.cells), "cells", [], "one at least")
+
+    @property
+    def note(self) -> StudyNote:
+        """What it tells."""
+        cells = tuple(_cell(table, f"study.cells[{i}]") for i, table in enumerate(self.cells))
+        return StudyNote(self.package, self.count, self.first_seed, cells)
+
+
+def _cell(table: Table, where: str) -> Cell:
+    """A cell whose servo and scenes look like some: what is in them is refused where it is used."""
+    cell = decode(Cell, table, where)
+    estimator = cell.servo.get("estimator")
+    good = is_table(estimator) and "kind" in estimator
+    require(good, f"{where}.servo.estimator", estimator, "a table with its kind")
+    for name, section in cell.tables.items():
+        require(is_table(section), f"{where}.tables.{name}", section, "a table")
+    return cell
+
+
 def note_of(plan: StudyPlan) -> StudyNote:
     """What is noted of a plan."""
-    cells = tuple(asdict(cell) for cell in plan.cells)
-    return StudyNote(package(), plan.count, plan.first_seed, cells)
+    return StudyNote(package(), plan.count, plan.first_seed, plan.cells)
 
 
 def write(folder: Path, note: StudyNote) -> None:
@@ -60,27 +107,50 @@ def read(folder: Path) -> StudyNote | None:
     path = folder / NAME
     if not path.exists():
         return None
+    data = read_small(path, LARGEST, "a study's note")
     try:
-        table = texts.from_json(read_small(path, LARGEST, "a study's note").decode())
-        assert table["format"] == FORMAT
-        cells = tuple(table["cells"])
-        return StudyNote(table["package"], table["count"], table["first_seed"], cells)
-    except RcmServoError:
-        raise
-    except (ValueError, RecursionError, TypeError, KeyError, AttributeError, AssertionError) as e:
-        raise UnusableFile(path, "is not what `rcmservo study` wrote: name a new folder") from e
+        return decode(NoteTable, texts.from_json(data.decode()), "study").note
+    except (ValueError, RecursionError) as error:
+        why = f"is not what `rcmservo study` wrote ({one_line(error)}): name a new folder"
+        raise UnusableFile(path, why) from error
 
 
 def changed(before: StudyNote, now: StudyNote) -> list[str]:
-    """What of a study is not as it was, in the words of its settings."""
-    names = [
-        name
-        for name in ("package", "count", "first_seed")
-        if getattr(before, name) != getattr(now, name)
-    ]
-    keys = dict.fromkeys(key for cell in now.cells for key in cell)
-    return names + [key for key in keys if _all(before, key) != _all(now, key)]
+    """What of a study is not as it was, in the words of its settings. What is of a method, or of
+    scenes, is told where both studies have these."""
+    names = [word for name, word in WORDS.items() if getattr(before, name) != getattr(now, name)]
+    old, new = _facts(before), _facts(now)
+    other = [word for word, of in new if (word, of) in old and old[word, of] != new[word, of]]
+    return list(dict.fromkeys(names + other))
 
 
-def _all(note: StudyNote, key: str) -> set[str]:
-    return {json.dumps(cell.get(key), sort_keys=True) for cell in note.cells}
+def _facts(note: StudyNote) -> dict[tuple[str, str], set[str]]:
+    """All that the cells are of, by its word and the scenes that it is of."""
+    facts: dict[tuple[str, str], set[str]] = {}
+    for cell in note.cells:
+        for word, of, value in _facts_of(cell):
+            facts.setdefault((word, of), set()).add(json.dumps(value, sort_keys=True))
+    return facts
+
+
+def _facts_of(cell: Cell) -> Iterator[tuple[str, str, object]]:
+    drawn = {**_numbers(cell), **cell.vary}
+    rest = {name: value for name, value in drawn.items() if name not in (NOISE, DELAY)}
+    yield METHOD, "", cell.method
+    yield f"settings of {cell.method}", "", [cell.servo.get(box) for box in SETTINGS]
+    yield f"code of {cell.method}", "", cell.source
+    yield "scenes", "", cell.scenes
+    yield "scenes", cell.scenes, rest
+    yield "noise", cell.scenes, drawn.get(NOISE)
+    yield "latency", cell.scenes, drawn.get(DELAY)
+    yield "disturb", "", cell.disturb
+    yield "repetitions", "", cell.repetition
+    yield f"engine of {cell.method}", "", cell.engine
+    yield "duration", "", cell.duration
+    yield "shown", "", cell.shown
+
+
+def _numbers(cell: Cell) -> Table:
+    """The settings of a cell's scenes by section.key."""
+    sections = cell.tables.items()
+    return {f"{name}.{key}": value for name, table in sections for key, value in table.items()}

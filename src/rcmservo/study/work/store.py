@@ -26,7 +26,9 @@ PA: Any = pa
 PQ: Any = pq
 """Arrow without types: it has none."""
 
-RUNS = "runs.parquet"
+RUNS, REPORT, SUMMARY = "runs.parquet", "report.html", "summary.json"
+TUNED = "tuned.toml"
+"""What a search found, as a study's file that has it as its method."""
 PARTS = "parts"
 SEARCH = "search"
 """The folder of a search's trials, in that of what is made of it."""
@@ -86,11 +88,12 @@ class Store:
             raise UnusableFile(self.folder, f"cannot be written to: {error.strerror}") from error
 
     def forget(self) -> None:
-        """Leave no rows that are gathered; the parts stay."""
-        try:
-            (self.folder / RUNS).unlink(missing_ok=True)
-        except OSError as error:
-            raise UnusableFile(self.folder / RUNS, f"cannot be removed: {error}") from error
+        """Leave no rows that are gathered, and nothing that tells of them; the parts stay."""
+        for path in (self.folder / name for name in (RUNS, REPORT, SUMMARY, TUNED)):
+            try:
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                raise UnusableFile(path, f"cannot be removed: {error.strerror}") from error
 
     @cached_property
     def _there(self) -> set[str]:
