@@ -6,7 +6,7 @@ import re
 import textwrap
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 from rcmservo.config.kinds import KINDS
 from rcmservo.config.servo_json import describe
@@ -59,8 +59,9 @@ def _choices(hint: Any) -> list[str]:
 def docstrings(kind: type[Any]) -> dict[str, str]:
     """The docstring below each field of a dataclass, on one line; of those that it inherits too."""
     found: dict[str, str] = {}
-    for parent in filter(is_dataclass, reversed(kind.__mro__)):
-        found |= _own_docstrings(parent)
+    for parent in reversed(kind.__mro__):
+        if is_dataclass(parent):
+            found |= _own_docstrings(cast(type[Any], parent))
     return found
 
 
