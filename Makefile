@@ -4,7 +4,7 @@
 # and beyond them
 #   make test-all  runs the slow tests too, and reports a short live run
 #   make peers     adds other people's clients that tests run, which are skipped without them
-#   make studies   runs the studies behind docs/how_to_choose.md, and writes that page, in 20 minutes
+#   make studies   runs the studies behind docs/how_to_choose.md, and writes that page, in 16 minutes
 #   make bench     measures everything at length, for about two hours
 .PHONY: run test test-all check peers studies bench
 BIN := .venv/bin

@@ -2,7 +2,7 @@
 without the report, and two workers beside two processes of the same work that know nothing of each
 other.
 
-    python benchmarks/study.py [--scenes 10000] [--rounds 3]
+    python benchmarks/study.py [--scenes 10000] [--rounds 5]
 
 A step is one tick of the servo and ten of the arm. Its speed is told in CPU time, the drawing of
 scenes left out. The others are wall time, and want the machine to themselves.
@@ -39,7 +39,7 @@ class Options:
 
     scenes: int = 10_000
     """Of the command's study."""
-    rounds: int = 3
+    rounds: int = 5
     """Of two workers beside two processes, in turns."""
 
 
@@ -118,10 +118,11 @@ def main(options: Options) -> None:
     print(f"million steps a second and core (CPU time), five times: {told}")
     print(f"{options.scenes} scenes, no report: {command(options.scenes, '--no-report'):.1f} s")
     print(f"{options.scenes} scenes, report: {command(options.scenes):.1f} s")
-    work, ratios = orders(4000), list[float]()
+    work, ratios = orders(12_000), list[float]()
     for _ in range(options.rounds):
         ratios.append(two_workers(work) / two_alone(work))
-    print("two workers beside two processes:", ", ".join(f"{ratio:.3f}" for ratio in ratios))
+    told = ", ".join(f"{ratio:.2f}" for ratio in sorted(ratios))
+    print(f"two workers beside two processes, in turns: {told}; median {np.median(ratios):.3f}")
 
 
 if __name__ == "__main__":
