@@ -86,7 +86,7 @@ STUDIES = {
     "unknown scenes": (["study", "--scenes", "magic"], "scenes must be one of paper", "magic"),
     "no such scenes": (["study", "--scenes", "none.toml"], "none.toml: cannot be read"),
     "unknown engine": (["study", "--engine", "warp"], "engine must be one of auto", "warp"),
-    "no compiled one": (["study", "--method", "flow", "--engine", "compiled"], "auto, mujoco or pictures"),
+    "no compiled one": (["study", "--method", "flow", "--engine", "compiled"], "auto, mujoco or"),
     "no scenes at all": (["study", "--count", "0"], "count must be a whole number from 1"),
     "too many": (["study", "--count", "100000000", "--repetitions", "9"], "runs in all must be"),
     "no whole number": (["study", "--count", "many"], "--count must be given INT", "many"),
