@@ -128,6 +128,26 @@ def test_workers_that_die_lose_nothing(tmp_path: Path) -> None:
     assert theirs == rows_here(tmp_path / "here", **choices)
 
 
+HEARS = """
+import signal
+from rcmservo.study.work.crew import crew
+
+def blocked():
+    import signal
+    return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+if __name__ == "__main__":
+    with crew(None, 2) as hands:
+        print(blocked(), *hands._client.run(blocked).values())
+"""
+"""In a process that has started no other before: the first one unblocks Ctrl-C."""
+
+
+def test_its_own_workers_do_not_hear_ctrl_c_and_this_process_does() -> None:
+    words = [sys.executable, "-c", HEARS]
+    assert subprocess.check_output(words, text=True).split() == ["False", "True", "True"]
+
+
 def test_its_own_workers_can_be_reached_from_this_machine_only_and_with_a_certificate() -> None:
     def heard() -> set[Any]:
         here = [psutil.Process(), *psutil.Process().children(recursive=True)]

@@ -15,6 +15,7 @@ import signal
 import socket
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from typing import Any, NamedTuple
 
 import distributed
@@ -171,6 +172,7 @@ def _processes(workers: int | None) -> Generator[Any]:
 def _left_alone() -> Generator[None]:
     """Ctrl-C, which reaches every process of the terminal, waits until this one unblocks it. The
     thread that is made in here, and all workers that it ever starts, never hear of it."""
+    resource_tracker.ensure_running()  # whoever starts a first process starts it, and unblocks
     usual = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
