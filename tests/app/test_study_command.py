@@ -297,7 +297,7 @@ def test_what_a_file_names_of_others_is_not_run(
     here: Path, command: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     sys.modules.pop(MODULE, None)
-    refused(command, f"or module:class that --own names too, got '{OWN}'", capsys)
+    refused(command, f"or module:class that --method or --own names, got '{OWN}'", capsys)
     assert MODULE not in sys.modules
 
 

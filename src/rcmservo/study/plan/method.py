@@ -78,7 +78,7 @@ def _estimator(told: object, own: Own, where: str) -> Estimator:
         return PRESETS[told]
     if not isinstance(told, str) or told not in {**ESTIMATORS, **own}:
         names = ", ".join((*ESTIMATORS, *PRESETS))
-        right = f"one of {names}, or module:class that --own names too"
+        right = f"one of {names}, or module:class that --method or --own names"
         raise BadInput(where, told, right)
     return kind_in({**ESTIMATORS, **own}, told, where)()
 
