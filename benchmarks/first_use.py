@@ -1,12 +1,12 @@
-"""The first use as the README has it, and nothing else: from a clone to a taught pose reached.
+"""First use by README and docs/page.md alone: from a clone to a taught pose reached.
 
     python benchmarks/first_use.py [--count N]
 
 Each time a clone of this checkout is made in a new folder, without anything that was compiled or
-configured before. There the set-up command of "Two commands" is run, then that of "The operator's
-page", and then its numbered steps are followed in headless Chromium: what is bold after "press",
-"type" and "hold" is done in that order, by the names that a person sees. It has ended when the
-errors are within the verdict's tolerance.
+configured before. There the command of README's "Install" is run, then that of "First steps" in
+docs/page.md, and then its numbered steps are followed in headless Chromium: what is bold after
+"press", "type" and "hold" is done in that order, by the names that an operator sees. It has ended
+when the errors are within the verdict's tolerance.
 
 The downloads do not count: what pip installs was fetched before, into pip's own cache.
 
@@ -123,8 +123,8 @@ def first_use(env: dict[str, str], folder: Path) -> float:
     subprocess.run(["git", "clone", "--quiet", ROOT, folder], check=True)
     watch("git clone")
     readme = (folder / "README.md").read_text()
-    text = section(readme, "The operator's page")
-    command = first_command(section(readme, "Two commands"))
+    text = section((folder / "docs/page.md").read_text(), "First steps")
+    command = first_command(section(readme, "Install"))
     subprocess.run(command, shell=True, cwd=folder, env=env, check=True, stdout=subprocess.DEVNULL)
     watch(command)
     with served(shlex.split(first_command(text)), folder, env) as address:

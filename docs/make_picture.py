@@ -1,27 +1,36 @@
-"""The README's picture: three moments of one simulated run, from its overlay video.
+"""The README's looping picture: the first seconds of one simulated run, from its overlay video.
 
-python docs/make_picture.py FOLDER        a folder that `rcmservo run` wrote
+python docs/make_picture.py FOLDER        a folder that `rcmservo run` wrote; writes servo.webp
 """
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
-import numpy as np
+from PIL import Image
 
-MOMENTS = (0.5, 2.0, 8.0)
-"""s into the run: exploring, on the way, there."""
+SECONDS, RATE, SIZE = 3.0, 15.0, (512, 384)
+"""Length and pictures/s of the loop, and px of each picture."""
+LAST_MS = 2000
+"""How long the last picture stays."""
+
+
+def pictures(film: Path) -> Iterator[Image.Image]:
+    """Pictures of the film at the loop's rate."""
+    video = cv2.VideoCapture(str(film))
+    stride = video.get(cv2.CAP_PROP_FPS) / RATE
+    for k in range(round(SECONDS * RATE)):
+        video.set(cv2.CAP_PROP_POS_FRAMES, round(k * stride))
+        small = cv2.resize(video.read()[1], SIZE, interpolation=cv2.INTER_AREA)
+        yield Image.fromarray(cv2.cvtColor(small, cv2.COLOR_BGR2RGB))
 
 
 def main(folder: Path) -> None:
-    video = cv2.VideoCapture(str(folder / "overlay.mp4"))
-    rate = video.get(cv2.CAP_PROP_FPS)
-    pictures = []
-    for moment in MOMENTS:
-        video.set(cv2.CAP_PROP_POS_FRAMES, round(moment * rate))
-        pictures.append(cv2.resize(video.read()[1], (480, 360), interpolation=cv2.INTER_AREA))
-    to = Path(__file__).with_name("servo.jpg")
-    cv2.imwrite(str(to), np.hstack(pictures), [cv2.IMWRITE_JPEG_QUALITY, 85])
+    first, *others = pictures(folder / "overlay.webm")
+    to = Path(__file__).with_name("servo.webp")
+    durations = [round(1000 / RATE)] * len(others) + [LAST_MS]
+    first.save(to, save_all=True, append_images=others, duration=durations, loop=0, quality=70)
     print(to)
 
 

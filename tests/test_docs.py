@@ -13,25 +13,40 @@ from pathlib import Path
 
 import pytest
 
-from conftest import DATA, ROOT
+from conftest import ROOT
 from rcmservo.experiments.harness.paper import EXPERIMENTS
 from rcmservo.guard.causes import Cause
 from stalls import undisturbed
 
 SOURCE = ROOT / "src/rcmservo"
 README = (ROOT / "README.md").read_text()
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 NAMES = re.findall(r"`(rcmservo[\w.]*):([\w.]+)`", (ROOT / "docs/notation.md").read_text())
 WORDS = re.findall(
     r"^\| (\w+) \| `rcmservo[\w.]*:[\w.]+` \| (\S.*\S) \|$",
     (ROOT / "docs/notation.md").read_text().partition("## The words of the house")[2],
     re.M,
 )
-COMMANDS = [
-    line for block in re.findall(r"```sh\n(.*?)```", README, re.S) for line in block.splitlines()
-]
+
+
+def commands_of(*pages: str) -> list[str]:
+    """The commands in the shell blocks of pages, each once."""
+    texts = [(ROOT / page).read_text() for page in pages]
+    blocks = [block for text in texts for block in re.findall(r"```sh\n(.*?)```", text, re.S)]
+    return list(dict.fromkeys(line for block in blocks for line in block.splitlines()))
+
+
+COMMANDS = commands_of("README.md", "docs/command_line.md", "docs/paper.md")
 SET_UP = {"make run", "make test"}
 SERVES = {".venv/bin/rcmservo serve"}
-"""What tests/page follows step by step."""
+"""Followed step by step in tests/page."""
+MAX_LINES, MAX_WORDS, MAX_CELL_WORDS = 130, 1200, 15
+"""Size of the README that a stranger reads in a few minutes."""
+SEARCHED = (
+    "visual servoing", "image-based", "pose-based", "eye-to-hand", "hand-eye calibration",
+    "dVRK", "ViSP",
+)  # fmt: skip
+"""Words by which people search for such software."""
 
 
 @pytest.mark.parametrize("name", NAMES, ids=":".join)
@@ -56,10 +71,26 @@ def test_every_word_of_the_house_means_one_thing() -> None:
     assert len(set(words)) == len(set(meanings)) == len(words)
 
 
-def test_hello_world_in_the_readme_is_the_example() -> None:
+def test_the_program_of_the_readme_is_the_example() -> None:
     block = re.search(r"```python\n(.*?)```", README, re.S)
     assert block is not None
-    assert block[1] == (ROOT / "examples/01_hello.py").read_text()
+    assert block[1] == (ROOT / "examples/00_readme.py").read_text()
+    assert len(list(filter(None, block[1].splitlines()))) <= 12
+
+
+def test_the_readme_is_one_page_with_the_words_that_people_search_for() -> None:
+    assert len(README.splitlines()) <= MAX_LINES
+    assert len(README.split()) <= MAX_WORDS
+    rows = [line for line in README.splitlines() if line.startswith("|")]
+    cells = [cell for row in rows for cell in row.strip("|").split("|")]
+    assert [cell for cell in cells if len(cell.split()) > MAX_CELL_WORDS] == []
+    assert [word for word in SEARCHED if word not in README] == []
+    assert max(path.stat().st_size for path in pictures_of(README)) <= 1.5e6
+
+
+def pictures_of(text: str) -> list[Path]:
+    """The pictures that a page shows."""
+    return [ROOT / name for name in re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)]
 
 
 def unexplained(path: Path) -> Iterator[str]:
@@ -101,9 +132,20 @@ def test_every_field_is_explained_beside_it() -> None:
     assert [name for path in files for name in unexplained(path)] == []
 
 
-@pytest.mark.parametrize("link", sorted(set(re.findall(r"\]\((?!https?:)([^)#]+)\)", README))))
-def test_every_link_of_the_readme_leads_somewhere(link: str) -> None:
-    assert (ROOT / link).exists()
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_of_a_page_leads_somewhere(page: Path) -> None:
+    links = re.findall(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)", page.read_text())
+    targets = [(page.parent / file if file else page, anchor) for file, anchor in links]
+    assert [str(path) for path, _ in targets if not path.exists()] == []
+    anchored = [(path, anchor) for path, anchor in targets if anchor and path.suffix == ".md"]
+    assert [(path.name, anchor) for path, anchor in anchored if anchor not in anchors(path)] == []
+
+
+def anchors(page: Path) -> set[str]:
+    """The names by which a page's headings are linked to."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.M)
+    words = [re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings]
+    return {text.replace(" ", "-") for text in words}
 
 
 def test_the_table_of_causes_is_that_of_the_code() -> None:
@@ -125,20 +167,18 @@ def test_the_set_up_commands_are_targets_of_the_makefile_and_ci_calls_the_test_c
     assert "make test" in (ROOT / ".ci/run").read_text()
 
 
-def test_the_readme_names_every_experiment() -> None:
-    section = README.split("## The paper's experiments")[1].split("## ")[0]
-    named = re.findall(r"`([a-z0-9-]+)`", section)
-    assert [name for name in named if not name.startswith("--")] == list(EXPERIMENTS)
+def test_the_page_of_the_paper_names_every_experiment() -> None:
+    text = (ROOT / "docs/paper.md").read_text()
+    section = text.split("`--only` takes one experiment:")[1].split("Each is one module")[0]
+    assert re.findall(r"`([a-z0-9-]+)`", section) == list(EXPERIMENTS)
 
 
 @pytest.mark.slow
 @pytest.mark.alone
 @pytest.mark.parametrize("command", [one for one in COMMANDS if one not in SET_UP | SERVES])
-def test_every_other_command_of_the_readme_runs(command: str, tmp_path: Path) -> None:
+def test_every_other_command_of_the_first_pages_runs(command: str, tmp_path: Path) -> None:
     words = shlex.split(command)
     assert words[0] == ".venv/bin/rcmservo"
-    if "../shared" in command and not DATA.exists():
-        pytest.skip("../shared/data is not here")
     words[0] = str(Path(sys.executable).with_name("rcmservo"))
     folders = map(tmp_path.joinpath, "abcdef")
 

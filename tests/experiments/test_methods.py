@@ -44,9 +44,9 @@ def test_every_way_of_taking_the_flow_gives_numbers(tmp_path: Path) -> None:
 
 
 def test_a_run_can_have_the_papers_random_observations(tmp_path: Path) -> None:
-    """By the name that the README tells."""
+    """By the name that docs/paper.md gives."""
     name = f"{RandomObservations.__module__}:{RandomObservations.__name__}"
-    assert f"--estimator {name}" in (ROOT / "README.md").read_text()
+    assert f"--estimator {name}" in (ROOT / "docs/paper.md").read_text()
     out = ["--duration", "1.1", "--no-video", "--json", "--out", str(tmp_path / "run")]
     assert main(["run", "--estimator", name, "--random.observations", "12", *out]) == 1
     (stage,) = read(tmp_path / "run").stages
