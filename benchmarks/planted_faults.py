@@ -81,11 +81,11 @@ FAULTS = (
         "servo",
     ),
     Fault(
-        "derivative of the features, eq. (15)",
+        "derivative of the features of the line through the imaged RCM",
         "method/features.py",
         "J[2, k] = (1.0 - near) * forward + beside_2 * J[0, k] - J[1, k]",
         "J[2, k] = (1.0 - near) * forward + beside_2 * J[0, k] + J[1, k]",
-        "method/test_features.py method/test_derivatives.py",
+        "method/test_derivatives.py servo/test_decisions.py",
     ),
     Fault(
         "marker centre, shifted by 0.3 px",
@@ -122,10 +122,15 @@ def caught(fault: Fault, only: list[str]) -> bool:
     with tempfile.TemporaryDirectory() as folder:
         plant(fault, Path(folder))
         tests = [f"tests/{name}" for name in fault.tests.split()]
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *only]
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-rfE", *only]
         environment = os.environ | {"PYTHONPATH": folder}
         done = subprocess.run(
-            [*command, *tests], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+            [*command, *tests],
+            cwd=ROOT,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
         )
     failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
     result = f"caught by {failed[0]:.150}" if failed else f"MISSED: {done.stdout[-300:]}"
@@ -141,7 +146,9 @@ def plant(fault: Fault, folder: Path) -> None:
     path = package / fault.file
     text = path.read_text()
     if text.count(fault.old) != 1:
-        raise SystemExit(f"{fault.file} holds {fault.old!r} {text.count(fault.old)} times, not once")
+        raise SystemExit(
+            f"{fault.file} holds {fault.old!r} {text.count(fault.old)} times, not once"
+        )
     path.write_text(text.replace(fault.old, fault.new))
 
 

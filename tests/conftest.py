@@ -43,9 +43,9 @@ from rcmservo.tracking import PointMarkers
 
 pytest_plugins = ["peers"]
 
-settings.register_profile("local", deadline=None, max_examples=50)
-settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True)
-settings.load_profile("ci" if os.environ.get("CI") else "local")
+settings.register_profile("quick", deadline=None, max_examples=15)
+settings.register_profile("thorough", deadline=None, max_examples=100, derandomize=True)
+settings.load_profile("quick")
 
 ROOT = Path(__file__).resolve().parents[1]
 

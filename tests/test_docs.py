@@ -38,8 +38,6 @@ def commands_of(*pages: str) -> list[str]:
 
 COMMANDS = commands_of("README.md", "docs/command_line.md", "docs/paper.md")
 SET_UP = {"make run", "make test"}
-SERVES = {".venv/bin/rcmservo serve"}
-"""Followed step by step in tests/page."""
 MAX_LINES, MAX_WORDS, MAX_CELL_WORDS = 130, 1200, 15
 """Size of the README that a stranger reads in a few minutes."""
 SEARCHED = (
@@ -175,7 +173,7 @@ def test_the_page_of_the_paper_names_every_experiment() -> None:
 
 @pytest.mark.slow
 @pytest.mark.alone
-@pytest.mark.parametrize("command", [one for one in COMMANDS if one not in SET_UP | SERVES])
+@pytest.mark.parametrize("command", [one for one in COMMANDS if one not in SET_UP])
 def test_every_other_command_of_the_first_pages_runs(command: str, tmp_path: Path) -> None:
     words = shlex.split(command)
     assert words[0] == ".venv/bin/rcmservo"

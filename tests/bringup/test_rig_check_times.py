@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 
+import pytest
 from rig_check_lab import Mistake, WrongLab
 
 from rcmservo.interfaces import Frame, Measured
@@ -49,6 +50,7 @@ def test_latency_and_lag_are_those_of_the_camera_and_the_drives() -> None:
     assert not report.ok
 
 
+@pytest.mark.slow
 def test_a_latency_that_nobody_measured_is_told_though_frames_are_hardly_late() -> None:
     lab = WrongLab(Mistake(), seed=1)
     lab.latency = None
@@ -56,6 +58,7 @@ def test_a_latency_that_nobody_measured_is_told_though_frames_are_hardly_late() 
     assert [finding.where for finding in report.findings] == ["camera.latency"]
 
 
+@pytest.mark.slow
 def test_stamps_that_are_right_need_no_latency() -> None:
     lab = WrongLab(Mistake(), seed=1)
     lab.latency = 0.0

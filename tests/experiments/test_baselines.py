@@ -48,11 +48,11 @@ class Renamed(ProjectionEstimator):
 @pytest.mark.parametrize("name", METHODS)
 def test_every_method_moves_and_arrives_in_most_accepted_scenes(name: str) -> None:
     conditions = replace(CONDITIONS, noise=0.1)
-    runs = [METHODS[name].run(attempt(seed, conditions)).run for seed in range(4)]
+    runs = [METHODS[name].run(attempt(seed, conditions)).run for seed in range(3)]
     moved = [float(np.ptp(run.error)) for run in runs]
     assert min(moved) > 5.0
     arrived = sum(run.pose_error < 1.0 for run in runs)
-    assert arrived == 0 if name == MISLED else arrived >= 3
+    assert arrived == 0 if name == MISLED else arrived >= 2
 
 
 @pytest.mark.slow
@@ -213,9 +213,9 @@ def test_why_a_run_did_not_arrive_is_told() -> None:
 
 @pytest.fixture(scope="module")
 def chapter() -> Chapter:
-    """Of three scenes, with a user's own estimator."""
+    """Of two scenes, with a user's own estimator."""
     own = Own("mylab:Own", "own", Renamed(), Exploration(), "a hash")
-    settings = replace(Settings(3, 3, draws=20), conditions=CONDITIONS, own=own)
+    settings = replace(Settings(2, 2, draws=5), conditions=Conditions(duration=1.0), own=own)
     made = {task.name: Result(task.work(ROOT), ROOT) for task in baselines.tasks(settings)}
     return baselines.chapter(settings, Results(made))
 

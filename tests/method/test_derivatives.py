@@ -19,7 +19,15 @@ from conftest import (
 )
 from rcmservo.method.controller import potential, potential_gradient
 from rcmservo.method.estimators.projection import feature_jacobian, markers_jacobian, predict
-from rcmservo.method.features import SCALE, about, difference, features, features_jacobian
+from rcmservo.method.features import (
+    SCALE,
+    about,
+    difference,
+    features,
+    features_jacobian,
+    straight,
+    straight_jacobian,
+)
 from rcmservo.method.kinematics import (
     PitchYawRcm,
     SphericalRcm,
@@ -208,3 +216,15 @@ def test_of_the_features_through_the_simulated_lens(seed, mechanism, tool, k1, k
     marker = position_jacobian(mechanism.rcm(tool.offset), q)
     J = true_feature_jacobian(body, optics, q, o_c) @ marker
     assert np.abs((J - numeric) / SCALE[:, None]).max() < 1e-6 * np.abs(J / SCALE[:, None]).max()
+
+
+@given(markers, st.floats(1.1, 4.0), st.floats(-0.3, 0.3))
+def test_of_the_features_of_the_line_through_the_imaged_rcm(m, further, bend):
+    u, v = m[:2]
+    assume(np.hypot(u, v) > 20.0)
+    m[2:] = further * np.array([u - bend * v, v + bend * u])
+    J = np.empty((3, 4))
+    straight_jacobian(m, J)
+    numeric = derivative(lambda m: straight(m), m, 1e-2)
+    assume(np.abs(numeric).max() < 10.0)
+    assert np.allclose(J, numeric, rtol=0, atol=1e-7)

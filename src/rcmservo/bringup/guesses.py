@@ -19,8 +19,9 @@ import numpy as np
 
 from rcmservo.bringup.view import Fit, Views, fitted
 from rcmservo.bringup.wiring import Order, Robot, Wiring
+from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
-from rcmservo.method.kinematics import position
+from rcmservo.method.kinematics import Rcm, position
 from rcmservo.method.tool import RIGID, Shaft, second_marker
 
 ORDERS: tuple[Order, ...] = (
@@ -119,8 +120,17 @@ def places(guess: Guess, robot: Robot, q: Floats, start: Floats, size: float) ->
         rcm = rcm._replace(zero=rcm.zero + size)
     if guess.wrong == SPACING:
         shaft = stretched(shaft, size)
-    first = [position(rcm, joints) for joints in start + moved]
-    return np.array([[p, second_marker(shaft, p)] for p in first])
+    return markers_at(rcm, start + moved, shaft)
+
+
+@compiled
+def markers_at(rcm: Rcm, q: Floats, shaft: Shaft) -> Floats:
+    """Return p₁ and p₂ (n, 2, 3) mm at the joints q (n, 3), eq. (2)."""
+    markers = np.empty((len(q), 2, 3))
+    for i in range(len(q)):
+        markers[i, 0] = position(rcm, q[i])
+        markers[i, 1] = second_marker(shaft, markers[i, 0])
+    return markers
 
 
 def stretched(shaft: Shaft, size: float) -> Shaft:
