@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
-QUICK = ["-m", "not slow and not alone"]
+QUICK = ["-m", "not slow"]
 TEST_FAILED = 1
 """Exit code of pytest. Others mean that the tests did not run."""
 
