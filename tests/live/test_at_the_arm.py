@@ -22,7 +22,7 @@ from rcmservo.app.lab.at_the_arm import (
 )
 from rcmservo.config.rig_file import Lab
 from rcmservo.config.target_file import save
-from rcmservo.errors import BadInput
+from rcmservo.errors import UnusableFile
 from rcmservo.interfaces import Floats, Measured, Target
 from rcmservo.live.lab import NotReady, Stopped
 from rcmservo.live.servo_process import HeartbeatPlant
@@ -197,6 +197,6 @@ def test_a_target_of_another_rig_is_refused_before_anything_is_asked(
 ) -> None:
     file, terminal = tmp_path / "target.json", Answered()
     save(file, taught, replace(setup_at(LAB, 320, 240), tool=RigidTool(spacing=31.0)))
-    with pytest.raises(BadInput, match=r"was taught with"):
+    with pytest.raises(UnusableFile, match=r"was taught with tool\.spacing 31"):
         prepared(monkeypatch, terminal, Arm(), target=file)
     assert not terminal.said
