@@ -132,7 +132,7 @@ def test_a_command_that_is_not_enabled_switches_the_motors_off(emulated: Emulate
         end = clock.now() + 2_000_000_000
         while arm.measure().enabled and clock.now() < end:
             clock.wait_until(clock.now() + TICK)
-        assert not arm.measure().enabled
+        assert not arm.measure().enabled and not arm.why_off
         assert arm.apply(Command(11, 0, 0, RATES, True)).tolist() == [0.0, 0.0, 0.0]
 
 

@@ -13,14 +13,18 @@ from rcmservo.live.told_to_end import ORDERLY, stopped_by_signals
 def test_the_first_signal_stops_in_order_and_the_next_interrupts_nothing(
     number: signal.Signals,
 ) -> None:
-    usual = signal.signal(number, signal.SIG_DFL)  # ignored in a script's background
+    heard: list[int] = []
+    usual = {one: signal.signal(one, lambda n, _: heard.append(n)) for one in {*ORDERLY, number}}
     try:
         with pytest.raises(Stopped, match=number.name), stopped_by_signals():
             try:
                 os.kill(os.getpid(), number)
             finally:
-                for other in ORDERLY:
+                for other in usual:
                     os.kill(os.getpid(), other)
-        assert signal.getsignal(number) is signal.SIG_DFL
+        assert not heard
+        os.kill(os.getpid(), number)
+        assert heard == [number]
     finally:
-        signal.signal(number, usual)
+        for one, before in usual.items():
+            signal.signal(one, before)

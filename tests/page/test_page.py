@@ -311,6 +311,9 @@ def test_a_stopped_run_is_opened_looked_through_and_downloaded(site: ServedPage)
     def play(address: str) -> None:
         person = Person(site.browser, address)
         page = person.page
+        if person.phase != "OFF":  # a session of its own, which is short
+            page.evaluate("rcm.stop()")
+            person.until("rcm.board.clears")
         person.enable()
         person.jog("Jog joint 1 plus")
         said = page.evaluate(BUSY_AT_STOP)
