@@ -182,7 +182,7 @@ def test_a_file_is_noted_as_passed_only_where_nothing_was_found(
 @pytest.mark.slow
 def test_a_reversed_joint_is_named_with_its_line(tmp_path: Path) -> None:
     def attempt() -> tuple[dict[str, Any], float]:
-        with closing(Laboratory(tmp_path, seed=3, rig=SMALL)) as laboratory:
+        with closing(Laboratory(tmp_path, seed=3)) as laboratory:
             lab = laboratory.lab()
             wrong = [COUNTS[0], -COUNTS[1], COUNTS[2]]
             lab.write_text(lab.read_text().replace(str(list(COUNTS)), str(wrong)))
