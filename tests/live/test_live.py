@@ -399,6 +399,7 @@ def live(bench, path, seconds, progress=nobody, **choices):
 
 
 @pytest.mark.alone
+@pytest.mark.slow
 def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tmp_path):
     before, reports, paths = bench.log.last()["q"], [], map(tmp_path.joinpath, "abcdef")
 
