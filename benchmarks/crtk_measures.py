@@ -126,7 +126,12 @@ def swing(seconds: float) -> Floats:
 
 
 def drive(ros: int, domain: int, seconds: float) -> None:
-    """Be a client for so many s: say "moving" when it is, and at the end what came of it."""
+    """Be a client for so many s: print "moving" when it is, and the account at the end."""
+    print(json.dumps(driven(ros, domain, seconds)), flush=True)
+
+
+def driven(ros: int, domain: int, seconds: float) -> dict[str, Any]:
+    """Be a client for so many s, in this process; return the account of all its commands."""
     arm, clock = client_arm(ros, domain), WallClock()
     arm.enable()
     number = 0
@@ -140,7 +145,7 @@ def drive(ros: int, domain: int, seconds: float) -> None:
     time.sleep(0.02)
     account, told = arm.account(), arm.measure()
     arm.close()
-    print(json.dumps(account.__dict__ | {"commands": number, "on": told.enabled}), flush=True)
+    return account.__dict__ | {"commands": number, "on": told.enabled}
 
 
 @contextmanager

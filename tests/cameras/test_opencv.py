@@ -80,7 +80,7 @@ def test_pictures_from_the_network_are_new_and_in_order() -> None:
         stalled = socket.create_connection(("127.0.0.1", server.port))
         stalled.sendall(b"GET / HTTP/1.0\r\n\r\n")  # and it never reads
         with closing(opencv_camera(OpencvSettings(server.address, latency=0.01))) as camera:
-            frames = frames_of(camera, 120)
+            frames = frames_of(camera, 60)
         stalled.close()
     numbers = [number_in(frame.image) for frame in frames]
     assert all(earlier < later for earlier, later in itertools.pairwise(numbers))

@@ -1,20 +1,27 @@
-"""The driver as the loop meets it, in wall time, over TCP, with the emulator in its own process."""
+"""The driver as the loop meets it, in wall time, over TCP and a serial port, with the emulated
+controller in a thread. Its talk is tested in simulated time in test_galil_session.py, and the
+emulator in a process of its own in tests/live/test_live_rig.py."""
 
 import contextlib
 import os
-import signal
+import threading
+import time
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from galil_measures import Emulated
+from galil_measures import IdealMotors
 
 from rcmservo.hardware.galil.driver import GalilArm
+from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
+from rcmservo.hardware.galil.emulator.faults import Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
+from rcmservo.hardware.galil.emulator.server import Server
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.wire import Conversation, Lost, SerialStream
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.live.lab import NotReady
+from rcmservo.live.realtime import urgent
 from rcmservo.loop.clock import WallClock
 from rcmservo.method.kinematics import SphericalRcm
 from stalls import undisturbed
@@ -23,13 +30,59 @@ pytestmark = pytest.mark.alone
 
 HOME = np.array([0.1, -0.2, 100.0])
 RATES = np.array([0.1, -0.1, 10.0])
+COUNTS = 50000.0, 50000.0, 500.0
 TICK, PATIENCE = 10_000_000, 50_000_000
 
 
-@pytest.fixture(scope="module", params=["by network", "by a serial port"])
-def emulated(request: pytest.FixtureRequest) -> Iterator[Emulated]:
-    serial = ["--serial"] if request.param == "by a serial port" else []
-    with contextlib.closing(Emulated(*serial)) as one:
+class Emulated:
+    """A controller with ideal motors that lives in wall time, in a thread, unless it is `held`."""
+
+    def __init__(self, *faults: str) -> None:
+        self.serial = SerialPort()
+        told = [Fault.parse(one) for one in faults]
+        self._server = Server(Controller(IdealMotors()), 0, told, self.serial)
+        self._over, self._free = threading.Event(), threading.Event()
+        self._free.set()
+        self._thread = threading.Thread(target=self._live, daemon=True)
+        self._thread.start()
+
+    def _live(self) -> None:
+        start = time.monotonic()
+        urgent()
+        while not self._over.is_set():
+            self._free.wait()
+            self._server.turn(time.monotonic() - start)
+            self._server.wait(SAMPLE)
+
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """In here it stands still."""
+        self._free.clear()
+        try:
+            yield
+        finally:
+            self._free.set()
+
+    def arm(self, serial: bool, baud: int = 115200) -> GalilArm:
+        """The driver of the arm behind it."""
+        address = self.serial.path if serial else "127.0.0.1"
+        settings = GalilSettings(address, COUNTS, self._server.port, baud)
+        return GalilArm(settings, SphericalRcm().limits)
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+        self._server.close()
+
+
+@pytest.fixture(params=[False, True], ids=["by network", "by a serial port"])
+def serial(request: pytest.FixtureRequest) -> bool:
+    return request.param
+
+
+@pytest.fixture
+def emulated() -> Iterator[Emulated]:
+    with contextlib.closing(Emulated()) as one:
         yield one
 
 
@@ -46,9 +99,9 @@ def sent(arm: GalilArm, rates: Floats, ticks: int) -> Measured:
 
 
 def test_it_moves_an_arm_whose_place_a_person_has_told_and_leaves_it_off(
-    emulated: Emulated,
+    emulated: Emulated, serial: bool
 ) -> None:
-    with contextlib.closing(emulated.arm()) as arm:
+    with contextlib.closing(emulated.arm(serial)) as arm:
         assert not arm.measure().enabled
         assert not arm.homed()
         with pytest.raises(NotReady, match="nobody has said where the arm stands"):
@@ -58,19 +111,19 @@ def test_it_moves_an_arm_whose_place_a_person_has_told_and_leaves_it_off(
 
         def moved() -> tuple[Measured, Measured]:
             arm.enable()
-            return sent(arm, RATES, 20), sent(arm, RATES, 50)
+            return sent(arm, RATES, 10), sent(arm, RATES, 30)
 
         first, last = undisturbed(moved, lambda run: run[1].enabled)
         assert last.enabled, arm.why_off
         rates = (last.q - first.q) / ((last.time - first.time) * 1e-9)
         assert rates == pytest.approx(RATES, rel=0.1)
         assert WallClock().now() - last.time < 50_000_000
-    with contextlib.closing(emulated.arm()) as arm:
+    with contextlib.closing(emulated.arm(serial)) as arm:
         assert arm.homed() and not arm.measure().enabled
 
 
 def test_a_command_that_is_not_enabled_switches_the_motors_off(emulated: Emulated) -> None:
-    with contextlib.closing(emulated.arm()) as arm:
+    with contextlib.closing(emulated.arm(serial=False)) as arm:
         arm.define(HOME)
         arm.enable()
         sent(arm, RATES, 10)
@@ -79,25 +132,24 @@ def test_a_command_that_is_not_enabled_switches_the_motors_off(emulated: Emulate
         end = clock.now() + 2_000_000_000
         while arm.measure().enabled and clock.now() < end:
             clock.wait_until(clock.now() + TICK)
-        assert not arm.measure().enabled
+        assert not arm.measure().enabled and not arm.why_off
         assert arm.apply(Command(11, 0, 0, RATES, True)).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_a_controller_that_stands_still_is_told_by_the_age_of_its_answer(
-    emulated: Emulated,
+    emulated: Emulated, serial: bool
 ) -> None:
     """And it is off when it goes on, though nobody tells it to."""
-    with contextlib.closing(emulated.arm()) as arm:
+    with contextlib.closing(emulated.arm(serial)) as arm:
         arm.define(HOME)
         arm.enable()
         sent(arm, RATES, 10)
-        os.kill(emulated.process.pid, signal.SIGSTOP)
-        told = sent(arm, RATES, 50)
-        assert WallClock().now() - told.time > 300_000_000
-        os.kill(emulated.process.pid, signal.SIGCONT)
+        with emulated.held():
+            told = sent(arm, RATES, 40)
+            assert WallClock().now() - told.time > 300_000_000
         with pytest.raises(NotReady, match="has not answered"):
             arm.enable()
-    with contextlib.closing(emulated.arm()) as arm:
+    with contextlib.closing(emulated.arm(serial)) as arm:
         assert not arm.measure().enabled
 
 
@@ -108,10 +160,10 @@ def test_where_there_is_no_controller_it_says_so() -> None:
 
 def test_a_serial_port_begins_anew_behind_what_somebody_else_asked_and_left() -> None:
     """Answers that come later than a moment of silence would wait for."""
-    with contextlib.closing(Emulated("--serial", "--fault", "slow:at=0")) as emulated:
-        other = os.open(emulated.serial, os.O_RDWR | os.O_NOCTTY)
+    with contextlib.closing(Emulated("slow:at=0")) as emulated:
+        other = os.open(emulated.serial.path, os.O_RDWR | os.O_NOCTTY)
         os.write(other, b"MG 111\rMG 222;TP;ST;JG 50")
-        stream = SerialStream(emulated.serial, 115200, 1.0)
+        stream = SerialStream(emulated.serial.path, 115200, 1.0)
         with contextlib.closing(Conversation(stream, 1.0)) as talk:
             assert talk.numbers("MG 333") == [333.0]
             assert talk.numbers("MG 444") == [444.0]
@@ -125,11 +177,9 @@ def test_a_serial_port_behind_which_nothing_answers_is_told_in_a_sentence() -> N
     port.close()
 
 
-def test_by_a_slow_serial_port_an_arm_is_set_up_but_not_enabled() -> None:
-    with contextlib.closing(Emulated("--serial")) as emulated:
-        settings = GalilSettings(emulated.serial, (50000.0, 50000.0, 500.0), baud=19200)
-        with contextlib.closing(GalilArm(settings, SphericalRcm().limits)) as arm:
-            arm.define(HOME)
-            assert arm.homed()
-            with pytest.raises(NotReady, match="at 19200 bits/s a command takes longer"):
-                arm.enable()
+def test_by_a_slow_serial_port_an_arm_is_set_up_but_not_enabled(emulated: Emulated) -> None:
+    with contextlib.closing(emulated.arm(serial=True, baud=19200)) as arm:
+        arm.define(HOME)
+        assert arm.homed()
+        with pytest.raises(NotReady, match="at 19200 bits/s a command takes longer"):
+            arm.enable()

@@ -1,119 +1,202 @@
-"""What a person at the arm is asked, each question by itself, at a terminal with an arm of a few
-lines."""
+"""The questions to the operator at the arm: a terminal whose answers are given, and an arm of a few
+lines. `test_terminal_person.py` tests the terminal itself."""
 
-import os
-import signal
-import subprocess
-import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
-import pytest
-from at_terminal import AtTerminal
-
-from conftest import first_quick
-
-pytestmark = pytest.mark.alone
-
-ARM = """
-import sys, time
 import numpy as np
-from contextlib import closing
-from rcmservo.app.lab.at_the_arm import Preparing, define, leave_to_move, shown
+import pytest
+
+from rcmservo.app.lab import at_the_arm
+from rcmservo.app.lab.at_the_arm import (
+    AT_HAND,
+    AtHand,
+    Preparing,
+    define,
+    leave_to_move,
+    setup_at,
+    shown,
+    target_at_the_arm,
+)
 from rcmservo.config.rig_file import Lab
-from rcmservo.errors import RcmServoError
-from rcmservo.interfaces import Measured
+from rcmservo.config.target_file import save
+from rcmservo.errors import UnusableFile
+from rcmservo.interfaces import Floats, Measured, Target
+from rcmservo.live.lab import NotReady, Stopped
 from rcmservo.live.servo_process import HeartbeatPlant
-from rcmservo.live.terminal_person import Terminal
 from rcmservo.loop.clock import Punctuality, WallClock
+from rcmservo.method.tool import RigidTool
+
+WORD, JOINTS, SO = "ends this:", "0.1 -0.2 100:", "Enter if so:"
+TARGET, START = (
+    "to the target by hand, then press Enter:",
+    "to its start by hand, then press Enter:",
+)
+LAB = Lab(devices={"camera": {"kind": "opencv", "source": "0"}})
+STANDS = "theta 0.6 rad, phi 0.2 rad, rho 120 mm"
+
+
+class Answered:
+    """A terminal at which each question gets the next answer: words, and how many ns before now
+    they were typed at the earliest. After the last answer the terminal is ended by Ctrl-D."""
+
+    def __init__(self, *answers: str | tuple[str, int]) -> None:
+        self._answers = [(one, 0) if isinstance(one, str) else one for one in answers]
+        self.typed, self.closed = 0, False
+        self.said: list[str] = []
+
+    def tell(self, words: str) -> None:
+        self.said.append(words)
+
+    def ask(self, question: str) -> str:
+        self.said.append(question)
+        if not self._answers:
+            raise Stopped("ended at the terminal, before the drive was on")
+        words, age = self._answers.pop(0)
+        self.typed = time.monotonic_ns() - age
+        return words.strip()
+
+    def close(self) -> None:
+        assert not self._answers, "not all was asked"
+        self.closed = True
+
 
 class Arm:
-    q, deaf = np.array([0.6, 0.2, 120.0]), "deaf" in sys.argv
-    def measure(self):
-        return Measured(time.monotonic_ns(), self.q, "on" in sys.argv)
-    def define(self, q):
-        self.q = self.q if self.deaf else q
+    def __init__(self, enabled: bool = False, deaf: bool = False) -> None:
+        self.q, self.enabled, self.deaf = np.array([0.6, 0.2, 120.0]), enabled, deaf
+        self.defined = False
 
-class Plant(HeartbeatPlant):
-    def __init__(self):
-        super().__init__(Arm(), None, Punctuality(WallClock()), None, lambda: False)
+    def measure(self) -> Measured:
+        return Measured(time.monotonic_ns(), self.q, self.enabled)
 
-try:
-    if "leave" in sys.argv:
-        leave_to_move(Preparing(Lab(), "It moves."), Plant())
-        print("[on]", flush=True)
-    elif "show" in sys.argv:
-        with closing(Terminal()) as person:
-            shown(person, Plant())
-    else:
-        plant = Plant()
-        with closing(Terminal()) as person:
-            define(person, plant, Lab())
-        print(plant.arm.q.tolist(), flush=True)
-except RcmServoError as error:
-    print(f"[{error}]", flush=True)
-"""
-WORD, JOINTS, SO = "ends this: ", "0.1 -0.2 100: ", "Enter if so: "
+    def homed(self) -> bool:
+        return self.defined
+
+    def define(self, q: Floats) -> None:
+        self.q, self.defined = self.q if self.deaf else q, True
 
 
-def at_the_arm(*what: str) -> AtTerminal:
-    return AtTerminal([sys.executable, "-c", ARM, *what])
+def plant_of(arm: Arm) -> HeartbeatPlant:
+    clock: Any = Punctuality(WallClock())
+    nothing: Any = None
+    return HeartbeatPlant(arm, nothing, clock, nothing, nothing)  # type: ignore[arg-type]
 
 
-def test_a_fresh_word_gives_leave() -> None:
-    with at_the_arm("leave") as at:
-        assert "stands at theta 0.6 rad, phi 0.2 rad, rho 120 mm. It moves." in at.until(WORD)
-        at.type("enable\n")
-        at.until("[on]")
+def at_hand(terminal: Answered) -> AtHand:
+    return AtHand(terminal)  # type: ignore[arg-type]
 
 
-def test_a_word_that_nobody_read_for_a_while_gives_none_and_is_asked_for_again() -> None:
-    with at_the_arm("leave") as at:
-        at.until(WORD)
-        at.process.send_signal(signal.SIGSTOP)
-        os.waitid(os.P_PID, at.process.pid, os.WSTOPPED)
-        at.type("enable\n")
-        with pytest.raises(subprocess.TimeoutExpired):
-            at.process.wait(1.5)
-        at.process.send_signal(signal.SIGCONT)
-        assert "[on]" not in at.until(WORD)
-        at.type("enable\n")
-        at.until("[on]")
+def asked_for_leave(monkeypatch: pytest.MonkeyPatch, terminal: Answered) -> None:
+    monkeypatch.setattr(at_the_arm, "Terminal", lambda told_to_end: terminal)
+    try:
+        leave_to_move(Preparing(LAB, "It moves."), plant_of(Arm()))
+    finally:
+        assert terminal.closed
 
 
-@pytest.mark.parametrize("answer", first_quick(["enable please", "", "Enable", "y"]))
-def test_another_answer_ends_it(answer: str) -> None:
-    with at_the_arm("leave") as at:
-        at.until(WORD)
-        at.type(f"{answer}\n")
-        at.until("[nothing was switched on: the answer was not enable]")
+def test_a_fresh_word_gives_leave(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Answered("enable")
+    asked_for_leave(monkeypatch, terminal)
+    told, asked = terminal.said
+    assert told == f"The arm stands at {STANDS}. It moves." and asked.endswith(WORD)
+
+
+def test_a_word_that_nobody_read_for_a_while_gives_none_and_is_asked_for_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    terminal = Answered(("enable", AT_HAND + 1), "enable")
+    asked_for_leave(monkeypatch, terminal)
+    assert [one.endswith(WORD) for one in terminal.said] == [False, True, False, True]
+    with pytest.raises(Stopped):
+        asked_for_leave(monkeypatch, Answered(("enable", AT_HAND + 1), "no"))
+
+
+@pytest.mark.parametrize("answer", ["enable please", "", "Enable", "y"])
+def test_another_answer_ends_it(answer: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(Stopped, match="nothing was switched on: the answer was not enable"):
+        asked_for_leave(monkeypatch, Answered(answer))
 
 
 def test_joints_are_typed_until_they_are_good_and_the_person_agrees() -> None:
-    with at_the_arm("define") as at:
-        for wrong in ("", "1 2", "0.5 nan 100", "0.5 0.1 100 7", "0.5 0.1 1e9"):
-            at.until(JOINTS)
-            at.type(f"{wrong}\n")
-            at.until("the joints must be ")
-        at.until(JOINTS)
-        at.type("0.5, 0.1, 100\n")
-        at.until("theta 0.5 rad, phi 0.1 rad, rho 100 mm. Enter if so: ")
-        at.type("no\n")
-        at.until(JOINTS)
-        at.type("0.5 0.1 101\n")
-        at.until(SO)
-        at.type("\n")
-        at.until("[0.5, 0.1, 101.0]")
+    refused = "", "1 2", "0.5 nan 100", "0.5 0.1 100 7", "0.5 0.1 1e9"
+    terminal, arm = Answered(*refused, "0.5, 0.1, 100", "no", "0.5 0.1 101", ""), Arm()
+    define(at_hand(terminal), plant_of(arm), LAB)
+    terminal.close()
+    assert arm.q.tolist() == [0.5, 0.1, 101.0]
+    asked = terminal.said[1:]
+    for words in asked[1 : 2 * len(refused) : 2]:
+        assert words.startswith("the joints must be ")
+    asked = asked[2 * len(refused) :]
+    assert [one.rpartition(". ")[0] for one in asked[1::2]] == [
+        "The arm stands at theta 0.5 rad, phi 0.1 rad, rho 100 mm",
+        "The arm stands at theta 0.5 rad, phi 0.1 rad, rho 101 mm",
+    ]
+    assert all(one.endswith(JOINTS) for one in asked[::2])
+    assert all(one.endswith(SO) for one in asked[1::2])
 
 
 def test_an_arm_that_does_not_take_what_it_is_told_is_not_used() -> None:
-    with at_the_arm("define", "deaf") as at:
-        at.until(JOINTS)
-        at.type("0.5 0.1 100\n")
-        at.until(SO)
-        at.type("\n")
-        at.until("[the arm stands elsewhere than it was told, at theta 0.6 rad")
+    terminal = Answered("0.5 0.1 100", "")
+    with pytest.raises(NotReady, match=f"elsewhere than it was told, at {STANDS}"):
+        define(at_hand(terminal), plant_of(Arm(deaf=True)), LAB)
 
 
 def test_nobody_is_sent_to_move_an_arm_by_hand_whose_drive_is_on() -> None:
-    with at_the_arm("show", "on") as at:
-        at.until("[the arm's drive is on, by somebody else: switch it off there first]")
-        assert "by hand" not in at.shown
+    terminal = Answered()
+    with pytest.raises(NotReady, match="drive is on, by somebody else: switch it off there first"):
+        shown(at_hand(terminal), plant_of(Arm(enabled=True)))
+    assert not terminal.said
+
+
+@pytest.fixture
+def taught(monkeypatch: pytest.MonkeyPatch) -> Target:
+    """What the camera sees when the target is taught, in pictures of 320x240."""
+    target = Target(np.array([[100.0, 100.0], [120.0, 150.0]]), np.array([0.5, 0.1, 100.0]))
+    monkeypatch.setattr(at_the_arm, "teach", lambda plant: target)
+    monkeypatch.setattr(at_the_arm, "setup_of", lambda lab, plant: setup_at(lab, 320, 240))
+    return target
+
+
+def prepared(
+    monkeypatch: pytest.MonkeyPatch, terminal: Answered, arm: Arm, **files: Path
+) -> Target:
+    monkeypatch.setattr(at_the_arm, "Terminal", lambda told_to_end: terminal)
+    return target_at_the_arm(Preparing(LAB, "It moves.", **files), plant_of(arm))
+
+
+ANSWERS = {JOINTS: "0.5 0.1 100", SO: "", TARGET: "", START: ""}
+
+
+@pytest.mark.parametrize("last", list(ANSWERS))
+def test_an_operator_can_end_it_at_every_question(
+    last: str, taught: Target, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = list(ANSWERS).index(last)
+    terminal, arm = Answered(*list(ANSWERS.values())[:before]), Arm()
+    with pytest.raises(Stopped):
+        prepared(monkeypatch, terminal, arm, save_target=tmp_path / "target.json")
+    assert terminal.said[-1].endswith(last) and terminal.closed
+    assert arm.defined == (last not in (JOINTS, SO))
+    assert (tmp_path / "target.json").exists() == (last == START)
+
+
+def test_a_target_that_was_shown_is_kept_and_read_again_without_showing(
+    taught: Target, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "target.json"
+    assert prepared(monkeypatch, Answered(*ANSWERS.values()), Arm(), save_target=file) is taught
+    again = Answered(ANSWERS[JOINTS], ANSWERS[SO], ANSWERS[START])
+    assert prepared(monkeypatch, again, Arm(), target=file).q.tolist() == taught.q.tolist()
+    assert not any(TARGET in one for one in again.said)
+
+
+def test_a_target_of_another_rig_is_refused_before_anything_is_asked(
+    taught: Target, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, terminal = tmp_path / "target.json", Answered()
+    save(file, taught, replace(setup_at(LAB, 320, 240), tool=RigidTool(spacing=31.0)))
+    with pytest.raises(UnusableFile, match=r"was taught with tool\.spacing 31"):
+        prepared(monkeypatch, terminal, Arm(), target=file)
+    assert not terminal.said

@@ -19,7 +19,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import first_quick, with_tests
+from conftest import with_tests
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
 from rcmservo.guard.thresholds import Thresholds
@@ -42,7 +42,6 @@ from rcmservo.live.arm_link import (
 )
 from rcmservo.live.frame_ring import HEAD, FrameRing, RingCamera
 from rcmservo.live.reports import Report
-from rcmservo.live.servo_process import STANDING
 from rcmservo.live.supervisor import LOOK, SILENT, ServoProcess, nobody, supervise
 from rcmservo.record.reader import read
 from rcmservo.servo.servo import Servo
@@ -52,8 +51,6 @@ from rcmservo.sim.processes.bench import Bench
 from rcmservo.sim.processes.motion_log import MotionLog, stopped
 from rcmservo.sim.rig_file import rig_settings
 from stalls import undisturbed
-
-pytestmark = pytest.mark.alone
 
 MS = 1_000_000
 DEADLINE = 300.0
@@ -335,6 +332,7 @@ def served(tmp_path):
     wire.close()
 
 
+@pytest.mark.alone
 def test_a_remote_arm_tells_its_joints_and_is_on_for_the_one_who_enabled_it_alone(served):
     with closing(RemoteArm(served)) as one, closing(RemoteArm(served)) as other:
         assert not one.measure().enabled
@@ -357,7 +355,12 @@ def test_an_arm_that_is_not_there_is_one_sentence(tmp_path):
 
 # ---------------------------------------------------------------- all of it
 
-LAB = Lab(simulation={"camera": {"frame_rate": 30.0}})
+LAB = Lab(
+    simulation={
+        "camera": {"frame_rate": 30.0, "width": 320, "height": 240},
+        "scene": {"focal": [300.0, 400.0]},
+    }
+)
 
 
 def session_of(bench, path, seconds, **choices):
@@ -395,6 +398,8 @@ def live(bench, path, seconds, progress=nobody, **choices):
     return read(path), result
 
 
+@pytest.mark.alone
+@pytest.mark.slow
 def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tmp_path):
     before, reports, paths = bench.log.last()["q"], [], map(tmp_path.joinpath, "abcdef")
 
@@ -412,6 +417,7 @@ def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tm
     assert not np.allclose(last["q"], before)
 
 
+@pytest.mark.alone
 @pytest.mark.slow
 def test_an_arm_that_takes_its_time_to_stop_is_not_taken_for_a_servo_that_hangs(bench, tmp_path):
     slow, paths = replace(LAB.gate, slew=(0.1, 0.1, 8.0)), map(tmp_path.joinpath, "abcdef")
@@ -424,6 +430,7 @@ def test_an_arm_that_takes_its_time_to_stop_is_not_taken_for_a_servo_that_hangs(
     assert not bench.log.last()["enabled"]
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize(
     ("blow", "word"),
     [
@@ -447,15 +454,7 @@ def test_a_servo_process_that_is_killed_or_stopped_is_noticed_and_the_arm_stands
     servo.end()
 
 
-def test_what_a_servo_process_cannot_use_is_said_in_the_supervisor(bench, tmp_path):
-    (tmp_path / "run.mcap").write_text("something else")
-    servo = ServoProcess(session_of(bench, tmp_path / "run.mcap", 1.0))
-    with pytest.raises(RcmServoError, match=r"run\.mcap"):
-        supervise(servo, bench.off)
-    servo.end()
-    assert servo.beats.value == STANDING
-
-
+@pytest.mark.alone
 def test_a_laboratory_that_cannot_be_is_one_sentence_also_from_another_process():
     with pytest.raises(RcmServoError, match="seed must be"), Bench(-1, RigSettings()):
         pass
@@ -490,7 +489,9 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("blow", first_quick([signal.SIGINT, signal.SIGKILL]))
+@pytest.mark.alone
+@pytest.mark.slow
+@pytest.mark.parametrize("blow", [signal.SIGINT, signal.SIGKILL])
 def test_ctrl_c_ends_a_run_in_order_and_a_supervisor_that_is_killed_leaves_no_process(
     tmp_path, blow
 ):

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import sys
+import time
 from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -13,16 +14,17 @@ import numpy as np
 import pytest
 from at_terminal import AtTerminal, Ended, Laboratory, wait_for, words_of
 
-from conftest import HEEDING_CTRL_C, SMALL, first_quick
+from conftest import HEEDING_CTRL_C, SMALL
+from rcmservo.app.lab import rig_check
 from rcmservo.app.lab.emulate import COUNTS
 from rcmservo.app.lab.rig_check import RigOptions, concluded
 from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.wiring import Finding, Robot, Wiring
 from rcmservo.config.checked import digest_of, is_checked, note_checked
 from rcmservo.config.rig_file import Lab
+from rcmservo.interfaces import Frame, Measured
+from rcmservo.live.lab import CameraAccount, Stopped
 from stalls import undisturbed
-
-pytestmark = pytest.mark.alone
 
 
 @pytest.fixture(scope="module")
@@ -63,19 +65,9 @@ def asked_to_enable(
     assert not is_checked(digest)
 
 
-def test_no_moves_nothing_and_ends_with_the_drive_off(
-    laboratory: Laboratory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with asked_to_enable(laboratory, tmp_path, monkeypatch) as person:
-        before = laboratory.counts, laboratory.sessions
-        person.type("no\n")
-        assert person.end() == 1
-        assert "person" in person.shown
-        assert (laboratory.counts, laboratory.sessions) == before
-        assert laboratory.off
-
-
-@pytest.mark.parametrize("how", first_quick([signal.SIGTERM, signal.SIGHUP, signal.SIGINT]))
+@pytest.mark.alone
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
 def test_whatever_ends_it_in_a_motion_the_arm_is_off_and_what_passed_before_counts_no_more(
     laboratory: Laboratory, tmp_path: Path, how: signal.Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -87,6 +79,86 @@ def test_whatever_ends_it_in_a_motion_the_arm_is_off_and_what_passed_before_coun
         wait_for(lambda: laboratory.counts != then)
         os.killpg(person.process.pid, how)
         assert person.end() == (130 if how == signal.SIGINT else 1)
+
+
+class Seen:
+    """A camera of grey frames."""
+
+    def __init__(self) -> None:
+        self.frame, self.closed = Frame(-1, 0, 0), False
+
+    def latest(self) -> Frame:
+        now, image = time.monotonic_ns(), np.full((24, 32, 3), 90, np.uint8)
+        if now - self.frame.exposure > 10_000_000:
+            self.frame = Frame(self.frame.number + 1, now, now, image=image)
+        return self.frame
+
+    def account(self) -> CameraAccount:
+        return CameraAccount()
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class Off:
+    """An arm whose drive is off."""
+
+    def __init__(self, why_off: str = "") -> None:
+        self.why_off, self.closed = why_off, False
+
+    def measure(self) -> Measured:
+        return Measured(time.monotonic_ns(), np.array([0.6, 0.2, 120.0]), False)
+
+    def homed(self) -> bool:
+        return True
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class Quiet:
+    """A terminal at which nobody is asked."""
+
+    typed = 0
+
+    def tell(self, words: str) -> None:
+        assert words
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def stopped_at_once(*_: Any) -> CheckReport:
+    raise Stopped("stopped by SIGTERM, in order")
+
+
+def all_right(*_: Any) -> CheckReport:
+    return CheckReport([], done=True)
+
+
+@pytest.mark.parametrize(
+    ("check", "why_off", "passed"),
+    [(all_right, "", True), (all_right, "its watchdog", False), (stopped_at_once, "", False)],
+)
+def test_a_file_that_passed_once_counts_no_more_unless_it_passes_again_to_the_end(
+    check: Any, why_off: str, passed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In this process, with a check that is given; the devices are closed whatever it does."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr(rig_check, "Terminal", Quiet)
+    monkeypatch.setattr(rig_check, "check", check)
+    (file := tmp_path / "lab.toml").write_text(
+        '[arm]\nkind = "galil"\naddress = "127.0.0.1"\ncounts = [1e5, 1e5, 1e3]\n'
+        '[camera]\nkind = "opencv"\nsource = "0"\nlatency = 0.02\n'
+    )
+    digest, arm, camera = digest_of(file.read_bytes()), Off(why_off), Seen()
+    note_checked(digest)
+    try:
+        code = rig_check.rig_check(RigOptions("check", file), lambda lab: arm, lambda lab: camera)
+        assert code == (0 if passed else 1)
+    except Stopped:
+        assert check is stopped_at_once
+    assert is_checked(digest) == passed and arm.closed and camera.closed
 
 
 @pytest.mark.parametrize("as_json", [False, True])
@@ -106,6 +178,7 @@ def test_a_file_is_noted_as_passed_only_where_nothing_was_found(
     assert not as_json or json.loads(said)["ok"] == right
 
 
+@pytest.mark.alone
 @pytest.mark.slow
 def test_a_reversed_joint_is_named_with_its_line(tmp_path: Path) -> None:
     def attempt() -> tuple[dict[str, Any], float]:

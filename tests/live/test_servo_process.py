@@ -7,21 +7,21 @@ from collections.abc import Iterator
 from functools import partial
 from multiprocessing import Pipe, RawValue
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import rcmservo as rs
+from rcmservo.errors import RcmServoError
 from rcmservo.live import servo_process
 from rcmservo.live.servo_process import ENABLING, STANDING, Session
-from rcmservo.live.supervisor import SILENT, Watchman
+from rcmservo.live.supervisor import SILENT, Watchman, left_to_its_watchdog, supervise
 from rcmservo.loop.plant import Plant
 from rcmservo.record.reader import read
 from rcmservo.record.writer import Recorder
 from rcmservo.tracking import ColourMarkers
-
-pytestmark = pytest.mark.alone
 
 Q = np.array([0.6, 0.2, 120.0])
 
@@ -93,6 +93,7 @@ def serve(tmp_path: Path) -> Iterator[Any]:
     signal.signal(signal.SIGINT, usual)
 
 
+@pytest.mark.alone
 def test_a_live_run_that_never_saw_the_markers_says_why(serve: Any, tmp_path: Path) -> None:
     """And from when the drive comes on, its heartbeat does not say that nothing has begun."""
     beats, noted = RawValue("q", 7), list[int]()
@@ -101,6 +102,17 @@ def test_a_live_run_that_never_saw_the_markers_says_why(serve: Any, tmp_path: Pa
     assert "the picture is grey" in result.outcome.cause
     assert noted == [ENABLING] and beats.value == STANDING
     assert len(read(tmp_path / "run.mcap").time) == result.timing.ticks > 0
+
+
+def test_what_a_servo_process_cannot_use_is_said_in_the_supervisor(
+    serve: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "run.mcap").write_text("something else")
+    beats, noted, (ours, theirs) = RawValue("q", 7), list[int](), Pipe()
+    theirs.send(serve(beats, noted))
+    assert not noted and beats.value == STANDING
+    with pytest.raises(RcmServoError, match=r"run\.mcap"):
+        supervise(SimpleNamespace(wire=ours, beats=beats), left_to_its_watchdog)  # type: ignore
 
 
 @pytest.mark.parametrize(("beat", "hangs"), [(STANDING, False), (ENABLING, False), (0, True)])

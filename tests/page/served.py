@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from conftest import HEEDING_CTRL_C, with_tests
+from conftest import HEEDING_CTRL_C, SMALL, with_tests
 
-RIG = "[camera]\nframe_rate = 30.0\n"
+RIG = SMALL.replace("[scene]", "frame_rate = 30.0\n[scene]")
 """A browser without a GPU draws beside all that is simulated, on a machine with few processors."""
 
 

@@ -1,9 +1,11 @@
-"""The operator's page as a person uses it: headless Chromium, the real page, the simulated arm."""
+"""The operator's page as a person uses it: headless Chromium, the real page, the simulated arm. One
+server serves all tests; each begins where the one before left it, with poses of its own names."""
 
+import json
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +35,7 @@ BUSY_AT_STOP = """() => {  // what is said where a busy browser comes to Resume 
   rcm.stop();
   return new Promise((told) => setTimeout(() => told(said), 1000));
 }"""
+PAUSED = "rcm.board.phase === 'PAUSED'"
 UNDER_WAY = "rcm.board.phase === 'ACQUIRE' || rcm.board.phase === 'SERVO'"
 AWAY = [0.1, 0.1, 8.0]
 """rad, rad, mm by which a joint is jogged."""
@@ -85,8 +88,13 @@ class Person:
         return self.told("board.phase")
 
     def enable(self) -> None:
-        self.until("rcm.board.ready && rcm.holds")
-        self.leads("Enable", "rcm.board.phase === 'PAUSED'")
+        """Have the drive on, which may be on already."""
+        self.until(f"rcm.holds && (rcm.board.ready || rcm.board.clears || {PAUSED})")
+        if self.told("board.clears"):
+            self.leads("Clear", "!rcm.board.clears")
+            self.until("rcm.board.ready")
+        if self.phase != "PAUSED":
+            self.leads("Enable", PAUSED)
         self.page.get_by_label("Jog speed").select_option("full")
 
     def teach(self, name: str) -> None:
@@ -104,7 +112,7 @@ class Person:
             with suppress(TimeoutError):
                 self.page.wait_for_function(moved, timeout=AGAIN)
             self.page.mouse.up()
-            self.until("rcm.board.phase === 'PAUSED'")
+            self.until(PAUSED)
             if self.page.evaluate(moved):
                 return
         raise AssertionError(f"{name} moves nothing")
@@ -115,7 +123,7 @@ class Person:
         self.page.mouse.down()
         self.until("rcm.board.phase === 'JOG'")
         self.page.mouse.move(10, 700)
-        self.until("rcm.board.phase === 'PAUSED'")
+        self.until(PAUSED)
         self.page.mouse.up()
 
     def arrived(self) -> bool:
@@ -156,50 +164,75 @@ def seen(chromium: Browser, folder: Path) -> None:
                 page.screenshot(path=folder / f"{k}.png", timeout=AGAIN)
 
 
-def wrong_in(chromium: Browser, folder: Path, play: Callable[[str], None]) -> str:
-    """What went wrong while something was played at a server; empty where nothing did. A browser
+class ServedPage:
+    """A server that is started when it is needed, and again after something went wrong: a browser
     without a GPU draws on the processors of all that is simulated, and a machine that stands still
-    stops the arm: what goes wrong is told, and played anew."""
+    stops the arm. `close` it at the end."""
 
-    def attempt(out: Path) -> str:
-        with served(out) as address:
-            try:
-                play(address)
-            except (AssertionError, TimeoutError) as error:
-                return f"{type(error).__name__}: {error}"
-            finally:
-                seen(chromium, folder)
-                for context in chromium.contexts:  # a page that is left would go on knocking
-                    context.close()
+    def __init__(self, chromium: Browser, folder: Path) -> None:
+        self.browser, self._folder, self._count = chromium, folder, 0
+        self._serving, self._address = ExitStack(), ""
+
+    @property
+    def out(self) -> Path:
+        """Where the records of the present server are."""
+        return self._folder / str(self._count)
+
+    def close(self) -> None:
+        self._serving.close()
+        self._address = ""
+
+    def wrong_in(self, play: Callable[[str], None]) -> str:
+        """What went wrong in the last attempt at what is played at a server; empty where nothing
+        did."""
+        wrong = ""
+        for k in range(ATTEMPTS):
+            wrong = self._attempt(play)
+            if not wrong:
+                break
+            self.close()
+            print(f"attempt {k + 1} of {ATTEMPTS}: {wrong}")
+        return wrong
+
+    def _attempt(self, play: Callable[[str], None]) -> str:
+        if not self._address:
+            self._count += 1
+            self._address = self._serving.enter_context(served(self.out))
+        try:
+            play(self._address)
+        except (AssertionError, TimeoutError) as error:
+            return f"{type(error).__name__}: {error}"
+        finally:
+            seen(self.browser, self._folder)
+            for context in self.browser.contexts:  # a page that is left would go on knocking
+                context.close()
         return ""
 
-    wrong = ""
-    for k in range(ATTEMPTS):
-        wrong = attempt(folder / str(k))
-        if not wrong:
-            break
-        print(f"attempt {k + 1} of {ATTEMPTS}: {wrong}")
-    return wrong
+
+@pytest.fixture(scope="module")
+def site(chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedPage]:
+    with closing(ServedPage(chromium, tmp_path_factory.mktemp("page"))) as site:
+        yield site
 
 
-def test_the_steps_of_the_readme_lead_to_a_taught_pose(chromium: Browser, tmp_path: Path) -> None:
+def test_the_steps_of_the_readme_lead_to_a_taught_pose(site: ServedPage) -> None:
     text = section((ROOT / "README.md").read_text(), "The operator's page")
 
     def play(address: str) -> None:
-        person = Person(chromium, address)
+        person = Person(site.browser, address)
         todo = steps(text)
         assert [verb for verb, _ in todo] == ["press", "type", "press", "hold", "press"]
         follow(person.page, todo)
         reached(person.page)
 
-    assert wrong_in(chromium, tmp_path, play) == ""
+    assert site.wrong_in(play) == ""
 
 
 def test_a_person_teaches_two_poses_goes_back_and_forth_stops_and_begins_again(
-    chromium: Browser, tmp_path: Path
+    site: ServedPage,
 ) -> None:
     def play(address: str) -> None:
-        person = Person(chromium, address)
+        person = Person(site.browser, address)
         person.enable()
         person.teach("here")
         q = np.array(person.told("board.q"))
@@ -215,7 +248,7 @@ def test_a_person_teaches_two_poses_goes_back_and_forth_stops_and_begins_again(
         person.teach("there")
         for pose in ("here", "there"):
             assert person.gone(pose), (pose, person.told("board"))
-        watcher = Person(chromium, address)
+        watcher = Person(site.browser, address)
         watcher.until("rcm.board.phase && !rcm.holds")
         assert watcher.page.get_by_role("button", name="Go here").is_disabled()
         target = person.told("board.target")
@@ -226,73 +259,68 @@ def test_a_person_teaches_two_poses_goes_back_and_forth_stops_and_begins_again(
         watcher.page.keyboard.press("Space")
         person.until("rcm.board.phase === 'FAULT' && rcm.board.words.includes('STOP was pressed')")
         assert "drive went off" in person.told("board.words")
-        person.press("Clear")
         person.enable()
         assert not watcher.foreign and not person.foreign and watcher.told("drawn") > 20
 
-    assert wrong_in(chromium, tmp_path, play) == ""
+    assert site.wrong_in(play) == ""
 
 
-def test_marker_1_is_led_and_a_tour_of_two_poses_is_made_watched_and_over(
-    chromium: Browser, tmp_path: Path
-) -> None:
+def test_marker_1_is_led_and_a_tour_of_two_poses_is_made_watched_and_over(site: ServedPage) -> None:
     def play(address: str) -> None:
-        person = Person(chromium, address)
+        person = Person(site.browser, address)
         page = person.page
         person.enable()
-        person.teach("here")
+        person.teach("first")
         person.jog("Jog marker 1 along x plus")
-        person.teach("there")
+        person.teach("second")
         page.locator("#tour summary").click()
         page.get_by_label("Dwell in seconds").fill("1")
-        for pose in ("here", "there"):
+        for pose in ("first", "second"):
             page.get_by_label("Pose to visit").select_option(pose)
             person.press("Add")
-        person.press("Move there up")
+        person.press("Move second up")
         person.leads("Start the tour", "rcm.board.tour !== null")
-        person.until("rcm.board.tour?.pose === 'there' && rcm.board.tour.left === 1")
-        person.until("document.getElementById('tour-progress').textContent.includes('here')")
+        person.until("rcm.board.tour?.pose === 'second' && rcm.board.tour.left === 1")
+        person.until("document.getElementById('tour-progress').textContent.includes('first')")
         person.until("rcm.board.tour === null && rcm.board.phase === 'PAUSED'")
         assert "all its poses were visited" in person.told("board.notes.join()")
 
-    assert wrong_in(chromium, tmp_path, play) == ""
+    assert site.wrong_in(play) == ""
 
 
-def test_closing_the_browser_in_mid_motion_pauses_and_another_one_resumes(
-    chromium: Browser, tmp_path: Path
-) -> None:
+def test_closing_the_browser_in_mid_motion_pauses_and_another_one_resumes(site: ServedPage) -> None:
     def play(address: str) -> None:
-        first = Person(chromium, address)
+        first = Person(site.browser, address)
         first.enable()
-        first.teach("here")
+        first.teach("back")
         first.jog("Jog joint 2 minus")
         first.leaves("Jog joint 2 minus")
-        first.go("here")
+        first.go("back")
         first.page.close()
-        second = Person(chromium, address)
+        second = Person(site.browser, address)
         second.until("rcm.board.phase === 'PAUSED' && rcm.holds")
         q = np.array(second.told("board.q"))
         second.page.wait_for_timeout(500)
         assert np.allclose(q, second.told("board.q"), atol=2e-3)
         second.leads("Resume", UNDER_WAY)
 
-    assert wrong_in(chromium, tmp_path, play) == ""
+    assert site.wrong_in(play) == ""
 
 
-def test_a_stopped_run_is_opened_looked_through_and_downloaded(
-    chromium: Browser, tmp_path: Path
-) -> None:
+def test_a_stopped_run_is_opened_looked_through_and_downloaded(site: ServedPage) -> None:
     def play(address: str) -> None:
-        person = Person(chromium, address)
+        person = Person(site.browser, address)
         page = person.page
+        if person.phase != "OFF":  # a session of its own, which is short
+            page.evaluate("rcm.stop()")
+            person.until("rcm.board.clears")
         person.enable()
-        person.teach("here")
         person.jog("Jog joint 1 plus")
         said = page.evaluate(BUSY_AT_STOP)
         assert "stop" in said and not any("resume" in one for one in said)
         person.until("rcm.board.phase === 'FAULT'")
         page.get_by_role("tab", name="Runs").click()
-        page.get_by_role("button", name="session-1").click(timeout=PATIENCE)
+        page.get_by_role("button", name="session-").first.click(timeout=PATIENCE)
         slider = page.get_by_label("Time in the past run")
         slider.wait_for(timeout=PATIENCE)
         said = page.locator(".run-said")
@@ -309,18 +337,35 @@ def test_a_stopped_run_is_opened_looked_through_and_downloaded(
                 page.get_by_text(words, exact=True).click()
             assert Path(download.value.path()).read_bytes().startswith(start)
 
-    assert wrong_in(chromium, tmp_path, play) == ""
+    assert site.wrong_in(play) == ""
+
+
+def test_the_curves_and_the_mechanism_are_drawn_where_they_are_looked_at(site: ServedPage) -> None:
+    chart, scene = "getElement(RCMSERVO.curves)?.chart", "getElement(RCMSERVO.scene.id)?.renderer"
+
+    def play(address: str) -> None:
+        person = Person(site.browser, address)
+        person.enable()
+        person.page.get_by_role("tab", name="Curves").click()
+        person.until(
+            f"{chart}?.getOption().series?.filter((one) => one.data.length > 20).length > 10"
+        )
+        person.page.get_by_role("tab", name="3-D").click()
+        person.until(f"{scene}?.info.render.triangles > 2000")
+        assert not person.foreign
+
+    assert site.wrong_in(play) == ""
 
 
 def test_a_student_sees_a_lost_marker_a_moved_camera_and_an_emergency_stop_and_their_ways_out(
-    chromium: Browser, tmp_path: Path
+    site: ServedPage,
 ) -> None:
     def play(address: str) -> None:
-        person = Person(chromium, address)
+        person = Person(site.browser, address)
         person.enable()
-        person.teach("here")
+        person.teach("middle")
         person.jog("Jog joint 2 minus")
-        assert person.gone("here")
+        assert person.gone("middle")
         person.trouble("marker_loss", **{"marker": "1", "for": "0.5"})
         person.until("rcm.board.phase === 'HOLD' || rcm.board.why.includes('marker 1')")
         person.until("rcm.board.phase === 'SERVO' && !rcm.board.why")
@@ -335,26 +380,8 @@ def test_a_student_sees_a_lost_marker_a_moved_camera_and_an_emergency_stop_and_t
         person.press("End all trouble")
         person.page.wait_for_timeout(300)
         assert person.phase == "FAULT" and person.told("board.ways") == ["clear"]
-        person.press("Clear")
         person.enable()
+        log = (site.out / "trouble.jsonl").read_text().splitlines()
+        assert [json.loads(line)["time"] > 0 for line in log] == [True] * 4
 
-    assert wrong_in(chromium, tmp_path, play) == ""
-
-
-def test_the_curves_and_the_mechanism_are_drawn_where_they_are_looked_at(
-    chromium: Browser, tmp_path: Path
-) -> None:
-    chart, scene = "getElement(RCMSERVO.curves)?.chart", "getElement(RCMSERVO.scene.id)?.renderer"
-
-    def play(address: str) -> None:
-        person = Person(chromium, address)
-        person.enable()
-        person.page.get_by_role("tab", name="Curves").click()
-        person.until(
-            f"{chart}?.getOption().series?.filter((one) => one.data.length > 20).length > 10"
-        )
-        person.page.get_by_role("tab", name="3-D").click()
-        person.until(f"{scene}?.info.render.triangles > 2000")
-        assert not person.foreign
-
-    assert wrong_in(chromium, tmp_path, play) == ""
+    assert site.wrong_in(play) == ""

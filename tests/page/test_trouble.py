@@ -1,17 +1,13 @@
-"""Trouble from the page's menu: the servo notices it, and what is pressed enables nothing."""
+"""Trouble from the page's menu, and that what is pressed enables nothing. test_page.py goes on to
+the fault and its way out."""
 
-import json
 from collections.abc import Iterator
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from served import served
-from test_doors import Site
 
-import rcmservo as rs
 from rcmservo.errors import BadInput
 from rcmservo.live.arm_link import arm_in, opened
 from rcmservo.sim.processes.arm_process import ArmDevice
@@ -68,51 +64,3 @@ def test_an_arm_that_creeps_creeps_from_then_until_it_is_ended(device: ArmDevice
     q = device.arm.q_true.copy()
     device.turn(device.arm.time + 20 * MS)
     assert np.allclose(device.arm.q_true, q, atol=1e-3)
-
-
-class AtThePage:
-    """Whoever has control."""
-
-    def __init__(self, site: Site, eye: Any, hand: Any) -> None:
-        self.site, self.eye, self.hand = site, eye, hand
-
-    def say(self, do: str, **more: Any) -> None:
-        at = self.site.board(self.eye)["at"]
-        self.hand.send(json.dumps({"do": do, "at": at, **more}))
-
-    def until(self, **what: Any) -> dict[str, Any]:
-        for _ in range(3000):
-            self.say("beat")
-            board = self.site.board(self.eye)
-            if all(board[key] == value for key, value in what.items()):
-                return board
-        raise AssertionError(f"{what} never came: {board}")
-
-
-@pytest.mark.slow
-@pytest.mark.alone
-def test_from_the_page_to_the_fault_and_its_way_out(tmp_path: Path) -> None:
-    with served(tmp_path / "out") as address:
-        site = Site(address)
-        with site.open("/pictures") as eye, site.open("/operate") as hand:
-            it = AtThePage(site, eye, hand)
-            it.until(ready=True)
-            it.say("enable")
-            it.until(phase="PAUSED")
-            it.say("trouble", what="marker_loss:marker=0")
-            it.until(points=[None, None])
-            it.say("trouble", what="")
-            while None in it.until(phase="PAUSED")["points"]:
-                """It is not seen again yet."""
-            it.say("trouble", what="relocate:")
-            it.until(why=rs.Cause.CAMERA_MOVED.value)
-            it.say("trouble", what="drive_off:")
-            it.until(phase="FAULT", why=rs.Cause.DRIVE_OFF.value)
-            it.say("trouble", what="")
-            it.until(phase="FAULT")
-            it.say("clear")
-            it.until(ready=True)
-            it.say("enable")
-            it.until(phase="PAUSED")
-    log = (tmp_path / "out" / "trouble.jsonl").read_text()
-    assert [json.loads(line)["time"] > 0 for line in log.splitlines()] == [True] * 5
