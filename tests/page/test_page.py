@@ -215,8 +215,8 @@ def site(chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterato
         yield site
 
 
-def test_the_steps_of_the_readme_lead_to_a_taught_pose(site: ServedPage) -> None:
-    text = section((ROOT / "README.md").read_text(), "The operator's page")
+def test_the_first_steps_of_the_page_lead_to_a_taught_pose(site: ServedPage) -> None:
+    text = section((ROOT / "docs/page.md").read_text(), "First steps")
 
     def play(address: str) -> None:
         person = Person(site.browser, address)
