@@ -106,7 +106,8 @@ class Kernel:
         if name == "dispatcher":
             made = vars(self).setdefault(name, _dispatcher(self.py_func))
             # from now on a call reaches it without a frame of Python between: 0.1 us, not 0.3
-            self.__class__ = type("LoadedKernel", (Kernel,), {"__call__": staticmethod(made)})
+            loaded: Any = type("LoadedKernel", (Kernel,), {"__call__": staticmethod(made)})
+            self.__class__ = loaded
             return made
         if name.startswith("_"):
             raise AttributeError(name)
@@ -148,5 +149,9 @@ def _numba() -> tuple[Any, Any]:
     from numba.core import config
 
     typeof: Any = extending.typeof_impl
-    typeof.register(Kernel, lambda kernel, context: typeof(kernel.dispatcher, context))
+
+    @typeof.register(Kernel)
+    def _(kernel: Kernel, context: Any) -> Any:
+        return typeof(kernel.dispatcher, context)
+
     return numba, config

@@ -113,7 +113,7 @@ REFUSED = {
     "broyden": "min-step -1",
     "nflow": "mu -1",
     "rls": "forgetting -1",
-    "kalman": "measurement -1",
+    "kalman": "noise -1",
     "correntropy": "bandwidth -1",
 }
 """A setting of each group and a value that it refuses."""

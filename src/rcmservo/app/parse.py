@@ -95,8 +95,8 @@ def _sentence(
         case tyro_errors.MissingArgs():
             missing = event.missing_arguments[0].arg
             helptext: Any = missing.field.helptext
-            words = " ".join(helptext().split())
-            return f"{missing.lowered.metavar} must be given: {words}".rstrip(".")
+            meaning = " ".join(helptext().split())
+            return f"{missing.lowered.metavar} must be given: {meaning}".rstrip(".")
         case tyro_errors.InvalidChoice():
             right = f"one of {', '.join(event.choices)}"
             near = near_word(event.value, event.choices)

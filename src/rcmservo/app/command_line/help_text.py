@@ -95,7 +95,7 @@ def estimator_words() -> dict[str, str]:
     """Return one sentence on each built-in estimator, by its name."""
     words = {name: _first_sentence(kind) for name, kind in ESTIMATORS.items()}
     for name, preset in PRESETS.items():
-        kind = type(preset)
+        kind: Any = type(preset)
         given = {f.name: (getattr(preset, f.name), f.default) for f in fields(kind)}
         other = (f"{name}={value}" for name, (value, usual) in given.items() if value != usual)
         words[name] = f"{name_of(preset, ESTIMATORS)} with {', '.join(other)}"
