@@ -4,9 +4,11 @@ import ast
 import inspect
 import textwrap
 from dataclasses import is_dataclass
+from functools import cache
 from typing import Any, cast
 
 
+@cache
 def docstrings(kind: type[Any]) -> dict[str, str]:
     """The docstring below each field of a dataclass, on one line; of those that it inherits too."""
     found: dict[str, str] = {}

@@ -38,7 +38,7 @@ def _lines(command: str, kind: type[Any], everything: bool, width: int) -> Itera
     for group, ones in groupby(options, key=lambda one: one.group):
         if everything or not group:
             yield ""
-            yield from _section(group, group_words(kind).get(group, ""), width)
+            yield from _section(group, group_words(kind)[group] if group else "", width)
             for one in ones:
                 yield from _row(_left(one), _right(one), width)
             if not group:

@@ -26,10 +26,15 @@ class Option:
     """What its values are called; empty for a flag."""
     default: str
     """Its default as it would be typed; empty if there is none to show."""
-    words: str
-    """What it means."""
     group: str
     """Part of its name that it shares with other options, such as controller; or empty."""
+    owner: type[Any]
+    """The dataclass whose field it is."""
+
+    @property
+    def words(self) -> str:
+        """What it means, read from the source of its dataclass."""
+        return docstrings(self.owner).get(self.path[-1], "")
 
     @property
     def is_positional(self) -> bool:
@@ -59,7 +64,6 @@ def group_words(kind: type[Any]) -> dict[str, str]:
 
 
 def _walk(kind: type[Any], path: tuple[str, ...], group: str) -> Iterator[Option]:
-    words = docstrings(kind)
     defaults = {one.name: _default(one) for one in fields(kind)}
     for name, hint, markers in _fields(kind):
         here = (*path, name)
@@ -75,8 +79,8 @@ def _walk(kind: type[Any], path: tuple[str, ...], group: str) -> Iterator[Option
             metavar if positional else f"--{typed}",
             metavar,
             _shown(defaults[name]),
-            words.get(name, ""),
             group,
+            kind,
         )
 
 
