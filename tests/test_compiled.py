@@ -1,22 +1,28 @@
 """Compiled code is kept where it can be, keyed by what it is made of; without a place it runs."""
 
 import ast
+import copy
+import inspect
 import os
+import pickle
 import shutil
 import stat
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from conftest import ROOT
 from rcmservo import compiled
+from rcmservo.loops import length
 
 PROGRAM = (
     "import numpy as np; from rcmservo import compiled; "
     "from rcmservo.method.features import features; "
-    "print(compiled._CACHE); print(features(np.array([1.0, 2.0, 3.0, 5.0]))[1])"
+    "print(compiled.cache_folder()); print(features(np.array([1.0, 2.0, 3.0, 5.0]))[1])"
 )
 
 
@@ -94,3 +100,51 @@ def imported(tree: ast.AST) -> dict[str, Path]:
             origin = ROOT / "src" / (str(node.module).replace(".", "/") + ".py")
             found |= {alias.asname or alias.name: origin.resolve() for alias in node.names}
     return found
+
+
+def printed(program: str, **variables: str) -> list[str]:
+    """The words that a program in a process of its own prints."""
+    command = [sys.executable, "-c", program]
+    environment = os.environ | variables
+    return subprocess.run(
+        command, env=environment, capture_output=True, text=True, check=True
+    ).stdout.split()
+
+
+def test_a_kernel_brings_numba_in_on_its_first_call_and_is_in_the_cache_for_the_next_process(
+    tmp_path: Path,
+) -> None:
+    """It calls others of its kind, in another file."""
+    program = """
+import sys
+import numpy as np
+from rcmservo.loops import products
+print("numba" in sys.modules)
+assert products(np.eye(2), np.eye(2))[1, 1] == 1.0
+print(sum(products.stats.cache_hits.values()), len(products.signatures))
+"""
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
+    assert printed(program, **cache) == ["False", "0", "1"]
+    assert printed(program, **cache) == ["False", "1", "1"]
+    assert printed(program, NUMBA_DISABLE_JIT="0", **cache) == ["False", "1", "1"]
+
+
+def test_as_plain_python_a_kernel_is_the_function_itself() -> None:
+    program = "import sys; from rcmservo.loops import length; print(type(length).__name__, "
+    program += "length(__import__('numpy').array([3.0, 4.0])), 'numba' in sys.modules)"
+    assert printed(program, NUMBA_DISABLE_JIT="1") == ["function", "5.0", "False"]
+
+
+def test_a_kernel_is_pickled_and_copied_as_a_function_is_by_name() -> None:
+    for _ in range(2):  # before and after its first call
+        assert pickle.loads(pickle.dumps(length)) is copy.deepcopy(length) is length
+        assert length(np.array([3.0, 4.0])) == 5.0
+    assert inspect.signature(length) == inspect.signature(length.py_func)  # type: ignore[attr-defined]
+    assert not hasattr(length, "_a_name_of_nothing")
+
+
+def test_threads_that_call_a_new_kernel_at_once_share_one_dispatcher() -> None:
+    kernel = compiled.Kernel(length.py_func)  # type: ignore[attr-defined]
+    with ThreadPoolExecutor(8) as pool:
+        made = set(pool.map(lambda _: id(kernel.dispatcher), range(64)))
+    assert len(made) == 1 and kernel(np.array([3.0, 4.0])) == 5.0

@@ -3,9 +3,9 @@ arrays."""
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 from rcmservo.memory import scratch, scratch_table, unowned
 
@@ -17,7 +17,7 @@ class Held(NamedTuple):
     inner: tuple[Floats, int]
 
 
-@numba.njit
+@compiled
 def filled(number: float) -> float:
     line, table = scratch(3), scratch_table(2, 4)
     for k in range(3):
@@ -29,7 +29,7 @@ def filled(number: float) -> float:
     return number + line[0] + line[2] + table.sum()
 
 
-@numba.njit
+@compiled
 def doubled(held: Held) -> float:
     same = unowned(held)
     for k in range(len(same.inner[0])):
@@ -38,7 +38,8 @@ def doubled(held: Held) -> float:
 
 
 def test_scratch_is_room_of_its_own_for_each_call() -> None:
-    assert filled(1.0) == filled.py_func(1.0) == 62.0
+    plain = filled.py_func  # pyright: ignore[reportFunctionMemberAccess]
+    assert filled(1.0) == plain(1.0) == 62.0
 
 
 def test_an_array_that_nothing_counts_is_still_the_same_array_afterwards() -> None:

@@ -1,29 +1,35 @@
 """The one way in which rcmservo compiles a function: Numba, cached, never with fastmath.
 
-Numba's cache looks only at the file of the compiled function. An edit in a file that it calls would
-go unseen. So ours lies in a folder that is named by a hash over all files that compiled functions
-are made of: new source, new cache. Whatever a compiled function uses must stand in such a file.
+Numba itself is loaded on the first call of a kernel: a command that computes nothing starts without
+it. Numba's cache looks only at the file of the compiled function, so an edit in a file that it
+calls would be missed. The cache therefore lies in a folder named by a hash over all files that
+kernels are made of: new source, new cache. Whatever a kernel uses must be in such a file.
 """
 
 import hashlib
 import os
 import tempfile
 from collections.abc import Callable, Iterator
+from functools import cache, update_wrapper
+from importlib import import_module
 from pathlib import Path
+from threading import Lock
 from typing import Any, TypeVar, cast
-
-import numba
-from numba.core import config as numba_config
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 PACKAGE = Path(__file__).parent
-MARK, NATIVE = "\n@compiled\n", "\n@intrinsic\n"
+MARK = "\n@compiled\n"
+MARKS = MARK, "\n@intrinsic\n", "\n@declared(", "\ndeclare_in("
+"""Each is in files that machine code is made of."""
+
+PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "") not in ("", "0")
+"""True if kernels stay readable Python, the oracle of the compiled ones."""
 
 
 def sources() -> list[Path]:
     """The files of this package that compiled functions are made of."""
     texts = ((path, path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py")))
-    return [path for path, text in texts if MARK in text or NATIVE in text]
+    return [path for path, text in texts if any(mark in text for mark in MARKS)]
 
 
 def parts() -> int:
@@ -47,8 +53,9 @@ def _places() -> Iterator[Path]:
     yield Path(tempfile.gettempdir()) / f"rcmservo-{user}"
 
 
-def _cache() -> str:
-    """A folder for compiled code that can be written to; empty where there is none."""
+@cache
+def cache_folder() -> str:
+    """A folder for compiled code that can be written to; empty if there is none."""
     name = f"numba-{_source_hash()}"
     for place in _places():
         try:
@@ -61,13 +68,54 @@ def _cache() -> str:
     return ""
 
 
-config: Any = numba_config
 OPTIONS: Any = {"error_model": "numpy", "no_cfunc_wrapper": True, "forceinline": True}
 """Nothing here is called from C: without what that needs it compiles in four fifths of the time.
 What one function calls becomes part of it: to pass on all the numbers of a tick took as long as to
 compute them."""
 
-_CACHE = _cache()
+DECLARING: list[str] = []
+"""Modules that extend Numba: they are imported before a kernel is compiled."""
+
+_CHANGING_THE_FOLDER = Lock()
+
+
+def declare_in(module: str) -> None:
+    """Name a module that declares the compiled form of some functions. It imports Numba, so it is
+    imported only when a kernel is about to be compiled."""
+    DECLARING.append(module)
+
+
+class Kernel:
+    """A function that Numba compiles on its first call. Until then Numba is not even imported.
+
+    The plain function is `py_func`, Numba's own object is `dispatcher`; other attributes are those
+    of the dispatcher.
+    """
+
+    py_func: Callable[..., Any]
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        update_wrapper(self, function)
+        self.py_func = function
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        return self.dispatcher(*arguments, **named)
+
+    def __getattr__(self, name: str) -> Any:
+        """Make the dispatcher, once, or return one of its attributes."""
+        if name == "dispatcher":
+            made = vars(self).setdefault(name, _dispatcher(self.py_func))
+            # from now on a call reaches it without a frame of Python between: 0.1 us, not 0.3
+            loaded: Any = type("LoadedKernel", (Kernel,), {"__call__": staticmethod(made)})
+            self.__class__ = loaded
+            return made
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.dispatcher, name)
+
+    def __reduce__(self) -> str:
+        """Pickle as plain functions are: by name."""
+        return self.py_func.__qualname__
 
 
 def compiled(function: Function) -> Function:
@@ -75,10 +123,35 @@ def compiled(function: Function) -> Function:
 
     With NUMBA_DISABLE_JIT=1 it stays readable Python: the oracle.
     """
-    chosen = config.CACHE_DIR
-    config.CACHE_DIR = chosen or _CACHE
-    try:
-        kept = bool(config.CACHE_DIR)
-        return cast(Function, numba.njit(cache=kept, **OPTIONS)(function))
-    finally:
-        config.CACHE_DIR = chosen
+    return function if PLAIN else cast(Function, Kernel(function))
+
+
+def _dispatcher(function: Callable[..., Any]) -> Any:
+    """Return what Numba makes of a function, with the cache in our folder."""
+    numba, config = _numba()
+    for module in DECLARING:
+        import_module(module)
+    with _CHANGING_THE_FOLDER:
+        chosen = config.CACHE_DIR
+        config.CACHE_DIR = chosen or cache_folder()
+        try:
+            return numba.njit(cache=bool(config.CACHE_DIR), **OPTIONS)(function)
+        finally:
+            config.CACHE_DIR = chosen
+
+
+@cache
+def _numba() -> tuple[Any, Any]:
+    """Import Numba and its configuration, and declare the type of a kernel that another one
+    calls."""
+    import numba
+    from numba import extending
+    from numba.core import config
+
+    typeof: Any = extending.typeof_impl
+
+    @typeof.register(Kernel)
+    def _(kernel: Kernel, context: Any) -> Any:
+        return typeof(kernel.dispatcher, context)
+
+    return numba, config

@@ -1,6 +1,8 @@
 """What can go wrong because of what a person gave us: one base class, subclasses that carry the
 data."""
 
+import math
+from collections.abc import Iterable
 from pathlib import PurePath
 
 
@@ -45,7 +47,21 @@ class UnusableFile(RcmServoError):
         self.path, self.why = path, why
 
 
+class Stopped(RcmServoError):
+    """Something that was told to end before it was done."""
+
+
 def require(good: bool, field: str, value: object, right: str) -> None:
     """Raise :class:`BadInput` unless `good`. Write the test so that NaN fails it."""
     if not good:
         raise BadInput(field, value, right)
+
+
+def require_radians(
+    field: str, value: object, angles: Iterable[float], most: float, unit: str = "rad"
+) -> None:
+    """Refuse angles (or rates) beyond `most` rad: they were meant in degrees. Name both units."""
+    largest = max(map(abs, angles))
+    meant = f"{math.radians(largest):.4g} {unit}, which is {largest:g} {unit.replace('rad', 'deg')}"
+    right = f"at most {most:.4g} {unit} where it is an angle (did you mean {meant}?)"
+    require(largest <= most, field, value, right)

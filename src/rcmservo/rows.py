@@ -16,8 +16,9 @@ from dataclasses import fields, is_dataclass
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar, cast, get_type_hints
 
 import numpy as np
-from numba.core import config as numba_config
 from numpy.typing import NDArray
+
+from rcmservo.compiled import PLAIN
 
 Kind_co = TypeVar("Kind_co", covariant=True)
 Kind = TypeVar("Kind", bound="Row")
@@ -30,8 +31,7 @@ CODES = {int: "i8", bool: "?"}
 
 def _dtype(layout: np.dtype[Any]) -> np.dtype[Any]:
     """The layout for compiled functions, or for the same functions as plain Python."""
-    plain = bool(cast(Any, numba_config).DISABLE_JIT)
-    return np.dtype((np.record, layout)) if plain else layout
+    return np.dtype((np.record, layout)) if PLAIN else layout
 
 
 class Rows(Protocol, Generic[Kind_co]):

@@ -1,28 +1,44 @@
 """What is wrong with a command line is one sentence: option, value, what is right, where to read
 more."""
 
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+
 import pytest
 
 from rcmservo.app.cli import main
+from rcmservo.app.command_line.options import options_of
+from rcmservo.app.run import RunOptions
+from rcmservo.errors import BadInput
+from rcmservo.guard.gate import Gate
+from rcmservo.guard.thresholds import Thresholds
+from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.flow import FlowEstimator
+from rcmservo.method.kinematics import JointLimits
+from rcmservo.sim.arm import Drive
+from rcmservo.sim.scene import SceneSettings
 
 RUN = "; see rcmservo run --help"
+SETTING = "; see rcmservo run --help-all"
 SENTENCES = {
     "run --seed": "--seed must be given INT, got ''" + RUN,
     "run --seed abc": "--seed must be a whole number, got 'abc'" + RUN,
     "run --seed 1.5": "--seed must be a whole number, got '1.5'" + RUN,
     "run --duration x": "--duration must be a number, got 'x'" + RUN,
     "run --projection.observations 2.5": "--projection.observations must be a whole number, "
-    "got '2.5'" + RUN,
+    "got '2.5'" + SETTING,
     "run --controller.bounds 1 2": "--controller.bounds must be given FLOAT FLOAT FLOAT, "
-    "got '1 2'" + RUN,
+    "got '1 2'" + SETTING,
     "run --controller.bounds 1 2 x": "--controller.bounds must be given FLOAT FLOAT FLOAT, "
-    "got '1 2 x'" + RUN,
+    "got '1 2 x'" + SETTING,
     "run --controller.potential print": "--controller.potential must be one of continuous, "
-    "printed, got 'print' (did you mean printed?)" + RUN,
+    "printed, got 'print' (did you mean printed?)" + SETTING,
     "run --controllr.gain 3": "run has no option --controllr.gain (did you mean "
-    "--controller.gain?)" + RUN,
+    "--controller.gain?)" + SETTING,
     "run --imaged_rcm.max-conditio 3": "run has no option --imaged_rcm.max-conditio (did you mean "
-    "--imaged-rcm.max-condition?)" + RUN,
+    "--imaged-rcm.max-condition?)" + SETTING,
     "run x": "'x' is more than run takes" + RUN,
     "show a --seed 3": "show has no option --seed; see rcmservo show --help",
     "show": "PATH must be given: A run's folder, or an .mcap file; see rcmservo show --help",
@@ -39,16 +55,6 @@ def test_a_line_that_cannot_be_read_is_one_sentence(
 ) -> None:
     assert main(line.split()) == 2
     assert capsys.readouterr().err == f"rcmservo: {SENTENCES[line]}\n"
-
-
-def test_what_the_settings_refuse_keeps_their_words_and_points_to_the_help(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main(["run", "--controller.gain", "-1"]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("rcmservo: controller.gain must be ") and said.endswith(
-        "got -1.0; see rcmservo run --help\n"
-    )
 
 
 @pytest.mark.parametrize(
@@ -69,11 +75,109 @@ def test_a_size_that_no_computer_has_room_or_time_for_is_refused_at_once(
     assert "1000000000" in capsys.readouterr().err
 
 
-def test_help_tells_the_basics_before_the_settings(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(["run", "--help"])
-    said = capsys.readouterr().out
-    assert not stop.value.code
-    basics = [said.index(f"--{name}") for name in ("seed", "duration", "out", "json")]
-    settings = [said.index(f"--{name}.") for name in ("controller", "exploration", "projection")]
-    assert max(basics) < min(settings)
+SUGGESTED = {
+    "run --gain 3": "--controller.gain",
+    "run --estimator.gamma 3": "--projection.gamma or --flow.gamma",
+    "run --gamma 3": "--projection.gamma or --flow.gamma",
+    "run --flwo.gamma 3": "--flow.gamma",
+    "run --leg 1": "--exploration.leg",
+    "run --bounds 1 1 1": "--controller.bounds",
+    "run --max_speed 9": "--controller.max-speed",
+    "run --sede 1": "--seed",
+    "replay x --gama 2": "--projection.gamma",
+}
+
+
+@pytest.mark.parametrize("line", SUGGESTED)
+def test_the_option_that_is_suggested_is_the_one_that_was_meant(
+    line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(line.split()) == 2
+    assert f"(did you mean {SUGGESTED[line]}?)" in capsys.readouterr().err
+
+
+def test_nothing_is_suggested_for_an_option_that_nothing_is_like(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["study", "--gain", "3"]) == 2
+    assert "did you mean" not in capsys.readouterr().err
+
+
+REFUSED = {
+    "controller": "gain -1",
+    "exploration": "max-time -1",
+    "imaged-rcm": "max-condition -1",
+    "projection": "rate -1",
+    "affine": "size-noise -1",
+    "flow": "gamma -1",
+    "broyden": "min-step -1",
+    "nflow": "mu -1",
+    "rls": "forgetting -1",
+    "kalman": "noise -1",
+    "correntropy": "bandwidth -1",
+}
+"""A setting of each group and a value that it refuses."""
+
+
+def test_every_group_of_settings_has_a_refused_value_here() -> None:
+    assert {one.group for one in options_of(RunOptions)} == {"", *REFUSED}
+
+
+@pytest.mark.parametrize("group", REFUSED)
+def test_what_the_settings_refuse_is_named_as_it_was_typed(
+    group: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    option, value = f"--{group}.{REFUSED[group]}".split()
+    assert main(["run", option, value]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"rcmservo: {option} must be ")
+    assert said.endswith(f"got {float(value)}{SETTING}\n")
+
+
+def test_a_setting_that_does_not_go_with_the_estimator_is_named_as_it_was_typed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--controller.features", "size", "--out", str(tmp_path / "out")]
+    assert main(["run", *words]) == 2
+    assert capsys.readouterr().err.startswith("rcmservo: --controller.features must be ")
+
+
+def test_in_python_the_field_keeps_the_name_that_records_give_it() -> None:
+    with pytest.raises(BadInput, match=r"^estimator\.gamma must be"):
+        FlowEstimator(gamma=-1.0)
+
+
+def test_the_papers_degrees_are_refused_as_radians_and_both_units_are_named(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["run", "--controller.bounds", "10", "10", "10"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("rcmservo: --controller.bounds must be at most 3.142 rad")
+    assert "(did you mean 0.1745 rad, which is 10 deg?)" in said
+
+
+def in_scene(**values: object) -> SceneSettings:
+    return SceneSettings(**values)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    ("make", "meant"),
+    [
+        (lambda: SaturatedController(bounds=(10.0, 10.0, 10.0)), "0.1745 rad, which is 10 deg?"),
+        (lambda: Gate(speed=(30.0, 30.0, 50.0)), "0.5236 rad/s, which is 30 deg/s?"),
+        (lambda: Thresholds(following=(0.1, 5.0, 5.0)), "0.08727 rad, which is 5 deg?"),
+        (lambda: in_scene(errors=(20.0, 50.0, 50.0)), "0.3491 rad, which is 20 deg?"),
+        (lambda: in_scene(start=(10.0, 45.0, 90.0)), "0.7854 rad, which is 45 deg?"),
+        (lambda: Drive(encoder_offset=(0.0, 90.0, 0.0)), "1.571 rad, which is 90 deg?"),
+        (lambda: JointLimits((-90.0, 0.0, 50.0), (90.0, 1.0, 90.0)), "looks like degrees"),
+    ],
+)
+def test_an_angle_that_can_only_be_degrees_is_refused(
+    make: Callable[[], object], meant: str
+) -> None:
+    with pytest.raises(BadInput, match=re.escape(meant)):
+        make()
+
+
+def test_an_angle_bound_of_half_a_turn_is_taken() -> None:
+    assert SaturatedController(bounds=(math.pi, 10.0, 10.0)).bounds[0] == math.pi

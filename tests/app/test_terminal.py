@@ -17,7 +17,7 @@ from rcmservo.app.score_report import MarkerErrors, ScoreReport, StepErrors, sho
 from rcmservo.app.simulated_run.metrics import FeatureError, RunMetrics
 from rcmservo.app.simulated_run.told import show_run
 from rcmservo.app.terminal import console, print_plainly
-from rcmservo.app.waiting import preparing
+from rcmservo.app.waiting import compiling as reports
 from rcmservo.app.waiting.preparing import compiling
 
 LONG = f"runs/{'a folder with a long name/' * 6}[/y]"
@@ -154,7 +154,7 @@ def test_what_is_compiled_is_told_and_what_is_not_ours_is_not_counted(
 ) -> None:
     """Where no live line is seen, one line lasts of every twenty parts; of no more than there
     are."""
-    monkeypatch.setattr(preparing, "parts", lambda: expected)
+    monkeypatch.setattr(reports, "parts", lambda: expected)
     written = io.StringIO()
     with Live(console=Console(file=written, width=40)) as line, compiling(line):
         for module in ["somebody.elses"] * others + ["rcmservo.made_up"] * 21:

@@ -5,12 +5,11 @@ import shlex
 from pathlib import Path
 
 from conftest import ROOT
-from rcmservo.app.cli import COMMANDS
+from rcmservo.app.cli import asked_of
 from rcmservo.app.lab.emulate import COUNTS, EmulateOptions
 from rcmservo.app.lab.markers import MarkersOptions
 from rcmservo.app.lab.rig_check import RigOptions
 from rcmservo.app.live import LiveOptions
-from rcmservo.app.parse import parse
 from rcmservo.config.rig_file import load_lab
 from rcmservo.hardware.devices import ARMS, CAMERAS, wiring_of
 
@@ -20,8 +19,8 @@ PAGE = (ROOT / "docs/bring_up.md").read_text()
 def test_every_command_of_the_page_can_be_read() -> None:
     blocks = re.findall(r"```sh\n(.*?)```", PAGE, re.S)
     lines = [line for block in blocks for line in block.splitlines()]
-    options = {name: kind for name, (kind, _) in COMMANDS.items()}
-    read = [parse(options, shlex.split(line)[1:]) for line in lines]
+    words = [shlex.split(line)[1:] for line in lines]
+    read = [asked_of(name, options) for name, *options in words]
     assert [type(one) for one in read] == [
         EmulateOptions,
         MarkersOptions,

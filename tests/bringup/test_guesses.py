@@ -21,8 +21,8 @@ from rcmservo.bringup.guesses import (
 )
 from rcmservo.bringup.view import Views, turned
 from rcmservo.bringup.wiring import Robot, Wiring
+from rcmservo.errors import Stopped
 from rcmservo.interfaces import Floats
-from rcmservo.live.lab import Stopped
 from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.method.tool import RigidTool
 from rcmservo.sim import Rig

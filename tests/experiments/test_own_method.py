@@ -71,6 +71,6 @@ def test_only_a_users_own_is_taken_by_paper(capsys: pytest.CaptureFixture[str]) 
 def test_its_settings_are_options_of_paper(monkeypatch: pytest.MonkeyPatch) -> None:
     kind = type(recursive_least_squares())
     monkeypatch.setattr("rcmservo.app.own_options.named", lambda name: kind)
-    options = with_own({"paper": PaperOptions}, ["paper", "--estimator", "mylab.rls:RLS"])["paper"]
+    options = with_own(PaperOptions, ["--estimator", "mylab.rls:RLS"])
     made = options(estimator="mylab.rls:RLS", pixels=kind(forgetting=0.9))
     assert getattr(made, made.OWN["mylab.rls:RLS"]).forgetting == 0.9

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rcmservo.errors import Stopped
 from rcmservo.interfaces import Command, Floats, Measured
-from rcmservo.live.lab import Stopped
 from rcmservo.live.leash import Leash, LeashedArm
 
 

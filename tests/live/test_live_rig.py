@@ -14,9 +14,8 @@ import pytest
 from at_terminal import PATIENCE, AtTerminal, Laboratory, live, wait_for, words_of
 
 from conftest import ROOT, SMALL
-from rcmservo.app.cli import COMMANDS, main
+from rcmservo.app.cli import asked_of, main
 from rcmservo.app.lab.live_on_hardware import require_devices
-from rcmservo.app.parse import parse
 from rcmservo.config.checked import digest_of, note_checked
 from rcmservo.config.rig_file import load_lab
 from rcmservo.live import terminal_person
@@ -90,7 +89,7 @@ def test_its_page_shows_a_file_and_commands_that_are_understood(tmp_path: Path) 
         [".venv/bin/rcmservo", "live"],
     ]
     for words in told:
-        parse({name: kind for name, (kind, _) in COMMANDS.items()}, words[1:])
+        asked_of(words[1], words[2:])
     assert f"`{' '.join(f'{x:.4f}' for x in Rig(0).scene.start[:2])} " in PAGE
 
 

@@ -11,8 +11,8 @@ import pytest
 from conftest import laboratory
 from rcmservo.app.lab.at_the_arm import define
 from rcmservo.config.rig_file import Lab
+from rcmservo.errors import Stopped
 from rcmservo.interfaces import Measured
-from rcmservo.live.lab import Stopped
 from rcmservo.page.asking import READ, PagePerson
 from rcmservo.page.desk import Desk
 from rcmservo.page.wants import Between, Enable, Note, Reply

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rcmservo.live.lab import Stopped
+from rcmservo.errors import Stopped
 from rcmservo.page.desk import Desk
 from rcmservo.page.sessions import Rung, Sessions
 from rcmservo.page.wants import CLEAR, STOP, Between

@@ -13,9 +13,7 @@ import numpy as np
 import pytest
 from studies import Alone, made
 
-from rcmservo.app.cli import COMMANDS
-from rcmservo.app.own_options import with_own
-from rcmservo.app.parse import parse
+from rcmservo.app.cli import asked_of
 from rcmservo.app.studies.tune import run_command, settings_text
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import BadInput, RcmServoError
@@ -287,8 +285,7 @@ METHODS = {
 def options_of(command: str) -> Any:
     words = shlex.split(command)
     assert words[0] == "rcmservo"
-    kinds = with_own({name: kind for name, (kind, _) in COMMANDS.items()}, words[1:])
-    return parse(kinds, words[1:])
+    return asked_of(words[1], words[2:])
 
 
 @pytest.mark.parametrize("case", METHODS)

@@ -1,52 +1,85 @@
-"""The command line: which command is asked for, and how it ends."""
+"""The command line: which command is asked for, and how it ends. A command is imported when it is
+named, so that `--help` starts at once."""
 
 import sys
+import textwrap
 from collections.abc import Callable
-from typing import Any
+from importlib import import_module
+from typing import Any, NamedTuple
 
 from rcmservo import __version__
-from rcmservo.app.export import ExportOptions, export
-from rcmservo.app.lab.emulate import EmulateOptions, emulate
-from rcmservo.app.lab.markers import MarkersOptions, markers
-from rcmservo.app.lab.rig_check import RigOptions, rig_check
-from rcmservo.app.lab.serve import ServeOptions, serve
-from rcmservo.app.live import LiveOptions, live
-from rcmservo.app.own_options import with_own
-from rcmservo.app.paper import PaperOptions, paper
-from rcmservo.app.parse import parse
-from rcmservo.app.replay import ReplayOptions, recompute_run, recorded, replay
-from rcmservo.app.run import RunOptions, run
-from rcmservo.app.show import ShowOptions, show
-from rcmservo.app.studies.study import StudyOptions, study
-from rcmservo.app.studies.tune import TuneOptions, tune
-from rcmservo.app.terminal import print_plainly
-from rcmservo.errors import BadInput, RcmServoError
-from rcmservo.live.lab import Stopped
-from rcmservo.record import reader
+from rcmservo.errors import BadInput, RcmServoError, Stopped
 
 BAD_INPUT, ENDED = 2, 1
 """Exit codes: of what cannot be done, and of what was told to end before it was done. Others are 0,
 and 1 where a run did not settle."""
 
-COMMANDS: dict[str, tuple[type[Any], Callable[[Any], int]]] = {
-    "run": (RunOptions, run),
-    "live": (LiveOptions, live),
-    "serve": (ServeOptions, serve),
-    "replay": (ReplayOptions, replay),
-    "show": (ShowOptions, show),
-    "export": (ExportOptions, export),
-    "paper": (PaperOptions, paper),
-    "study": (StudyOptions, study),
-    "tune": (TuneOptions, tune),
-    "emulate": (EmulateOptions, emulate),
-    "rig": (RigOptions, rig_check),
-    "markers": (MarkersOptions, markers),
+INDENT = 11
+"""Columns before the summary of a command."""
+
+
+class CommandPlace(NamedTuple):
+    """A command that is not imported yet."""
+
+    module: str
+    """Module below rcmservo.app."""
+    options: str
+    """Name of the dataclass of its options."""
+    action: str
+    """Name of the function that does it."""
+    summary: str
+    """One line for the list of commands."""
+
+    def load(self) -> tuple[type[Any], Callable[[Any], int]]:
+        """Import the command: its options, and what it does."""
+        module = import_module(f"rcmservo.app.{self.module}")
+        return getattr(module, self.options), getattr(module, self.action)
+
+
+COMMANDS = {
+    "run": CommandPlace("run", "RunOptions", "run", "Servo a simulated arm to a target."),
+    "live": CommandPlace(
+        "live", "LiveOptions", "live", "Servo in wall time, a simulated arm or your own."
+    ),
+    "serve": CommandPlace(
+        "lab.serve", "ServeOptions", "serve", "Serve the operator's page in the browser."
+    ),
+    "replay": CommandPlace(
+        "replay", "ReplayOptions", "replay", "Score a recording, or recompute a recorded run."
+    ),
+    "show": CommandPlace(
+        "show", "ShowOptions", "show", "Summarise a recorded run, with a timeline and figures."
+    ),
+    "export": CommandPlace(
+        "export", "ExportOptions", "export", "Write a recorded run as CSV and NumPy arrays."
+    ),
+    "paper": CommandPlace(
+        "paper", "PaperOptions", "paper", "Reproduce the paper's experiments, with a report."
+    ),
+    "study": CommandPlace(
+        "studies.study", "StudyOptions", "study", "Compare methods in many simulated scenes."
+    ),
+    "tune": CommandPlace("studies.tune", "TuneOptions", "tune", "Search a method's settings."),
+    "emulate": CommandPlace(
+        "lab.emulate", "EmulateOptions", "emulate", "Emulate a motion controller or a ROS arm."
+    ),
+    "rig": CommandPlace(
+        "lab.rig_check", "RigOptions", "rig_check", "Check a rig file at the arm: rig check FILE."
+    ),
+    "markers": CommandPlace(
+        "lab.markers", "MarkersOptions", "markers", "Find coloured balls that could be markers."
+    ),
 }
-"""The options of every command by its name, and what it does."""
+"""Every command by its name."""
+
+ABOUT = """Position a tool through a remote centre of motion from the picture of one uncalibrated
+camera."""
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Do what the arguments ask for, and return the exit code."""
+    from rcmservo.app.terminal import print_plainly
+
     print_plainly()
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
@@ -56,7 +89,8 @@ def main(arguments: list[str] | None = None) -> int:
         return ENDED
     except BadInput as error:
         option = error.field.startswith("--") and arguments[0] in COMMANDS
-        return _fail(f"{error}; see rcmservo {arguments[0]} --help" if option else str(error))
+        more = "--help-all" if "." in error.field else "--help"
+        return _fail(f"{error}; see rcmservo {arguments[0]} {more}" if option else str(error))
     except RcmServoError as error:
         return _fail(str(error))
     except OSError as error:
@@ -64,16 +98,88 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _do(arguments: list[str]) -> int:
-    if arguments[:1] == ["--version"]:
-        print(f"rcmservo {__version__}")
+    match arguments:
+        case ["--version"]:
+            print(f"rcmservo {__version__}")
+        case ["-h" | "--help" | "--help-all", *_]:
+            print(overview())
+        case [name, *words] if name in COMMANDS:
+            return _command(name, words)
+        case _:
+            return _fail(f"{_no_command(arguments)}; see rcmservo --help")
+    return 0
+
+
+def _command(name: str, words: list[str]) -> int:
+    """Do what a command is asked for, or print its help."""
+    from rcmservo.app.command_line.help_text import ALL, HELP, help_of
+
+    if {*HELP, ALL} & set(words):
+        print(help_of(name, options_kind(name, words), ALL in words))
         return 0
-    options = with_own({name: kind for name, (kind, _) in COMMANDS.items()}, arguments)
-    command = parse(options, arguments)
-    if isinstance(command, ReplayOptions) and reader.file_of(command.path).is_file():
-        then = reader.read(command.path)
-        usual = recorded(command, then)
-        return recompute_run(parse(options, arguments, usual), usual, then)
-    return COMMANDS[arguments[0]][1](command)
+    options = asked_of(name, words)
+    if name == "replay":
+        return _replay(options, words)
+    _, action = COMMANDS[name].load()
+    return action(options)
+
+
+def options_kind(name: str, words: list[str]) -> type[Any]:
+    """Return the dataclass of a command's options, with those of a user's own estimator that the
+    words name."""
+    from rcmservo.app.own_options import with_own
+
+    kind, _ = COMMANDS[name].load()
+    return with_own(kind, words)
+
+
+def asked_of(name: str, words: list[str], usual: Any = None) -> Any:
+    """Return the options of a command that the words give; `usual` holds the others."""
+    from rcmservo.app.parse import parse
+
+    return parse(name, options_kind(name, words), words, usual)
+
+
+def _replay(options: Any, words: list[str]) -> int:
+    """Score a recording, or recompute a run with its recorded settings but for those given."""
+    from rcmservo.app.replay import recompute_run, recorded, replay
+    from rcmservo.record import reader
+
+    if not reader.file_of(options.path).is_file():
+        return replay(options)
+    then = reader.read(options.path)
+    usual = recorded(options, then)
+    return recompute_run(asked_of("replay", words, usual), usual, then)
+
+
+def overview() -> str:
+    """Return the list of all commands."""
+    about = textwrap.fill(" ".join(ABOUT.split()), 80)
+    rows = (f"  {name:<{INDENT - 2}}{one.summary}" for name, one in COMMANDS.items())
+    return "\n".join(
+        [
+            "usage: rcmservo [--version] COMMAND [options]",
+            "",
+            about,
+            "",
+            "commands:",
+            *rows,
+            "",
+            "rcmservo COMMAND --help explains a command.",
+        ]
+    )
+
+
+def _no_command(arguments: list[str]) -> str:
+    """Return a sentence about arguments that name no command."""
+    from rcmservo.app.command_line.suggestions import near_word
+    from rcmservo.errors import told
+
+    known = ", ".join(COMMANDS)
+    if not arguments:
+        return f"a command must be given, one of {known}"
+    word = arguments[0]
+    return f"the command must be one of {known}, got {told(word)}{near_word(word, COMMANDS)}"
 
 
 def _fail(sentence: str) -> int:

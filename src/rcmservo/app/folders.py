@@ -7,8 +7,7 @@ from collections.abc import Generator
 from datetime import datetime
 from pathlib import Path
 
-from rcmservo.errors import UnusableFile, require
-from rcmservo.live.lab import Stopped
+from rcmservo.errors import Stopped, UnusableFile, require
 
 
 def dated(name: str) -> Path:

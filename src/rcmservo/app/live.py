@@ -45,7 +45,7 @@ class LiveOptions:
     duration: float = 30.0
     """Length of the run, s."""
     estimator: EstimatorName = "dlt"
-    """How the Jacobian is learnt; as of `rcmservo run`."""
+    """The estimator of the Jacobian: one of those below, or your own."""
     rig: OptionalPath = None
     """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene; or with
     your own devices, [arm] and [camera] with a kind."""

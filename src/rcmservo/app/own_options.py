@@ -20,17 +20,13 @@ def asked(arguments: Sequence[str]) -> str | None:
     return name if ":" in name else None
 
 
-def with_own(commands: dict[str, type[Any]], arguments: Sequence[str]) -> dict[str, type[Any]]:
-    """The commands' options, with those of the user's own estimator that the arguments name. Its
-    code is run here for the first time."""
+def with_own(command: type[Any], arguments: Sequence[str]) -> type[Any]:
+    """Return a command's options with those of the user's own estimator that the arguments name.
+    Its code is run here for the first time."""
     name = asked(arguments)
-    if name is None or arguments[0] not in commands:
-        return commands
-    command = commands[arguments[0]]
-    if "estimator" not in _names(command):
-        return commands
-    kind = named(name)
-    return commands | {arguments[0]: _extended(command, name, kind)}
+    if name is None or "estimator" not in _names(command):
+        return command
+    return _extended(command, name, named(name))
 
 
 def _extended(command: type[Any], name: str, kind: type[Estimator]) -> type[Any]:

@@ -1,25 +1,28 @@
 """The command line as settings; what is wrong with it as one sentence."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import fields, is_dataclass
-from difflib import get_close_matches
+import re
+import sys
+from collections.abc import Callable
 from itertools import takewhile
 from pathlib import Path
-from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, cast
 
 import tyro
 from tyro import _errors as tyro_errors
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from rcmservo.errors import RcmServoError, told
+from rcmservo.app.command_line.help_text import ALL, HELP
+from rcmservo.app.command_line.options import options_of
+from rcmservo.app.command_line.suggestions import near_options, near_word
+from rcmservo.errors import BadInput, RcmServoError, told
 
 
 class Unparsed(RcmServoError):
     """A command line that does not say what to do."""
 
 
-Commands = dict[str, type[Any]]
-"""The options of every command, by its name."""
+SETTING = re.compile(r"--[\w-]+\.")
+"""An option of a group, which only the long help explains."""
 
 NUMBERS: dict[type[Any], tuple[str, str]] = {
     int: ("INT", "a whole number"),
@@ -35,33 +38,19 @@ OptionalPath = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavio
 """The kind of an option that may be left out."""
 
 
-def parse(commands: Commands, arguments: list[str], default: Any = tyro.MISSING) -> Any:
-    """The options of the command that the arguments name. :class:`Unparsed` says what is wrong."""
+def parse(command: str, kind: type[Any], arguments: list[str], usual: Any = None) -> Any:
+    """Return the options that the arguments after the command's name give; `usual` holds those
+    that are not given. :class:`Unparsed` names what cannot be read."""
+    default: Any = {} if usual is None else {"default": usual}
 
     def refuse(event: tyro_errors.ParseErrorEvent) -> None:
-        name = arguments[0] if arguments and arguments[0] in commands else None
-        sentence = _sentence(event, commands, arguments)
-        raise Unparsed(f"{sentence}; see rcmservo {f'{name} ' if name else ''}--help")
+        sentence = _sentence(event, command, kind, arguments)
+        more = ALL if SETTING.search(sentence) else HELP[1]
+        raise Unparsed(f"{sentence}; see rcmservo {command} {more}")
 
     # tyro hands what is wrong to this hook only; its printed text is meant for eyes
     with tyro_errors.on_parse_error(refuse):
-        return tyro.cli(
-            _any_of(commands),
-            prog="rcmservo",
-            description="Position a tool through a remote centre of motion from the picture of one "
-            "uncalibrated camera. `rcmservo --version` tells the version.",
-            args=arguments,
-            default=default,
-            registry=_numbers(),
-        )
-
-
-def _any_of(commands: Commands) -> Any:
-    kinds = [Annotated[kind, tyro.conf.subcommand(name)] for name, kind in commands.items()]
-    union: Any = kinds[0]
-    for kind in kinds[1:]:
-        union = union | kind
-    return union
+        return tyro.cli(kind, prog="rcmservo", args=arguments, registry=_numbers(), **default)
 
 
 def _numbers() -> ConstructorRegistry:
@@ -92,33 +81,38 @@ def _read(kind: Callable[[str], Any], word: str, what: str) -> Any:
         raise ValueError(f"{OURS} {what}, got {told(word)}") from None
 
 
-def _sentence(event: tyro_errors.ParseErrorEvent, commands: Commands, words: list[str]) -> str:
+def _sentence(
+    event: tyro_errors.ParseErrorEvent, command: str, kind: type[Any], words: list[str]
+) -> str:
     """What is wrong with the words of a command line, without where to read more."""
     match event:
-        case tyro_errors.MissingSubcommand():
-            return f"a command must be given, one of {', '.join(commands)}"
         case tyro_errors.UnrecognizedArgs():
-            return _unknown(event.tokens[0], commands, words[0])
+            word = event.tokens[0]
+            if not word.startswith("-"):
+                return f"{told(word)} is more than {command} takes"
+            names = [one.name for one in options_of(kind) if not one.is_positional]
+            return f"{command} has no option {word}{near_options(word, names)}"
         case tyro_errors.MissingArgs():
             missing = event.missing_arguments[0].arg
             helptext: Any = missing.field.helptext
-            return f"{missing.lowered.metavar} must be given: {helptext()}".rstrip(".")
+            meaning = " ".join(helptext().split())
+            return f"{missing.lowered.metavar} must be given: {meaning}".rstrip(".")
         case tyro_errors.InvalidChoice():
             right = f"one of {', '.join(event.choices)}"
-            near = _near(event.value, event.choices)
+            near = near_word(event.value, event.choices)
             return f"{_name(event.argument)} must be {right}, got {told(event.value)}{near}"
         case tyro_errors.BadValue() | tyro_errors.InstantiationFailure():
-            return _refused(event, words)
+            return _refused(event, kind, words)
         case _:
             return "these arguments do not go together"
 
 
-def _refused(event: Any, words: list[str]) -> str:
+def _refused(event: Any, kind: type[Any], words: list[str]) -> str:
     """Values that are too few, of another kind, or of no use; the settings and our numbers say
     why."""
     message = " ".join(getattr(event, "message", "").split())
     if event.argument is None:
-        return message
+        return _as_typed(sys.exception(), kind) or message
     name = _name(event.argument)
     if message.startswith(OURS):
         return f"{name} {message}"
@@ -127,35 +121,23 @@ def _refused(event: Any, words: list[str]) -> str:
     return f"{name} must be given {event.argument.lowered.metavar}, got {told(given)}"
 
 
+def _as_typed(failure: BaseException | None, kind: type[Any]) -> str:
+    """Return what a settings class refused, with the option's name as typed; empty if unknown.
+
+    The class names the field as records and files do: `estimator.gamma` is --flow.gamma or
+    --projection.gamma here. Tyro's error names the group, and has that of the class as context.
+    """
+    cause = failure.__context__ if failure else None
+    if not isinstance(cause, BadInput):
+        return ""
+    group = str(getattr(failure, "arg", "")).replace("-", "_").split(".")
+    path = (*group, cause.field.rpartition(".")[2])
+    names = (one.name for one in options_of(kind) if one.path == path)
+    name = next(names, "")
+    return str(BadInput(name, cause.value, cause.right)) if name else ""
+
+
 def _name(argument: Any) -> str:
     """What an option or argument is called on the command line."""
     names = argument.lowered.name_or_flags
     return str(argument.lowered.metavar if argument.is_positional() else names[0])
-
-
-def _unknown(word: str, commands: Commands, first: str) -> str:
-    """A sentence about a word that was not expected."""
-    if first not in commands:
-        known = ", ".join(commands)
-        return f"the command must be one of {known}, got {told(word)}{_near(word, commands)}"
-    if word.startswith("-"):
-        return f"{first} has no option {word}{_near(word, _options(commands[first]))}"
-    return f"{told(word)} is more than {first} takes"
-
-
-def _near(word: str, known: Any) -> str:
-    near = get_close_matches(word, list(known), 1)
-    return f" (did you mean {near[0]}?)" if near else ""
-
-
-def _options(kind: type[Any], prefix: str = "--") -> Iterator[str]:
-    """The options that the fields of a dataclass make."""
-    hints = get_type_hints(kind, include_extras=True)
-    for one in fields(kind):
-        inner = get_args(hints[one.name]) if get_origin(hints[one.name]) is Annotated else ()
-        nameless = any(getattr(marker, "name", None) == "" for marker in inner[1:])
-        hint: Any = inner[0] if inner else hints[one.name]
-        if is_dataclass(hint):
-            yield from _options(hint, prefix if nameless else f"{prefix}{one.name}.")  # pyright: ignore[reportArgumentType]
-        else:
-            yield (prefix + one.name).replace("_", "-")

@@ -31,13 +31,11 @@ class RunOptions:
     calibrated."""
 
     seed: int = 0
-    """Draws the camera, the start, the target and the noise."""
+    """Draws camera, start, target and noise."""
     duration: float = 30.0
     """Length of the run, s of simulated time."""
     estimator: EstimatorName = "dlt"
-    """How the Jacobian is learnt: projection is rule (21) with the fast Γ, projection-printed with
-    the paper's Γ, flow is rule (28), broyden is the rank-1 update that III-C compares it to, nflow,
-    rls, kalman and correntropy are other ways to learn Ĵ from displacements."""
+    """The estimator of the Jacobian: one of those below, or your own."""
     rig: OptionalPath = None
     """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene."""
     out: OptionalPath = None
@@ -45,7 +43,7 @@ class RunOptions:
     video: bool = True
     """Write the overlay video."""
     frames: bool = False
-    """Keep all frames in the record; `export` makes a recording of them."""
+    """Keep all frames in the record, for `export`."""
     disturb: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """What goes wrong, as kind:at=5,for=0.5,key=value; may be given several times. --disturb help
     lists all kinds."""
@@ -57,7 +55,7 @@ class RunOptions:
     """How often a scripted person resumes after a pause, or shows the target again where that is
     needed."""
     json: bool = False
-    """Print one JSON object on stdout and nothing else."""
+    """Print one JSON object and nothing else."""
     boxes: Boxes = field(default_factory=ServoOptions)
     """The settings of the servo's boxes."""
 

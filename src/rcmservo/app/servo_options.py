@@ -27,7 +27,9 @@ from rcmservo.servo.own_estimator import examine
 from rcmservo.servo.servo import Servo
 
 NAMES = (*ESTIMATORS, *PRESETS)
-ESTIMATOR = tyro.conf.arg(metavar=f"{{{','.join(NAMES)},MODULE:CLASS}}", help_behavior_hint="")
+ESTIMATOR_METAVAR = "NAME"
+"""What the help calls the name of an estimator; it lists the names of such an option."""
+ESTIMATOR = tyro.conf.arg(metavar=ESTIMATOR_METAVAR, help_behavior_hint="")
 EstimatorName = Annotated[str, ESTIMATOR]
 """An estimator by its name, or a user's own by that of its class."""
 OptionalEstimator = Annotated[str | None, ESTIMATOR]
@@ -86,16 +88,22 @@ class ServoOptions:
         user's own."""
         estimator = self.estimator(name)
         examine(estimator, lab.tool)
-        return Servo(
-            mechanism=lab.mechanism,
-            tool=lab.tool,
-            estimator=estimator,
-            controller=self.controller,
-            exploration=self.exploration,
-            imaged_rcm=self.imaged_rcm,
-            gate=lab.gate,
-            thresholds=lab.thresholds,
-        )
+        try:
+            return Servo(
+                mechanism=lab.mechanism,
+                tool=lab.tool,
+                estimator=estimator,
+                controller=self.controller,
+                exploration=self.exploration,
+                imaged_rcm=self.imaged_rcm,
+                gate=lab.gate,
+                thresholds=lab.thresholds,
+            )
+        except BadInput as error:
+            box, _, setting = error.field.partition(".")
+            typed = hasattr(self, box)
+            name = f"--{box}.{setting}".replace("_", "-") if typed else error.field
+            raise BadInput(name, error.value, error.right) from error
 
 
 Boxes = Annotated[ServoOptions, tyro.conf.arg(name="")]

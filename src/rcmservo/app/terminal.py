@@ -6,9 +6,11 @@ import logging
 import os
 import sys
 import unicodedata
+from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.table import Table
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
 
 PLAIN = str.maketrans(
     {
@@ -29,14 +31,16 @@ WIDE = 1000
 """Columns where nobody looks: in a pipe or a file a line is as long as it is."""
 
 
-def console(stderr: bool = False) -> Console:
+def console(stderr: bool = False) -> "Console":
     """Where a command prints. Nothing in a text is taken for markup."""
+    from rich.console import Console
+
     shown = (sys.stderr if stderr else sys.stdout).isatty()
     width = None if shown or "COLUMNS" in os.environ else WIDE
     return Console(stderr=stderr, markup=False, highlight=False, emoji=False, width=width)
 
 
-def is_alive(console: Console) -> bool:
+def is_alive(console: "Console") -> bool:
     """Whether a line can be written over, so that what goes on is seen while it does."""
     return console.is_terminal and not console.is_dumb_terminal
 
@@ -65,8 +69,10 @@ def _letter(sign: str) -> str:
     return unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode() or "?"
 
 
-def result_table(settled: bool, cause: str) -> Table:
+def result_table(settled: bool, cause: str) -> "Table":
     """The table of a run's result, begun with its verdict. Long words are folded, never cropped."""
+    from rich.table import Table
+
     table = Table(title="settled" if settled else "not settled", show_header=False)
     table.add_column(overflow="fold")
     table.add_column(overflow="fold")

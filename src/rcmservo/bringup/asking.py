@@ -3,7 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from rcmservo.live.lab import Person, Stopped
+from rcmservo.errors import Stopped
+from rcmservo.live.lab import Person
 
 Answer = TypeVar("Answer")
 

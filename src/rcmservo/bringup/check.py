@@ -18,10 +18,11 @@ from rcmservo.bringup.sights import Sight, Track
 from rcmservo.bringup.timing import Lateness, Rhythm, drive_lag, lateness, pace, wrongly_late
 from rcmservo.bringup.troubles import Trouble
 from rcmservo.bringup.wiring import Finding, Robot
+from rcmservo.errors import Stopped
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Floats
-from rcmservo.live.lab import FallsSilent, Person, Stopped
+from rcmservo.live.lab import FallsSilent, Person
 
 SWINGS = 6
 """To and fro, for the times."""

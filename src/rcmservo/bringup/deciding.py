@@ -19,8 +19,9 @@ from rcmservo.bringup.guesses import (
     places,
 )
 from rcmservo.bringup.wiring import Robot
+from rcmservo.errors import Stopped
 from rcmservo.interfaces import Floats
-from rcmservo.live.lab import Person, Stopped
+from rcmservo.live.lab import Person
 from rcmservo.method.kinematics import SPHERICAL
 
 LOOKING = {

@@ -11,16 +11,15 @@ import re
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
-from typing import Any, NoReturn, TypeVar, cast, get_type_hints
-
-from pydantic import ConfigDict, PydanticUserError, TypeAdapter, ValidationError
-from pydantic_core import ErrorDetails
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, cast, get_type_hints
 
 from rcmservo.errors import BadInput, told
 
-Settings = TypeVar("Settings")
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
+    from pydantic_core import ErrorDetails
 
-STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+Settings = TypeVar("Settings")
 
 RIGHT = {
     "missing": "given",
@@ -45,6 +44,8 @@ BARE = re.compile(r"[A-Za-z0-9_-]{1,60}")
 def decode(kind: type[Settings], table: object, where: str) -> Settings:
     """The settings in a table, which stands at ``where`` in its file; BadInput where they are not
     as the dataclass `kind` has them."""
+    from pydantic import PydanticUserError, ValidationError
+
     try:
         return _reader(kind).validate_json(json.dumps([table], default=str))[0]
     except PydanticUserError as error:  # of a user's own class
@@ -56,12 +57,15 @@ def decode(kind: type[Settings], table: object, where: str) -> Settings:
 
 
 @cache
-def _reader(kind: type[Any]) -> TypeAdapter[tuple[Any]]:
+def _reader(kind: type[Any]) -> "TypeAdapter[tuple[Any]]":
     """What reads a list of one table: of a lone dataclass pydantic takes no configuration."""
-    return TypeAdapter[tuple[Any]](cast(Any, tuple)[kind], config=STRICT)
+    from pydantic import ConfigDict, TypeAdapter
+
+    strict = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+    return TypeAdapter[tuple[Any]](cast(Any, tuple)[kind], config=strict)
 
 
-def _refuse(error: ErrorDetails, kind: type[Any], where: str) -> NoReturn:
+def _refuse(error: "ErrorDetails", kind: type[Any], where: str) -> NoReturn:
     """Say the first thing that is wrong in our words."""
     way, what, value = error["loc"][1:], error["type"], error["input"]
     path = where + "".join(f"[{x}]" if isinstance(x, int) else f".{key_of(x)}" for x in way)

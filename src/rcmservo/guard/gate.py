@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require
+from rcmservo.errors import require, require_radians
 from rcmservo.interfaces import Command, Floats
 from rcmservo.loops import all_finite, fill
 from rcmservo.method.kinematics import Rcm
@@ -24,6 +24,9 @@ from rcmservo.rows import Row, Rows, as_row, flag, reals, whole
 
 ROUNDING = 1.0 + 1e-12
 """A rate that the slew brings to zero but for rounding is brought to zero."""
+
+FASTEST_TURN = 4.0 * np.pi
+"""rad/s. No arm of this kind turns twice in a second: a larger bound was given in degrees."""
 
 
 @compiled
@@ -143,6 +146,7 @@ class Gate:
             values = getattr(self, name)
             good = len(values) == 3 and all(0.0 < value < np.inf for value in values)
             require(good, f"gate.{name}", values, "three positive numbers (rad, rad, mm)")
+        require_radians("gate.speed", self.speed, self.speed[:2], FASTEST_TURN, "rad/s")
         require(0.0 <= self.latency < np.inf, "gate.latency", self.latency, "a time in s")
         require(
             0.0 < self.max_period < np.inf,

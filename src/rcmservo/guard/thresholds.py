@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from rcmservo.errors import require
+from rcmservo.errors import require, require_radians
 
 
 @dataclass(frozen=True)
@@ -148,6 +148,7 @@ class Thresholds:
         self._require(0.0 <= self.drive_lag <= 1.0, "drive_lag", "a time of 0 to 1 s")
         good = len(self.following) == 3 and all(0.0 < value < math.inf for value in self.following)
         self._require(good, "following", "three positive numbers (rad, rad, mm)")
+        require_radians("thresholds.following", self.following, self.following[:2], math.pi)
         self._require(0.0 < self.jump < math.inf, "jump", "a positive number of px")
         self._require(self.elsewhere > 0.0, "elsewhere", "a positive number of mm, or inf")
         self._require(

@@ -1,20 +1,15 @@
-"""The arms and cameras that a rig file can name, and how each is opened."""
+"""The arms and cameras that a rig file can name, and how each is opened. A driver is imported only
+when a device of its kind is opened."""
 
 from rcmservo.bringup.wiring import Wiring
 from rcmservo.config.rig_file import Lab
-from rcmservo.hardware.cameras.aravis import aravis_camera
-from rcmservo.hardware.cameras.opencv import opencv_camera
 from rcmservo.hardware.cameras.settings import (
     AravisSettings,
     OpencvSettings,
     TopicSettings,
     require_latency,
 )
-from rcmservo.hardware.cameras.topic import topic_camera
-from rcmservo.hardware.crtk.arm import CrtkArm
 from rcmservo.hardware.crtk.settings import CrtkSettings
-from rcmservo.hardware.crtk.transport import opened
-from rcmservo.hardware.galil.driver import GalilArm
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.live.lab import LabArm, LabCamera
 
@@ -29,8 +24,13 @@ def open_arm(lab: Lab) -> LabArm:
     """Connect to the arm of a rig file, with its drive off."""
     match lab.device("arm", ARMS):
         case GalilSettings() as settings:
+            from rcmservo.hardware.galil.driver import GalilArm
+
             return GalilArm(settings, lab.mechanism.limits)
         case CrtkSettings() as settings:
+            from rcmservo.hardware.crtk.arm import CrtkArm
+            from rcmservo.hardware.crtk.transport import opened
+
             transport = opened(settings.ros, settings.domain, settings.interface)
             return CrtkArm(settings, lab.mechanism.limits, transport)
         case other:
@@ -56,10 +56,16 @@ def open_camera(lab: Lab, unmeasured: bool = False) -> LabCamera:
         require_latency(settings)
     match settings:
         case OpencvSettings():
+            from rcmservo.hardware.cameras.opencv import opencv_camera
+
             return opencv_camera(settings)
         case AravisSettings():
+            from rcmservo.hardware.cameras.aravis import aravis_camera
+
             return aravis_camera(settings)
         case TopicSettings():
+            from rcmservo.hardware.cameras.topic import topic_camera
+
             return topic_camera(settings)
         case other:
             raise NotImplementedError(type(other).__name__)

@@ -96,7 +96,3 @@ class Person(Protocol):
         question was asked are no answer. It raises :class:`Stopped` where the person ends it
         (Ctrl-C, Ctrl-D), and whoever else ends the program."""
         ...
-
-
-class Stopped(RcmServoError):
-    """Something that was told to end before it was done."""

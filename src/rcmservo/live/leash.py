@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from rcmservo.errors import Stopped
 from rcmservo.interfaces import Command, Floats, Measured
-from rcmservo.live.lab import LabArm, Stopped
+from rcmservo.live.lab import LabArm
 from rcmservo.live.supervisor import left_to_its_watchdog
 
 QUICK = 80_000_000

@@ -14,9 +14,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rcmservo.errors import RcmServoError
+from rcmservo.errors import RcmServoError, Stopped
 from rcmservo.interfaces import Arm, Camera, Command, Floats, Frame, Target, Tracker
-from rcmservo.live.lab import CameraAccount, Stopped
+from rcmservo.live.lab import CameraAccount
 from rcmservo.live.realtime import realtime
 from rcmservo.live.reports import LiveResult, ReportThread
 from rcmservo.live.told_to_end import ToldToEnd

@@ -21,9 +21,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from rcmservo.errors import RcmServoError
+from rcmservo.errors import RcmServoError, Stopped
 from rcmservo.live.child import END, Child, Context
-from rcmservo.live.lab import Stopped
 from rcmservo.live.memory import left_alone
 from rcmservo.live.reports import LiveResult, Report
 from rcmservo.live.servo_process import STANDING, Session, serve

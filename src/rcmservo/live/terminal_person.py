@@ -12,7 +12,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from rcmservo.live.lab import NotReady, Stopped
+from rcmservo.errors import Stopped
+from rcmservo.live.lab import NotReady
 
 TERMINAL = Path("/dev/tty")
 """The terminal of whoever opens it."""

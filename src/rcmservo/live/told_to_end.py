@@ -10,7 +10,7 @@ import threading
 from collections.abc import Generator
 from multiprocessing.connection import Connection
 
-from rcmservo.live.lab import Stopped
+from rcmservo.errors import Stopped
 
 ORDERLY = (signal.SIGTERM, signal.SIGHUP)
 """Signals that ask a program to end in order. The second comes of a terminal that is closed."""

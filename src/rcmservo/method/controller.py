@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require
+from rcmservo.errors import require, require_radians
 from rcmservo.interfaces import Floats
 from rcmservo.loops import all_finite, fill, length
 from rcmservo.memory import scratch, scratch_table
@@ -187,7 +187,8 @@ class SaturatedController:
     count, as the error is carried on to the present joints, and noise neither, where the estimator
     averages it out; where it does not (all but dlt and affine), a smaller gain is quieter."""
     bounds: tuple[float, float, float] = (float(np.radians(50.0)), 50.0, 50.0)
-    """b, the feature errors (rad, px, px) from which on the action is saturated."""
+    """b, the feature errors (rad, px, px) from which on the action is saturated; the angle is at
+    most π."""
     potential: Literal["continuous", "printed"] = "continuous"
     """V: continuous as Fig. 5 asks, or printed as (32) reads, where the action drops to half at
     b."""
@@ -208,6 +209,7 @@ class SaturatedController:
         require(0.0 < self.gain < np.inf, "controller.gain", self.gain, "a positive gain in 1/s")
         good = len(self.bounds) == 3 and all(0.0 < b < np.inf for b in self.bounds)
         require(good, "controller.bounds", self.bounds, "three positive numbers (rad, px, px)")
+        require_radians("controller.bounds", self.bounds, self.bounds[:1], np.pi)
         known = self.features in ROWS
         require(known, "controller.features", self.features, "'srd', 'points' or 'size'")
         known = self.potential in ("continuous", "printed")

@@ -9,8 +9,7 @@ from collections.abc import Callable, Mapping
 from multiprocessing.connection import wait
 from typing import Any
 
-from rcmservo.errors import RcmServoError
-from rcmservo.live.lab import Stopped
+from rcmservo.errors import RcmServoError, Stopped
 from rcmservo.live.reports import Report
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import NOTHING, Beside, SwitchOff, run_live

@@ -26,7 +26,6 @@ from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
-from mcap.writer import Writer
 
 from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.interfaces import Floats, Frame, Target
@@ -99,6 +98,8 @@ class Recorder:
             self._file = open_file(path)
         except OSError as error:
             raise UnusableFile(path, f"cannot be written: {error.strerror}") from error
+        from mcap.writer import Writer
+
         # its parameter is annotated as a file object, of which it uses write, tell and flush
         self._writer = Writer(_Disk(self._file), chunk_size=CHUNK)  # pyright: ignore[reportArgumentType]
         self._channels: dict[str, int] = {}

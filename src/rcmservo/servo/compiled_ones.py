@@ -1,14 +1,11 @@
 """The estimators that a step can be compiled with, as one set of functions: which is meant is told
 by the type of the memory."""
 
-from functools import partial
 from typing import Any, cast
 
 import numpy as np
-from numba.core import types
-from numba.extending import overload
 
-from rcmservo.compiled import compiled
+from rcmservo.compiled import compiled, declare_in
 from rcmservo.guard.watch import Told
 from rcmservo.interfaces import Floats
 from rcmservo.memory import scratch_table
@@ -36,7 +33,6 @@ from rcmservo.servo.learn import (
 )
 from rcmservo.servo.state import Beside, Kept
 
-declared: Any = partial(overload, strict=False)
 COMPILED = ProjectionEstimator, DltEstimator
 
 AnyRule = Rule | tuple[()]
@@ -113,11 +109,6 @@ def whole_fit_emptied(beside: tuple[()]) -> tuple[()]:
     return beside
 
 
-def _kind(beside: Any) -> type[Any]:
-    """The kind of memory that a type of Numba's stands for."""
-    return Beside if isinstance(beside, types.NamedTuple) else tuple
-
-
 LEARNED = {Beside: by_rule_21, tuple: by_whole_fit}
 EMPTIED = {Beside: rule_21_emptied, tuple: whole_fit_emptied}
 
@@ -141,11 +132,4 @@ def emptied(beside: Any) -> Any:
     return EMPTIED[type(beside)](beside)
 
 
-@declared(learned)
-def _learned(kept: Any, beside: Any, seen: Any, target: Any, dt: Any, rule: Any, fixed: Any) -> Any:
-    return LEARNED[_kind(beside)].py_func  # pyright: ignore[reportFunctionMemberAccess]
-
-
-@declared(emptied)
-def _emptied(beside: Any) -> Any:
-    return EMPTIED[_kind(beside)].py_func  # pyright: ignore[reportFunctionMemberAccess]
+declare_in("rcmservo.servo.compiled_choice")

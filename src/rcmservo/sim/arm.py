@@ -15,10 +15,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from rcmservo.errors import require
+from rcmservo.errors import require, require_radians
 from rcmservo.guard.watchdog import Watchdog
 from rcmservo.interfaces import Command, Floats, Measured
-from rcmservo.method.kinematics import PITCH_YAW, Kinematics
+from rcmservo.method.kinematics import FULL_TURN, PITCH_YAW, Kinematics
 from rcmservo.sim.past import Past
 
 PHYSICS: Any = mujoco
@@ -75,6 +75,7 @@ class Drive:
         offset, error = self.encoder_offset, self.rate_error
         good = len(offset) == 3 and bool(np.isfinite(offset).all())
         require(good, "drive.encoder_offset", offset, "three finite numbers (rad, rad, mm)")
+        require_radians("drive.encoder_offset", offset, offset[:2], FULL_TURN)
         good = len(error) == 3 and all(-1.0 < share <= 1.0 for share in error)
         require(good, "drive.rate_error", error, "three shares above -1 and at most 1")
 

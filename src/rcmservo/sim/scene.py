@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.errors import RcmServoError, require
+from rcmservo.errors import RcmServoError, require, require_radians
 from rcmservo.interfaces import Floats
+from rcmservo.method.kinematics import FULL_TURN
 from rcmservo.sim.body import Body
 from rcmservo.sim.optics import Optics
 from rcmservo.sim.rendering import Tissue
@@ -81,6 +82,7 @@ class SceneSettings:
         wanted = self.errors is None or (_finite(self.errors) and any(self.errors))
         self._require("errors", wanted, "three finite numbers (rad, px, px), not all zero")
         alone = self.errors is None or (self.start is None and self.target is None)
+        require_radians("scene.errors", self.errors, (self.errors or (0.0,))[:1], np.pi)
         self._require("errors", alone, "left out where start or target are given")
         seen = self.ports is None or self.errors is None
         self._require("errors", seen, "left out where ports are given, as they are about the RCM")
@@ -93,6 +95,7 @@ class SceneSettings:
         for name in ("start", "target"):
             q: Triple | None = getattr(self, name)
             self._require(name, q is None or _finite(q), "three finite joint values (rad, rad, mm)")
+            require_radians(f"scene.{name}", q, (q or (0.0, 0.0))[:2], FULL_TURN)
 
     def _require(self, name: str, good: bool, right: str) -> None:
         require(good, f"scene.{name}", getattr(self, name), right)

@@ -8,19 +8,13 @@ import struct
 import zlib
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from rcmservo.errors import UnusableFile
 from rcmservo.interfaces import Image
 
 JPEG_START, JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
-JPEG = [
-    cv2.IMWRITE_JPEG_QUALITY,
-    95,
-    cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
-    cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
-]
+QUALITY = 95
 PNG_START, PNG_LAST = b"\x89PNG\r\n\x1a\n", b"IEND"
 SIZES = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF}
 """The marks of a JPEG file behind which its height and width stand."""
@@ -47,7 +41,10 @@ def read_image(path: str | Path) -> Image:
 
 def encode_image(image: Image) -> bytes:
     """A picture as the bytes of a JPEG file, with its colour edges kept."""
-    return cv2.imencode(".jpg", image, JPEG)[1].tobytes()
+    import cv2  # here, as in all of tracking: a command that shows no picture starts without it
+
+    sampling = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY, *sampling])[1].tobytes()
 
 
 def decode_image(data: bytes, name: str | Path) -> Image:
@@ -106,6 +103,8 @@ def _png_chunks_whole(data: bytes) -> bool:
 
 
 def _decoded(path: str | Path, data: bytes) -> Image:
+    import cv2
+
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)

@@ -7,7 +7,6 @@ decides whether a ball is there.
 
 from collections.abc import Iterator
 
-import cv2
 import numpy as np
 
 from rcmservo.interfaces import Floats, Image
@@ -48,6 +47,8 @@ def without_worse(found: list[Ball], ball: Ball) -> list[Ball]:
 
 def _starts(coarse: Image) -> Iterator[tuple[float, float, float]]:
     """Places (u, v, radius) of blobs in full-resolution pixels, the strongest colour first."""
+    import cv2
+
     if min(coarse.shape) < 4:
         return
     background, spread = _background(coarse)
@@ -75,6 +76,8 @@ def _blobs(mask: Image) -> Iterator[tuple[float, float, float]]:
 
     Two balls may touch and be one blob.
     """
+    import cv2
+
     _, labels, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=4)
     areas = stats[1:, cv2.CC_STAT_AREA]
     for k in 1 + np.argsort(-areas, kind="stable")[:BLOBS]:
@@ -89,6 +92,8 @@ def _blobs(mask: Image) -> Iterator[tuple[float, float, float]]:
 
 def _widest(part: Image) -> Iterator[tuple[float, float, float]]:
     """The centres and radii of the two largest discs within a blob that do not overlap much."""
+    import cv2
+
     depth = cv2.distanceTransform(part, cv2.DIST_L2, 3)
     for _ in range(2):
         _, radius, _, (u, v) = cv2.minMaxLoc(depth)

@@ -10,7 +10,6 @@ beyond it.
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from rcmservo.compiled import compiled
@@ -53,6 +52,8 @@ class Like(NamedTuple):
 def most_like(weights: Floats, radius: float, smear: tuple[float, float]) -> Like | None:
     """Where the picture is most like a disc of this radius that moves by `smear` px; None where the
     picture is smaller than that."""
+    import cv2
+
     disc = smeared_disc(radius, smear)
     height, width = disc.shape
     if weights.shape[0] < height or weights.shape[1] < width:

@@ -17,9 +17,9 @@ import numpy as np
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import Lab
 from rcmservo.config.target_file import Setup
-from rcmservo.errors import BadInput, require
+from rcmservo.errors import BadInput, Stopped, require
 from rcmservo.interfaces import Floats, Target
-from rcmservo.live.lab import LabArm, NotReady, Person, Stopped
+from rcmservo.live.lab import LabArm, NotReady, Person
 from rcmservo.live.servo_process import HeartbeatPlant
 from rcmservo.live.terminal_person import Terminal
 from rcmservo.loop.plant import Plant

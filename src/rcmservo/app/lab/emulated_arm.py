@@ -16,8 +16,6 @@ import numpy as np
 
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.cameras.emulated.gige_camera import GigeCamera
-from rcmservo.hardware.cameras.emulated.mjpeg_server import MjpegServer
 from rcmservo.hardware.crtk.device import RateJoints
 from rcmservo.hardware.galil.emulator.motors import Motors
 from rcmservo.live.child import Child, heard
@@ -98,6 +96,8 @@ class EmulatedArm:
 
 def send_mjpeg(ring: FrameRing, port: int, control: Connection) -> None:
     """Be a camera that sends JPEGs, until the other end of `control` speaks or is gone."""
+    from rcmservo.hardware.cameras.emulated.mjpeg_server import MjpegServer
+
     try:
         server = MjpegServer(RingCamera(ring), port)
     except RcmServoError as error:
@@ -110,6 +110,8 @@ def send_mjpeg(ring: FrameRing, port: int, control: Connection) -> None:
 
 def send_gige(ring: FrameRing, control: Connection) -> None:
     """Be a GigE Vision camera, until the other end of `control` speaks or is gone."""
+    from rcmservo.hardware.cameras.emulated.gige_camera import GigeCamera
+
     height, width, _ = ring.shape
     try:
         camera = GigeCamera(RingCamera(ring), width, height)

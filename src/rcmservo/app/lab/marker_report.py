@@ -1,15 +1,18 @@
 """What `rcmservo markers` has found: as JSON, as a table, and drawn in the picture."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from rcmservo.figures.overlay import Ring, draw_balls
 from rcmservo.interfaces import Image
 from rcmservo.tracking.candidates import SAME, UNSEEN, Candidate, TakenPair
 from rcmservo.tracking.look import MarkerLook
+
+if TYPE_CHECKING:
+    from rcmservo.figures.overlay import Ring
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,8 @@ def shown_in(
 ) -> Image:
     """The picture with the balls ringed, first those that the tracker takes; `numbered` where it is
     known which one is marker 1."""
+    from rcmservo.figures.overlay import Ring, draw_balls
+
     rings = [] if pair is None else _taken(pair, numbered)
     for one in found:
         ball = one.ball
@@ -89,7 +94,9 @@ def shown_in(
     return draw_balls(image, rings, words if found else UNSEEN)
 
 
-def _taken(pair: TakenPair, numbered: bool) -> list[Ring]:
+def _taken(pair: TakenPair, numbered: bool) -> "list[Ring]":
+    from rcmservo.figures.overlay import Ring
+
     colours = pair.look.colour_1, pair.look.colour_2
     names = [f"{n}: {colour}" if numbered else colour for n, colour in enumerate(colours, 1)]
     return [

@@ -13,7 +13,6 @@ from rcmservo.app.terminal import console
 from rcmservo.config.marker_lines import told_in, write_markers
 from rcmservo.config.rig_file import Lab, load_lab, told_with
 from rcmservo.errors import UnusableFile, require
-from rcmservo.figures.overlay import write_picture
 from rcmservo.interfaces import Image
 from rcmservo.tracking import COLOURS, MarkerLook, read_image
 from rcmservo.tracking.candidates import Candidate, TakenPair, candidates, chosen, proposed, taken
@@ -55,6 +54,8 @@ def markers(options: MarkersOptions) -> int:
     numbered = bool(colours or options.rig)
     words = _words(pair, numbered)
     if out:
+        from rcmservo.figures.overlay import write_picture
+
         write_picture(out, shown_in(image, found, pair, words, numbered))
     written = bool(options.rig and colours and pair)
     if options.rig and colours and pair:

@@ -59,7 +59,7 @@ class ServeOptions:
     seed: int = 0
     """Draws where the arm and its camera stand, and the noise."""
     estimator: EstimatorName = "dlt"
-    """How the Jacobian is learnt; as of `rcmservo run`."""
+    """The estimator of the Jacobian: one of those below, or your own."""
     rig: OptionalPath = None
     """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene; or with
     your own devices, [arm] and [camera] with a kind."""

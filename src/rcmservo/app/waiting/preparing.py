@@ -2,45 +2,21 @@
 
 from collections.abc import Generator
 from contextlib import contextmanager
-from typing import Any, cast
+from typing import TYPE_CHECKING
 
-from numba.core import event
-from rich.live import Live
-from rich.text import Text
-
-from rcmservo.app.terminal import is_alive
-from rcmservo.compiled import parts
 from rcmservo.errors import RcmServoError
 
-STEP = 20
-"""Parts after which a lasting line is printed where no live line is seen."""
-
-
-class Compiling(event.Listener):
-    """Tells of every part that is compiled; of one that is in the cache, nothing."""
-
-    def __init__(self, line: Live) -> None:
-        self._line, self._count, self._all = line, 0, parts()
-
-    def on_start(self, event: event.Event) -> None:
-        """A part begins; the parts that it calls count for themselves."""
-
-    def on_end(self, event: event.Event) -> None:
-        """A part is done; those of other packages are not counted."""
-        data = cast(Any, event.data)
-        if not data["dispatcher"].__module__.startswith("rcmservo."):
-            return
-        self._count += 1
-        self._all = max(self._all, self._count)  # some are compiled for more than one type
-        words = f"compiling, {self._count} of about {self._all} parts: the next start is quicker"
-        self._line.update(Text(words, style="dim"), refresh=True)
-        if self._count % STEP == 1 and not is_alive(self._line.console):
-            self._line.console.print(words, soft_wrap=True)
+if TYPE_CHECKING:
+    from rich.live import Live
 
 
 @contextmanager
-def compiling(line: Live) -> Generator[None]:
+def compiling(line: "Live") -> Generator[None]:
     """Tell on a live line what is compiled in here."""
+    from numba.core import event
+
+    from rcmservo.app.waiting.compiling import Compiling
+
     with event.install_listener("numba:compile", Compiling(line)):
         yield
 

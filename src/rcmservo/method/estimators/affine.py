@@ -111,7 +111,7 @@ def sized_rcm(memory: Rows[SizedBall]) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class AffineEstimator(Estimator):
-    """Ĵ by the markers' places and apparent sizes, affine in the tool's place."""
+    """Ĵ by the markers' places and apparent sizes. Both are affine in the tool's place."""
 
     size_noise: float = 0.3
     """px by which a marker's size is off for every px of its centre. Below 1, as what is wrong with

@@ -78,7 +78,7 @@ def learn(
 
 @dataclass(frozen=True)
 class CorrentropyEstimator(Drifting):
-    """Ĵ by Kalman's filter with maximum correntropy, which outliers do not lead astray. The default
+    """Ĵ by Kalman's filter with maximum correntropy. Outliers do not lead it astray. The default
     exploration is enough for it."""
 
     bandwidth: float = 3.0

@@ -1,13 +1,11 @@
 """What a form for a box is made of: the fields of its dataclass, as their docstrings tell them."""
 
-import ast
-import inspect
 import re
-import textwrap
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
-from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
+from rcmservo.config.field_docs import docstrings
 from rcmservo.config.kinds import KINDS
 from rcmservo.config.servo_json import describe
 from rcmservo.page.settings import AT_ONCE, BOXES
@@ -54,29 +52,6 @@ def fields_of(kind: type[Any]) -> list[SettingField]:
 
 def _choices(hint: Any) -> list[str]:
     return list(get_args(hint)) if get_origin(hint) is Literal else []
-
-
-def docstrings(kind: type[Any]) -> dict[str, str]:
-    """The docstring below each field of a dataclass, on one line; of those that it inherits too."""
-    found: dict[str, str] = {}
-    for parent in reversed(kind.__mro__):
-        if is_dataclass(parent):
-            found |= _own_docstrings(cast(type[Any], parent))
-    return found
-
-
-def _own_docstrings(kind: type[Any]) -> dict[str, str]:
-    """Those that stand in the class itself."""
-    body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
-    assert isinstance(body, ast.ClassDef)
-    found: dict[str, str] = {}
-    for field, below in zip(body.body, body.body[1:], strict=False):
-        match field, below:
-            case ast.AnnAssign(target=ast.Name(name)), ast.Expr(ast.Constant(str(words))):
-                found[name] = " ".join(words.split())
-            case _:
-                """No field with a docstring."""
-    return found
 
 
 def unit_in(words: str) -> str:
