@@ -6,9 +6,7 @@ import re
 from conftest import ROOT
 
 PAGE = (ROOT / "docs/bring_up.md").read_text()
-ROWS = re.findall(r"^\| (.+?) \| (.+?) \|$", PAGE.partition("| question with | answer |")[2], re.M)[
-    1:
-]
+ROWS = re.findall(r"^\| (.+?) \| (.+?) \|$", PAGE.partition("| question with | answer |")[2], re.M)
 """Words of a question, and what to type, in the order of the table."""
 
 

@@ -219,9 +219,13 @@ class Laboratory:
         return [self.ask(line) for line in (*asked, "MG _TPA,_TPB,_TPC", "MG _RPA,_RPB,_RPC")]
 
 
+SHORT = "--teaching-frames", "30"
+"""Half a second of teaching."""
+
+
 def live(lab: Path, *options: str) -> list[str]:
     """The command that is tested."""
-    return [sys.executable, "-c", HEEDING_CTRL_C, "live", "--rig", str(lab), *options]
+    return [sys.executable, "-c", HEEDING_CTRL_C, "live", "--rig", str(lab), *SHORT, *options]
 
 
 def wait_for(reached: Any) -> None:
