@@ -146,11 +146,11 @@ def one(seed: int, kind: str) -> Run:
     )
     plant.recorded = lambda: not rig.disk_full()
     rig.show_target()
-    target = rs.teach(plant)
+    target = rs.teach(plant, frames=30)
     p_d = rig.truth.markers(rig.clock.now())[1]
     rig.go_home()
     rig.begin()
-    person, judge = ScriptedPerson(rig, plant, PATIENCE), Judge(servo, target)
+    person, judge = ScriptedPerson(rig, plant, PATIENCE, frames=30), Judge(servo, target)
     start, unnoticed = rig.clock.now(), Unnoticed(Oracle(rig.truth, NOISE))
     ticks = attended(
         rig, plant, servo, target, DURATION, person, lambda *begins: unnoticed.oracle.learn()

@@ -93,7 +93,7 @@ def servoed(ros: int, seed: int) -> tuple[float, str]:
         plant = Plant(arm, eye, eye, clock)
         brought(arm, clock, rig.scene.target)
         shown = arm.measure().q
-        target = teach(plant)
+        target = teach(plant, frames=30)
         brought(arm, clock, rig.scene.start)
         box = Servo(rig.settings.mechanism, rig.settings.tool, thresholds=Thresholds(drive_lag=LAG))
         phase = ""

@@ -104,13 +104,13 @@ def kept(folder: Path, seed: int) -> None:
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     plant.recorded = lambda: not rig.disk_full()
     rig.show_target()
-    target = rs.teach(plant)
+    target = rs.teach(plant, frames=30)
     rig.go_home()
     rig.begin()
     stages: list[tuple[int, bool, rs.Target]] = []
     ticks: list[rs.Tick] = []
     begun = lambda target, state: stages.append((len(ticks), state is not None, target))  # noqa: E731
-    person = ScriptedPerson(rig, plant, campaign.PATIENCE)
+    person = ScriptedPerson(rig, plant, campaign.PATIENCE, frames=30)
     try:
         for tick in attended(rig, plant, servo, target, campaign.DURATION, person, begun):
             ticks.append(tick)

@@ -158,7 +158,7 @@ def shown_by_jog(port: int, target: Floats, start: Floats, plant: Plant) -> Targ
     the start."""
     with contextlib.closing(Host(port)) as host:
         host.go(target)
-        shown = teach(plant)
+        shown = teach(plant, frames=30)
         host.go(start)
     return shown
 

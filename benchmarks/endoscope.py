@@ -141,7 +141,7 @@ def by_twin(options: Options, seed: int) -> Ended:
     """One closed loop of the twin."""
     settings = settings_of(options)
     estimator = ServoOptions().estimator(options.estimator)
-    study = Study(rs.Servo(settings.mechanism, settings.tool, estimator), settings)
+    study = Study(rs.Servo(settings.mechanism, settings.tool, estimator), settings, shown=30)
     scene = draw(seed, Body(settings.mechanism, settings.tool))
     random, markers = np.random.default_rng(seed), scene.body.points(scene.target)[:2]
     blur = random.standard_normal((2, 2)) / np.sqrt(SHOWN)

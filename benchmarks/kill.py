@@ -174,7 +174,7 @@ def main() -> int:
         while len(trials) < chosen.count:
             kind = KINDS[2 if len(trials) % 4 == 3 else len(trials) % 2]
             record = Path(folder) / "record.mcap"
-            session = bench.session(servo, lab.markers, 60.0, record)
+            session = bench.session(servo, lab.markers, 60.0, record, frames=30)
             try:
                 trials.append(trial(bench, session, record, kind, int(random.integers(1, 300))))
             except NotBegun as why:

@@ -53,11 +53,11 @@ def one(seed: int) -> Run:
     plant = rs.Plant(rig.arm, rig.camera, ColourMarkers(default_markers()), rig.clock)
     servo = rs.Servo(rig.settings.mechanism, rig.settings.tool)
     rig.show_target()
-    target = rs.teach(plant)
+    target = rs.teach(plant, frames=30)
     p_d = rig.truth.markers(rig.clock.now())[1]
     rig.go_home()
     rig.begin()
-    person, gone, blind, moved = ScriptedPerson(rig, plant, 20), -1, 0, 0.0
+    person, gone, blind, moved = ScriptedPerson(rig, plant, 20, frames=30), -1, 0, 0.0
     stood: Floats | None = None
     for tick in attended(rig, plant, servo, target, DURATION, person):
         now, p2 = tick.seen.now, rig.truth.markers(rig.clock.now())[1]

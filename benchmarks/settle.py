@@ -22,7 +22,17 @@ from rcmservo.app.cli import main as rcmservo
 
 def row(seed: int, estimator: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()) as out:
-        arguments = ["run", "--seed", str(seed), "--estimator", estimator, "--no-video", "--json"]
+        arguments = [
+            "run",
+            "--seed",
+            str(seed),
+            "--estimator",
+            estimator,
+            "--no-video",
+            "--json",
+            "--teaching-frames",
+            "30",
+        ]
         rcmservo([*arguments, "--out", str(Path(folder) / "run")])
     return json.loads(out.getvalue())
 

@@ -84,7 +84,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, Bench(chosen.seed, rig_settings(lab)) as bench:
         while left >= 1.0:
             record = Path(folder) / f"{left:g}.mcap"
-            result = run_live(bench.session(servo, lab.markers, left, record), bench.off, show)
+            result = run_live(
+                bench.session(servo, lab.markers, left, record, frames=30), bench.off, show
+            )
             print(f"load of the machine: {os.getloadavg()[0]:.2f}")
             judge(result, bench)
             if result.timing is None:

@@ -61,7 +61,7 @@ def run(estimator: Estimator, seed: int) -> Run:
         mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0), estimator=estimator
     )
     rig.show_target()
-    target = rs.teach(plant)
+    target = rs.teach(plant, frames=30)
     rig.go_home()
     servo.warm_up()
     plant.enable()

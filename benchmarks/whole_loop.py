@@ -95,7 +95,7 @@ def simulated(seed: int, servo: rs.Servo, record: Path) -> Row:
     found: list[float] = []
     lab = Lab()
     with Bench(seed, rig_settings(lab)) as bench, stalls(found):
-        result = run_live(bench.session(servo, lab.markers, DURATION, record), bench.off)
+        result = run_live(bench.session(servo, lab.markers, DURATION, record, frames=30), bench.off)
         error = bench.error()
     return Row(result, error, max(found))
 

@@ -30,7 +30,7 @@ from page_lab import chromium, until  # noqa: E402
 RATE, SIZE = 10, (1092, 720)
 """Pictures/s and px of the film."""
 SERVE = ["-m", "rcmservo", "serve", "--no-browser", "--port", "0", "--seed", "1"]
-SERVE += ["--controller.gain", "1"]
+SERVE += ["--controller.gain", "1", "--teaching-frames", "30"]
 RIG = "[camera]\nframe_rate = 30.0\n"
 ON_THE_WAY = "rcm.board.phase === 'SERVO' && Math.abs(rcm.board.delta[0]) < 0.03"
 

@@ -14,7 +14,7 @@ from rcmservo.sim.scenes import drawing
 
 RIGS = {
     "negative spacing": ('[tool]\nkind = "rigid"\nspacing = -3.0', "spacing", "-3"),
-    "no spacing": ('[tool]\nkind = "rigid"', "spacing", "None"),
+    "no scale": ('[tool]\nkind = "scaled"', "tool.scale", "None"),
     "unknown tool": ('[tool]\nkind = "bent"', "tool.kind", "bent"),
     "scale below one": ('[tool]\nkind = "scaled"\nscale = 0.5', "scale", "0.5"),
     "zero focal length": ("[scene]\nfocal = [0.0, 900.0]", "focal", "0.0"),

@@ -66,6 +66,8 @@ def test_an_unreachable_target(
         "10",
         "--no-video",
         "--json",
+        "--teaching-frames",
+        "30",
     ]
     assert main([*arguments, "--out", str(out)]) == 1
     metrics = json.loads(capsys.readouterr().out)
@@ -105,7 +107,22 @@ def test_a_target_past_a_joint_limit_that_the_arm_cannot_hold_is_not_taught(
 
 @pytest.mark.slow
 def test_time_that_runs_out_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "--duration", "2.5", "--no-video", "--json", "--out", str(tmp_path)]) == 1
+    assert (
+        main(
+            [
+                "run",
+                "--duration",
+                "2.5",
+                "--no-video",
+                "--json",
+                "--teaching-frames",
+                "30",
+                "--out",
+                str(tmp_path),
+            ]
+        )
+        == 1
+    )
     assert "time ran out" in json.loads(capsys.readouterr().out)["cause"]
     assert (
         main(
@@ -117,6 +134,8 @@ def test_time_that_runs_out_is_said(tmp_path: Path, capsys: pytest.CaptureFixtur
                 "40",
                 "--no-video",
                 "--json",
+                "--teaching-frames",
+                "30",
                 "--out",
                 str(tmp_path / "short"),
             ]
@@ -160,6 +179,8 @@ def test_a_run_that_ends_before_anything_was_seen_says_why(
                 "3",
                 "--no-video",
                 "--json",
+                "--teaching-frames",
+                "30",
                 "--out",
                 str(out),
                 "--disturb",

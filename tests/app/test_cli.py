@@ -43,7 +43,8 @@ def strict(text: str) -> Any:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
     folder = tmp_path_factory.mktemp("run") / "deep" / "run"
-    return main(["run", "--seed", "4", "--duration", "7", "--frames", "--out", str(folder)]), folder
+    words = ["run", "--seed", "4", "--duration", "7", "--frames", "--teaching-frames", "30"]
+    return main([*words, "--out", str(folder)]), folder
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """`run` with small pictures, no video, and JSON."""
     rig = tmp_path_factory.mktemp("rig") / "small.toml"
     rig.write_text(SMALL)
-    return ["run", "--rig", str(rig), "--no-video", "--json"]
+    return ["run", "--rig", str(rig), "--no-video", "--json", "--teaching-frames", "30"]
 
 
 def test_run_prints_one_json_object_and_nothing_else(
@@ -244,7 +245,7 @@ def test_a_video_that_cannot_be_written_is_removed_and_told_and_the_run_goes_on(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr(Video, "write", lambda self, image: None)
-    assert main(["run", "--duration", "2", "--out", str(tmp_path)]) == 1
+    assert main(["run", "--duration", "2", "--teaching-frames", "30", "--out", str(tmp_path)]) == 1
     assert (
         "not filmed" in (said := capsys.readouterr().out)
         and "overlay.mp4 could not be written" in said

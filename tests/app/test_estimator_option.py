@@ -13,7 +13,7 @@ from rcmservo.app.cli import main
 from rcmservo.record.reader import read
 
 NAME = "lab_of_mine.rls:RLS"
-SHORT = ["--duration", "2.5", "--no-video", "--json"]
+SHORT = ["--duration", "2.5", "--no-video", "--json", "--teaching-frames", "30"]
 
 
 @pytest.fixture
@@ -56,7 +56,17 @@ def test_it_runs_with_its_settings_and_its_replay_is_the_same_bit_for_bit(
 @pytest.mark.alone
 @pytest.mark.slow
 def test_it_servoes_live_in_another_process_and_replays(here: Path) -> None:
-    live = ["live", "--estimator", NAME, "--pixels.forgetting", "0.95", "--duration", "2"]
+    live = [
+        "live",
+        "--estimator",
+        NAME,
+        "--pixels.forgetting",
+        "0.95",
+        "--duration",
+        "2",
+        "--teaching-frames",
+        "30",
+    ]
     command = [sys.executable, "-m", "rcmservo", *live, "--out", "run"]
     done = subprocess.run(command, cwd=here, capture_output=True, text=True, check=False)
     assert done.returncode in (0, 1), done.stderr

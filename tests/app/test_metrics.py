@@ -40,7 +40,17 @@ def job(folder: Path, duration: float, disturbance: str = "") -> Job:
     lab = small_lab(folder)
     servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool)
     wrong = tuple(Disturbance.parse(text) for text in filter(None, [disturbance]))
-    return Job(4, duration, "projection", servo, lab, folder, video=False, disturbances=wrong)
+    return Job(
+        4,
+        duration,
+        "projection",
+        servo,
+        lab,
+        folder,
+        video=False,
+        disturbances=wrong,
+        teaching_frames=30,
+    )
 
 
 def small_lab(folder: Path) -> Lab:

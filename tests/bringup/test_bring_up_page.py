@@ -1,19 +1,29 @@
-"""docs/bring_up.md: its commands are commands, and its rig file is one."""
+"""docs/bring_up.md: its commands are commands, its rig file is one, and its tutorial answers the
+questions that are asked in it."""
 
 import re
 import shlex
+from dataclasses import MISSING, fields
 from pathlib import Path
 
-from conftest import ROOT
+import pytest
+from rig_check_lab import Mistake, WrongLab
+
+from bring_up_page import PAGE, answer_to
+from conftest import ROOT, first_quick
 from rcmservo.app.cli import asked_of
 from rcmservo.app.lab.emulate import COUNTS, EmulateOptions
+from rcmservo.app.lab.emulated_arm import EmulatedArm
+from rcmservo.app.lab.live_on_hardware import require_devices
 from rcmservo.app.lab.markers import MarkersOptions
 from rcmservo.app.lab.rig_check import RigOptions
 from rcmservo.app.live import LiveOptions
-from rcmservo.config.rig_file import load_lab
+from rcmservo.config.rig_file import Lab, lab_from, load_lab
+from rcmservo.errors import BadInput
 from rcmservo.hardware.devices import ARMS, CAMERAS, wiring_of
 
-PAGE = (ROOT / "docs/bring_up.md").read_text()
+SEED = int(re.search(r"--seed (\d+)", PAGE)[1])  # type: ignore[index]
+"""Of the page's laboratory."""
 
 
 def test_every_command_of_the_page_can_be_read() -> None:
@@ -37,3 +47,72 @@ def test_the_rig_file_of_the_page_is_that_of_the_emulated_laboratory(tmp_path: P
     assert wiring_of(lab).counts == COUNTS
     assert lab.device("arm", ARMS).port == 2323
     assert "8080" in lab.device("camera", CAMERAS).source
+
+
+REQUIRED = re.search(r"\*\*Required\*\*.*?\n\n", PAGE, re.S)[0]  # type: ignore[index]
+"""What the page says that a rig file must hold."""
+
+
+def test_the_page_names_every_key_without_a_default() -> None:
+    named = set(re.findall(r"`(\w+)`", REQUIRED))
+    devices = [*ARMS.values(), *CAMERAS.values()]
+    needed = {f.name for kind in devices for f in fields(kind) if f.default is MISSING}
+    kinds = {kind.name for kind in devices}
+    assert named == needed | kinds | {"kind", "latency", "live", "serve"}
+
+
+MINIMAL = {
+    "galil": {"arm": {"kind": "galil", "address": "127.0.0.1", "counts": [1e4, 1e4, 1e2]}},
+    "crtk": {"arm": {"kind": "crtk", "namespace": "PSM1"}},
+    "opencv": {"camera": {"kind": "opencv", "source": "0", "latency": 0.02}},
+    "aravis": {"camera": {"kind": "aravis", "address": "192.168.1.20", "latency": 0.02}},
+    "topic": {"camera": {"kind": "topic", "topic": "PSM1/image_raw"}},
+}
+"""The tables of each kind of device with what the page says that they must hold."""
+OTHERS = {"arm": "galil", "camera": "opencv"}
+
+
+@pytest.mark.parametrize("kind", MINIMAL)
+def test_a_rig_file_of_what_the_page_requires_is_taken_and_without_any_of_it_refused(
+    kind: str,
+) -> None:
+    ((section, table),) = MINIMAL[kind].items()
+    whole = {**MINIMAL[OTHERS["arm"]], **MINIMAL[OTHERS["camera"]], section: table}
+    require_devices(lab_from(whole), Path("lab.toml"), "")
+    for key in table:
+        rest = {name: value for name, value in table.items() if name != key}
+        with pytest.raises(BadInput, match=rf"{section}\.{key} must be "):
+            require_devices(lab_from({**whole, section: rest}), Path("lab.toml"), "")
+    for gone in OTHERS:
+        rest = {name: one for name, one in whole.items() if name != gone}
+        with pytest.raises(BadInput, match=f"section {gone} must be given"):
+            require_devices(lab_from(rest), Path("lab.toml"), "")
+
+
+def test_the_page_on_live_runs_leaves_the_keys_to_this_one() -> None:
+    live = (ROOT / "docs/live_on_hardware.md").read_text()
+    assert "[bring_up.md](bring_up.md#2-the-rig-file)" in live
+    assert "\n## 2. The rig file\n" in PAGE
+
+
+def test_the_check_passes_with_the_answers_of_the_page() -> None:
+    """In simulated time; tests/live asks the command itself."""
+    with EmulatedArm(SEED, Lab()) as arm:
+        printed = arm.measurements
+    lab = WrongLab(Mistake(), SEED, Lab().mechanism)
+    lab.person.instead = lambda asked: answer_to(asked, printed)
+    report = lab.check()
+    assert report.ok, report.findings
+    assert any("which way" in asked for asked in lab.person.asked)
+
+
+@pytest.mark.parametrize("seed", first_quick([SEED, 0, 1]))
+def test_the_answers_of_the_page_are_true_of_every_question(seed: int) -> None:
+    """Of those too that the page's laboratory is not asked: a mistake has more of them asked."""
+    with EmulatedArm(seed, Lab()) as arm:
+        printed = arm.measurements
+    lab = WrongLab(Mistake(spacing=1.25), seed, Lab().mechanism)
+    lab.person.instead = lambda asked: answer_to(asked, printed)
+    report = lab.check()
+    assert any("how far apart" in asked for asked in lab.person.asked)
+    assert [one.where for one in report.findings] == ["tool.spacing"]

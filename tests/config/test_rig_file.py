@@ -1,7 +1,7 @@
 """A rig file becomes exactly the laboratory it describes, or one sentence."""
 
 import contextlib
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 import rcmservo as rs
 from conftest import ROOT
 from rcmservo.config.decode import decode
-from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.config.kinds import MECHANISMS
+from rcmservo.config.rig_file import Lab, lab_from, load_lab
+from rcmservo.hardware.devices import ARMS, CAMERAS
 from rcmservo.sim import Drive, Look, SceneSettings
 from rcmservo.sim.rig_file import CameraSection, rig_settings
 from rcmservo.tracking import MarkerLook
@@ -90,3 +92,86 @@ def test_any_bytes_are_a_laboratory_or_refused(
 def test_radii_whose_ratio_no_float_can_hold_are_refused(one: float, other: float) -> None:
     with pytest.raises(rs.BadInput, match="radius"):
         decode(MarkerLook, {"radius_1": one, "radius_2": other}, "markers")
+
+
+BARE: dict[str, dict[str, Any]] = {
+    "mechanism": {"insertion_zero": -15.6},
+    "tool": {"spacing": 50.0},
+    **{name: {} for name in (*SECTIONS, "thresholds")},
+}
+"""Every table that may be left out of a rig file, with one key or none."""
+DEVICES: dict[str, Any] = {"arm": ARMS, "camera": CAMERAS}
+NEEDED: dict[str, dict[str, Any]] = {
+    "arm": {"kind": "galil", "address": "127.0.0.1", "counts": [1e4, 1e4, 1e2]},
+    "camera": {"kind": "opencv", "source": "0"},
+}
+"""Tables of devices, of which nothing is known by default, with what they need."""
+
+
+def everything_of(tables: dict[str, Any]) -> Lab:
+    """The laboratory of a rig file, with all of its sections read."""
+    lab = lab_from(tables)
+    for name, kinds in DEVICES.items():
+        if name in lab.devices:
+            lab.device(name, kinds)
+    rig_settings(lab)
+    return lab
+
+
+@pytest.mark.parametrize("name", BARE)
+def test_what_a_table_leaves_out_is_as_in_the_built_in_laboratory(name: str) -> None:
+    assert everything_of({name: {}}) == replace(Lab(), simulation=lab_from({name: {}}).simulation)
+    made = getattr(everything_of({name: BARE[name]}), name, None)
+    assert made is None or made == replace(getattr(Lab(), name), **BARE[name])
+
+
+@pytest.mark.parametrize("kind", MECHANISMS)
+def test_a_mechanism_of_any_kind_has_limits_of_its_own_by_default(kind: str) -> None:
+    assert lab_from({"mechanism": {"kind": kind}}).mechanism == MECHANISMS[kind]()
+
+
+def test_a_tool_of_another_kind_than_the_built_in_one_has_no_defaults_of_it() -> None:
+    with pytest.raises(rs.BadInput, match=r"tool\.scale must be given"):
+        lab_from({"tool": {"kind": "scaled", "offset": 1.0}})
+
+
+@pytest.mark.parametrize(
+    ("name", "table", "meant"),
+    [
+        ("mechanism", {"insertion_zeros": 1.0}, "insertion_zero"),
+        ("tool", {"spacings": 50.0}, "spacing"),
+        ("tool", {"kind": "scaled", "scales": 1.2}, "scale"),
+        ("markers", {"colour_11": "red"}, "colour_1"),
+        ("gate", {"speeds": [1.0, 1.0, 1.0]}, "speed"),
+        ("thresholds", {"silences": 0.1}, "silence"),
+        ("camera", {"widths": 640}, "width"),
+        ("drive", {"delays": 0.1}, "delay"),
+        ("look", {"lights": 1.0}, "light"),
+        ("scene", {"travels": 1.0}, "travel"),
+        ("arm", {"kind": "galil", "adress": "127.0.0.1"}, "address"),
+        ("arm", {"adress": "127.0.0.1"}, "address"),
+        ("camera", {"kind": "opencv", "sources": "0"}, "source"),
+        ("camera", {"kindd": "opencv"}, "kind"),
+        ("camera", {"kindd": "opencv", "source": "0"}, "kind"),
+        ("tool", {"kindd": "rigid"}, "kind"),
+        ("tool", {"kindd": "rigid", "spacing": 50.0}, "kind"),
+        ("mechanism", {"kindd": "spherical"}, "kind"),
+        ("arm", {"kindd": "galil"}, "kind"),
+        ("arm", {"kindd": "galil", "address": "127.0.0.1"}, "kind"),
+    ],
+)
+def test_an_unknown_key_of_any_table_is_named_with_the_one_that_was_meant(
+    name: str, table: dict[str, Any], meant: str
+) -> None:
+    unknown = next(key for key in table if key not in (meant, "kind", "source", "address"))
+    with pytest.raises(rs.BadInput) as refused:
+        everything_of({name: table})
+    assert refused.value.field == f"{name}.{unknown}"
+    assert f"(did you mean {meant}?)" in refused.value.right
+
+
+@pytest.mark.parametrize("name", ["arm", "camera"])
+def test_a_device_has_no_kind_by_default(name: str) -> None:
+    table = {key: value for key, value in NEEDED[name].items() if key != "kind"}
+    with pytest.raises(rs.BadInput, match=rf"{name}\.kind must be one of "):
+        lab_from({name: table}).device(name, DEVICES[name])

@@ -48,7 +48,21 @@ def test_a_run_can_have_the_papers_random_observations(tmp_path: Path) -> None:
     name = f"{RandomObservations.__module__}:{RandomObservations.__name__}"
     assert f"--estimator {name}" in (ROOT / "docs/paper.md").read_text()
     out = ["--duration", "1.1", "--no-video", "--json", "--out", str(tmp_path / "run")]
-    assert main(["run", "--estimator", name, "--random.observations", "12", *out]) == 1
+    assert (
+        main(
+            [
+                "run",
+                "--estimator",
+                name,
+                "--random.observations",
+                "12",
+                "--teaching-frames",
+                "30",
+                *out,
+            ]
+        )
+        == 1
+    )
     (stage,) = read(tmp_path / "run").stages
     assert stage.servo["estimator"] == {
         "kind": name,

@@ -11,11 +11,16 @@ import pytest
 
 from conftest import HEEDING_CTRL_C, ROOT
 from rcmservo.app.cli import main
+from rcmservo.sim import Rig
 
 WORDS = r"emulated Galil DMC-4040 at 127.0.0.1:(\d+), simulated arm, seed 3; Ctrl-C ends it\n"
+MEASURED = (
+    r"the arm stands at (\S+ \S+ \S+) \(rad, rad, mm\); by the ruler its markers are (\S+) mm "
+    r"apart, and marker 1 is (\S+) mm from where the tool goes in\n"
+)
 
 
-def test_it_says_where_it_is_moves_its_arm_and_ends_in_order() -> None:
+def test_it_says_where_it_and_its_arm_are_moves_the_arm_and_ends_in_order() -> None:
     command = [
         sys.executable,
         "-c",
@@ -32,6 +37,11 @@ def test_it_says_where_it_is_moves_its_arm_and_ends_in_order() -> None:
             assert it.stdout is not None
             said = re.fullmatch(WORDS, it.stdout.readline())
             assert said is not None
+            measured = re.fullmatch(MEASURED, it.stdout.readline())
+            assert measured is not None
+            q = Rig(3, pictures=False).scene.start
+            assert [float(word) for word in measured[1].split()] == pytest.approx(q, abs=0.005)
+            assert [float(measured[2]), float(measured[3])] == pytest.approx([30.0, q[2]], abs=0.05)
             with socket.create_connection(("127.0.0.1", int(said[1])), timeout=10.0) as wire:
                 assert moved(wire) > 100
             it.send_signal(signal.SIGINT)

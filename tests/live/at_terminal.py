@@ -83,6 +83,16 @@ class AtTerminal:
         self._read = self.shown.index(words, begin) + len(words)
         return self.shown[begin : self._read]
 
+    def question(self) -> str:
+        """The next question, once it waits for an answer; empty where the command has ended."""
+        end = time.monotonic() + PATIENCE
+        while not re.search(r"[?:)] \Z", self.shown[self._read :]):
+            assert time.monotonic() < end, self.shown
+            if not self._more():
+                return ""
+        begin, self._read = self._read, len(self.shown)
+        return self.shown[begin:].rstrip().rpartition("\n")[2]
+
     def end(self) -> int:
         """The exit code, once it has ended by itself."""
         end = time.monotonic() + PATIENCE
@@ -118,7 +128,7 @@ class Laboratory:
         command += ["--mjpeg", "0", "--seed", str(seed), "--rig", str(scene), *options]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
-        line = self.process.stdout.readline()
+        line, self.printed = self.process.stdout.readline(), self.process.stdout.readline()
         said = re.search(r"127\.0\.0\.1:(\d+), .*its camera at (\S+),", line)
         assert said is not None, line
         self.port, self.camera = int(said[1]), said[2]
@@ -209,9 +219,13 @@ class Laboratory:
         return [self.ask(line) for line in (*asked, "MG _TPA,_TPB,_TPC", "MG _RPA,_RPB,_RPC")]
 
 
+SHORT = "--teaching-frames", "30"
+"""Half a second of teaching."""
+
+
 def live(lab: Path, *options: str) -> list[str]:
     """The command that is tested."""
-    return [sys.executable, "-c", HEEDING_CTRL_C, "live", "--rig", str(lab), *options]
+    return [sys.executable, "-c", HEEDING_CTRL_C, "live", "--rig", str(lab), *SHORT, *options]
 
 
 def wait_for(reached: Any) -> None:

@@ -366,7 +366,7 @@ LAB = Lab(
 def session_of(bench, path, seconds, **choices):
     patient = Thresholds(overrun=1.0, latency=1.0, stale_slow=50.0, stale_hold=50.0, silence=1.0)
     servo = Servo(LAB.mechanism, LAB.tool, **{"gate": LAB.gate, "thresholds": patient} | choices)
-    return bench.session(servo, LAB.markers, seconds, path)
+    return bench.session(servo, LAB.markers, seconds, path, frames=30)
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,7 @@ def serving(lab: Laboratory, folder: Path) -> Iterator[tuple[Any, str]]:
     """The command, and where its page is."""
     out = "--out", str(folder / "out"), "--poses", str(folder / "poses")
     command = [sys.executable, "-c", HEEDING_CTRL_C, "serve", "--port", "0", "--no-browser", *out]
+    command += ["--teaching-frames", "30"]
     process = subprocess.Popen(
         [*command, "--rig", str(lab.lab())],
         stdout=subprocess.PIPE,

@@ -51,7 +51,7 @@ def reason(change: Change, tracker: Tracker | None = None) -> str:
     lab = laboratory()
     plant = Plant(lab.rig.arm, Changed(lab, change), tracker or PointMarkers(), lab.rig.clock)
     with pytest.raises(NotShown) as caught:
-        teach(plant)
+        teach(plant, frames=30)
     start, _, why = str(caught.value).partition(": ")
     assert start == "the target cannot be taught" and "\n" not in why
     return why
@@ -65,7 +65,7 @@ def reason_of(image: Image, look: MarkerLook = LOOK) -> str:
 def test_two_balls_that_are_shown_are_taught() -> None:
     image, lab = picture(GREEN, BLUE), laboratory()
     camera = Changed(lab, lambda frame: replace(frame, points=None, image=image))
-    target = teach(Plant(lab.rig.arm, camera, ColourMarkers(LOOK), lab.rig.clock))
+    target = teach(Plant(lab.rig.arm, camera, ColourMarkers(LOOK), lab.rig.clock), frames=30)
     np.testing.assert_allclose(target.points, [[80.0, 100.0], [200.0, 120.0]], atol=0.3)
 
 

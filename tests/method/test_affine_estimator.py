@@ -216,7 +216,18 @@ def test_with_a_tracker_that_tells_no_sizes_a_run_ends_with_what_it_lacks() -> N
 def test_on_rendered_pictures_it_settles_at_the_target_and_replays(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run = ["run", "--seed", "0", "--estimator", "affine", "--duration", "6", "--no-video"]
+    run = [
+        "run",
+        "--seed",
+        "0",
+        "--estimator",
+        "affine",
+        "--duration",
+        "6",
+        "--no-video",
+        "--teaching-frames",
+        "30",
+    ]
     assert main([*run, "--json", "--out", str(tmp_path / "run")]) == 0
     assert json.loads(capsys.readouterr().out)["pose_error_mm"] < 0.25
     assert main(["replay", str(tmp_path / "run")]) == 0

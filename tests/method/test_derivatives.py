@@ -225,6 +225,6 @@ def test_of_the_features_of_the_line_through_the_imaged_rcm(m, further, bend):
     m[2:] = further * np.array([u - bend * v, v + bend * u])
     J = np.empty((3, 4))
     straight_jacobian(m, J)
-    numeric = derivative(lambda m: straight(m), m, 1e-2)
+    numeric = derivative(straight, m, 1e-2)
     assume(np.abs(numeric).max() < 10.0)
     assert np.allclose(J, numeric, rtol=0, atol=1e-7)

@@ -91,7 +91,7 @@ def went(
     rig = Rig(1, settings, pictures=False)
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.show_target()
-    target = teach(plant)
+    target = teach(plant, frames=30)
     rig.go_home()
     servo = Servo(settings.mechanism, settings.tool, thresholds=thresholds)
     states = [tick.state for tick in run(plant, servo, target, 4.0)]

@@ -25,6 +25,8 @@ def served(folder: Path, *options: str) -> Iterator[str]:
             *command,
             "--seed",
             "1",
+            "--teaching-frames",
+            "30",
             "--out",
             str(folder),
             "--poses",

@@ -16,7 +16,7 @@ from rcmservo.page.hand import Hand
 from rcmservo.page.operator import GONE, LET_GO, PageOperator
 from rcmservo.page.settings import Chosen
 from rcmservo.page.tick_ring import DUE, SLOTS
-from rcmservo.page.wants import Aim, Beat, Go, Held, Led, Note, Released, Taught, TeachAs
+from rcmservo.page.wants import Aim, Beat, Go, Held, Led, Note, Released, Taught, TeachAs, Teaching
 from rcmservo.page.web.page_process import changing_hands, done
 from rcmservo.record import layout
 
@@ -29,7 +29,7 @@ class Browser:
 
     def __init__(self, desk: Desk, says: Scene, there: int = 10**9) -> None:
         self.desk, self.says, self.there, self.tick = desk, says, there, -1
-        self.operator = PageOperator(desk, Chosen(laboratory().servo()))
+        self.operator = PageOperator(desk, Chosen(laboratory().servo()), frames=30)
         self.said: list[object] = []
 
     def __call__(self, tick: rs.Tick) -> Want:
@@ -215,6 +215,21 @@ def test_a_pose_is_taught_under_its_name() -> None:
     assert taught.name == "above"
     assert np.allclose(taught.target.points, ticks[-1].seen.points, atol=1.5)
     assert taught.target.points.tobytes() == ticks[-1].state.target.points.tobytes()
+
+
+def test_teaching_takes_the_frames_that_are_asked_for_and_tells_how_far_it_is() -> None:
+    """So that the page shows that something happens for the seconds that it takes."""
+    _, browser = ran({100: [TeachAs("above")]}, 3.0)
+    told = [one.words for one in browser.said if isinstance(one, Teaching)]
+    assert told[0] == "teaching, keep the tool still: 1 frames so far, 30 are needed"
+    assert len(told) >= 3 and told[-1] == ""
+    (end,) = [i for i, one in enumerate(browser.said) if isinstance(one, Taught)]
+    assert all(one.words == "" for one in browser.said[end:] if isinstance(one, Teaching))
+
+
+def test_how_far_teaching_is_ends_where_the_person_wants_something_else() -> None:
+    _, browser = ran({100: [TeachAs("above")], 110: [rs.Request.PAUSE]}, 3.0)
+    assert [one.words for one in browser.said if isinstance(one, Teaching)][-1] == ""
 
 
 def test_a_target_that_is_shown_again_is_told_and_kept_by_no_name() -> None:

@@ -44,7 +44,7 @@ def run_of(folder: Path, **choices: Any) -> Written:
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0), **choices)
     rig.show_target()
-    target = rs.teach(plant)
+    target = rs.teach(plant, frames=30)
     rig.go_home()
     run = Written(folder, [], servo, target)
     with Recorder(run.path, {"seed": 1}) as recorder:

@@ -60,7 +60,7 @@ class SizedLab:
         self.rig = Rig(1, settings, pictures=False, disturbances=disturbances)
         self.plant = SizedPlant(self.rig)
         self.rig.show_target()
-        self.target = rs.teach(self.plant)
+        self.target = rs.teach(self.plant, frames=30)
         self.rig.go_home()
         self.rig.begin()
 

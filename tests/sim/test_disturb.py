@@ -583,10 +583,10 @@ def test_a_person_counts_the_requests_that_led_on_apart_from_those_refused() -> 
     rig = rig_with("marker_loss:at=1.3,for=3.5")
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.show_target()
-    target = teach(plant)
+    target = teach(plant, frames=30)
     rig.go_home()
     rig.begin()
-    person = ScriptedPerson(rig, plant, 9)
+    person = ScriptedPerson(rig, plant, 9, frames=30)
     ticks = list(
         attended(rig, plant, Servo(rig.settings.mechanism, rig.settings.tool), target, 8.0, person)
     )

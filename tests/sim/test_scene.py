@@ -76,7 +76,7 @@ def test_a_relocated_camera_sees_the_tool_from_elsewhere_and_stops_the_servo_unt
     assert again[-1].state.cause is Cause.TARGET_OLD, "the target of the old view is refused"
     assert not any(tick.applied.any() for tick in again)
     lab.rig.show_target()
-    target = teach(lab.plant)
+    target = teach(lab.plant, frames=30)
     lab.rig.go_home()
     *_, last = run(lab.plant, servo, target, 12.0, state=again[-1].state)
     assert last.state.phase is Phase.SERVO
@@ -94,7 +94,7 @@ def test_a_camera_bumped_while_the_servo_explores_is_noticed():
     )
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.show_target()
-    target = teach(plant)
+    target = teach(plant, frames=30)
     rig.go_home()
     rig.begin()
     *_, last = run(plant, Servo(rig.settings.mechanism, rig.settings.tool), target, 4.0)
@@ -146,7 +146,7 @@ def test_a_new_target_gives_the_stall_rule_a_new_start():
     servo = lab.servo()
     *_, there = run(lab.plant, servo, lab.target, 8.0)
     lab.rig.go_home()
-    elsewhere = teach(lab.plant)
+    elsewhere = teach(lab.plant, frames=30)
     lab.rig.show_target()
     *_, last = run(lab.plant, servo, elsewhere, 8.0, state=there.state)
     assert last.state.phase is Phase.SERVO

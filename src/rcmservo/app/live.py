@@ -28,6 +28,7 @@ from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
 from rcmservo.errors import require
 from rcmservo.live.reports import LiveResult
 from rcmservo.live.supervisor import run_live
+from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
 from rcmservo.record.reader import RECORD
 
 UNSETTLED = 1
@@ -54,6 +55,9 @@ class LiveOptions:
     is shown by hand."""
     save_target: OptionalPath = None
     """New file to keep the target in that was shown, for your own devices."""
+    teaching_frames: int = TEACHING_FRAMES
+    """Frames that a target is the mean of, from 1 to 100000. The default is 5 s of a camera with 60
+    frames a second; fewer make the target less accurate."""
     out: OptionalPath = None
     """Folder to write to, new or empty; by default a new one under runs/."""
     json: bool = False
@@ -101,6 +105,7 @@ def live(options: LiveOptions) -> int:
     require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
     good = 1.0 < options.duration <= 3600.0
     require(good, "--duration", options.duration, "more than 1 and at most 3600 s")
+    require_frames(options.teaching_frames, "--teaching-frames")
     data = b"" if options.rig is None else bytes_of(options.rig)
     lab = Lab() if options.rig is None else lab_of(options.rig, data)
     out = console(stderr=options.json)
@@ -137,6 +142,7 @@ def _on_hardware(options: LiveOptions, rig: Path, lab: Lab, digest: str, out: Co
             folder,
             options.target,
             options.save_target,
+            options.teaching_frames,
         )
         metrics = live_on_hardware(job, out)
     if options.json:
@@ -155,7 +161,8 @@ def _run(options: LiveOptions, lab: Lab, folder: Path, out: Console) -> LiveMetr
     with told_with(options.rig) if options.rig else nullcontext():
         settings = rig_settings(lab)
     servo, seconds = options.boxes.servo(options.estimator, lab), options.duration
-    job = Job(options.seed, seconds, options.estimator, servo, lab, folder)
+    frames = options.teaching_frames
+    job = Job(options.seed, seconds, options.estimator, servo, lab, folder, teaching_frames=frames)
     with (
         Live(Text(""), console=out, refresh_per_second=8, transient=True) as line,
         Bench(options.seed, settings) as bench,
@@ -163,7 +170,7 @@ def _run(options: LiveOptions, lab: Lab, folder: Path, out: Console) -> LiveMetr
         with compiling(line):  # here, so that the servo's process finds it done
             servo.warm_up()
         record, words = folder / RECORD, about(job, settings)
-        session = bench.session(servo, lab.markers, seconds, record, words)
+        session = bench.session(servo, lab.markers, seconds, record, words, frames)
         result = run_live(session, bench.off, Progress(line, seconds))
         metrics = metrics_of(options, folder, result, bench.error())
     return kept(folder, metrics)

@@ -17,6 +17,7 @@ from rcmservo.app.terminal import console
 from rcmservo.app.waiting.preparing import compiling, simulator
 from rcmservo.config.rig_file import Lab, load_lab, told_with
 from rcmservo.errors import require
+from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
 
 if TYPE_CHECKING:
     from rcmservo.app.simulated_run.job import Job
@@ -51,6 +52,9 @@ class RunOptions:
     """File with the target, as --save-target wrote it; by default the target is shown first."""
     save_target: OptionalPath = None
     """New file to keep the target in that was shown."""
+    teaching_frames: int = TEACHING_FRAMES
+    """Frames that a target is the mean of, from 1 to 100000. The default is 5 s of a camera with 60
+    frames a second; fewer make the target less accurate."""
     resumes: int = 0
     """How often a scripted person resumes after a pause, or shows the target again where that is
     needed."""
@@ -93,6 +97,7 @@ def _check(options: RunOptions) -> None:
     require(good, "--duration", options.duration, "more than 1 and at most 3600 s")
     good = 0 <= options.resumes <= 1000
     require(good, "--resumes", options.resumes, "a whole number from 0 to 1000")
+    require_frames(options.teaching_frames, "--teaching-frames")
     require_new(options.target, options.save_target)
 
 
@@ -118,4 +123,5 @@ def _job(options: RunOptions, lab: Lab, folder: Path) -> "Job":
         options.resumes,
         options.target,
         options.save_target,
+        options.teaching_frames,
     )

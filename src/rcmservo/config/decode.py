@@ -41,9 +41,9 @@ BARE = re.compile(r"[A-Za-z0-9_-]{1,60}")
 """A key that TOML needs no quotes for."""
 
 
-def decode(kind: type[Settings], table: object, where: str) -> Settings:
+def decode(kind: type[Settings], table: object, where: str, others: Sequence[str] = ()) -> Settings:
     """The settings in a table, which stands at ``where`` in its file; BadInput where they are not
-    as the dataclass `kind` has them."""
+    as the dataclass `kind` has them. The table in the file may hold the keys `others` too."""
     from pydantic import PydanticUserError, ValidationError
 
     try:
@@ -53,7 +53,7 @@ def decode(kind: type[Settings], table: object, where: str) -> Settings:
         raise BadInput(where, kind.__name__, right) from error
     except ValidationError as error:
         first = min(error.errors(), key=lambda one: one["type"] == "missing")  # a misspelt key
-        _refuse(first, kind, where)
+        _refuse(first, kind, where, others)
 
 
 @cache
@@ -65,7 +65,7 @@ def _reader(kind: type[Any]) -> "TypeAdapter[tuple[Any]]":
     return TypeAdapter[tuple[Any]](cast(Any, tuple)[kind], config=strict)
 
 
-def _refuse(error: "ErrorDetails", kind: type[Any], where: str) -> NoReturn:
+def _refuse(error: "ErrorDetails", kind: type[Any], where: str, others: Sequence[str]) -> NoReturn:
     """Say the first thing that is wrong in our words."""
     way, what, value = error["loc"][1:], error["type"], error["input"]
     path = where + "".join(f"[{x}]" if isinstance(x, int) else f".{key_of(x)}" for x in way)
@@ -75,18 +75,22 @@ def _refuse(error: "ErrorDetails", kind: type[Any], where: str) -> NoReturn:
         name = cause.field.removeprefix(path.rpartition(".")[2] + ".")
         raise BadInput(f"{path}.{name}", cause.value, cause.right) from cause
     if what == "unexpected_keyword_argument":
-        raise BadInput(path, value, _instead(kind, way))
+        raise BadInput(path, value, instead(str(way[-1]), _keys(kind, way, others)))
     right = RIGHT[what].format(**given) if what in RIGHT else f"a value of its kind ({what})"
     raise BadInput(path, None if what == "missing" and isinstance(value, dict) else value, right)
 
 
-def _instead(kind: type[Any], way: Sequence[int | str]) -> str:
-    """What a key that is unknown should be: the keys that its table has, and the one that was
-    probably meant."""
+def _keys(kind: type[Any], way: Sequence[int | str], others: Sequence[str]) -> list[str]:
+    """The keys that the table may have in which the last step of the way is none."""
     for step in way[:-1]:
         kind = get_type_hints(kind)[str(step)]
     names = [f.name for f in fields(kind)] if is_dataclass(kind) else []
-    near = difflib.get_close_matches(str(way[-1]), names, 1)
+    return names if way[:-1] else [*others, *names]
+
+
+def instead(key: str, names: Sequence[str]) -> str:
+    """The right thing to do with an unknown key: one of the known names, the nearest suggested."""
+    near = difflib.get_close_matches(key, names, 1)
     hint = f" (did you mean {near[0]}?)" if near else ""
     return f"left out or one of {', '.join(names)}{hint}"
 

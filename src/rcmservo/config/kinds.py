@@ -6,9 +6,10 @@ only names it: a table of names holds it once the command line has named it too.
 """
 
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from typing import Any
 
-from rcmservo.config.decode import decode
+from rcmservo.config.decode import decode, instead, key_of
 from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput
 from rcmservo.guard.gate import Gate
@@ -51,6 +52,8 @@ ESTIMATORS: Mapping[str, type[Estimator]] = {
 PRESETS: Mapping[str, Estimator] = {"projection-printed": PRINTED}
 """Estimators with settings of their own that the command line has a name for."""
 
+KIND = "kind"
+"""The key that names a table's class."""
 Kinds = Mapping[str, type[Any]]
 KINDS: Mapping[str, Kinds] = {
     "mechanism": MECHANISMS,
@@ -71,13 +74,30 @@ def name_of(value: object, kinds: Kinds) -> str:
     return next(ours, called(value))
 
 
-def chosen(kinds: Kinds, table: object, where: str) -> Any:
-    """The settings of the class that the table's `kind` names."""
+def chosen(kinds: Kinds, table: object, where: str, default: object = None) -> Any:
+    """The settings of the class that the table's `kind` names.
+
+    Without `kind` that is the class of ``default``, whose values stand for those that a table of
+    its class leaves out.
+    """
     if not is_table(table):
         raise BadInput(where, table, "a table of settings")
     rest = dict(table)
-    kind = kind_in(kinds, rest.pop("kind", None), where)
-    return decode(kind, rest, where)
+    if default is None and KIND not in rest:
+        _require_known(kinds, rest, where)
+    usual = None if default is None else name_of(default, kinds)
+    kind = kind_in(kinds, rest.pop(KIND, usual), where)
+    if is_dataclass(default) and type(default) is kind:
+        rest = {**vars(default), **rest}
+    return decode(kind, rest, where, others=(KIND,))
+
+
+def _require_known(kinds: Kinds, table: Mapping[str, object], where: str) -> None:
+    """Refuse a key that no kind has: a misspelt `kind` is one."""
+    names = [KIND, *dict.fromkeys(f.name for kind in kinds.values() for f in fields(kind))]
+    for key, value in table.items():
+        if key not in names:
+            raise BadInput(f"{where}.{key_of(key)}", value, instead(key, names))
 
 
 def kind_in(kinds: Kinds, name: object, where: str) -> type[Any]:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from rcmservo.config import texts
 from rcmservo.config.decode import decode, key_of
 from rcmservo.config.files import read_small
-from rcmservo.config.kinds import MECHANISMS, TOOLS, chosen, kind_in
+from rcmservo.config.kinds import KIND, MECHANISMS, TOOLS, chosen, kind_in
 from rcmservo.errors import BadInput, UnusableFile, one_line
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
@@ -60,9 +60,10 @@ class Lab:
 
     def device(self, name: str, kinds: Mapping[str, type[Any]]) -> Any:
         """The settings of a device, of the class that its section's `kind` names."""
-        if name not in self.devices:
+        table = self.devices.get(name, self.simulation.get(name))
+        if table is None:
             raise BadInput(f"section {name}", None, f"given, with a kind: {' or '.join(kinds)}")
-        return chosen(kinds, self.devices[name], name)
+        return chosen(kinds, table, name)
 
     def section(self, name: str, kind: type[Section], **known: object) -> Section:
         """A section for the simulation as its settings; what the robot knows already is `known`,
@@ -73,7 +74,8 @@ class Lab:
                 raise BadInput(
                     f"{name}.{key}", table[key], "left out: the robot's sections tell it"
                 )
-        return decode(kind, {**table, **known}, name)
+        others = (KIND,) if name in DEVICE_SECTIONS else ()
+        return decode(kind, {**table, **known}, name, others)
 
 
 def load_lab(path: Path) -> Lab:
@@ -122,8 +124,8 @@ def lab_from(tables: texts.Table) -> Lab:
     devices = {name: tables[name] for name in DEVICE_SECTIONS if _is_device(name, tables)}
     looks = {**asdict(default.markers), **tables.get("markers", {})}
     return Lab(
-        mechanism=_mechanism(tables["mechanism"]) if "mechanism" in tables else default.mechanism,
-        tool=chosen(TOOLS, tables["tool"], "tool") if "tool" in tables else default.tool,
+        mechanism=_mechanism(tables.get("mechanism", {}), default.mechanism.name),
+        tool=chosen(TOOLS, tables.get("tool", {}), "tool", default.tool),
         markers=decode(MarkerLook, looks, "markers"),
         gate=decode(Gate, tables.get("gate", {}), "gate"),
         thresholds=decode(Thresholds, tables.get("thresholds", {}), "thresholds"),
@@ -137,7 +139,7 @@ def lab_from(tables: texts.Table) -> Lab:
 
 
 def _is_device(name: str, tables: texts.Table) -> bool:
-    return name in tables and (name == "arm" or "kind" in tables[name])
+    return name in tables and (name == "arm" or KIND in tables[name])
 
 
 @dataclass(frozen=True)
@@ -150,9 +152,11 @@ class _Mechanism:
     insertion_zero: float = 0.0
 
 
-def _mechanism(table: texts.Table) -> Kinematics:
-    kind = kind_in(MECHANISMS, table.get("kind"), "mechanism")
-    told = decode(_Mechanism, {**asdict(kind().limits), **table}, "mechanism")
+def _mechanism(table: texts.Table, usual: str) -> Kinematics:
+    """The arm of a table, of the kind with the name `usual` where it names none."""
+    name = table.get(KIND, usual)
+    kind = kind_in(MECHANISMS, name, "mechanism")
+    told = decode(_Mechanism, {KIND: name, **asdict(kind().limits), **table}, "mechanism")
     limits = decode(JointLimits, {"lower": told.lower, "upper": told.upper}, "mechanism")
     rest = {"limits": asdict(limits), "insertion_zero": told.insertion_zero}
     return decode(kind, rest, "mechanism")

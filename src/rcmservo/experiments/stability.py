@@ -18,6 +18,7 @@ from rcmservo.experiments.harness.lab.closed_loop import (
     PAPER_METHODS,
     PAPER_SCENES,
     PRINTED_LAW,
+    SHOWN,
     servo_for,
 )
 from rcmservo.experiments.harness.lab.witness import laboratory
@@ -94,9 +95,9 @@ def regulate(folder: Path, settings: Settings, estimator: str, seed: int) -> Fra
     rig, plant = laboratory(seed, PAPER_SCENES, NOISE)
     servo = servo_for(rig.settings, *PAPER_METHODS[estimator])
     servo.warm_up()
-    home = teach(plant)
+    home = teach(plant, SHOWN)
     rig.show_target()
-    target = teach(plant)
+    target = teach(plant, SHOWN)
     state = None
     if estimator == "flow":
         rig.place(rig.scene.half_way)

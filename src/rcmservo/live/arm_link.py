@@ -28,6 +28,7 @@ import numpy as np
 from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.interfaces import Command, Floats, Measured, Target
 from rcmservo.loop.plant import Plant
+from rcmservo.loop.shown import TEACHING_FRAMES
 from rcmservo.loop.teach import teach
 
 MARK = b"RCM1"
@@ -265,12 +266,12 @@ class RemoteArm:
         return done
 
 
-def shown_and_brought_back(plant: Plant) -> Target:
+def shown_and_brought_back(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
     """A target that a person shows at the other end of the wire, who then brings the tool back to
     the start."""
     arm = plant.arm
     assert isinstance(arm, RemoteArm)
     arm.ask(Wish.SHOW)
-    target = teach(plant)
+    target = teach(plant, frames)
     arm.ask(Wish.HOME)
     return target

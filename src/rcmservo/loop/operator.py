@@ -13,7 +13,7 @@ import numpy as np
 from rcmservo.errors import require
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Command, Floats, Observation, Target
-from rcmservo.loop.shown import TargetFrames
+from rcmservo.loop.shown import TEACHING_FRAMES, TargetFrames, require_frames
 from rcmservo.loop.tick import Tick
 from rcmservo.servo.servo import Servo
 
@@ -32,11 +32,11 @@ class Teach:
     something else. Then it stays paused until the person resumes.
     """
 
-    frames: int = 30
+    frames: int = TEACHING_FRAMES
     """Frames to take the mean of."""
 
     def __post_init__(self) -> None:
-        require(self.frames >= 1, "frames", self.frames, "a whole number of at least 1 frames")
+        require_frames(self.frames)
 
 
 STILL = np.zeros(3)

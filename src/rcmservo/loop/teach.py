@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from rcmservo.errors import RcmServoError, require
+from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Target
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.shown import TargetFrames
+from rcmservo.loop.shown import TEACHING_FRAMES, TargetFrames, require_frames
 from rcmservo.loop.unseen import unseen
 
 TEACH_TIMEOUT = 2.0
@@ -17,10 +17,10 @@ class NotShown(RcmServoError):
     """A target that could not be taught, and why."""
 
 
-def teach(plant: Plant, frames: int = 30) -> Target:
+def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
     """Take what the camera sees from now on as the target: the mean over `frames` frames. It never
     moves anything."""
-    require(frames >= 1, "frames", frames, "a whole number of at least 1 frames")
+    require_frames(frames)
     plant.reset()
     shown = TargetFrames()
     seen = plant.read()

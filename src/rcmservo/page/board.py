@@ -18,7 +18,7 @@ from rcmservo.page.seen.shape import Shape
 from rcmservo.page.settings import standing
 from rcmservo.page.tick_ring import DUE
 from rcmservo.page.tour import HowFar
-from rcmservo.page.wants import Aim, Between, InForce, Note, OnTour, Taught
+from rcmservo.page.wants import Aim, Between, InForce, Note, OnTour, Taught, Teaching
 from rcmservo.page.ways import ways
 from rcmservo.record import layout
 from rcmservo.record.columns import WORDS
@@ -57,6 +57,8 @@ class Board:
     """It rises with each change of settings."""
     tour: HowFar | None = None
     """How far a tour is; None where there is none."""
+    teaching: str = ""
+    """How far teaching is, in words; empty where nothing is being taught."""
     curves: Curves = field(default_factory=Curves)
     """The loop's last seconds."""
     shape: Shape | None = None
@@ -98,6 +100,7 @@ class Board:
                 self.count = self.desk.ticks.newest
                 self.curves.begin()
                 self.target = self.tour = None
+                self.teaching = ""
             case OnTour():
                 self.tour = said.progress
             case Aim():
@@ -106,6 +109,8 @@ class Board:
                 why = self.poses.keep(said.name, said.target, self.picture)
                 self.notes.append(why or f"{said.name} is taught")
                 self.kept += 1
+            case Teaching():
+                self.teaching = said.words
             case InForce():
                 self.in_force = said.servo
                 self.changes += 1
@@ -180,7 +185,7 @@ class Board:
         return {
             "phase": phase.name,
             "words": phase.value,
-            "why": cause.value,
+            "why": "; ".join(filter(None, (self.teaching, cause.value))),
             "way_out": cause.way_out,
             "action": self.tick["asks"],
             "ways": ways(phase, cause),

@@ -16,6 +16,9 @@ from rcmservo.page.wants import Between, Enable, InForce, Note
 from rcmservo.servo.servo import Servo
 
 STILL = np.zeros(3)
+FIRST_FRAMES = 30
+"""Frames of the first target, half a second: the drive goes on soon after Enable, and the tool goes
+only to what is taught or chosen later."""
 
 
 def await_enable(desk: Desk, servo: Servo, intent: str, plant: Plant) -> Target:
@@ -46,7 +49,7 @@ def _enabled(desk: Desk) -> bool:
 
 def _shown(desk: Desk, plant: Plant) -> Target | None:
     try:
-        return teach(plant)
+        return teach(plant, FIRST_FRAMES)
     except NotShown as error:
         desk.said.put(Note(f"not enabled: {error}"))
         return None

@@ -16,13 +16,14 @@ from rcmservo.errors import BadInput
 from rcmservo.guard.states import SLOW_SHARE, Phase, Request
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.operator import Jog, Teach, Want, goes_on
+from rcmservo.loop.shown import TEACHING_FRAMES
 from rcmservo.loop.tick import Tick
 from rcmservo.method.kinematics import joint_rates
 from rcmservo.page.desk import Desk
 from rcmservo.page.hand import NONE, Gesture
 from rcmservo.page.settings import AT_ONCE, Chosen
 from rcmservo.page.tour import BY_ITSELF, GoOnTour, HowFar, Touring
-from rcmservo.page.wants import Aim, Change, Go, InForce, Note, OnTour, Taught, TeachAs
+from rcmservo.page.wants import Aim, Change, Go, InForce, Note, OnTour, Taught, TeachAs, Teaching
 from rcmservo.servo.servo import Servo
 
 GONE = 500_000_000
@@ -31,14 +32,18 @@ GONE = 500_000_000
 LET_GO = 80_000_000
 """ns after which a jog button that nobody says is held counts as let go."""
 
+EVERY = 15
+"""Frames between two sentences on how far teaching is, a quarter of a second."""
+
 Wanted = TypeVar("Wanted", Target, Servo)
 
 
 class PageOperator:
-    """What the page wants, from tick to tick. ``chosen`` is what was set as the session began."""
+    """What the page wants, from tick to tick. ``chosen`` is what was set as the session began, and
+    a target is the mean of so many ``frames``."""
 
-    def __init__(self, desk: Desk, chosen: Chosen) -> None:
-        self._desk, self._chosen = desk, chosen
+    def __init__(self, desk: Desk, chosen: Chosen, frames: int = TEACHING_FRAMES) -> None:
+        self._desk, self._chosen, self._frames = desk, chosen, frames
         self._servo: Servo | None = None
         self._wants: deque[tuple[Want, str | None]] = deque([(Request.PAUSE, None)])
         gesture = desk.hand.read() or Gesture()
@@ -46,6 +51,7 @@ class PageOperator:
         self._beat: int | None = None
         self._asked = NONE
         self._teaching: str | None = None
+        self._observed, self._frame = 0, -1
         self._target: Target | None = None
         self._touring: Touring | None = None
         self._progress: HowFar | None = None
@@ -54,6 +60,7 @@ class PageOperator:
     def __call__(self, tick: Tick) -> Want:
         self._desk.ticks.put(tick)
         self._tell(tick)
+        self._tell_teaching(tick)
         self._look(tick)
         self._tours(tick)
         for told in self._desk.wants.heard():
@@ -72,7 +79,23 @@ class PageOperator:
         """Tell of what was to be taught and was not."""
         if self._teaching is not None:
             self._desk.said.put(Note(f"{self._teaching or 'the target'} was not taught"))
+            self._end_teaching()
+
+    def _end_teaching(self) -> None:
         self._teaching = None
+        self._observed = 0
+        self._desk.said.put(Teaching(""))
+
+    def _tell_teaching(self, tick: Tick) -> None:
+        """Tell how many frames have shown both markers since teaching began."""
+        new = tick.seen.frame != self._frame and bool(np.isfinite(tick.seen.points).all())
+        self._frame = tick.seen.frame
+        if self._teaching is None or not new:
+            return
+        self._observed += 1
+        if self._observed % EVERY == 1:
+            count = f"{self._observed} frames so far, {self._frames} are needed"
+            self._desk.said.put(Teaching(f"teaching, keep the tool still: {count}"))
 
     def _look(self, tick: Tick) -> None:
         """See what the hand does. A press is over that was not renewed in time."""
@@ -91,7 +114,7 @@ class PageOperator:
                 if self._go(told.targets[0], told.targets, tick):
                     self._touring = Touring(told)
             case TeachAs():
-                self._wants.append((Teach(), told.name))
+                self._wants.append((Teach(self._frames), told.name))
             case Change():
                 self._set(told, tick)
             case Request():
@@ -180,7 +203,7 @@ class PageOperator:
         if self._teaching is not None:
             shown = Note("the target is shown again")
             self._desk.said.put(Taught(self._teaching, target) if self._teaching else shown)
-            self._teaching = None
+            self._end_teaching()
 
 
 def _rates(gesture: Gesture, tick: Tick) -> Floats:

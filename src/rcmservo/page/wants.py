@@ -212,7 +212,15 @@ class OnTour:
     """None where there is none, or none any more."""
 
 
-Said = Note | Between | Aim | Taught | InForce | OnTour
+@dataclass(frozen=True)
+class Teaching:
+    """How far teaching is."""
+
+    words: str
+    """In words; empty where nothing is being taught."""
+
+
+Said = Note | Between | Aim | Taught | InForce | OnTour | Teaching
 """What servo process and supervisor tell the page beside the ticks."""
 
 STOP, CLEAR = "stop", "clear"

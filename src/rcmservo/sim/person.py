@@ -9,6 +9,7 @@ from rcmservo.guard.states import Phase, Request
 from rcmservo.interfaces import Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
+from rcmservo.loop.shown import TEACHING_FRAMES
 from rcmservo.loop.teach import NotShown, teach
 from rcmservo.servo.servo import Servo, State
 from rcmservo.sim.rig import Rig
@@ -24,7 +25,8 @@ BY_HAND = {Cause.CAMERA_MOVED, Cause.DRIFTS, Cause.ELSEWHERE, Cause.TARGET_OLD}
 
 
 class ScriptedPerson:
-    """Acts after a pause, at most ``patience`` times: asks to resume, or shows the target again."""
+    """Acts after a pause, at most ``patience`` times: asks to resume, or shows the target again,
+    for so many frames."""
 
     resumed: int
     """How often the servo went on when asked."""
@@ -35,8 +37,10 @@ class ScriptedPerson:
     shown: int
     """How often the target was shown again."""
 
-    def __init__(self, rig: Rig, plant: Plant, patience: int) -> None:
-        self._rig, self._plant, self._left = rig, plant, patience
+    def __init__(
+        self, rig: Rig, plant: Plant, patience: int, frames: int = TEACHING_FRAMES
+    ) -> None:
+        self._rig, self._plant, self._left, self._frames = rig, plant, patience, frames
         self.resumed = self.refused = self.shown = 0
         self._since: int | None = None
 
@@ -75,7 +79,7 @@ class ScriptedPerson:
         stood = self._rig.arm.q_true
         self._rig.show_target()
         try:
-            target = teach(self._plant)
+            target = teach(self._plant, self._frames)
         except NotShown:
             return None
         finally:

@@ -12,6 +12,7 @@ import numpy as np
 
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
+from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
 from rcmservo.rows import changed, copied
 from rcmservo.servo.compiled_ones import COMPILED, AnyRule
 from rcmservo.servo.servo import Servo, State
@@ -39,7 +40,7 @@ class Study:
     """The laboratory, with the camera that tells points."""
     duration: float = 15.0
     """Length of each closed loop, s."""
-    shown: int = 30
+    shown: int = TEACHING_FRAMES
     """Frames that the target is the mean of."""
 
     def __post_init__(self) -> None:
@@ -48,7 +49,7 @@ class Study:
         good = self.servo.rule is not None
         require(good, "servo.estimator", name, f"{kinds}, whose steps are compiled")
         require(0.0 < self.duration < np.inf, "duration", self.duration, "a positive time in s")
-        require(self.shown >= 1, "shown", self.shown, "at least 1 frame")
+        require_frames(self.shown, "shown")
         for box in ("mechanism", "tool"):
             known, there = getattr(self.servo, box), getattr(self.settings, box)
             require(known == there, f"servo.{box}", known, f"that of the laboratory, {there}")

@@ -13,6 +13,7 @@ from rcmservo.guard.states import PHASES, Phase, Request
 from rcmservo.interfaces import Target
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
+from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
 from rcmservo.loop.teach import NotShown, teach
 from rcmservo.loop.tick import Tick
 from rcmservo.servo.servo import Servo
@@ -96,7 +97,7 @@ class Laboratory:
     """The laboratory."""
     duration: float = 15.0
     """Length of each closed loop, s."""
-    shown: int = 30
+    shown: int = TEACHING_FRAMES
     """Frames that the target is the mean of."""
     disturbances: Sequence[Disturbance] = ()
     """What goes wrong in every run."""
@@ -107,7 +108,7 @@ class Laboratory:
 
     def __post_init__(self) -> None:
         require(0.0 < self.duration < np.inf, "duration", self.duration, "a positive time in s")
-        require(self.shown >= 1, "shown", self.shown, "at least 1 frame")
+        require_frames(self.shown, "shown")
         for one in self.disturbances:
             right = f"none of {', '.join(UNFIT)}, which no servo can answer"
             require(one.kind not in UNFIT, "disturbance", one.kind, right)

@@ -23,6 +23,7 @@ from rcmservo.live.lab import LabArm, NotReady, Person
 from rcmservo.live.servo_process import HeartbeatPlant
 from rcmservo.live.terminal_person import Terminal
 from rcmservo.loop.plant import Plant
+from rcmservo.loop.shown import TEACHING_FRAMES
 from rcmservo.loop.teach import NotShown, teach
 
 WORD = "enable"
@@ -44,6 +45,8 @@ class Preparing:
     """The file that holds the target; None where it is shown by hand."""
     save_target: Path | None = None
     """A new file to keep the target in that is shown; None where it is not kept."""
+    frames: int = TEACHING_FRAMES
+    """Frames that a target is the mean of."""
 
 
 class AtHand:
@@ -74,7 +77,7 @@ def target_at_the_arm(preparing: Preparing, plant: Plant) -> Target:
         if not arm_of(plant).homed():
             define(person, plant, preparing.lab)
         if target is None:
-            target = shown(person, plant)
+            target = shown(person, plant, preparing.frames)
             if preparing.save_target is not None:
                 target_file.save(preparing.save_target, target, setup)
                 person.tell(f"The target is kept in {preparing.save_target}.")
@@ -155,12 +158,13 @@ def joints(answer: str, lab: Lab) -> Floats:
     return typed
 
 
-def shown(person: Person, plant: Plant) -> Target:
+def shown(person: Person, plant: Plant, frames: int) -> Target:
     """What the camera sees when a person says that the tool is at the target."""
     while True:
         enter(person, plant, "Bring the tool to the target by hand, then press Enter:")
+        person.tell(f"Taking {frames} frames (60 are 1 s of most cameras): keep the tool still.")
         try:
-            target = teach(plant)
+            target = teach(plant, frames)
         except NotShown as error:
             person.tell(f"{error}.")
         else:

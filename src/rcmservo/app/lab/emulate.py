@@ -84,7 +84,9 @@ def emulate(options: EmulateOptions) -> int:
             at = f"127.0.0.1:{server.port}" + (f" and {serial.path}" if serial else "")
             seen = f", its camera at {' and '.join(cameras)}" if cameras else ""
             words = f"emulated Galil DMC-40{AXES}0 at {at}, simulated arm{seen}"
-            console(False).print(f"{words}, seed {options.seed}; Ctrl-C ends it", soft_wrap=True)
+            out = console(False)
+            out.print(f"{words}, seed {options.seed}; Ctrl-C ends it", soft_wrap=True)
+            out.print(arm.measurements, soft_wrap=True)
             _serve(server)
     return 0
 

@@ -41,6 +41,18 @@ class EmulatedArm:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
+    @property
+    def measurements(self) -> str:
+        """The joints at which it stands at first, and the lengths that a ruler shows on its tool:
+        what `rig check` asks a person for."""
+        q = self._rig.scene.start
+        first, second = self._rig.body.points(q)[:2]
+        return (
+            f"the arm stands at {q[0]:.4f} {q[1]:.4f} {q[2]:.2f} (rad, rad, mm); by the ruler its "
+            f"markers are {np.linalg.norm(second - first):.1f} mm apart, and marker 1 is "
+            f"{np.linalg.norm(first):.1f} mm from where the tool goes in"
+        )
+
     def offer(self, send: Callable[..., None], *arguments: Any) -> str:
         """Have the camera's frames sent by a process of its own; the address that it tells."""
         ring = self._ring = self._ring or self._filmed()

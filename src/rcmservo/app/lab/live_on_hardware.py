@@ -40,6 +40,7 @@ from rcmservo.live.reports import LiveResult
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import run_live
 from rcmservo.live.terminal_person import Terminal
+from rcmservo.loop.shown import TEACHING_FRAMES
 from rcmservo.record.reader import RECORD
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
@@ -68,6 +69,8 @@ class HardwareJob:
     """The file that holds the target; None where it is shown by hand."""
     save_target: Path | None = None
     """A new file to keep the target in that is shown; None where it is not kept."""
+    teaching_frames: int = TEACHING_FRAMES
+    """Frames that a target is the mean of."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +152,8 @@ def live_on_hardware(
     with Live(Text(""), console=out, refresh_per_second=8, transient=True) as line, compiling(line):
         servo.warm_up()
     line = Live(Text(""), console=out, refresh_per_second=8, transient=True)
-    preparing = Preparing(job.lab, intent(job, servo, share), job.target, job.save_target)
+    words, frames = intent(job, servo, share), job.teaching_frames
+    preparing = Preparing(job.lab, words, job.target, job.save_target, frames)
     session = Session(
         servo,
         job.duration,
@@ -215,6 +219,7 @@ def about(job: HardwareJob, share: float) -> dict[str, Any]:
         "duration_s": job.duration,
         "estimator": job.estimator,
         "mechanism": job.servo.mechanism.name,
+        "teaching_frames": job.teaching_frames,
         "rig_file": str(job.rig),
         "rig_sha256": job.digest,
         "rig_checked": share == 1.0,

@@ -64,7 +64,7 @@ def hardware(job: HardwareJob) -> Generator[Behind]:
             tracker=partial(ColourMarkers, lab.markers),
             recorder=partial(recorder, record, about(now, share)),
             target=partial(enabled_at_the_page, AtThePage(desk, limited, lab, intent)),
-            operator=partial(PageOperator, desk, chosen),
+            operator=partial(PageOperator, desk, chosen, job.teaching_frames),
             pictures=PICTURES,
             consent=require_off,
         )

@@ -37,6 +37,7 @@ from rcmservo.live.child import Child
 from rcmservo.live.frame_ring import RingCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.live.told_to_end import stopped_by_signals
+from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
 from rcmservo.record.reader import RECORD
 from rcmservo.servo.servo import Servo
 
@@ -65,6 +66,9 @@ class ServeOptions:
     your own devices, [arm] and [camera] with a kind."""
     poses: Path = Path("runs/poses")
     """Folder with the poses that are taught on the page, in the files that --target takes."""
+    teaching_frames: int = TEACHING_FRAMES
+    """Frames that a target is the mean of, from 1 to 100000. The default is 5 s of a camera with 60
+    frames a second; fewer make the target less accurate."""
     out: OptionalPath = None
     """Folder for the records, new or empty; by default a new one under runs/."""
     host: str = "127.0.0.1"
@@ -79,6 +83,7 @@ class ServeOptions:
 def serve(options: ServeOptions) -> int:
     """Serve until Ctrl-C; the exit code is 0."""
     require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
+    require_frames(options.teaching_frames, "--teaching-frames")
     right = "a whole number from 0 to 65534"
     require(0 <= options.port < 65535, "--port", options.port, right)
     with _page("serve"):
@@ -91,7 +96,17 @@ def serve(options: ServeOptions) -> int:
         right = f"left out: nothing is simulated of {options.rig}"
         require(options.seed == 0, "--seed", options.seed, right)
         require_devices(lab, options.rig, digest := digest_of(data))
-        job = HardwareJob(servo, options.estimator, LONGEST, lab, options.rig, digest, Path())
+        frames = options.teaching_frames
+        job = HardwareJob(
+            servo,
+            options.estimator,
+            LONGEST,
+            lab,
+            options.rig,
+            digest,
+            Path(),
+            teaching_frames=frames,
+        )
         with _page("serve"):
             from rcmservo.app.lab.page_rig import hardware
         return _kept(options, token, "serve-hardware", servo, hardware(job))
@@ -143,7 +158,7 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
                 bench.session(limited, lab.markers, LONGEST, record, words),
                 recorder=partial(recorder, record, words),
                 target=partial(await_enable, desk, limited, first_words(limited)),
-                operator=partial(PageOperator, desk, chosen),
+                operator=partial(PageOperator, desk, chosen, options.teaching_frames),
                 pictures=PICTURES,
             )
 
@@ -242,7 +257,10 @@ def about(options: ServeOptions, lab: Lab, servo: Servo) -> dict[str, Any]:
     from rcmservo.app.simulated_run import job
     from rcmservo.sim.rig_file import rig_settings
 
-    of = job.Job(options.seed, LONGEST, options.estimator, servo, lab, Path())
+    frames = options.teaching_frames
+    of = job.Job(
+        options.seed, LONGEST, options.estimator, servo, lab, Path(), teaching_frames=frames
+    )
     return job.about(of, rig_settings(lab))
 
 

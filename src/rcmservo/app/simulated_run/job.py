@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rcmservo.config.rig_file import Lab
+from rcmservo.loop.shown import TEACHING_FRAMES
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, RigSettings
 
@@ -40,6 +41,8 @@ class Job:
     """The file that holds the target; None where it is shown first."""
     save_target: Path | None = None
     """A new file to keep the target in that is shown; None where it is not kept."""
+    teaching_frames: int = TEACHING_FRAMES
+    """Frames that the target is the mean of."""
 
 
 def about(job: Job, settings: RigSettings) -> dict[str, Any]:
@@ -53,6 +56,7 @@ def about(job: Job, settings: RigSettings) -> dict[str, Any]:
         "mechanism": job.servo.mechanism.name,
         "disturbances": [str(disturbance) for disturbance in job.disturbances],
         "resumes": job.resumes,
+        "teaching_frames": job.teaching_frames,
         "rig": asdict(settings),
         "markers": asdict(job.lab.markers),
         "versions": {

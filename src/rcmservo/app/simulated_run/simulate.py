@@ -45,7 +45,8 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
     plant = Plant(rig.arm, rig.camera, ColourMarkers(job.lab.markers), rig.clock)
     target = target_of(job, rig, plant)
     job.servo.warm_up()
-    person, started = ScriptedPerson(rig, plant, job.resumes), time.perf_counter()
+    person = ScriptedPerson(rig, plant, job.resumes, job.teaching_frames)
+    started = time.perf_counter()
     with ExitStack() as stack:
         recorder = stack.enter_context(
             Recorder(job.folder / RECORD, about(job, rig.settings), disk(rig.disk_full))

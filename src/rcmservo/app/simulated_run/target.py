@@ -43,7 +43,7 @@ def target_of(job: Job, rig: Rig, plant: Plant) -> Target:
         job.servo.demand(target)
         return target
     rig.show_target()
-    target = teach(plant)
+    target = teach(plant, job.teaching_frames)
     rig.go_home()
     if job.save_target is not None:
         target_file.save(job.save_target, target, setup)

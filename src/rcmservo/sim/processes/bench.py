@@ -18,6 +18,7 @@ from rcmservo.live.arm_link import RemoteArm, shown_and_brought_back
 from rcmservo.live.child import END, Child
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.servo_process import Session
+from rcmservo.loop.shown import TEACHING_FRAMES
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.processes.arm_process import emulate
@@ -69,9 +70,10 @@ class Bench:
         duration: float,
         record: Path,
         about: dict[str, Any] | None = None,
+        frames: int = TEACHING_FRAMES,
     ) -> Session:
         """A live run of `duration` s on this bench, recorded in a new file with what it says of the
-        run."""
+        run. Its target is the mean of so many frames."""
         return Session(
             servo,
             duration,
@@ -79,7 +81,7 @@ class Bench:
             camera=partial(RingCamera, self.ring),
             tracker=partial(ColourMarkers, markers),
             recorder=partial(Recorder, record, about or {}),
-            target=shown_and_brought_back,
+            target=partial(shown_and_brought_back, frames=frames),
         )
 
     def off(self, began: bool) -> str:

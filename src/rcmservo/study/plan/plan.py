@@ -8,6 +8,7 @@ from itertools import product
 from typing import NamedTuple
 
 from rcmservo.errors import BadInput, require
+from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
 from rcmservo.sim import Disturbance
 from rcmservo.study.plan.cell import COMPILED, ENGINES, MUJOCO, PICTURES, Cell, described, engine_of
 from rcmservo.study.plan.distribution import Distribution
@@ -54,7 +55,7 @@ class StudyPlan:
     """Runs in each scene, with different noise."""
     duration: float = 15.0
     """Length of each closed loop, s."""
-    shown: int = 300
+    shown: int = TEACHING_FRAMES
     """Frames that the target is shown for."""
     engine: str = AUTO
     """`auto`, or one of ENGINES for all."""
@@ -64,7 +65,7 @@ class StudyPlan:
         require(1 <= self.count <= MOST, "count", self.count, whole(1, MOST))
         require(0 <= self.first_seed < 2**53, "seed", self.first_seed, whole(0, "2^53"))
         require(1 <= self.repetitions <= 1000, "repetitions", self.repetitions, whole(1, 1000))
-        require(1 <= self.shown <= 100_000, "shown", self.shown, whole(1, 100_000))
+        require_frames(self.shown, "shown")
         good = 1.0 < self.duration <= LONGEST
         require(good, "duration", self.duration, f"more than 1 and at most {LONGEST:g} s")
         good = self.engine in (AUTO, *ENGINES)

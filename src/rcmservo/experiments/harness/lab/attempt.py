@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rcmservo.experiments.harness.lab.closed_loop import FAST_FIT, FAST_LAW, servo_for
+from rcmservo.experiments.harness.lab.closed_loop import FAST_FIT, FAST_LAW, SHOWN, servo_for
 from rcmservo.experiments.harness.lab.others.calibration import (
     Calibration,
     Miscalibration,
@@ -104,12 +104,13 @@ class Attempt:
 
     def compiled(self, servo: Servo) -> Fared:
         """`servo_by` on the compiled twin."""
-        run = Study(servo, self.settings, self._longest(servo)).run(self.seed)
+        run = Study(servo, self.settings, self._longest(servo), SHOWN).run(self.seed)
         return Fared(run.until(self._end(run)), COMPILED)
 
     def live(self, servo: Servo) -> Fared:
         """`servo_by` before MuJoCo's arm, by the live path."""
-        loop = LaboratoryLoop(Laboratory(servo, self.settings, self._longest(servo)), self.seed, 0)
+        longest = self._longest(servo)
+        loop = LaboratoryLoop(Laboratory(servo, self.settings, longest, SHOWN), self.seed, 0)
         end, going, errors = np.inf, 0.0, list[float]()
         for k, tick in enumerate(loop.ticks()):
             time, phase = tick.time / 1e9, tick.state.phase
@@ -126,7 +127,8 @@ class Attempt:
     def by_poses(self, calibration: Calibration) -> Fared:
         """Move by pose-based control, which explores nothing."""
         given, robot = self.conditions, self.servo(FAST_FIT, Exploration())
-        loop = LaboratoryLoop(Laboratory(robot, self.settings, given.duration), self.seed, 0)
+        laboratory = Laboratory(robot, self.settings, given.duration, SHOWN)
+        loop = LaboratoryLoop(laboratory, self.seed, 0)
         law = PoseLaw(calibration, robot, loop.target, given.controller.gain)
         drive(loop, robot, law, given.duration)
         return Fared(loop.run, MUJOCO)

@@ -34,6 +34,9 @@ from rcmservo.servo.servo import Servo, State
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 from rcmservo.tracking import ColourMarkers, PointMarkers
 
+SHOWN = 30
+"""Frames that the target of every experiment is the mean of: the claims' figures stand on it."""
+
 PRINTED_LAW = SaturatedController(gain=0.1, bounds=(float(np.radians(10.0)), 10.0, 10.0))
 """The paper's k = 0.1 and b = (10°, 10 px, 10 px)."""
 
@@ -167,7 +170,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         """The target that a person shows at the joints q (3,), and where marker 2 then truly is,
         p_d (3,) mm."""
         self.rig.place(q)
-        return teach(self.plant), self.true_p2()
+        return teach(self.plant, SHOWN), self.true_p2()
 
     def elapsed(self) -> float:
         """s since the first stage began."""

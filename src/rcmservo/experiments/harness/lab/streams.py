@@ -17,6 +17,7 @@ from rcmservo.experiments.harness.lab.closed_loop import (
     PAPER_SCENES,
     PRINTED_FIT,
     PRINTED_LAW,
+    SHOWN,
     for_ever,
     servo_for,
 )
@@ -100,7 +101,7 @@ def stream(seed: int, noise: float, settings: StreamSettings, kind: Kind) -> tup
     rig, plant = laboratory(seed, settings.scene, noise)
     servo = servo_for(rig.settings, FAST_FIT, _exploration(settings, kind), PRINTED_LAW)
     rig.show_target()
-    target = teach(plant)
+    target = teach(plant, SHOWN)
     rig.go_home()
     duration = settings.duration if kind == "servo" else settings.touring
     samples = list[Sample]()

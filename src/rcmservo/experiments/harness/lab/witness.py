@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.experiments.harness.lab.closed_loop import FAST_FIT, FAST_LAW
+from rcmservo.experiments.harness.lab.closed_loop import FAST_FIT, FAST_LAW, SHOWN
 from rcmservo.experiments.harness.statistics import median, rms
 from rcmservo.guard.causes import Cause
 from rcmservo.interfaces import Floats
@@ -126,7 +126,7 @@ def settle(
     servo takes its tool as `known`, if not as it is."""
     rig, plant = seen_by_points(seed, settings)
     rig.show_target()
-    target = teach(plant)
+    target = teach(plant, SHOWN)
     rig.go_home()
     servo = Servo(settings.mechanism, known or settings.tool, FAST_FIT, FAST_LAW)
     witness, ticks = Witness(rig), list[Tick]()

@@ -1,0 +1,208 @@
+"""Commands, options and TOML keys of README and of every page in docs: they exist."""
+
+import re
+import tomllib
+from collections.abc import Collection, Iterator
+from dataclasses import fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from conftest import ROOT
+from rcmservo.app.cli import COMMANDS, options_kind
+from rcmservo.app.command_line import options
+from rcmservo.app.studies.tune import TuneOptions, _tuning
+from rcmservo.config.kinds import MECHANISMS, TOOLS
+from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.guard.gate import Gate
+from rcmservo.guard.thresholds import Thresholds
+from rcmservo.hardware.devices import ARMS, CAMERAS
+from rcmservo.sim import Drive, Look, SceneSettings
+from rcmservo.sim.rig_file import CameraSection, rig_settings
+from rcmservo.study.plan.file import StudyFile, load, plan_of
+from rcmservo.tracking import MarkerLook
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+IDS = [path.stem for path in PAGES]
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
+SPAN = re.compile(r"(`+)(.+?)\1", re.S)
+OPTION = re.compile(r"(?<![\w-])--[a-z][\w.*-]*")
+END = re.compile(r"\s(?:\||&&|;|#)\s|;\s|$")
+"""Where a command ends on its line."""
+SECTIONS: dict[str, list[type[Any]]] = {
+    "mechanism": list(MECHANISMS.values()),
+    "tool": list(TOOLS.values()),
+    "markers": [MarkerLook],
+    "gate": [Gate],
+    "thresholds": [Thresholds],
+    "arm": list(ARMS.values()),
+    "camera": [CameraSection, *CAMERAS.values()],
+    "drive": [Drive],
+    "look": [Look],
+    "scene": [SceneSettings],
+}
+"""The classes of every section of a rig file."""
+SCRIPT = re.compile(r"(?:benchmarks|docs|examples)/[\w/]+\.py")
+"""A program of the repository that is no command."""
+KEY = re.compile(rf"({'|'.join(SECTIONS)})\.(\w+)(?:\[\d\])?")
+"""A setting of a rig file as sentences name it."""
+
+
+@cache
+def options_of(command: str) -> frozenset[str]:
+    """All options of a command."""
+    made = {one.name for one in options.options_of(options_kind(command, []))}
+    made |= {"--help", "--help-all", "--version"}
+    return frozenset(made | {f"--no-{one[2:]}" for one in made})
+
+
+def is_option(option: str, command: str | None) -> bool:
+    """Whether a command has an option, or any command where none is named; `--gate.*` stands for
+    options that begin so."""
+    known = [one for name in ([command] if command else COMMANDS) for one in options_of(name)]
+    if option.endswith("*"):
+        return any(one.startswith(option[:-1]) for one in known)
+    return option in known
+
+
+def pieces(text: str) -> Iterator[str]:
+    """The lines of the code blocks of a page, continued ones as one, and its code spans."""
+    for language, block in FENCE.findall(text):
+        if language in ("sh", ""):
+            yield from block.replace("\\\n", " ").splitlines()
+    for _, span in SPAN.findall(FENCE.sub("", text)):
+        yield " ".join(span.split())
+
+
+def of_script(path: Path) -> set[str]:
+    """The options of a script: those that it spells out, and the fields of its settings."""
+    source = path.read_text()
+    names = re.findall(r"^    (\w+): ", source, re.M)
+    return {*OPTION.findall(source), *(f"--{name.replace('_', '-')}" for name in names)}
+
+
+def of_others(text: str) -> set[str]:
+    """The options of other programs that a page shows: of the repository's scripts that it names,
+    and of what it runs."""
+    scripts = {ROOT / name for name in SCRIPT.findall(text)}
+    found = {one for path in scripts if path.exists() for one in of_script(path)}
+    told = [one for one in pieces(text) if not one.startswith("--") and "rcmservo" not in one]
+    return found | {option for one in told for option in OPTION.findall(one)}
+
+
+def unknown(piece: str, others: Collection[str] = ()) -> list[str]:
+    """The commands and options of a piece of code that do not exist; [] of another program's.
+    An option without a command may be of `others`."""
+    words = piece.removeprefix("$ ").split()
+    while words and re.fullmatch(r"[A-Z_]+=\S*|nice|exec", words[0]):
+        words.pop(0)
+    if not words:
+        return []
+    if words[0].rpartition("/")[2] == "rcmservo":
+        words.pop(0)
+        if words and not words[0].startswith("-") and words[0] not in COMMANDS:
+            return [] if re.fullmatch(r"[A-Z]+|…|\.\.\.", words[0]) else [words[0]]
+    elif words[0] not in COMMANDS and not words[0].startswith("--"):
+        return []
+    command = words[0] if words and words[0] in COMMANDS else None
+    rest = " ".join(words)
+    end = END.search(rest)
+    assert end is not None
+    found = [one.rstrip(".") for one in OPTION.findall(rest[: end.start()])]
+    known = () if command else others
+    return [one for one in found if one not in known and not is_option(one, command)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_every_command_and_option_of_a_page_exists(page: Path) -> None:
+    text = page.read_text()
+    others = of_others(text)
+    wrong = {piece: found for piece in pieces(text) if (found := unknown(piece, others))}
+    assert wrong == {}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_every_script_that_a_page_runs_exists_and_has_the_options_that_it_is_given(
+    page: Path,
+) -> None:
+    for piece in pieces(page.read_text()):
+        script = SCRIPT.search(piece)
+        if script is not None:
+            assert (ROOT / script[0]).exists(), piece
+            assert set(OPTION.findall(piece)) <= of_script(ROOT / script[0]), piece
+
+
+@pytest.mark.parametrize(
+    ("piece", "found"),
+    [
+        ("--estimator.gamma 0.01", ["--estimator.gamma"]),
+        ("--flow.gamma 0.01", []),
+        ("rcmservo run --seeds 3", ["--seeds"]),
+        (".venv/bin/rcmservo run --seed 3 | tee --append log", []),
+        ("rcmservo runs", ["runs"]),
+        ("live --fault help", ["--fault"]),
+        ("emulate galil --fault help", []),
+        ("--gate.*", ["--gate.*"]),
+        ("--controller.*", []),
+        ("run --no-video", []),
+        ("python benchmarks/soak.py --minutes 3", []),
+    ],
+)
+def test_an_option_that_does_not_exist_is_found(piece: str, found: list[str]) -> None:
+    assert unknown(piece) == found
+
+
+def test_blocks_and_spans_of_a_page_are_all_read() -> None:
+    text = (
+        "`a\n b` and ``c `d` ``\n```sh\nrcmservo run \\\n  --seed 1\n```\n```toml\nx = `1`\n```\n"
+    )
+    assert list(pieces(text)) == ["rcmservo run    --seed 1", "a b", "c `d`"]
+
+
+BLOCKS = [
+    pytest.param(block, id=f"{path.stem}-{number}")
+    for path in PAGES
+    for number, (language, block) in enumerate(FENCE.findall(path.read_text()))
+    if language == "toml"
+]
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_every_file_of_a_page_can_be_read_with_all_of_its_keys(block: str, tmp_path: Path) -> None:
+    path = tmp_path / "file.toml"
+    path.write_text(block)
+    tables = tomllib.loads(block)
+    if "search" in tables:
+        assert _tuning(TuneOptions(path)).axes
+    elif tables.keys() & {f.name for f in fields(StudyFile)}:
+        assert plan_of(load(path), {}).cells
+    else:
+        read(load_lab(path))
+
+
+def read(lab: Lab) -> None:
+    """Read all sections of a rig file."""
+    for name, kinds in (("arm", ARMS), ("camera", CAMERAS)):
+        if name in lab.devices:
+            lab.device(name, kinds)
+    rig_settings(lab)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_every_setting_of_a_rig_file_that_a_page_names_exists(page: Path) -> None:
+    named = [found for one in pieces(page.read_text()) if (found := KEY.fullmatch(one))]
+    assert [one[0] for one in named if not is_key(one[1], one[2])] == []
+
+
+def is_key(section: str, key: str) -> bool:
+    """Whether a section of a rig file has a key."""
+    if key == "kind" or (section == "mechanism" and key in ("lower", "upper")):
+        return True
+    return any(key in {f.name for f in fields(kind)} for kind in SECTIONS[section])
+
+
+def test_the_pages_hold_commands_and_files() -> None:
+    assert len(PAGES) > 8 and len(BLOCKS) >= 5
+    assert sum("rcmservo " in one for path in PAGES for one in pieces(path.read_text())) > 30
