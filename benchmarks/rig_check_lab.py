@@ -11,10 +11,11 @@ import numpy as np
 from rcmservo.bringup.check import CheckReport, check
 from rcmservo.bringup.motion import Mover
 from rcmservo.bringup.wiring import Robot, Wiring
+from rcmservo.errors import Stopped
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Command, Floats, Frame, Measured
-from rcmservo.live.lab import CameraAccount, Stopped
+from rcmservo.live.lab import CameraAccount
 from rcmservo.method.kinematics import Kinematics, PitchYawRcm, SphericalRcm
 from rcmservo.method.tool import RigidTool
 from rcmservo.sim import Rig, RigSettings

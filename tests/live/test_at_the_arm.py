@@ -22,9 +22,9 @@ from rcmservo.app.lab.at_the_arm import (
 )
 from rcmservo.config.rig_file import Lab
 from rcmservo.config.target_file import save
-from rcmservo.errors import UnusableFile
+from rcmservo.errors import Stopped, UnusableFile
 from rcmservo.interfaces import Floats, Measured, Target
-from rcmservo.live.lab import NotReady, Stopped
+from rcmservo.live.lab import NotReady
 from rcmservo.live.servo_process import HeartbeatPlant
 from rcmservo.loop.clock import Punctuality, WallClock
 from rcmservo.method.tool import RigidTool

@@ -24,8 +24,9 @@ from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.wiring import Finding, Robot, Wiring
 from rcmservo.config.checked import digest_of, is_checked, note_checked
 from rcmservo.config.rig_file import Lab
+from rcmservo.errors import Stopped
 from rcmservo.interfaces import Frame, Measured
-from rcmservo.live.lab import CameraAccount, Stopped
+from rcmservo.live.lab import CameraAccount
 from stalls import undisturbed
 
 

@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from rcmservo.live.lab import Stopped
+from rcmservo.errors import Stopped
 from rcmservo.live.told_to_end import ORDERLY, stopped_by_signals
 
 
