@@ -14,7 +14,7 @@ MOMENTS = (0.5, 2.0, 8.0)
 
 
 def main(folder: Path) -> None:
-    video = cv2.VideoCapture(str(folder / "overlay.mp4"))
+    video = cv2.VideoCapture(str(folder / "overlay.webm"))
     rate = video.get(cv2.CAP_PROP_FPS)
     pictures = []
     for moment in MOMENTS:
