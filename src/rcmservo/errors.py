@@ -1,6 +1,8 @@
 """What can go wrong because of what a person gave us: one base class, subclasses that carry the
 data."""
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import PurePath
 
 
@@ -43,6 +45,26 @@ class UnusableFile(RcmServoError):
     def __init__(self, path: object, why: str) -> None:
         super().__init__(f"{path}: {why}")
         self.path, self.why = path, why
+
+
+class NotInstalled(RcmServoError, ModuleNotFoundError):
+    """A package that is missing, and the command that installs it with an extra of rcmservo."""
+
+    def __init__(self, user: str, package: str | None, extra: str) -> None:
+        command = f"pip install -e '.[{extra}]'"
+        why = f"{user} needs {package}, which is not installed"
+        super().__init__(f"{why}: run {command} in the clone of rcmservo")
+
+
+@contextmanager
+def needing(user: str, extra: str) -> Generator[None]:
+    """Raise :class:`NotInstalled` if `user` imports a package that only the extra installs."""
+    try:
+        yield
+    except NotInstalled:
+        raise
+    except ModuleNotFoundError as error:
+        raise NotInstalled(user, error.name, extra) from error
 
 
 def require(good: bool, field: str, value: object, right: str) -> None:
