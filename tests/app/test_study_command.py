@@ -318,8 +318,8 @@ def test_what_is_not_installed_is_told_with_the_command_that_installs_it(
     made = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (made.returncode, made.stdout) == (2, "")
     assert made.stderr == (
-        f"rcmservo: studies need more than is installed, {package} among it: pip install "
-        "'rcmservo[study]'\n"
+        f"rcmservo: a study needs {package}, which is not installed: run "
+        "pip install -e '.[study]' in the clone of rcmservo\n"
     )
     assert not Path("runs").exists()
 

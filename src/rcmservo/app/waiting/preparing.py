@@ -1,4 +1,4 @@
-"""What a command needs before it starts: the simulator installed, and the kernels compiled."""
+"""Progress of the compilation of the kernels, before a command starts."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -10,7 +10,6 @@ from rich.text import Text
 
 from rcmservo.app.terminal import is_alive
 from rcmservo.compiled import parts
-from rcmservo.errors import RcmServoError
 
 STEP = 20
 """Parts after which a lasting line is printed where no live line is seen."""
@@ -43,15 +42,3 @@ def compiling(line: Live) -> Generator[None]:
     """Tell on a live line what is compiled in here."""
     with event.install_listener("numba:compile", Compiling(line)):
         yield
-
-
-@contextmanager
-def simulator(command: str) -> Generator[None]:
-    """Import what simulates in here: where it is not installed, that is one sentence."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise RcmServoError(
-            f"{command} needs the simulator, and {error.name} is not installed: pip install "
-            f"'rcmservo[sim]'"
-        ) from error
