@@ -47,6 +47,7 @@ def test_python_names_the_command_that_installs_what_is_missing(
         ("mujoco", "live", "sim"),
         ("mujoco", "paper", "sim"),
         ("mujoco", "emulate galil", "sim"),
+        ("mujoco", "serve", "sim"),
         ("nicegui", "serve", "page"),
         ("optuna", "tune search.toml", "study"),
     ],

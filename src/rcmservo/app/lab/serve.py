@@ -16,6 +16,7 @@ from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -86,6 +87,7 @@ def serve(options: ServeOptions) -> int:
     right = "a whole number from 0 to 65534"
     require(0 <= (options.port or 0) < 65535, "--port", options.port, right)
     with needing("serve", "page"):
+        import_module("rcmservo.page.web.page_process")  # imports NiceGUI before anything compiles
         from rcmservo.page.web.token_file import token_for
     token = token_for(options.host, options.token_file)
     data = b"" if options.rig is None else bytes_of(options.rig)
@@ -96,12 +98,13 @@ def serve(options: ServeOptions) -> int:
         require(options.seed == 0, "--seed", options.seed, right)
         require_devices(lab, options.rig, digest := digest_of(data))
         job = HardwareJob(servo, options.estimator, LONGEST, lab, options.rig, digest, Path())
-        with needing("serve", "page"):
-            from rcmservo.app.lab.page_rig import hardware
+        from rcmservo.app.lab.page_rig import hardware
+
         return _kept(options, token, "serve-hardware", servo, hardware(job))
     with needing("serve", "sim"):
-        name, devices = f"serve-seed{options.seed}", _bench(options, lab, servo)
-        return _kept(options, token, name, servo, devices)
+        import_module("rcmservo.sim.processes.bench")
+    devices = _bench(options, lab, servo)
+    return _kept(options, token, f"serve-seed{options.seed}", servo, devices)
 
 
 def _kept(
@@ -125,6 +128,7 @@ def _kept(
 def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
     """The simulated arm and its camera."""
     from rcmservo.app.simulated_run.target import setup_of
+    from rcmservo.page.settings import Chosen
     from rcmservo.sim.processes.bench import Bench
     from rcmservo.sim.processes.trouble import Mischief, menu
     from rcmservo.sim.processes.trouble import chosen as trouble_of
@@ -132,8 +136,6 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
     from rcmservo.sim.rig import Rig
     from rcmservo.sim.rig_file import rig_settings
 
-    with needing("serve", "page"):
-        from rcmservo.page.settings import Chosen
     chosen = Chosen(servo)
     with Bench(options.seed, rig_settings(lab)) as bench:
 
@@ -165,9 +167,9 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
 
 def _serve(options: ServeOptions, behind: Behind, folder: Path, token: str) -> None:
     """Have the page served, and run sessions beside it."""
-    with needing("serve", "page"):
-        from rcmservo.page.desk import Desk
-        from rcmservo.page.sessions import Sessions
+    from rcmservo.page.desk import Desk
+    from rcmservo.page.sessions import Sessions
+
     desk, numbers = Desk(get_context("spawn")), itertools.count(1)
 
     def session() -> Session:
