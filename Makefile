@@ -1,14 +1,16 @@
-# Two commands do everything on a fresh machine with python3 >= 3.11, python3-venv, make and git:
-#   make run       sets up .venv for the main job, and does it
-#   make test      adds what checks the code, and runs the tests but for the slow ones
-# and beyond them
-#   make test-all  runs the slow tests too, and reports a short live run
-#   make peers     adds other people's clients that tests run, which are skipped without them
+# On a fresh machine with python3 >= 3.11, python3-venv, make and git each command installs what it
+# needs into .venv, once:
+#   make run       the simulator and the operator's page, and runs the main job
+#   make test      runs the tests except the slow ones
+#   make check     runs formatter, linters and type checker, at the versions that pyproject.toml names
+#   make test-all  runs the slow tests, and reports a short live run
+#   make peers     installs other people's clients for the tests that are skipped without them
 #   make studies   runs the studies behind docs/how_to_choose.md, and writes that page, in 16 minutes
 #   make bench     measures everything at length, for about two hours
 .PHONY: run test test-all check peers studies bench
 BIN := .venv/bin
 RUNNING := .venv/.running
+STUDYING := .venv/.studying
 TESTING := .venv/.testing
 PARALLEL := -n 2 --dist loadfile --no-loadscope-reorder
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile
@@ -17,7 +19,7 @@ run: $(RUNNING)
 	$(BIN)/rcmservo run
 
 # Tests in wall time want the machine to themselves.
-test: check
+test: $(TESTING)
 	$(BIN)/pytest $(PARALLEL) -m 'not slow and not alone'
 	$(BIN)/pytest -m 'alone and not slow'
 
@@ -34,7 +36,7 @@ peers: $(TESTING)
 	$(PIP) --upgrade --target .peers 'polars>=1.20,<3'
 
 # They go on where they stopped; the page is not written where they no longer bear a sentence of it.
-studies: $(RUNNING)
+studies: $(STUDYING)
 	$(BIN)/python docs/make_studies.py
 
 check: $(TESTING)
@@ -77,8 +79,12 @@ bench: $(TESTING)
 
 $(RUNNING): pyproject.toml
 	python3 -m venv .venv
-	$(PIP) -e '.[sim,video,page,study]'
+	$(PIP) -e '.[sim,page]'
 	touch $(RUNNING)
+
+$(STUDYING): $(RUNNING)
+	$(PIP) -e '.[study]'
+	touch $(STUDYING)
 
 $(TESTING): $(RUNNING)
 	$(PIP) -e '.[dev]'

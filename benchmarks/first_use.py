@@ -140,7 +140,7 @@ def first_use(env: dict[str, str], folder: Path) -> float:
 def fetched(env: dict[str, str], folder: Path) -> None:
     """Have pip fetch what it will need."""
     subprocess.run([sys.executable, "-m", "venv", folder], check=True)
-    install = folder / "bin/pip", "install", "--quiet", "--no-compile", f"{ROOT}[sim,video,page]"
+    install = folder / "bin/pip", "install", "--quiet", "--no-compile", f"{ROOT}[sim,page]"
     subprocess.run(install, env=env, check=True)
 
 

@@ -3,6 +3,8 @@
 
 python docs/make_film.py        writes page.jpg and page.mp4 beside this file
 
+MP4 is written by PyAV, which nothing else needs: `pip install -e '.[dev,mp4]'` installs it.
+
 The film runs as time did: enable, teach, jog away, go back, stop. The gain is a sixth of the
 built-in one, so that the way can be seen, and the camera has half the rate, as the browser draws on
 the same processors.

@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -146,6 +147,16 @@ def anchors(page: Path) -> set[str]:
     return {text.replace(" ", "-") for text in words}
 
 
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+NAMED = re.compile(r"(?<![\w./-])(?:benchmarks|docs|examples|tests)/[\w./-]*\w")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_file_of_the_repository_that_a_page_names_exists(page: Path) -> None:
+    named = set(NAMED.findall(page.read_text()))
+    assert sorted(name for name in named if not (ROOT / name).exists()) == []
+
+
 def test_the_table_of_causes_is_that_of_the_code() -> None:
     rows = re.findall(
         r"^\| `(\w+)` \| (\w+) \| (.*?) \| (.*?) \|$", (ROOT / "docs/faults.md").read_text(), re.M
@@ -158,11 +169,22 @@ def test_the_table_of_causes_is_that_of_the_code() -> None:
     assert rows == told
 
 
+def test_the_checkers_have_one_version_each_and_the_tests_do_without_them() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    dev = {re.split(r"[\[=<>~!]", one)[0]: one for one in project["optional-dependencies"]["dev"]}
+    for name in "ruff", "pyright", "import-linter":
+        assert re.search(r"[=~]=\d+\.\d+\.?\d*$", dev[name]), dev[name]
+    rules = re.findall(r"^([\w-]+):.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.M)
+    calls = {name: re.findall(r"ruff|pyright|lint-imports", body) for name, body in rules}
+    assert set(calls["check"]) == {"ruff", "pyright", "lint-imports"} and calls["test"] == []
+
+
 def test_the_set_up_commands_are_targets_of_the_makefile_and_ci_calls_the_test_command() -> None:
     assert set(COMMANDS) >= SET_UP
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M)
     assert {command.split()[1] for command in SET_UP} <= set(targets)
-    assert "make test" in (ROOT / ".ci/run").read_text()
+    called = re.findall(r"^make ([\w-]+)$", (ROOT / ".ci/run").read_text(), re.M)
+    assert called == ["peers", "check", "test", "test-all"]
 
 
 def test_the_page_of_the_paper_names_every_experiment() -> None:

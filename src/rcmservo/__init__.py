@@ -4,6 +4,8 @@ camera."""
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from rcmservo.errors import needing
+
 if TYPE_CHECKING:
     from rcmservo.public import *  # noqa: F403
 
@@ -19,7 +21,8 @@ OF_STUDY = ("bound",)
 def __getattr__(name: str) -> Any:
     """Load a public name on its first use, so that the command line starts at once."""
     if name in FOLDERS:
-        return importlib.import_module(f"rcmservo.{name}")
+        with needing(f"rcmservo.{name}", "sim"):
+            return importlib.import_module(f"rcmservo.{name}")
     if name in OF_STUDY:
         return getattr(importlib.import_module("rcmservo.study"), name)
     public = importlib.import_module("rcmservo.public")

@@ -2,7 +2,8 @@
 data."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
+from contextlib import contextmanager
 from pathlib import PurePath
 
 
@@ -49,6 +50,26 @@ class UnusableFile(RcmServoError):
 
 class Stopped(RcmServoError):
     """Something that was told to end before it was done."""
+
+
+class NotInstalled(RcmServoError, ModuleNotFoundError):
+    """A package that is missing, and the command that installs it with an extra of rcmservo."""
+
+    def __init__(self, user: str, package: str | None, extra: str) -> None:
+        command = f"pip install -e '.[{extra}]'"
+        why = f"{user} needs {package}, which is not installed"
+        super().__init__(f"{why}: run {command} in the clone of rcmservo")
+
+
+@contextmanager
+def needing(user: str, extra: str) -> Generator[None]:
+    """Raise :class:`NotInstalled` if `user` imports a package that only the extra installs."""
+    try:
+        yield
+    except NotInstalled:
+        raise
+    except ModuleNotFoundError as error:
+        raise NotInstalled(user, error.name, extra) from error
 
 
 def require(good: bool, field: str, value: object, right: str) -> None:

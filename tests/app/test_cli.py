@@ -73,7 +73,7 @@ def test_run_prints_one_json_object_and_nothing_else(
     assert metrics["explore"]["time_s"] <= 3.0
     assert metrics["explore"]["max_excursion_mm"] <= 10.0
     assert metrics == strict((tmp_path / "metrics.json").read_text())
-    assert not (tmp_path / "overlay.mp4").exists()
+    assert not (tmp_path / "overlay.webm").exists()
 
 
 def test_a_settled_run_ends_with_0_and_leaves_record_figures_and_video(
@@ -83,7 +83,7 @@ def test_a_settled_run_ends_with_0_and_leaves_record_figures_and_video(
     assert code == 0
     for name in ("errors.png", "estimate.png"):
         assert cv2.imread(str(folder / name)) is not None
-    video = cv2.VideoCapture(str(folder / "overlay.mp4"))
+    video = cv2.VideoCapture(str(folder / "overlay.webm"))
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == pytest.approx(7 * 60, abs=3)
     assert (video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)) == (640, 480)
     assert not list(folder.glob("*.part"))
@@ -248,10 +248,10 @@ def test_a_video_that_cannot_be_written_is_removed_and_told_and_the_run_goes_on(
     assert main(["run", "--duration", "2", "--teaching-frames", "30", "--out", str(tmp_path)]) == 1
     assert (
         "not filmed" in (said := capsys.readouterr().out)
-        and "overlay.mp4 could not be written" in said
+        and "overlay.webm could not be written" in said
     )
     assert "was removed" in strict((tmp_path / "metrics.json").read_text())["not_filmed"]
-    assert not (tmp_path / "overlay.mp4").exists() and (tmp_path / RECORD).exists()
+    assert not (tmp_path / "overlay.webm").exists() and (tmp_path / RECORD).exists()
 
 
 @pytest.mark.slow

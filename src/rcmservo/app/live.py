@@ -22,10 +22,10 @@ from rcmservo.app.parse import OptionalPath
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.simulated_run.metrics import FeatureError, number
 from rcmservo.app.terminal import console, result_table, unit
-from rcmservo.app.waiting.preparing import compiling, simulator
+from rcmservo.app.waiting.preparing import compiling
 from rcmservo.config.checked import digest_of
 from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
-from rcmservo.errors import require
+from rcmservo.errors import needing, require
 from rcmservo.live.reports import LiveResult
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
@@ -114,7 +114,7 @@ def live(options: LiveOptions) -> int:
     for name, path in (("--target", options.target), ("--save-target", options.save_target)):
         right = "left out where no [arm] is given: a simulated arm is shown its target"
         require(path is None, name, path, right)
-    with simulator("live"), new_folder(options.out, f"live-seed{options.seed}") as folder:
+    with needing("live", "sim"), new_folder(options.out, f"live-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
         out.print(words, style="dim", soft_wrap=True)
         metrics = _run(options, lab, folder, out)

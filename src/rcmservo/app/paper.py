@@ -10,11 +10,10 @@ from rcmservo.app.folders import dated
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.servo_options import OptionalEstimator
 from rcmservo.app.terminal import console
-from rcmservo.app.waiting.preparing import simulator
 from rcmservo.app.waiting.progress import going_on, progress
 from rcmservo.config.own_code import source
 from rcmservo.config.rig_file import Lab
-from rcmservo.errors import require
+from rcmservo.errors import needing, require
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.servo.own_estimator import examine
@@ -56,7 +55,7 @@ class PaperOptions:
 def paper(options: PaperOptions) -> int:
     """Run what is not done yet, and write the report; the exit code is 0 where nothing is missing
     in it."""
-    with simulator("paper"):
+    with needing("paper", "sim"):
         from rcmservo.experiments.harness import paper, report
     out = console()
     folder = options.out or dated("paper")

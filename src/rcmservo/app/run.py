@@ -14,9 +14,9 @@ from rcmservo.app.parse import OptionalPath
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.simulated_run.told import Story, show_run
 from rcmservo.app.terminal import console
-from rcmservo.app.waiting.preparing import compiling, simulator
+from rcmservo.app.waiting.preparing import compiling
 from rcmservo.config.rig_file import Lab, load_lab, told_with
-from rcmservo.errors import require
+from rcmservo.errors import needing, require
 from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def run(options: RunOptions) -> int:
     """Run, write the folder, print the result; the exit code is 0 where it settled."""
     _check(options)
     lab = load_lab(options.rig) if options.rig else Lab()
-    with simulator("run"):
+    with needing("run", "sim"):
         from rcmservo.sim.disturb import describe
     if "help" in options.disturb:
         print(describe())

@@ -125,8 +125,9 @@ class Length:
 
     def mm(self, guess: Guess) -> float:
         """What the ruler shows if a guess is true."""
-        here, there = self.between(guess)
-        return float(round(np.linalg.norm(there - here), 6))
+        between = self.between(guess)
+        way: Floats = between[1] - between[0]
+        return float(round(np.linalg.norm(way), 6))
 
     def off(self, guess: Guess, measured: float) -> float:
         """By which share something else was measured."""
@@ -178,8 +179,9 @@ def _ways(left: list[Guess], robot: Robot, q: Floats, joint: int, way: float) ->
     """mm that marker 2 goes when a joint goes so far, if each of these is true; HARDLY at least."""
     there = np.stack([q, q])
     there[1, joint] += way
-    seconds = (places(one, robot, there, q, one.size)[:, 1] for one in left)
-    return np.array([max(float(np.linalg.norm(to - at)), HARDLY) for at, to in seconds])
+    both = (places(one, robot, there, q, one.size)[:, 1] for one in left)
+    ways: list[Floats] = [second[1] - second[0] for second in both]
+    return np.array([max(float(np.linalg.norm(way)), HARDLY) for way in ways])
 
 
 def _by_how_far(

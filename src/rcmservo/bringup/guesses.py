@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rcmservo.bringup.view import Fit, Views, fitted
 from rcmservo.bringup.wiring import Order, Robot, Wiring
@@ -165,6 +166,13 @@ def judged(guess: Guess, robot: Robot, seen: Views) -> Weighed:
     return _sized(guess, fit)
 
 
+def _travel_over_distance(at: Floats, far: NDArray[np.bool_]) -> float:
+    """The travel of the markers (n, 2, ...), over their first distance from each other."""
+    first: Floats = at[0]
+    between: Floats = first[1] - first[0]
+    return np.linalg.norm(at - first, axis=2).max(axis=1)[far].sum() / np.linalg.norm(between)
+
+
 def _at_a_glance(guess: Guess, robot: Robot, seen: Views) -> float:
     """The logarithm of the factor by which a joint's motion looks larger than the file says, seen
     against the distance between the markers; 0 where that is about 1. It may lie across the line of
@@ -172,11 +180,7 @@ def _at_a_glance(guess: Guess, robot: Robot, seen: Views) -> float:
     usual = places(guess, robot, seen.q, seen.q[0], 0.0)
     moved = np.abs(seen.q - seen.q[0])[:, guess.joint]
     far = moved > 0.5 * moved.max()
-    said, shown = (
-        np.linalg.norm(at - at[0], axis=2).max(axis=1)[far].sum()
-        / np.linalg.norm(at[0, 1] - at[0, 0])
-        for at in (usual, seen.points)
-    )
+    said, shown = (_travel_over_distance(at, far) for at in (usual, seen.points))
     size = float(np.log(shown / said)) if said > 0.0 and shown > 0.0 else 0.0
     return size if abs(size) > GLANCE else 0.0
 

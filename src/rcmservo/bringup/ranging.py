@@ -145,7 +145,7 @@ class Ranging:
 
     def _mm_per_px(self) -> float:
         """As the distance between the markers shows it, that lie across the line of sight."""
-        between = self.sights[0].points[1] - self.sights[0].points[0]
+        between: Floats = self.sights[0].points[1] - self.sights[0].points[0]
         first = self.robot.first(self.start)
         apart = np.linalg.norm(self.robot.tool.second_marker(first) - first)
         return float(apart / np.linalg.norm(between))
@@ -177,8 +177,9 @@ class Ranging:
         if one.guess.wrong == COUNTS:
             longer = one.guess.size + DEVIATIONS * one.guess.within
             sizes = [min(size, LONGEST) for size in (one.guess.size, longer)]
-        at = [places(one.guess, self.robot, q, self.start, size)[:, 1] for size in sizes]
-        return max(float(np.linalg.norm(there - here)) for here, there in at)
+        both = [places(one.guess, self.robot, q, self.start, size)[:, 1] for size in sizes]
+        ways: list[Floats] = [second[1] - second[0] for second in both]
+        return max(float(np.linalg.norm(way)) for way in ways)
 
     def _clear(self) -> bool:
         """Whether one guess is left, and if it needs no wrong number, all numbers are known well

@@ -32,6 +32,7 @@ from rcmservo.experiments.harness.lab.tally import (
     Tally,
     runs_of,
 )
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.sentences import OURS
 from rcmservo.experiments.harness.statistics import bars, marks, percent
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
@@ -91,7 +92,7 @@ class Settings:
 class DrawnConditions:
     """The conditions of scenes drawn without asking for one."""
 
-    conditions: Floats
+    conditions: JsonFloats
     """The largest scaled condition of J along the straight way, for each scene."""
 
 

@@ -115,7 +115,8 @@ def near_way(rig: Rig, settings: Settings, seed: int) -> list[Floats]:
     while len(poses) < settings.held_out:
         aside = random.standard_normal(3)
         aside *= settings.around * random.uniform() ** (1.0 / 3.0) / np.linalg.norm(aside)
-        q = rig.body.mechanism.joints(rig.body.points(random.choice(rig.scene.way))[0] + aside)
+        on_way = np.asarray(random.choice(rig.scene.way))
+        q = rig.body.mechanism.joints(rig.body.points(on_way)[0] + aside)
         if in_picture(rig, q):
             poses.append(q)
     return poses

@@ -14,6 +14,7 @@ import numpy as np
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
 from rcmservo.experiments.harness.lab.cameras import PINHOLE, true_parameters
 from rcmservo.experiments.harness.lab.closed_loop import NOISE
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.sentences import OURS
 from rcmservo.experiments.harness.statistics import median
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
@@ -75,7 +76,7 @@ class Settings:
 class Fits:
     """The fits of half of the scenes."""
 
-    cases: dict[str, Floats]
+    cases: dict[str, JsonFloats]
     """By Γ and noise as `case` names them, (scenes, STEPS, 3): for every scene and estimator time
     what `leads` gives."""
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
 from rcmservo.experiments.harness.lab.lines import DEGREE, REFINEMENTS, Lines, markers
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.sentences import OURS
 from rcmservo.experiments.harness.statistics import rms
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
@@ -52,9 +53,9 @@ class Settings:
 class RcmErrors:
     """The errors of one way to solve for o_c, over values of one field of the lines."""
 
-    rms: Floats
+    rms: JsonFloats
     """px."""
-    bias: Floats
+    bias: JsonFloats
     """px towards the tool."""
 
 
@@ -62,7 +63,7 @@ class RcmErrors:
 class Accuracy:
     """The errors of both ways while one field of the lines varies."""
 
-    values: Floats
+    values: JsonFloats
     """Of that field (n,): H, a span in rad, or noise in px."""
     printed: RcmErrors
     """By (16) as printed."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
 from rcmservo.experiments.harness.lab.lines import DEGREE, REFINEMENTS, Lines, markers
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.sentences import OURS
 from rcmservo.experiments.harness.statistics import known, rms, told
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
@@ -57,7 +58,7 @@ class Settings:
 class Turn:
     """One slow turn."""
 
-    errors: dict[str, Floats]
+    errors: dict[str, JsonFloats]
     """px of o_c in every frame, by the way to solve for it; NaN while it cannot be."""
     gate: float | None
     """Error px of our way in the first frame that its gate on the condition of (16) lets pass."""

@@ -26,6 +26,7 @@ from rcmservo.experiments.harness.lab.streams import (
     learnt,
     stream,
 )
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.statistics import median
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures.charts import Curve, Figure, Panel, curve
@@ -73,9 +74,9 @@ class Settings:
 class Errors:
     """One error of one estimator on one stream."""
 
-    phases: Floats
+    phases: JsonFloats
     """Median in every phase."""
-    series: Floats
+    series: JsonFloats
     """Medians over pieces of the time."""
 
 
@@ -83,7 +84,7 @@ class Errors:
 class Compared:
     """Every estimator's errors on one stream."""
 
-    time: Floats
+    time: JsonFloats
     """s, the median of each piece of the series."""
     errors: dict[str, dict[str, Errors]]
     """By the names in ESTIMATORS, then by those in MEASURES."""

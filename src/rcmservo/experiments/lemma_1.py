@@ -13,6 +13,7 @@ import numpy as np
 
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
 from rcmservo.experiments.harness.lab.cameras import drawn, seen_by
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures.charts import Figure, Panel, curve
 from rcmservo.interfaces import Floats
@@ -47,11 +48,11 @@ class NineParameters:
 
     reprojection: float
     """Largest distance px from the pixels of C."""
-    five: Floats
+    five: JsonFloats
     """Scaled singular values of M for five generic points."""
-    six: dict[str, Floats]
+    six: dict[str, JsonFloats]
     """The same for six points that lie as SETS say."""
-    all: dict[str, Floats]
+    all: dict[str, JsonFloats]
     """The same for all points."""
 
 

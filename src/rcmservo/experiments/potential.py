@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
 from rcmservo.figures.charts import Figure, Panel, curve
 from rcmservo.interfaces import Floats
@@ -51,15 +52,15 @@ class Settings:
 class Reading:
     """One reading of (32)."""
 
-    V: Floats
+    V: JsonFloats
     """V px² of one component at every error sampled, with the bound of Fig. 5."""
-    gradient: Floats
+    gradient: JsonFloats
     """∂V/∂y px of that component there."""
     jump: float
     """Largest step of the gradient, px."""
     V_jump: float
     """Largest step of V, px²."""
-    error: Floats
+    error: JsonFloats
     """px over time under (33)."""
     time_to_small: float
     """s until the error counts as gone."""
@@ -69,7 +70,7 @@ class Reading:
 class PotentialAction:
     """Both readings of (32)."""
 
-    deltas: Floats
+    deltas: JsonFloats
     """Errors px (n,) at which V and its gradient are sampled."""
     continuous: Reading
     """As Fig. 5 shows the action; our default."""

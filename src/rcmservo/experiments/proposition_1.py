@@ -13,6 +13,7 @@ import numpy as np
 
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
 from rcmservo.experiments.harness.lab.cameras import drawn, seen_by
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.sentences import OURS
 from rcmservo.experiments.harness.statistics import median
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
@@ -66,9 +67,9 @@ class Settings:
 class FallOfU:
     """What rule (21) did with one Γ before one camera."""
 
-    time: Floats
+    time: JsonFloats
     """s."""
-    U: Floats
+    U: JsonFloats
     """Over U(0)."""
     rise: float
     """Largest between two moments, of U(0)."""

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.experiments.harness.claims import Chapter, Claim, Shown
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.sentences import OURS
 from rcmservo.experiments.harness.statistics import median
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
@@ -52,9 +53,9 @@ class Settings:
 class FallOfR:
     """R_i of (29) along the flow rule at one speed."""
 
-    path: Floats
+    path: JsonFloats
     """mm."""
-    R: Floats
+    R: JsonFloats
     """Mean over i of R_i/R_i(0)."""
     rise: float
     """How far an R_i gets above its running minimum, in R_i(0), at most."""
@@ -156,7 +157,8 @@ def fall_of_R(way: LoopWay, settings: Settings, speed: float) -> FallOfR:
     for k in range(count):
         i = k % len(lengths)
         J_hat = learn(J_hat, way.dp[i], way.dy[i], lengths[i] / speed, settings.gamma)
-        R.append(np.sum((J_hat - way.J[i]) ** 2, axis=1))
+        off: Floats = J_hat - way.J[i]
+        R.append(np.sum(off**2, axis=1))
         along.append(along[-1] + float(lengths[i]))
     return _descent(np.array(along), np.array(R) / R[0])
 

@@ -24,6 +24,7 @@ from rcmservo.experiments.harness.lab.closed_loop import (
     servo_for,
 )
 from rcmservo.experiments.harness.lab.poses import drawn_poses, pose_per_pixel
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.sentences import OURS
 from rcmservo.experiments.harness.statistics import median
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
@@ -92,7 +93,7 @@ class Visits:
     """In the order in which they were made."""
     cause: str
     """Why the last one ended early; empty if it did not."""
-    poses: Floats
+    poses: JsonFloats
     """p_d (n, 3) mm of every pose."""
     per_pixel: list[float]
     """mm by which a pixel of noise misplaces the tool at every pose."""

@@ -22,6 +22,7 @@ from rcmservo.experiments.harness.lab.closed_loop import (
     servo_for,
 )
 from rcmservo.experiments.harness.lab.witness import laboratory
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.sentences import OURS
 from rcmservo.experiments.harness.statistics import median
 from rcmservo.experiments.harness.tasks import Experiment, Results, Task
@@ -54,15 +55,15 @@ class Settings:
 class Frames:
     """What the truth says of one regulation, frame by frame while it servoes to the target."""
 
-    time: Floats
+    time: JsonFloats
     """s."""
-    least: Floats
+    least: JsonFloats
     """λ_min of the symmetric part of J Ĵ⁻¹."""
-    V_dot: Floats
+    V_dot: JsonFloats
     """Of the velocity commanded, 1/s."""
-    in_noise: Floats
+    in_noise: JsonFloats
     """|Δy| over three times its noise."""
-    off: Floats
+    off: JsonFloats
     """‖J Ĵ⁻¹ − I‖₂."""
     cause: str
     """What held the tool still at the last tick, in words; empty if nothing did."""

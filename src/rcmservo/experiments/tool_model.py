@@ -107,19 +107,21 @@ def scene(seed: int) -> ToolScene:
     rig = Rig(seed, RigSettings(scene=PINHOLE), pictures=False)
     a, o_c = true_parameters(rig)
     q = rig.scene.start
-    p1 = rig.body.points(q)[0]
+    p1: Floats = rig.body.points(q)[0]
     J, m = rig.truth.jacobian(q, o_c), about(rig.truth.pixels(q), o_c)
+    depth: Floats = J[2]
     n = p1 / np.linalg.norm(p1)
 
     def modelled(tool: Tool) -> Modelled:
         J_hat = feature_jacobian(a, p1, m, tool.shaft)
+        off: Floats = J_hat[2] - depth
         return Modelled(
             along=float(J_hat[2] @ n),
             whole=rig.truth.jacobian_error(J_hat, q, o_c),
-            row=float(np.linalg.norm(J_hat[2] - J[2]) / np.linalg.norm(J[2])),
+            row=float(np.linalg.norm(off) / np.linalg.norm(depth)),
         )
 
-    return ToolScene(float(J[2] @ n), *(modelled(tool) for tool in tools(p1)))
+    return ToolScene(float(depth @ n), *(modelled(tool) for tool in tools(p1)))
 
 
 def loop(folder: Path, settings: Settings, seed: int) -> ToolLoops:

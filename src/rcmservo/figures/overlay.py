@@ -138,7 +138,7 @@ def _tool(
         return
     path = [points[0], points[1]]
     if np.isfinite(o_c).all():
-        away = o_c - points[0]
+        away: Floats = o_c - points[0]
         path.insert(
             0, points[0] + away * min(1.0, FAR / 10.0 / max(float(np.linalg.norm(away)), 1.0))
         )

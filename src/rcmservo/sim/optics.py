@@ -160,7 +160,7 @@ class Optics:
 
         NaN where the camera is inside the sphere or the cone reaches behind the camera.
         """
-        c = self._in_camera(centre[None])[0]
+        c: Floats = self._in_camera(centre[None])[0]
         distance = np.linalg.norm(c)
         if distance <= radius:
             return np.full((OUTLINE, 2), np.nan)

@@ -10,7 +10,7 @@ import numpy as np
 from rcmservo.errors import require
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import PHASES, Phase, Request
-from rcmservo.interfaces import Target
+from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
@@ -74,7 +74,8 @@ class LaboratoryLoop:
     def note(self, phase: Phase, cause: Cause) -> None:
         """Take note of a tick whose command was sent: of a law that is no servo's too."""
         p2 = self.rig.truth.markers(self.rig.clock.now())[1]
-        self._errors.append(float(np.linalg.norm(p2 - self.p_d)))
+        away: Floats = p2 - self.p_d
+        self._errors.append(float(np.linalg.norm(away)))
         self._phases.append(PHASES.index(phase))
         self._causes.append(cause.place)
 
@@ -128,7 +129,8 @@ class Laboratory:
         """A run that nobody begins."""
         given = trial(seed, repetition, self.settings, self.duration, self.shown)
         scene, rate = given.scene, self.servo.rate
-        far = float(np.linalg.norm(scene.body.points(scene.start)[1] - given.goal.p2))
+        away: Floats = scene.body.points(scene.start)[1] - given.goal.p2
+        far = float(np.linalg.norm(away))
         n = round(self.duration * rate)
         phases = np.full(n, PHASES.index(Phase.IDLE), np.int8)
         causes = np.full(n, Cause.NONE.place, np.int8)

@@ -92,7 +92,7 @@ def row_of(asked: CellNames, settings: RigSettings, run: StudyRun) -> StudyRow:
     """The row of a run."""
     first, stops, timing, scene = run.first_within(NEAR), run.stops, settings.timing, run.scene
     depths = scene.optics.depth(np.stack([np.zeros(3), scene.body.points(scene.start)[0]]))
-    away = scene.body.points(scene.start)[0] - scene.optics.position
+    away: Floats = scene.body.points(scene.start)[0] - scene.optics.position
     return StudyRow(
         method=asked.method,
         scenes=asked.scenes,

@@ -52,7 +52,7 @@ def _starts(coarse: Image) -> Iterator[tuple[float, float, float]]:
     if min(coarse.shape) < 4:
         return
     background, spread = _background(coarse)
-    strongest = float(cv2.blur(coarse, (3, 3)).max())
+    strongest = float(np.max(cv2.blur(coarse, (3, 3))))
     for fraction in LEVELS:
         level = background + fraction * (strongest - background)
         if level > background + 2.0 * spread + 4.0:

@@ -12,9 +12,8 @@ from rcmservo.app.lab.emulate_crtk import RosOptions, emulate_crtk
 from rcmservo.app.lab.emulated_arm import EmulatedArm, send_gige, send_mjpeg
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.terminal import console
-from rcmservo.app.waiting.preparing import simulator
 from rcmservo.config.rig_file import Lab, load_lab
-from rcmservo.errors import require
+from rcmservo.errors import needing, require
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
 from rcmservo.hardware.galil.emulator.faults import KINDS, Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
@@ -70,7 +69,7 @@ def emulate(options: EmulateOptions) -> int:
     if options.device == "crtk":
         return emulate_crtk(options.crtk, options.seed, lab)
     faults = [Fault.parse(text) for text in options.fault]
-    with simulator("emulate"):
+    with needing("emulate", "sim"):
         arm = EmulatedArm(options.seed, lab)
     with arm:
         cameras: list[str] = []

@@ -8,9 +8,8 @@ from typing import Literal
 
 from rcmservo.app.lab.emulated_arm import EmulatedArm
 from rcmservo.app.terminal import console
-from rcmservo.app.waiting.preparing import simulator
 from rcmservo.config.rig_file import Lab
-from rcmservo.errors import RcmServoError
+from rcmservo.errors import RcmServoError, needing
 from rcmservo.hardware.crtk.device import STEP, CrtkDevice
 from rcmservo.hardware.crtk.messages import PICTURES, PlainImage
 from rcmservo.hardware.crtk.settings import CrtkSettings
@@ -39,7 +38,7 @@ class RosOptions:
 def emulate_crtk(options: RosOptions, seed: int, lab: Lab) -> int:
     """Be the arm until Ctrl-C; the exit code is 0."""
     where = CrtkSettings(options.namespace, options.ros, options.domain, options.interface)
-    with simulator("emulate"):
+    with needing("emulate", "sim"):
         arm = EmulatedArm(seed, lab)
     with arm, closing(opened(where.ros, where.domain, where.interface)) as transport:
         arm.offer(send_pictures, where)

@@ -16,10 +16,12 @@ from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import tyro
 from rich.live import Live
 from rich.text import Text
 
@@ -29,10 +31,10 @@ from rcmservo.app.lab.live_on_hardware import HardwareJob, require_devices
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
 from rcmservo.app.terminal import console
-from rcmservo.app.waiting.preparing import compiling, simulator
+from rcmservo.app.waiting.preparing import compiling
 from rcmservo.config.checked import digest_of
 from rcmservo.config.rig_file import Lab, bytes_of, lab_of
-from rcmservo.errors import RcmServoError, require
+from rcmservo.errors import RcmServoError, needing, require
 from rcmservo.live.child import Child
 from rcmservo.live.frame_ring import RingCamera
 from rcmservo.live.servo_process import Session
@@ -44,6 +46,8 @@ from rcmservo.servo.servo import Servo
 if TYPE_CHECKING:
     from rcmservo.page.desk import Desk
 
+OptionalPort = Annotated[int | None, tyro.conf.arg(metavar="PORT", help_behavior_hint="")]
+
 TROUBLE = "trouble.jsonl"
 """In the folder of the records: what went wrong on request, and when."""
 
@@ -53,8 +57,9 @@ class ServeOptions:
     """The operator's page in the browser: see, teach, go, stop. The arm and its camera are
     simulated, unless the rig file names an arm. It serves until Ctrl-C."""
 
-    port: int = 8080
-    """Where the page is, and at the next one STOP; 0 takes ports that are free."""
+    port: OptionalPort = None
+    """Port of the page; the next one is that of STOP. By default 8080, or the next pair of ports
+    that is free; 0 takes any that are free."""
     browser: bool = True
     """Open the page in the browser that this computer has."""
     seed: int = 0
@@ -85,8 +90,9 @@ def serve(options: ServeOptions) -> int:
     require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
     require_frames(options.teaching_frames, "--teaching-frames")
     right = "a whole number from 0 to 65534"
-    require(0 <= options.port < 65535, "--port", options.port, right)
-    with _page("serve"):
+    require(0 <= (options.port or 0) < 65535, "--port", options.port, right)
+    with needing("serve", "page"):
+        import_module("rcmservo.page.web.page_process")  # imports NiceGUI before anything compiles
         from rcmservo.page.web.token_file import token_for
     token = token_for(options.host, options.token_file)
     data = b"" if options.rig is None else bytes_of(options.rig)
@@ -96,7 +102,6 @@ def serve(options: ServeOptions) -> int:
         right = f"left out: nothing is simulated of {options.rig}"
         require(options.seed == 0, "--seed", options.seed, right)
         require_devices(lab, options.rig, digest := digest_of(data))
-        frames = options.teaching_frames
         job = HardwareJob(
             servo,
             options.estimator,
@@ -105,14 +110,15 @@ def serve(options: ServeOptions) -> int:
             options.rig,
             digest,
             Path(),
-            teaching_frames=frames,
+            teaching_frames=options.teaching_frames,
         )
-        with _page("serve"):
-            from rcmservo.app.lab.page_rig import hardware
+        from rcmservo.app.lab.page_rig import hardware
+
         return _kept(options, token, "serve-hardware", servo, hardware(job))
-    with simulator("serve"):
-        name, devices = f"serve-seed{options.seed}", _bench(options, lab, servo)
-        return _kept(options, token, name, servo, devices)
+    with needing("serve", "sim"):
+        import_module("rcmservo.sim.processes.bench")
+    devices = _bench(options, lab, servo)
+    return _kept(options, token, f"serve-seed{options.seed}", servo, devices)
 
 
 def _kept(
@@ -136,6 +142,7 @@ def _kept(
 def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
     """The simulated arm and its camera."""
     from rcmservo.app.simulated_run.target import setup_of
+    from rcmservo.page.settings import Chosen
     from rcmservo.sim.processes.bench import Bench
     from rcmservo.sim.processes.trouble import Mischief, menu
     from rcmservo.sim.processes.trouble import chosen as trouble_of
@@ -143,8 +150,6 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
     from rcmservo.sim.rig import Rig
     from rcmservo.sim.rig_file import rig_settings
 
-    with _page("serve"):
-        from rcmservo.page.settings import Chosen
     chosen = Chosen(servo)
     with Bench(options.seed, rig_settings(lab)) as bench:
 
@@ -176,9 +181,9 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
 
 def _serve(options: ServeOptions, behind: Behind, folder: Path, token: str) -> None:
     """Have the page served, and run sessions beside it."""
-    with _page("serve"):
-        from rcmservo.page.desk import Desk
-        from rcmservo.page.sessions import Sessions
+    from rcmservo.page.desk import Desk
+    from rcmservo.page.sessions import Sessions
+
     desk, numbers = Desk(get_context("spawn")), itertools.count(1)
 
     def session() -> Session:
@@ -207,15 +212,14 @@ def _served(
     folder of the past runs that it shows."""
     from rcmservo.page.poses import PoseFolder
     from rcmservo.page.seen.shape import Shape
-    from rcmservo.page.web.doors import Doors, bound, drawn_secret, reached_at
+    from rcmservo.page.web.doors import Doors, bound_pair, drawn_secret, reached_at
     from rcmservo.page.web.page_process import serve_page
     from rcmservo.page.web.site import Site
     from rcmservo.page.web.stop_process import serve_stop
 
     context = get_context("spawn")
     with contextlib.ExitStack() as stack:
-        here = bound(options.host, options.port)
-        stop = bound(options.host, options.port and options.port + 1)
+        here, stop = bound_pair(options.host, options.port)
         port, stop_port = here.getsockname()[1], stop.getsockname()[1]
         doors = Doors(port, drawn_secret(), token)
         title, poses = f"rcmservo: {behind.title}", PoseFolder(options.poses, behind.setup)
@@ -262,15 +266,3 @@ def about(options: ServeOptions, lab: Lab, servo: Servo) -> dict[str, Any]:
         options.seed, LONGEST, options.estimator, servo, lab, Path(), teaching_frames=frames
     )
     return job.about(of, rig_settings(lab))
-
-
-@contextlib.contextmanager
-def _page(command: str) -> Generator[None]:
-    """Import the page in here: where it is not installed, that is one sentence."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise RcmServoError(
-            f"{command} needs the page, and {error.name} is not installed: pip install "
-            f"'rcmservo[page]'"
-        ) from error

@@ -150,11 +150,12 @@ def _exploration(record: Record) -> tuple[ExplorationCost, JacobianError]:
         return ExplorationCost(), JacobianError()
     explored = np.flatnonzero(record.ticks["explored"][:, 0])
     end = int(explored[0]) if len(explored) else None
-    places = p1 if end is None else p1[: end + 1]
+    places: Floats = p1 if end is None else p1[: end + 1]
+    start: Floats = places[0]
     cost = ExplorationCost(
         None if end is None else float(record.time[end]),
         float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()),
-        float(np.linalg.norm(places - places[0], axis=1).max()),
+        float(np.linalg.norm(places - start, axis=1).max()),
     )
     return cost, JacobianError(None if end is None else number(errors[end]), number(errors[-1]))
 

@@ -20,7 +20,7 @@ def video_of(job: Job, settings: RigSettings, stack: ExitStack) -> Video | None:
     if not job.video:
         return None
     video = Video(
-        job.folder / "overlay.mp4", (settings.width, settings.height), settings.timing.frame_rate
+        job.folder / "overlay.webm", (settings.width, settings.height), settings.timing.frame_rate
     )
     stack.callback(video.close)
     return video

@@ -129,7 +129,7 @@ def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> st
 
 def _video(folder: Path, loop: LaboratoryLoop) -> Video:
     size, rate = loop.rig.settings, loop.rig.settings.timing.frame_rate
-    return Video(folder / "overlay.mp4", (size.width, size.height), rate)
+    return Video(folder / "overlay.webm", (size.width, size.height), rate)
 
 
 def _filmed(loop: LaboratoryLoop, video: Video) -> Callable[[Tick], None]:

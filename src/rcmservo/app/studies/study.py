@@ -23,7 +23,7 @@ from rcmservo.app.waiting.preparing import compiling
 from rcmservo.app.waiting.progress import going_on, progress
 from rcmservo.config.kinds import ESTIMATORS, PRESETS
 from rcmservo.config.own_code import named
-from rcmservo.errors import RcmServoError, require
+from rcmservo.errors import needing, require
 from rcmservo.method.estimators.base import Estimator
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class StudyOptions:
 
 def study(options: StudyOptions) -> int:
     """Do what is not done yet, and write rows and report."""
-    with needed():
+    with needing("a study", "study"):
         from rcmservo.app.studies.seen_again import seen_again
         from rcmservo.study.plan import distribution
         from rcmservo.study.told import report
@@ -124,18 +124,6 @@ def study(options: StudyOptions) -> int:
     written = "rows, summary and report" if options.report else "rows and summary"
     out.print(f"{written} in {folder}", soft_wrap=True)
     return 0
-
-
-@contextmanager
-def needed() -> Generator[None]:
-    """Import what studies need in here: where it is not installed, that is one sentence."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise RcmServoError(
-            f"studies need more than is installed, {error.name} among it: pip install "
-            "'rcmservo[study]'"
-        ) from error
 
 
 def planned(options: StudyOptions) -> "StudyPlan":

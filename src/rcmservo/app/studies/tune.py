@@ -18,7 +18,6 @@ from rcmservo.app.studies.study import (
     OptionalInt,
     OptionalText,
     about,
-    needed,
     require_kept,
     workers_for,
 )
@@ -30,6 +29,7 @@ from rcmservo.config.files import write_whole
 from rcmservo.config.kinds import ESTIMATORS, name_of
 from rcmservo.config.own_code import named
 from rcmservo.config.rig_file import told_with
+from rcmservo.errors import needing
 
 if TYPE_CHECKING:
     from rcmservo.study.plan.method import Own, StudyMethod
@@ -70,7 +70,7 @@ class TuneSection:
 
 def tune(options: TuneOptions) -> int:
     """Search, try, and write settings and report."""
-    with needed():
+    with needing("a study", "study"):
         from rcmservo.study.told import report
         from rcmservo.study.tuning.search import best, searched
         from rcmservo.study.tuning.space import with_values

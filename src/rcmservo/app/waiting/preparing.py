@@ -1,10 +1,8 @@
-"""What a command needs before it starts: the simulator installed, and the kernels compiled."""
+"""Progress of the compilation of the kernels, before a command starts."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
-
-from rcmservo.errors import RcmServoError
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -19,15 +17,3 @@ def compiling(line: "Live") -> Generator[None]:
 
     with event.install_listener("numba:compile", Compiling(line)):
         yield
-
-
-@contextmanager
-def simulator(command: str) -> Generator[None]:
-    """Import what simulates in here: where it is not installed, that is one sentence."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise RcmServoError(
-            f"{command} needs the simulator, and {error.name} is not installed: pip install "
-            f"'rcmservo[sim]'"
-        ) from error

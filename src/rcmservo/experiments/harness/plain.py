@@ -1,21 +1,30 @@
-"""Dataclasses to plain JSON and back, by the types of their fields.
+"""Dataclasses to plain JSON, and back by the types of their fields.
 
 A single number must be finite: NaN is a measurement that failed. An array or a series may have
 gaps, which are null in JSON and NaN in memory.
 """
 
 import math
-import types
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, cast
 
 import numpy as np
+from pydantic import PlainValidator, TypeAdapter
 
 from rcmservo.config.texts import is_table
 from rcmservo.experiments.harness.claims import NotMeasured
+from rcmservo.interfaces import Floats
 
 Kind = TypeVar("Kind")
+
+
+def _array(values: Any) -> Floats:
+    return np.array(values, dtype=float)
+
+
+JsonFloats = Annotated[Floats, PlainValidator(_array)]
+"""Type of a dataclass's field with an array of numbers, which JSON holds as nested lists."""
 
 
 def plain(value: Any, where: str = "result") -> Any:
@@ -46,33 +55,5 @@ def _gaps(values: Any) -> Any:
 
 
 def built(kind: type[Kind], value: Any) -> Kind:
-    """A value of this kind from what JSON holds of it."""
-    return _built(kind, value)
-
-
-def _built(kind: Any, value: Any) -> Any:
-    origin, inner = get_origin(kind), get_args(kind)
-    if origin in (Union, types.UnionType):
-        (only,) = [one for one in inner if one is not type(None)]
-        return None if value is None else _built(only, value)
-    if origin is np.ndarray:
-        return np.array(value, dtype=float)
-    if origin is dict:
-        return {name: _built(inner[1], one) for name, one in value.items()}
-    if origin is list:
-        return [_built(inner[0], one) for one in value]
-    if origin is tuple:
-        return _tuple(inner, value)
-    return _dataclass(kind, value) if is_dataclass(kind) else kind(value)
-
-
-def _tuple(inner: Sequence[Any], value: Any) -> tuple[Any, ...]:
-    kinds = [inner[0]] * len(value) if inner[-1] is Ellipsis else inner
-    return tuple(_built(kind, one) for kind, one in zip(kinds, value, strict=True))
-
-
-def _dataclass(kind: Any, value: Any) -> Any:
-    hints = get_type_hints(kind)
-    return kind(
-        **{field.name: _built(hints[field.name], value[field.name]) for field in fields(kind)}
-    )
+    """Return a value of this kind from its form in JSON."""
+    return TypeAdapter(kind).validate_python(value)

@@ -15,7 +15,7 @@ import threading
 from importlib import import_module
 from typing import Any
 
-from rcmservo.errors import one_line
+from rcmservo.errors import NotInstalled, one_line
 from rcmservo.hardware.crtk.cdr import Malformed, packed, unpacked
 from rcmservo.hardware.crtk.messages import (
     NESTED,
@@ -55,8 +55,7 @@ def dds() -> Any:
             import_module(f"cyclonedds.{part}")
         return import_module("cyclonedds")
     except ImportError as error:
-        words = "ROS 2 needs cyclonedds, which is not installed: pip install 'rcmservo[ros2]'"
-        raise NoTransport(words) from error
+        raise NoTransport(str(NotInstalled("ROS 2", "cyclonedds", "ros2"))) from error
 
 
 @functools.cache

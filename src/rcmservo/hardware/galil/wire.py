@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from rcmservo.errors import RcmServoError, one_line, told
+from rcmservo.errors import NotInstalled, RcmServoError, one_line, told
 from rcmservo.hardware.galil.data_record import DataRecord, size_of, unpacked
 
 LONGEST_LINE = 80
@@ -99,8 +99,8 @@ class SerialStream:
         try:
             import serial
         except ImportError as error:
-            words = "pyserial is not installed: pip install 'rcmservo[hardware]'"
-            raise Lost(f"{port} cannot be opened: {words}") from error
+            missing = NotInstalled("a serial port", "pyserial", "hardware")
+            raise Lost(f"{port} cannot be opened: {missing}") from error
         self._failed = serial.SerialException
         try:
             self._wire: Any = serial.Serial(port, baud)

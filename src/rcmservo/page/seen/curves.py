@@ -76,7 +76,8 @@ class Curves:
             return
         self._next = now + EVERY
         rates = np.concatenate(self._rates(tick))
-        about = [np.linalg.norm(tick["v"]), tick["condition"][0], *rates, self._late * 1e-6]
+        v: Floats = tick["v"]
+        about = [np.linalg.norm(v), tick["condition"][0], *rates, self._late * 1e-6]
         self.samples.append([now * 1e-9, *tick["delta"], *map(float, about)])
         self.count, self._late, self._before = self.count + 1, 0, tick
 

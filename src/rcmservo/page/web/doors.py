@@ -4,6 +4,8 @@ What is fetched and each websocket must tell the secret that stands in the page;
 to it by then that no page of another origin asks.
 """
 
+import contextlib
+import errno
 import secrets
 import socket
 from dataclasses import dataclass
@@ -13,14 +15,23 @@ from starlette.requests import Request
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.errors import RcmServoError
+from rcmservo.ports import refusal
 
 HERE = "127.0.0.1"
 FORBIDDEN = 4403
 """Close code of a websocket that is not let in."""
 
 
+DEFAULT_PORT, LAST_DEFAULT_PORT = 8080, 8180
+"""Ports of the page that are tried in turn if none is given."""
+
+
 class NoPagePort(RcmServoError):
     """A port that cannot be listened on."""
+
+
+class PortTaken(NoPagePort):
+    """A port that another process listens on."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +89,32 @@ def bound(host: str, port: int) -> socket.socket:
         wire.bind((host, port))
     except OSError as error:
         wire.close()
-        raise NoPagePort(f"{host}:{port} cannot be listened on: {error.strerror}") from error
+        kind = PortTaken if error.errno == errno.EADDRINUSE else NoPagePort
+        raise kind(f"{refusal(port, error)}; --port names another") from error
     wire.listen(64)
     return wire
+
+
+def bound_pair(host: str, port: int | None) -> tuple[socket.socket, socket.socket]:
+    """Return sockets that listen on a port, for the page, and on the next one, for STOP.
+
+    Port 0 takes any two that are free; None takes `DEFAULT_PORT`, or the next pair that is free.
+    """
+    if port is not None:
+        return _bound_pair(host, port)
+    for first in range(DEFAULT_PORT, LAST_DEFAULT_PORT, 2):
+        with contextlib.suppress(PortTaken):
+            return _bound_pair(host, first)
+    return _bound_pair(host, DEFAULT_PORT)
+
+
+def _bound_pair(host: str, port: int) -> tuple[socket.socket, socket.socket]:
+    page = bound(host, port)
+    try:
+        return page, bound(host, port and port + 1)
+    except NoPagePort:
+        page.close()
+        raise
 
 
 def reached_at(host: str) -> str:

@@ -20,4 +20,5 @@ class TrueError:
         now, there = (
             self._body.points(q)[1] for q in (self._log.last()["q"], self._drive.true(shown))
         )
-        return float(np.linalg.norm(now - there))
+        away: Floats = now - there
+        return float(np.linalg.norm(away))

@@ -138,7 +138,7 @@ def _configuration(draws: Draws) -> Floats:
 
 def _near(draws: Draws, start: Floats) -> Floats | None:
     """Joints that hold marker 1 a drawn distance from where it starts, in any direction."""
-    p1 = draws.body.points(start)[0]
+    p1: Floats = draws.body.points(start)[0]
     way = draws.random.standard_normal(3)
     p1 = p1 + draws.random.uniform(*draws.settings.travel) * way / np.linalg.norm(way)
     rho, offset = float(np.linalg.norm(p1)), draws.body.tool.offset

@@ -63,7 +63,7 @@ def _with_error(body: Body, optics: Optics, q: Floats, y_d: Floats, error: Float
         J = scaled(feature_jacobian(body, optics, q, imaged_rcm(optics)))
         if not (np.isfinite(J).all() and np.linalg.cond(J) < 1e6):
             return None
-        p1 = body.points(q)[0] + np.linalg.solve(J, left / SCALE)
+        p1: Floats = body.points(q)[0] + np.linalg.solve(J, left / SCALE)
         near = body.mechanism.joints(p1 * (1.0 - body.tool.offset / np.linalg.norm(p1)))
         near[:2] += 2.0 * np.pi * np.round((q[:2] - near[:2]) / (2.0 * np.pi))
         q = near

@@ -13,15 +13,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import optuna
 
-from rcmservo.errors import require
+from rcmservo.errors import needing, require
 from rcmservo.interfaces import Floats
 from rcmservo.servo.own_estimator import UnusableEstimator
 from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.tuning.space import SearchAxis, Values, value_of, with_values
 from rcmservo.study.work.crew import Crew
 from rcmservo.study.work.go import Work
+
+with needing("a study", "study"):
+    import optuna
 
 OPTUNA: Any = optuna
 GOALS = "time", "error"

@@ -18,12 +18,13 @@ from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from typing import Any, NamedTuple
 
-import distributed
-from dask import config, system
-
-from rcmservo.errors import BadInput, RcmServoError, one_line, require
+from rcmservo.errors import BadInput, RcmServoError, needing, one_line, require
 from rcmservo.study.work.chunk import ChunkOrder, Numbers, OtherPackage, done
 from rcmservo.study.work.package import package
+
+with needing("a study", "study"):
+    import distributed
+    from dask import config, system
 
 DASK: Any = distributed
 """Dask without types: most of it has none."""

@@ -12,15 +12,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 from rcmservo.config.files import whole
-from rcmservo.errors import UnusableFile
+from rcmservo.errors import UnusableFile, needing
 from rcmservo.study.plan.plan import Chunk
 from rcmservo.study.row import MEANINGS, StudyRow
 from rcmservo.study.work.chunk import Numbers
 from rcmservo.study.work.package import package
+
+with needing("a study", "study"):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
 PA: Any = pa
 PQ: Any = pq

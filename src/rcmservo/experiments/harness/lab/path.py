@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.statistics import rms
 from rcmservo.interfaces import Floats, Target
 from rcmservo.sim import Rig
@@ -45,9 +46,10 @@ class Circle:
 
 def circle(rig: Rig, radius: float, period: float) -> Circle:
     """The circle of `radius` mm about the scene's target, gone round in `period` s."""
-    middle = rig.body.points(rig.scene.target)[0]
+    middle: Floats = rig.body.points(rig.scene.target)[0]
     n = middle / np.linalg.norm(middle)
-    across = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
+    axis: Floats = np.eye(3)[np.argmin(np.abs(n))]
+    across = np.cross(n, axis)
     across /= np.linalg.norm(across)
     along = (np.cross(n, across) + n) / np.sqrt(2.0)
     return Circle(rig, middle, radius * across, radius * along, period)
@@ -67,13 +69,13 @@ class PathWay:
     """s that explains most of the error."""
     beside: float
     """mm rms that are left then."""
-    times: Floats
+    times: JsonFloats
     """s on the path."""
-    errors: Floats
+    errors: JsonFloats
     """mm."""
-    seen: Floats
+    seen: JsonFloats
     """px of marker 1 (n, 2)."""
-    wanted: Floats
+    wanted: JsonFloats
     """px of the reference (n, 2)."""
 
 

@@ -25,6 +25,7 @@ from rcmservo.experiments.harness.lab.closed_loop import (
     recorded,
     servo_for,
 )
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.statistics import rms
 from rcmservo.experiments.harness.tasks import Task
 from rcmservo.figures import plots
@@ -116,11 +117,11 @@ class Regulated:
     """The same when it left its start."""
     at_end: float
     """The same at the end."""
-    initial: Floats
+    initial: JsonFloats
     """|Δy| (3,) at the start, as the servo measures it."""
-    slopes: Floats
+    slopes: JsonFloats
     """Fall (3,) of the errors while saturated, °/s, px/s, px/s; NaN of one that never was."""
-    left: Floats
+    left: JsonFloats
     """Share (3,) of the initial errors at the end."""
     time_to_small: float | None
     """s from the start until all errors are below 2 %."""

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from rcmservo.experiments.harness.lab.attempt import Conditions, Fared
+from rcmservo.experiments.harness.plain import JsonFloats
 from rcmservo.experiments.harness.statistics import median, percent, spread, told
 from rcmservo.interfaces import Floats
 from rcmservo.study.row import NEAR
@@ -40,13 +41,13 @@ class MethodRuns:
     """Of the scenes."""
     engine: str
     """What made them: the compiled twin, or MuJoCo with the live path's code."""
-    pose: Floats
+    pose: JsonFloats
     """mm of marker 2, root mean square over the last second."""
-    within: Floats
+    within: JsonFloats
     """s until marker 2 was first within 1 mm; NaN if never."""
-    explored: Floats
+    explored: JsonFloats
     """s until it was first servoed; NaN if never."""
-    jacobian: Floats
+    jacobian: JsonFloats
     """Median scaled error of Ĵ; NaN where it was not looked at."""
     held: list[str]
     """What it stood still for at the end, in words; empty where it did not."""
@@ -54,7 +55,7 @@ class MethodRuns:
     """s of the longest run."""
     step: float
     """s between two of the ``middle``."""
-    middle: Floats
+    middle: JsonFloats
     """mm of marker 2 over time, the median over all runs; one that ended stays where it ended."""
 
 

@@ -87,7 +87,8 @@ class Witness:
         q = self._rig.arm.q_true
         self._times.append(tick.time / 1e9)
         self._deltas.append(difference(self._features(q), self._y_d))
-        self._poses.append(float(np.linalg.norm(self._rig.body.points(q)[1] - self._p_d)))
+        away: Floats = self._rig.body.points(q)[1] - self._p_d
+        self._poses.append(float(np.linalg.norm(away)))
         if state.explored:
             error = self._rig.truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
             self._jacobians.append(error)

@@ -19,6 +19,7 @@ from rcmservo.errors import RcmServoError
 from rcmservo.hardware.cameras.aravis import FORMATS
 from rcmservo.hardware.cameras.aravis_library import FILL, aravis
 from rcmservo.interfaces import Camera, Frame, Image
+from rcmservo.ports import refusal
 
 HOST = "127.0.0.1"
 PORT = 3956
@@ -147,8 +148,7 @@ def _require_free() -> None:
         try:
             wire.bind((HOST, PORT))
         except OSError as error:
-            words = f"port {PORT}: cannot be listened on: {error.strerror}"
-            raise RcmServoError(words) from error
+            raise RcmServoError(refusal(PORT, error)) from error
 
 
 def _emptied(wire: Any) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Camera, Frame
+from rcmservo.ports import refusal
 
 HOST = "127.0.0.1"
 QUALITY = 92
@@ -42,8 +43,7 @@ class MjpegServer:
         try:
             self._http = _Server((HOST, port), partial(_Client, self))
         except OSError as error:
-            words = f"port {port}: cannot be listened on: {error.strerror}"
-            raise RcmServoError(words) from error
+            raise RcmServoError(refusal(port, error)) from error
         self.port = int(self._http.server_address[1])
         works = self._http.serve_forever, self._encode
         self._threads = [threading.Thread(target=work, daemon=True) for work in works]

@@ -17,6 +17,7 @@ from rcmservo.errors import RcmServoError
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, SERIAL, TCP, UDP, Controller
 from rcmservo.hardware.galil.emulator.faults import LATE, Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
+from rcmservo.ports import refusal
 
 PACKET = 1024
 """Bytes that are read in one go."""
@@ -202,5 +203,5 @@ def _bound(kind: socket.SocketKind, port: int) -> socket.socket:
         wire.bind((HOST, port))
     except OSError as error:
         wire.close()
-        raise NoPort(f"port {port}: cannot be listened on: {error.strerror}") from error
+        raise NoPort(refusal(port, error)) from error
     return wire

@@ -1,0 +1,89 @@
+"""A port that another process holds is reported with that process; the page takes the next pair."""
+
+import os
+import socket
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from galil_measures import IdealMotors
+from page_lab import free_port
+
+from rcmservo.app.cli import main
+from rcmservo.hardware.galil.emulator.controller import Controller
+from rcmservo.hardware.galil.emulator.server import NoPort, Server
+from rcmservo.page.web import doors
+from rcmservo.page.web.doors import NoPagePort, PortTaken, bound_pair
+
+HERE = "127.0.0.1"
+HELD = f"cannot be listened on: Address already in use by process {os.getpid()} \\(.*pytest"
+
+
+@contextmanager
+def held(port: int) -> Generator[None]:
+    with socket.create_server((HERE, port)):
+        yield
+
+
+@pytest.fixture
+def default(monkeypatch: pytest.MonkeyPatch) -> int:
+    """The page's first port, of six that are free, as the default."""
+    port = free_port()
+    monkeypatch.setattr(doors, "DEFAULT_PORT", port)
+    monkeypatch.setattr(doors, "LAST_DEFAULT_PORT", port + 6)
+    return port
+
+
+def ports_of(port: int | None) -> list[int]:
+    pair = bound_pair(HERE, port)
+    ports = [one.getsockname()[1] for one in pair]
+    for one in pair:
+        one.close()
+    return ports
+
+
+@pytest.mark.parametrize("taken", [0, 1])
+def test_without_an_option_the_page_takes_the_next_pair_that_is_free(
+    default: int, taken: int
+) -> None:
+    assert ports_of(None) == [default, default + 1]
+    with held(default + taken):
+        assert ports_of(None) == [default + 2, default + 3]
+
+
+@pytest.mark.parametrize("taken", [0, 1])
+def test_a_port_that_is_asked_for_and_taken_is_reported_with_its_holder(
+    default: int, taken: int
+) -> None:
+    words = f"port {default + taken}: {HELD}.*\\); --port names another"
+    with held(default + taken), pytest.raises(PortTaken, match=words):
+        bound_pair(HERE, default)
+    assert ports_of(default) == [default, default + 1]
+
+
+def test_an_address_of_another_computer_is_not_tried_at_other_ports(default: int) -> None:
+    with pytest.raises(NoPagePort, match=f"port {default}: cannot be listened on: Cannot assign"):
+        bound_pair("192.0.2.1", None)
+
+
+def test_the_emulated_controller_reports_the_holder_of_its_port_by_tcp_and_by_udp() -> None:
+    port = free_port()
+    with held(port), pytest.raises(NoPort, match=f"port {port}: {HELD}"):
+        Server(Controller(IdealMotors()), port)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
+        wire.bind((HERE, port))
+        with pytest.raises(NoPort, match=f"port {port}: {HELD}"):
+            Server(Controller(IdealMotors()), port)
+
+
+@pytest.mark.parametrize("command", ["serve --no-browser --port", "emulate galil --mjpeg"])
+def test_a_command_ends_with_one_sentence_on_a_port_that_is_taken(
+    command: str, default: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["--out", str(tmp_path / "out")] if command.startswith("serve") else ["--port", "0"]
+    with held(default):
+        assert main([*command.split(), str(default), *out]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith(f"rcmservo: port {default}: cannot be listened on: ")
+    assert f"process {os.getpid()} (" in said
