@@ -12,20 +12,25 @@ BIN := .venv/bin
 RUNNING := .venv/.running
 STUDYING := .venv/.studying
 TESTING := .venv/.testing
+PROFILE := quick
+PYTEST := $(BIN)/pytest --hypothesis-profile=$(PROFILE)
+IN_WALL_TIME := $(addprefix tests/, cameras crtk hardware live page)
 PARALLEL := -n 2 --dist loadfile --no-loadscope-reorder
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile
 
 run: $(RUNNING)
 	$(BIN)/rcmservo run
 
-# Tests in wall time want the machine to themselves.
+# PROFILE=thorough tries many more Hypothesis examples. Tests in wall time need the machine to
+# themselves.
 test: $(TESTING)
-	$(BIN)/pytest $(PARALLEL) -m 'not slow and not alone'
-	$(BIN)/pytest -m 'alone and not slow'
+	$(BIN)/python tests/compile_kernels.py
+	$(PYTEST) $(PARALLEL) -m 'not slow and not alone'
+	$(PYTEST) -m 'alone and not slow' $(IN_WALL_TIME)
 
 test-all: $(TESTING)
-	$(BIN)/pytest $(PARALLEL) -m 'slow and not alone'
-	$(BIN)/pytest -m 'alone and slow'
+	$(PYTEST) $(PARALLEL) -m 'slow and not alone'
+	$(PYTEST) -m 'alone and slow'
 	$(BIN)/python benchmarks/soak.py --seconds 10
 	-$(BIN)/python benchmarks/kill.py --count 4
 

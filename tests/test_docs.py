@@ -183,7 +183,7 @@ def test_the_set_up_commands_are_targets_of_the_makefile_and_ci_calls_the_test_c
     assert set(COMMANDS) >= SET_UP
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M)
     assert {command.split()[1] for command in SET_UP} <= set(targets)
-    called = re.findall(r"^make ([\w-]+)$", (ROOT / ".ci/run").read_text(), re.M)
+    called = re.findall(r"^make ([\w-]+)", (ROOT / ".ci/run").read_text(), re.M)
     assert called == ["peers", "check", "test", "test-all"]
 
 

@@ -268,7 +268,8 @@ def test_ctrl_c_in_the_middle_of_a_run_names_the_folder_of_a_readable_record(
     small: list[str], tmp_path: Path
 ) -> None:
     folder = tmp_path / "run"
-    arguments = [*small[:-1], "--duration", "600", "--out", str(folder)]
+    arguments = [word for word in small if word != "--json"]
+    arguments += ["--duration", "600", "--out", str(folder)]
     with subprocess.Popen(
         [sys.executable, "-m", "rcmservo", *arguments],
         stderr=subprocess.PIPE,

@@ -146,7 +146,7 @@ def test_an_arm_that_does_not_take_what_it_is_told_is_not_used() -> None:
 def test_nobody_is_sent_to_move_an_arm_by_hand_whose_drive_is_on() -> None:
     terminal = Answered()
     with pytest.raises(NotReady, match="drive is on, by somebody else: switch it off there first"):
-        shown(at_hand(terminal), plant_of(Arm(enabled=True)))
+        shown(at_hand(terminal), plant_of(Arm(enabled=True)), 5)
     assert not terminal.said
 
 
@@ -154,7 +154,7 @@ def test_nobody_is_sent_to_move_an_arm_by_hand_whose_drive_is_on() -> None:
 def taught(monkeypatch: pytest.MonkeyPatch) -> Target:
     """What the camera sees when the target is taught, in pictures of 320x240."""
     target = Target(np.array([[100.0, 100.0], [120.0, 150.0]]), np.array([0.5, 0.1, 100.0]))
-    monkeypatch.setattr(at_the_arm, "teach", lambda plant: target)
+    monkeypatch.setattr(at_the_arm, "teach", lambda plant, frames: target)
     monkeypatch.setattr(at_the_arm, "setup_of", lambda lab, plant: setup_at(lab, 320, 240))
     return target
 

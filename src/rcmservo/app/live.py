@@ -56,8 +56,7 @@ class LiveOptions:
     save_target: OptionalPath = None
     """New file to keep the target in that was shown, for your own devices."""
     teaching_frames: int = TEACHING_FRAMES
-    """Frames that a target is the mean of, from 1 to 100000. The default is 5 s of a camera with 60
-    frames a second; fewer make the target less accurate."""
+    """Frames that a target is the mean of: 300 are 5 s at 60 frames/s."""
     out: OptionalPath = None
     """Folder to write to, new or empty; by default a new one under runs/."""
     json: bool = False

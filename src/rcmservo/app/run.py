@@ -53,8 +53,7 @@ class RunOptions:
     save_target: OptionalPath = None
     """New file to keep the target in that was shown."""
     teaching_frames: int = TEACHING_FRAMES
-    """Frames that a target is the mean of, from 1 to 100000. The default is 5 s of a camera with 60
-    frames a second; fewer make the target less accurate."""
+    """Frames that a target is the mean of: 300 are 5 s at 60 frames/s."""
     resumes: int = 0
     """How often a scripted person resumes after a pause, or shows the target again where that is
     needed."""

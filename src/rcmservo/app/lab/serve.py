@@ -58,8 +58,8 @@ class ServeOptions:
     simulated, unless the rig file names an arm. It serves until Ctrl-C."""
 
     port: OptionalPort = None
-    """Port of the page; the next one is that of STOP. By default 8080, or the next pair of ports
-    that is free; 0 takes any that are free."""
+    """Port of the page, and the next one of STOP: by default the first free pair from 8080 on. 0
+    takes any pair."""
     browser: bool = True
     """Open the page in the browser that this computer has."""
     seed: int = 0
@@ -72,8 +72,7 @@ class ServeOptions:
     poses: Path = Path("runs/poses")
     """Folder with the poses that are taught on the page, in the files that --target takes."""
     teaching_frames: int = TEACHING_FRAMES
-    """Frames that a target is the mean of, from 1 to 100000. The default is 5 s of a camera with 60
-    frames a second; fewer make the target less accurate."""
+    """Frames that a target is the mean of: 300 are 5 s at 60 frames/s."""
     out: OptionalPath = None
     """Folder for the records, new or empty; by default a new one under runs/."""
     host: str = "127.0.0.1"

@@ -1,0 +1,41 @@
+"""Compile the kernels that most tests use, in two processes, before the tests' workers start.
+
+    python tests/compile_kernels.py
+
+Two workers that meet a cold cache compile the same kernels at the same time. Here each process
+compiles a half that the other does not need early, and leaves it in the cache on disk.
+"""
+
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+sys.path[:0] = [str(Path(__file__).parent)]
+
+
+def compile_servo() -> None:
+    """The default servo, and the simulation of studies around it."""
+    import rcmservo as rs
+    from conftest import ESTIMATORS, laboratory
+
+    servo = laboratory().servo(estimator=ESTIMATORS["dlt"])
+    servo.warm_up()
+    rs.study.Study(servo, duration=0.1, shown=1).run(0)
+
+
+def compile_images() -> None:
+    """Rendering, tracking and teaching; then the other estimators."""
+    import rcmservo as rs
+    from conftest import ESTIMATORS, TOOLS, laboratory
+
+    rig = rs.sim.Rig()
+    rs.teach(rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock), 1)
+    for estimator in [*ESTIMATORS.values(), rs.AffineEstimator()]:
+        laboratory().servo(estimator=estimator).warm_up()
+    laboratory().servo(tool=TOOLS["scaled"]).warm_up()
+
+
+if __name__ == "__main__":
+    with ProcessPoolExecutor(2) as processes:
+        for done in [processes.submit(compile_servo), processes.submit(compile_images)]:
+            done.result()
