@@ -209,9 +209,10 @@ def test_the_tutorial_of_the_bring_up_page_can_be_followed_to_its_end(tmp_path: 
         with closing(Laboratory(tmp_path, seed=3)) as laboratory:
             lab = laboratory.lab()
             lab.write_text(lab.read_text().replace("latency = 0.02\n", ""))
-            first, _ = followed(command(lab), laboratory.printed, tmp_path)
+            first, code = followed(command(lab), laboratory.printed, tmp_path)
             line = re.search(r"latency = [\d.]+", first)
-            assert line is not None, first
+            if line is None:
+                return first, code
             lab.write_text(lab.read_text().replace("[camera]\n", f"[camera]\n{line[0]}\n"))
             return followed(command(lab), laboratory.printed, tmp_path)
 

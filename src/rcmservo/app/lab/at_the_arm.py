@@ -158,7 +158,7 @@ def joints(answer: str, lab: Lab) -> Floats:
     return typed
 
 
-def shown(person: Person, plant: Plant, frames: int) -> Target:
+def shown(person: Person, plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
     """What the camera sees when a person says that the tool is at the target."""
     while True:
         enter(person, plant, "Bring the tool to the target by hand, then press Enter:")
