@@ -82,9 +82,11 @@ bench: $(TESTING)
 	$(BIN)/python benchmarks/soak.py --seconds 600
 	$(BIN)/python benchmarks/kill.py --count 200
 
+# Before 3.12 Python puts setuptools (10 MB) into each environment, and nothing here uses it.
 $(RUNNING): pyproject.toml
 	python3 -m venv .venv
 	$(PIP) -e '.[sim,page]'
+	$(BIN)/pip uninstall --quiet --disable-pip-version-check --yes setuptools
 	touch $(RUNNING)
 
 $(STUDYING): $(RUNNING)
