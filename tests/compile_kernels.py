@@ -30,9 +30,11 @@ def compile_images() -> None:
 
     rig = rs.sim.Rig()
     rs.teach(rs.Plant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock), 1)
+    lab = laboratory()
     for estimator in [*ESTIMATORS.values(), rs.AffineEstimator()]:
-        laboratory().servo(estimator=estimator).warm_up()
-    laboratory().servo(tool=TOOLS["scaled"]).warm_up()
+        lab.servo(estimator=estimator).warm_up()
+    rs.study.Study(lab.servo(estimator=ESTIMATORS["fast"]), duration=0.1, shown=1).run(0)
+    lab.servo(tool=TOOLS["scaled"]).warm_up()
 
 
 if __name__ == "__main__":

@@ -111,6 +111,7 @@ def printed(program: str, **variables: str) -> list[str]:
     ).stdout.split()
 
 
+@pytest.mark.slow
 def test_a_kernel_brings_numba_in_on_its_first_call_and_is_in_the_cache_for_the_next_process(
     tmp_path: Path,
 ) -> None:

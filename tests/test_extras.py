@@ -50,6 +50,7 @@ def test_python_names_the_command_that_installs_what_is_missing(
         ("mujoco", "serve", "sim"),
         ("nicegui", "serve", "page"),
         ("optuna", "tune search.toml", "study"),
+        ("distributed", "study", "study"),
     ],
 )
 def test_a_command_names_the_command_that_installs_what_is_missing(
@@ -65,6 +66,7 @@ def test_a_command_names_the_command_that_installs_what_is_missing(
     )
 
 
+@pytest.mark.slow
 def test_the_paper_needs_nothing_of_studies(tmp_path: Path) -> None:
     code = "from rcmservo.app.cli import main; sys.exit(main(['paper', '--quick', '--only', "
     code += "'lemma-1', '--out', 'paper']))"

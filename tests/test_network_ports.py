@@ -10,6 +10,7 @@ import pytest
 from galil_measures import IdealMotors
 from page_lab import free_port
 
+from conftest import first_quick
 from rcmservo.app.cli import main
 from rcmservo.hardware.galil.emulator.controller import Controller
 from rcmservo.hardware.galil.emulator.server import NoPort, Server
@@ -77,7 +78,9 @@ def test_the_emulated_controller_reports_the_holder_of_its_port_by_tcp_and_by_ud
             Server(Controller(IdealMotors()), port)
 
 
-@pytest.mark.parametrize("command", ["serve --no-browser --port", "emulate galil --mjpeg"])
+@pytest.mark.parametrize(
+    "command", first_quick(["emulate galil --mjpeg", "serve --no-browser --port"])
+)
 def test_a_command_ends_with_one_sentence_on_a_port_that_is_taken(
     command: str, default: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -43,7 +43,7 @@ def strict(text: str) -> Any:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
     folder = tmp_path_factory.mktemp("run") / "deep" / "run"
-    words = ["run", "--seed", "4", "--duration", "7", "--frames", "--teaching-frames", "30"]
+    words = ["run", "--seed", "4", "--duration", "5", "--frames", "--teaching-frames", "30"]
     return main([*words, "--out", str(folder)]), folder
 
 
@@ -84,7 +84,7 @@ def test_a_settled_run_ends_with_0_and_leaves_record_figures_and_video(
     for name in ("errors.png", "estimate.png"):
         assert cv2.imread(str(folder / name)) is not None
     video = cv2.VideoCapture(str(folder / "overlay.webm"))
-    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == pytest.approx(7 * 60, abs=3)
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == pytest.approx(5 * 60, abs=3)
     assert (video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)) == (640, 480)
     assert not list(folder.glob("*.part"))
 
@@ -102,7 +102,7 @@ def test_the_metrics_follow_from_the_record(finished: tuple[int, Path]) -> None:
     assert metrics["settle_time_s"] == pytest.approx(rows.time[np.flatnonzero(~small)[-1] + 1])
     assert metrics["jacobian_error"]["final"] == rows.truth["jacobian_error"][-1, 0]
     assert rows.complete
-    assert len(rows.time) == 700
+    assert len(rows.time) == 500
 
 
 def test_what_run_recorded_comes_out_the_same_again(
@@ -110,7 +110,7 @@ def test_what_run_recorded_comes_out_the_same_again(
 ) -> None:
     _, folder = finished
     assert main(["replay", str(folder)]) == 0
-    assert capsys.readouterr().out == "all 700 ticks came out the same, bit for bit\n"
+    assert capsys.readouterr().out == "all 500 ticks came out the same, bit for bit\n"
 
 
 def test_with_other_settings_replay_tells_what_would_have_differed_and_that_the_loop_is_open(
@@ -164,7 +164,7 @@ def test_the_frames_of_a_record_make_a_recording_that_can_be_replayed(
     capsys.readouterr()
     assert main(["replay", str(tmp_path / "export" / "recording"), "--json"]) == 0
     report = strict(capsys.readouterr().out)
-    assert len(report["frames"]) == pytest.approx(7 * 60, abs=3)
+    assert len(report["frames"]) == pytest.approx(5 * 60, abs=3)
     assert all(row["m1"] and row["m2"] for row in report["frames"])
     assert max(report["reprojection_rms_px"].values()) < 2.0
     assert (

@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from conftest import first_quick
 from rcmservo.app.cli import COMMANDS, main, options_kind
 from rcmservo.app.command_line.help_text import estimator_words
 from rcmservo.app.command_line.options import options_of
@@ -58,7 +59,7 @@ def test_version_and_list_of_commands_load_no_library(option: str) -> None:
     assert loaded(asking(option), *NEEDED_BY_COMMANDS, *NEEDED_BY_NO_HELP) == []
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", first_quick(COMMANDS))
 def test_the_help_of_a_command_loads_nothing_that_computes(command: str) -> None:
     assert loaded(asking(command, "--help"), *NEEDED_BY_NO_HELP) == []
 

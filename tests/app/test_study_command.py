@@ -181,6 +181,7 @@ def seen_again(case: int, *words: str) -> int:
     return main(["study", "--out", "study", "--own", OWN, "--replay", str(case), *words])
 
 
+@pytest.mark.filterwarnings("error:::tyro")
 @pytest.mark.parametrize(("case", "engine"), [(1, "compiled"), (4, "mujoco")])
 def test_a_row_of_every_engine_comes_out_the_same_and_its_record_can_be_read(
     study: str, case: int, engine: str, capsys: pytest.CaptureFixture[str]
@@ -199,6 +200,7 @@ def test_a_row_of_every_engine_comes_out_the_same_and_its_record_can_be_read(
     assert "all 200 ticks came out the same" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_film_of_a_run_plays_and_shows_it(study: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert seen_again(2, "--film") == 0 and seen_again(2) == 0
     assert re.search(r"in study/replays/2-2;", capsys.readouterr().out)
@@ -299,29 +301,6 @@ def test_what_a_file_names_of_others_is_not_run(
     sys.modules.pop(MODULE, None)
     refused(command, f"or module:class that --method or --own names, got '{OWN}'", capsys)
     assert MODULE not in sys.modules
-
-
-@pytest.mark.parametrize(
-    ("package", "command"),
-    [
-        ("distributed", ["study"]),
-        pytest.param("pyarrow", ["study", "--out", "x", "--replay", "0"], marks=pytest.mark.slow),
-        pytest.param("jinja2", ["study"], marks=pytest.mark.slow),
-        ("optuna", ["tune", "search.toml"]),
-    ],
-)
-def test_what_is_not_installed_is_told_with_the_command_that_installs_it(
-    here: Path, package: str, command: list[str]
-) -> None:
-    code = f"import sys; sys.modules[{package!r}] = None; from rcmservo.app.cli import main; "
-    code += f"sys.exit(main({command!r}))"
-    made = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (made.returncode, made.stdout) == (2, "")
-    assert made.stderr == (
-        f"rcmservo: a study needs {package}, which is not installed: run "
-        "pip install -e '.[study]' in the clone of rcmservo\n"
-    )
-    assert not Path("runs").exists()
 
 
 @pytest.mark.usefixtures("alone")

@@ -65,6 +65,7 @@ def test_stamps_that_are_right_need_no_latency() -> None:
     assert lab.check().ok
 
 
+@pytest.mark.slow
 def test_stamps_that_lie_before_the_exposures_are_told_without_a_line() -> None:
     lab = WrongLab(Mistake(), seed=1, change=dated(0.042))
     lab.latency = 0.0

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from rig_check_lab import Mistake, MiswiredArm, WrongLab
 
-from conftest import first_quick
 from rcmservo.bringup.check import CheckReport
 from rcmservo.interfaces import Command, Floats, Measured
 
@@ -101,7 +100,8 @@ def test_a_person_may_refuse_it() -> None:
     assert not lab.arm.silent
 
 
-@pytest.mark.parametrize("signs", first_quick([(-1.0, 1.0, 1.0), (1.0, 1.0, 1.0)]))
+@pytest.mark.slow
+@pytest.mark.parametrize("signs", [(-1.0, 1.0, 1.0), (1.0, 1.0, 1.0)])
 def test_an_arm_that_counts_itself_is_checked_by_its_signs(
     signs: tuple[float, float, float],
 ) -> None:

@@ -104,7 +104,7 @@ def test_a_run_opens_with_its_time_line_and_its_figures(root: Path) -> None:
         assert [one["t"] for one in told["moments"]][:3] == [0.0, 0.1, 0.2]
         assert told["spans"][0][2] == "waiting for the markers"
     path = f"/runs/{browser.name('old')}"
-    for name in told["figures"]:
+    for name in told["figures"][:1]:
         svg, png = (browser.get(f"{path}/figures/{name}.{kind}") for kind in ("svg", "png"))
         assert svg.text.startswith("<?xml") and "<path" in svg.text and "<image" not in svg.text
         assert png.content.startswith(b"\x89PNG")

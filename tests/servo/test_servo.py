@@ -47,9 +47,15 @@ from rcmservo.servo.state import Estimate
 from rcmservo.sim import RigSettings, Timing
 from rcmservo.tracking import PointMarkers
 
+COMBINATIONS = list(product(ESTIMATORS, TOOLS, CONTROLLERS))
 every = pytest.mark.parametrize(
-    "estimator,tool,controller", list(product(ESTIMATORS, TOOLS, CONTROLLERS))
+    "estimator,tool,controller",
+    [
+        pytest.param(*chosen, marks=() if (k // 4 + k // 2 + k) % 2 == 0 else pytest.mark.slow)
+        for k, chosen in enumerate(COMBINATIONS)
+    ],
 )
+"""Every combination. `make test` tries half of them, in which every pair occurs."""
 
 
 def choices(estimator="fast", tool="rigid", controller="continuous"):

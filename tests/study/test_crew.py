@@ -143,6 +143,7 @@ if __name__ == "__main__":
 """In a process that has started no other before: the first one unblocks Ctrl-C."""
 
 
+@pytest.mark.slow
 def test_its_own_workers_do_not_hear_ctrl_c_and_this_process_does() -> None:
     words = [sys.executable, "-c", HEARS]
     assert subprocess.check_output(words, text=True).split() == ["False", "True", "True"]

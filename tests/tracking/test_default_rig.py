@@ -27,6 +27,7 @@ def test_the_error_hardly_changes_with_the_place_on_the_grid_of_pixels() -> None
     assert rms(np.array([about_trend(one) for one in errors])) < 0.02
 
 
+@pytest.mark.slow
 def test_the_covariance_that_is_told_explains_the_scatter_over_noise() -> None:
     """In scene 6 the ball was not looked at from where it was, and in one picture of eight no
     covariance was told."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import field, fields, make_dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -29,9 +30,10 @@ def with_own(command: type[Any], arguments: Sequence[str]) -> type[Any]:
     return _extended(command, name, named(name))
 
 
+@cache
 def _extended(command: type[Any], name: str, kind: type[Estimator]) -> type[Any]:
-    """The options of a command with the estimator's settings, among the servo's boxes if it has
-    them."""
+    """Return the options of a command with the estimator's settings, among the servo's boxes if it
+    has them. The same arguments give the same class, so that options read twice fit together."""
     names = dict.fromkeys((name, name_of_class(kind)), group_of(kind))
     if "boxes" not in _names(command):
         return _with(command, group_of(kind), kind, OWN=names)

@@ -79,7 +79,7 @@ class ServeOptions:
     """Address of this computer to listen on, 0.0.0.0 for all; others than 127.0.0.1 need
     --token-file."""
     token_file: OptionalPath = None
-    """File with the token that a browser must give; made with one where there is none."""
+    """File with the token that browsers must give; made if absent."""
     boxes: Boxes = field(default_factory=ServoOptions)
     """The settings of the servo's boxes."""
 
