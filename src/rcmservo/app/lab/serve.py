@@ -67,8 +67,8 @@ class ServeOptions:
     estimator: EstimatorName = "dlt"
     """The estimator of the Jacobian: one of those below, or your own."""
     rig: OptionalPath = None
-    """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene; or with
-    your own devices, [arm] and [camera] with a kind."""
+    """TOML file with your own mechanism, tool, markers and scene, or with the devices [arm] and
+    [camera]."""
     poses: Path = Path("runs/poses")
     """Folder with the poses that are taught on the page, in the files that --target takes."""
     teaching_frames: int = TEACHING_FRAMES
