@@ -82,7 +82,7 @@ bench: $(TESTING)
 $(RUNNING): pyproject.toml
 	python3 -m venv .venv
 	$(PIP) -e '.[sim,page]'
-	$(BIN)/pip uninstall --quiet --disable-pip-version-check --yes setuptools
+	$(BIN)/pip uninstall -qq --disable-pip-version-check --yes setuptools
 	find .venv -path '*/pip/*' -name __pycache__ -prune -exec rm -r {} +
 	touch $(RUNNING)
 
