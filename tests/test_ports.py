@@ -17,7 +17,7 @@ from rcmservo.page.web import doors
 from rcmservo.page.web.doors import NoPagePort, PortTaken, bound_pair
 
 HERE = "127.0.0.1"
-HELD = f"cannot be listened on: Address already in use by process {os.getpid()} \\(.*pytest"
+HELD = f"cannot be listened on: Address already in use by process {os.getpid()} \\(.*python"
 
 
 @contextmanager
