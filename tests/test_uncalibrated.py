@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from conftest import CONTROLLERS, ESTIMATORS, ROOT, TOOLS, first_quick, laboratory
+from conftest import CONTROLLERS, ESTIMATORS, ROOT, TOOLS, laboratory
 from rcmservo.guard.states import Phase
 
 LINT = (
@@ -41,21 +41,24 @@ def test_the_import_contracts_hold():
 
 @pytest.mark.parametrize(
     "module,line,contract",
-    first_quick(
-        [
-            ("method/features.py", "import rcmservo.sim.truth", "Uncalibrated"),
-            ("method/estimators/flow.py", "from rcmservo.sim import Rig", "Uncalibrated"),
-            ("guard/gate.py", "import rcmservo.experiments.stability", "Uncalibrated"),
-            ("offline/score.py", "from rcmservo.record import reader", "siblings"),
-            ("method/kinematics.py", "from rcmservo.servo.servo import Servo", "siblings"),
-            ("tracking/search.py", "from rcmservo.sim.optics import Optics", "siblings"),
-            ("servo/servo.py", "import cv2", "OpenCV"),
-            ("sim/rendering/renderer.py", "import cv2", "OpenCV"),
-            ("tracking/ball.py", "import mujoco", "MuJoCo"),
-            ("sim/scene.py", "from matplotlib import pyplot", "Matplotlib"),
-            ("new_room.py", "", "siblings"),
-        ]
-    ),
+    [
+        ("method/features.py", "import rcmservo.sim.truth", "Uncalibrated"),
+        *(
+            pytest.param(*row, marks=pytest.mark.slow)
+            for row in [
+                ("method/estimators/flow.py", "from rcmservo.sim import Rig", "Uncalibrated"),
+                ("guard/gate.py", "import rcmservo.experiments.stability", "Uncalibrated"),
+                ("offline/score.py", "from rcmservo.record import reader", "siblings"),
+                ("method/kinematics.py", "from rcmservo.servo.servo import Servo", "siblings"),
+                ("tracking/search.py", "from rcmservo.sim.optics import Optics", "siblings"),
+                ("servo/servo.py", "import cv2", "OpenCV"),
+                ("sim/rendering/renderer.py", "import cv2", "OpenCV"),
+                ("tracking/ball.py", "import mujoco", "MuJoCo"),
+                ("sim/scene.py", "from matplotlib import pyplot", "Matplotlib"),
+                ("new_room.py", "", "siblings"),
+            ]
+        ),
+    ],
 )
 def test_the_contracts_see_a_forbidden_import_and_a_room_without_a_place(
     tmp_path, module, line, contract
