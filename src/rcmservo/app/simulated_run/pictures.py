@@ -15,13 +15,16 @@ from rcmservo.record.writer import Recorder
 from rcmservo.sim import RigSettings
 
 
+STRIDE = 2
+"""Frames from one picture of the video to the next: half of them are enough to look at."""
+
+
 def video_of(job: Job, settings: RigSettings, stack: ExitStack) -> Video | None:
     """The overlay video, if it is wanted."""
     if not job.video:
         return None
-    video = Video(
-        job.folder / "overlay.webm", (settings.width, settings.height), settings.timing.frame_rate
-    )
+    size, rate = (settings.width, settings.height), settings.timing.frame_rate / STRIDE
+    video = Video(job.folder / "overlay.webm", size, rate)
     stack.callback(video.close)
     return video
 
@@ -31,15 +34,17 @@ def pictures(
 ) -> Callable[[Tick], None]:
     """What to do with every new frame: the overlay video, and the record if it is to hold them."""
     shown: Frame | None = None
+    count = 0
 
     def picture(tick: Tick) -> None:
-        nonlocal shown
+        nonlocal shown, count
         frame = plant.frame
         if frame is None or frame.image is None or frame is shown:
             return
         shown = frame
-        if video is not None:
+        if video is not None and count % STRIDE == 0:
             video.write(overlay(frame.image, tick))
+        count += 1
         if job.frames:
             recorder.write_frame(frame)
 
