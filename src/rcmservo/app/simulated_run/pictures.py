@@ -14,7 +14,6 @@ from rcmservo.loop.tick import Tick
 from rcmservo.record.writer import Recorder
 from rcmservo.sim import RigSettings
 
-
 STRIDE = 2
 """Frames from one picture of the video to the next: half of them are enough to look at."""
 
