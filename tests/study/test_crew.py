@@ -1,6 +1,7 @@
 """Workers by dask: the same rows on any number of them, whatever dies; a cluster that is not there,
 or is another one than it should be, is one sentence."""
 
+import contextlib
 import os
 import shutil
 import signal
@@ -126,6 +127,24 @@ def test_workers_that_die_lose_nothing(tmp_path: Path) -> None:
         killer.join()
     assert killed[0] >= 2
     assert theirs == rows_here(tmp_path / "here", **choices)
+
+
+def test_a_worker_of_its_own_that_joins_late_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Client(contextlib.nullcontext[Any]):
+        def __enter__(self) -> Any:
+            self.joined = {"one": 1}
+            return self
+
+        def nthreads(self) -> dict[str, int]:
+            return self.joined
+
+        def wait_for_workers(self, count: int, timeout: float) -> None:
+            self.joined = {str(number): 1 for number in range(count)}
+
+    monkeypatch.setattr(crews.DASK, "LocalCluster", lambda **_: contextlib.nullcontext())
+    monkeypatch.setattr(crews.DASK, "Client", Client)
+    with crew(None, 2) as hands:
+        assert hands.count == 2
 
 
 HEARS = """

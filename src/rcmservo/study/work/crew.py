@@ -14,7 +14,7 @@ import re
 import signal
 import socket
 from collections.abc import Generator, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from typing import Any, NamedTuple
 
@@ -141,6 +141,7 @@ def _quietly() -> Generator[None]:
 @contextmanager
 def _processes(workers: int | None) -> Generator[Any]:
     """A scheduler and workers of our own."""
+    count = workers or system.CPU_COUNT
     chosen: dict[str, Any] = {
         "distributed.scheduler.allowed-failures": LOSSES,
         "distributed.scheduler.http.routes": [],
@@ -153,7 +154,7 @@ def _processes(workers: int | None) -> Generator[Any]:
         config.set(chosen),
         _left_alone(),
         DASK.LocalCluster(
-            n_workers=workers or system.CPU_COUNT,
+            n_workers=count,
             threads_per_worker=1,
             processes=True,
             host=HERE,
@@ -166,6 +167,8 @@ def _processes(workers: int | None) -> Generator[Any]:
         DASK.Client(cluster) as client,
     ):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        with suppress(TimeoutError):  # dask may return before the last worker has joined
+            client.wait_for_workers(count, timeout=PATIENCE)
         yield client
 
 
