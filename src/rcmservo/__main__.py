@@ -1,5 +1,6 @@
 """The way in: `rcmservo` and `python -m rcmservo`. Ctrl-C ends it quietly, while it loads too."""
 
+import os
 import sys
 
 INTERRUPTED = 130
@@ -16,6 +17,20 @@ def main() -> int:
         where = f"; what was done until then is in {stop}" if str(stop) else ""
         print(f"rcmservo: stopped by Ctrl-C{where}", file=sys.stderr)
         return INTERRUPTED
+    finally:
+        _drop_unread_output()
+
+
+def _drop_unread_output() -> None:
+    """Send the rest of the output nowhere if nobody reads it, as after a terminal was closed.
+
+    Python would end with exit code 120 instead of the command's.
+    """
+    for stream in sys.stdout, sys.stderr:
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 if __name__ == "__main__":
