@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 import sys
 import time
@@ -15,7 +14,6 @@ import numpy as np
 import pytest
 from at_terminal import AtTerminal, Ended, Laboratory, wait_for, words_of
 
-from bring_up_page import answer_to
 from conftest import HEEDING_CTRL_C, SMALL
 from rcmservo.app.lab import rig_check
 from rcmservo.app.lab.emulate import COUNTS
@@ -199,33 +197,6 @@ def test_a_reversed_joint_is_named_with_its_line(tmp_path: Path) -> None:
     told, away = undisturbed(attempt, lambda run: not stopped(run[0]))
     assert f"counts = {list(COUNTS)}" in [one["line"] for one in told["findings"]], told
     assert away < 1000.0
-
-
-@pytest.mark.slow
-def test_the_tutorial_of_the_bring_up_page_can_be_followed_to_its_end(tmp_path: Path) -> None:
-    """With the emulator's ports and patient thresholds in the page's rig file."""
-
-    def attempt() -> tuple[str, int]:
-        with closing(Laboratory(tmp_path, seed=3)) as laboratory:
-            lab = laboratory.lab()
-            lab.write_text(lab.read_text().replace("latency = 0.02\n", ""))
-            first, code = followed(command(lab), laboratory.printed, tmp_path)
-            line = re.search(r"latency = [\d.]+", first)
-            if line is None:
-                return first, code
-            lab.write_text(lab.read_text().replace("[camera]\n", f"[camera]\n{line[0]}\n"))
-            return followed(command(lab), laboratory.printed, tmp_path)
-
-    shown, code = undisturbed(attempt, lambda run: run[1] == 0)
-    assert code == 0 and "all is as the rig file says" in shown, shown
-
-
-def followed(words: list[str], printed: str, folder: Path) -> tuple[str, int]:
-    """What a command shows to a reader of the page who types its answers, and its exit code."""
-    with AtTerminal(words, XDG_STATE_HOME=str(folder)) as person:
-        while question := person.question():
-            person.type(answer_to(question, printed) + "\n")
-        return person.shown, person.end()
 
 
 def stopped(told: dict[str, Any]) -> bool:
