@@ -83,16 +83,6 @@ class AtTerminal:
         self._read = self.shown.index(words, begin) + len(words)
         return self.shown[begin : self._read]
 
-    def question(self) -> str:
-        """The next question, once it waits for an answer; empty where the command has ended."""
-        end = time.monotonic() + PATIENCE
-        while not re.search(r"[?:)] \Z", self.shown[self._read :]):
-            assert time.monotonic() < end, self.shown
-            if not self._more():
-                return ""
-        begin, self._read = self._read, len(self.shown)
-        return self.shown[begin:].rstrip().rpartition("\n")[2]
-
     def end(self) -> int:
         """The exit code, once it has ended by itself."""
         end = time.monotonic() + PATIENCE
