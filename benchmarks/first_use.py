@@ -46,7 +46,7 @@ def section(readme: str, heading: str) -> str:
 
 def first_command(text: str) -> str:
     """The first command of a section."""
-    found = re.search(r"```sh\n(.+?)\n```", text)
+    found = re.search(r"```sh\n(.+)", text)
     assert found is not None
     return found[1]
 
