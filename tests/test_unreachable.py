@@ -101,7 +101,8 @@ def test_a_target_past_a_joint_limit_that_the_arm_cannot_hold_is_not_taught(
         target = [0.5, 0.4, 135.0]
         """
     )
-    assert main(["run", "--rig", str(rig), "--no-video", "--out", str(tmp_path / "out")]) == 2
+    words = ["run", "--rig", str(rig), "--no-video", "--teaching-frames", "30"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 2
     assert "the target cannot be taught: " in capsys.readouterr().err
 
 

@@ -57,9 +57,11 @@ def lab() -> Generator[Cluster]:
         yield lab
 
 
-def rows_by(folder: Path, hands: Crew, **choices: object) -> bytes:
+def rows_by(
+    folder: Path, hands: Crew, progress: Callable[[int], None] = lambda _: None, **choices: object
+) -> bytes:
     work = Work(small(**choices), folder)
-    work.go(hands, lambda _: None)
+    work.go(hands, progress)
     work.gather()
     return (folder / RUNS).read_bytes()
 
@@ -91,7 +93,7 @@ def test_a_worker_that_lacks_the_package_is_told(
             list(work)
 
 
-def sent_by_value(function: Callable[[object], None]) -> Callable[[object], None]:
+def sent_by_value(function: Callable[[object], Any]) -> Callable[[object], Any]:
     """A function that workers need not import."""
     function.__module__ = "__main__"
     return function
@@ -109,24 +111,45 @@ def test_the_rows_are_the_same_on_any_number_of_workers(workers: int, tmp_path: 
 
 @pytest.mark.slow
 def test_workers_that_die_lose_nothing(tmp_path: Path) -> None:
-    choices = {"count": 6000, "duration": 15.0, "methods": ("dlt",)}
-    over, killed = threading.Event(), [0]
-
+    """One dies whenever another four orders are done, so that the work comes to its end however
+    slow the machine is."""
+    choices = {"count": 2000, "duration": 15.0, "methods": ("dlt",)}
+    killed: list[int] = []
     with cluster(3) as lab, crew(lab.address, None) as hands:
+        lab.wait_for(3)
+        done = [0]
 
-        def kill() -> None:
-            while not over.wait(1.5):
-                for pid in lab.pids()[:1]:
-                    os.kill(pid, signal.SIGKILL)
-                    killed[0] += 1
+        def kill(runs: int) -> None:
+            done[0] += 1
+            if done[0] % 4 == 0 and len(killed) < 4:
+                killed.append(lab.pids()[0])
+                os.kill(killed[-1], signal.SIGKILL)
 
-        killer = threading.Thread(target=kill, daemon=True)
-        killer.start()
-        theirs = rows_by(tmp_path / "cluster", hands, **choices)
-        over.set()
-        killer.join()
-    assert killed[0] >= 2
+        theirs = rows_by(tmp_path / "cluster", hands, kill, **choices)
+    assert len(killed) == 4
     assert theirs == rows_here(tmp_path / "here", **choices)
+
+
+@pytest.mark.slow
+def test_an_order_is_given_again_when_dask_gives_it_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """dask gives it up when four workers have died with it."""
+
+    def kill_five(order: object) -> list[int]:
+        import os
+
+        died = tmp_path / "died"
+        count = died.stat().st_size if died.exists() else 0
+        if count < 5:
+            died.write_text("x" * (count + 1))
+            os._exit(1)
+        return [count]
+
+    monkeypatch.setattr(crews, "done", sent_by_value(kill_five))
+    with cluster(1) as lab, crew(lab.address, None) as hands:
+        found = list(hands.done([("one", None)]))  # pyright: ignore[reportArgumentType]
+    assert found == [("one", [5])]
 
 
 def test_a_worker_of_its_own_that_joins_late_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
