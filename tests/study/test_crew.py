@@ -152,7 +152,9 @@ def test_an_order_is_given_again_when_dask_gives_it_up(
     assert found == [("one", [5])]
 
 
-def test_a_worker_of_its_own_that_joins_late_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_of_its_own_that_is_lost_at_its_start_is_replaced(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     class Client(contextlib.nullcontext[Any]):
         def __enter__(self) -> Any:
             self.joined = {"one": 1}
@@ -162,12 +164,20 @@ def test_a_worker_of_its_own_that_joins_late_is_waited_for(monkeypatch: pytest.M
             return self.joined
 
         def wait_for_workers(self, count: int, timeout: float) -> None:
+            if not replaced:
+                raise TimeoutError
             self.joined = {str(number): 1 for number in range(count)}
 
-    monkeypatch.setattr(crews.DASK, "LocalCluster", lambda **_: contextlib.nullcontext())
+    class Started:
+        def scale(self, count: int) -> None:
+            replaced.append(count)
+
+    replaced = list[int]()
+
+    monkeypatch.setattr(crews.DASK, "LocalCluster", lambda **_: contextlib.nullcontext(Started()))
     monkeypatch.setattr(crews.DASK, "Client", Client)
     with crew(None, 2) as hands:
-        assert hands.count == 2
+        assert hands.count == 2 and replaced == [2]
 
 
 HEARS = """
@@ -185,6 +195,7 @@ if __name__ == "__main__":
 """In a process that has started no other before: the first one unblocks Ctrl-C."""
 
 
+@pytest.mark.slow
 def test_its_own_workers_do_not_hear_ctrl_c_and_this_process_does() -> None:
     words = [sys.executable, "-c", HEARS]
     assert subprocess.check_output(words, text=True).split() == ["False", "True", "True"]

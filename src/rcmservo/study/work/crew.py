@@ -32,6 +32,8 @@ DASK: Any = distributed
 HERE = "127.0.0.1"
 PATIENCE = 30.0
 """s for which a scheduler is waited for, and then for a first worker."""
+STARTS = 10
+"""Times that lost workers are replaced within PATIENCE."""
 AHEAD = 4
 """Orders for each worker that are under way, so that none is idle."""
 LOSSES = 100
@@ -167,9 +169,23 @@ def _processes(workers: int | None) -> Generator[Any]:
         DASK.Client(cluster) as client,
     ):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        with suppress(TimeoutError):  # dask may return before the last worker has joined
-            client.wait_for_workers(count, timeout=PATIENCE)
+        _await_all(cluster, client, count)
         yield client
+
+
+def _await_all(cluster: Any, client: Any, count: int) -> None:
+    """Wait until all workers have joined, and replace those that are lost meanwhile.
+
+    With OpenSSL 3.5 one of thirty loses its connection when it joins, and dask starts no other.
+    """
+    with config.set({"distributed.deploy.lost-worker-timeout": "1s"}):
+        for _ in range(STARTS):
+            with suppress(TimeoutError):
+                client.wait_for_workers(count, timeout=PATIENCE / STARTS)
+                return
+            cluster.scale(count)
+    if not client.nthreads():
+        raise WorkLost(f"no worker of this machine has joined in {PATIENCE:g} s")
 
 
 @contextmanager
