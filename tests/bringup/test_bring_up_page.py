@@ -95,6 +95,7 @@ def test_the_page_on_live_runs_leaves_the_keys_to_this_one() -> None:
     assert "\n## 2. The rig file\n" in PAGE
 
 
+@pytest.mark.slow
 def test_the_check_passes_with_the_answers_of_the_page() -> None:
     """In simulated time; tests/live asks the command itself."""
     with EmulatedArm(SEED, Lab()) as arm:

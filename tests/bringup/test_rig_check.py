@@ -69,6 +69,7 @@ def test_a_first_motion_that_shows_many_times_what_the_file_says_ends_there(seed
     quiet(lab)
 
 
+@pytest.mark.slow
 def test_an_arm_with_usual_encoders_is_checked_by_as_few_motions_as_ever() -> None:
     lab, report = sound(1)
     assert report.ok

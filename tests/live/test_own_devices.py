@@ -111,6 +111,7 @@ def MyCamera():
 """
 
 
+@pytest.mark.slow
 def test_the_example_of_the_page_on_own_devices_runs(tmp_path: Path) -> None:
     (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/own_devices.md").read_text(), re.S)
     (tmp_path / "my_lab.py").write_text(MY_LAB)

@@ -19,6 +19,7 @@ from rcmservo.sim.rig import Rig
 from rcmservo.tracking import ColourMarkers, PointMarkers
 
 
+@pytest.mark.slow
 def test_the_error_hardly_changes_with_the_place_on_the_grid_of_pixels() -> None:
     """In scenes 6, 8, 13 and 14 it jumped: the fit to the pixels stood in one picture and not in
     the next."""
