@@ -43,7 +43,7 @@ from rcmservo.tracking import PointMarkers
 
 pytest_plugins = ["peers"]
 
-settings.register_profile("quick", deadline=None, max_examples=15)
+settings.register_profile("quick", deadline=None, max_examples=10)
 settings.register_profile("thorough", deadline=None, max_examples=100, derandomize=True)
 settings.load_profile("quick")
 

@@ -22,6 +22,7 @@ def test_gains_are_compared_in_the_same_scenes() -> None:
     assert fast < slow
 
 
+@pytest.mark.slow
 def test_an_estimator_of_ones_own_stands_beside_the_default() -> None:
     code = [sys.executable, "examples/02_own_estimator.py", "2"]
     done = subprocess.run(code, cwd=ROOT, capture_output=True, text=True, check=True)

@@ -58,7 +58,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 def test_run_prints_one_json_object_and_nothing_else(
     small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = main([*small, "--seed", "2", "--duration", "7", "--out", str(tmp_path)])
+    code = main([*small, "--seed", "2", "--duration", "5", "--out", str(tmp_path)])
     out = capsys.readouterr().out
     metrics = strict(out)
     assert code == 0

@@ -32,7 +32,7 @@ ENDINGS = {
 }
 """Length s, what goes wrong, and words of the cause that the metrics tell."""
 
-QUICK = "settles", "is killed", "has too little time"
+QUICK = "settles", "is killed"
 """Of these, those that stand for all in the quick tests."""
 
 

@@ -10,7 +10,7 @@ import pytest
 from rig_check_lab import Mistake, WrongLab
 
 from bring_up_page import PAGE, answer_to
-from conftest import ROOT, first_quick
+from conftest import ROOT
 from rcmservo.app.cli import asked_of
 from rcmservo.app.lab.emulate import COUNTS, EmulateOptions
 from rcmservo.app.lab.emulated_arm import EmulatedArm
@@ -107,7 +107,8 @@ def test_the_check_passes_with_the_answers_of_the_page() -> None:
     assert any("which way" in asked for asked in lab.person.asked)
 
 
-@pytest.mark.parametrize("seed", first_quick([SEED, 0, 1]))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [SEED, 0, 1])
 def test_the_answers_of_the_page_are_true_of_every_question(seed: int) -> None:
     """Of those too that the page's laboratory is not asked: a mistake has more of them asked."""
     with EmulatedArm(seed, Lab()) as arm:

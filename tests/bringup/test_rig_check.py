@@ -16,7 +16,7 @@ from rcmservo.bringup.sights import Reach
 from rcmservo.bringup.troubles import Trouble
 from rcmservo.interfaces import Command, Floats, Frame, Measured
 
-CLEAR = [(1, []), pytest.param(0, ["arm.counts[1]"], marks=pytest.mark.slow)]
+CLEAR = [(1, []), (0, ["arm.counts[1]"])]
 """Seeds, and what the picture does not tell well enough."""
 
 FAR = 2.0
@@ -98,6 +98,7 @@ def test_what_nobody_can_measure_is_told_as_one_of_several() -> None:
     assert not report.ok
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "unclear"), CLEAR)
 def test_what_the_picture_does_not_tell_well_enough_is_said(seed: int, unclear: list[str]) -> None:
     lab, report = sound(seed)

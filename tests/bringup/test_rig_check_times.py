@@ -37,6 +37,7 @@ def dated(by: float) -> Callable[[Frame], Frame]:
     return lambda frame: replace(frame, exposure=frame.arrival - round(by * 1e9))
 
 
+@pytest.mark.slow
 def test_latency_and_lag_are_those_of_the_camera_and_the_drives() -> None:
     lab = WrongLab(Mistake(), seed=1, change=dated(0.0))
     lab.latency = None

@@ -54,6 +54,7 @@ def checked(goes_on: bool) -> tuple[WrongLab, CheckReport]:
     return lab, lab.check()
 
 
+@pytest.mark.slow
 def test_one_that_stops_passes_and_is_left_alone_on_one_of_its_first_small_ways() -> None:
     lab, report = checked(goes_on=False)
     assert report.ok

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conftest import ROOT
+from conftest import ROOT, first_quick
 from rcmservo.experiments import baselines
 from rcmservo.experiments.baselines import Settings
 from rcmservo.experiments.harness.claims import Chapter
@@ -45,7 +45,7 @@ class Renamed(ProjectionEstimator):
     """The same estimator as one that no compiled function knows: it takes the live path."""
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", first_quick(sorted(METHODS, key=lambda name: name != "default")))
 def test_every_method_moves_and_arrives_in_most_accepted_scenes(name: str) -> None:
     conditions = replace(CONDITIONS, noise=0.1)
     runs = [METHODS[name].run(attempt(seed, conditions)).run for seed in range(3)]
@@ -68,6 +68,7 @@ def test_every_way_to_learn_from_displacements_works(name: str, reach: float) ->
     assert np.median([run.pose_error for run in runs]) < 0.4
 
 
+@pytest.mark.slow
 def test_methods_with_the_same_settings_make_the_very_same_run() -> None:
     same = Learner("by another name", "another", ProjectionEstimator(), Exploration())
     one, other, live = (
@@ -79,6 +80,7 @@ def test_methods_with_the_same_settings_make_the_very_same_run() -> None:
     np.testing.assert_allclose(live.run.error, one.run.error, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_noise_and_the_target_of_a_seed_reach_every_engine_and_law(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -96,7 +98,7 @@ def test_the_noise_and_the_target_of_a_seed_reach_every_engine_and_law(
         np.testing.assert_array_equal(before, METHODS[name].run(attempt()).run.error)
 
 
-@pytest.mark.parametrize("name", ["fast", "default", "printed"])
+@pytest.mark.parametrize("name", first_quick(["default", "fast", "printed"]))
 def test_the_compiled_and_the_live_path_agree_on_a_method(name: str) -> None:
     method, chance = METHODS[name], attempt()
     assert isinstance(method, Learner)
@@ -220,6 +222,7 @@ def chapter() -> Chapter:
     return baselines.chapter(settings, Results(made))
 
 
+@pytest.mark.slow
 def test_every_number_over_scenes_has_its_interval_and_it_holds_the_number(
     chapter: Chapter,
 ) -> None:
@@ -240,6 +243,7 @@ def test_a_length_or_a_time_with_its_interval_in_a_sentence() -> None:
     assert spread(statistics.Interval(np.inf, 1.0, np.inf), ".1f") == "never (1.0 to ∞)"
 
 
+@pytest.mark.slow
 def test_a_users_own_stands_in_claims_and_figures(chapter: Chapter) -> None:
     assert sum("mylab:Own" in claim.case for claim in chapter.claims) == 4
     for shown in chapter.figures:

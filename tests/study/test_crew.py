@@ -323,6 +323,7 @@ def test_a_cluster_that_cannot_be_used_is_one_sentence(
     assert words in str(told.value) and "\n" not in str(told.value)
 
 
+@pytest.mark.slow
 def test_a_scheduler_without_workers_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     with cluster(0) as lab:
         monkeypatch.setattr(crews, "PATIENCE", 1.0)
