@@ -50,6 +50,7 @@ def test_both_cameras_show_the_arm_that_the_controller_moves() -> None:
             assert it.stdout is not None
             said = re.fullmatch(WORDS, it.stdout.readline())
             assert said is not None
+            assert it.stdout.readline().startswith("the arm stands at ")
             with ExitStack() as stack:
                 cameras = [
                     opencv_camera(OpencvSettings(said[2], latency=0.03)),

@@ -6,17 +6,16 @@ import signal
 import sys
 import time
 from collections.abc import Generator, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from at_terminal import AtTerminal, Ended, Laboratory, wait_for, words_of
+from at_terminal import AtTerminal, Laboratory, wait_for, words_of
 
 from conftest import HEEDING_CTRL_C, SMALL
 from rcmservo.app.lab import rig_check
-from rcmservo.app.lab.emulate import COUNTS
 from rcmservo.app.lab.rig_check import RigOptions, concluded
 from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.wiring import Finding, Robot, Wiring
@@ -25,7 +24,6 @@ from rcmservo.config.rig_file import Lab
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Frame, Measured
 from rcmservo.live.lab import CameraAccount
-from stalls import undisturbed
 
 
 @pytest.fixture(scope="module")
@@ -177,48 +175,3 @@ def test_a_file_is_noted_as_passed_only_where_nothing_was_found(
     said = capsys.readouterr().out
     assert ("mirrored" in said) == (not right)
     assert not as_json or json.loads(said)["ok"] == right
-
-
-@pytest.mark.alone
-@pytest.mark.slow
-def test_a_reversed_joint_is_named_with_its_line(tmp_path: Path) -> None:
-    def attempt() -> tuple[dict[str, Any], float]:
-        with closing(Laboratory(tmp_path, seed=3)) as laboratory:
-            lab = laboratory.lab()
-            wrong = [COUNTS[0], -COUNTS[1], COUNTS[2]]
-            lab.write_text(lab.read_text().replace(str(list(COUNTS)), str(wrong)))
-            try:
-                told = checked(laboratory, lab, tmp_path)
-            except Ended as early:
-                told = json.loads(early.told)
-            assert not told["ok"] and laboratory.off
-            return told, np.abs(laboratory.counts - laboratory.start * wrong).max()
-
-    told, away = undisturbed(attempt, lambda run: not stopped(run[0]))
-    assert f"counts = {list(COUNTS)}" in [one["line"] for one in told["findings"]], told
-    assert away < 1000.0
-
-
-def stopped(told: dict[str, Any]) -> bool:
-    """Whether the arm's watchdog ended the check."""
-    return any(one["where"] == "arm" and "drive" in one["what"] for one in told["findings"])
-
-
-def checked(laboratory: Laboratory, lab: Path, folder: Path) -> dict[str, Any]:
-    """What the command tells of a lab whose second joint is reversed, the person agreeing to all
-    and saying what the tool did truly."""
-    ways = {"joint 1": "away\n", "joint 2": "anticlockwise\n"}
-    with AtTerminal(command(lab, "--json"), json=True, XDG_STATE_HOME=str(folder)) as person:
-        stands(person, laboratory)
-        person.until("(enable / no)")
-        person.type("enable\n")
-        asked = ""
-        while "For joint 2" not in asked:
-            asked = person.until(") ")
-            if asked.rstrip().endswith("(yes / no)"):
-                person.type("yes\n")
-            elif asked.rstrip().endswith("/ again)"):
-                person.type(next(way for name, way in ways.items() if f"For {name}" in asked))
-        person.end()
-        assert person.process.stdout is not None
-        return json.loads(person.process.stdout.read())

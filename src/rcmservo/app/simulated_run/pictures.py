@@ -15,8 +15,8 @@ from rcmservo.record.writer import Recorder
 from rcmservo.sim import RigSettings
 
 STRIDE = 4
-"""Frames from one picture of the video to the next: 15 a second are enough to look at, and VP8 takes
-30 ms for each."""
+"""Frames from one picture of the video to the next: 15 pictures a second are enough to look at, and
+each takes 30 ms to encode."""
 
 
 def video_of(job: Job, settings: RigSettings, stack: ExitStack) -> Video | None:
