@@ -15,7 +15,7 @@ TESTING := .venv/.testing
 PROFILE := quick
 PYTEST := $(BIN)/pytest --hypothesis-profile=$(PROFILE)
 IN_WALL_TIME := $(addprefix tests/, cameras crtk hardware live page)
-PARALLEL := -n 2 --dist loadfile --no-loadscope-reorder
+PARALLEL := --dist loadfile --no-loadscope-reorder
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile
 
 run: $(RUNNING)
@@ -25,11 +25,12 @@ run: $(RUNNING)
 # themselves.
 test: $(TESTING)
 	$(BIN)/python tests/compile_kernels.py
-	$(PYTEST) $(PARALLEL) -m 'not slow and not alone'
+	$(PYTEST) $(PARALLEL) -n 2 -m 'not slow and not alone'
 	$(PYTEST) -m 'alone and not slow' $(IN_WALL_TIME)
 
+# Slow tests often wait for processes of their own: three workers keep two processors busy.
 test-all: $(TESTING)
-	$(PYTEST) $(PARALLEL) -m 'slow and not alone'
+	$(PYTEST) $(PARALLEL) -n 3 -m 'slow and not alone'
 	$(PYTEST) -m 'alone and slow'
 	$(BIN)/python benchmarks/soak.py --seconds 10
 	-$(BIN)/python benchmarks/kill.py --count 4

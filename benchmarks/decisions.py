@@ -1,12 +1,14 @@
 """The servo's decisions on recorded observations: does a rebuilt servo still decide the same?
 
+    python benchmarks/decisions.py                   compare with all runs in tests/data
     python benchmarks/decisions.py FOLDER            compare with every FOLDER/NNN.npz
     python benchmarks/decisions.py FOLDER --keep N   first keep what today's servo decides, N runs
     python benchmarks/decisions.py FOLDER --anew     first keep anew the runs that are there
 
 A file holds one run of the campaign's faults (`campaign.py`, point camera, 0.1 px) as plain arrays:
-what the servo saw at every tick and what it decided. A few of them are in tests/data/decisions. Who
-changes a decision on purpose keeps them anew, in the commit that says why.
+what the servo saw at every tick and what it decided. A few of them are in tests/data/decisions, and
+tests/data/loops has those of record_loops.py. Who changes a decision on purpose keeps them anew, in
+the commit that says why.
 """
 
 import sys
@@ -17,14 +19,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import packed_table
+from packed_table import Table
 
 import rcmservo as rs
+from rcmservo.config.kinds import ESTIMATORS
 from rcmservo.interfaces import Dropped
+
+FOLDERS = [Path(__file__).parents[1] / "tests/data" / name for name in ("decisions", "loops")]
 
 ROUNDING = 1e-8
 """rad/s or mm/s that a command may differ by: other machines round otherwise."""
-
-Table = dict[str, np.ndarray[Any, Any]]
 
 
 @dataclass
@@ -57,29 +62,53 @@ def observations(table: Table) -> Iterator[rs.Observation]:
             points=r[9:13].copy().reshape(2, 2),
             dropped=Dropped[words[0]],
             recorded=bool(flags[1]),
+            sizes=r[13:15].copy() if len(r) > 13 else np.full(2, np.nan),
         )
+
+
+def servo_of(table: Table) -> rs.Servo:
+    """The servo that made the decisions: the default one, or as the table names it."""
+    chosen: dict[str, Any] = {}
+    if "estimator" in table:
+        chosen["estimator"] = ESTIMATORS[str(table["estimator"])]()
+        chosen["controller"] = rs.SaturatedController(features=str(table["features"]))
+    return rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0), **chosen)
+
+
+def targets(table: Table) -> Iterator[rs.Target]:
+    """What was taught at the beginning of every stage."""
+    points, q, shown = (table[f"target_{name}"] for name in ("points", "q", "shown"))
+    sizes = table.get("target_sizes", np.full((len(q), 2), np.nan))
+    for one in zip(points, q, shown, sizes, strict=True):
+        yield rs.Target(one[0].copy(), one[1].copy(), int(one[2]), one[3].copy())
 
 
 def decided(table: Table) -> Iterator[rs.State]:
     """What today's servo decides at every tick."""
-    servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0))
-    begins = {int(first): k for k, first in enumerate(table["first"])}
+    servo = servo_of(table)
+    stages = zip(table["first"].tolist(), table["again"], targets(table), strict=True)
+    begins = {first: (again, target) for first, again, target in stages}
     state, target = servo.init(), None
     for i, seen in enumerate(observations(table)):
         if i in begins:
-            k = begins[i]
-            state = servo.again(state) if table["again"][k] else servo.init()
-            shown = int(table["target_shown"][k])
-            target = rs.Target(table["target_points"][k].copy(), table["target_q"][k].copy(), shown)
+            again, target = begins[i]
+            state = servo.again(state) if again else servo.init()
         assert target is not None
         state = servo.step(state, seen, target, rs.Request[table["words"][i, 1]])
         yield state
 
 
+def read(path: Path) -> Table:
+    """The table of a kept run."""
+    if path.suffix == ".xz":
+        return packed_table.read(path)
+    with np.load(path) as file:
+        return dict(file)
+
+
 def compared(path: Path) -> Compared:
     """One kept run against today's servo."""
-    with np.load(path) as file:
-        table = dict(file)
+    table = read(path)
     differs, worst = None, 0.0
     for i, state in enumerate(decided(table)):
         off = float(np.abs(state.command.rates - table["rates"][i]).max())
@@ -129,7 +158,10 @@ def arrays(ticks: list[rs.Tick], stages: list[tuple[int, bool, rs.Target]]) -> T
         "integers": np.array([(o.now, o.q_time, o.frame, o.exposure, o.arrival) for o in seen]),
         "flags": np.array([(o.enabled, o.recorded) for o in seen]),
         "reals": np.array(
-            [np.concatenate([o.q, o.applied, o.q_exposure, o.points.ravel()]) for o in seen]
+            [
+                np.concatenate([o.q, o.applied, o.q_exposure, o.points.ravel(), o.sizes])
+                for o in seen
+            ]
         ),
         "rates": np.array([tick.state.command.rates for tick in ticks]),
         "words": np.array(words),
@@ -138,6 +170,7 @@ def arrays(ticks: list[rs.Tick], stages: list[tuple[int, bool, rs.Target]]) -> T
         "target_points": np.array([target.points for _, _, target in stages]),
         "target_q": np.array([target.q for _, _, target in stages]),
         "target_shown": np.array([target.shown for _, _, target in stages]),
+        "target_sizes": np.array([target.sizes for _, _, target in stages]),
     }
 
 
@@ -149,12 +182,13 @@ def asked(folder: Path) -> list[int]:
 
 
 def main() -> None:
-    folder = Path(sys.argv[1])
+    folders = [Path(sys.argv[1])] if len(sys.argv) > 1 else FOLDERS
     with ProcessPoolExecutor() as pool:
-        seeds = asked(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        list(pool.map(kept, [folder] * len(seeds), seeds))
-        runs = list(pool.map(compared, sorted(folder.glob("*.npz"))))
+        seeds = asked(folders[0])
+        folders[0].mkdir(parents=True, exist_ok=True)
+        list(pool.map(kept, folders[:1] * len(seeds), seeds))
+        paths = [path for folder in folders for path in sorted(folder.glob("*.npz*"))]
+        runs = list(pool.map(compared, paths))
     other = [run for run in runs if run.differs is not None]
     worst = max((run.worst for run in runs), default=np.nan)
     print(
