@@ -183,7 +183,7 @@ def share(scene: Scene, wrong: Floats) -> float:
 
 
 @pytest.mark.parametrize(
-    "scenes,frames", [(150, 300), pytest.param(200, 20_000, marks=pytest.mark.slow)]
+    "scenes,frames", [(150, 300), pytest.param(200, 5_000, marks=pytest.mark.slow)]
 )
 def test_the_imaged_rcm_is_not_biased_and_its_covariance_covers_its_error(
     scenes: int, frames: int

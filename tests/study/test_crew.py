@@ -14,7 +14,6 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
-import dask
 import psutil
 import pytest
 from dask_cluster import Cluster, cluster
@@ -333,10 +332,12 @@ def test_a_scheduler_without_workers_is_told(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_goes_is_told_and_what_is_done_stays(tmp_path: Path) -> None:
+def test_a_scheduler_that_goes_is_told_and_what_is_done_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     counted: list[int] = []
-    hurry = dask.config.set({"distributed.comm.timeouts.connect": "3s"})
-    with hurry, cluster(1) as lab, crew(lab.address, None) as hands:
+    monkeypatch.setattr(crews, "PATIENCE", 5.0)
+    with cluster(1) as lab, crew(lab.address, None) as hands:
         work = Work(small(count=5000, duration=15.0), tmp_path)
 
         def progress(runs: int) -> None:
