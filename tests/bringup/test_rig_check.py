@@ -17,7 +17,8 @@ from rcmservo.bringup.troubles import Trouble
 from rcmservo.interfaces import Command, Floats, Frame, Measured
 
 QUICK = "axes 1 and 2 swapped", 1
-"""A mistake and a seed."""
+CASES = [QUICK, *(case for case in zip(MISTAKES, cycle([0, 1]), strict=False) if case != QUICK)]
+"""Mistakes and seeds."""
 CLEAR = [(1, []), (0, ["arm.counts[1]"])]
 """Seeds, and what the picture does not tell well enough."""
 
@@ -44,13 +45,11 @@ def quiet(lab: WrongLab) -> None:
     assert (rates <= SHARE * np.array(lab.gate.speed) * (1.0 + 1e-9)).all()
 
 
-@pytest.mark.parametrize(
-    ("name", "seed"),
-    first_quick(sorted(zip(MISTAKES, cycle([0, 1])), key=lambda case: case != QUICK)),
-)
+@pytest.mark.parametrize("case", first_quick(CASES), ids=lambda case: "{}, seed {}".format(*case))
 def test_a_mistake_is_named_with_its_line_before_the_tool_has_gone_2_mm(
-    name: str, seed: int
+    case: tuple[str, int],
 ) -> None:
+    name, seed = case
     mistake = MISTAKES[name]
     lab = WrongLab(mistake, seed)
     report = lab.check()
