@@ -89,7 +89,7 @@ STUDIES = {
     "no compiled one": (["study", "--method", "flow", "--engine", "compiled"], "auto, mujoco or"),
     "no scenes at all": (["study", "--count", "0"], "count must be a whole number from 1"),
     "too many": (["study", "--count", "100000000", "--repetitions", "9"], "runs in all must be"),
-    "no whole number": (["study", "--count", "many"], "--count must be given INT", "many"),
+    "no whole number": (["study", "--count", "many"], "--count must be a whole number", "many"),
     "negative first seed": (["study", "--seed", "-1"], "seed must be a whole number", "-1"),
     "no duration": (["study", "--duration", "nan"], "duration must be more than 1", "nan"),
     "negative noise": (["study", "--noise", "-0.1"], "noise must be", "-0.1"),

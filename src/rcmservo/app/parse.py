@@ -118,7 +118,9 @@ def _refused(event: Any, kind: type[Any], words: list[str]) -> str:
         return f"{name} {message}"
     after = words[words.index(name) + 1 :] if name in words else []
     given = " ".join(takewhile(lambda word: not word.startswith("--"), after))
-    return f"{name} must be given {event.argument.lowered.metavar}, got {told(given)}"
+    metavar = str(event.argument.lowered.metavar)
+    right = dict(NUMBERS.values()).get(metavar, f"given {metavar}")
+    return f"{name} must be {right}, got {told(given)}"
 
 
 def _as_typed(failure: BaseException | None, kind: type[Any]) -> str:
