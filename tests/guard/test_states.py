@@ -95,7 +95,7 @@ def test_adding_a_fault_never_softens_the_answer(mode, present, more, sign, requ
 
 
 @pytest.mark.slow
-@settings(max_examples=5_000)
+@settings(max_examples=3_000)
 @one_fault_more
 def test_adding_any_fault_never_softens_the_answer(mode, present, more, sign, request_, now):
     never_softer(mode, present, more, sign, request_, now)
