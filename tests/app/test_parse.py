@@ -23,7 +23,7 @@ from rcmservo.sim.scene import SceneSettings
 RUN = "; see rcmservo run --help"
 SETTING = "; see rcmservo run --help-all"
 SENTENCES = {
-    "run --seed": "--seed must be given INT, got ''" + RUN,
+    "run --seed": "--seed must be a whole number, got ''" + RUN,
     "run --seed abc": "--seed must be a whole number, got 'abc'" + RUN,
     "run --seed 1.5": "--seed must be a whole number, got '1.5'" + RUN,
     "run --duration x": "--duration must be a number, got 'x'" + RUN,
