@@ -180,6 +180,24 @@ def test_a_worker_of_its_own_that_is_lost_at_its_start_is_replaced(
         assert hands.count == 2 and replaced == [2]
 
 
+def test_that_no_worker_of_its_own_joins_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Nobody:
+        def nthreads(self) -> dict[str, int]:
+            return {}
+
+        def wait_for_workers(self, count: int, timeout: float) -> None:
+            raise TimeoutError
+
+        def scale(self, count: int) -> None:
+            """In vain."""
+
+    nobody = contextlib.nullcontext(Nobody())
+    monkeypatch.setattr(crews.DASK, "LocalCluster", lambda **_: nobody)
+    monkeypatch.setattr(crews.DASK, "Client", lambda _: nobody)
+    with pytest.raises(WorkLost, match="no worker of this machine has joined"), crew(None, 2):
+        pass
+
+
 HEARS = """
 import signal
 from rcmservo.study.work.crew import crew
