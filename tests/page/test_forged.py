@@ -17,9 +17,9 @@ def test_forged_requests_and_rubbish_move_change_and_stop_nothing() -> None:
 
             def person() -> None:
                 holder = page_forged.Holder(lab)
-                for state, sentences in page_forged.forged(holder, 65).items():
+                for state, sentences in page_forged.forged(holder, 40).items():
                     found.extend(f"{state}: {one}" for one in sentences)
-                _, ticks = page_forged.fuzzed(holder, 200)
+                _, ticks = page_forged.fuzzed(holder, 150)
                 if ticks.longest > page_forged.GAP or not ticks.still:
                     found.append(f"fuzzed: {ticks.longest:.0f} ms without a command")
                 if not page_forged.stop_heard(holder, 20):

@@ -69,22 +69,26 @@ def eventful(lab, servo):
     return servo, stream, lab.target
 
 
-@pytest.mark.parametrize("warm_up", ["method", pytest.param("short run", marks=pytest.mark.slow)])
+BOTH = "method", "short run"
+"""Ways to warm up: `Servo.warm_up`, and a short run in a user's own loop."""
+
+
 @pytest.mark.parametrize(
-    "estimator,tool",
+    "estimator,tool,warm_ups",
     [
-        ("fast", "rigid"),
-        pytest.param("printed", "scaled", marks=pytest.mark.slow),
-        pytest.param("flow", "rigid", marks=pytest.mark.slow),
-        pytest.param("broyden", "rigid", marks=pytest.mark.slow),
-        pytest.param("nflow", "rigid", marks=pytest.mark.slow),
-        pytest.param("rls", "rigid", marks=pytest.mark.slow),
-        pytest.param("kalman", "rigid", marks=pytest.mark.slow),
-        pytest.param("correntropy", "rigid", marks=pytest.mark.slow),
+        ("fast", "rigid", ["method"]),
+        pytest.param("fast", "rigid", ["short run"], marks=pytest.mark.slow),
+        pytest.param("printed", "scaled", BOTH, marks=pytest.mark.slow),
+        pytest.param("flow", "rigid", BOTH, marks=pytest.mark.slow),
+        pytest.param("broyden", "rigid", BOTH, marks=pytest.mark.slow),
+        pytest.param("nflow", "rigid", BOTH, marks=pytest.mark.slow),
+        pytest.param("rls", "rigid", BOTH, marks=pytest.mark.slow),
+        pytest.param("kalman", "rigid", BOTH, marks=pytest.mark.slow),
+        pytest.param("correntropy", "rigid", BOTH, marks=pytest.mark.slow),
     ],
 )
 def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_pauses(
-    tmp_path, warm_up, estimator, tool
+    tmp_path, estimator, tool, warm_ups
 ):
     from conftest import ESTIMATORS, TOOLS, laboratory, with_tests
     from rcmservo.method.kinematics import PitchYawRcm
@@ -94,9 +98,10 @@ def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_paus
     labs = [laboratory(1), laboratory(2), laboratory(3, RigSettings(mechanism=PitchYawRcm()))]
     first, *others = [(lab, lab.servo(**choice)) for lab in labs]
     runs = [short(*first), *(eventful(*other) for other in others)]
-    with (tmp_path / "runs").open("wb") as file:
-        pickle.dump((warm_up, runs), file)
     code = "import sys; import test_compile as t; t.check(sys.argv[1])"
-    command = [sys.executable, "-c", code, str(tmp_path / "runs")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=with_tests())
-    assert done.returncode == 0, done.stderr[-2000:]
+    for warm_up in warm_ups:
+        with (tmp_path / warm_up).open("wb") as file:
+            pickle.dump((warm_up, runs), file)
+        command = [sys.executable, "-c", code, str(tmp_path / warm_up)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=with_tests())
+        assert done.returncode == 0, f"{warm_up}: {done.stderr[-2000:]}"
