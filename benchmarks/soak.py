@@ -24,7 +24,7 @@ import numpy as np
 import rcmservo as rs
 from rcmservo.config.rig_file import Lab
 from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import Mode, Phase, Signs, Standing, standing, transition
+from rcmservo.guard.states import Mode, ModeStruct, Phase, Signs, transition
 from rcmservo.live.reports import LiveResult, Report
 from rcmservo.live.supervisor import run_live
 from rcmservo.rows import as_row
@@ -49,7 +49,7 @@ def functions(servo: rs.Servo) -> None:
     """The transition with two causes present, and the gate."""
     causes, signs = Cause.AGEING.bit | Cause.LATE_TICK.bit, Signs(True, True, True, True)
     gate, rcm, t = servo.gate, servo.rcm, as_row(servo.thresholds)[0]
-    mode: Any = Standing.of(**standing(Mode(Phase.SERVO))).rows[0]
+    mode: Any = ModeStruct.from_source(Mode(Phase.SERVO)).rows[0]
     last, q, rates = gate.rest(), np.array([0.5, 0.0, 130.0]), np.array([0.1, 0.2, 3.0])
     gate.admit(rates, last, q, rcm, 0)
     transition(mode, causes, signs, 0, 0, t)

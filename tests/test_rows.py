@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from rcmservo.guard.gate import CommandStruct
+from rcmservo.guard.states import ModeStruct
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Watch, begin
 from rcmservo.interfaces import Floats
 from rcmservo.rows import Row, as_row, changed, copied, flag, part, real, reals, whole
-from rcmservo.servo.dials import Dials
 from rcmservo.servo.state import Decision, Estimate, Kept
 
 
@@ -59,7 +60,7 @@ def test_a_batch_is_an_array_of_the_same_rows() -> None:
     assert Pair(batch[3:4]).size == 3.0
 
 
-@pytest.mark.parametrize("row", [Watch, Estimate, Decision, Dials, Kept])
+@pytest.mark.parametrize("row", [Watch, Estimate, Decision, ModeStruct, CommandStruct, Kept])
 def test_every_field_of_the_core_has_a_shape_and_a_meaning(row: type[Row]) -> None:
     assert row.dtype.names == tuple(field.name for field in row.fields)
     assert all(field.meaning for field in row.fields)

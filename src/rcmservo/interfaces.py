@@ -6,14 +6,18 @@ pixel, u right, v down.
 """
 
 from dataclasses import dataclass, field
-from enum import Enum
-from typing import NamedTuple, Protocol, runtime_checkable
+from enum import IntEnum
+from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rcmservo.rows import struct_reader, tuple_struct
+
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
+Three = Annotated[Floats, (3,)]
+"""Three numbers, one for each joint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,17 +54,22 @@ class Markers:
     known. What is wrong alike in every frame is not in it."""
 
 
-class Dropped(Enum):
-    """Why the newest frame that a camera offered was not used."""
+class Dropped(IntEnum):
+    """Why the newest frame that a camera offered was not used. ``words`` is that for the
+    operator."""
+
+    words: str
+
+    def __new__(cls, words: str) -> Self:
+        code = len(cls.__members__)
+        member = int.__new__(cls, code)
+        member._value_, member.words = code, words
+        return member
 
     NONE = ""
     NOT_NEW = "frames come repeated or out of order"
     CLOCK = "frames bear times that cannot be right"
     DAMAGED = "frames come damaged"
-
-    def __init__(self, words: str) -> None:
-        """``place`` is its place among them, counted from 0."""
-        self.place = len(type(self).__members__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +108,15 @@ class Observation:
     people: no motion is decided by it."""
 
 
+if TYPE_CHECKING:
+    ObservationStruct = Observation
+else:
+    ObservationStruct = tuple_struct(Observation, without=("sizes", "quality"))
+
+observed_numbers = struct_reader(Observation, ObservationStruct)
+"""Function that reads the numbers of an `ObservationStruct` off an `Observation`."""
+
+
 @dataclass(frozen=True, eq=False)
 class Command:
     """What an arm is to do. Only the gate makes one."""
@@ -110,7 +128,7 @@ class Command:
     deadline: int
     """ns. After it the command is void, and an arm that has no newer one stops and switches its
     drive off."""
-    rates: Floats
+    rates: Three
     """The joint rates (3,) rad/s, rad/s, mm/s."""
     enabled: bool
     """False switches the arm's drive off at once."""

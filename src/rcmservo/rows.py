@@ -10,10 +10,31 @@ A row may have the fields of others, which it derives from, and other rows as pa
 in a NumPy array of such rows. A compiled function takes the array and reads `rows[0].o_c`; a batch
 is a longer array. Outside of compiled functions `Estimate(rows).o_c` is the same number or a view
 of it.
+
+What Python code has as a dataclass is not declared a second time for compiled functions: a `Struct`
+is a row generated from a dataclass, `as_row` makes a row of settings, and `tuple_struct` a named
+tuple of a dataclass whose arrays are passed without a copy.
 """
 
+import collections
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass
-from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar, cast, get_type_hints
+from enum import Enum
+from operator import attrgetter
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Generic,
+    Protocol,
+    Self,
+    TypeVar,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +46,8 @@ Kind = TypeVar("Kind", bound="Row")
 Settings = TypeVar("Settings")
 
 
-CODES = {int: "i8", bool: "?"}
-"""How fields that are no real numbers are kept."""
+CODES = {int: "i8", bool: "?", float: "f8"}
+"""NumPy's codes of numbers."""
 
 
 def _dtype(layout: np.dtype[Any]) -> np.dtype[Any]:
@@ -57,6 +78,14 @@ class Field:
             return self
         value = row.rows[self.name][0]
         return value if self.shape else value.item()
+
+
+class Member(Field):
+    """A member of an enumeration: its position there, as a number."""
+
+    def __init__(self, kind: type[Enum], meaning: str) -> None:
+        super().__init__("i8", (), "", meaning)
+        self.members = tuple(kind)
 
 
 class Part(Field):
@@ -138,12 +167,90 @@ def changed(row: Kind, **numbers: Any) -> Kind:
     return other
 
 
+class Struct(Row):
+    """A row generated from a dataclass, with the same fields under the same names.
+
+    A member of an enumeration becomes its position there. An array is declared with its shape, as
+    in ``Annotated[Floats, (3,)]``. Fields that are no numbers, such as words, are left out.
+    """
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+
+        def __setattr__(self, name: str, value: Any) -> None: ...
+
+    def __init_subclass__(cls, source: type[Any]) -> None:
+        hints = get_type_hints(source, include_extras=True)
+        for name in _names(source):
+            made = _generated(hints[name], f"{name} of {source.__name__}")
+            if made is not None:
+                setattr(cls, name, made)
+                made.__set_name__(cls, name)
+        super().__init_subclass__()
+
+    @classmethod
+    def from_source(cls, value: Any) -> Self:
+        """The numbers of an instance of the dataclass."""
+        numbers = {field.name: getattr(value, field.name) for field in cls.fields}
+        for field in cls.fields:
+            if isinstance(field, Member):
+                numbers[field.name] = field.members.index(numbers[field.name])
+        return cls.of(**numbers)
+
+    def values(self) -> dict[str, Any]:
+        """The dataclass's fields by name, to make an instance of it."""
+        values = {field.name: getattr(self, field.name) for field in self.fields}
+        for field in self.fields:
+            if isinstance(field, Member):
+                values[field.name] = field.members[values[field.name]]
+            elif field.shape:
+                values[field.name] = values[field.name].copy()
+        return values
+
+
+def _generated(hint: Any, meaning: str) -> Field | None:
+    """The field for a type hint; None where it is no number."""
+    if get_origin(hint) is Annotated:
+        return Field("f8", get_args(hint)[1], "", meaning)
+    if issubclass(hint, Enum):
+        return Member(hint, meaning)
+    return Field(CODES[hint], (), "", meaning) if hint in CODES else None
+
+
+def tuple_struct(source: type[Any], without: tuple[str, ...] = ()) -> Any:
+    """Generate a named tuple of a dataclass's fields, for compiled functions."""
+    names = [name for name in _names(source) if name not in without]
+    made = cast(Any, collections).namedtuple(f"{source.__name__}Struct", names)
+    made.__module__ = source.__module__
+    return made
+
+
+def struct_reader(source: type[Any], struct: Any) -> Callable[[Any], tuple[Any, ...]]:
+    """Return the function that reads the fields of a named tuple off an instance of its dataclass.
+
+    It gives a plain tuple: that passes to compiled functions in a third of the time.
+    """
+    hints = get_type_hints(source)
+    coded = {name for name, hint in hints.items() if isinstance(hint, type(Enum))}
+    names = _names(struct)
+    return cast(Any, attrgetter(*(f"{name}._value_" if name in coded else name for name in names)))
+
+
+def _names(source: type[Any]) -> tuple[str, ...]:
+    """The fields of a dataclass or named tuple."""
+    if is_dataclass(source):
+        return tuple(one.name for one in fields(source))
+    return cast(Any, source)._fields
+
+
 def as_row(settings: Settings) -> Rows[Settings]:
-    """A settings dataclass of numbers as an array of one row, its fields under their own names; of
-    rows and such dataclasses too, which become parts."""
-    hints = get_type_hints(type(settings))
-    names = [one.name for one in fields(cast(Any, settings))]
-    table = {name: _setting(getattr(settings, name)) for name in names}
+    """A dataclass or named tuple of numbers as an array of one row, its fields under their own
+    names; of rows and such classes too, which become parts. Words are left out."""
+    kind = type(settings)
+    hints = get_type_hints(kind)
+    values = {name: getattr(settings, name) for name in _names(kind)}
+    table = {name: _setting(one) for name, one in values.items() if not isinstance(one, str)}
     layout = np.dtype([(name, *_place(hints[name], value)) for name, value in table.items()])
     rows: NDArray[Any] = np.zeros(1, _dtype(layout))
     for name, value in table.items():
@@ -153,7 +260,7 @@ def as_row(settings: Settings) -> Rows[Settings]:
 
 def _setting(value: Any) -> Any:
     """One setting as NumPy takes it."""
-    return as_row(value) if is_dataclass(value) else _plain(value)
+    return as_row(value) if is_dataclass(value) or hasattr(value, "_fields") else _plain(value)
 
 
 def _place(hint: Any, value: Any) -> tuple[Any, tuple[int, ...]]:

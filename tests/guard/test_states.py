@@ -13,12 +13,10 @@ from rcmservo.guard.causes import Action, Cause
 from rcmservo.guard.states import (
     REQUESTS,
     Mode,
+    ModeStruct,
     Phase,
     Request,
     Signs,
-    Standing,
-    mode_of,
-    standing,
 )
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.rows import as_row
@@ -31,9 +29,9 @@ GOOD_TO_RECOVER, GOOD_TO_SERVO = USUAL.good_to_recover, USUAL.good_to_servo
 def transition(mode, present, sign, request, now):
     """The same in words, with the causes as a list."""
     causes = functools.reduce(operator.or_, (cause.bit for cause in present), 0)
-    row, asked = Standing.of(**standing(mode)), REQUESTS.index(request)
+    row, asked = ModeStruct.from_source(mode), REQUESTS.index(request)
     states.transition(row.rows[0], causes, sign, asked, now, as_row(USUAL)[0])
-    return mode_of(row)
+    return Mode(**row.values())
 
 
 def gravest(present):

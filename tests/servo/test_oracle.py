@@ -375,7 +375,7 @@ def moded():
     """Modes and what is forgotten with them."""
     from rcmservo.guard import gate, states
     from rcmservo.guard.causes import Cause
-    from rcmservo.guard.states import PHASES, REQUESTS, Signs
+    from rcmservo.guard.states import PHASES, REQUESTS, ModeStruct, Signs
     from rcmservo.guard.thresholds import Thresholds
     from rcmservo.guard.watch import Watch
     from rcmservo.method.exploration import Exploring
@@ -387,7 +387,7 @@ def moded():
     causes = Cause.AGEING, Cause.STALE, Cause.CAMERA_MOVED, Cause.ARM_SILENT
     for phase in range(len(PHASES)):
         for request in range(len(REQUESTS)):
-            d = Decision.of(phase=phase, cause=Cause.LATE.place, good=20, since=1)
+            d = ModeStruct.of(phase=phase, cause=Cause.LATE.place, good=20, since=1)
             for found in (0, *(cause.bit for cause in causes)):
                 signs = Signs(True, True, True, phase > 1)
                 states.transition(d.rows[0], found, signs, request, 5, t)
@@ -397,18 +397,24 @@ def moded():
         "forgotten": lambda kept: forget.forget_but_places(kept.rows[0]),
         "unlearnt": lambda kept: act.unlearn(kept.rows[0], Cause.CAMERA_MOVED.place, 5),
         "failed": lambda kept: act.fail(kept.rows[0], 7),
-        "stopped": lambda kept: gate.stop(kept.decision.rows[0], 9, gate.Gate().row[0]),
+        "stopped": lambda kept: gate.stop(kept.decision.command.rows[0], 9, gate.Gate().row[0]),
     }.items():
         kept = Kept.of(
             watch=Watch.of(believed=3, rejected=2),
             estimate=Estimate.of(J_hat=1.0, exposure=4, **places),
             tour=Exploring.of(done=True, visits=4),
-            decision=Decision.of(number=5, sent=1.0, on=True),
+            decision=Decision.of(command=gate.CommandStruct.of(number=5, rates=1.0, enabled=True)),
         )
         answer = change(kept)
-        rows = kept.watch, kept.estimate, kept.tour, kept.decision
+        d = kept.decision
+        rows = kept.watch, kept.estimate, kept.tour, d, d.mode, d.command
         out[name] = np.concatenate(
-            [np.ravel(getattr(row, field.name)) for row in rows for field in row.fields]
+            [
+                np.ravel(getattr(row, field.name))
+                for row in rows
+                for field in row.fields
+                if field.name not in ("mode", "command")
+            ]
         )
         out[f"answer of {name}"] = float(answer or 0.0)
     return out

@@ -9,8 +9,8 @@ from rcmservo.compiled import compiled
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.plausible import lost
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import Told, Watch
-from rcmservo.interfaces import Dropped
+from rcmservo.guard.watch import Watch
+from rcmservo.interfaces import Dropped, ObservationStruct
 from rcmservo.loops import all_finite
 from rcmservo.method.kinematics import Rcm, reachable
 
@@ -42,7 +42,7 @@ DROPPED = tuple(DROPPED_CAUSES[kind].bit for kind in Dropped)
 
 
 @compiled
-def arm_faults(w: Watch, seen: Told, on: bool, rcm: Rcm, t: Thresholds) -> int:
+def arm_faults(w: Watch, seen: ObservationStruct, on: bool, rcm: Rcm, t: Thresholds) -> int:
     """What is wrong with the arm; `on`, whether its drive should be."""
     if not all_finite(seen.q):
         return JOINTS_NOT_FINITE
@@ -62,7 +62,7 @@ def arm_faults(w: Watch, seen: Told, on: bool, rcm: Rcm, t: Thresholds) -> int:
 
 
 @compiled
-def loop_faults(w: Watch, seen: Told, period: int, t: Thresholds) -> int:
+def loop_faults(w: Watch, seen: ObservationStruct, period: int, t: Thresholds) -> int:
     """What is wrong with the loop and its record."""
     found = 0 if seen.recorded else NOT_RECORDED
     if not w.gap > 0:
@@ -75,7 +75,7 @@ def loop_faults(w: Watch, seen: Told, period: int, t: Thresholds) -> int:
 
 
 @compiled
-def camera_faults(w: Watch, seen: Told, rcm: Rcm, t: Thresholds) -> int:
+def camera_faults(w: Watch, seen: ObservationStruct, rcm: Rcm, t: Thresholds) -> int:
     """What is wrong with the frames and with where they show the markers."""
     found = FRAMES_NOT_NEW if seen.frame < w.frame else 0
     if seen.frame < 0:

@@ -20,7 +20,7 @@ from rcmservo.errors import require, require_radians
 from rcmservo.interfaces import Command, Floats
 from rcmservo.loops import all_finite, fill
 from rcmservo.method.kinematics import Rcm
-from rcmservo.rows import Row, Rows, as_row, flag, reals, whole
+from rcmservo.rows import Rows, Struct, as_row
 
 ROUNDING = 1.0 + 1e-12
 """A rate that the slew brings to zero but for rounding is brought to zero."""
@@ -60,60 +60,48 @@ def within(
     return True
 
 
-class Sent(Row):
-    """The last command, as compiled functions keep it."""
-
-    number: int = whole("", "it rises from command to command")
-    time: int = whole("ns", "that of its tick")
-    deadline: int = whole("ns", "from when on it is void")
-    sent: Floats = reals(3, "rad/s, rad/s, mm/s", "the joint rates that the arm was sent")
-    on: bool = flag("whether the drive stays on")
+class CommandStruct(Struct, source=Command):
+    """The last command in compiled functions."""
 
 
-def sent(command: Command) -> dict[str, Any]:
-    """The numbers of a Sent."""
-    c = command
-    return {
-        "number": c.number,
-        "time": c.time,
-        "deadline": c.deadline,
-        "sent": c.rates,
-        "on": c.enabled,
-    }
-
-
-def command_of(last: Sent) -> Command:
-    """A Sent as devices take it."""
-    return Command(last.number, last.time, last.deadline, last.sent.copy(), last.on)
+def command_of(last: CommandStruct) -> Command:
+    """The last command as devices take it."""
+    return Command(**last.values())
 
 
 @compiled
-def issue(d: Sent, on: bool, now: int, gate: "Gate") -> None:
+def issue(last: CommandStruct, enabled: bool, now: int, gate: "Gate") -> None:
     """Number and times of the next command."""
-    d.number, d.time, d.on = d.number + 1, now, on
-    d.deadline = now + int(np.round(gate.deadline * 1e9))
+    last.number, last.time, last.enabled = last.number + 1, now, enabled
+    last.deadline = now + int(np.round(gate.deadline * 1e9))
 
 
 @compiled
 def admit(
-    d: Sent, rates: Floats, q: Floats, rcm: Rcm, now: int, share: float, gate: "Gate"
+    last: CommandStruct,
+    rates: Floats,
+    q: Floats,
+    rcm: Rcm,
+    now: int,
+    share: float,
+    gate: "Gate",
 ) -> bool:
     """Make the wanted joint rates (3,) a command, from the last one and the measured q (3,).
 
     ``share`` of the full speed may be used; at 0 the rates go to zero as fast as the slew allows.
     False where something that came in was not finite or no time had passed: then it is zero.
     """
-    dt = min((now - d.time) * 1e-9, gate.max_period)
-    finite = within(rates, d.sent, q, rcm, gate, dt, share)
-    issue(d, True, now, gate)
+    dt = min((now - last.time) * 1e-9, gate.max_period)
+    finite = within(rates, last.rates, q, rcm, gate, dt, share)
+    issue(last, True, now, gate)
     return finite
 
 
 @compiled
-def stop(d: Sent, now: int, gate: "Gate") -> None:
+def stop(last: CommandStruct, now: int, gate: "Gate") -> None:
     """Zero at once, with the drive off."""
-    fill(d.sent, 0.0)
-    issue(d, False, now, gate)
+    fill(last.rates, 0.0)
+    issue(last, False, now, gate)
 
 
 class Passed(NamedTuple):
@@ -182,12 +170,12 @@ class Gate:
         share: float = 1.0,
     ) -> Passed:
         """`admit`, from a Command to a Command."""
-        row = Sent.of(**sent(last))
+        row = CommandStruct.from_source(last)
         finite = admit(cast(Any, row.rows)[0], rates, q, rcm, now, float(share), self.row[0])
         return Passed(command_of(row), finite)
 
     def stop(self, last: Command, now: int) -> Command:
         """Zero at once, with the drive off."""
-        row = Sent.of(**sent(last))
+        row = CommandStruct.from_source(last)
         stop(cast(Any, row.rows)[0], now, self.row[0])
         return command_of(row)

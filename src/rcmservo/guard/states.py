@@ -19,9 +19,9 @@ from enum import Enum
 from typing import NamedTuple
 
 from rcmservo.compiled import compiled
-from rcmservo.guard.causes import ACTIONS, CAUSES, Action, Cause, graver, gravest
+from rcmservo.guard.causes import ACTIONS, Action, Cause, graver, gravest
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.rows import Row, whole
+from rcmservo.rows import Struct
 
 SLOW_SHARE = 0.2
 """Share of the full speed in ACQUIRE and JOG, and while a cause asks for SLOW."""
@@ -96,30 +96,8 @@ class Mode:
         return speed_share(PHASES.index(self.phase), int(self.asks))
 
 
-class Standing(Row):
-    """A mode as compiled functions keep it."""
-
-    phase: int = whole("", "its place in Phase")
-    cause: int = whole("", "its place in Cause")
-    since: int = whole("ns", "since when")
-    good: int = whole("", "good frames counted in it")
-    asks: int = whole("", "the action that is being taken")
-
-
-def standing(mode: Mode) -> dict[str, int]:
-    """The numbers of a Standing."""
-    return {
-        "phase": PHASES.index(mode.phase),
-        "cause": mode.cause.place,
-        "since": mode.since,
-        "good": mode.good,
-        "asks": int(mode.asks),
-    }
-
-
-def mode_of(s: Standing, detail: str = "") -> Mode:
-    """A Standing in words."""
-    return Mode(PHASES[s.phase], CAUSES[s.cause], s.since, s.good, Action(s.asks), detail)
+class ModeStruct(Struct, source=Mode):
+    """A mode in compiled functions."""
 
 
 class Signs(NamedTuple):
@@ -145,7 +123,7 @@ def speed_share(phase: int, asks: int) -> float:
 
 @compiled
 def transition(
-    s: Standing, causes: int, signs: Signs, request: int, now: int, t: Thresholds
+    s: ModeStruct, causes: int, signs: Signs, request: int, now: int, t: Thresholds
 ) -> None:
     """The mode after one tick at `now` ns, with the set of `causes` found; `request` by its place
     in Request. Whatever the causes, more of them never give a softer answer."""
@@ -169,24 +147,30 @@ def transition(
 
 
 @compiled
-def fault(s: Standing, cause: int, request: int, now: int) -> None:
+def fault(s: ModeStruct, cause: int, request: int, now: int) -> None:
     """Into FAULT, where the first cause stays; out of it by a person once no cause asks for it any
     more."""
     if s.phase != FAULT:
-        s.phase, s.cause, s.since, s.good, s.asks = FAULT, cause, now, 0, FAULTED
+        enter_fault(s, cause, now)
     elif request == ASKS_CLEAR and ACTIONS[cause] < FAULTED:
         s.phase, s.cause, s.since, s.good, s.asks = DISABLED, 0, now, 0, 0
 
 
 @compiled
-def jog(s: Standing, now: int) -> None:
+def enter_fault(s: ModeStruct, cause: int, now: int) -> None:
+    """Enter FAULT."""
+    s.phase, s.cause, s.since, s.good, s.asks = FAULT, cause, now, 0, FAULTED
+
+
+@compiled
+def jog(s: ModeStruct, now: int) -> None:
     """Into JOG, or on in it."""
     s.since = s.since if s.phase == JOG else now
     s.phase, s.cause, s.good, s.asks = JOG, 0, 0, SLOW
 
 
 @compiled
-def wait(s: Standing, cause: int, signs: Signs, now: int) -> None:
+def wait(s: ModeStruct, cause: int, signs: Signs, now: int) -> None:
     """In IDLE, or into ACQUIRE."""
     action = ACTIONS[cause]
     if signs.seen and action < HELD:
@@ -196,7 +180,7 @@ def wait(s: Standing, cause: int, signs: Signs, now: int) -> None:
 
 
 @compiled
-def pause(s: Standing, cause: int, request: int, now: int) -> None:
+def pause(s: ModeStruct, cause: int, request: int, now: int) -> None:
     """Into PAUSED, on in it, or out of it by a person; what stands against that is named."""
     why = cause if ACTIONS[cause] == PAUSE else 0
     if s.phase != PAUSED:
@@ -210,7 +194,7 @@ def pause(s: Standing, cause: int, request: int, now: int) -> None:
 
 
 @compiled
-def hold(s: Standing, cause: int, now: int, t: Thresholds) -> None:
+def hold(s: ModeStruct, cause: int, now: int, t: Thresholds) -> None:
     """Into HOLD or on in it; after its time into PAUSED."""
     since = s.since if s.phase == HOLD else now
     if now - since > t.hold_time * 1e9:
@@ -220,7 +204,7 @@ def hold(s: Standing, cause: int, now: int, t: Thresholds) -> None:
 
 
 @compiled
-def go_on(s: Standing, cause: int, signs: Signs, now: int, t: Thresholds) -> None:
+def go_on(s: ModeStruct, cause: int, signs: Signs, now: int, t: Thresholds) -> None:
     """From HOLD through ACQUIRE to SERVO, by good frames."""
     good, action = s.good + int(signs.good), ACTIONS[cause]
     if s.phase == HOLD:

@@ -3,14 +3,12 @@
 A new frame is compared with the motion since the last one, and the joints with the commands before.
 """
 
-from typing import Any, NamedTuple
-
 import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.guard.plausible import judged, leapt
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.interfaces import Floats, Observation
+from rcmservo.interfaces import Floats, ObservationStruct
 from rcmservo.loops import all_finite, length, minus, put
 from rcmservo.rows import Row, flag, real, reals, whole
 
@@ -52,58 +50,10 @@ class Watch(Row):
     wrong: int = whole("", "judgements in a row against the estimate")
 
 
-class Told(NamedTuple):
-    """An observation as compiled functions take it."""
-
-    now: int
-    """ns, the moment of the observation."""
-    q: Floats
-    """The joints (3,) rad, rad, mm, as the arm last told them."""
-    q_time: int
-    """ns, when the arm read them."""
-    enabled: bool
-    """Whether the arm's drive is on."""
-    applied: Floats
-    """The joint rates (3,) rad/s, rad/s, mm/s that the arm took."""
-    frame: int
-    """Number of the newest frame used, -1 before the first."""
-    exposure: int
-    """ns, the middle of that frame's exposure."""
-    arrival: int
-    """ns, when the computer had it."""
-    q_exposure: Floats
-    """The joints (3,) then; NaN where they are not known."""
-    points: Floats
-    """The markers (2, 2) raw px in it, NaN where lost."""
-    dropped: int
-    """Place in Dropped of why the frame offered last was not used."""
-    recorded: bool
-    """Whether the record that was asked for is still written."""
-
-
 def begin() -> Watch:
     """Nothing seen yet."""
     unknown = dict.fromkeys(("reached", "rest", "elsewhere", "p1", "points", "seen"), np.nan)
     return Watch.of(idle=-1, frame=-1, believed=-1, **unknown)
-
-
-def told(seen: Observation) -> tuple[Any, ...]:
-    """The numbers of a Told, as a plain tuple: that passes to compiled functions in a third of the
-    time."""
-    return (
-        seen.now,
-        seen.q,
-        seen.q_time,
-        seen.enabled,
-        seen.applied,
-        seen.frame,
-        seen.exposure,
-        seen.arrival,
-        seen.q_exposure,
-        seen.points,
-        seen.dropped.place,
-        seen.recorded,
-    )
 
 
 @compiled
@@ -132,7 +82,9 @@ def followed(
 
 
 @compiled
-def watch_loop(w: Watch, seen: Told, gap: int, period: int, lag: float, t: Thresholds) -> None:
+def watch_loop(
+    w: Watch, seen: ObservationStruct, gap: int, period: int, lag: float, t: Thresholds
+) -> None:
     """One more tick, `gap` ns after the last: how late it came, where the joints should be with
     drives that lag by so many s, and where they rest."""
     w.gap = gap
@@ -148,7 +100,7 @@ def watch_loop(w: Watch, seen: Told, gap: int, period: int, lag: float, t: Thres
 
 
 @compiled
-def watch_rest(w: Watch, seen: Told, t: Thresholds) -> None:
+def watch_rest(w: Watch, seen: ObservationStruct, t: Thresholds) -> None:
     """Where the joints came to rest, if nothing has been commanded since."""
     if not (seen.enabled and length(seen.applied) == 0.0):
         w.idle = -1
@@ -160,7 +112,7 @@ def watch_rest(w: Watch, seen: Told, t: Thresholds) -> None:
 
 
 @compiled
-def watch_frame(w: Watch, seen: Told, t: Thresholds) -> None:
+def watch_frame(w: Watch, seen: ObservationStruct, t: Thresholds) -> None:
     """A new frame: its latency, and the period between frames, which no gap may stretch at once."""
     if w.frame >= 0:
         one = (seen.exposure - w.exposure) / (seen.frame - w.frame)

@@ -204,7 +204,7 @@ def _await_frame(plant: HeartbeatPlant) -> None:
         go_on(plant.told_to_end)
         if seen.exposure >= now:
             return
-        why = seen.dropped.value
+        why = seen.dropped.words
     raise NoFrames(f"no usable frame has come for {PATIENCE:g} s{why and ': ' + why}")
 
 

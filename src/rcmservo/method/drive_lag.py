@@ -10,6 +10,7 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 from rcmservo.loops import all_finite, fill, put
+from rcmservo.method.kinematics import Point
 from rcmservo.rows import Row, real, reals, whole
 
 SUPPOSED = 0.025
@@ -52,7 +53,9 @@ def begin_lag(d: DriveLag) -> None:
 
 
 @compiled
-def follow_drives(d: DriveLag, q: Floats, time: int, applied: Floats, fastest: Floats) -> None:
+def follow_drives(
+    d: DriveLag, q: Floats, time: int, applied: Floats, fastest: Floats | Point
+) -> None:
     """Take in the joints q (3,) told at `time` ns, and the rates (3,) that the arm took since those
     before; `fastest` are the greatest."""
     dt = (time - d.told) * 1e-9

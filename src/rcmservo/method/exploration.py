@@ -23,7 +23,7 @@ from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.loops import length, minus, put
 from rcmservo.method.drive_lag import DriveLag, begin_lag
-from rcmservo.method.kinematics import Rcm, position_jacobian
+from rcmservo.method.kinematics import Point, Rcm, position_jacobian
 from rcmservo.rows import flag, reals, whole
 
 CORNERS = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 0.0]])
@@ -88,7 +88,13 @@ class Exploring(DriveLag):
 
 @compiled
 def begin(
-    tour: Exploring, rcm: Rcm, fastest: Floats, q: Floats, now: int, least: float, x: Exploration
+    tour: Exploring,
+    rcm: Rcm,
+    fastest: Floats | Point,
+    q: Floats,
+    now: int,
+    least: float,
+    x: Exploration,
 ) -> None:
     """Plan the first round from the joints q (3,), or note that the limits leave a joint less than
     the share `least` of its side. The joints move at `fastest` (3,) at most."""
@@ -109,7 +115,7 @@ def face(tour: Exploring) -> None:
 
 
 @compiled
-def box(tour: Exploring, rcm: Rcm, fastest: Floats, least: float, x: Exploration) -> bool:
+def box(tour: Exploring, rcm: Rcm, fastest: Floats | Point, least: float, x: Exploration) -> bool:
     """The sides of the next round; whether there is room for them."""
     number, wanted, room = tour.visits // len(CORNERS), np.empty(3), True
     for i in range(3):
@@ -143,7 +149,9 @@ def span(rcm: Rcm, q: Floats, sides: Floats) -> float:
 
 
 @compiled
-def towards(tour: Exploring, fastest: Floats, q: Floats, lag: float, x: Exploration) -> Floats:
+def towards(
+    tour: Exploring, fastest: Floats | Point, q: Floats, lag: float, x: Exploration
+) -> Floats:
     """Joint rates (3,) towards the next corner, by drives that lag by so many s."""
     rates, brake = np.empty(3), max(lag, BRAKE)
     for i in range(3):

@@ -162,7 +162,7 @@ def reachable(rcm: Rcm, q: Floats, slack: float) -> bool:
 
 @compiled
 def blocked(
-    rcm: Rcm, q: Floats | Point, v: Floats, fastest: Floats, horizon: float, share: float
+    rcm: Rcm, q: Floats | Point, v: Floats, fastest: Floats | Point, horizon: float, share: float
 ) -> tuple[int, Point]:
     """The joint (or -1) whose limit stands in the way of v (3,) mm/s, and v's joint rates.
 

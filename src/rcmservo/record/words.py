@@ -85,7 +85,7 @@ def _frames(told: RunSummary) -> str:
     if told.disbelieved:
         parts.append(f"{told.disbelieved} not believed")
     parts += [
-        f"{reason.value} at {_count(count, 'tick')}" for reason, count in told.dropped.items()
+        f"{reason.words} at {_count(count, 'tick')}" for reason, count in told.dropped.items()
     ]
     return ", ".join(parts)
 

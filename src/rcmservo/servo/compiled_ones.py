@@ -6,8 +6,7 @@ from typing import Any, cast
 import numpy as np
 
 from rcmservo.compiled import compiled, declare_in
-from rcmservo.guard.watch import Told
-from rcmservo.interfaces import Floats
+from rcmservo.interfaces import Floats, ObservationStruct
 from rcmservo.memory import scratch_table
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.dlt import DltEstimator
@@ -22,7 +21,7 @@ from rcmservo.method.estimators.projection import update as projection_update
 from rcmservo.method.foresight import add_offset, expect, motions
 from rcmservo.method.prospect import see
 from rcmservo.rows import Rows
-from rcmservo.servo.dials import Fixed, shaft_of
+from rcmservo.servo.kernel_parameters import KernelParameters, shaft_of
 from rcmservo.servo.learn import (
     LEARN,
     learn,
@@ -50,20 +49,20 @@ def rule_of(estimator: Estimator) -> AnyRule | None:
 def by_rule_21(
     kept: Rows[Kept],
     beside: Beside,
-    seen: Told,
+    seen: ObservationStruct,
     target: Floats,
     dt: float,
     rule: Rule,
-    fixed: Rows[Fixed],
+    fixed: Rows[KernelParameters],
 ) -> tuple[Beside, int]:
     """`learned` by rule (21)."""
     lines, news = line_up(kept, beside.lines, seen.points, fixed)
-    memory, e, shaft = beside.memory, kept[0].estimate, shaft_of(fixed[0].dials)
+    memory, e, shaft = beside.memory, kept[0].estimate, shaft_of(fixed[0])
     if news == LEARN:
         memory = projection_update(memory, e.p1, seen.points, e.o_c, dt, rule, shaft)
         J_hat = projection_jacobian(memory.a_hat, e.p1, seen.points, e.o_c, shaft)
         learn(kept, J_hat, seen.points, target, seen.exposure)
-        if fixed[0].dials.features > 3:
+        if fixed[0].features > 3:
             motion = markers_jacobian(memory.a_hat, e.p1, shaft)
             learn_points(kept, motion, seen.points, target)
     return Beside(lines, memory), news
@@ -73,14 +72,14 @@ def by_rule_21(
 def by_whole_fit(
     kept: Rows[Kept],
     beside: tuple[()],
-    seen: Told,
+    seen: ObservationStruct,
     target: Floats,
     dt: float,
     rule: tuple[()],
-    fixed: Rows[Fixed],
+    fixed: Rows[KernelParameters],
 ) -> tuple[tuple[()], int]:
     """`learned` by the direct linear transformation: what the camera should see is all it is."""
-    e, v, shaft = kept[0].estimate, kept[0].prospect, shaft_of(fixed[0].dials)
+    e, v, shaft = kept[0].estimate, kept[0].prospect, shaft_of(fixed[0])
     frames = v.frames
     see(v, e.p1, seen.points, shaft)
     if v.frames > frames or e.rcm_condition > 0.0:  # otherwise it is where it was
@@ -90,7 +89,7 @@ def by_whole_fit(
     add_offset(v, points)
     motions(v, e.p1, shaft, motion)
     learn_straight(kept, motion, points, target, seen.exposure)
-    if fixed[0].dials.features > 3:
+    if fixed[0].features > 3:
         learn_points(kept, motion, points, target)
     return beside, LEARN
 
@@ -116,11 +115,11 @@ EMPTIED = {Beside: rule_21_emptied, tuple: whole_fit_emptied}
 def learned(
     kept: Rows[Kept],
     beside: Any,
-    seen: Told,
+    seen: ObservationStruct,
     target: Floats,
     dt: float,
     rule: Any,
-    fixed: Rows[Fixed],
+    fixed: Rows[KernelParameters],
 ) -> tuple[Any, int]:
     """What is remembered beside after one new frame that is believed, with the `target`'s markers
     (2, 2) raw px, and what it brought."""

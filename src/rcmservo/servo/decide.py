@@ -8,9 +8,8 @@ from rcmservo.guard.drift import drift_faults
 from rcmservo.guard.faults import arm_faults, camera_faults, loop_faults
 from rcmservo.guard.plausible import sound
 from rcmservo.guard.states import DISABLED, FAULT, PAUSED, SERVO
-from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import Told, Watch
-from rcmservo.interfaces import Floats
+from rcmservo.guard.watch import Watch
+from rcmservo.interfaces import Floats, ObservationStruct
 from rcmservo.loops import all_finite, largest
 from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.controller import MOST, Heading, control, scale
@@ -20,7 +19,7 @@ from rcmservo.method.foresight import order, pose_deviation
 from rcmservo.method.kinematics import Point, apart, blocked, point_at
 from rcmservo.method.prospect import Prospect
 from rcmservo.method.tool import fastest_point, second_point, stretch
-from rcmservo.servo.dials import Asked, Dials, Fixed, rcm_of, shaft_of
+from rcmservo.servo.kernel_parameters import Asked, KernelParameters, rcm_of, shaft_of
 from rcmservo.servo.state import Decision, Estimate, Kept
 
 ESTIMATE_NOT_FINITE, RCM_UNKNOWN = Cause.ESTIMATE_NOT_FINITE.bit, Cause.RCM_UNKNOWN.bit
@@ -46,43 +45,47 @@ CERTAIN = 3.0
 
 
 @compiled
-def decide(s: Kept, v: Prospect, seen: Told, asked: Asked, fixed: Fixed) -> int:
+def decide(
+    s: Kept, v: Prospect, seen: ObservationStruct, asked: Asked, fixed: KernelParameters
+) -> int:
     """Head for the target by the law, where there is an estimate; the causes that are there at this
     tick."""
     w, e, tour, d = s.watch, s.estimate, s.tour, s.decision
-    c, t = fixed.dials, fixed.thresholds
-    on = d.phase not in (DISABLED, FAULT)
-    found = arm_faults(w, seen, on, rcm_of(c), t) | loop_faults(w, seen, c.period, t)
-    found |= camera_faults(w, seen, rcm_of(c), t)
+    t = fixed.thresholds
+    on = d.mode.phase not in (DISABLED, FAULT)
+    found = arm_faults(w, seen, on, rcm_of(fixed), t) | loop_faults(w, seen, fixed.period, t)
+    found |= camera_faults(w, seen, rcm_of(fixed), t)
     if not all_finite(e.J_hat):
         found |= ESTIMATE_NOT_FINITE
-    if d.phase == PAUSED and seen.frame < 0:
+    if d.mode.phase == PAUSED and seen.frame < 0:
         found |= STALE  # nothing was seen that it could go on from
     if asked.shown < d.moved:
         found |= TARGET_OLD
     if not tour.done:
         return found | tour_faults(w, v, tour, seen.now, fixed)
-    steer(e, d, seen, d.phase == SERVO, fixed)
+    steer(e, d, seen, d.mode.phase == SERVO, fixed)
     stray(s, v, seen, asked, fixed)
-    found |= drift_faults(w, t) | estimate_faults(w, e, c, t)
+    found |= drift_faults(w, t) | estimate_faults(w, e, fixed)
     if not sound(v, t):
         found |= DIVERGED
-    return found | way_faults(d, seen.now, c, t)
+    return found | way_faults(d, seen.now, fixed)
 
 
 @compiled
-def steer(e: Estimate, d: Decision, seen: Told, servoing: bool, fixed: Fixed) -> None:
+def steer(
+    e: Estimate, d: Decision, seen: ObservationStruct, servoing: bool, fixed: KernelParameters
+) -> None:
     """The law on Δy + Ĵ (p₁(now) − p₁), and how it gets on."""
-    c, t, rcm = fixed.dials, fixed.thresholds, rcm_of(fixed.dials)
+    law, t, rcm = fixed.controller, fixed.thresholds, rcm_of(fixed)
     q = (seen.q[0], seen.q[1], seen.q[2])
     p1 = point_at(rcm, q)
     carry(e, p1)
-    heading, error = head(e, p1, c)
-    speed = fastest_point(shaft_of(fixed.dials), p1, heading.v, c.tip)
-    slower = max(1.0, speed / c.max_speed)
+    heading, error = head(e, p1, fixed)
+    speed = fastest_point(shaft_of(fixed), p1, heading.v, law.tip)
+    slower = max(1.0, speed / law.max_speed)
     for k in range(3):
         d.v[k] = heading.v[k] / slower
-    joint, rates = blocked(rcm, q, d.v, c.fastest, t.limit_horizon, t.limit_share)
+    joint, rates = blocked(rcm, q, d.v, fixed.gate.speed, t.limit_horizon, t.limit_share)
     d.rates[0], d.rates[1], d.rates[2] = rates
     e.condition, d.blocked = heading.condition, joint
     d.open = heading.open if error > t.small_error else 1.0
@@ -103,32 +106,35 @@ def carry(e: Estimate, p1: Point) -> None:
 
 
 @compiled
-def head(e: Estimate, p1: Point, c: Dials) -> tuple[Heading, float]:
+def head(e: Estimate, p1: Point, fixed: KernelParameters) -> tuple[Heading, float]:
     """The law with marker 1 at p1 mm: on [s r d], or on the markers' four coordinates, and maybe
     both apparent radii, of which 10 px are one unit."""
-    if c.features > 3:
-        n, px = c.features, SCALE[1]
+    c, printed = fixed.controller, fixed.printed_potential
+    if fixed.features > 3:
+        n, px = fixed.features, SCALE[1]
         L, off, most = scratch_table(MOST, 3)[:n], scratch(MOST)[:n], scratch(MOST)[:n]
         for k in range(n):
             off[k], most[k] = e.off[k] / px, c.bounds[1] / px
             for i in range(3):
                 L[k, i] = e.motion[k, i] / px
                 off[k] -= L[k, i] * (e.p1[i] - p1[i])
-        return control(L, off, most, c.printed, c.gain, c.max_condition, c.max_speed)
+        return control(L, off, most, printed, c.gain, c.max_condition, c.max_speed)
     J, delta, bounds = scratch_table(3, 3), scratch(3), scratch(3)
     scale(e.J_hat, J)
     for k in range(3):
         delta[k], bounds[k] = e.ahead[k] / SCALE[k], c.bounds[k] / SCALE[k]
-    return control(J, delta, bounds, c.printed, c.gain, c.max_condition, c.max_speed)
+    return control(J, delta, bounds, printed, c.gain, c.max_condition, c.max_speed)
 
 
 @compiled
-def stray(s: Kept, v: Prospect, seen: Told, asked: Asked, fixed: Fixed) -> None:
+def stray(
+    s: Kept, v: Prospect, seen: ObservationStruct, asked: Asked, fixed: KernelParameters
+) -> None:
     """Whether the picture shows the tool at the target, or leads it away again, while the joints,
     beyond what noise explains, are not where they were shown: since when."""
     e, d, t = s.estimate, s.decision, fixed.thresholds
     been = d.arrived and not asked.other
-    if d.phase != SERVO or not (been or d.left < NEAR):
+    if d.mode.phase != SERVO or not (been or d.left < NEAR):
         d.arrived, d.astray = False, -1
         return
     if away_at_most(seen.q, asked.q, fixed) < t.elsewhere:
@@ -137,7 +143,7 @@ def stray(s: Kept, v: Prospect, seen: Told, asked: Asked, fixed: Fixed) -> None:
     off, allowed = away(seen.q, asked.q, fixed), t.elsewhere
     if not off < allowed:
         frames = max(min(v.weight[0], v.weight[1]), 1.0)
-        noise = pose_deviation(v, e.p1, shaft_of(fixed.dials)) * np.sqrt(1.0 / frames + 1.0 / SHOWN)
+        noise = pose_deviation(v, e.p1, shaft_of(fixed)) * np.sqrt(1.0 / frames + 1.0 / SHOWN)
         allowed += CERTAIN * noise
     d.arrived = not asked.other and (been or off < allowed)
     if not off - min(d.left, NEAR) > allowed:
@@ -147,30 +153,31 @@ def stray(s: Kept, v: Prospect, seen: Told, asked: Asked, fixed: Fixed) -> None:
 
 
 @compiled
-def away(q: Floats, q_d: Floats, fixed: Fixed) -> float:
+def away(q: Floats, q_d: Floats, fixed: KernelParameters) -> float:
     """mm from one place of the tool, by the joints q (3,), to another, of the marker that has the
     longer way."""
-    rcm = rcm_of(fixed.dials)
+    rcm = rcm_of(fixed)
     p1, p1_d = point_at(rcm, q), point_at(rcm, q_d)
-    p2, p2_d = second_point(shaft_of(fixed.dials), p1), second_point(shaft_of(fixed.dials), p1_d)
+    p2, p2_d = second_point(shaft_of(fixed), p1), second_point(shaft_of(fixed), p1_d)
     return max(apart(p1, p1_d), apart(p2, p2_d))
 
 
 @compiled
-def away_at_most(q: Floats, q_d: Floats, fixed: Fixed) -> float:
+def away_at_most(q: Floats, q_d: Floats, fixed: KernelParameters) -> float:
     """What `away` is at most, in a fraction of the time: no direction turns by more than the angles
     do."""
-    zero = fixed.dials.zero
+    zero = fixed.rcm.zero
     rho, rho_d = q[2] + zero, q_d[2] + zero
     turned = abs(q[0] - q_d[0]) + abs(q[1] - q_d[1])
-    longest = max(stretch(shaft_of(fixed.dials), (0.0, 0.0, rho)), 1.0)
+    longest = max(stretch(shaft_of(fixed), (0.0, 0.0, rho)), 1.0)
     return longest * (abs(rho - rho_d) + max(abs(rho), abs(rho_d)) * turned)
 
 
 @compiled
-def estimate_faults(w: Watch, e: Estimate, c: Dials, t: Thresholds) -> int:
+def estimate_faults(w: Watch, e: Estimate, fixed: KernelParameters) -> int:
     """What is wrong with the estimate."""
-    found = 0 if e.rcm_condition <= c.rcm_condition else RCM_UNKNOWN
+    t = fixed.thresholds
+    found = 0 if e.rcm_condition <= fixed.imaged_rcm.max_condition else RCM_UNKNOWN
     J = scratch_table(3, 3)
     scale(e.J_hat, J)
     if not largest(J) <= t.largest:
@@ -181,8 +188,9 @@ def estimate_faults(w: Watch, e: Estimate, c: Dials, t: Thresholds) -> int:
 
 
 @compiled
-def way_faults(d: Decision, now: int, c: Dials, t: Thresholds) -> int:
+def way_faults(d: Decision, now: int, fixed: KernelParameters) -> int:
     """What stands in the way to the target."""
+    t = fixed.thresholds
     found = LIMITS[d.blocked] if d.blocked >= 0 else 0
     if d.astray >= 0 and now - d.astray > t.elsewhere_time * 1e9:
         found |= ELSEWHERE
@@ -190,14 +198,14 @@ def way_faults(d: Decision, now: int, c: Dials, t: Thresholds) -> int:
         found |= SINGULAR
     elif not d.open >= t.nearly_closed:
         found |= NEARLY_SINGULAR
-    patience = max(t.stall_time, t.stall_gains / c.gain)
+    patience = max(t.stall_time, t.stall_gains / fixed.controller.gain)
     if d.peak > t.stall_error and now - d.peak_time > patience * 1e9:
         found |= STALLED
     return found
 
 
 @compiled
-def tour_faults(w: Watch, v: Prospect, tour: Exploring, now: int, fixed: Fixed) -> int:
+def tour_faults(w: Watch, v: Prospect, tour: Exploring, now: int, fixed: KernelParameters) -> int:
     """What is wrong while exploring."""
     if tour.no_room:
         return NO_ROOM

@@ -19,7 +19,7 @@ from rcmservo.method.foresight import image
 from rcmservo.method.imaged_rcm import follow
 from rcmservo.method.prospect import RCM, see
 from rcmservo.rows import Rows
-from rcmservo.servo.dials import Fixed, shaft_of
+from rcmservo.servo.kernel_parameters import KernelParameters, shaft_of
 from rcmservo.servo.state import Estimate, Kept
 
 NOTHING, BELIEVED, LEARN = 0, 1, 2
@@ -32,18 +32,20 @@ REACH = 800.0
 
 @compiled
 def line_up(
-    kept: Rows[Kept], lines: Floats, points: Floats, fixed: Rows[Fixed]
+    kept: Rows[Kept], lines: Floats, points: Floats, fixed: Rows[KernelParameters]
 ) -> tuple[Floats, int]:
     """Take the raw `points` (2, 2), of which one may be lost, into what the camera should see, and
     into the lines of eq. (16), which it gives anew; whether that tells the imaged RCM."""
-    e, c = kept[0].estimate, fixed[0].dials
-    see(kept[0].prospect, e.p1, points, shaft_of(c))
+    e, c = kept[0].estimate, fixed[0].imaged_rcm
+    see(kept[0].prospect, e.p1, points, shaft_of(fixed[0]))
     if not all_finite(points):
         return lines, BELIEVED
-    lines, count, o_c, condition = follow(lines, e.line_count, points, c.refinements, c.rcm_printed)
+    lines, count, o_c, condition = follow(
+        lines, e.line_count, points, c.refinements, fixed[0].printed_rcm
+    )
     put(e.o_c, o_c)
     e.line_count, e.rcm_condition = count, condition
-    return lines, LEARN if condition <= c.rcm_condition else BELIEVED
+    return lines, LEARN if condition <= c.max_condition else BELIEVED
 
 
 @compiled

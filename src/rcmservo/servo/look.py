@@ -6,43 +6,45 @@ from rcmservo.compiled import compiled
 from rcmservo.guard.drift import watch_drift, watch_stuck
 from rcmservo.guard.plausible import leapt, lost, misplaced
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import Told, Watch, stays, watch_frame, watch_loop, watch_markers
-from rcmservo.interfaces import Floats
+from rcmservo.guard.watch import Watch, stays, watch_frame, watch_loop, watch_markers
+from rcmservo.interfaces import Floats, ObservationStruct
 from rcmservo.loops import distance, put
 from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.drive_lag import lag_of
 from rcmservo.method.foresight import deviation_without, located
 from rcmservo.method.kinematics import point_at, reachable
 from rcmservo.rows import Rows
-from rcmservo.servo.dials import Fixed, rcm_of, shaft_of
+from rcmservo.servo.kernel_parameters import KernelParameters, rcm_of, shaft_of
 from rcmservo.servo.learn import BELIEVED, LEARN, NOTHING
 from rcmservo.servo.state import Estimate, Kept
 
 
 @compiled
-def look(rows: Rows[Kept], seen: Told, fixed: Rows[Fixed]) -> tuple[int, float]:
+def look(
+    rows: Rows[Kept], seen: ObservationStruct, fixed: Rows[KernelParameters]
+) -> tuple[int, float]:
     """Keep what this tick shows; what that is, and s since the exposure learnt from before (0 for
     the first)."""
-    kept, c, t = rows[0], fixed[0].dials, fixed[0].thresholds
+    kept, t, period = rows[0], fixed[0].thresholds, fixed[0].period
     w, e, v, tour, d = kept.watch, kept.estimate, kept.prospect, kept.tour, kept.decision
-    gap = seen.now - d.time if d.number > 0 else c.period
-    watch_loop(w, seen, gap, c.period, lag_of(tour, t.drive_lag), t)
+    gap = seen.now - d.command.time if d.command.number > 0 else period
+    watch_loop(w, seen, gap, period, lag_of(tour, t.drive_lag), t)
     if not seen.frame > w.frame:
         return NOTHING, 0.0
     watch_frame(w, seen, t)
-    if not reachable(rcm_of(c), seen.q_exposure, t.slack):
+    if not reachable(rcm_of(fixed[0]), seen.q_exposure, t.slack):
         return NOTHING, 0.0
     p1, points = scratch(3), scratch_table(2, 2)
-    p1[0], p1[1], p1[2] = point_at(rcm_of(c), seen.q_exposure)
+    p1[0], p1[1], p1[2] = point_at(rcm_of(fixed[0]), seen.q_exposure)
     put(points, seen.points)
     w.spared = completed(kept, p1, points, fixed[0])
     first, second = lost(points)
     if first or second:
         return NOTHING, 0.0
     if tour.done:
-        first, second, crossed = misplaced(v, p1, points, e.points, shaft_of(c), t)
+        first, second, crossed = misplaced(v, p1, points, e.points, shaft_of(fixed[0]), t)
         watch_markers(w, first, second, crossed, points, t)
-        watch_drift(w, v, p1, points, seen.points, shaft_of(c), t)
+        watch_drift(w, v, p1, points, seen.points, shaft_of(fixed[0]), t)
     else:
         jump = t.jump + t.innovation * np.sqrt(2.0 * v.noise)
         doubt(w, e, seen, p1, jump, t)
@@ -57,13 +59,13 @@ def look(rows: Rows[Kept], seen: Told, fixed: Rows[Fixed]) -> tuple[int, float]:
 
 
 @compiled
-def completed(kept: Kept, p1: Floats, points: Floats, fixed: Fixed) -> bool:
+def completed(kept: Kept, p1: Floats, points: Floats, fixed: KernelParameters) -> bool:
     """Put a lost one of the markers (2, 2) raw px where it should be; whether there was one, and
     the other and the joints tell the pose."""
     first, second = lost(points)
-    if first == second or not (kept.tour.done and fixed.dials.spares):
+    if first == second or not (kept.tour.done and fixed.spares_marker):
         return False
-    v, k, shaft = kept.prospect, 0 if first else 1, shaft_of(fixed.dials)
+    v, k, shaft = kept.prospect, 0 if first else 1, shaft_of(fixed)
     if not deviation_without(v, p1, k, shaft) <= fixed.thresholds.without_marker:
         return False
     put(points[k], located(v, p1, shaft)[k])
@@ -71,7 +73,9 @@ def completed(kept: Kept, p1: Floats, points: Floats, fixed: Fixed) -> bool:
 
 
 @compiled
-def doubt(w: Watch, e: Estimate, seen: Told, p1: Floats, jump: float, t: Thresholds) -> None:
+def doubt(
+    w: Watch, e: Estimate, seen: ObservationStruct, p1: Floats, jump: float, t: Thresholds
+) -> None:
     """While nothing foretells the markers: count a frame as rejected if they leapt by more than
     `jump` px and what the way of the tool to p1 (3,) mm allows, or if one is stuck."""
     way, crossed = distance(p1, e.p1), False

@@ -9,12 +9,12 @@ as a good part of the tick: so there are as few as can be, and rows are written 
 from typing import Any
 
 from rcmservo.compiled import compiled
-from rcmservo.guard.watch import Told
+from rcmservo.interfaces import ObservationStruct
 from rcmservo.memory import unowned
 from rcmservo.rows import Rows
 from rcmservo.servo.act import act
 from rcmservo.servo.compiled_ones import AnyRule, emptied, learned
-from rcmservo.servo.dials import Asked, Fixed
+from rcmservo.servo.kernel_parameters import Asked, KernelParameters
 from rcmservo.servo.learn import LEARN
 from rcmservo.servo.look import look
 from rcmservo.servo.state import Beside, Kept
@@ -26,24 +26,24 @@ def tick(
     beside: Beside | tuple[()],
     seen: tuple[Any, ...],
     asked: tuple[Any, ...],
-    fixed: Rows[Fixed],
+    fixed: Rows[KernelParameters],
     rule: AnyRule,
 ) -> tuple[Beside | tuple[()], bool]:
-    """Write one tick over what is kept, with the numbers of a Told and of an Asked; what is
-    remembered beside, and whether there is another cause than before."""
+    """Write one tick over what is kept, with the numbers of an `ObservationStruct` and of an
+    `Asked`; what is remembered beside, and whether there is another cause than before."""
     kept, fixed = unowned(kept), unowned(fixed)
-    cause = kept[0].decision.cause
-    beside = go_on(kept, beside, Told(*seen), Asked(*asked), fixed, rule)
-    return beside, kept[0].decision.cause != cause
+    cause = kept[0].decision.mode.cause
+    beside = go_on(kept, beside, ObservationStruct(*seen), Asked(*asked), fixed, rule)
+    return beside, kept[0].decision.mode.cause != cause
 
 
 @compiled
 def go_on(
     kept: Rows[Kept],
     beside: Beside | tuple[()],
-    seen: Told,
+    seen: ObservationStruct,
     asked: Asked,
-    fixed: Rows[Fixed],
+    fixed: Rows[KernelParameters],
     rule: AnyRule,
 ) -> Beside | tuple[()]:
     """`tick` as a batch goes through it."""

@@ -14,24 +14,24 @@ import numpy as np
 
 from rcmservo.errors import require
 from rcmservo.guard.causes import Cause
-from rcmservo.guard.gate import Gate, sent
-from rcmservo.guard.states import REQUESTS, Mode, Phase, Request, standing
+from rcmservo.guard.gate import CommandStruct, Gate
+from rcmservo.guard.states import REQUESTS, Mode, ModeStruct, Phase, Request
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import Told, begin, told
-from rcmservo.interfaces import Floats, Observation, Target
+from rcmservo.guard.watch import begin
+from rcmservo.interfaces import Floats, Observation, ObservationStruct, Target, observed_numbers
 from rcmservo.method.controller import ROWS, SaturatedController
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.foresight import located
 from rcmservo.method.imaged_rcm import ImagedRcm
-from rcmservo.method.kinematics import Kinematics, Rcm, floats, position
+from rcmservo.method.kinematics import Kinematics, Rcm, position
 from rcmservo.method.tool import Tool
 from rcmservo.rows import Rows, as_row, changed, copied
 from rcmservo.servo.act import act
 from rcmservo.servo.compiled_ones import AnyRule, rule_of
 from rcmservo.servo.diagnosis import detail
-from rcmservo.servo.dials import Asked, Dials, Fixed
+from rcmservo.servo.kernel_parameters import Asked, KernelParameters
 from rcmservo.servo.learn import (
     LEARN,
     learn,
@@ -102,40 +102,29 @@ class Servo:
         return self.mechanism.rcm(self.tool.offset)
 
     @cached_property
-    def dials(self) -> Dials:
-        """What the compiled parts know of the boxes."""
-        law, rcm = self.controller, self.rcm
-        return Dials.of(
-            kind=rcm.kind,
-            zero=rcm.zero,
-            lower=rcm.lower,
-            upper=rcm.upper,
-            fastest=floats(self.gate.speed),
-            gain=law.gain,
-            features=ROWS[law.features],
-            bounds=floats(law.bounds),
-            printed=law.potential == "printed",
-            max_condition=law.max_condition,
-            max_speed=law.max_speed,
-            tip=law.tip,
-            refinements=self.imaged_rcm.refinements,
-            rcm_printed=self.imaged_rcm.printed,
-            rcm_condition=self.imaged_rcm.max_condition,
-            spares=self.estimator.spares_marker and self.estimator.places_rcm,
-            period=self.period,
-            tool=self.tool.kind,
-            spacing=self.tool.value,
-        )
-
-    @cached_property
     def rule(self) -> AnyRule | None:
         """What they know of the estimator; None where it does not compile."""
         return rule_of(self.estimator)
 
     @cached_property
-    def fixed(self) -> Rows[Fixed]:
+    def fixed(self) -> Rows[KernelParameters]:
         """What the compiled parts know of all this."""
-        return as_row(Fixed(self.dials, self.thresholds, self.gate, self.exploration))
+        return as_row(
+            KernelParameters(
+                rcm=self.rcm,
+                tool=self.tool.shaft,
+                controller=self.controller,
+                features=ROWS[self.controller.features],
+                printed_potential=self.controller.potential == "printed",
+                imaged_rcm=self.imaged_rcm,
+                printed_rcm=self.imaged_rcm.printed,
+                spares_marker=self.estimator.spares_marker and self.estimator.places_rcm,
+                gate=self.gate,
+                thresholds=self.thresholds,
+                exploration=self.exploration,
+                period=self.period,
+            )
+        )
 
     def marker_1(self, q: Floats) -> Floats:
         """p₁ (3,) mm at the joints q (3,)."""
@@ -149,9 +138,8 @@ class Servo:
 
     def init(self) -> State:
         """Nothing seen, nothing known: Ĵ = 0, drive off."""
-        decision = Decision.of(
-            **sent(self.gate.rest()), blocked=-1, astray=-1, peak=np.inf, moved=-1
-        )
+        rest = CommandStruct.from_source(self.gate.rest())
+        decision = Decision.of(command=rest, blocked=-1, astray=-1, peak=np.inf, moved=-1)
         kept = Kept.of(decision=decision, watch=begin(), **ignorance())
         return State(kept, self._nothing())
 
@@ -167,7 +155,8 @@ class Servo:
         can tell.
         """
         mode = state.mode if state.phase is Phase.FAULT else Mode()
-        decision = changed(state.decision, **standing(mode), **sent(self.gate.rest()))
+        rest = CommandStruct.from_source(self.gate.rest())
+        decision = changed(state.decision, mode=ModeStruct.from_source(mode), command=rest)
         parts, beside, places = ignorance(), state.beside, state.kept.estimate
         if state.explored:
             tour = changed(state.kept.tour, begun=False, no_room=False)
@@ -211,21 +200,21 @@ class Servo:
         is to move them by hand.
         """
         kept = copied(state.kept)
-        numbers, other = told(seen), target is not state.target
+        numbers, other = observed_numbers(seen), target is not state.target
         asked = (target.points, target.q, target.shown, other, REQUESTS.index(request), jog)
         beside, failed = state.beside, ""
         if self.rule is not None:
             beside, new = tick(kept.rows, beside, numbers, asked, self.fixed, self.rule)
         else:
-            seen_so, asked_so = Told(*numbers), Asked(*asked)
+            seen_so, asked_so = ObservationStruct(*numbers), Asked(*asked)
             sizes = seen.sizes, target.sizes
             beside, failed = self._by_parts(kept, beside, seen_so, asked_so, sizes)
-            new = kept.decision.cause != state.decision.cause
+            new = kept.decision.mode.cause != state.decision.mode.cause
         after = State(kept, beside, target, state.detail)
         return after._replace(detail=failed or self._detail(after, seen)) if new else after
 
     def _by_parts(
-        self, kept: Kept, beside: Any, seen: Told, asked: Asked, sizes: Both
+        self, kept: Kept, beside: Any, seen: ObservationStruct, asked: Asked, sizes: Both
     ) -> tuple[Beside, str]:
         """`tick` with another estimator, and how that failed; `sizes` are those seen and those of
         the target."""
@@ -242,7 +231,13 @@ class Servo:
         return Beside(lines, memory), failed
 
     def _learn(
-        self, kept: Kept, memory: Any, seen: Told, target: Floats, dt: float, sizes: Both
+        self,
+        kept: Kept,
+        memory: Any,
+        seen: ObservationStruct,
+        target: Floats,
+        dt: float,
+        sizes: Both,
     ) -> Any:
         """The memory after one new frame; Ĵ and features go into the estimate, with a lost marker
         where the fit of all frames has it."""

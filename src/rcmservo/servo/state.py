@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rcmservo.guard.causes import CAUSES, Cause
-from rcmservo.guard.gate import Sent, command_of
-from rcmservo.guard.states import PHASES, Mode, Phase, Standing, mode_of, standing
+from rcmservo.guard.gate import CommandStruct, command_of
+from rcmservo.guard.states import PHASES, Mode, ModeStruct, Phase
 from rcmservo.guard.watch import Watch
 from rcmservo.interfaces import Command, Floats, Target
 from rcmservo.method.controller import MOST
@@ -39,10 +39,12 @@ class Estimate(Row):
     ahead: Floats = reals(FEATURES, "rad, px, px", "Δy as predicted for now")
 
 
-class Decision(Standing, Sent):
+class Decision(Row):
     """What the servo decided: its mode, what it wants of the arm, how it gets on, and the last
     command."""
 
+    mode: ModeStruct = part(ModeStruct, "phase, and why")
+    command: CommandStruct = part(CommandStruct, "the last command")
     v: Floats = reals(3, "mm/s", "velocity wanted of marker 1")
     rates: Floats = reals(3, "rad/s, rad/s, mm/s", "the joint rates that make it")
     blocked: int = whole("", "the joint whose limit stands in the way, -1 for none")
@@ -119,7 +121,10 @@ class State(NamedTuple):
         parts: dict[str, Row] = {} if watch is None else {"watch": watch}
         detail, beside = self.detail, self.beside
         if mode is not None:
-            parts["decision"], detail = changed(self.decision, **standing(mode)), mode.detail
+            parts["decision"], detail = (
+                changed(self.decision, mode=ModeStruct.from_source(mode)),
+                mode.detail,
+            )
         if learnt is not None:
             parts |= {name: getattr(learnt, name) for name in ("estimate", "prospect", "tour")}
             beside = self.beside and Beside(learnt.lines, learnt.memory)
@@ -145,22 +150,22 @@ class State(NamedTuple):
     @property
     def mode(self) -> Mode:
         """Its phase, and why."""
-        return mode_of(self.decision, self.detail)
+        return Mode(**self.decision.mode.values(), detail=self.detail)
 
     @property
     def command(self) -> Command:
         """What the gate passed."""
-        return command_of(self.decision)
+        return command_of(self.decision.command)
 
     @property
     def phase(self) -> Phase:
         """What the servo is doing."""
-        return PHASES[self.decision.phase]
+        return PHASES[int(self.decision.mode.phase)]
 
     @property
     def cause(self) -> Cause:
         """Why it is not simply on its way."""
-        return CAUSES[self.decision.cause]
+        return CAUSES[int(self.decision.mode.cause)]
 
     @property
     def words(self) -> str:

@@ -1,21 +1,20 @@
 """One closed loop as one compiled function: the twin of the laboratory and the live servo's own
 step."""
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rcmservo.compiled import compiled
-from rcmservo.guard.watch import Told
-from rcmservo.interfaces import Floats
+from rcmservo.interfaces import Dropped, Floats, ObservationStruct
 from rcmservo.loops import fill
 from rcmservo.memory import scratch, unowned
 from rcmservo.method.kinematics import Point, apart, point_at
 from rcmservo.method.tool import Shaft, second_point
 from rcmservo.rows import Rows
 from rcmservo.servo.compiled_ones import AnyRule
-from rcmservo.servo.dials import Asked, Fixed, rcm_of, shaft_of
+from rcmservo.servo.kernel_parameters import Asked, KernelParameters, rcm_of, shaft_of
 from rcmservo.servo.one_kernel import go_on
 from rcmservo.servo.state import Beside, Kept
 from rcmservo.sim.lens import Lens, picture
@@ -31,6 +30,9 @@ from rcmservo.study.twin import (
     take,
 )
 
+NOT_DROPPED = cast(Dropped, Dropped.NONE.value)
+"""`Dropped.NONE` in compiled functions."""
+
 
 class Start(NamedTuple):
     """What a closed loop begins with."""
@@ -39,7 +41,7 @@ class Start(NamedTuple):
     """What the servo remembers."""
     beside: Beside | tuple[()]
     """What it remembers beside."""
-    fixed: Rows[Fixed]
+    fixed: Rows[KernelParameters]
     """What the servo is made of."""
     rule: AnyRule
     """What its estimator is."""
@@ -89,42 +91,52 @@ def closed_loop(start: Start, twin: Twin, shown: Goal, noise: Floats, trace: Cou
     start, twin, shown = unowned(start), unowned(twin), unowned(shown)
     noise, trace = unowned(noise), unowned(trace)
     beside, fixed, d = start.beside, start.fixed, start.kept[0].decision
-    c, a = fixed[0].dials, twin.drives[0]
+    period, arm = fixed[0].period, twin.drives[0]
     place(twin, start.now)
     skipped = newest(twin.pace[0], start.now)
     frame, still = Newest(-1, 0, 0), scratch(3)
     fill(still, 0.0)
     for k in range(len(trace.error)):
-        now = start.now + k * c.period
+        now = start.now + k * period
         advance(twin, now)
         q = twin.told[k % PAST]
         count(twin, q)
         number = newest(twin.pace[0], now)
         if number > max(frame.number, skipped):
             frame = taken(twin, number, noise[number - skipped - 1], start, k)
-        told = Told(
-            now, q, now, a.on, a.applied, frame.number, frame.exposure, frame.arrival,
-            twin.exposed, twin.points, 0, True,
-        )  # fmt: skip
+        observation = ObservationStruct(
+            now=now,
+            q=q,
+            q_time=now,
+            enabled=arm.on,
+            applied=arm.applied,
+            frame=frame.number,
+            exposure=frame.exposure,
+            arrival=frame.arrival,
+            q_exposure=twin.exposed,
+            points=twin.points,
+            dropped=NOT_DROPPED,
+            recorded=True,
+        )
         asked = Asked(shown.points, shown.q, start.now, k == 0, 0, still)
-        beside = go_on(start.kept, beside, told, asked, fixed, start.rule)
-        take(twin, d.sent, d.on)
-        p2 = second_point(shaft_of(c), point_at(rcm_of(c), a.q))
+        beside = go_on(start.kept, beside, observation, asked, fixed, start.rule)
+        take(twin, d.command.rates, d.command.enabled)
+        p2 = second_point(shaft_of(fixed[0]), point_at(rcm_of(fixed[0]), arm.q))
         trace.error[k] = apart(p2, (shown.p2[0], shown.p2[1], shown.p2[2]))
-        trace.phase[k], trace.cause[k] = d.phase, d.cause
+        trace.phase[k], trace.cause[k] = d.mode.phase, d.mode.cause
 
 
 @compiled
 def taken(twin: Twin, number: int, noise: Floats, start: Start, k: int) -> Newest:
     """The frame of this number, as it is seen at the k-th tick."""
-    pace, c, q = twin.pace[0], start.fixed[0].dials, scratch(3)
+    pace, fixed, q = twin.pace[0], start.fixed[0], scratch(3)
     exposure = int(np.round(number * pace.period))
     if exposure < start.now:  # the tool may have been moved by hand before
         return Newest(-1, 0, 0)
     joints_at(twin, exposure, q)
-    see(twin.lens[0], shaft_of(c), point_at(rcm_of(c), q), noise, twin.points)
-    j = (exposure - start.now) // c.period
-    share = (exposure - start.now - j * c.period) / c.period
+    see(twin.lens[0], shaft_of(fixed), point_at(rcm_of(fixed), q), noise, twin.points)
+    j = (exposure - start.now) // fixed.period
+    share = (exposure - start.now - j * fixed.period) / fixed.period
     between(twin.told[j % PAST], twin.told[min(j + 1, k) % PAST], share, twin.exposed)
     return Newest(number, exposure, exposure + pace.late)
 
