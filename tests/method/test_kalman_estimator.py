@@ -102,7 +102,7 @@ def test_a_camera_that_has_rolled_is_learnt_anew():
     [
         ({"drift": -0.1}, "estimator.drift must be a number from 0 to 1000, got -0.1"),
         ({"drift": np.nan}, "estimator.drift must be a number"),
-        ({"noise": 0.0}, "estimator.noise must be a number from 1e-06 to 1000, got 0"),
+        ({"noise": 0.0}, "estimator.noise must be a number from 1e-6 to 1000, got 0"),
         ({"noise": np.inf}, "estimator.noise must be a number"),
         ({"spread": 0.0}, "estimator.spread must be a number"),
         ({"spread": np.nan}, "estimator.spread must be a number"),

@@ -8,12 +8,12 @@ tells whether the way is open.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require, require_radians
+from rcmservo.constraints import Checked, above, angles, between, positive, three_positive
 from rcmservo.interfaces import Floats
 from rcmservo.loops import all_finite, fill, length
 from rcmservo.memory import scratch, scratch_table
@@ -172,7 +172,7 @@ def control(
 
 
 @dataclass(frozen=True)
-class SaturatedController:
+class SaturatedController(Checked, section="controller"):
     """The law (31) with the saturated potential (32)."""
 
     features: Literal["srd", "points", "size"] = "srd"
@@ -181,22 +181,24 @@ class SaturatedController:
     radius counts as one of a coordinate: in rendered pictures both scatter by 0.013 px, and with
     three times the weight the error at the target was twice as large. A marker that is lost is left
     out, as the other and its size tell the place."""
-    gain: float = 8.0
+    gain: Annotated[float, positive("gain in 1/s")] = 8.0
     """k, 1/s. The greatest gain without overshoot is 1/(e T), where the drives follow T s after the
     joints were read: as built in T = 46 ms, of delay, lag and tick. The camera's latency does not
     count, as the error is carried on to the present joints, and noise neither, where the estimator
     averages it out; where it does not (all but dlt and affine), a smaller gain is quieter."""
-    bounds: tuple[float, float, float] = (float(np.radians(50.0)), 50.0, 50.0)
+    bounds: Annotated[
+        tuple[float, float, float], three_positive("rad, px, px"), angles(np.pi, first=1)
+    ] = (float(np.radians(50.0)), 50.0, 50.0)
     """b, the feature errors (rad, px, px) from which on the action is saturated; the angle is at
     most π."""
     potential: Literal["continuous", "printed"] = "continuous"
     """V: continuous as Fig. 5 asks, or printed as (32) reads, where the action drops to half at
     b."""
-    max_speed: float = 40.0
+    max_speed: Annotated[float, positive("speed in mm/s")] = 40.0
     """Cap on the speed of both markers and of the tip, mm/s."""
-    tip: float = 0.0
+    tip: Annotated[float, between(0.0, 1000.0, "a length", "mm")] = 0.0
     """How far the tip is beyond marker 2, mm."""
-    max_condition: float = 150.0
+    max_condition: Annotated[float, above(1.0)] = 150.0
     """Condition number of the scaled Jacobian up to which its inverse is not damped by much: the
     damping begins at half of it."""
 
@@ -204,27 +206,3 @@ class SaturatedController:
     def b(self) -> Floats:
         """The bounds (3,)."""
         return np.array(self.bounds)
-
-    def __post_init__(self) -> None:
-        require(0.0 < self.gain < np.inf, "controller.gain", self.gain, "a positive gain in 1/s")
-        good = len(self.bounds) == 3 and all(0.0 < b < np.inf for b in self.bounds)
-        require(good, "controller.bounds", self.bounds, "three positive numbers (rad, px, px)")
-        require_radians("controller.bounds", self.bounds, self.bounds[:1], np.pi)
-        known = self.features in ROWS
-        require(known, "controller.features", self.features, "'srd', 'points' or 'size'")
-        known = self.potential in ("continuous", "printed")
-        require(known, "controller.potential", self.potential, "'continuous' or 'printed'")
-        require(
-            0.0 < self.max_speed < np.inf,
-            "controller.max_speed",
-            self.max_speed,
-            "a positive speed in mm/s",
-        )
-        right = "a length of 0 to 1000 mm"
-        require(0.0 <= self.tip <= 1000.0, "controller.tip", self.tip, right)
-        require(
-            1.0 < self.max_condition < np.inf,
-            "controller.max_condition",
-            self.max_condition,
-            "a number above 1",
-        )

@@ -15,11 +15,12 @@ while the tool servoes.
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require
+from rcmservo.constraints import FRACTION, Checked, between, positive
 from rcmservo.interfaces import Floats
 from rcmservo.loops import length, minus, put
 from rcmservo.method.drive_lag import DriveLag, begin_lag
@@ -41,36 +42,26 @@ they would swing about it."""
 
 
 @dataclass(frozen=True)
-class Exploration:
+class Exploration(Checked, section="exploration"):
     """How the tool moves while nothing is known yet."""
 
-    leg: float = 0.15
+    leg: Annotated[float, positive("time in s")] = 0.15
     """Time from corner to corner in the first round, s."""
-    share: float = 0.2
+    share: Annotated[float, FRACTION] = 0.2
     """Share of every joint's greatest speed at which it moves."""
-    reach: float = 8.0
+    reach: Annotated[float, positive("length in mm")] = 8.0
     """How far marker 1 goes from corner to corner at most, mm."""
-    growth: float = 1.5
+    growth: Annotated[float, between(1.0, 10.0, "a factor")] = 1.5
     """How many times as large every round is as the one before."""
-    uncertainty: float = 1.0
+    uncertainty: Annotated[float, positive("share")] = 1.0
     """Share of the way to the target by which the estimate may mistake it as servoing begins, one
     standard deviation."""
-    tolerance: float = 0.3
+    tolerance: Annotated[float, positive("share")] = 0.3
     """Share by which Ĵ may differ from what the camera should see."""
-    legs: int = 3
+    legs: Annotated[int, between(1, 1000, "a whole number")] = 3
     """Least number of corners to visit."""
-    max_time: float = 10.0
+    max_time: Annotated[float, positive("time in s")] = 10.0
     """Time after which exploration is given up, s."""
-
-    def __post_init__(self) -> None:
-        for name in ("leg", "reach", "uncertainty", "tolerance", "max_time"):
-            value = getattr(self, name)
-            require(0.0 < value < np.inf, f"exploration.{name}", value, "a positive number")
-        good = 0.0 < self.share <= 1.0
-        require(good, "exploration.share", self.share, "a share above 0 and at most 1")
-        good = 1.0 <= self.growth <= 10.0
-        require(good, "exploration.growth", self.growth, "a factor from 1 to 10")
-        require(1 <= self.legs <= 1000, "exploration.legs", self.legs, "from 1 to 1000")
 
 
 class Exploring(DriveLag):

@@ -14,12 +14,12 @@ each line's direction then comes from o_c and both markers instead of from the m
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require
+from rcmservo.constraints import Checked, above, between
 from rcmservo.interfaces import Floats
 from rcmservo.loops import put
 
@@ -191,43 +191,20 @@ def follow(
 
 
 @dataclass(frozen=True)
-class ImagedRcm:
+class ImagedRcm(Checked, section="imaged_rcm"):
     """How the imaged RCM is computed: eq. (16) over the most telling lines, then refined; or as
     printed."""
 
-    lines: int = 50
+    lines: Annotated[int, between(2, MOST, "a whole number of lines")] = 50
     """H, the number of lines kept."""
-    refinements: int = 3
+    refinements: Annotated[int, between(0, 100, "a whole number")] = 3
     """Gauss-Newton steps after (16), to the nearest bundle of lines; none if as printed."""
-    max_condition: float = 2e4
+    max_condition: Annotated[float, above(1.0, 1e12)] = 2e4
     """Condition of (16), about 1 / variance of the line angle (1/rad²), above which o_c is not yet
     observable."""
     fit: Literal["refined", "printed"] = "refined"
     """Printed is eq. (16) exactly: unit normals, the last H lines, no steps after it. As the tool
     comes to rest these lines are one, and the run pauses because o_c is not known."""
-
-    def __post_init__(self) -> None:
-        require(
-            2 <= self.lines <= MOST,
-            "imaged_rcm.lines",
-            self.lines,
-            f"a whole number of lines from 2 to {MOST}",
-        )
-        require(
-            0 <= self.refinements <= 100,
-            "imaged_rcm.refinements",
-            self.refinements,
-            "a whole number from 0 to 100",
-        )
-        require(
-            1.0 < self.max_condition <= 1e12,
-            "imaged_rcm.max_condition",
-            self.max_condition,
-            "a number above 1, up to 1e12",
-        )
-        require(
-            self.fit in ("refined", "printed"), "imaged_rcm.fit", self.fit, "refined or printed"
-        )
 
     @property
     def printed(self) -> bool:

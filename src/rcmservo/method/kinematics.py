@@ -10,11 +10,12 @@ orthogonal, which makes joint rates a projection.
 from abc import ABC
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
 from rcmservo.compiled import compiled
+from rcmservo.constraints import Checked, Limit, each, finite
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.loops import length, product
@@ -185,33 +186,36 @@ def blocked(
     return joint if left < share * length(v) / slower else -1, wanted
 
 
-def _require_units(name: str, values: tuple[float, float, float]) -> None:
-    """Refuse limits of impossible size, and name their likely unit."""
-    widest = max(abs(values[0]), abs(values[1]))
-    right = "within ±2π rad in joints 1 and 2 (this looks like degrees)"
-    require(widest <= FULL_TURN, name, values, right)
-    right = f"within ±{LONGEST_TRAVEL:g} mm in joint 3 (this looks like µm)"
-    require(abs(values[2]) <= LONGEST_TRAVEL, name, values, right)
+LIMITS = (
+    each(finite(), "three finite numbers (rad, rad, mm)"),
+    Limit(
+        lambda q: max(abs(q[0]), abs(q[1])) <= FULL_TURN,
+        "within ±2π rad in joints 1 and 2 (this looks like degrees)",
+    ),
+    Limit(
+        lambda q: abs(q[2]) <= LONGEST_TRAVEL,
+        f"within ±{LONGEST_TRAVEL:g} mm in joint 3 (this looks like µm)",
+    ),
+)
+"""Limits of the joints' limits, which name the likely unit of impossible ones."""
 
 
 @dataclass(frozen=True)
-class JointLimits:
+class JointLimits(Checked):
     """The configurations that the tool may take: lower <= q <= upper."""
 
-    lower: tuple[float, float, float]
+    lower: Annotated[tuple[float, float, float], *LIMITS]
     """rad, rad, mm."""
-    upper: tuple[float, float, float]
+    upper: Annotated[tuple[float, float, float], *LIMITS]
     """rad, rad, mm; above `lower` in every joint."""
 
     def __post_init__(self) -> None:
-        for name, values in (("lower", self.lower), ("upper", self.upper)):
-            require(bool(np.all(np.isfinite(values))), name, values, "three finite numbers")
-            _require_units(name, values)
+        super().__post_init__()
         above = all(low < high for low, high in zip(self.lower, self.upper, strict=True))
-        require(above, "upper", self.upper, f"above lower {self.lower} in every joint")
-        right = f"beyond ±{LEAST_TRAVEL:g} mm in joint 3 (this looks like m)"
+        self.require(above, "upper", f"above lower {self.lower} in every joint")
         farthest = max(abs(self.lower[2]), abs(self.upper[2]))
-        require(farthest >= LEAST_TRAVEL, "upper", self.upper, right)
+        right = f"beyond ±{LEAST_TRAVEL:g} mm in joint 3 (this looks like m)"
+        self.require(farthest >= LEAST_TRAVEL, "upper", right)
 
     @property
     def arrays(self) -> tuple[Floats, Floats]:
@@ -220,7 +224,7 @@ class JointLimits:
 
 
 @dataclass(frozen=True)
-class Kinematics(ABC):
+class Kinematics(Checked, ABC):
     """What a robot knows of its own RCM mechanism: coordinates, limits, and where the insertion
     axis reads zero."""
 
@@ -233,23 +237,14 @@ class Kinematics(ABC):
 
     limits: JointLimits
     """How far each joint may go."""
-    insertion_zero: float = 0.0
+    insertion_zero: Annotated[float, finite("length in mm")] = 0.0
     """mm: ρ of the tool's reference point where the insertion joint reads zero."""
 
     def __post_init__(self) -> None:
-        require(
-            bool(np.isfinite(self.insertion_zero)),
-            "insertion_zero",
-            self.insertion_zero,
-            "a finite length in mm",
-        )
+        super().__post_init__()
         shortest = self.limits.lower[2] + self.insertion_zero
-        require(
-            shortest > 0.0,
-            "lower[2]",
-            self.limits.lower[2],
-            f"above {-self.insertion_zero:g} mm, so that ρ > 0",
-        )
+        above = f"above {-self.insertion_zero:g} mm, so that ρ > 0"
+        require(shortest > 0.0, "lower[2]", self.limits.lower[2], above)
 
     def rcm(self, offset: float = 0.0) -> Rcm:
         """What compiled functions know of it and of the point `offset` mm beyond the reference

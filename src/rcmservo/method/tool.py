@@ -9,12 +9,12 @@ Both markers ride on the tool's axis, m₁ nearer the RCM and m₂ nearer the ti
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require
+from rcmservo.constraints import Checked, above, at_least, at_most, positive
 from rcmservo.interfaces import Floats
 from rcmservo.method.kinematics import Point
 
@@ -92,13 +92,10 @@ def by_first_marker(shaft: Shaft, p1: Floats, motion: Floats) -> None:
 SHORTEST, LONGEST = 1.0, 1000.0
 """mm that a tool's lengths can have: what is beyond was given in another unit."""
 
-
-def _require_offset(offset: float) -> None:
-    right = f"a length of at most {LONGEST:g} mm either way"
-    require(abs(offset) <= LONGEST, "tool.offset", offset, right)
+OFFSET = at_most(LONGEST, "mm either way")
 
 
-class Tool(ABC):
+class Tool(Checked, ABC, section="tool"):
     """The markers' places on the tool's axis.
 
     ``offset`` (mm) is how far m₁ is beyond the reference point whose ρ the arm reports. ``value``
@@ -131,17 +128,15 @@ class RigidTool(Tool):
     kind = RIGID
     name = "rigid"
 
-    spacing: float
+    spacing: Annotated[
+        float,
+        positive("length in mm"),
+        at_least(SHORTEST, "mm (this looks like m)"),
+        at_most(LONGEST, "mm (this looks like µm)"),
+    ]
     """l, mm from m₁ to m₂ along the tool, away from the RCM."""
-    offset: float = 0.0
+    offset: Annotated[float, OFFSET] = 0.0
     """mm from the tool's reference point to m₁, positive away from the RCM."""
-
-    def __post_init__(self) -> None:
-        l, name = self.spacing, "tool.spacing"
-        require(bool(np.isfinite(l)) and l > 0.0, name, l, "a positive length in mm")
-        require(l >= SHORTEST, name, l, f"at least {SHORTEST:g} mm (this looks like m)")
-        require(l <= LONGEST, name, l, f"at most {LONGEST:g} mm (this looks like µm)")
-        _require_offset(self.offset)
 
     @property
     def value(self) -> float:
@@ -156,15 +151,10 @@ class ScaledTool(Tool):
     kind = SCALED
     name = "scaled"
 
-    scale: float
+    scale: Annotated[float, above(1.0, what="a factor λ")]
     """λ, above 1."""
-    offset: float = 0.0
+    offset: Annotated[float, OFFSET] = 0.0
     """mm from the tool's reference point to m₁, positive away from the RCM."""
-
-    def __post_init__(self) -> None:
-        good = bool(np.isfinite(self.scale)) and self.scale > 1.0
-        require(good, "tool.scale", self.scale, "a factor λ above 1 (m₂ is beyond m₁)")
-        _require_offset(self.offset)
 
     @property
     def value(self) -> float:

@@ -7,11 +7,12 @@ place. It needs a tracker that tells sizes: without them nothing is learnt.
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require
+from rcmservo.constraints import between
 from rcmservo.interfaces import Floats
 from rcmservo.loops import all_finite, products, put
 from rcmservo.method.estimators.base import Estimator, Sample
@@ -113,7 +114,7 @@ def sized_rcm(memory: Rows[SizedBall]) -> tuple[Floats, Floats]:
 class AffineEstimator(Estimator):
     """Ĵ by the markers' places and apparent sizes. Both are affine in the tool's place."""
 
-    size_noise: float = 0.3
+    size_noise: Annotated[float, between(0.01, 100.0, "a number of px for a px")] = 0.3
     """px by which a marker's size is off for every px of its centre. Below 1, as what is wrong with
     the joints moves the centres, and hardly the sizes."""
 
@@ -122,11 +123,6 @@ class AffineEstimator(Estimator):
     places_rcm = True
     spares_marker = True
     advice = "affine learns from the markers' apparent sizes: it needs a tracker that tells them"
-
-    def __post_init__(self) -> None:
-        right = "between 0.01 and 100 px for a px"
-        good = 0.01 <= self.size_noise <= 100.0
-        require(good, "estimator.size_noise", self.size_noise, right)
 
     def init(self) -> Rows[SizedBall]:
         return no_balls()

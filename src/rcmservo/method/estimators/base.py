@@ -6,6 +6,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from rcmservo.constraints import Checked
 from rcmservo.interfaces import Floats
 from rcmservo.method.tool import Tool
 
@@ -26,7 +27,7 @@ class Sample(NamedTuple):
     """The markers' apparent radii (2,) px, NaN where not known."""
 
 
-class Estimator(ABC):
+class Estimator(Checked, ABC, section="estimator"):
     """Learns Ĵ of eq. (14), ẏ = J v, from samples. ``init`` and ``update`` are pure; the memory is
     opaque to others."""
 

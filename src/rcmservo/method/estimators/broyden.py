@@ -12,12 +12,12 @@ C. G. Broyden, A class of methods for solving nonlinear simultaneous equations, 
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require
+from rcmservo.constraints import positive
 from rcmservo.interfaces import Floats
 from rcmservo.loops import length, minus
 from rcmservo.method.estimators.base import Estimator, Sample
@@ -66,20 +66,12 @@ class BroydenMemory(NamedTuple):
 class BroydenEstimator(Estimator):
     """Ĵ by Broyden's rank-1 update."""
 
-    min_step: float = 3.0
+    min_step: Annotated[float, positive("length in mm")] = 3.0
     """Least displacement of marker 1 between two updates, mm: a pixel of noise enters Ĵ as
     1/min_step px/mm."""
 
     name = "broyden"
     models = False
-
-    def __post_init__(self) -> None:
-        require(
-            0.0 < self.min_step < np.inf,
-            "estimator.min_step",
-            self.min_step,
-            "a positive length in mm",
-        )
 
     def init(self) -> BroydenMemory:
         return BroydenMemory(np.zeros((3, 3)), None, None)

@@ -29,11 +29,12 @@ noise, Sensors 23 (2023) 8518.
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require
+from rcmservo.constraints import between
 from rcmservo.interfaces import Floats
 from rcmservo.loops import product
 from rcmservo.method.estimators.displacement import gain, left_uncertain
@@ -81,16 +82,11 @@ class CorrentropyEstimator(Drifting):
     """Ĵ by Kalman's filter with maximum correntropy. Outliers do not lead it astray. The default
     exploration is enough for it."""
 
-    bandwidth: float = 3.0
+    bandwidth: Annotated[float, between(0.1, 1e6, "a number of σ")] = 3.0
     """β, width of the kernel in σ: errors far beyond it hardly count."""
 
     name = "correntropy"
     models = False
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        good = 0.1 <= self.bandwidth <= 1e6
-        require(good, "estimator.bandwidth", self.bandwidth, "a number of σ from 0.1 to 1e6")
 
     def uncertain(self) -> Floats:
         return np.array([self.spread**2 * np.eye(3)] * 3)

@@ -11,12 +11,12 @@ The derivatives of one feature by p₁ are a row of Ĵ; P (3, 3) is their covari
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require
+from rcmservo.constraints import positive
 from rcmservo.interfaces import Floats
 from rcmservo.loops import length, minus, product
 from rcmservo.method.estimators.base import Estimator, Sample
@@ -102,13 +102,9 @@ class DisplacementMemory(NamedTuple):
 class ByDisplacements(Estimator):
     """Learns Ĵ from one displacement after the other."""
 
-    min_step: float = 2.0
+    min_step: Annotated[float, positive("length in mm")] = 2.0
     """Way of marker 1 from which on it is a displacement, mm: a pixel of noise is 1/min_step px/mm
     of it."""
-
-    def __post_init__(self) -> None:
-        good = 0.0 < self.min_step < np.inf
-        require(good, "estimator.min_step", self.min_step, "a positive length in mm")
 
     @abstractmethod
     def uncertain(self) -> Floats:

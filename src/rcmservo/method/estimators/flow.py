@@ -6,12 +6,12 @@ step is too long. Between frames nothing was seen and nothing is learnt.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require
+from rcmservo.constraints import positive
 from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.base import Estimator, Sample
 from rcmservo.method.estimators.secant import toward
@@ -59,17 +59,12 @@ class FlowMemory(NamedTuple):
 class FlowEstimator(Estimator):
     """Ĵ from flow, rule (28)."""
 
-    gamma: float = 0.001
+    gamma: Annotated[float, positive("gain in s/mm²")] = 0.001
     """γ, s/mm² whatever the unit of y."""
 
     name = "flow"
     models = False
     advice = "a larger γ (gamma) lets the flow rule learn more from the same motion"
-
-    def __post_init__(self) -> None:
-        require(
-            0.0 < self.gamma < np.inf, "estimator.gamma", self.gamma, "a positive gain in s/mm²"
-        )
 
     def init(self) -> FlowMemory:
         return FlowMemory(np.zeros((3, 3)), None, None)

@@ -18,11 +18,12 @@ a tool at rest forget.
 
 from abc import ABC
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require
+from rcmservo.constraints import between
 from rcmservo.interfaces import Floats
 from rcmservo.loops import length
 from rcmservo.method.estimators.displacement import (
@@ -57,23 +58,16 @@ def learn(
 class Drifting(ByDisplacements, ABC):
     """Takes the rows of J for states that drift."""
 
-    drift: float = 0.007
+    drift: Annotated[float, between(0.0, 1000.0)] = 0.007
     """q, what a derivative drifts by in 1 mm of way, one standard deviation in b/mm; it grows with
     the root of the way."""
-    noise: float = 0.05
+    noise: Annotated[float, between(1e-6, 1000.0)] = 0.05
     """r, noise of a displacement's flow, one standard deviation in b: 0.05 is half a degree of s
     and half a pixel of r and d."""
-    spread: float = 1.0
+    spread: Annotated[float, between(1e-6, 1000.0)] = 1.0
     """Root of P at first, b/mm: how large a derivative is thought to be before anything is seen."""
 
     advice = LOOK_FURTHER
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name, least in (("drift", 0.0), ("noise", 1e-6), ("spread", 1e-6)):
-            value = getattr(self, name)
-            right = f"a number from {least:g} to 1000"
-            require(least <= value <= 1e3, f"estimator.{name}", value, right)
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,11 @@ method for system identification, IEEE Trans. Automatic Control 12 (1967) 282-28
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from rcmservo.errors import require
+from rcmservo.constraints import inside
 from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.displacement import ByDisplacements
 from rcmservo.method.estimators.secant import toward
@@ -28,7 +29,7 @@ from rcmservo.method.estimators.secant import toward
 class NormalisedFlowEstimator(ByDisplacements):
     """Ĵ from flow, normalised by the speed. It takes the default exploration a round further."""
 
-    mu: float = 0.5
+    mu: Annotated[float, inside(0.0, 2.0)] = 0.5
     """μ, the share of what is new in a displacement that is learnt from it."""
 
     name = "nflow"
@@ -37,10 +38,6 @@ class NormalisedFlowEstimator(ByDisplacements):
         "a share μ (mu) nearer to 1 learns more from each displacement, and a smaller min_step "
         "makes more of them"
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(0.0 < self.mu < 2.0, "estimator.mu", self.mu, "a number above 0 and below 2")
 
     def uncertain(self) -> Floats:
         return np.empty(0)

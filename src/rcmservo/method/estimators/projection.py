@@ -13,12 +13,12 @@ pixels are kept, so that all observations follow the imaged RCM when it moves.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require
+from rcmservo.constraints import at_least, between, not_negative, positive
 from rcmservo.interfaces import Floats
 from rcmservo.loops import products, put
 from rcmservo.method.estimators.base import Estimator, Sample
@@ -266,15 +266,15 @@ class ProjectionEstimator(Estimator):
 
     gamma: Literal["fast", "printed"] = "fast"
     """Γ of rule (21): fast, or the paper's as printed."""
-    rate: float = 20.0
+    rate: Annotated[float, positive("rate in 1/s")] = 20.0
     """η of the fast Γ, 1/s."""
-    epsilon: float = 1e-7
+    epsilon: Annotated[float, at_least(LEAST_EPSILON, "(less is lost in rounding)")] = 1e-7
     """ε of the fast Γ: modes of MᵀM weaker than ε Γ₀⁻¹ learn more slowly."""
-    observations: int = 20
+    observations: Annotated[int, between(6, MOST, "a whole number (by Proposition 1)")] = 20
     """P, the number of observations kept."""
     both_markers: bool = True
     """Fit m₂ as well as the paper's m₁."""
-    estimator_time: float = 0.0
+    estimator_time: Annotated[float, not_negative("time in s")] = 0.0
     """Time that the rule is given for every new frame, s; 0 stands for the real time between
     frames."""
 
@@ -282,30 +282,10 @@ class ProjectionEstimator(Estimator):
     models = True
 
     def __post_init__(self) -> None:
-        require(
-            self.gamma in ("fast", "printed"), "estimator.gamma", self.gamma, "'fast' or 'printed'"
-        )
-        require(0.0 < self.rate < np.inf, "estimator.rate", self.rate, "a positive rate in 1/s")
-        good = LEAST_EPSILON <= self.epsilon < np.inf
-        right = f"at least {LEAST_EPSILON:g}: less is lost in rounding"
-        require(good, "estimator.epsilon", self.epsilon, right)
-        require(
-            6 <= self.observations <= MOST,
-            "estimator.observations",
-            self.observations,
-            f"a whole number from 6 (Proposition 1) to {MOST}",
-        )
-        require(
-            0.0 <= self.estimator_time < np.inf,
-            "estimator.estimator_time",
-            self.estimator_time,
-            "a time in s",
-        )
+        super().__post_init__()
         decays = self.gamma == "printed" or self.rate * self.estimator_time <= MAX_DECAY
-        right = (
-            f"at most {MAX_DECAY:g} / rate with the fast Γ, whose modes have decayed long before"
-        )
-        require(decays, "estimator.estimator_time", self.estimator_time, right)
+        right = f"at most {MAX_DECAY:g} / rate with the fast Γ, whose modes decay long before"
+        self.require(decays, "estimator_time", right)
 
     def init(self) -> ProjectionMemory:
         return ProjectionMemory(np.zeros((self.observations + 1, 7)), 0, np.zeros(PARAMETERS))

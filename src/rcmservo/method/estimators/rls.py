@@ -19,11 +19,12 @@ and H. Lipkin, Uncalibrated dynamic visual servoing, IEEE Trans. Robotics and Au
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require
+from rcmservo.constraints import FRACTION, between
 from rcmservo.interfaces import Floats
 from rcmservo.method.estimators.displacement import (
     LOOK_FURTHER,
@@ -65,23 +66,15 @@ class RlsEstimator(ByDisplacements):
     """Ĵ by recursive least squares with exponential forgetting. The default exploration is enough
     for it."""
 
-    forgetting: float = 0.95
+    forgetting: Annotated[float, FRACTION] = 0.95
     """λ, the weight of a displacement after the next one, from 0 to 1 (nothing is forgotten)."""
-    covariance: float = 100.0
+    covariance: Annotated[float, between(1e-9, MOST, "a number", "1/mm²")] = 100.0
     """P₀, 1/mm²: that Ĵ is zero counts as much as one displacement of 1/√P₀ mm in each direction
     that brought no flow."""
 
     name = "rls"
     models = False
     advice = LOOK_FURTHER
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        forgetting, covariance = self.forgetting, self.covariance
-        good = 0.0 < forgetting <= 1.0
-        require(good, "estimator.forgetting", forgetting, "a share above 0 and at most 1")
-        good = 1e-9 <= covariance <= MOST
-        require(good, "estimator.covariance", covariance, f"a number from 1e-9 to {MOST:g} 1/mm²")
 
     def uncertain(self) -> Floats:
         return self.covariance * np.eye(3)
