@@ -103,5 +103,7 @@ def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_paus
         with (tmp_path / warm_up).open("wb") as file:
             pickle.dump((warm_up, runs), file)
         command = [sys.executable, "-c", code, str(tmp_path / warm_up)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, env=with_tests())
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, env=with_tests()
+        )
         assert done.returncode == 0, f"{warm_up}: {done.stderr[-2000:]}"

@@ -25,10 +25,10 @@ def _why_dropped(plant: Plant, dropped: Dropped) -> str:
     frame = plant.camera.latest()
     if dropped is Dropped.CLOCK and frame is not None:
         age = (plant.clock.now() - frame.exposure) * 1e-9
-        return f"{dropped.value}: the newest is {age:.3f} s old, which must be from 0 to 2 s"
+        return f"{dropped.words}: the newest is {age:.3f} s old, which must be from 0 to 2 s"
     try:
         if frame is not None:
             plant.tracker.find(frame)
     except BadInput as error:
         return str(error)
-    return dropped.value
+    return dropped.words
