@@ -14,9 +14,9 @@ from emulated_lab import COUNTS, EmulatedLab, Host
 from rig_check_lab import Mistake, Onlooker
 
 from rcmservo.app.lab.rig_check import trouble
+from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.check import CheckReport, check, warm_up
 from rcmservo.bringup.motion import PATIENCE, Mover
-from rcmservo.bringup.wiring import Robot
 from rcmservo.config.rig_file import Lab
 from rcmservo.hardware.devices import open_arm, open_camera, wiring_of
 from rcmservo.interfaces import Floats, Frame

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rcmservo.bringup.axis_wiring import Robot, Wiring
 from rcmservo.bringup.check import CheckReport, check
 from rcmservo.bringup.motion import Mover
-from rcmservo.bringup.wiring import Robot, Wiring
 from rcmservo.errors import Stopped
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
@@ -172,7 +172,7 @@ class Onlooker:
 
     def _deep(self) -> float:
         """mm from the RCM to marker 1."""
-        return float(np.linalg.norm(self._robot().first(self.arm.q_true)))
+        return float(np.linalg.norm(self._robot().first_marker(self.arm.q_true)))
 
     def _went(self) -> float:
         """mm that marker 2 went away from where it was, by a ruler of half millimetres."""
@@ -184,7 +184,7 @@ class Onlooker:
         robot = self._robot()
         mechanism = robot.mechanism
         moved = np.array(self.arm.past) - self.arm.past[0]
-        mm = moved / [robot.way(self.arm.past[0], joint) for joint in range(3)]
+        mm = moved / robot.joint_per_mm(self.arm.past[0])
         row, joint = np.unravel_index(np.argmax(np.abs(mm)), mm.shape)
         spherical = mechanism.name == "spherical"
         up = ("away", "clockwise", "in") if spherical else ("right", "down", "in")

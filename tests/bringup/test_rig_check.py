@@ -11,9 +11,9 @@ from rig_check_lab import COUNTS, MISTAKES, Mistake, WrongLab
 
 from conftest import first_quick
 from rcmservo.bringup.check import CheckReport
-from rcmservo.bringup.motion import SHARE
-from rcmservo.bringup.sights import Reach
-from rcmservo.bringup.troubles import Trouble
+from rcmservo.bringup.findings import CheckAborted
+from rcmservo.bringup.motion import SPEED_SCALE
+from rcmservo.bringup.observations import PixelBound
 from rcmservo.interfaces import Command, Floats, Frame, Measured
 
 QUICK = "axes 1 and 2 swapped", 1
@@ -42,7 +42,7 @@ def quiet(lab: WrongLab) -> None:
     assert lab.arm.commands[-1].enabled is False
     assert not lab.arm.measure().enabled
     rates = np.abs([command.rates for command in lab.arm.commands]).max(axis=0)
-    assert (rates <= SHARE * np.array(lab.gate.speed) * (1.0 + 1e-9)).all()
+    assert (rates <= SPEED_SCALE * np.array(lab.gate.speed) * (1.0 + 1e-9)).all()
 
 
 @pytest.mark.parametrize("case", first_quick(CASES), ids=lambda case: "{}, seed {}".format(*case))
@@ -240,8 +240,8 @@ def test_a_fault_ends_it_with_the_drive_off_for_good(kind: str, words: str) -> N
     assert lab.arm.farthest < 0.5
 
 
-def home_of(lab: WrongLab) -> Reach:
-    return Reach(np.zeros((2, 2)), np.inf)
+def home_of(lab: WrongLab) -> PixelBound:
+    return PixelBound(np.zeros((2, 2)), np.inf)
 
 
 def test_what_moves_while_the_picture_is_averaged_ends_it_too() -> None:
@@ -259,8 +259,8 @@ def test_what_moves_while_the_picture_is_averaged_ends_it_too() -> None:
         return now._replace(q=now.q + creeping)
 
     lab.arm.apply, lab.arm.measure = noted, told  # type: ignore[method-assign]
-    with pytest.raises(Trouble) as ended:
-        lab.mover.there_and_back(2, (0.2,), home_of(lab))
+    with pytest.raises(CheckAborted) as ended:
+        lab.mover.visit(2, (0.2,), home_of(lab))
     assert "another joint counts" in ended.value.finding.what
     assert lab.arm.q_true[2] > lab.arm.mark[2] + 0.1  # it never went back
     assert not lab.arm.measure().enabled
@@ -278,7 +278,7 @@ def test_at_its_place_a_joint_is_sent_nothing_though_friction_keeps_it_from_all_
         return apply(replace(command, rates=command.rates * [1.0, 1.0, 0.0]) if held else command)
 
     lab.arm.apply = stuck  # type: ignore[method-assign]
-    lab.mover.there_and_back(2, (1.0,), home_of(lab))
+    lab.mover.visit(2, (1.0,), home_of(lab))
     last = max(k for k, rates in enumerate(sent) if rates[2] > 0.0)
     assert last < 250
     assert not any(rates.any() for rates in sent[last + 1 : last + 100])

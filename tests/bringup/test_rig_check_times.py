@@ -4,9 +4,12 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from rig_check_lab import Mistake, WrongLab
 
+from rcmservo.bringup.observations import MotionTrace
+from rcmservo.bringup.timing import identify_latency
 from rcmservo.interfaces import Frame, Measured
 from rcmservo.method.kinematics import PitchYawRcm
 from rcmservo.sim import RigSettings
@@ -32,6 +35,21 @@ def test_the_rates_told_are_those_of_the_devices() -> None:
     assert not lab.arm.enabled
 
 
+@pytest.mark.parametrize("error", [-0.25, -0.02, 0.0, 0.25])
+def test_errors_of_exposure_times_are_identified_within_their_deviation(error: float) -> None:
+    rng, trace = np.random.default_rng(0), MotionTrace()
+    path = lambda t: np.array([0.0, 0.0, 1.5 * np.sin(2.0 * t)])  # noqa: E731
+    trace.answers = [(k * 10_000_000, path(0.01 * k), np.zeros(3)) for k in range(1200)]
+    for k in range(660):
+        exposed = k / 60.0 + 0.5
+        points = np.outer([4.0, -2.0, 3.0, 1.0], path(exposed)[2]).reshape(2, 2) + 100.0
+        stamp = round((exposed - error) * 1e9)
+        trace.frames.append((stamp, stamp + 30_000_000, points + rng.normal(0.0, 0.3, (2, 2))))
+    latency = identify_latency(trace, joint=2)
+    assert latency is not None
+    assert abs(latency.latency - (0.03 - error)) < 4.0 * latency.deviation < 0.005
+
+
 def dated(by: float) -> Callable[[Frame], Frame]:
     """Frames that are told to be so many s late."""
     return lambda frame: replace(frame, exposure=frame.arrival - round(by * 1e9))
@@ -42,8 +60,8 @@ def test_latency_and_lag_are_those_of_the_camera_and_the_drives() -> None:
     lab = WrongLab(Mistake(), seed=1, change=dated(0.0))
     lab.latency = None
     report = lab.check()
-    assert report.lateness is not None
-    assert abs(report.lateness.latency - 0.022) < 4.0 * report.lateness.within < 0.01
+    assert report.latency is not None
+    assert abs(report.latency.latency - 0.022) < 4.0 * report.latency.deviation < 0.01
     assert abs(report.lag - 0.024) < 0.01
     assert [finding.where for finding in report.findings] == ["camera.latency"]
     line = report.findings[0].line

@@ -17,8 +17,9 @@ from at_terminal import AtTerminal, Laboratory, wait_for, words_of
 from conftest import HEEDING_CTRL_C, SMALL
 from rcmservo.app.lab import rig_check
 from rcmservo.app.lab.rig_check import RigOptions, concluded
+from rcmservo.bringup.axis_wiring import Robot, Wiring
 from rcmservo.bringup.check import CheckReport
-from rcmservo.bringup.wiring import Finding, Robot, Wiring
+from rcmservo.bringup.findings import Finding
 from rcmservo.config.checked import digest_of, is_checked, note_checked
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import Stopped

@@ -1,1 +1,1 @@
-"""Bringing up a laboratory: what its arm and camera tell of the mistakes in its rig file."""
+"""Check of a laboratory that finds the mistakes in its rig file with the arm and the camera."""

@@ -1,8 +1,8 @@
-"""How late frames come and how late the drives follow, as a motion tells it.
+"""Latency of the camera and lag of the drives, identified from a motion.
 
-The picture of a marker that moves is where the joints were when it was exposed: with m = B q(t + δ)
-+ c for one joint and a short way, δ is by how much the told exposure times are wrong. What frames
-are late by is what they are told to be late by, less δ.
+The picture of a moving marker shows the joints at its exposure. With m = B q(t + δ) + c for one
+joint and a short motion, δ is the error of the reported exposure times. The latency of the camera
+is the reported one less δ.
 """
 
 from dataclasses import dataclass
@@ -10,117 +10,114 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.bringup.sights import Track
-from rcmservo.bringup.wiring import Finding
+from rcmservo.bringup.findings import Finding
+from rcmservo.bringup.observations import MotionTrace
 from rcmservo.interfaces import Floats
 from rcmservo.method.drive_lag import DriveLag, begin_lag, follow_drives, measure_lag
+from rcmservo.method.estimators.identification import fit_residual
 
-FARTHEST = 0.3
-"""s by which told times are wrong at most, as far as is searched,"""
-COARSE = 0.005
-"""in such steps at first,"""
-FINE = 0.0001
-"""and in such at last."""
-FEWEST = 20
+MAX_TIME_ERROR = 0.3
+"""Largest error (s) of reported exposure times."""
+MIN_FRAMES = 20
 """Frames that such a motion must have."""
-LATE = 0.005
-"""s by which a latency may be off,"""
-SURE = 4.0
-"""and standard deviations."""
-LEAST = 0.001
-"""s that a line of the file has at least where nobody had measured it."""
+LATENCY_TOLERANCE, LATENCY_DEVIATIONS = 0.005, 4.0
+"""Error (s) that a latency may have, or in standard deviations."""
+MIN_LATENCY = 0.001
+"""Least latency (s) of a line of the file."""
+LAG_TOLERANCE = 0.01
+"""Error (s) that a drive lag may have."""
 
 
 @dataclass(frozen=True)
-class Rhythm:
-    """How often something comes, and how evenly."""
+class Cadence:
+    """Rate and evenness of a sequence of events."""
 
     rate: float
     """1/s."""
     jitter: float
-    """s, the standard deviation of the time from one to the next."""
+    """Standard deviation of the time from one to the next, s."""
 
 
 @dataclass(frozen=True)
-class Lateness:
-    """By how much frames are late."""
+class Latency:
+    """Delay of frames, from the middle of an exposure to the arrival."""
 
     latency: float
-    """s from the middle of an exposure to the frame's arrival, as the motion tells it."""
-    told: float
-    """s, the same as the frames themselves tell it."""
-    within: float
-    """s, the standard deviation of the first."""
+    """Delay (s) identified from the motion."""
+    reported: float
+    """Delay (s) that the frames themselves report."""
+    deviation: float
+    """Standard deviation of the first, s."""
     jitter: float
-    """s, that of what frames tell, from one to the next."""
+    """Standard deviation of the reported delays, s."""
 
 
-def pace(times: list[int]) -> Rhythm:
-    """Of things that came at these moments (ns)."""
+def cadence(times: list[int]) -> Cadence:
+    """Return the cadence of events at these times (ns)."""
     apart = np.diff(np.array(times)) * 1e-9
-    return Rhythm(1.0 / float(np.mean(apart)), float(np.std(apart)))
+    return Cadence(1.0 / float(np.mean(apart)), float(np.std(apart)))
 
 
-def lateness(track: Track, joint: int) -> Lateness | None:
-    """What a motion of one joint to and fro tells of the frames; None where it tells nothing."""
-    times = np.array([time for time, _, _ in track.answers]) * 1e-9
-    q = np.array([joints[joint] for _, joints, _ in track.answers])
-    seen = [frame for frame in track.frames if np.isfinite(frame[2]).all()]
-    inside = [f for f in seen if times[0] + FARTHEST < f[0] * 1e-9 < times[-1] - FARTHEST]
-    if len(inside) < FEWEST:
+def identify_latency(trace: MotionTrace, joint: int) -> Latency | None:
+    """Identify the latency from a motion of one joint; None if too few frames show it."""
+    times = np.array([time for time, _, _ in trace.answers]) * 1e-9
+    q = np.array([joints[joint] for _, joints, _ in trace.answers])
+    first, last = times[0] + MAX_TIME_ERROR, times[-1] - MAX_TIME_ERROR
+    frames = [f for f in trace.frames if np.isfinite(f[2]).all() and first < f[0] * 1e-9 < last]
+    if len(frames) < MIN_FRAMES:
         return None
-    exposed = np.array([exposure for exposure, _, _ in inside]) * 1e-9
-    arrived = np.array([arrival for _, arrival, _ in inside]) * 1e-9
-    points = np.array([seen.ravel() for _, _, seen in inside])
+    exposed, arrived = (np.array([frame[k] for frame in frames]) * 1e-9 for k in (0, 1))
+    points = np.array([frame[2].ravel() for frame in frames])
+    M = points - points.mean(axis=0)
 
-    def left_over(shift: float) -> float:
-        return _fit(np.interp(exposed + shift, times, q), points)[0]
+    def residual(shift: Floats) -> Floats:
+        """Return what m = B q(t + δ) + c leaves of the markers with the best B and c."""
+        Q = np.interp(exposed + shift[0], times, q)
+        Q = Q - Q.mean()
+        return (M - np.outer(Q, Q @ M / max(float(Q @ Q), 1e-30))).ravel()
 
-    best = 0.0
-    for reach, step in ((FARTHEST, COARSE), (COARSE, FINE)):
-        shifts = best + np.arange(-reach, reach + step / 2.0, step)
-        best = float(shifts[np.argmin([left_over(shift) for shift in shifts])])
-    square, per_joint = _fit(np.interp(exposed + best, times, q), points)
-    rates = np.interp(exposed + best, (times[1:] + times[:-1]) / 2.0, np.diff(q) / np.diff(times))
-    noise = np.sqrt(square / (points.size - points.shape[1] * 2))
-    speed = np.sqrt((rates**2).sum() * (per_joint**2).sum())
-    told = float(np.median(arrived - exposed))
-    within = float(noise / speed) if speed > 0.0 else np.inf
-    return Lateness(told - best, told, within, float(np.std(arrived - exposed)))
+    fit = fit_residual(residual, np.zeros(1))
+    freedom = M.size - 2 * M.shape[1] - 1
+    deviation = float(np.sqrt(fit.covariance[0, 0] * fit.misfit / freedom))
+    reported = float(np.median(arrived - exposed))
+    jitter = float(np.std(arrived - exposed))
+    return Latency(reported - float(fit.x[0]), reported, deviation, jitter)
 
 
-def wrongly_late(late: Lateness, latency: float | None) -> list[Finding]:
-    """What is wrong with the latency (s) of the file; None is one that nobody has measured."""
-    more = late.latency - late.told
+def latency_findings(identified: Latency | None, latency: float | None) -> list[Finding]:
+    """Compare the identified latency with that of the file in s, None if it was never measured."""
+    if identified is None:
+        what, found = "the latency of the camera cannot be measured", "too few frames of a motion"
+        return [Finding(what, "camera.latency", found, "both markers in nearly every frame")]
+    more, deviation = identified.latency - identified.reported, identified.deviation
     if latency is None:
-        right, what, found = max(more, LEAST), "nobody has measured how late frames are", "none"
-    elif abs(more) > max(LATE, SURE * late.within):
-        right, what = latency + more, "frames are not as late as they are told to be"
-        found = f"{latency:g} s"
+        right = max(more, MIN_LATENCY)
+        what, found = "the latency of the camera was never measured", "none"
+    elif abs(more) > max(LATENCY_TOLERANCE, LATENCY_DEVIATIONS * deviation):
+        right, found = latency + more, f"{latency:g} s"
+        what = "frames have another latency than the rig file says"
     else:
         return []
-    expected, line = f"{right:.3f} s, to {late.within:.3f} s", f"latency = {right:.3f}"
+    line, expected = f"latency = {right:.3f}", f"{right:.3f} s, to {deviation:.3f} s"
     if right < 0.0:
-        line, expected = (
-            "",
-            f"stamps {-right:.3f} s later, to {late.within:.3f} s: they lie before ",
-        )
-        expected += "the exposures, and no latency mends that"
+        late = f"stamps {-right:.3f} s later, to {deviation:.3f} s"
+        line, expected = "", f"{late}: they lie before the exposures, and no latency corrects that"
     return [Finding(what, "camera.latency", found, expected, line)]
 
 
-def _fit(q: Floats, points: Floats) -> tuple[float, Floats]:
-    """The squares that m = B q + c leaves over, and B."""
-    Q, M = q - q.mean(), points - points.mean(axis=0)
-    B = Q @ M / max(float(Q @ Q), 1e-30)
-    return float(((M - np.outer(Q, B)) ** 2).sum()), B
-
-
-def drive_lag(track: Track, fastest: Floats) -> float:
-    """s by which the joints are behind their commands; 0 where the motion does not tell."""
+def drive_lag(trace: MotionTrace, fastest: Floats) -> float:
+    """Return the lag (s) of the joints behind their commands; 0 if the motion does not show it."""
     row: Any = DriveLag.of().rows[0]
     begin_lag(row)
-    for time, q, applied in track.answers:
+    for time, q, applied in trace.answers:
         follow_drives(row, q, time, applied, fastest)
     measure_lag(row)
     return float(row["lag"])
+
+
+def lag_findings(lag: float, known: float) -> list[Finding]:
+    """Compare the drive lag (s) of the file, 0 if it has none, with the measured one."""
+    if not known > 0.0 or not lag > 0.0 or abs(lag - known) <= LAG_TOLERANCE:
+        return []
+    what, line = "the drives lag otherwise than the rig file says", f"drive_lag = {lag:.3f}"
+    return [Finding(what, "thresholds.drive_lag", f"{known:g} s", f"{lag:.3f} s", line)]

@@ -1,7 +1,7 @@
 """The arms and cameras that a rig file can name, and how each is opened. A driver is imported only
 when a device of its kind is opened."""
 
-from rcmservo.bringup.wiring import Wiring
+from rcmservo.bringup.axis_wiring import Wiring
 from rcmservo.config.rig_file import Lab
 from rcmservo.hardware.cameras.settings import (
     AravisSettings,

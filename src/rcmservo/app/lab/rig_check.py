@@ -15,10 +15,10 @@ from rich.table import Table
 
 from rcmservo.app.lab.at_the_arm import AtHand, define, require_off
 from rcmservo.app.terminal import console
+from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.check import CheckReport, check, warm_up
+from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.motion import PATIENCE, Mover
-from rcmservo.bringup.timing import Rhythm
-from rcmservo.bringup.wiring import Finding, Robot
 from rcmservo.config.checked import digest_of, forget_checked, note_checked
 from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
 from rcmservo.hardware.cameras.settings import known_latency
@@ -39,7 +39,7 @@ class RigOptions:
     input."""
 
     what: Annotated[Literal["check"], tyro.conf.Positional]
-    """What to do: check."""
+    """The action: check."""
     file: Annotated[Path, tyro.conf.Positional]
     """The rig file, such as lab.toml."""
     json: bool = False
@@ -104,7 +104,7 @@ def concluded(options: RigOptions, report: CheckReport, robot: Robot, digest: st
 
 
 def trouble(camera: LabCamera) -> str:
-    """What is wrong with a camera now, in a sentence; empty where nothing is."""
+    """Return the present fault of a camera in a sentence; empty if it has none."""
     return camera.account().trouble
 
 
@@ -126,23 +126,24 @@ def show(report: CheckReport, robot: Robot, out: Console) -> None:
 
 
 def measured(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
-    """What was measured, in words."""
+    """Return the names and values of all measurements, in words."""
     rows: list[tuple[str, str]] = []
     if report.q is not None:
         q = [f"{np.degrees(report.q[0]):.2f} deg", f"{np.degrees(report.q[1]):.2f} deg"]
         told = zip(robot.mechanism.joint_names, [*q, f"{report.q[2]:.2f} mm"], strict=True)
         rows.append(("joints", ", ".join(f"{name} {value}" for name, value in told)))
-    for name, pace in (("arm's answers", report.arm), ("frames", report.camera)):
-        if pace is not None:
-            rows.append((name, _pace(pace)))
+    for name, cadence in (("arm's answers", report.arm), ("frames", report.camera)):
+        if cadence is not None:
+            words = f"{cadence.rate:.1f} per s, jitter {1e3 * cadence.jitter:.1f} ms"
+            rows.append((name, words))
     if report.rest is not None:
         rest = report.rest
         found = 100.0 * rest.frames / (rest.frames + rest.missed)
         rows.append(("markers", f"{found:.0f} % found, noise {rest.noise:.3f} px at rest"))
-    late = report.lateness
-    if late is not None:
-        words = f"{1e3 * late.latency:.1f} ms, to {1e3 * late.within:.1f} ms"
-        rows.append(("latency", f"{words}; jitter {1e3 * late.jitter:.1f} ms"))
+    latency = report.latency
+    if latency is not None:
+        words = f"{1e3 * latency.latency:.1f} ms, to {1e3 * latency.deviation:.1f} ms"
+        rows.append(("latency", f"{words}; jitter {1e3 * latency.jitter:.1f} ms"))
     if report.lag > 0.0:
         rows.append(("drives lag", f"{1e3 * report.lag:.0f} ms"))
     if report.undecided:
@@ -150,7 +151,3 @@ def measured(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
     if report.unclear:
         rows.append(("may be wrong unseen", "\n".join(report.unclear)))
     return rows
-
-
-def _pace(pace: Rhythm) -> str:
-    return f"{pace.rate:.1f} per s, jitter {1e3 * pace.jitter:.1f} ms"

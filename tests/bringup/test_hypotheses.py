@@ -5,24 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rcmservo.bringup.asking import agreed, one_of
-from rcmservo.bringup.deciding import decided
-from rcmservo.bringup.findings import findings
-from rcmservo.bringup.guesses import (
-    COUNTS,
-    SPACING,
-    ZERO,
-    Guess,
-    Weighed,
-    believed,
-    judge_all,
-    members,
-    places,
+from rcmservo.bringup.axis_wiring import Robot, Wiring
+from rcmservo.bringup.corrections import corrections
+from rcmservo.bringup.hypotheses import (
+    Hypothesis,
+    equivalents,
+    fit_all,
+    most_likely,
 )
-from rcmservo.bringup.view import Views, turned
-from rcmservo.bringup.wiring import Robot, Wiring
+from rcmservo.bringup.operator_questions import ask_operator
+from rcmservo.bringup.prompts import ask_choice, require_yes
 from rcmservo.errors import Stopped
-from rcmservo.interfaces import Floats
+from rcmservo.method.estimators.identification import SPACING, ZERO, MarkerViews
 from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.method.tool import RigidTool
 from rcmservo.sim import Rig
@@ -43,37 +37,36 @@ class Mute:
         return self.answers.pop(0)
 
 
-def views(seed: int, guess: Guess) -> Views:
+def views(seed: int, guess: Hypothesis) -> MarkerViews:
     """What is seen where a guess is true and each joint goes a mm to either side."""
     rig = Rig(seed, pictures=False)
     start = rig.scene.start
-    ways = np.diag([ROBOT.way(start, joint) for joint in range(3)])
+    ways = np.diag(ROBOT.joint_per_mm(start))
     q = start + np.concatenate([np.zeros((1, 3)), ways, -ways])
-    truly = places(guess, ROBOT, q, start, guess.size)
-    points = np.stack([rig.scene.optics.project(two) for two in truly])
-    seen = Views(q, points, np.full(len(q), 0.03), (640, 480))
+    points = np.stack([rig.scene.optics.project(two) for two in guess.markers(ROBOT, q)])
+    seen = MarkerViews(q, points, np.full(len(q), 0.03), (640, 480))
     return seen.mirrored() if guess.mirrored else seen
 
 
 @pytest.mark.parametrize(
     "guess",
     [
-        Guess(),
-        Guess(order=(1, 0, 2)),
-        Guess(reversed=(True, False, False)),
-        Guess(mirrored=True),
-        Guess(wrong=COUNTS, joint=0, size=float(np.log(2.0))),
+        Hypothesis(),
+        Hypothesis(order=(1, 0, 2)),
+        Hypothesis(reversed=(True, False, False)),
+        Hypothesis(mirrored=True),
+        Hypothesis(number=0, size=float(np.log(2.0))),
     ],
 )
-def test_what_is_true_is_among_the_few_that_are_believed(guess: Guess) -> None:
-    left = believed(judge_all(ROBOT, views(2, guess)))
+def test_what_is_true_is_among_the_few_that_are_believed(guess: Hypothesis) -> None:
+    left = most_likely(fit_all(ROBOT, views(2, guess)))
     assert len(left) == 1
-    assert guess in list(members(left[0]))
+    assert guess in list(equivalents(left[0]))
 
 
 def test_a_set_that_no_picture_tells_apart_holds_four_signs_and_mirrors() -> None:
-    left = believed(judge_all(ROBOT, views(2, Guess())))
-    together = {(m.reversed, m.mirrored) for m in members(left[0])}
+    left = most_likely(fit_all(ROBOT, views(2, Hypothesis())))
+    together = {(m.reversed, m.mirrored) for m in equivalents(left[0])}
     assert together == {
         ((False, False, False), False),
         ((True, True, False), False),
@@ -84,28 +77,29 @@ def test_a_set_that_no_picture_tells_apart_holds_four_signs_and_mirrors() -> Non
 
 def test_axes_that_change_places_take_the_signs_of_their_counts_with_them() -> None:
     robot = replace(ROBOT, wiring=Wiring((5e4, -5e4, 500.0), axes="ABC"))
-    swapped, start = Guess(order=(1, 0, 2)), np.array([0.1, 0.2, 100.0])
+    swapped, start = Hypothesis(order=(1, 0, 2)), np.array([0.1, 0.2, 100.0])
     told = start + np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])
     truly = start + np.array([[0.0, 0.0, 0.0], [0.0, -0.01, 0.0]])
-    as_told, right = places(swapped, robot, told, start, 0.0), Guess()
-    assert np.allclose(as_told, places(right, robot, truly, start, 0.0))
+    assert np.allclose(swapped.markers(robot, told), Hypothesis().markers(robot, truly))
     assert swapped.moves(0, robot.wiring) == (1, -1)
     assert swapped.moves(2, robot.wiring) == (2, 1)
     assert swapped.moves(0, ROBOT.wiring) == (1, 1)
 
 
 def test_each_guess_of_a_set_is_told_as_surely_as_its_own_number_is_known() -> None:
-    left = believed(judge_all(ROBOT, views(2, Guess(wrong=SPACING, size=0.25))))
-    for guess in (member for kind in left for member in members(kind)):
-        told = [one for one in findings(guess, ROBOT) if "%" in one.what + one.expected]
+    left = most_likely(fit_all(ROBOT, views(2, Hypothesis(number=SPACING, size=0.25))))
+    for guess in (member for kind in left for member in equivalents(kind)):
+        told = [one for one in corrections(guess, ROBOT) if "%" in one.what + one.expected]
         assert told
         assert not any("to 0 %" in one.what + one.expected for one in told)
 
 
-def decided_by(*answers: str, among: list[Guess], mm: float = 1.0) -> tuple[list[Guess], Mute]:
+def decided_by(
+    *answers: str, among: list[Hypothesis], mm: float = 1.0
+) -> tuple[list[Hypothesis], Mute]:
     """What is left of these by a ruler, by a person who sees which way each joint goes; joints are
     shown over so many mm."""
-    weighed, person = [Weighed(guess, 1.0) for guess in among], Mute(*answers)
+    person = Mute(*answers)
     start = np.array([0.3, 0.2, 100.0])
 
     def show(joint: int) -> None:
@@ -113,37 +107,37 @@ def decided_by(*answers: str, among: list[Guess], mm: float = 1.0) -> tuple[list
             person.answers.insert(0, ["away", "clockwise", "in"][joint])
 
     def way(joint: int) -> float:
-        return mm * ROBOT.way(start, joint)
+        return mm * ROBOT.joint_per_mm(start)[joint]
 
-    return decided(weighed, ROBOT, start, person, show, way), person
+    return ask_operator(among, ROBOT, start, person, show, way), person
 
 
-APART = Guess(wrong=SPACING, size=float(np.log(1.25)), within=0.01)
-LONGER = Guess(wrong=COUNTS, joint=2, size=-APART.size, within=0.01)
+APART = Hypothesis(number=SPACING, size=float(np.log(1.25)), deviation=0.01)
+LONGER = Hypothesis(number=2, size=-APART.size, deviation=0.01)
 
 
 def test_a_ruler_that_agrees_with_no_guess_is_asked_for_again() -> None:
     left, person = decided_by("33.5", "37.0", among=[APART, LONGER])
-    assert {guess.wrong for guess in left} == {SPACING}
+    assert {guess.number for guess in left} == {SPACING}
     assert any("30 or 37.5" in words for words in person.told)
     left, _ = decided_by("30.4", among=[APART, LONGER])
-    assert {guess.wrong for guess in left} == {COUNTS}
+    assert {guess.number for guess in left} == {2}
     with pytest.raises(Stopped, match="ruler"):
         decided_by(*["50"] * 9, among=[APART, LONGER])
 
 
-@pytest.mark.parametrize(("ruler", "wrong"), [("103", COUNTS), ("121", ZERO)])
+@pytest.mark.parametrize(("ruler", "number"), [("103", 0), ("121", ZERO)])
 def test_a_ruler_tells_another_zero_from_an_angle_that_counts_otherwise(
-    ruler: str, wrong: str
+    ruler: str, number: int
 ) -> None:
-    zero = Guess(wrong=ZERO, size=20.0, within=2.0)
-    angle = Guess(wrong=COUNTS, size=0.12, within=0.01)
+    zero = Hypothesis(number=ZERO, size=20.0, deviation=2.0)
+    angle = Hypothesis(number=0, size=0.12, deviation=0.01)
     left, _ = decided_by(ruler, among=[zero, angle])
-    assert [guess.wrong for guess in left] == [wrong]
+    assert [guess.number for guess in left] == [number]
 
 
-INCHES = Guess(wrong=COUNTS, joint=1, size=float(np.log(25.4)))
-TENTH = Guess(wrong=COUNTS, joint=0, size=-float(np.log(10.0)))
+INCHES = Hypothesis(number=1, size=float(np.log(25.4)))
+TENTH = Hypothesis(number=0, size=-float(np.log(10.0)))
 
 
 def test_how_far_the_tool_went_tells_which_angle_counts_otherwise() -> None:
@@ -157,7 +151,7 @@ def test_how_far_the_tool_went_tells_which_angle_counts_otherwise() -> None:
 
 def test_where_nobody_can_measure_it_all_are_left() -> None:
     left = decided_by("unknown", among=[APART, LONGER])[0]
-    assert {guess.wrong for guess in left} == {SPACING, COUNTS}
+    assert {guess.number for guess in left} == {SPACING, 2}
     assert decided_by("UNKNOWN", among=[INCHES, TENTH], mm=0.06)[0] == [INCHES, TENTH]
     _, person = decided_by("2500", "nan", "37 or 38", "37.0", among=[APART, LONGER])
     assert sum("or unknown" in words for words in person.told) == 3
@@ -169,19 +163,11 @@ def test_where_the_tool_goes_too_little_to_be_seen_both_are_left() -> None:
     assert not any("marker 2" in words for words in person.told)
 
 
-def test_a_turn_is_a_rotation_by_its_length() -> None:
-    turns: Floats = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, np.pi / 2.0], [0.3, -0.2, 0.1]])
-    R = turned(turns)
-    assert np.allclose(R @ R.transpose(0, 2, 1), np.eye(3))
-    assert np.allclose(R[1] @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    assert np.allclose(R[2] @ turns[2], turns[2])
-
-
 def test_a_question_is_asked_again_until_the_answer_can_be_one() -> None:
     person = Mute("", "ja", "YES")
-    assert one_of(person, "Well?", ("yes", "no")) == "yes"
+    assert ask_choice(person, "Well?", ("yes", "no")) == "yes"
     assert len(person.told) == 2
-    with pytest.raises(Stopped, match="no answer was understood"):
-        agreed(Mute(*["perhaps"] * 9), "Well?")
+    with pytest.raises(Stopped, match="no valid answer"):
+        require_yes(Mute(*["perhaps"] * 9), "Well?")
     with pytest.raises(Stopped, match="the answer was no"):
-        agreed(Mute("no"), "Well?")
+        require_yes(Mute("no"), "Well?")

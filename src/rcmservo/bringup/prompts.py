@@ -1,0 +1,59 @@
+"""Questions to the operator at the arm, repeated until an answer is valid."""
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from rcmservo.errors import Stopped
+from rcmservo.live.lab import Person
+
+Answer = TypeVar("Answer")
+
+MAX_ATTEMPTS = 5
+"""Invalid answers to a question before the check ends."""
+UNKNOWN = "unknown"
+"""Answer of an operator who cannot measure a length."""
+MAX_LENGTH_MM = 2000.0
+"""Longest length that a ruler measures."""
+
+
+def ask_choice(person: Person, question: str, words: Sequence[str]) -> str:
+    """Return the one of these words that the operator answers."""
+    choice = " / ".join(words)
+
+    def parse(answer: str) -> str | None:
+        return answer.lower() if answer.lower() in words else None
+
+    return _ask(person, f"{question} ({choice})", parse, f"one of these: {choice}")
+
+
+def require_yes(person: Person, question: str) -> None:
+    """Raise `Stopped` unless the operator says yes."""
+    if ask_choice(person, question, ("yes", "no")) == "no":
+        raise Stopped(f"the answer was no to: {question}")
+
+
+def ask_length(person: Person, question: str) -> float | None:
+    """Return the mm that a ruler measures; None if the operator cannot tell."""
+
+    def parse(answer: str) -> tuple[float | None] | None:
+        if answer.lower() == UNKNOWN:
+            return (None,)
+        try:
+            mm = float(answer)
+        except ValueError:
+            return None
+        return (mm,) if 0.0 <= mm <= MAX_LENGTH_MM else None
+
+    expected = f"a number of mm from 0 to {MAX_LENGTH_MM:g}, or {UNKNOWN}"
+    return _ask(person, f"{question} (or: {UNKNOWN})", parse, expected)[0]
+
+
+def _ask(
+    person: Person, question: str, parse: Callable[[str], Answer | None], expected: str
+) -> Answer:
+    for _ in range(MAX_ATTEMPTS):
+        answer = parse(person.ask(question))
+        if answer is not None:
+            return answer
+        person.tell(f"Please answer with {expected}.")
+    raise Stopped(f"no valid answer to: {question}")

@@ -1,0 +1,228 @@
+"""Identification of an arm and its camera from joints and markers by nonlinear least squares.
+
+The camera is unknown, but it is a camera: square pixels, an optical axis near the middle of the
+picture, a lens that distorts little. Marker positions P, eq. (2), of which no such camera makes the
+picture are invalid. With X = R (P − P₀) + (a, b, 1) Z in the axes of the camera and the slopes
+s = (X₁, X₂) / X₃, the picture
+
+    m = f (1 + k |s|²) s + c
+
+is fitted to all observations at once, over R, a, b, Z, f, c, k and the free corrections of the arm.
+Prior knowledge of f, c, k and of the corrections counts as a measurement.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from rcmservo.compiled import compiled
+from rcmservo.interfaces import Floats
+from rcmservo.method.kinematics import Kinematics, Rcm, position
+from rcmservo.method.tool import RIGID, Shaft, Tool, second_marker
+
+ZERO, SPACING = 3, 4
+"""Indices of the corrections of an arm that follow those of the motion of joints 1, 2 and 3."""
+CORRECTION_PRIOR = np.array([2.0, 2.0, 2.0, 50.0, 2.0])
+"""Standard deviations of the corrections before anything is observed: logarithms of factors on the
+motion of each joint, mm of the zero of the insertion, logarithm of a factor on the spacing."""
+
+FOCAL_WIDTHS = 1.2
+"""Likely focal length in widths of the picture."""
+CAMERA_UNITS = np.array([0.05, 0.05, 0.05, 0.05, 0.05, 0.3, 0.6, 0.025, 0.025, 0.15])
+"""Units of the unknowns of the camera: Rodrigues vector (half a rad), a, b, log Z, log f, c (widths
+of the picture) and k. Those of the last four are their standard deviations before anything is
+observed."""
+WITHOUT_PRIOR = 6
+"""Number of leading unknowns of the camera without a prior."""
+
+MAX_STEPS = 20
+"""Steps of a fit at most."""
+MIN_RELATIVE_GAIN = 3e-4
+"""Relative decrease of the squared residuals at which a fit ends."""
+MAX_RESIDUAL_PX = 1e3
+"""Residual of a marker behind the camera, and of one still further off."""
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquaresFit:
+    """Solution of a nonlinear least-squares problem."""
+
+    x: Floats
+    """The unknowns (n,)."""
+    covariance: Floats
+    """Their covariance (n, n) if the residuals are in standard deviations."""
+    misfit: float
+    """Sum of the squared residuals."""
+
+
+def fit_residual(residual: Callable[[Floats], Floats], x: Floats) -> LeastSquaresFit:
+    """Minimise the squares of a residual within a trust region from `x` (n,)."""
+    fit = least_squares(residual, x, ftol=MIN_RELATIVE_GAIN, max_nfev=MAX_STEPS)
+    J = np.asarray(fit.jac)
+    return LeastSquaresFit(fit.x, np.linalg.pinv(J.T @ J), 2.0 * float(fit.cost))
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerViews:
+    """Joints and markers at several poses, at rest."""
+
+    q: Floats
+    """The measured joints (n, 3) in rad, rad, mm."""
+    points: Floats
+    """The markers (n, 2, 2) px, each the mean over many frames."""
+    noise: Floats
+    """Standard deviations (n,) of these means, px."""
+    size: tuple[int, int]
+    """Width and height of the picture, px."""
+
+    def mirrored(self) -> "MarkerViews":
+        """Return the same poses in a mirrored picture."""
+        flipped = self.points * [-1.0, 1.0] + [self.size[0] - 1.0, 0.0]
+        return MarkerViews(self.q, flipped, self.noise, self.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Corrections of an arm that explain a picture best."""
+
+    correction: Floats
+    """The corrections (5,), 0 where one was not free."""
+    covariance: Floats
+    """Their covariance (5, 5)."""
+    misfit: float
+    """Sum of the squared residuals in standard deviations."""
+
+
+def identify(
+    mechanism: Kinematics,
+    tool: Tool,
+    views: MarkerViews,
+    free: Sequence[int] = (),
+    begin: float = 0.0,
+) -> Identification:
+    """Fit a camera and the free corrections of an arm to joints and markers.
+
+    Parameters
+    ----------
+    mechanism, tool
+        The arm as its rig file describes it.
+    views
+        Joints and markers at rest. Motion is corrected about the first pose.
+    free
+        Indices (0 to 4) of the corrections to estimate; the others are 0.
+    begin
+        Value of the free corrections at which the search begins.
+
+    Returns
+    -------
+    Identification
+        Corrections, covariance and misfit.
+
+    Notes
+    -----
+    The search is local: it may miss a factor far from `begin`. Motions of a few mm determine one
+    correction at a time, not all five.
+    """
+    index, known = list(free), len(CAMERA_UNITS)
+    units = CORRECTION_PRIOR[index]
+
+    def correction(x: Floats) -> Floats:
+        full = np.zeros(5)
+        full[index] = x[known:] * units
+        return full
+
+    x = np.concatenate([np.zeros(known), begin / units])
+    camera = _Camera.about(corrected_markers(mechanism, tool, views.q, correction(x)), views)
+    noise = np.repeat(views.noise, 2)[:, None]
+
+    def residual(x: Floats) -> Floats:
+        x = np.clip(x, -50.0, 50.0)
+        markers = corrected_markers(mechanism, tool, views.q, correction(x))
+        error = camera.project(x[:known] * CAMERA_UNITS, markers) - views.points.reshape(-1, 2)
+        error = np.where(np.abs(error) < MAX_RESIDUAL_PX, error, MAX_RESIDUAL_PX) / noise
+        return np.concatenate([error.ravel(), x[WITHOUT_PRIOR:]])
+
+    fit = fit_residual(residual, x)
+    covariance = np.zeros((5, 5))
+    covariance[np.ix_(index, index)] = fit.covariance[known:, known:] * np.outer(units, units)
+    return Identification(correction(fit.x), covariance, fit.misfit)
+
+
+@dataclass(frozen=True, eq=False)
+class _Camera:
+    """The camera at which a search begins."""
+
+    rotation: Floats
+    """R (3, 3)."""
+    centre: Floats
+    """P₀ (3,) mm, the mean of all markers."""
+    position: Floats
+    """That of P₀ (3,) mm in the axes of the camera."""
+    size: Floats
+    """Width and height (2,) px of the picture."""
+
+    @classmethod
+    def about(cls, markers: Floats, views: MarkerViews) -> "_Camera":
+        """Return a distant camera that sees markers (n, 2, 3) mm about where they were observed.
+
+        The vector between the markers weighs as much as all of their motion.
+        """
+        size, points = np.array(views.size, float), views.points
+        P, m = markers - markers.mean(axis=0), points - points.mean(axis=0)
+        along = (markers[:, 1] - markers[:, 0]).mean(axis=0)[None]
+        between = (points[:, 1] - points[:, 0]).mean(axis=0)[None]
+        weight = np.sqrt((P**2).sum() / (along**2).sum())
+        of, to = np.vstack([*P, weight * along]), np.vstack([*m, weight * between])
+        U, px_per_mm, V = np.linalg.svd(np.linalg.lstsq(of, to, rcond=1e-6)[0].T)
+        rows = U @ V[:2]
+        rotation = np.vstack([rows, np.cross(rows[0], rows[1])])
+        focal = FOCAL_WIDTHS * size[0]
+        aside = (points.reshape(-1, 2).mean(axis=0) - (size - 1.0) / 2.0) / focal
+        position = np.append(aside, 1.0) * focal / px_per_mm.mean()
+        return cls(rotation, markers.reshape(-1, 3).mean(axis=0), position, size)
+
+    def project(self, change: Floats, markers: Floats) -> Floats:
+        """Return the picture (2 n, 2) px of markers (n, 2, 3) mm after a change of the camera (10,)
+        in the order of `CAMERA_UNITS`; NaN for a marker behind it."""
+        R = _rotation(change[:3]) @ self.rotation
+        depth = self.position[2] * np.exp(change[5])
+        direction = self.position / self.position[2] + [change[3], change[4], 0.0]
+        X = (markers.reshape(-1, 3) - self.centre) @ R.T + depth * direction
+        slope = X[:, :2] / np.where(X[:, 2:] > 1e-2 * depth, X[:, 2:], np.nan)
+        distorted = slope * (1.0 + change[9] * (slope**2).sum(axis=1, keepdims=True))
+        focal = FOCAL_WIDTHS * self.size[0] * np.exp(change[6])
+        return focal * distorted + (self.size - 1.0) / 2.0 + self.size[0] * change[7:9]
+
+
+def _rotation(half_turns: Floats) -> Floats:
+    """Return the rotation (3, 3) of a Rodrigues vector (3,): its axis times tan(angle / 2)."""
+    x, y, z = half_turns
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.linalg.solve(np.eye(3) - K, np.eye(3) + K)
+
+
+def corrected_markers(mechanism: Kinematics, tool: Tool, q: Floats, correction: Floats) -> Floats:
+    """Return the markers (n, 2, 3) mm at the joints q (n, 3), corrected about the first of them."""
+    rcm = mechanism.rcm(tool.offset)
+    rcm = rcm._replace(zero=rcm.zero + correction[ZERO])
+    motion = (q - q[0]) * np.exp(correction[:ZERO])
+    return _markers(rcm, q[0] + motion, stretched(tool.shaft, correction[SPACING]))
+
+
+@compiled
+def _markers(rcm: Rcm, q: Floats, shaft: Shaft) -> Floats:
+    """Return p₁ and p₂ (n, 2, 3) mm at the joints q (n, 3), eq. (2)."""
+    markers = np.empty((len(q), 2, 3))
+    for i in range(len(q)):
+        markers[i, 0] = position(rcm, q[i])
+        markers[i, 1] = second_marker(shaft, markers[i, 0])
+    return markers
+
+
+def stretched(shaft: Shaft, log_factor: float) -> Shaft:
+    """Return the tool with its markers further apart by the factor exp(`log_factor`)."""
+    factor = float(np.exp(log_factor))
+    value = shaft.value * factor if shaft.kind == RIGID else 1.0 + (shaft.value - 1.0) * factor
+    return Shaft(shaft.kind, value)
