@@ -19,9 +19,10 @@ import numpy as np
 
 from rcmservo.hardware.crtk import messages as m
 from rcmservo.hardware.crtk.arm import CrtkArm
+from rcmservo.hardware.crtk.connection import open_transport
 from rcmservo.hardware.crtk.device import STEP, CrtkDevice
 from rcmservo.hardware.crtk.settings import CrtkSettings
-from rcmservo.hardware.crtk.transport import Heard, Transport, opened
+from rcmservo.hardware.crtk.transport import Heard, Transport
 from rcmservo.interfaces import Command, Floats
 from rcmservo.live.realtime import realtime
 from rcmservo.loop.clock import WallClock, ticks
@@ -75,7 +76,7 @@ class RunningDevice:
     """A device that lives in wall time, in a thread."""
 
     def __init__(self, ros: int, domain: int, seed: int = 3) -> None:
-        self.transport = Counted(opened(ros, domain, "lo"))
+        self.transport = Counted(open_transport(ros, domain, "lo"))
         rig = Rig(seed, pictures=False)
         arm = rig.truth.arm
         joints = SimulatedJoints(arm)
@@ -117,7 +118,7 @@ class RunningDevice:
 def client_arm(ros: int, domain: int) -> CrtkArm:
     """A client of it."""
     settings = CrtkSettings(NAME, ros, domain)
-    return CrtkArm(settings, SphericalRcm().limits, opened(ros, domain, "lo"))
+    return CrtkArm(settings, SphericalRcm().limits, open_transport(ros, domain, "lo"))
 
 
 def swing(seconds: float) -> Floats:

@@ -29,9 +29,9 @@ def open_arm(lab: Lab) -> LabArm:
             return GalilArm(settings, lab.mechanism.limits)
         case CrtkSettings() as settings:
             from rcmservo.hardware.crtk.arm import CrtkArm
-            from rcmservo.hardware.crtk.transport import opened
+            from rcmservo.hardware.crtk.connection import open_transport
 
-            transport = opened(settings.ros, settings.domain, settings.interface)
+            transport = open_transport(settings.ros, settings.domain, settings.interface)
             return CrtkArm(settings, lab.mechanism.limits, transport)
         case other:
             raise NotImplementedError(type(other).__name__)

@@ -10,10 +10,10 @@ from rcmservo.app.lab.emulated_arm import EmulatedArm
 from rcmservo.app.terminal import console
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import RcmServoError, needing
+from rcmservo.hardware.crtk.connection import open_transport
 from rcmservo.hardware.crtk.device import STEP, CrtkDevice
 from rcmservo.hardware.crtk.messages import PICTURES, PlainImage
 from rcmservo.hardware.crtk.settings import CrtkSettings
-from rcmservo.hardware.crtk.transport import opened
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.realtime import realtime
 
@@ -40,7 +40,7 @@ def emulate_crtk(options: RosOptions, seed: int, lab: Lab) -> int:
     where = CrtkSettings(options.namespace, options.ros, options.domain, options.interface)
     with needing("emulate", "sim"):
         arm = EmulatedArm(seed, lab)
-    with arm, closing(opened(where.ros, where.domain, where.interface)) as transport:
+    with arm, closing(open_transport(where.ros, where.domain, where.interface)) as transport:
         arm.offer(send_pictures, where)
         limits, joints = lab.mechanism.limits, arm.joints()
         now = time.monotonic_ns()
@@ -58,7 +58,7 @@ def emulate_crtk(options: RosOptions, seed: int, lab: Lab) -> int:
 def send_pictures(ring: FrameRing, where: CrtkSettings, control: Connection) -> None:
     """Send a camera's pictures on a topic, until the other end of `control` speaks or is gone."""
     try:
-        transport = opened(where.ros, where.domain, where.interface)
+        transport = open_transport(where.ros, where.domain, where.interface)
     except RcmServoError as error:
         control.send(RcmServoError(str(error)))
         return

@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from rcmservo.app.lab.drawn import draw_figures
+from rcmservo.app.run_figures import draw_figures
 from rcmservo.app.simulated_run.metrics import METRICS, number
 from rcmservo.app.simulated_run.unwritten import written
 from rcmservo.app.terminal import unit

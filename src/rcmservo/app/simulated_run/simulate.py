@@ -13,7 +13,7 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict
 from functools import partial
 
-from rcmservo.app.lab.drawn import draw_figures
+from rcmservo.app.run_figures import draw_figures
 from rcmservo.app.simulated_run.job import Job, about
 from rcmservo.app.simulated_run.metrics import METRICS, RunMetrics, Unrecorded, measured
 from rcmservo.app.simulated_run.pictures import pictures, video_of

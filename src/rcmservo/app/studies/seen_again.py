@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rcmservo.app.folders import new_folder
-from rcmservo.app.lab.drawn import draw_figures
+from rcmservo.app.run_figures import draw_figures
 from rcmservo.app.simulated_run.pictures import overlay
 from rcmservo.app.terminal import console
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile, require

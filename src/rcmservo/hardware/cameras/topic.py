@@ -17,8 +17,9 @@ import numpy as np
 from rcmservo.hardware.cameras.packed import unpacked
 from rcmservo.hardware.cameras.settings import TopicSettings
 from rcmservo.hardware.cameras.streamed import CameraLost, Snapshot, StreamedCamera
+from rcmservo.hardware.crtk.connection import open_transport
 from rcmservo.hardware.crtk.messages import CompressedImage, PlainImage, Topic
-from rcmservo.hardware.crtk.transport import Transport, opened
+from rcmservo.hardware.crtk.transport import Transport
 from rcmservo.interfaces import Image
 
 WAIT = 0.1
@@ -44,7 +45,7 @@ def topic_camera(settings: TopicSettings) -> StreamedCamera:
 
 
 def _stream(settings: TopicSettings) -> "TopicStream":
-    transport = opened(settings.ros, settings.domain, settings.interface)
+    transport = open_transport(settings.ros, settings.domain, settings.interface)
     return TopicStream(settings, transport)
 
 

@@ -37,15 +37,3 @@ class Transport(Protocol):
     def close(self) -> None:
         """No more of it."""
         ...
-
-
-def opened(ros: int, domain: int, interface: str) -> Transport:
-    """ROS 2 in a domain, on one network interface; or ROS 1, by the master that ROS_MASTER_URI
-    names."""
-    if ros == 1:
-        from rcmservo.hardware.crtk.ros1 import Ros1
-
-        return Ros1()
-    from rcmservo.hardware.crtk.ros2 import Ros2
-
-    return Ros2(domain, interface)
