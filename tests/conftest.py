@@ -20,6 +20,7 @@ import rcmservo.guard
 import rcmservo.method
 import rcmservo.servo
 from rcmservo import loops
+from rcmservo.guard.checks.facts import TickFacts
 from rcmservo.interfaces import Floats, Observation, Target
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
@@ -108,6 +109,13 @@ def compiled_functions() -> dict[str, Any]:
         for name, value in vars(module).items()
         if hasattr(value, "py_func") and value.__module__ == module.__name__
     }
+
+
+def tick_facts(**parts: Any) -> TickFacts:
+    """The facts that some detectors read, and nothing of the others."""
+    facts: Any = dict.fromkeys(TickFacts._fields) | parts
+    rows = {name: part.rows[0] for name, part in facts.items() if isinstance(part, Row)}
+    return TickFacts(**facts | rows)
 
 
 def with_tests(**variables: str) -> dict[str, str]:

@@ -3,13 +3,23 @@
 import numpy as np
 import pytest
 
-from conftest import SHAFT, SPACING, markers_seen, random_from, seen_by, tool_positions, true_camera
+from conftest import (
+    SHAFT,
+    SPACING,
+    markers_seen,
+    random_from,
+    seen_by,
+    tick_facts,
+    tool_positions,
+    true_camera,
+)
 from rcmservo.guard.causes import Cause
-from rcmservo.guard.drift import drift_faults, watch_drift, watch_stuck
+from rcmservo.guard.checks.drift import one_marker_deviates, watch_drift, watch_stuck
 from rcmservo.guard.plausible import misplaced, squared
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Watch, begin
 from rcmservo.interfaces import Floats
+from rcmservo.method.exploration import Exploring
 from rcmservo.method.foresight import expected
 from rcmservo.method.prospect import blank, see
 from rcmservo.rows import as_row
@@ -42,9 +52,11 @@ class Watched:
     def tells(self, p1: Floats, points: Floats) -> Cause | None:
         """What another frame tells, which is believed."""
         watch_drift(self.watch.rows[0], self.fit.rows[0], p1, points, points, SHAFT, LIMITS)
-        found = drift_faults(self.watch.rows[0], LIMITS)
-        causes = [cause for cause in Cause if cause is not Cause.NONE and found & cause.bit]
-        assert len(causes) == (found != 0)
+        facts = tick_facts(watch=self.watch, tour=Exploring.of(done=True), thresholds=LIMITS)
+        told = Cause.DRIFTS, Cause.FROZEN
+        causes = [cause for cause in told if cause.declared.detector(facts)]
+        causes += [Cause.SURPRISED] if one_marker_deviates(facts) else []
+        assert len(causes) <= 1
         return causes[0] if causes else None
 
     def misplaced(self, p1: Floats, points: Floats) -> tuple[bool, bool, bool]:

@@ -281,9 +281,11 @@ def planned(v, seen, shaft):
 
 def drifting(seen):
     """A picture that is off by some px, one marker more than the other, or that is frozen."""
-    from rcmservo.guard import drift, plausible, watch
+    from conftest import tick_facts
+    from rcmservo.guard import plausible, watch
+    from rcmservo.guard.checks import drift
     from rcmservo.guard.thresholds import Thresholds
-    from rcmservo.method import prospect, tool
+    from rcmservo.method import exploration, prospect, tool
     from rcmservo.rows import as_row
 
     shaft, known, t = tool.Shaft(0, SPACING), prospect.blank(), as_row(Thresholds())[0]
@@ -302,7 +304,11 @@ def drifting(seen):
             p1 = seen.places[step % 2]
             points = seen.points + off + moves
             drift.watch_drift(w.rows[0], v, p1, points, points, shaft, t)
-        out[f"drift of {name}"] = [*w.left.ravel(), *w.off, drift.drift_faults(w.rows[0], t)]
+        tour = exploration.Exploring.of(done=True)
+        facts = tick_facts(watch=w, tour=tour, thresholds=t)
+        detectors = drift.picture_is_frozen, drift.one_marker_deviates, drift.markers_drift
+        found = [detects(facts) for detects in detectors]
+        out[f"drift of {name}"] = [*w.left.ravel(), *w.off, *found]
         places = np.stack([seen.points, seen.points + off])
         out[f"stuck by {name}"] = [
             drift.watch_stuck(w.rows[0], seen.places[0], points, t) for points in places

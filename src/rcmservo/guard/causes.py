@@ -1,8 +1,17 @@
-"""Why the tool is not simply on its way: every cause in words, with its action and its way out."""
+"""Causes of a stop: each is one object with its sentence, action, way out, detector and what it
+invalidates. Compiled functions have the same table as numbers, by the causes' places in it."""
 
+from collections.abc import Callable
 from enum import Enum, IntEnum
+from functools import partial
+from typing import Any, NamedTuple
 
-from rcmservo.compiled import compiled
+from rcmservo.compiled import compiled, declare_in
+from rcmservo.guard.checks import devices, drift, estimate, exploration, markers, progress
+from rcmservo.guard.checks.facts import DetailFacts, TickFacts
+
+TEACH_AGAIN = "show the target again"
+"""Words of a way out that includes teaching the target in the present view."""
 
 
 class Action(IntEnum):
@@ -16,248 +25,309 @@ class Action(IntEnum):
     FAULT = 5
 
 
-class Cause(Enum):
-    """Why the tool is not simply on its way. Its value is a sentence for a person; ``action`` is
-    what it asks for and ``way_out`` what a person can do about it. Of equal ones the one that
-    stands first here is named."""
+class Invalidates(IntEnum):
+    """Knowledge that a pause or fault invalidates.
+
+    The rest is kept, and with it the newest frame accepted, so that a camera moved meanwhile is
+    noticed.
+    """
+
+    NOTHING = 0
+    ESTIMATE = 1
+    ESTIMATE_AND_TARGETS = 2
+    """As after a moved camera."""
+
+
+class Declaration(NamedTuple):
+    """Declaration of a cause."""
 
     action: Action
-    way_out: str
+    """What it asks for."""
+    sentence: str
+    """What is wrong, for the operator."""
+    way_out: str = ""
+    """What the operator can do about it."""
+    detector: Callable[[TickFacts], bool] | None = None
+    """Compiled function that detects it at a tick; None where gate or state machine raise it."""
+    invalidates: Invalidates = Invalidates.NOTHING
+    """What it invalidates."""
+    invalidates_unexplored: Invalidates = Invalidates.NOTHING
+    """What it invalidates before an exploration is done, if that is more."""
+    hides_markers: bool = False
+    """Whether it explains why no marker is detected."""
+    detail: Callable[[DetailFacts], str] = lambda facts: ""
+    """Function that words which joint it is, its value and its limit."""
 
-    def __new__(cls, sentence: str, action: Action, way_out: str) -> "Cause":
+
+warn, slow, hold, pause, fault = (partial(Declaration, action) for action in list(Action)[1:])
+
+
+class Cause(Enum):
+    """Why the tool is not simply on its way. Its value is the sentence for the operator. Graver
+    actions stand first, and of equal ones the cause that stands first is named."""
+
+    declared: Declaration
+    action: Action
+    way_out: str
+    place: int
+    """Its position, which stands for it in compiled functions; 0 for NONE."""
+    bit: int
+    """Its bit in a set of causes that is kept as one number; 0 for NONE."""
+
+    def __new__(cls, *declared: Any) -> "Cause":
         cause = object.__new__(cls)
-        cause._value_, cause.action, cause.way_out = sentence, action, way_out
+        cause.declared = Declaration(*declared)
+        cause.action, cause._value_, cause.way_out, *_ = cause.declared
+        cause.place = len(cls.__members__)
+        cause.bit = (1 << cause.place) >> 1
         return cause
 
-    NONE = "", Action.NONE, ""
-
-    NOT_FINITE = (
+    NONE = Declaration(Action.NONE, "")
+    NOT_FINITE = fault(
         "a number that is not finite reached the last gate",
-        Action.FAULT,
         "this is an error in the software: keep the record, clear, and enable again",
+        invalidates=Invalidates.ESTIMATE,
     )
-    ESTIMATOR_FAILED = (
+    ESTIMATOR_FAILED = fault(
         "the estimator raised an error, or gave what is no Jacobian",
-        Action.FAULT,
         "mend the estimator and begin a new run",
+        estimate.estimator_failed,
+        invalidates=Invalidates.ESTIMATE,
     )
-    ESTIMATE_NOT_FINITE = (
+    ESTIMATE_NOT_FINITE = fault(
         "the estimator gave a number that is not finite",
-        Action.FAULT,
         "this is an error in the estimator: keep the record, clear, and enable again",
+        estimate.estimate_is_not_finite,
+        invalidates=Invalidates.ESTIMATE,
     )
-    JOINTS_NOT_FINITE = (
+    JOINTS_NOT_FINITE = fault(
         "the arm tells joints that are not finite",
-        Action.FAULT,
         "check the encoders, then clear and enable again",
+        devices.joints_are_not_finite,
+        detail=devices.describe_not_finite,
     )
-    CLOCK_STOOD = (
+    CLOCK_STOOD = fault(
         "the loop's clock stood still or went back",
-        Action.FAULT,
         "mend the clock, then clear and enable again",
+        devices.clock_stood,
     )
-    DRIVE_OFF = (
+    DRIVE_OFF = fault(
         "the arm's drive went off: its watchdog or an emergency stop has switched it off",
-        Action.FAULT,
         "find out what stopped it, then clear and enable again",
+        devices.drive_went_off,
     )
-    ARM_SILENT = (
+    ARM_SILENT = fault(
         "the arm has not answered for too long",
-        Action.FAULT,
         "check the arm's connection, then clear and enable again",
+        devices.arm_is_silent,
     )
-    NOT_FOLLOWING = (
+    NOT_FOLLOWING = fault(
         "the joints do not follow the commands",
-        Action.FAULT,
         "look for a blocked, slipping or wrongly wired axis, or set thresholds.drive_lag for slow "
         "drives, then clear and enable again",
+        devices.joints_do_not_follow,
+        detail=devices.describe_following,
     )
-    CREEPS = (
+    CREEPS = fault(
         "the joints move while nothing is commanded",
-        Action.FAULT,
         "find what moves them, such as a slipping brake, an offset of the drive or a hand, then "
         "clear and enable again",
+        devices.joints_creep,
+        detail=devices.describe_creeping,
     )
-    BEYOND_LIMIT = (
+    BEYOND_LIMIT = fault(
         "a joint is beyond its limit",
-        Action.FAULT,
         "bring the tool back by hand, then clear and enable again",
+        devices.joint_is_beyond_limit,
+        detail=devices.describe_limits,
     )
-
-    CAMERA_MOVED = (
+    CAMERA_MOVED = pause(
         "the markers jumped while the joints did not: the camera was moved",
-        Action.PAUSE,
         "show the target again in the new view, then resume: the servo explores anew",
+        markers.camera_moved,
+        invalidates=Invalidates.ESTIMATE_AND_TARGETS,
     )
-    SWAPPED = (
+    SWAPPED = pause(
         "the markers are taken for each other",
-        Action.PAUSE,
         "see that nothing else looks like a marker, and that marker 1 is the one nearer the RCM, "
         "then resume",
+        markers.markers_are_swapped,
+        invalidates_unexplored=Invalidates.ESTIMATE,
     )
-    SURPRISED = (
+    SURPRISED = pause(
         "the markers are not where the tool's motion puts them: something else is taken for one, "
         "or the camera moved",
-        Action.PAUSE,
         "see that nothing else looks like a marker, then resume",
+        markers.markers_are_unexpected,
+        invalidates_unexplored=Invalidates.ESTIMATE_AND_TARGETS,
     )
-    FROZEN = (
+    FROZEN = pause(
         "the picture stands still while the tool moves",
-        Action.PAUSE,
         "let the camera's picture run again, then resume",
+        drift.picture_is_frozen,
     )
-    DRIFTS = (
+    DRIFTS = pause(
         "the markers drift away from where the joints put them: the camera moves, turns or zooms, "
         "or something slides along with them",
-        Action.PAUSE,
         "see that the camera stands still, show the target again, then resume: the servo explores "
         "anew",
+        drift.markers_drift,
+        invalidates=Invalidates.ESTIMATE_AND_TARGETS,
     )
-    ELSEWHERE = (
+    ELSEWHERE = pause(
         "the picture shows the tool at the target, but the joints say that it is elsewhere: a "
         "pose beyond a singular surface looks the same, or since the target was shown the camera "
         "was moved or zoomed, or the arm's zero has changed",
-        Action.PAUSE,
         "show the target again, then resume",
+        progress.tool_is_elsewhere,
     )
-    DIVERGED = (
+    DIVERGED = pause(
         "the markers keep moving otherwise than the estimate says",
-        Action.PAUSE,
         "check that the tool is rigid and the arm tells its joints rightly, then resume: the "
         "servo explores anew",
+        estimate.estimate_diverged,
+        invalidates=Invalidates.ESTIMATE,
     )
-    OVERRUN = (
+    OVERRUN = pause(
         "the loop ran late: several ticks in a row, or one by more than its bound",
-        Action.PAUSE,
         "take other work off this computer, then resume",
+        devices.loop_overran,
     )
-    NOT_RECORDED = (
+    NOT_RECORDED = pause(
         "the record can no longer be written",
-        Action.PAUSE,
         "make room on the disk and start a new run",
+        devices.recording_failed,
     )
-    NO_ROOM = (
+    NO_ROOM = pause(
         "the joint limits leave no room to explore around the start",
-        Action.PAUSE,
         "bring the tool further from its limits, then resume",
+        exploration.there_is_no_room,
     )
-    NOT_EXPLORED = (
+    NOT_EXPLORED = pause(
         "exploration ended without an estimate that predicts what the camera sees",
-        Action.PAUSE,
         "check mechanism and tool in the rig file, or allow a larger exploration, then resume",
+        exploration.exploration_failed,
+        invalidates=Invalidates.ESTIMATE,
+        detail=exploration.advise,
     )
-    STALLED = (
+    STALLED = pause(
         "the feature error has stopped falling: the target cannot be reached from here",
-        Action.PAUSE,
         "bring the tool to another start, or show a target within reach, then resume",
+        progress.progress_stalled,
     )
-    TARGET_OLD = (
+    TARGET_OLD = pause(
         "the target was shown before the camera was moved",
-        Action.PAUSE,
         "show the target again, then resume",
+        progress.target_is_old,
     )
-    ASKED = "a person asked for a pause", Action.PAUSE, "resume when ready"
-
-    MARKERS_LOST = (
+    ASKED = pause("a person asked for a pause", "resume when ready")
+    MARKERS_LOST = hold(
         "neither marker is seen: they left the picture or are hidden",
-        Action.HOLD,
         "clear the view, then resume",
+        markers.both_markers_are_lost,
+        hides_markers=True,
     )
-    MARKER_1_LOST = (
+    MARKER_1_LOST = hold(
         "marker 1 is not seen: it left the picture or is hidden",
-        Action.HOLD,
         "clear the view, then resume",
+        markers.marker_1_is_lost,
+        hides_markers=True,
     )
-    MARKER_2_LOST = (
+    MARKER_2_LOST = hold(
         "marker 2 is not seen: it left the picture or is hidden",
-        Action.HOLD,
         "clear the view, then resume",
+        markers.marker_2_is_lost,
+        hides_markers=True,
     )
-    FRAMES_DAMAGED = (
+    FRAMES_DAMAGED = hold(
         "frames come damaged",
-        Action.HOLD,
         "check the camera and its cable, then resume",
+        devices.frames_are_damaged,
+        hides_markers=True,
     )
-    FRAMES_NOT_NEW = (
+    FRAMES_NOT_NEW = hold(
         "frames come repeated or out of order",
-        Action.HOLD,
         "check the camera's driver, then resume",
+        devices.frames_are_not_new,
+        hides_markers=True,
     )
-    FRAMES_CLOCK = (
+    FRAMES_CLOCK = hold(
         "frames bear times that cannot be right",
-        Action.HOLD,
         "check the camera's clock, then resume",
+        devices.frame_times_are_invalid,
+        hides_markers=True,
     )
-    STALE = (
+    STALE = hold(
         "no new frame has come from the camera for too long",
-        Action.HOLD,
         "check the camera, then resume",
+        devices.frames_stopped,
+        hides_markers=True,
     )
-    LATE = (
+    LATE = hold(
         "the frames come too long after their exposure",
-        Action.HOLD,
         "make camera and tracking faster, then resume",
+        devices.frames_come_late,
     )
-    JOINTS_UNKNOWN = (
+    JOINTS_UNKNOWN = hold(
         "the joints' positions at the exposure of the frame are not known",
-        Action.HOLD,
         "check that camera and arm keep the same time, then resume",
+        devices.joints_at_exposure_are_unknown,
     )
-    RCM_UNKNOWN = (
+    RCM_UNKNOWN = hold(
         "the imaged RCM cannot be computed: the lines seen of the tool are too much alike",
-        Action.HOLD,
         "turn the camera so that the tool is not seen from its end, then resume",
+        estimate.rcm_is_unknown,
     )
-    ESTIMATE_LARGE = (
+    ESTIMATE_LARGE = hold(
         "the estimate is out of bounds: no camera sees a tool move so fast",
-        Action.HOLD,
         "resume: the servo explores anew",
+        estimate.estimate_is_large,
+        invalidates=Invalidates.ESTIMATE,
     )
-    SINGULAR = (
+    SINGULAR = hold(
         "the target lies at or beyond a singular surface: no motion that the estimate knows of "
         "brings the features nearer to it",
-        Action.HOLD,
         "bring the tool nearer to the target or away from the singular pose, then resume",
+        progress.path_is_singular,
     )
-    JOINT_1_LIMIT = (
+    JOINT_1_LIMIT = hold(
         "the way to the target goes past the limit of joint 1",
-        Action.HOLD,
         "bring the tool to another start, then resume",
+        progress.joint_1_blocks_the_path,
     )
-    JOINT_2_LIMIT = (
+    JOINT_2_LIMIT = hold(
         "the way to the target goes past the limit of joint 2",
-        Action.HOLD,
         "bring the tool to another start, then resume",
+        progress.joint_2_blocks_the_path,
     )
-    JOINT_3_LIMIT = (
+    JOINT_3_LIMIT = hold(
         "the way to the target goes past the limit of joint 3",
-        Action.HOLD,
         "bring the tool to another start, then resume",
+        progress.joint_3_blocks_the_path,
     )
-
-    REJECTED = (
+    REJECTED = slow(
         "a frame was not believed: the markers are not where the tool's motion puts them",
-        Action.SLOW,
-        "",
+        detector=markers.frame_was_rejected,
     )
-    WITHOUT_MARKER_1 = (
+    WITHOUT_MARKER_1 = slow(
         "marker 1 is not seen: marker 2 and the joints tell the pose",
-        Action.SLOW,
-        "",
+        detector=markers.marker_1_is_completed,
     )
-    WITHOUT_MARKER_2 = (
+    WITHOUT_MARKER_2 = slow(
         "marker 2 is not seen: marker 1 and the joints tell the pose",
-        Action.SLOW,
-        "",
+        detector=markers.marker_2_is_completed,
     )
-    AGEING = "no new frame has come for longer than usual", Action.SLOW, ""
-    NEARLY_SINGULAR = (
+    AGEING = slow("no new frame has come for longer than usual", detector=devices.frame_is_old)
+    NEARLY_SINGULAR = slow(
         "a singular surface nearly closes the way to the target",
-        Action.SLOW,
-        "",
+        detector=progress.path_is_nearly_singular,
     )
+    LATE_TICK = warn("the loop ran late by a tick", detector=devices.tick_came_late)
 
-    LATE_TICK = "the loop ran late by a tick", Action.WARN, ""
+    @property
+    def needs_teaching(self) -> bool:
+        """Whether the way out includes teaching the target again."""
+        return TEACH_AGAIN in self.way_out
 
     @property
     def words(self) -> str:
@@ -274,41 +344,54 @@ class Cause(Enum):
         """Its sentence if the tool stands still for it; empty if it goes on."""
         return self.value if self.action >= Action.HOLD else ""
 
-    @property
-    def bit(self) -> int:
-        """Its bit in a set of causes that is kept as one number; 0 for NONE."""
-        return BITS[self]
-
-    @property
-    def place(self) -> int:
-        """Its place among the causes, which stands for it in compiled functions; 0 for NONE."""
-        return PLACES[self]
-
 
 CAUSES = tuple(Cause)
-PLACES = {cause: place for place, cause in enumerate(CAUSES)}
-BITS = {cause: (1 << place) >> 1 for cause, place in PLACES.items()}
-
 ACTIONS = tuple(int(cause.action) for cause in CAUSES)
 """What each asks for, by its place."""
+
+EXPLORED = tuple(int(cause.declared.invalidates) for cause in CAUSES)
+"""What each invalidates, by its place."""
+
+UNEXPLORED = tuple(
+    max(int(cause.declared.invalidates), int(cause.declared.invalidates_unexplored))
+    for cause in CAUSES
+)
+"""What each invalidates before an exploration is done."""
+
+DETECTORS = tuple(
+    (cause.bit, cause.declared.detector) for cause in CAUSES if cause.declared.detector is not None
+)
+"""Bit and detector of each cause that has one."""
+
+declare_in("rcmservo.guard.compiled_detectors")
+
+
+def find_causes(facts: TickFacts) -> int:
+    """Return the set of the causes that their detectors find at a tick."""
+    found = 0
+    for bit, detects in DETECTORS:
+        if detects(facts):
+            found |= bit
+    return found
+
+
+@compiled
+def invalidated_by(cause: int, explored: bool) -> int:
+    """Return what a cause, by its place, invalidates."""
+    return EXPLORED[cause] if explored else UNEXPLORED[cause]
 
 
 @compiled
 def graver(one: int, other: int) -> int:
-    """Of two causes, by their places, the one with the greater action, the one listed first of
-    equal ones."""
-    if ACTIONS[one] == ACTIONS[other]:
-        return min(one, other)
-    return one if ACTIONS[one] > ACTIONS[other] else other
+    """Return the graver one of two causes, by their places."""
+    return max(one, other) if one == 0 or other == 0 else min(one, other)
 
 
 @compiled
 def gravest(found: int) -> int:
-    """The place of the gravest cause in a set of them; 0 where there is none."""
-    cause = 0
-    if found == 0:
-        return cause
-    for place in range(1, len(ACTIONS)):
-        if found >> (place - 1) & 1 and ACTIONS[place] > ACTIONS[cause]:
-            cause = place
-    return cause
+    """Return the place of the gravest cause in a set of them; 0 where there is none."""
+    if found != 0:
+        for place in range(1, len(ACTIONS)):
+            if found >> (place - 1) & 1:
+                return place
+    return 0

@@ -3,9 +3,6 @@
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase
 
-SHOW = "show the target again"
-"""What a cause's way out says where the target must be shown anew."""
-
 
 def ways(phase: Phase, cause: Cause) -> list[str]:
     """What the buttons say that lead on, in the order in which they are pressed."""
@@ -13,4 +10,4 @@ def ways(phase: Phase, cause: Cause) -> list[str]:
         return ["clear"]
     if phase is not Phase.PAUSED:
         return []
-    return ["show", "resume"] if SHOW in cause.way_out else ["resume"]
+    return ["show", "resume"] if cause.needs_teaching else ["resume"]

@@ -30,23 +30,11 @@ ON_THE_WAY = {
 """Why a run ended in a phase that nothing wrong led to."""
 
 
-UNSEEN = {
-    Cause.MARKER_1_LOST,
-    Cause.MARKER_2_LOST,
-    Cause.MARKERS_LOST,
-    Cause.STALE,
-    Cause.FRAMES_NOT_NEW,
-    Cause.FRAMES_CLOCK,
-    Cause.FRAMES_DAMAGED,
-}
-"""Causes that come of markers that are not seen."""
-
-
 def held(mode: Mode, why: str) -> str:
     """What holds the arm still at the last tick; `why` tells why the markers were never seen, if
     they never were."""
     if mode.cause.stopping:
-        return mode.cause.told(mode.detail or (why if mode.cause in UNSEEN else ""))
+        return mode.cause.told(mode.detail or (why if mode.cause.declared.hides_markers else ""))
     return f"{ON_THE_WAY[mode.phase]}: {why}" if why and mode.phase in ON_THE_WAY else ""
 
 

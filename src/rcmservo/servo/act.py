@@ -4,7 +4,7 @@ forgotten with it, and the command."""
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.guard.causes import ACTIONS, Cause, gravest
+from rcmservo.guard.causes import ACTIONS, Cause, Invalidates, gravest, invalidated_by
 from rcmservo.guard.gate import admit, stop
 from rcmservo.guard.plausible import sound
 from rcmservo.guard.states import (
@@ -44,40 +44,25 @@ from rcmservo.servo.kernel_parameters import Asked, KernelParameters, rcm_of, sh
 from rcmservo.servo.learn import BELIEVED, LEARN
 from rcmservo.servo.state import Decision, Kept
 
-NOT_FINITE, SURPRISED = Cause.NOT_FINITE.place, Cause.SURPRISED.place
-CAMERA_MOVED, SWAPPED = Cause.CAMERA_MOVED.place, Cause.SWAPPED.place
-DRIFTS = Cause.DRIFTS.place
+NOT_FINITE = Cause.NOT_FINITE.place
+ESTIMATE, TARGETS = int(Invalidates.ESTIMATE), int(Invalidates.ESTIMATE_AND_TARGETS)
 
 SURELY = 0.5
 """Share of its limit that the condition of eq. (16) has at most at the end of an exploration: it
 must stay known."""
-
-UNLEARNT = (
-    Cause.DIVERGED.place,
-    Cause.NOT_EXPLORED.place,
-    Cause.ESTIMATE_LARGE.place,
-    Cause.ESTIMATOR_FAILED.place,
-    Cause.ESTIMATE_NOT_FINITE.place,
-    Cause.NOT_FINITE.place,
-)
-"""Causes of a pause or fault after which the estimate is learnt anew, beside a moved camera.
-
-After the others it is kept, and with it the newest frame believed, so that a camera moved meanwhile
-is noticed.
-"""
 
 
 @compiled
 def act(
     kept: Rows[Kept],
     news: int,
-    more: int,
+    failed: bool,
     seen: ObservationStruct,
     asked: Asked,
     rows: Rows[KernelParameters],
 ) -> bool:
-    """Keep what follows from a tick that brought `news`, with the causes found and `more` of them;
-    whether the estimator must forget all."""
+    """Keep what follows from a tick that brought `news`, at which a user's estimator may have
+    `failed`; whether the estimator must forget all."""
     s, fixed = kept[0], rows[0]
     believed, now = news >= BELIEVED, seen.now
     if asked.other:
@@ -87,7 +72,7 @@ def act(
         watch_estimate(s.watch, e.p1, e.points, e.o_c, e.J_hat, t)
     if not s.tour.done:
         explore(s, s.prospect, seen, news, asked.points, fixed)
-    found = decide(s, s.prospect, seen, asked, fixed) | more
+    found = decide(s, seen, asked, failed, fixed)
     signs = Signs(seen.enabled, believed or s.watch.believed >= 0, believed, s.tour.done)
     forgot = enter(s, found, signs, asked.request, now, fixed.thresholds)
     if s.decision.mode.phase == JOG:
@@ -181,18 +166,17 @@ def enter(s: Kept, found: int, signs: Signs, request: int, now: int, t: Threshol
 
 @compiled
 def unlearn(s: Kept, cause: int, now: int) -> bool:
-    """Begin all counts anew, and forget the estimate if a cause spoils it.
+    """Begin all counts anew, and forget what a cause invalidates; whether that is the estimate.
 
     Without an estimate nobody can tell one false marker from a camera that was moved: then it
     counts as that. Nor can anybody tell whether markers that changed places are wrong now or were
     before.
     """
-    explored, d = s.tour.done, s.decision
-    moved = cause in (CAMERA_MOVED, DRIFTS) or (cause == SURPRISED and not explored)
-    spoilt = moved or cause in UNLEARNT or (cause == SWAPPED and not explored)
+    d, invalid = s.decision, invalidated_by(cause, s.tour.done)
+    spoilt = invalid >= ESTIMATE
     unwatch(s.watch, spoilt)
     d.peak = np.inf
-    if moved:
+    if invalid == TARGETS:
         d.moved = now
     if spoilt:
         forget(s)

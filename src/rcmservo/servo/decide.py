@@ -3,36 +3,20 @@
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.drift import drift_faults
-from rcmservo.guard.faults import arm_faults, camera_faults, loop_faults
-from rcmservo.guard.plausible import sound
+from rcmservo.guard.causes import find_causes
+from rcmservo.guard.checks.facts import TickFacts
 from rcmservo.guard.states import DISABLED, FAULT, PAUSED, SERVO
-from rcmservo.guard.watch import Watch
 from rcmservo.interfaces import Floats, ObservationStruct
-from rcmservo.loops import all_finite, largest
 from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.controller import MOST, Heading, control, scale
-from rcmservo.method.exploration import Exploring, overdue
+from rcmservo.method.estimators.estimate import Estimate
 from rcmservo.method.features import SCALE, wrapped
-from rcmservo.method.foresight import order, pose_deviation
+from rcmservo.method.foresight import pose_deviation
 from rcmservo.method.kinematics import Point, apart, blocked, point_at
 from rcmservo.method.prospect import Prospect
 from rcmservo.method.tool import fastest_point, second_point, stretch
 from rcmservo.servo.kernel_parameters import Asked, KernelParameters, rcm_of, shaft_of
-from rcmservo.servo.state import Decision, Estimate, Kept
-
-ESTIMATE_NOT_FINITE, RCM_UNKNOWN = Cause.ESTIMATE_NOT_FINITE.bit, Cause.RCM_UNKNOWN.bit
-ESTIMATE_LARGE, SINGULAR = Cause.ESTIMATE_LARGE.bit, Cause.SINGULAR.bit
-NEARLY_SINGULAR, DIVERGED = Cause.NEARLY_SINGULAR.bit, Cause.DIVERGED.bit
-ELSEWHERE, FROZEN = Cause.ELSEWHERE.bit, Cause.FROZEN.bit
-STALLED, STALE, TARGET_OLD = Cause.STALLED.bit, Cause.STALE.bit, Cause.TARGET_OLD.bit
-NO_ROOM, SWAPPED, NOT_EXPLORED = Cause.NO_ROOM.bit, Cause.SWAPPED.bit, Cause.NOT_EXPLORED.bit
-LIMITS = (Cause.JOINT_1_LIMIT.bit, Cause.JOINT_2_LIMIT.bit, Cause.JOINT_3_LIMIT.bit)
-
-
-CROSSED = -0.3
-"""Order of the markers below which they are taken for each other."""
+from rcmservo.servo.state import Decision, Kept
 
 NEAR = 1.0
 """mm from the target, by the picture, up to which the tool counts as being there."""
@@ -46,29 +30,37 @@ CERTAIN = 3.0
 
 @compiled
 def decide(
-    s: Kept, v: Prospect, seen: ObservationStruct, asked: Asked, fixed: KernelParameters
+    s: Kept,
+    seen: ObservationStruct,
+    asked: Asked,
+    estimator_failed: bool,
+    fixed: KernelParameters,
 ) -> int:
-    """Head for the target by the law, where there is an estimate; the causes that are there at this
-    tick."""
-    w, e, tour, d = s.watch, s.estimate, s.tour, s.decision
-    t = fixed.thresholds
-    on = d.mode.phase not in (DISABLED, FAULT)
-    found = arm_faults(w, seen, on, rcm_of(fixed), t) | loop_faults(w, seen, fixed.period, t)
-    found |= camera_faults(w, seen, rcm_of(fixed), t)
-    if not all_finite(e.J_hat):
-        found |= ESTIMATE_NOT_FINITE
-    if d.mode.phase == PAUSED and seen.frame < 0:
-        found |= STALE  # nothing was seen that it could go on from
-    if asked.shown < d.moved:
-        found |= TARGET_OLD
-    if not tour.done:
-        return found | tour_faults(w, v, tour, seen.now, fixed)
-    steer(e, d, seen, d.mode.phase == SERVO, fixed)
-    stray(s, v, seen, asked, fixed)
-    found |= drift_faults(w, t) | estimate_faults(w, e, fixed)
-    if not sound(v, t):
-        found |= DIVERGED
-    return found | way_faults(d, seen.now, fixed)
+    """Head for the target by the law, where there is an estimate; return the set of the causes
+    that are present."""
+    d = s.decision
+    if s.tour.done:
+        steer(s.estimate, d, seen, d.mode.phase == SERVO, fixed)
+        stray(s, s.prospect, seen, asked, fixed)
+    facts = TickFacts(
+        seen,
+        s.watch,
+        s.estimate,
+        s.tour,
+        d,
+        s.prospect,
+        d.mode.phase not in (DISABLED, FAULT),
+        d.mode.phase == PAUSED,
+        asked.shown,
+        estimator_failed,
+        rcm_of(fixed),
+        fixed.period,
+        fixed.controller.gain,
+        fixed.imaged_rcm.max_condition,
+        fixed.exploration,
+        fixed.thresholds,
+    )
+    return find_causes(facts)
 
 
 @compiled
@@ -171,46 +163,3 @@ def away_at_most(q: Floats, q_d: Floats, fixed: KernelParameters) -> float:
     turned = abs(q[0] - q_d[0]) + abs(q[1] - q_d[1])
     longest = max(stretch(shaft_of(fixed), (0.0, 0.0, rho)), 1.0)
     return longest * (abs(rho - rho_d) + max(abs(rho), abs(rho_d)) * turned)
-
-
-@compiled
-def estimate_faults(w: Watch, e: Estimate, fixed: KernelParameters) -> int:
-    """What is wrong with the estimate."""
-    t = fixed.thresholds
-    found = 0 if e.rcm_condition <= fixed.imaged_rcm.max_condition else RCM_UNKNOWN
-    J = scratch_table(3, 3)
-    scale(e.J_hat, J)
-    if not largest(J) <= t.largest:
-        found |= ESTIMATE_LARGE
-    if w.wrong >= t.disagreements:
-        found |= DIVERGED
-    return found
-
-
-@compiled
-def way_faults(d: Decision, now: int, fixed: KernelParameters) -> int:
-    """What stands in the way to the target."""
-    t = fixed.thresholds
-    found = LIMITS[d.blocked] if d.blocked >= 0 else 0
-    if d.astray >= 0 and now - d.astray > t.elsewhere_time * 1e9:
-        found |= ELSEWHERE
-    if not d.open >= t.closed:
-        found |= SINGULAR
-    elif not d.open >= t.nearly_closed:
-        found |= NEARLY_SINGULAR
-    patience = max(t.stall_time, t.stall_gains / fixed.controller.gain)
-    if d.peak > t.stall_error and now - d.peak_time > patience * 1e9:
-        found |= STALLED
-    return found
-
-
-@compiled
-def tour_faults(w: Watch, v: Prospect, tour: Exploring, now: int, fixed: KernelParameters) -> int:
-    """What is wrong while exploring."""
-    if tour.no_room:
-        return NO_ROOM
-    if w.frozen:
-        return FROZEN
-    if not overdue(tour, now, fixed.exploration):
-        return 0
-    return SWAPPED if order(v) < CROSSED else NOT_EXPLORED

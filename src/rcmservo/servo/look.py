@@ -3,7 +3,7 @@
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.guard.drift import watch_drift, watch_stuck
+from rcmservo.guard.checks.drift import watch_drift, watch_stuck
 from rcmservo.guard.plausible import leapt, lost, misplaced
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Watch, stays, watch_frame, watch_loop, watch_markers

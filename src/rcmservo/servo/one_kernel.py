@@ -50,6 +50,6 @@ def go_on(
     news, dt = look(kept, seen, fixed)
     if news == LEARN:
         beside, news = learned(kept, beside, seen, asked.points, dt, rule, fixed)
-    if act(kept, news, 0, seen, asked, fixed):
+    if act(kept, news, False, seen, asked, fixed):
         beside = emptied(beside)
     return beside

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rcmservo.errors import require
-from rcmservo.guard.causes import Cause
+from rcmservo.guard.checks.facts import DetailFacts
 from rcmservo.guard.gate import CommandStruct, Gate
 from rcmservo.guard.states import REQUESTS, Mode, ModeStruct, Phase, Request
 from rcmservo.guard.thresholds import Thresholds
@@ -30,7 +30,6 @@ from rcmservo.method.tool import Tool
 from rcmservo.rows import Rows, as_row, changed, copied
 from rcmservo.servo.act import act
 from rcmservo.servo.compiled_ones import AnyRule, rule_of
-from rcmservo.servo.diagnosis import detail
 from rcmservo.servo.kernel_parameters import Asked, KernelParameters
 from rcmservo.servo.learn import (
     LEARN,
@@ -225,8 +224,7 @@ class Servo:
             if news == LEARN or self.estimator.places_rcm:
                 news, memory = LEARN, self._learn(kept, memory, seen, asked.points, dt, sizes)
         failed = failure(memory)
-        more = Cause.ESTIMATOR_FAILED.bit if failed else 0
-        if act(rows, news, more, seen, asked, self.fixed):
+        if act(rows, news, failed != "", seen, asked, self.fixed):
             lines, memory = np.zeros_like(lines), self.learner.init()
         return Beside(lines, memory), failed
 
@@ -266,6 +264,6 @@ class Servo:
 
     def _detail(self, state: State, seen: Observation) -> str:
         """What a person should know of a cause that is new."""
-        if state.cause is Cause.NOT_EXPLORED:
-            return self.estimator.advice
-        return detail(state.cause, state.watch, seen, self.mechanism, self.thresholds)
+        advice = self.estimator.advice
+        facts = DetailFacts(seen, state.watch, self.mechanism, self.thresholds, advice)
+        return state.cause.declared.detail(facts)

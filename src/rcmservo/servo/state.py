@@ -6,55 +6,26 @@ import numpy as np
 
 from rcmservo.guard.causes import CAUSES, Cause
 from rcmservo.guard.gate import CommandStruct, command_of
+from rcmservo.guard.progress import TargetProgress
 from rcmservo.guard.states import PHASES, Mode, ModeStruct, Phase
 from rcmservo.guard.watch import Watch
 from rcmservo.interfaces import Command, Floats, Target
-from rcmservo.method.controller import MOST
+from rcmservo.method.estimators.estimate import Estimate
 from rcmservo.method.exploration import Exploring
-from rcmservo.method.features import FEATURES
 from rcmservo.method.prospect import Prospect, blank
-from rcmservo.rows import Row, changed, flag, part, real, reals, whole
+from rcmservo.rows import Row, changed, part, reals
 
 NO_LINES = np.zeros((0, 4))
 
 
-class Estimate(Row):
-    """What frames have taught, in numbers; NaN where not known yet."""
-
-    exposure: int = whole("ns", "of the newest frame learnt from, -1 before the first")
-    points: Floats = reals((2, 2), "px", "the markers in the newest frame believed")
-    p1: Floats = reals(3, "mm", "marker 1 in space at that exposure")
-    line_count: int = whole("", "lines of the tool kept for eq. (16)")
-    o_c: Floats = reals(2, "px", "the imaged RCM")
-    o_c_covariance: Floats = reals((2, 2), "px²", "of o_c, where a fit of the projection tells it")
-    rcm_condition: float = real("", "condition of eq. (16), 0 where o_c is of such a fit")
-    J_hat: Floats = reals((FEATURES, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14)")
-    condition: float = real("", "condition of the scaled Ĵ")
-    motion: Floats = reals(
-        (MOST, 3), "px/mm", "∂/∂p₁ of u₁ v₁ u₂ v₂ R₁ R₂, where the law acts on it"
-    )
-    off: Floats = reals(MOST, "px", "how far these are from the target at the exposure, where so")
-    y: Floats = reals(FEATURES, "rad, px, px", "the features, eq. (6)")
-    delta: Floats = reals(FEATURES, "rad, px, px", "Δy at the exposure")
-    ahead: Floats = reals(FEATURES, "rad, px, px", "Δy as predicted for now")
-
-
-class Decision(Row):
-    """What the servo decided: its mode, what it wants of the arm, how it gets on, and the last
+class Decision(TargetProgress):
+    """What the servo decided: its mode, what it wants of the arm, its progress, and the last
     command."""
 
     mode: ModeStruct = part(ModeStruct, "phase, and why")
     command: CommandStruct = part(CommandStruct, "the last command")
     v: Floats = reals(3, "mm/s", "velocity wanted of marker 1")
     rates: Floats = reals(3, "rad/s, rad/s, mm/s", "the joint rates that make it")
-    blocked: int = whole("", "the joint whose limit stands in the way, -1 for none")
-    open: float = real("", "share of the error that the damped law works off, 1 where it is small")
-    left: float = real("mm", "how far marker 1 is from the target by the picture")
-    arrived: bool = flag("whether the joints have been where the target was shown")
-    astray: int = whole("ns", "since when it is elsewhere than the target's joints, -1: not so")
-    peak: float = real("", "the error √(2V) that has last been fallen short of")
-    peak_time: int = whole("ns", "when that was")
-    moved: int = whole("ns", "when the camera was last noticed to have been moved, -1: never")
 
 
 class Kept(Row):

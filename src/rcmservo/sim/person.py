@@ -4,7 +4,6 @@ from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import replace
 
-from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase, Request
 from rcmservo.interfaces import Target
 from rcmservo.loop.plant import Plant
@@ -19,9 +18,6 @@ THINKS = 1_000_000_000
 
 LOOKS = 3_000_000_000
 """ns that the person takes before showing the target again."""
-
-BY_HAND = {Cause.CAMERA_MOVED, Cause.DRIFTS, Cause.ELSEWHERE, Cause.TARGET_OLD}
-"""Causes that ask for the target to be shown again."""
 
 
 class ScriptedPerson:
@@ -46,7 +42,7 @@ class ScriptedPerson:
 
     def __call__(self, tick: Tick) -> Request:
         """What the person asks for after a tick: to go on, once the tool was paused for a while."""
-        if not self._acts(tick) or tick.state.cause in BY_HAND:
+        if not self._acts(tick) or tick.state.cause.needs_teaching:
             return Request.NONE
         self._since = None
         self._left -= 1
@@ -63,7 +59,7 @@ class ScriptedPerson:
         return (
             tick.state.phase is Phase.FAULT
             or over
-            or (self._acts(tick) and tick.state.cause in BY_HAND)
+            or (self._acts(tick) and tick.state.cause.needs_teaching)
         )
 
     def shows_again(self, tick: Tick) -> Target | None:
@@ -72,7 +68,7 @@ class ScriptedPerson:
         None where showing it is of no use.
         """
         state = tick.state
-        if state.phase is not Phase.PAUSED or state.cause not in BY_HAND or self._left <= 0:
+        if state.phase is not Phase.PAUSED or not state.cause.needs_teaching or self._left <= 0:
             return None
         self._since = None
         self._left -= 1
@@ -88,7 +84,7 @@ class ScriptedPerson:
         return target
 
     def _acts(self, tick: Tick) -> bool:
-        wait = LOOKS if tick.state.cause in BY_HAND else THINKS
+        wait = LOOKS if tick.state.cause.needs_teaching else THINKS
         return self._left > 0 and self._since is not None and tick.seen.now - self._since >= wait
 
 

@@ -9,7 +9,7 @@ frozen is the same to the last bit, which no camera delivers of a tool that move
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.guard.causes import Cause
+from rcmservo.guard.checks.facts import TickFacts
 from rcmservo.guard.plausible import squared
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Watch
@@ -19,8 +19,6 @@ from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.foresight import spread
 from rcmservo.method.prospect import Foretold, Prospect, both
 from rcmservo.method.tool import Shaft
-
-DRIFTS, SURPRISED, FROZEN = Cause.DRIFTS.bit, Cause.SURPRISED.bit, Cause.FROZEN.bit
 
 OTHERS = 5.0
 """Times as far as a marker that stands still may go, the other must have gone."""
@@ -111,11 +109,27 @@ def farthest(one: Floats, other: Floats) -> float:
 
 
 @compiled
-def drift_faults(w: Watch, t: Thresholds) -> int:
-    """What that means."""
-    if w.frozen:
-        return FROZEN
-    most, least = max(w.off[0], w.off[1]), min(w.off[0], w.off[1])
-    if w.averaged < t.drift_frames or not most > t.drift_px:
-        return 0
-    return SURPRISED if most > ALONE * least else DRIFTS
+def picture_is_frozen(c: TickFacts) -> bool:
+    """Detect a picture that stays the same while the tool moves."""
+    return c.watch.frozen and not c.tour.no_room
+
+
+@compiled
+def markers_deviate(c: TickFacts) -> bool:
+    """Return True if a marker's mean residual is too large."""
+    w, t = c.watch, c.thresholds
+    judged = c.tour.done and not w.frozen and w.averaged >= t.drift_frames
+    return judged and max(w.off[0], w.off[1]) > t.drift_px
+
+
+@compiled
+def one_marker_deviates(c: TickFacts) -> bool:
+    """Return True if the mean residual of one marker alone is too large."""
+    off = c.watch.off
+    return markers_deviate(c) and max(off[0], off[1]) > ALONE * min(off[0], off[1])
+
+
+@compiled
+def markers_drift(c: TickFacts) -> bool:
+    """Detect that both markers drift away from where the joints put them."""
+    return markers_deviate(c) and not one_marker_deviates(c)

@@ -1,0 +1,41 @@
+"""Detectors of an estimate that is unknown, out of bounds or contradicted by the frames."""
+
+from rcmservo.compiled import compiled
+from rcmservo.guard.checks.facts import TickFacts
+from rcmservo.guard.plausible import sound
+from rcmservo.loops import all_finite, largest
+from rcmservo.memory import scratch_table
+from rcmservo.method.controller import scale
+
+
+@compiled
+def estimator_failed(c: TickFacts) -> bool:
+    """Detect the failure of a user's estimator."""
+    return c.estimator_failed
+
+
+@compiled
+def estimate_is_not_finite(c: TickFacts) -> bool:
+    """Detect a Ĵ that is not finite."""
+    return not all_finite(c.estimate.J_hat)
+
+
+@compiled
+def rcm_is_unknown(c: TickFacts) -> bool:
+    """Detect an imaged RCM that eq. (16) does not determine."""
+    return c.tour.done and not c.estimate.rcm_condition <= c.max_rcm_condition
+
+
+@compiled
+def estimate_is_large(c: TickFacts) -> bool:
+    """Detect a scaled Ĵ larger than of any camera."""
+    J = scratch_table(3, 3)
+    scale(c.estimate.J_hat, J)
+    return c.tour.done and not largest(J) <= c.thresholds.largest
+
+
+@compiled
+def estimate_diverged(c: TickFacts) -> bool:
+    """Detect an estimate that frames contradict, or a fit that is of no camera."""
+    contradicted = c.watch.wrong >= c.thresholds.disagreements
+    return c.tour.done and (contradicted or not sound(c.prospect, c.thresholds))

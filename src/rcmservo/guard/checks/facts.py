@@ -1,0 +1,71 @@
+"""Facts of a tick: what a detector reads, and what the detail of a cause is made of."""
+
+from typing import NamedTuple
+
+from rcmservo.compiled import compiled
+from rcmservo.guard.progress import TargetProgress
+from rcmservo.guard.thresholds import Thresholds
+from rcmservo.guard.watch import Watch
+from rcmservo.interfaces import Observation, ObservationStruct
+from rcmservo.method.estimators.estimate import Estimate
+from rcmservo.method.exploration import Exploration, Exploring
+from rcmservo.method.kinematics import Kinematics, Rcm
+from rcmservo.method.prospect import Prospect
+
+
+class TickFacts(NamedTuple):
+    """Everything that a detector may read, in compiled functions."""
+
+    seen: ObservationStruct
+    """The observation."""
+    watch: Watch
+    """State of the checks."""
+    estimate: Estimate
+    """Estimate of Ĵ, imaged RCM and features."""
+    tour: Exploring
+    """State of the exploration."""
+    progress: TargetProgress
+    """Progress towards the target."""
+    prospect: Prospect
+    """Fit of the camera's projection."""
+    drive_requested: bool
+    """Whether the arm's drive should be on."""
+    paused: bool
+    """Whether the phase is PAUSED."""
+    taught: int
+    """ns, when the target was taught."""
+    estimator_failed: bool
+    """Whether a user's estimator failed at this tick."""
+    rcm: Rcm
+    """Mechanism, with marker 1 as the point on its tool."""
+    period: int
+    """ns from tick to tick."""
+    gain: float
+    """1/s, k of the law (31)."""
+    max_rcm_condition: float
+    """Condition of eq. (16) up to which o_c is known."""
+    exploration: Exploration
+    """Settings of the exploration."""
+    thresholds: Thresholds
+    """Values from which on something is a fault."""
+
+
+@compiled
+def has_frame(c: TickFacts) -> bool:
+    """Return True if any frame has been used."""
+    return c.seen.frame >= 0
+
+
+class DetailFacts(NamedTuple):
+    """Everything that the detail of a cause may be made of."""
+
+    seen: Observation
+    """The observation."""
+    watch: Watch
+    """State of the checks."""
+    mechanism: Kinematics
+    """The arm's kinematics."""
+    thresholds: Thresholds
+    """Values from which on something is a fault."""
+    advice: str
+    """Advice of the estimator for an exploration that fails."""

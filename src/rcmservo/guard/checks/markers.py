@@ -1,0 +1,85 @@
+"""Detectors of markers that are lost, or that frame after frame shows where no motion puts them."""
+
+from rcmservo.compiled import compiled
+from rcmservo.guard.checks.drift import one_marker_deviates
+from rcmservo.guard.checks.exploration import markers_stand_in_reverse
+from rcmservo.guard.checks.facts import TickFacts, has_frame
+from rcmservo.guard.plausible import lost
+
+
+@compiled
+def both_markers_are_lost(c: TickFacts) -> bool:
+    """Detect a frame without markers."""
+    first, second = lost(c.seen.points)
+    return has_frame(c) and first and second
+
+
+@compiled
+def marker_1_is_lost(c: TickFacts) -> bool:
+    """Detect the loss of marker 1 where the other does not suffice."""
+    return is_only_one_lost(c, True) and not c.watch.spared
+
+
+@compiled
+def marker_2_is_lost(c: TickFacts) -> bool:
+    """Detect the loss of marker 2 where the other does not suffice."""
+    return is_only_one_lost(c, False) and not c.watch.spared
+
+
+@compiled
+def marker_1_is_completed(c: TickFacts) -> bool:
+    """Detect the loss of marker 1 where the other and the joints suffice."""
+    return is_only_one_lost(c, True) and c.watch.spared
+
+
+@compiled
+def marker_2_is_completed(c: TickFacts) -> bool:
+    """Detect the loss of marker 2 where the other and the joints suffice."""
+    return is_only_one_lost(c, False) and c.watch.spared
+
+
+@compiled
+def is_only_one_lost(c: TickFacts, is_first: bool) -> bool:
+    """Return True if marker 1, or else marker 2, is lost and the other is not."""
+    first, second = lost(c.seen.points)
+    return has_frame(c) and first == is_first and second != is_first
+
+
+@compiled
+def frame_was_rejected(c: TickFacts) -> bool:
+    """Detect a newest frame that was rejected."""
+    return has_frame(c) and c.watch.rejected > 0
+
+
+@compiled
+def frames_are_rejected(c: TickFacts) -> bool:
+    """Return True if so many frames in a row were rejected that the tool stops."""
+    return has_frame(c) and c.watch.rejected >= c.thresholds.rejected
+
+
+@compiled
+def markers_changed_places(c: TickFacts) -> bool:
+    """Return True if each marker appears at the other's place."""
+    return frames_are_rejected(c) and c.watch.swapped >= c.thresholds.rejected
+
+
+@compiled
+def markers_are_swapped(c: TickFacts) -> bool:
+    """Detect markers that changed places, or that an exploration finds in reverse order."""
+    return markers_changed_places(c) or markers_stand_in_reverse(c)
+
+
+@compiled
+def camera_moved(c: TickFacts) -> bool:
+    """Detect that both markers jumped, or that frames are rejected for good."""
+    w, t = c.watch, c.thresholds
+    jumped = w.jumped >= t.rejected or w.rejected >= t.rejected_for_good
+    return frames_are_rejected(c) and jumped and not markers_changed_places(c)
+
+
+@compiled
+def markers_are_unexpected(c: TickFacts) -> bool:
+    """Detect markers where no motion puts them, for another reason than the two above: by leaps, or
+    one of them alone by its drift."""
+    unexplained = not (camera_moved(c) or markers_changed_places(c))
+    return (frames_are_rejected(c) and unexplained) or one_marker_deviates(c)
