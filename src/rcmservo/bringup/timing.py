@@ -72,7 +72,7 @@ def identify_latency(trace: MotionTrace, joint: int) -> Latency | None:
 
     def residual(shift: Floats) -> Floats:
         """Return what m = B q(t + δ) + c leaves of the markers with the best B and c."""
-        Q = np.interp(exposed + shift[0], times, q)
+        Q: Floats = np.asarray(np.interp(exposed + shift[0], times, q), np.float64)
         Q = Q - Q.mean()
         return (M - np.outer(Q, Q @ M / max(float(Q @ Q), 1e-30))).ravel()
 

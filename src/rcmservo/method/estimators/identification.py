@@ -13,9 +13,10 @@ Prior knowledge of f, c, k and of the corrections counts as a measurement.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy import optimize
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
@@ -59,9 +60,11 @@ class LeastSquaresFit:
 
 def fit_residual(residual: Callable[[Floats], Floats], x: Floats) -> LeastSquaresFit:
     """Minimise the squares of a residual within a trust region from `x` (n,)."""
-    fit = least_squares(residual, x, ftol=MIN_RELATIVE_GAIN, max_nfev=MAX_STEPS)
-    J = np.asarray(fit.jac)
-    return LeastSquaresFit(fit.x, np.linalg.pinv(J.T @ J), 2.0 * float(fit.cost))
+    least_squares = cast(Any, optimize).least_squares
+    fit: Any = least_squares(residual, x, ftol=MIN_RELATIVE_GAIN, max_nfev=MAX_STEPS)
+    J: Floats = fit.jac
+    covariance = np.asarray(np.linalg.pinv(J.T @ J), np.float64)
+    return LeastSquaresFit(fit.x, covariance, 2.0 * float(fit.cost))
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +203,7 @@ def _rotation(half_turns: Floats) -> Floats:
     """Return the rotation (3, 3) of a Rodrigues vector (3,): its axis times tan(angle / 2)."""
     x, y, z = half_turns
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.linalg.solve(np.eye(3) - K, np.eye(3) + K)
+    return np.asarray(np.linalg.solve(np.eye(3) - K, np.eye(3) + K), np.float64)
 
 
 def corrected_markers(mechanism: Kinematics, tool: Tool, q: Floats, correction: Floats) -> Floats:
