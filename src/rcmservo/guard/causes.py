@@ -15,7 +15,7 @@ TEACH_AGAIN = "show the target again"
 
 
 class Action(IntEnum):
-    """What a cause asks for; the greatest wins."""
+    """Action that a cause requests; the greatest one wins."""
 
     NONE = 0
     WARN = 1
@@ -42,19 +42,19 @@ class Declaration(NamedTuple):
     """Declaration of a cause."""
 
     action: Action
-    """What it asks for."""
+    """Action that it requests."""
     sentence: str
-    """What is wrong, for the operator."""
+    """Description for the operator."""
     way_out: str = ""
-    """What the operator can do about it."""
+    """Remedy for the operator."""
     detector: Callable[[TickFacts], bool] | None = None
     """Compiled function that detects it at a tick; None where gate or state machine raise it."""
     invalidates: Invalidates = Invalidates.NOTHING
-    """What it invalidates."""
+    """Knowledge that it invalidates."""
     invalidates_unexplored: Invalidates = Invalidates.NOTHING
-    """What it invalidates before an exploration is done, if that is more."""
+    """Knowledge that it invalidates before an exploration is done, if that is more."""
     hides_markers: bool = False
-    """Whether it explains why no marker is detected."""
+    """True if it explains why no marker is detected."""
     detail: Callable[[DetailFacts], str] = lambda facts: ""
     """Function that words which joint it is, its value and its limit."""
 
@@ -63,8 +63,10 @@ warn, slow, hold, pause, fault = (partial(Declaration, action) for action in lis
 
 
 class Cause(Enum):
-    """Why the tool is not simply on its way. Its value is the sentence for the operator. Graver
-    actions stand first, and of equal ones the cause that stands first is named."""
+    """Cause of a stop, of slow motion or of a warning. Its value is the sentence for the operator.
+
+    Graver actions stand first, and of several causes present the first is named.
+    """
 
     declared: Declaration
     action: Action
@@ -326,37 +328,37 @@ class Cause(Enum):
 
     @property
     def needs_teaching(self) -> bool:
-        """Whether the way out includes teaching the target again."""
+        """True if the way out includes teaching the target again."""
         return TEACH_AGAIN in self.way_out
 
     @property
     def words(self) -> str:
         """The sentence and the way out, as one text."""
-        return self.told("")
+        return self.describe("")
 
-    def told(self, detail: str) -> str:
-        """The sentence, what a person should know beside it, and the way out, as one text."""
+    def describe(self, detail: str) -> str:
+        """Return sentence, detail and way out as one text."""
         sentence = f"{self.value}: {detail}" if detail else self.value
         return f"{sentence} ({self.way_out})" if self.way_out else sentence
 
     @property
     def stopping(self) -> str:
-        """Its sentence if the tool stands still for it; empty if it goes on."""
+        """Its sentence if it stops the tool; empty otherwise."""
         return self.value if self.action >= Action.HOLD else ""
 
 
 CAUSES = tuple(Cause)
 ACTIONS = tuple(int(cause.action) for cause in CAUSES)
-"""What each asks for, by its place."""
+"""Action of each, by its place."""
 
 EXPLORED = tuple(int(cause.declared.invalidates) for cause in CAUSES)
-"""What each invalidates, by its place."""
+"""Knowledge that each invalidates, by its place."""
 
 UNEXPLORED = tuple(
     max(int(cause.declared.invalidates), int(cause.declared.invalidates_unexplored))
     for cause in CAUSES
 )
-"""What each invalidates before an exploration is done."""
+"""The same before an exploration is done."""
 
 DETECTORS = tuple(
     (cause.bit, cause.declared.detector) for cause in CAUSES if cause.declared.detector is not None
@@ -377,7 +379,7 @@ def find_causes(facts: TickFacts) -> int:
 
 @compiled
 def invalidated_by(cause: int, explored: bool) -> int:
-    """Return what a cause, by its place, invalidates."""
+    """Return the knowledge that a cause, by its place, invalidates."""
     return EXPLORED[cause] if explored else UNEXPLORED[cause]
 
 

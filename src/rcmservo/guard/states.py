@@ -88,7 +88,7 @@ class Mode:
     @property
     def why(self) -> str:
         """Cause, detail and way out in words; empty if all is well."""
-        return self.cause.told(self.detail)
+        return self.cause.describe(self.detail)
 
     @property
     def share(self) -> float:

@@ -34,7 +34,9 @@ def held(mode: Mode, why: str) -> str:
     """What holds the arm still at the last tick; `why` tells why the markers were never seen, if
     they never were."""
     if mode.cause.stopping:
-        return mode.cause.told(mode.detail or (why if mode.cause.declared.hides_markers else ""))
+        return mode.cause.describe(
+            mode.detail or (why if mode.cause.declared.hides_markers else "")
+        )
     return f"{ON_THE_WAY[mode.phase]}: {why}" if why and mode.phase in ON_THE_WAY else ""
 
 

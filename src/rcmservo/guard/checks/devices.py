@@ -1,7 +1,9 @@
-"""Detectors of what is wrong with arm, loop, record and frames.
+"""Detectors of faults of arm, loop, record and frames.
 
 Every check is written so that NaN trips it.
 """
+
+from typing import cast
 
 import numpy as np
 
@@ -12,7 +14,9 @@ from rcmservo.interfaces import Dropped, Floats
 from rcmservo.loops import all_finite
 from rcmservo.method.kinematics import Kinematics, reachable
 
-NOT_DROPPED, NOT_NEW, CLOCK, DAMAGED = map(int, Dropped)
+NOT_DROPPED, NOT_NEW, CLOCK, DAMAGED = cast(list[Dropped], list(map(int, Dropped)))
+"""Members of `Dropped` in compiled functions."""
+
 UNITS = ("rad", "rad", "mm")
 
 
@@ -106,7 +110,7 @@ def frame_is_old(c: TickFacts) -> bool:
 
 @compiled
 def frames_stopped(c: TickFacts) -> bool:
-    """Detect that no frame comes, or that none has come before a run that is to be resumed."""
+    """Detect that no frame comes, or that a paused run has seen none."""
     return is_missing_for(c, NOT_DROPPED) or (c.paused and not has_frame(c))
 
 
@@ -130,7 +134,7 @@ def frame_times_are_invalid(c: TickFacts) -> bool:
 
 
 @compiled
-def is_missing_for(c: TickFacts, reason: int) -> bool:
+def is_missing_for(c: TickFacts, reason: Dropped) -> bool:
     """Return True if no frame comes, and the last one offered was not used for this reason."""
     return is_missing(c) and not keeps_coming(c) and c.seen.dropped == reason
 

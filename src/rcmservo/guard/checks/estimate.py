@@ -28,7 +28,7 @@ def rcm_is_unknown(c: TickFacts) -> bool:
 
 @compiled
 def estimate_is_large(c: TickFacts) -> bool:
-    """Detect a scaled Ĵ larger than of any camera."""
+    """Detect a scaled Ĵ larger than that of any camera."""
     J = scratch_table(3, 3)
     scale(c.estimate.J_hat, J)
     return c.tour.done and not largest(J) <= c.thresholds.largest
@@ -36,6 +36,6 @@ def estimate_is_large(c: TickFacts) -> bool:
 
 @compiled
 def estimate_diverged(c: TickFacts) -> bool:
-    """Detect an estimate that frames contradict, or a fit that is of no camera."""
+    """Detect an estimate that frames contradict, or a fit that no camera explains."""
     contradicted = c.watch.wrong >= c.thresholds.disagreements
     return c.tour.done and (contradicted or not sound(c.prospect, c.thresholds))

@@ -1,4 +1,4 @@
-"""Facts of a tick: what a detector reads, and what the detail of a cause is made of."""
+"""Facts of a tick for the detectors, and for the details of causes."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from rcmservo.method.prospect import Prospect
 
 
 class TickFacts(NamedTuple):
-    """Everything that a detector may read, in compiled functions."""
+    """Facts of a tick that a detector may read, in compiled functions."""
 
     seen: ObservationStruct
     """The observation."""
@@ -29,13 +29,13 @@ class TickFacts(NamedTuple):
     prospect: Prospect
     """Fit of the camera's projection."""
     drive_requested: bool
-    """Whether the arm's drive should be on."""
+    """True if the arm's drive should be on."""
     paused: bool
-    """Whether the phase is PAUSED."""
+    """True in the phase PAUSED."""
     taught: int
     """ns, when the target was taught."""
     estimator_failed: bool
-    """Whether a user's estimator failed at this tick."""
+    """True if a user's estimator failed at this tick."""
     rcm: Rcm
     """Mechanism, with marker 1 as the point on its tool."""
     period: int
@@ -57,7 +57,7 @@ def has_frame(c: TickFacts) -> bool:
 
 
 class DetailFacts(NamedTuple):
-    """Everything that the detail of a cause may be made of."""
+    """Facts of a tick that the detail of a cause may be made of."""
 
     seen: Observation
     """The observation."""

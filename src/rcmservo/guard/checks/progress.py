@@ -1,4 +1,4 @@
-"""Detectors of what stands in the way to the target."""
+"""Detectors of obstacles on the way to the target."""
 
 from rcmservo.compiled import compiled
 from rcmservo.guard.checks.facts import TickFacts
