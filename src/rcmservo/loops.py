@@ -81,6 +81,27 @@ def over(one: Floats, other: Floats) -> Floats:
 
 
 @compiled
+def dot(one: Floats, other: Floats) -> float:
+    """oneᵀother, both (n,)."""
+    total = 0.0
+    for i in range(len(one)):
+        total += one[i] * other[i]
+    return total
+
+
+@compiled
+def form(M: Floats, a: Floats, b: Floats) -> float:
+    """aᵀMb of M (n, m), a (n,) and b (m,)."""
+    total = 0.0
+    for i in range(len(a)):
+        row = 0.0
+        for j in range(len(b)):
+            row += M[i, j] * b[j]
+        total += a[i] * row
+    return total
+
+
+@compiled
 def product(A: Floats, x: Floats) -> Floats:
     """A x (n,), of A (n, m) and x (m,)."""
     out = np.zeros(A.shape[0])

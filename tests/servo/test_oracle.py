@@ -132,7 +132,8 @@ def touring(kind, rcm, q):
 
 def imaging(seen):
     """Projection, features and imaged RCM."""
-    from rcmservo.method import exploration, features, imaged_rcm, projection, singular
+    from rcmservo.method import exploration, features, imaged_rcm, projection
+    from rcmservo.numerics import small_svd
 
     m, J_straight = features.about(seen.points, seen.o_c), np.empty((3, 4))
     features.straight_jacobian(m, J_straight)
@@ -147,7 +148,7 @@ def imaging(seen):
         "features": features.features(m),
         "features_jacobian": features.features_jacobian(m),
         "J": seen.J,
-        "condition": singular.condition(seen.J),
+        "condition": small_svd.condition(seen.J),
         "disagreement": exploration.disagreement(seen.J, seen.J + 0.01),
         "straight": features.straight(m),
         "straight_jacobian": J_straight,

@@ -19,7 +19,8 @@ from rcmservo.loops import all_finite, fill, length
 from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.features import SCALE
 from rcmservo.method.kinematics import Point
-from rcmservo.method.singular import extremes, inverted, put_right
+from rcmservo.numerics.small_solvers import invert_3x3
+from rcmservo.numerics.small_svd import extremes, put_right
 
 MOST = 6
 """Features that the law acts on at most."""
@@ -107,7 +108,7 @@ def law(
     if not (all_finite(J) and length(J) > 0.0):
         return Heading((0.0, 0.0, 0.0), np.inf, 0.0, np.inf)
     v, back, g, way = scratch(3), scratch_table(3, 3), gradient, 1.0
-    condition = inverted(J, back) if len(J) == 3 else np.inf
+    condition = invert_3x3(J, back) if len(J) == 3 else np.inf
     if condition < min(0.5 * max_condition, SURE):
         for k in range(3):
             v[k] = -gain * (back[k, 0] * g[0] + back[k, 1] * g[1] + back[k, 2] * g[2])

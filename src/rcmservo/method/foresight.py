@@ -5,11 +5,12 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
-from rcmservo.loops import products
+from rcmservo.loops import form, products
 from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.features import about, features_jacobian
-from rcmservo.method.prospect import UNIT, Foretold, Prospect, both, foretold, inverse, invert
+from rcmservo.method.prospect import UNIT, Foretold, Prospect, both, foretold
 from rcmservo.method.tool import Shaft, by_first_marker
+from rcmservo.numerics.small_solvers import invert
 
 
 @compiled
@@ -31,15 +32,6 @@ def spread(v: Prospect, there: Foretold) -> tuple[float, float, float]:
     scale, G = v.noise / there.z**2, v.g_inverse
     uu, uv, vv = form(G, bend[0], bend[0]), form(G, bend[0], bend[1]), form(G, bend[1], bend[1])
     return scale * (flat + uu), scale * uv, scale * (flat + vv)
-
-
-@compiled
-def form(M: Floats, a: Floats, b: Floats) -> float:
-    """aᵀMb of M (3, 3), a and b (3,)."""
-    total = 0.0
-    for i in range(3):
-        total += a[i] * (M[i, 0] * b[0] + M[i, 1] * b[1] + M[i, 2] * b[2])
-    return total
 
 
 @compiled
@@ -190,12 +182,12 @@ def order(v: Prospect) -> float:
                 spread_x[i, j] -= share * v.apart[k, j]
             for n in range(2):
                 moved[i, n] -= share * v.apart[k, 3 + n]
-    back, sound = inverse(spread_x)
+    sound = invert(spread_x)
     for i in range(5):
         way[i] = v.apart[1, i] / v.apart[1, 5] - v.apart[0, i] / v.apart[0, 5]
     along, apart = 0.0, way[3] ** 2 + way[4] ** 2
     for n in range(2):
         for i in range(3):
             for j in range(3):
-                along += way[3 + n] * moved[i, n] * back[i, j] * way[j]
+                along += way[3 + n] * moved[i, n] * spread_x[i, j] * way[j]
     return along / apart if sound and apart > 0.0 else 0.0

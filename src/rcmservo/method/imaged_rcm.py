@@ -22,6 +22,7 @@ from rcmservo.compiled import compiled
 from rcmservo.constraints import Checked, above, between
 from rcmservo.interfaces import Floats
 from rcmservo.loops import put
+from rcmservo.numerics.small_solvers import solve_2x2
 
 MOST = 1000
 """Lines; each costs time at every new frame."""
@@ -62,17 +63,6 @@ def condition_of(N: Floats) -> float:
 
 
 @compiled
-def solved(N: Floats, b: Floats) -> Floats:
-    """x (2,) of N x = b, for a symmetric positive definite N (2, 2), by elimination of the larger
-    pivot."""
-    i = 0 if N[0, 0] >= N[1, 1] else 1
-    share, x = N[0, 1] / N[i, i], np.empty(2)
-    x[1 - i] = (b[1 - i] - share * b[i]) / (N[1 - i, 1 - i] - share * N[0, 1])
-    x[i] = (b[i] - N[0, 1] * x[1 - i]) / N[i, i]
-    return x
-
-
-@compiled
 def nearest_to_lines(lines: Floats, count: int, printed: bool) -> tuple[Floats, float]:
     """o_c (2,) px of eq. (16) and the condition number of its matrix, about 1 / var(line angle);
     NaN where singular."""
@@ -80,7 +70,7 @@ def nearest_to_lines(lines: Floats, count: int, printed: bool) -> tuple[Floats, 
     condition = condition_of(N)
     if not condition < 1e12:
         return np.full(2, np.nan), np.inf
-    return solved(N, b), condition
+    return solve_2x2(N, b), condition
 
 
 @compiled
@@ -133,7 +123,7 @@ def nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
         b[1] += left * tu
     if not N[0, 0] * N[1, 1] - N[0, 1] ** 2 > 0.0:
         return o_c
-    step = solved(N, b)
+    step = solve_2x2(N, b)
     return np.array([o_c[0] + step[0], o_c[1] + step[1]])
 
 

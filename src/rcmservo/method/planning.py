@@ -24,8 +24,9 @@ from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.exploration import LIMIT_MARGIN, Exploration, Exploring, at
 from rcmservo.method.foresight import motions, told_apart
 from rcmservo.method.kinematics import Rcm, point_at
-from rcmservo.method.prospect import LEAST_DEPTH, PRIOR, Foretold, Prospect, both, invert
+from rcmservo.method.prospect import LEAST_DEPTH, PRIOR, Foretold, Prospect, both
 from rcmservo.method.tool import Shaft
+from rcmservo.numerics.small_solvers import invert
 
 AHEAD = 10.0
 """mm of the way to the target over which its error is told."""

@@ -29,6 +29,7 @@ from rcmservo.loops import all_finite, distance, fill, put
 from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.kinematics import Point
 from rcmservo.method.tool import Shaft, second_marker, second_point
+from rcmservo.numerics.small_solvers import invert
 from rcmservo.rows import Row, real, reals
 
 UNIT = 100.0
@@ -166,33 +167,6 @@ def add_apart(v: Prospect, k: int, x: Floats, m: Floats, weight: float) -> None:
     for i in range(2):
         v.apart[k, 3 + i] += weight * m[i]
     v.apart[k, 5] += weight
-
-
-@compiled
-def inverse(M: Floats) -> tuple[Floats, bool]:
-    """M⁻¹ of a symmetric positive definite M (n, n), and whether it is that; by elimination."""
-    X = M.copy()
-    return X, invert(X)
-
-
-@compiled
-def invert(X: Floats) -> bool:
-    """`inverse` in place."""
-    n = len(X)
-    for k in range(n):
-        pivot = X[k, k]
-        if not pivot > 0.0:
-            return False
-        X[k, k] = 1.0
-        for j in range(n):
-            X[k, j] /= pivot
-        for i in range(n):
-            if i != k:
-                share = X[i, k]
-                X[i, k] = 0.0
-                for j in range(n):
-                    X[i, j] -= share * X[k, j]
-    return True
 
 
 @compiled

@@ -25,8 +25,9 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
-from rcmservo.loops import all_finite, cross, distance, product, put
-from rcmservo.method.prospect import NOISE, NOISE_FRAMES, STEP, UNIT, inverse
+from rcmservo.loops import all_finite, distance, dot, form, product, put
+from rcmservo.method.prospect import NOISE, NOISE_FRAMES, STEP, UNIT
+from rcmservo.numerics.small_solvers import invert, invert_3x3
 from rcmservo.rows import Row, Rows, real, reals
 
 ENOUGH = 4.0
@@ -115,39 +116,24 @@ def add_ball(b: SizedBall, x: Floats, m: Floats, size: float, kappa: float) -> N
 @compiled
 def fit_ball(b: SizedBall, size: float, kappa: float) -> None:
     """C and σ² from the sums, with priors for a ball of `size` px."""
-    S = b.sums[0].copy()
+    put(b.S_inverse, b.sums[0])
     for i in range(4):
-        S[i, i] += PRIOR[0] * b.noise * size**2
-    put(b.S_inverse, inverse(S)[0])
+        b.S_inverse[i, i] += PRIOR[0] * b.noise * size**2
+    invert(b.S_inverse)
     Q = centres_left(b)
     c, narrow, _ = third_row(b, Q, 0.0, size)
-    rest = max(form(Q, c), 0.0)
-    correction = rest / form(b.sums[0], c) * max(1.0 - 4.0 / b.frames, 0.0)
+    rest = max(form(Q, c, c), 0.0)
+    correction = rest / form(b.sums[0], c, c) * max(1.0 - 4.0 / b.frames, 0.0)
     corrected, narrower, sound = third_row(b, Q, correction, size)
     if sound:
-        c, narrow, rest = corrected, narrower, max(form(Q, corrected), 0.0)
+        c, narrow, rest = corrected, narrower, max(form(Q, corrected, corrected), 0.0)
     put(b.C[2], c)
     put(b.c_inverse, narrow)
     for k in range(2):
         put(b.C[k], product(b.S_inverse, product(b.sums[k + 1], c)))
-    rest += max(form(b.sums[4], c) + kappa * b.frames - 2.0 * dot(b.sizes, c), 0.0)
+    rest += max(form(b.sums[4], c, c) + kappa * b.frames - 2.0 * dot(b.sizes, c), 0.0)
     expected, rows = 3.0 * NOISE_FRAMES, max(3.0 * b.frames - 12.0, 0.0)
     b.noise = (rest + expected * NOISE**2) / (rows + expected)
-
-
-@compiled
-def dot(one: Floats, other: Floats) -> float:
-    """oneᵀother, both (n,)."""
-    total = 0.0
-    for i in range(len(one)):
-        total += one[i] * other[i]
-    return total
-
-
-@compiled
-def form(M: Floats, c: Floats) -> float:
-    """cᵀMc of M (n, n) and c (n,)."""
-    return dot(c, product(M, c))
 
 
 @compiled
@@ -173,23 +159,22 @@ def third_row(
         for j in range(4):
             M[i, j] = Q[i, j] - correction * b.sums[0, i, j] + b.sums[4, i, j]
         M[i, i] += PRIOR[1] * b.noise * size**2 if i < 3 else 0.0
-    M, sound = inverse(M)
+    sound = invert(M)
     return product(M, b.sizes), M, sound
 
 
 @compiled
 def place_told(b: SizedBall, point: Floats, size: float) -> tuple[Floats, bool]:
     """p (3,) mm of the ball that is seen at a raw `point` (2,) px with a radius of `size` px, and
-    whether the fit tells it: C₁₋₃ x = (u, v, 1)/R − C₄, by Cramer's rule."""
-    w, p = np.empty(3), b.origin[:3].copy()
+    whether the fit tells it: C₁₋₃ x = (u, v, 1)/R − C₄."""
+    w, p, back = np.empty(3), b.origin[:3].copy(), np.empty((3, 3))
     for k in range(2):
         w[k] = (point[k] - b.origin[3 + k]) / size - b.C[k, 3]
     w[2] = 1.0 / size - b.C[2, 3]
-    volume = dot(b.C[0, :3], cross(b.C[1, :3], b.C[2, :3]))
-    for k in range(3):
-        normal = cross(b.C[(k + 1) % 3, :3], b.C[(k + 2) % 3, :3])
-        for i in range(3):
-            p[i] += UNIT * w[k] * normal[i] / volume
+    invert_3x3(b.C[:, :3], back)
+    x = product(back, w)
+    for i in range(3):
+        p[i] += UNIT * x[i]
     return p, b.frames >= ENOUGH and all_finite(p)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from rcmservo.interfaces import Floats
 from rcmservo.method.controller import scaled
-from rcmservo.method.singular import condition
+from rcmservo.numerics.small_svd import condition
 from rcmservo.sim import RigSettings
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.ways import imaged_rcm

@@ -16,6 +16,8 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
+from rcmservo.loops import fill, product
+from rcmservo.numerics.small_solvers import invert
 
 RAYS = 64
 """From the inside to the outline."""
@@ -276,37 +278,19 @@ def agreed(rays: Floats, ellipse: Floats) -> Floats:
 def correction(miss: Floats, fit: Floats, gate: float, prior: float) -> Floats:
     """The least squares step of the fit. Points count the less the more they miss; beyond `gate`
     they count nothing."""
-    normal = np.zeros((5, 6))
+    N, b = np.zeros((5, 5)), np.zeros(5)
     for k in (3, 4):
-        normal[k, k], normal[k, 5] = prior, -prior * fit[k]
+        N[k, k], b[k] = prior, -prior * fit[k]
     for i in range(RAYS):
         if abs(miss[i]) < gate:
             weight = (1.0 - (miss[i] / gate) ** 2) ** 2
             for k in range(5):
                 for l in range(5):
-                    normal[k, l] += weight * ROWS[i, k] * ROWS[i, l]
-                normal[k, 5] += weight * ROWS[i, k] * miss[i]
-    return solved(normal)
-
-
-@compiled
-def solved(system: Floats) -> Floats:
-    """The solution x of A x = b by Gauss's elimination, from [A b], which is overwritten.
-
-    A is positive definite. By hand, because compiling the library's takes seconds, and calling it
-    takes longer than all the rest of the fit.
-    """
-    n = system.shape[0]
-    for k in range(n):
-        for i in range(n):
-            if i != k:
-                factor = system[i, k] / system[k, k]
-                for j in range(k, n + 1):
-                    system[i, j] -= factor * system[k, j]
-    x = np.empty(n)
-    for k in range(n):
-        x[k] = system[k, n] / system[k, k]
-    return x
+                    N[k, l] += weight * ROWS[i, k] * ROWS[i, l]
+                b[k] += weight * ROWS[i, k] * miss[i]
+    if not invert(N):
+        fill(N, np.nan)
+    return product(N, b)
 
 
 @compiled

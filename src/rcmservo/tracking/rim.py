@@ -16,7 +16,9 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats, Image
-from rcmservo.tracking.outline import COS, ELONGATION, RAYS, SIN, solved
+from rcmservo.loops import fill, product
+from rcmservo.numerics.small_solvers import invert
+from rcmservo.tracking.outline import COS, ELONGATION, RAYS, SIN
 from rcmservo.tracking.shading import UNKNOWNS, explain
 
 BAND = 2.5
@@ -60,9 +62,9 @@ def fit_rim(image: Image, mix: Floats, ellipse: Floats, trust: Floats) -> tuple[
     pixels = rim_pixels(image, mix, ellipse, trust)
     x = np.zeros(UNKNOWNS)
     x[:5] = ellipse
-    system = np.zeros((UNKNOWNS, UNKNOWNS + 1))
+    N, b, solved = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS), False
     spots, sectors, gate = np.zeros((len(pixels), 8)), np.ones(RAYS), np.inf
-    left, weights, on_rim, variance = spots[:, 0], np.zeros(len(pixels)), 0.0, np.inf
+    left, weights, variance = spots[:, 0], np.zeros(len(pixels)), np.inf
     for k in range(ROUNDS):
         balance = look(pixels, x, spots)
         if k > 1:
@@ -71,20 +73,21 @@ def fit_rim(image: Image, mix: Floats, ellipse: Floats, trust: Floats) -> tuple[
         variance = (weights * left**2).sum() / max(weights.sum() - UNKNOWNS, 1.0)
         if k > 0:
             gate = min(gate, GATE * np.sqrt(variance))
-        on_rim = normal_equations(spots, weights, system)
-        if not on_rim >= LEAST_RIM:
+        on_rim = normal_equations(spots, weights, N, b)
+        restrain(N, b, x, variance, k == 0)
+        solved = on_rim >= LEAST_RIM and invert(N)
+        if not solved:
             break
-        restrain(system, x, variance, k == 0)
-        step = solved(system.copy())
+        step = product(N, b)
         x += step
         if k > 2 and np.abs(step[:3]).max() < STILL:
             break
     away = np.hypot(x[0] - ellipse[0], x[1] - ellipse[1]) + abs(x[2] - ellipse[2])
     noise = grain(pixels, left, weights)
     explained = variance <= UNEXPLAINED * max(noise, QUIET**2)
-    if not (on_rim >= LEAST_RIM and explained and away < FARTHEST + 0.1 * ellipse[2]):
+    if not (solved and explained and away < FARTHEST + 0.1 * ellipse[2]):
         return np.full(5, np.nan), np.full((3, 3), np.nan)
-    return x[:5], noise * inverse(system)
+    return x[:5], noise * N[:3, :3]
 
 
 # ---------------------------------------------------------------- the pixels
@@ -203,9 +206,10 @@ def weighed(pixels: Floats, left: Floats, sectors: Floats, gate: float) -> Float
 
 
 @compiled
-def normal_equations(spots: Floats, weights: Floats, system: Floats) -> float:
-    """Fill `system` (9, 10) with those of the next step; how many pixels on the outline count."""
-    system[:] = 0.0
+def normal_equations(spots: Floats, weights: Floats, N: Floats, b: Floats) -> float:
+    """Write N (9, 9) and b (9,) of the next step; how many pixels on the outline count."""
+    fill(N, 0.0)
+    fill(b, 0.0)
     on_rim, row = 0.0, np.zeros(UNKNOWNS)
     for p in range(len(spots)):
         left, slope, c, s, share, x, y, z = spots[p]
@@ -221,40 +225,28 @@ def normal_equations(spots: Floats, weights: Floats, system: Floats) -> float:
         for k in range(first, UNKNOWNS):
             part = weights[p] * row[k]
             for l in range(k, UNKNOWNS):
-                system[k, l] += part * row[l]
-            system[k, UNKNOWNS] += part * left
+                N[k, l] += part * row[l]
+            b[k] += part * left
     for k in range(UNKNOWNS):
         for l in range(k):
-            system[k, l] = system[l, k]
+            N[k, l] = N[l, k]
     return on_rim
 
 
 @compiled
-def restrain(system: Floats, x: Floats, variance: float, still: bool) -> None:
+def restrain(N: Floats, b: Floats, x: Floats, variance: float, still: bool) -> None:
     """Add the prior of the elongation, and a trace of one of the levels; `still` holds the
     ellipse."""
     tightness = max(variance, 1.0) / (ELONGATION * x[2]) ** 2
     for k in (3, 4):
-        system[k, k] += tightness
-        system[k, UNKNOWNS] -= tightness * x[k]
+        N[k, k] += tightness
+        b[k] -= tightness * x[k]
     for k in range(5):
         if still:
-            system[k, :] = 0.0
-            system[:, k] = 0.0
-            system[k, k] = 1.0
+            N[k, :], N[:, k], b[k] = 0.0, 0.0, 0.0
+            N[k, k] = 1.0
     for k in range(5, UNKNOWNS):
-        system[k, k] += 1e-3
-
-
-@compiled
-def inverse(system: Floats) -> Floats:
-    """Of the matrix in `system`, the part (3, 3) of u, v and r."""
-    part = np.empty((3, 3))
-    for k in range(3):
-        system[:, UNKNOWNS] = 0.0
-        system[k, UNKNOWNS] = 1.0
-        part[k] = solved(system.copy())[:3]
-    return part
+        N[k, k] += 1e-3
 
 
 @compiled

@@ -125,7 +125,7 @@ def least_telling(sights: Floats, count: int, root: Floats) -> int:
 @compiled
 def inverse_root(A: Floats, epsilon: float) -> Floats:
     """L⁻ᵀ (9, 9) with L Lᵀ = MᵀM + ε Γ₀⁻¹, by forward substitution: its product with its transpose
-    is the inverse."""
+    is the inverse. Γ needs this root, which `numerics.small_solvers.invert` does not give."""
     regularised = A.copy()
     for i in range(PARAMETERS):
         regularised[i, i] += epsilon / GAMMA_0[i]

@@ -9,8 +9,8 @@ from rcmservo.interfaces import Floats
 from rcmservo.loops import all_finite
 from rcmservo.method.controller import scaled
 from rcmservo.method.kinematics import Rcm, position
-from rcmservo.method.singular import condition
 from rcmservo.method.tool import Shaft, second_marker
+from rcmservo.numerics.small_svd import condition
 from rcmservo.rows import Rows
 from rcmservo.sim.body import Body
 from rcmservo.sim.lens import Lens, in_camera, markers, project, true_jacobian

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rcmservo.method.singular import condition, inverted, right_angled
+from rcmservo.numerics.small_svd import condition, right_angled
 
 shapes = st.sampled_from([(3, 3), (4, 3), (6, 3), (2, 2)])
 
@@ -53,20 +53,3 @@ def test_the_condition_is_the_largest_of_them_over_the_least(seed, shape, known)
 def test_what_has_no_inverse_or_is_not_finite_has_an_infinite_condition():
     for number in (0.0, np.nan, np.inf):
         assert condition(np.diag([1.0, 1.0, number])) == np.inf
-
-
-@given(st.integers(0, 9999), st.floats(1.0, 1e3), st.floats(0.0, 1.0), st.floats(1e-3, 1e3))
-def test_the_inverse_by_minors_and_its_condition_are_those_of_lapack(seed, condition, middle, size):
-    """Where two singular values are nearly equal it does not tell the condition."""
-    rng = np.random.default_rng(seed)
-    U, V = (np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(2))
-    A, X = size * U * np.array([1.0, condition**-middle, 1.0 / condition]) @ V, np.empty((3, 3))
-    found = inverted(A, X)
-    wanted = np.linalg.inv(A)
-    np.testing.assert_allclose(X, wanted, atol=1e-10 * np.abs(wanted).max())
-    assert np.isnan(found) or abs(found / np.linalg.cond(A) - 1.0) < 1e-9
-
-
-def test_the_condition_by_minors_is_not_told_where_two_singular_values_are_equal():
-    assert np.isnan(inverted(np.diag([2.0, 2.0, 1.0]), np.empty((3, 3))))
-    assert np.isnan(inverted(np.zeros((3, 3)), np.empty((3, 3))))

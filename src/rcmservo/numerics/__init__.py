@@ -1,0 +1,1 @@
+"""Numerical basis of the kernels: small linear algebra."""
