@@ -48,6 +48,7 @@ from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.sim.processes.arm_process import ArmDevice
 from rcmservo.sim.processes.bench import Bench
+from rcmservo.sim.processes.camera_process import Elsewhere
 from rcmservo.sim.processes.motion_log import MotionLog, stopped
 from rcmservo.sim.rig_file import rig_settings
 from stalls import undisturbed
@@ -294,12 +295,14 @@ def test_the_log_tells_where_the_joints_were(lone):
     lone.enable()
     for k in range(10):
         lone.send(lone.command(k, (0.5, 0.0, 0.0)), 10 * MS)
-    rows = lone.log.since(0)
+    rows, camera_side = lone.log.since(0), Elsewhere(lone.log)
     for i in (5, 60, len(rows) - 2):
         halfway = (rows["q"][i] + rows["q"][i + 1]) / 2.0
-        assert np.allclose(lone.log.joints_at(int(rows["time"][i]) + MS // 2), halfway, atol=1e-12)
-    assert np.array_equal(lone.log.joints_at(int(rows["time"][-1]) + 9 * MS), rows["q"][-1])
-    assert np.array_equal(lone.log.joints_at(0), rows["q"][0])
+        assert np.allclose(
+            camera_side.joints_at(int(rows["time"][i]) + MS // 2), halfway, atol=1e-12
+        )
+    assert np.array_equal(camera_side.joints_at(int(rows["time"][-1]) + 9 * MS), rows["q"][-1])
+    assert np.array_equal(camera_side.joints_at(0), rows["q"][0])
     assert stopped(rows) is None
     lone.turn(PATIENCE + 5 * MS)
     taken, off = stopped(lone.log.since(0))

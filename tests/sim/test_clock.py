@@ -6,9 +6,8 @@ import pytest
 from rcmservo.interfaces import Clock, Command
 from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.sim import Drive
-from rcmservo.sim.arm import STEP, SimulatedArm
+from rcmservo.sim.arm import PAST, STEP, SimulatedArm
 from rcmservo.sim.clock import SimulatedClock
-from rcmservo.sim.past import KEPT
 
 START = np.array([0.2, -0.3, 100.0])
 RATES = np.array([0.1, -0.2, 5.0])
@@ -59,8 +58,8 @@ def test_the_past_tells_where_the_joints_were_also_between_two_steps(arm: Simula
 
 
 def test_before_the_last_second_the_past_tells_the_oldest_that_it_knows(arm: SimulatedArm) -> None:
-    arm.advance_until((KEPT + 200) * STEP)
-    oldest = arm.time - (KEPT - 1) * STEP
+    arm.advance_until((PAST + 200) * STEP)
+    oldest = arm.time - (PAST - 1) * STEP
     assert np.array_equal(arm.joints_at(0), arm.joints_at(oldest))
     assert not np.array_equal(arm.joints_at(oldest), arm.joints_at(oldest + STEP))
 

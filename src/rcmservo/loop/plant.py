@@ -1,7 +1,5 @@
 """An arm, a camera, a tracker and a clock as one thing that is read and sent to."""
 
-from bisect import bisect_right
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -23,8 +21,10 @@ from rcmservo.interfaces import (
     Tracker,
 )
 from rcmservo.loop.first_answer import look_at
+from rcmservo.loop.joint_history import JointHistory
 
 JOINT_HISTORY = 256
+"""Measurements of the joints that are stored."""
 
 OLDEST = 2_000_000_000
 """ns after its exposure within which a frame must arrive, or its time cannot be right."""
@@ -65,8 +65,8 @@ class Plant:
         self._new = {"measure", "apply", "latest", "find"}
         self._offered: Frame | None = None
         self._dropped = Dropped.NONE
-        self._past: deque[tuple[int, Floats]] = deque(maxlen=JOINT_HISTORY)
-        self._began = 0
+        self._joints = JointHistory(JOINT_HISTORY)
+        self._began = np.inf
         self._sizes, self._quality = np.full(2, np.nan), np.full(2, np.nan)
         self._q_exposure = np.full(3, np.nan)
         self._applied = np.zeros(3)
@@ -80,10 +80,9 @@ class Plant:
         """Measure the joints, and track the markers where a new frame has arrived."""
         time, q, enabled = self._measure()
         q = q.copy()  # a device may fill one array again and again
-        if not self._past:
+        self._joints.add(time, q)
+        if self._began == np.inf:
             self._began = time
-        if not self._past or time > self._past[-1][0]:
-            self._past.append((time, q))
         self._look(self._latest())
         frame = self.frame
         return Observation(
@@ -111,7 +110,8 @@ class Plant:
         begin anew.
         """
         self.tracker.reset()
-        self._past.clear()
+        self._joints.clear()
+        self._began = np.inf
         self.markers = self.frame = None
         self._dropped = Dropped.NONE
         self._sizes, self._quality = np.full(2, np.nan), np.full(2, np.nan)
@@ -173,7 +173,8 @@ class Plant:
             self._meet(self.tracker, "find", markers)
         self.markers, self.frame = replace(markers, points=_points(markers)), frame
         self._sizes, self._quality = _sizes(self.markers), _quality(self.markers)
-        self._q_exposure = self._joints_at(frame.exposure)
+        known = frame.exposure >= self._joints.oldest
+        self._q_exposure = self._joints.at(frame.exposure) if known else np.full(3, np.nan)
 
     def _wrong(self, frame: Frame) -> Dropped:
         if (
@@ -187,18 +188,6 @@ class Plant:
         if last is not None and not frame.exposure > last.exposure:
             return Dropped.CLOCK
         return Dropped.NONE if last is None or _shape(frame) == _shape(last) else Dropped.DAMAGED
-
-    def _joints_at(self, time: int) -> Floats:
-        """The joints (3,) at a moment (ns), between the two answers about it; NaN before the
-        first."""
-        later = bisect_right(self._past, time, key=lambda answer: answer[0])
-        if later == 0:
-            return np.full(3, np.nan)
-        began, q = self._past[later - 1]
-        if later == len(self._past):
-            return q
-        end, moved = self._past[later]
-        return q + (moved - q) / (end - began) * (time - began)
 
 
 def _points(markers: Markers) -> Floats:

@@ -18,14 +18,17 @@ import numpy as np
 from rcmservo.errors import require, require_radians
 from rcmservo.guard.watchdog import Watchdog
 from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.loop.joint_history import JointHistory
 from rcmservo.method.kinematics import FULL_TURN, PITCH_YAW, Kinematics
-from rcmservo.sim.past import Past
 
 PHYSICS: Any = mujoco
 """MuJoCo without types: its names are made at run time."""
 
 STEP = 1_000_000
 """ns of one step of the physics."""
+
+PAST = 1000
+"""Steps of the physics whose joints are stored."""
 
 UNIT = 1.0, 1.0, 1e-3
 """One rad, rad, mm in MuJoCo's units."""
@@ -158,6 +161,7 @@ class SimulatedArm:
         self.watchdog = Watchdog()
         self.gains, self.creep, self.before_step = [1.0, 1.0, 1.0], [0.0, 0.0, 0.0], None
         self._order = list(AXES[mechanism.name][3])
+        self._in_order, self._unit = np.argsort(self._order), np.array(UNIT)
         self._model = PHYSICS.MjModel.from_xml_string(model_of(mechanism))
         self._data = PHYSICS.MjData(self._model)
         self._queue: deque[tuple[int, list[float]]] = deque()
@@ -166,8 +170,8 @@ class SimulatedArm:
         self._follow = float(1.0 - np.exp(-STEP * 1e-9 / drive.lag))
         self._made = [1.0 + share for share in drive.rate_error]
         self._encoder = np.maximum(np.array(drive.encoder), 1e-12)
-        self._past = Past(STEP)
-        self._past.keep(self.time, self._data.qpos.copy())
+        self._past = JointHistory(PAST)
+        self._past.add(self.time, self.q_true)
 
     def place(self, q: Floats) -> None:
         """Put the arm at q (3,), at rest and with its drives off, as if it had always been there.
@@ -179,8 +183,8 @@ class SimulatedArm:
         self._data.qvel[:] = 0.0
         self._come_to_rest()
         PHYSICS.mj_forward(self._model, self._data)
-        self._past.forget()
-        self._past.keep(self.time, self._data.qpos.copy())
+        self._past.clear()
+        self._past.add(self.time, self.q_true)
 
     def advance_until(self, time: int) -> None:
         """Let time pass until `time` ns, to the nearest step."""
@@ -198,7 +202,7 @@ class SimulatedArm:
             self._wanted = self._queue.popleft()[1]
         self._drive()
         PHYSICS.mj_step(self._model, self._data)
-        self._past.keep(self.time, self._data.qpos.copy())
+        self._past.add(self.time, self.q_true)
 
     def control(self, rates: list[float], on: bool) -> None:
         """Have the drives follow joint rates (3,), in place of commands: as a motion controller
@@ -227,21 +231,14 @@ class SimulatedArm:
         self._data.ctrl[:] = [made[i] * UNIT[i] for i in self._order]
 
     def joints_at(self, time: int) -> Floats:
-        """The joints (3,) as they were at a moment (ns) of the last second."""
-        earlier, later, share = self._past.at(time)
-        q = self._joints(earlier)
-        return q if share == 0.0 else q + share * (self._joints(later) - q)
+        """The joints (3,) as they were at a moment (ns) of the last second; before it the oldest
+        that are known."""
+        return self._past.at(time)
 
     @property
     def q_true(self) -> Floats:
-        """The joints (3,) as they are."""
-        return self._joints(self._data.qpos)
-
-    def _joints(self, qpos: Floats) -> Floats:
-        """q (3,) of MuJoCo's joints, which stand in its own order and units."""
-        q = np.empty(3)
-        q[self._order] = qpos
-        return q / UNIT
+        """The joints (3,) as they are: MuJoCo has them in its own order and units."""
+        return self._data.qpos[self._in_order] / self._unit
 
     @property
     def p_true(self) -> Floats:

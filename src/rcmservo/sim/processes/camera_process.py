@@ -10,6 +10,8 @@ from rcmservo.interfaces import Floats, Frame
 from rcmservo.live.child import heard
 from rcmservo.live.frame_ring import FrameRing
 from rcmservo.loop.clock import sleep_until
+from rcmservo.loop.joint_history import JointHistory
+from rcmservo.sim.arm import PAST
 from rcmservo.sim.disturb.frame_delivery import Delivery
 from rcmservo.sim.processes.motion_log import MotionLog
 from rcmservo.sim.processes.trouble import Mischief
@@ -24,10 +26,15 @@ class Elsewhere:
 
     def __init__(self, log: MotionLog) -> None:
         self.time, self.log = 0, log
+        self._past, self._read = JointHistory(PAST), 0
 
     def joints_at(self, time: int) -> Floats:
-        """The joints (3,) at a moment of the last seconds."""
-        return self.log.joints_at(time)
+        """The joints (3,) at a moment (ns) of the last second."""
+        count = self.log.count
+        for row in self.log.since(max(self._read, count - PAST)):
+            self._past.add(int(row["time"]), row["q"])
+        self._read = count
+        return self._past.at(time)
 
 
 def film(

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rcmservo.interfaces import Floats
-from rcmservo.sim.arm import STEP
 
 ROWS = 1 << 15
 
@@ -75,12 +74,3 @@ class MotionLog:
         """The rows from the `count`-th on, as far as they are still there."""
         end = self.count
         return self.rows[np.arange(max(count, end - ROWS + 1), end) % ROWS]
-
-    def joints_at(self, time: int) -> Floats:
-        """The true joints (3,) at a moment of the last seconds; the newest or the oldest known
-        outside of them."""
-        end = self.count - 1
-        back = min(max(-(-int(self.rows[end % ROWS]["time"] - time) // STEP), 0), end, ROWS - 2)
-        one, two = (self.rows[i % ROWS] for i in (end - back, min(end - back + 1, end)))
-        share = min(max((time - int(one["time"])) / STEP, 0.0), 1.0)
-        return one["q"] + share * (two["q"] - one["q"])
