@@ -111,7 +111,8 @@ def _changed(stages: Sequence[Stage], servos: Sequence[Servo]) -> str:
 
 
 def _ticks(then: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
-    """Every recorded tick with the state that comes out again."""
+    """Every recorded tick with the state that comes out again. No `loop.run`: what was seen and
+    requested is in the record, and nothing is sent."""
     ends: list[State] = []
     for number, (stage, servo) in enumerate(zip(then.stages, servos, strict=True)):
         state = _begun(then, stage, servo, ends)

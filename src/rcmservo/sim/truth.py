@@ -4,7 +4,9 @@ Jacobian, the true imaged RCM."""
 import numpy as np
 
 from rcmservo.interfaces import Floats
+from rcmservo.loop.tick import Tick
 from rcmservo.method.controller import scaled
+from rcmservo.record.writer import Recorder
 from rcmservo.sim.arm import SimulatedArm
 from rcmservo.sim.body import Body
 from rcmservo.sim.lens import true_jacobian
@@ -41,6 +43,13 @@ class Truth:
         """‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians, where the arm told these joints (3,)."""
         J = scaled(self.jacobian(self._drive.true(told), o_c))
         return float(np.linalg.norm(scaled(J_hat) - J) / np.linalg.norm(J))
+
+    def write(self, recorder: Recorder, tick: Tick) -> None:
+        """Record a tick, and the truth now in addition."""
+        state, (p1, p2) = tick.state, self.markers(self.arm.time)
+        error = self.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
+        recorder.write(tick)
+        recorder.write_truth(p1, p2, error)
 
 
 def feature_jacobian(body: Body, optics: Optics, q: Floats, o_c: Floats) -> Floats:

@@ -88,7 +88,7 @@ def _follow(
         try:
             for tick in ticks:
                 ever = ever or tick.state.believed >= 0
-                _write(tick, rig, recorder)
+                rig.truth.write(recorder, tick)
                 for show in shown:
                     show(tick)
                 stopped()
@@ -97,16 +97,6 @@ def _follow(
     if tick is None:
         return ""
     return held(tick.state.mode, "" if ever else unseen(plant, tick.seen, began))
-
-
-def _write(tick: Tick, rig: Rig, recorder: Recorder) -> None:
-    """Record a tick, with the truth beside it."""
-    p1, p2 = rig.truth.markers(rig.clock.now())
-    state = tick.state
-    recorder.write(tick)
-    recorder.write_truth(
-        p1, p2, rig.truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
-    )
 
 
 def _kept(job: Job, metrics: RunMetrics, beside: Unrecorded) -> RunMetrics:

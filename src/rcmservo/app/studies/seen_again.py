@@ -114,11 +114,7 @@ def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> st
         recorder.begin(laboratory.servo, loop.target, None)
         filmed = _filmed(loop, video) if video is not None else None
         for tick in loop.ticks():
-            recorder.write(tick)
-            p1, p2 = loop.rig.truth.markers(loop.rig.clock.now())
-            state = tick.state
-            error = loop.rig.truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
-            recorder.write_truth(p1, p2, error)
+            loop.rig.truth.write(recorder, tick)
             if filmed is not None:
                 filmed(tick)
         if video is not None:
