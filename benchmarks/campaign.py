@@ -10,9 +10,9 @@ what it said.
 A camera that delivers points with 0.1 px of noise, about what tracking rendered frames leaves.
 Every run's commands are checked where the arm takes them. Unnoticed millimetres are those by which
 the true error grows while the servo names no cause, after an onlooker who knows the true camera
-could see in the frames that something is wrong (rcmservo.sim.disturb.oracle). Odd runs are listed
-with their seed and disturbances, so that each can be run again: `rcmservo run --seed N --disturb
-...` (with pictures), or `one(seed, kind)` below.
+could see in the frames that something is wrong (rcmservo.sim.disturbances.oracle). Odd runs are
+listed with their seed and disturbances, so that each can be run again: `rcmservo run --seed N
+--disturb ...` (with pictures), or `one(seed, kind)` below.
 """
 
 import signal
@@ -32,8 +32,8 @@ from rcmservo.loop.plant import NotEnabled
 from rcmservo.record.verdict import TOLERANCE, Judge
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, RigSettings
-from rcmservo.sim.disturb import KINDS, causes_of, random_disturbances
-from rcmservo.sim.disturb.oracle import Oracle, Unnoticed
+from rcmservo.sim.disturbances import KINDS, causes_of, random_disturbances
+from rcmservo.sim.disturbances.oracle import Oracle, Unnoticed
 from rcmservo.sim.person import ScriptedPerson, attended
 from rcmservo.tracking import PointMarkers
 
@@ -51,14 +51,11 @@ UNNOTICED = 5.0
 """mm by which the true error may grow unnoticed."""
 
 SHORT = (
-    "marker_loss",
+    "occlusion",
     "nan_points",
-    "stuck",
     "frame_drop",
-    "repeat",
-    "shuffle",
-    "clock_step",
-    "delay",
+    "frame_order",
+    "camera_clock",
     "latency",
 )
 """Kinds that ask for HOLD at most."""
@@ -135,7 +132,11 @@ def disturbances_of(seed: int, kind: str) -> list[Disturbance]:
 
 def one(seed: int, kind: str) -> Run:
     """One run and what became of it."""
-    disturbances = disturbances_of(seed, kind)
+    return disturbed(seed, disturbances_of(seed, kind))
+
+
+def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
+    """`one` with these disturbances."""
     run = Run(seed, [str(disturbance) for disturbance in disturbances])
     rig = rs.sim.Rig(
         seed, RigSettings(point_noise=NOISE), pictures=False, disturbances=disturbances

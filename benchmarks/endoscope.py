@@ -172,7 +172,7 @@ def shown(options: Options, seed: int, scene: Scene) -> Ended:
         return ended(scene, course(seed, scene, ticks(options, seed, scene, [])))
     servoing = (t for t in ticks(options, seed, scene, []) if t.state.phase is Phase.SERVO)
     at = next((tick.time for tick in servoing), 0) * 1e-9
-    lost = Disturbance.parse(f"marker_loss:at={at},marker={options.hidden}")
+    lost = Disturbance.parse(f"occlusion:at={at},marker={options.hidden}")
     return ended(scene, course(seed, scene, ticks(options, seed, scene, [lost])))
 
 

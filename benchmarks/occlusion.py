@@ -46,8 +46,8 @@ def one(seed: int) -> Run:
     random = np.random.default_rng([seed, 3])
     at, lasts = random.uniform(1.0, 8.0, 2), random.uniform(0.3, 3.0, 2)
     disturbances = [
-        Disturbance(kind, round(a, 2), round(b, 2))
-        for kind, a, b in zip(("smoke", "stain"), at, lasts, strict=True)
+        Disturbance("occlusion", round(a, 2), round(b, 2), {"by": by})
+        for by, a, b in zip(("smoke", "blood"), at, lasts, strict=True)
     ]
     rig = rs.sim.Rig(seed, disturbances=disturbances)
     plant = rs.Plant(rig.arm, rig.camera, ColourMarkers(default_markers()), rig.clock)

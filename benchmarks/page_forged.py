@@ -47,7 +47,7 @@ WANTS: list[dict[str, Any]] = [
     {"do": "delete", "name": "here"},
     {"do": "show"},
     {"do": "set", "box": "gains", "values": {}},
-    {"do": "trouble", "what": "smoke"},
+    {"do": "trouble", "what": "occlusion"},
     {"do": "resume"},
     {"do": "pause"},
     {"do": "clear"},

@@ -3,8 +3,9 @@
     python benchmarks/record_loops.py       writes tests/data/loops, in 6 minutes
 
 Loops 900 to 999, of rendered pictures, so that they hold sizes of markers; the estimators take
-turns; 0 to 3 faults by chance. `decisions.py` compares. Whoever changes a decision on purpose
-records them anew, in the commit that says why.
+turns; 0 to 3 faults by chance: those in tests/data were drawn from the kinds of before
+`old_names.py`. `decisions.py` compares. Whoever changes a decision on purpose records them again,
+in the commit that says why.
 
 What the servo is told of joints and markers is rounded to 2^-20 rad, 2^-14 mm and 2^-10 px before
 it sees them: whole steps, whose differences take few bytes (packed_table.py).
@@ -27,7 +28,7 @@ from rcmservo.config.kinds import ESTIMATORS
 from rcmservo.interfaces import Floats
 from rcmservo.loop.plant import NotEnabled
 from rcmservo.sim import Disturbance, Killed
-from rcmservo.sim.disturb import random_disturbances
+from rcmservo.sim.disturbances import random_disturbances
 from rcmservo.sim.person import ScriptedPerson, attended
 
 ROOT = Path(__file__).parents[1]

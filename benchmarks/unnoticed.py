@@ -9,7 +9,7 @@ was shown with 300 frames, and 20 s. Nobody resumes: a pause ends it. The rows, 
 tell of begins, are in unnoticed_rows.py; `one(row, seed)` below is one run.
 
 An onlooker knows the camera as it was when the target was shown, the true joints, and the noise
-(rcmservo.sim.disturb.oracle). The rule of visibility: a disturbance is visible from the first
+(rcmservo.sim.disturbances.oracle). The rule of visibility: a disturbance is visible from the first
 moment at which the largest coordinate of the innovation, the markers delivered less their true
 projection, has been at least 5 times the noise in every delivered frame for 0.3 s. A marker that is
 wrong in every second frame, a drive that lags and frames that come late are never visible so: they
@@ -48,8 +48,8 @@ from rcmservo.loop.teach import NotShown
 from rcmservo.record.verdict import SAME_POSE, TOLERANCE, Judge
 from rcmservo.servo.state import State
 from rcmservo.sim import Disturbance, RigSettings
-from rcmservo.sim.disturb import causes_of
-from rcmservo.sim.disturb.oracle import STOPPED, Oracle, Unnoticed
+from rcmservo.sim.disturbances import causes_of
+from rcmservo.sim.disturbances.oracle import STOPPED, Oracle, Unnoticed
 from rcmservo.tracking import PointMarkers
 
 DURATION = 20.0

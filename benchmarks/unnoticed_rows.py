@@ -75,7 +75,10 @@ def at_any_time(random: Chance) -> float:
 
 
 def acting(
-    kind: str, at: float | Drawn = later, lasts: float | None = None, **parameters: float | Drawn
+    kind: str,
+    at: float | Drawn = later,
+    lasts: float | None = None,
+    **parameters: float | str | Drawn,
 ) -> Callable[[Chance], list[Disturbance]]:
     """Draws one disturbance of a kind: its begin and its parameters are numbers or draws."""
 
@@ -84,7 +87,10 @@ def acting(
 
     def draw(random: Chance) -> list[Disturbance]:
         began = drawn(at, random)
-        values = {key: drawn(value, random) for key, value in parameters.items()}
+        values = {
+            key: value if isinstance(value, str) else drawn(value, random)
+            for key, value in parameters.items()
+        }
         return [Disturbance(kind, began, lasts, values)]
 
     return draw
@@ -107,40 +113,42 @@ ROWS: dict[str, Trouble] = {
         acting("freeze", evenly(*AFTER), marker=lambda random: random.integers(0, 3)),
     ),
     "slide": Trouble(
-        "a likeness slides away from a marker at 2-10 px/s; also while exploring",
-        acting("slide", at_any_time, marker=either, speed=evenly(2.0, 10.0)),
+        "a decoy slides away from a marker at 2-10 px/s; also while exploring",
+        acting("decoy", at_any_time, marker=either, px=0.0, speed=evenly(2.0, 10.0)),
     ),
     "pan": Trouble(
         "the camera turns at 10 px/s for 4.5 s; also while exploring",
-        acting("pan", at_any_time, 4.5, speed=10.0),
+        acting("camera_pan", at_any_time, 4.5, px=45.0),
     ),
-    "pan_slow": Trouble("it turns at 5 px/s for 9 s", acting("pan", lasts=9.0, speed=5.0)),
+    "pan_slow": Trouble("it turns at 5 px/s for 9 s", acting("camera_pan", lasts=9.0, px=45.0)),
     "dolly": Trouble(
         "it moves by 8 mm along its line of sight, at 2 mm/s",
-        acting("dolly", lasts=4.0, speed=either_way(2.0)),
+        acting("camera_dolly", lasts=4.0, mm=either_way(8.0)),
     ),
     "rolling": Trouble(
-        "it rolls at 1 deg/s for 8 s", acting("rolling", lasts=8.0, speed=either_way(1.0))
+        "it rolls at 1 deg/s for 8 s", acting("camera_roll", lasts=8.0, deg=either_way(8.0))
     ),
-    "zoom": Trouble("its focal length grows by 2 %", acting("zoom", share=0.02)),
-    "zoom_taught": Trouble("it has since the target was shown", acting("zoom", 0.0, share=0.02)),
+    "zoom": Trouble("its focal length grows by 2 %", acting("camera_zoom", share=0.02)),
+    "zoom_taught": Trouble(
+        "it has since the target was shown", acting("camera_zoom", 0.0, share=0.02)
+    ),
     "between_15": Trouble(
         "the camera is bumped by 15 px between two runs, and the tool moved by hand",
-        acting("bump", MOVED, px=15.0),
+        acting("camera_pan", MOVED, px=15.0),
         TWO_RUNS,
     ),
-    "between_60": Trouble("the same by 60 px", acting("bump", MOVED, px=60.0), TWO_RUNS),
+    "between_60": Trouble("the same by 60 px", acting("camera_pan", MOVED, px=60.0), TWO_RUNS),
     "taught": Trouble(
         "every second frame shows a wrong marker, 6-150 px off, while the target is shown",
-        acting("flicker", 0.0, SHOWN, marker=either, px=evenly(6.0, 150.0)),
+        acting("decoy", 0.0, SHOWN, marker=either, px=evenly(6.0, 150.0), every=2),
         SHOWING,
     ),
     "clocks": Trouble(
         "the camera's clock is 30 ms ahead of the computer's or behind it",
-        acting("clocks_apart", s=either_way(0.03)),
+        acting("camera_clock", s=either_way(0.03), of="exposures"),
     ),
     "clock_step": Trouble(
-        "the same, and arrivals bear its time too", acting("clock_step", s=either_way(0.03))
+        "the same, and arrivals bear its time too", acting("camera_clock", s=either_way(0.03))
     ),
     "lag": Trouble("the drives lag by 60 ms", lambda random: [], RUN, LAGS, Drive(lag=0.06)),
     "latency": Trouble("frames come 0.25 s later than before", acting("latency", s=0.25)),

@@ -95,7 +95,7 @@ STUDIES = {
     "negative noise": (["study", "--noise", "-0.1"], "noise must be", "-0.1"),
     "noise of pictures": (["study", "--engine", "pictures", "--noise", "1"], "the tracker's"),
     "latency within it": (["study", "--latency", "0.001"], "at least half of the exposure"),
-    "unknown disturbance": (["study", "--disturb", "marker_los"], "did you mean marker_loss"),
+    "unknown disturbance": (["study", "--disturb", "occlusio"], "did you mean occlusion"),
     "no workers": (["study", "--workers", "0"], "--workers must be from 1", "0"),
     "no scheduler": (["study", "--cluster", "nowhere"], "--cluster must be that of a dask", "8786"),
     "open scheduler": (

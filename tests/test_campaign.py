@@ -4,7 +4,9 @@ the first of."""
 from concurrent.futures import ProcessPoolExecutor
 
 import pytest
-from campaign import Run, one
+from campaign import Run, disturbed, one
+
+from rcmservo.sim import Disturbance
 
 RUNS = {"faults": 14, "short": 6, "none": 4}
 ENDS = {"settled", "HOLD", "PAUSED", "FAULT", "killed"}
@@ -62,16 +64,23 @@ def test_nothing_stops_a_run_without_faults_and_short_ones_do_not_keep_it_from_a
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [264, 1853])
-def test_points_that_are_noise_leave_the_estimate_what_it_was(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "text"),
+    [
+        (264, "corrupt:at=2.582,for=1.356,what=noise"),
+        (1853, "corrupt:at=2.157,for=1.301,what=noise"),
+    ],
+)
+def test_points_that_are_noise_leave_the_estimate_what_it_was(seed: int, text: str) -> None:
     """Of 10^12 px and more: the servo stopped as if the estimator were wrong."""
-    run = one(seed, "faults")
+    run = disturbed(seed, [Disturbance.parse(text)])
     assert run.stops and all(stop[3] for stop in run.stops), run
 
 
 @pytest.mark.slow
 def test_an_arm_that_falls_silent_as_its_drive_comes_on_ends_the_run_in_one_sentence() -> None:
-    run = one(1667, "faults")
+    texts = "decoy:at=0.855,for=1.02,marker=2,px=23.2", "arm_silent:at=4.459,for=1.427"
+    run = disturbed(1667, [Disturbance.parse(text) for text in texts])
     assert run.end == "not enabled"
     assert "the drive does not come on" in run.words
     assert not run.wrong_commands and not run.too_slow

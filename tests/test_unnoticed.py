@@ -6,7 +6,7 @@ from unnoticed import DURATION, UNREADY, one, report
 from unnoticed_rows import ROWS, RUN, SHOWING, TWO_RUNS
 
 from conftest import first_quick
-from rcmservo.sim.disturb import KINDS
+from rcmservo.sim.disturbances import KINDS
 
 
 @pytest.mark.parametrize("name", ROWS)

@@ -179,7 +179,7 @@ def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
     """A marker is lost, the camera is moved, the target is shown again; the target of the old view
     is refused later."""
     target = str(tmp_path / "target.json")
-    faults = ["--disturb", "marker_loss:at=3,for=0.3", "--disturb", "relocate:at=4.5"]
+    faults = ["--disturb", "occlusion:at=3,for=0.3", "--disturb", "relocate:at=4.5"]
     saving = [*faults, "--resumes", "3", "--duration", "13", "--save-target", target]
     assert main([*small, "--seed", "1", *saving, "--out", str(tmp_path / "a")]) == 0
     captured = capsys.readouterr()
@@ -200,8 +200,8 @@ def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
 @pytest.mark.parametrize(
     "words,sentence",
     [
-        (["--disturb", "markerloss:at=3"], "did you mean marker_loss?"),
-        (["--disturb", "stuck:at=-1"], "stuck: at must be a time in s"),
+        (["--disturb", "oclusion:at=3"], "did you mean occlusion?"),
+        (["--disturb", "frame_drop:at=-1"], "frame_drop: at must be a time in s"),
         (["--resumes", "-1"], "--resumes must be"),
         (
             ["--target", "a.json", "--save-target", "b.json"],

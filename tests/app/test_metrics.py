@@ -19,10 +19,10 @@ from rcmservo.sim import Disturbance
 
 ENDINGS = {
     "settles": (5.5, "", ""),
-    "holds": (3.0, "marker_loss:at=2.5,for=9", rs.Cause.MARKERS_LOST.value),
+    "holds": (3.0, "occlusion:at=2.5,for=9", rs.Cause.MARKERS_LOST.value),
     "is blocked": (
         3.0,
-        "axis_stuck:at=1.2,axis=1",
+        "gain:at=1.2,factor=0,axis=1",
         "the joints do not follow the commands: ",
     ),
     "is killed": (3.0, "kill:at=1.5", "killed"),
@@ -93,7 +93,7 @@ def test_show_and_metrics_agree_on_a_run_that(ending: str, tmp_path: Path) -> No
 def test_a_run_that_ends_without_a_marker_says_so_beside_its_verdict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    metrics = simulate(job(tmp_path, 5.0, "marker_loss:at=1.5,marker=1"))
+    metrics = simulate(job(tmp_path, 5.0, "occlusion:at=1.5,marker=1"))
     assert metrics.remark == rs.Cause.WITHOUT_MARKER_1.value
     agree(metrics, summary(reader.read(tmp_path)))
     assert main(["show", str(tmp_path)]) == 0
@@ -121,10 +121,14 @@ def test_a_result_that_cannot_be_written_is_not_lost_and_nothing_is_half_written
 @pytest.mark.parametrize(
     "disturbance,reason",
     [
-        ("marker_loss:at=0,for=9", "no green ball (marker 1) and no blue ball (marker 2)"),
-        pytest.param("clock_step:at=0,for=9", "times that cannot be right", marks=pytest.mark.slow),
+        ("occlusion:at=0,for=9", "no green ball (marker 1) and no blue ball (marker 2)"),
         pytest.param(
-            "stuck:at=0,for=9", "no frame has come from the camera", marks=pytest.mark.slow
+            "camera_clock:at=0,for=9,s=3600", "times that cannot be right", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            "frame_drop:at=0,for=9,share=1",
+            "no frame has come from the camera",
+            marks=pytest.mark.slow,
         ),
     ],
 )

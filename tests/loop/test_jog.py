@@ -162,29 +162,33 @@ def test_it_ends_at_the_limit_and_leads_back_from_there(joint: int, way: float) 
 
 
 NO_CONCERN = (
-    "marker_loss:at=0.8",
-    "false_marker:at=0.8",
+    "occlusion:at=0.8",
+    "decoy:at=0.8",
     "freeze:at=0.8",
     "swap:at=0.8",
-    "bump:at=0.8",
+    "camera_pan:at=0.8",
     "relocate:at=0.8",
-    "stuck:at=0.8",
-    "repeat:at=0.8",
-    "clock_step:at=0.8",
+    "frame_drop:at=0.8,share=1",
+    "frame_order:at=0.8",
+    "camera_clock:at=0.8,s=3600",
     "corrupt:at=0.8,what=none",
     "disk_full:at=0.8",
 )
 ENDS = {
     **{
-        f"{kind}:at=0.8,axis={axis}": (rs.Phase.FAULT, rs.Cause.NOT_FOLLOWING)
-        for kind in ("axis_stuck", "axis_reversed", "gain", "encoder_reversed", "encoder_zero")
+        f"{kind},axis={axis}": (rs.Phase.FAULT, rs.Cause.NOT_FOLLOWING)
+        for kind in (
+            *(f"gain:at=0.8,factor={factor}" for factor in (0, -1, 3)),
+            "encoder:at=0.8",
+            "encoder:at=0.8,factor=1,offset=5",
+        )
         for axis in (1, 2, 3)
     },
     "encoder_nan:at=0.8,axis=2": (rs.Phase.FAULT, rs.Cause.JOINTS_NOT_FINITE),
     "arm_silent:at=0.8": (rs.Phase.FAULT, rs.Cause.ARM_SILENT),
     "arm_clock:at=0.8": (rs.Phase.FAULT, rs.Cause.DRIVE_OFF),
     "drive_off:at=0.8": (rs.Phase.FAULT, rs.Cause.DRIVE_OFF),
-    "hang:at=0.8": (rs.Phase.FAULT, rs.Cause.DRIVE_OFF),
+    "stall:at=0.8": (rs.Phase.FAULT, rs.Cause.DRIVE_OFF),
     "jitter:at=0.8,s=0.035": (rs.Phase.PAUSED, rs.Cause.OVERRUN),
 }
 

@@ -366,7 +366,7 @@ def test_a_student_sees_a_lost_marker_a_moved_camera_and_an_emergency_stop_and_t
         person.teach("middle")
         person.jog("Jog joint 2 minus")
         assert person.gone("middle")
-        person.trouble("marker_loss", **{"marker": "1", "for": "0.5"})
+        person.trouble("occlusion", **{"marker": "1", "for": "0.5"})
         person.until("rcm.board.phase === 'HOLD' || rcm.board.why.includes('marker 1')")
         person.until("rcm.board.phase === 'SERVO' && !rcm.board.why")
         person.trouble("relocate")

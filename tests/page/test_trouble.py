@@ -23,7 +23,9 @@ def test_each_kind_on_the_menu_can_be_chosen_with_its_defaults(kind: str) -> Non
     assert chosen(f"{kind}:").kind == kind
 
 
-@pytest.mark.parametrize("text", ["kill:", "nan_points:", "flood:", "smoke:for=-1", "smoke:px=3"])
+@pytest.mark.parametrize(
+    "text", ["kill:", "nan_points:", "flood:", "occlusion:for=-1", "occlusion:px=3", "smoke:"]
+)
 def test_what_is_not_on_the_menu_is_refused(text: str) -> None:
     with pytest.raises(BadInput):
         chosen(text)

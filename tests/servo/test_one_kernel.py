@@ -73,7 +73,12 @@ def but_memory(state: State, placed: bool) -> State:
     return state.but(learnt=learnt)._replace(beside=() if placed else Beside(learnt.lines, None))
 
 
-WRONG = ["marker_loss:at=3,for=0.3,marker=1", "none", "bump:at=4", "axis_stuck:at=1.2,for=9,axis=2"]
+WRONG = [
+    "occlusion:at=3,for=0.3,marker=1",
+    "none",
+    "camera_pan:at=4",
+    "gain:at=1.2,for=9,factor=0,axis=2",
+]
 
 
 def harmless(estimator: Estimator) -> list[str]:

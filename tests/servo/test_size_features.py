@@ -80,7 +80,7 @@ def sizes_at(rig: Rig, q: Floats) -> Floats:
 
 @pytest.mark.parametrize("lost", [0, 1, 2])
 def test_it_comes_to_the_target_with_one_marker_lost_on_the_way_too(lost: int) -> None:
-    lab = SizedLab((f"marker_loss:at=2,marker={lost}",) if lost else ())
+    lab = SizedLab((f"occlusion:at=2,marker={lost}",) if lost else ())
     began = lab.error()
     ticks = list(rs.run(lab.plant, lab.servo(), lab.target, 7.0))
     without = [lost and np.isnan(tick.seen.points[lost - 1]).all() for tick in ticks]
@@ -94,7 +94,7 @@ def test_it_comes_to_the_target_with_one_marker_lost_on_the_way_too(lost: int) -
 
 @pytest.mark.parametrize("lost", [1, 2])
 def test_on_the_papers_features_too_it_comes_there_with_one_marker_lost(lost: int) -> None:
-    lab = SizedLab((f"marker_loss:at=1,marker={lost}",))
+    lab = SizedLab((f"occlusion:at=1,marker={lost}",))
     law = rs.SaturatedController(features="srd")
     ticks = list(rs.run(lab.plant, lab.servo(controller=law), lab.target, 7.0))
     assert ticks[-1].state.phase is rs.Phase.SERVO
@@ -140,7 +140,7 @@ def test_a_target_keeps_the_mean_of_the_sizes_that_were_shown() -> None:
 def test_its_record_tells_the_target_and_replays_but_not_to_a_target_without_sizes(
     tmp_path: Path,
 ) -> None:
-    lab = SizedLab(("marker_loss:at=2.5,for=0.3,marker=1",))
+    lab = SizedLab(("occlusion:at=2.5,for=0.3,marker=1",))
     with Recorder(tmp_path / reader.RECORD, {}) as recorder:
         recorder.begin(lab.servo(), lab.target)
         for tick in rs.run(lab.plant, lab.servo(), lab.target, 3.5):

@@ -95,7 +95,7 @@ def test_an_encoder_that_begins_to_count_backwards_goes_on_from_what_it_told() -
         0,
         RigSettings(drive=Drive(encoder_offset=OFFSET)),
         pictures=False,
-        disturbances=[Disturbance.parse("encoder_reversed:at=0.05,axis=3")],
+        disturbances=[Disturbance.parse("encoder:at=0.05,axis=3")],
     )
     before = rig.arm.measure().q
     rig.begin()

@@ -17,18 +17,18 @@ AT, OVER = 0.2, 0.7
 UNDONE = [
     "freeze:at=0.2,for=0.5",
     "freeze:at=0.2,for=0.5,marker=2",
-    "flicker:at=0.2,for=0.5,marker=2",
-    "slide:at=0.2,for=0.5,speed=40",
-    "clocks_apart:at=0.2,for=0.5,s=0.03",
-    "clocks_apart:at=0.2,for=0.5",
+    "decoy:at=0.2,for=0.5,every=2,marker=2",
+    "decoy:at=0.2,for=0.5,px=0,speed=40",
+    "camera_clock:at=0.2,for=0.5,of=exposures,s=0.03",
+    "camera_clock:at=0.2,for=0.5,of=exposures",
 ]
 """After these all is as before."""
 
 STAYING = [
-    "pan:at=0.2,for=0.5,speed=40",
-    "rolling:at=0.2,for=0.5,speed=20",
-    "dolly:at=0.2,for=0.5,speed=-20",
-    "zoom:at=0.2,share=0.05",
+    "camera_pan:at=0.2,for=0.5,px=20",
+    "camera_roll:at=0.2,for=0.5,deg=10",
+    "camera_dolly:at=0.2,for=0.5,mm=-10",
+    "camera_zoom:at=0.2,share=0.05",
 ]
 """After these the camera stays as it is then."""
 
@@ -119,7 +119,7 @@ def test_one_frozen_marker_stays_where_it_is_seen_and_the_other_moves_on(marker:
 
 
 def test_a_marker_that_flickers_is_false_in_every_second_frame() -> None:
-    seen = during(looks("flicker:at=0.2,for=0.5,marker=2,px=30"))
+    seen = during(looks("decoy:at=0.2,for=0.5,every=2,marker=2,px=30"))
     assert far(seen, 0).max() < 1e-9
     halves = far(seen[::2], 1), far(seen[1::2], 1)
     right, wrong = sorted(halves, key=np.max)
@@ -127,29 +127,29 @@ def test_a_marker_that_flickers_is_false_in_every_second_frame() -> None:
     assert np.allclose(wrong, 30.0)
 
 
-def test_a_likeness_slides_away_from_the_true_marker_in_one_direction() -> None:
-    seen = during(looks("slide:at=0.2,for=0.5,speed=40,marker=2"))
+def test_a_decoy_slides_away_from_the_true_marker_in_one_direction() -> None:
+    seen = during(looks("decoy:at=0.2,for=0.5,px=0,speed=40,marker=2"))
     assert far(seen, 0).max() < 1e-9
     assert np.allclose(far(seen, 1), [40.0 * (look.time - AT) for look in seen], atol=1e-6)
     ways = np.array([look.off[1] for look in seen[1:]]) / far(seen[1:], 1)[:, None]
     assert np.ptp(ways, axis=0).max() < 1e-6
 
 
-def test_a_likeness_that_slides_out_of_the_picture_is_seen_no_more() -> None:
-    last = looks("slide:at=0,speed=1000", 1.5)[-1]
+def test_a_decoy_that_slides_out_of_the_picture_is_seen_no_more() -> None:
+    last = looks("decoy:at=0,px=0,speed=1000", 1.5)[-1]
     assert last.frame.points is not None
     assert list(np.isnan(last.frame.points).all(axis=1)) == [True, False]
 
 
 def test_a_pan_moves_the_picture_at_its_speed() -> None:
-    seen = during(looks("pan:at=0.2,for=0.5,speed=40"))
+    seen = during(looks("camera_pan:at=0.2,for=0.5,px=20"))
     wanted = np.array([40.0 * (look.time - AT) for look in seen])
     for i in range(2):
         assert np.all(np.abs(far(seen, i) - wanted) <= 0.2 * wanted + 1e-6)
 
 
 def test_a_camera_that_rolls_turns_about_its_line_of_sight_at_its_speed() -> None:
-    seen = looks("rolling:at=0.2,for=0.5,speed=20")
+    seen = looks("camera_roll:at=0.2,for=0.5,deg=10")
     first, last = seen[0].optics, seen[-1].optics
     turn = last.rotation @ first.rotation.T
     assert np.degrees(np.arccos((np.trace(turn) - 1.0) / 2.0)) == pytest.approx(10.0)
@@ -157,21 +157,21 @@ def test_a_camera_that_rolls_turns_about_its_line_of_sight_at_its_speed() -> Non
 
 
 def test_a_dolly_moves_the_camera_along_its_line_of_sight_by_so_many_mm() -> None:
-    seen = looks("dolly:at=0.2,for=0.5,speed=16")
+    seen = looks("camera_dolly:at=0.2,for=0.5,mm=8")
     first, last = seen[0].optics, seen[-1].optics
     assert np.allclose(last.position - first.position, 8.0 * first.rotation[2])
     assert np.allclose(last.rotation, first.rotation)
 
 
 def test_a_zoom_changes_the_focal_length_at_one_moment() -> None:
-    seen = looks("zoom:at=0.2,share=0.05")
+    seen = looks("camera_zoom:at=0.2,share=0.05")
     focal = np.array([look.optics.focal / seen[0].optics.focal for look in seen])
     assert np.all((np.abs(focal - 1.05) < 1e-9) == [look.time >= AT for look in seen])
 
 
 @pytest.mark.parametrize("s", [0.03, -0.03])
 def test_of_clocks_that_are_apart_only_exposures_are_told_wrongly(s: float) -> None:
-    for look in during(looks(f"clocks_apart:at=0.2,for=0.5,s={s}"))[2:-2]:
+    for look in during(looks(f"camera_clock:at=0.2,for=0.5,of=exposures,s={s}"))[2:-2]:
         true = round(look.frame.number * 1e9 / 60)
         assert look.frame.exposure - true == round(s * 1e9)
         assert look.frame.arrival - true == 22_000_000
@@ -179,7 +179,7 @@ def test_of_clocks_that_are_apart_only_exposures_are_told_wrongly(s: float) -> N
 
 @pytest.mark.parametrize("s", [0.03, -0.03])
 def test_a_step_of_the_cameras_clock_shifts_both_its_stamps(s: float) -> None:
-    for look in during(looks(f"clock_step:at=0.2,for=0.5,s={s}"))[2:-2]:
+    for look in during(looks(f"camera_clock:at=0.2,for=0.5,s={s}"))[2:-2]:
         true = round(look.frame.number * 1e9 / 60)
         assert look.frame.exposure - true == round(s * 1e9)
         assert look.frame.arrival - look.frame.exposure == 22_000_000
@@ -207,9 +207,9 @@ def test_a_frozen_picture_is_the_same_down_to_its_noise() -> None:
 
 @pytest.mark.parametrize(
     ("text", "distance"),
-    [("slide:speed=100,marker=2", 40.0), ("freeze:marker=2", 0.0)],
+    [("decoy:px=0,speed=100,marker=2", 40.0), ("freeze:marker=2", 0.0)],
 )
-def test_a_likeness_is_found_in_pictures_where_it_should_be(text: str, distance: float) -> None:
+def test_a_decoy_is_found_in_pictures_where_it_should_be(text: str, distance: float) -> None:
     tracker = ColourMarkers()
     rig, frames = pictures(text, 0.1, 0.422)
     found = [tracker.find(frame).points for frame in frames][-1]

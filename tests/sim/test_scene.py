@@ -90,7 +90,7 @@ def test_a_camera_bumped_while_the_servo_explores_is_noticed():
         498,
         RigSettings(point_noise=0.1),
         pictures=False,
-        disturbances=[Disturbance.parse("bump:at=1.828,px=17.1")],
+        disturbances=[Disturbance.parse("camera_pan:at=1.828,px=17.1")],
     )
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.show_target()

@@ -14,7 +14,7 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Rig, RigSettings
-from rcmservo.sim.disturb.oracle import LASTING, LOUD, Oracle, Unnoticed
+from rcmservo.sim.disturbances.oracle import LASTING, LOUD, Oracle, Unnoticed
 from rcmservo.tracking import PointMarkers
 
 NOISE = 0.3
@@ -40,12 +40,14 @@ def when_visible(text: str, seconds: float = 2.0, moving: bool = True, seed: int
 @pytest.mark.parametrize("seed", first_quick(range(1, 4)))
 def test_a_pan_is_visible_when_it_has_been_beyond_the_noise_for_long_enough(seed: int) -> None:
     loud = LOUD * NOISE / 10.0  # s that 10 px/s take, along u or v
-    seen = when_visible("pan:at=0.5,speed=10", seed=seed)
+    seen = when_visible("camera_pan:at=0.5,for=4.5,px=45", seed=seed)
     soonest = 0.5 + LASTING * 1e-9
     assert soonest + 0.3 * loud < seen < soonest + 2.5 * loud + 0.1
 
 
-@pytest.mark.parametrize("text", ["freeze:at=0.5", "freeze:at=0.5,marker=2", "clocks_apart:at=0.5"])
+@pytest.mark.parametrize(
+    "text", ["freeze:at=0.5", "freeze:at=0.5,marker=2", "camera_clock:at=0.5,of=exposures"]
+)
 def test_what_only_motion_tells_is_visible_while_the_tool_moves_and_not_before_its_time(
     text: str,
 ) -> None:
@@ -54,11 +56,11 @@ def test_what_only_motion_tells_is_visible_while_the_tool_moves_and_not_before_i
 
 
 def test_a_marker_that_is_wrong_in_every_second_frame_is_never_visible_by_the_rule() -> None:
-    assert np.isnan(when_visible("flicker:at=0.2,px=100"))
+    assert np.isnan(when_visible("decoy:at=0.2,every=2,px=100"))
 
 
 def test_a_camera_that_the_servo_learns_anew_is_what_counts_from_then_on() -> None:
-    zoomed = Disturbance("zoom", parameters={"share": 0.1})
+    zoomed = Disturbance("camera_zoom", parameters={"share": 0.1})
     rig = Rig(1, RigSettings(point_noise=NOISE), False, [zoomed])
     plant, oracle = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock), Oracle(rig.truth, NOISE)
     rig.begin()

@@ -131,7 +131,7 @@ def test_the_engine_is_the_compiled_one_wherever_it_can_be(tmp_path: Path) -> No
         return [cell.engine for cell in planned(tmp_path, text).cells]
 
     assert engines('methods = ["dlt", "projection", "flow"]') == [COMPILED, COMPILED, MUJOCO]
-    assert engines('disturb = [[], ["marker_loss:at=1,for=0.2"]]') == [COMPILED, MUJOCO]
+    assert engines('disturb = [[], ["occlusion:at=1,for=0.2"]]') == [COMPILED, MUJOCO]
     assert engines('engine = "pictures"') == [PICTURES]
     printed = planned(tmp_path, 'methods = ["projection-printed"]').methods[0]
     assert printed.estimator == PRINTED
@@ -151,7 +151,7 @@ def test_the_engine_is_the_compiled_one_wherever_it_can_be(tmp_path: Path) -> No
         ("noise = [0.3, 0.3]", "noise must be given once"),
         ("latency = [0.001]", "latency must be at least half of the exposure"),
         ("duration = 0.5", "duration must be more than 1"),
-        ('disturb = [["marker_los"]]', "did you mean marker_loss"),
+        ('disturb = [["occlusio"]]', "did you mean occlusion"),
         ("disturb = []", "disturb must be at least one set; [[]] for none"),
         ('disturb = [["kill:at=3"]]', "disturbance must be none of kill"),
         ('engine = "compiled"\nmethods = ["flow"]', "engine must be auto, mujoco or pictures"),

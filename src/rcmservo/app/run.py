@@ -68,7 +68,7 @@ def run(options: RunOptions) -> int:
     _check(options)
     lab = load_lab(options.rig) if options.rig else Lab()
     with needing("run", "sim"):
-        from rcmservo.sim.disturb import describe
+        from rcmservo.sim.disturbances import describe
     if "help" in options.disturb:
         print(describe())
         return 0
@@ -103,7 +103,7 @@ def _check(options: RunOptions) -> None:
 def _job(options: RunOptions, lab: Lab, folder: Path) -> "Job":
     """What the options ask for."""
     from rcmservo.app.simulated_run.job import Job
-    from rcmservo.sim.disturb import Disturbance
+    from rcmservo.sim.disturbances import Disturbance
     from rcmservo.sim.rig_file import rig_settings
 
     if options.rig is not None:

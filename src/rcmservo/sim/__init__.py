@@ -2,7 +2,7 @@
 
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
-from rcmservo.sim.disturb import Disturbance, Killed
+from rcmservo.sim.disturbances import Disturbance, Killed
 from rcmservo.sim.rendering import Look
 from rcmservo.sim.rig import Rig, RigSettings
 from rcmservo.sim.scene import SceneSettings

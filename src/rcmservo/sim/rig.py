@@ -15,14 +15,14 @@ from rcmservo.sim.arm import Drive, SimulatedArm
 from rcmservo.sim.body import Body
 from rcmservo.sim.cameras import PictureCamera, PointCamera, Timing, by_chance, in_order
 from rcmservo.sim.clock import SimulatedClock
-from rcmservo.sim.disturb.arm_faults import DisturbedArm
-from rcmservo.sim.disturb.camera_moves import Hands
-from rcmservo.sim.disturb.camera_view import View
-from rcmservo.sim.disturb.disturbance import Disturbance
-from rcmservo.sim.disturb.frame_delivery import Delivery
-from rcmservo.sim.disturb.kinds import KINDS
-from rcmservo.sim.disturb.schedule import Event, Schedule
-from rcmservo.sim.disturb.stalls import Stalls
+from rcmservo.sim.disturbances.arm_faults import DisturbedArm
+from rcmservo.sim.disturbances.camera_moves import Hands
+from rcmservo.sim.disturbances.camera_view import View
+from rcmservo.sim.disturbances.disturbance import Disturbance
+from rcmservo.sim.disturbances.frame_delivery import Delivery
+from rcmservo.sim.disturbances.kinds import KINDS
+from rcmservo.sim.disturbances.schedule import Event, Schedule
+from rcmservo.sim.disturbances.stalls import Stalls
 from rcmservo.sim.rendering import Look, Renderer
 from rcmservo.sim.scene import Scene, SceneSettings
 from rcmservo.sim.scenes.drawing import Draws, draw, relocated
@@ -202,13 +202,13 @@ class Rig:
         frame on."""
         self._see(relocated(self._elsewhere, self.scene))
 
-    def _touch_camera(self, event: Event, seconds: float) -> None:
-        """What an event does to where the camera stands when it goes on for so many s."""
+    def _touch_camera(self, event: Event, part: float) -> None:
+        """Move the camera by a part, 0 to 1, of an event's motion."""
         if event.kind == "relocate":
             self.relocate_camera()
             return
         markers = self.truth.markers(self.truth.arm.time)
-        moved = self._hands.moved(event, seconds, self.scene.optics, markers)
+        moved = self._hands.moved(event, part, self.scene.optics, markers)
         self._see(replace(self.scene, optics=moved))
 
     def _see(self, scene: Scene) -> None:

@@ -156,6 +156,10 @@ def own_of(options: StudyOptions) -> dict[str, type[Estimator]]:
 
 def _above(options: StudyOptions, asked: "StudyFile") -> "StudyFile":
     """What a file asks for, with what the options say put in its place."""
+    from rcmservo.sim.disturbances import Disturbance
+
+    for text in options.disturb:
+        Disturbance.parse(text)
     said = {
         "methods": options.method,
         "scenes": options.scenes,

@@ -33,7 +33,7 @@ from rcmservo.live.arm_link import (
 from rcmservo.live.child import heard
 from rcmservo.live.realtime import realtime
 from rcmservo.sim.arm import STEP
-from rcmservo.sim.disturb.arm_faults import DisturbedArm
+from rcmservo.sim.disturbances.arm_faults import DisturbedArm
 from rcmservo.sim.processes.motion_log import MotionLog
 from rcmservo.sim.processes.trouble import Mischief
 from rcmservo.sim.rig import SETTLE, Rig, RigSettings

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from rcmservo.errors import require
-from rcmservo.sim.disturb.disturbance import Disturbance
-from rcmservo.sim.disturb.kinds import IN_RUNS_ONLY, KINDS
-from rcmservo.sim.disturb.parameters import Number
-from rcmservo.sim.disturb.schedule import Schedule
+from rcmservo.sim.disturbances.disturbance import Disturbance
+from rcmservo.sim.disturbances.kinds import IN_RUNS_ONLY, KINDS
+from rcmservo.sim.disturbances.parameters import Number
+from rcmservo.sim.disturbances.schedule import Schedule
 
 
 @dataclass(frozen=True)

@@ -73,7 +73,7 @@ class Cell:
         servo = servo if known else replace(servo, mechanism=lab.mechanism, tool=lab.tool)
         if self.engine == COMPILED:
             return Study(servo, settings, self.duration, self.shown)
-        wrong = tuple(map(Disturbance.parse, self.disturb))
+        wrong = tuple(map(Disturbance.read, self.disturb))
         pictures = self.engine == PICTURES
         shown = self.duration, self.shown
         return Laboratory(servo, settings, *shown, wrong, pictures, lab.markers)

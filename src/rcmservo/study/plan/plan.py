@@ -142,7 +142,7 @@ class StudyPlan:
         repetition: int,
     ) -> Cell:
         servo = tried(method, scenes.fixed[0])
-        told = tuple(str(Disturbance.parse(one)) for one in disturb)
+        told = tuple(str(Disturbance.read(one)) for one in disturb)
         cell = Cell(
             method=method.name,
             servo=described(servo),

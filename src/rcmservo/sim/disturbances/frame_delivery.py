@@ -1,12 +1,12 @@
-"""How frames come from the camera: late, again, out of order, damaged, or never."""
+"""Frames that come from the camera late, again, out of order, damaged, or never."""
 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
 from rcmservo.interfaces import Camera, Frame
-from rcmservo.sim.disturb.frame_damage import damaged
-from rcmservo.sim.disturb.schedule import Schedule
+from rcmservo.sim.disturbances.frame_damage import damaged
+from rcmservo.sim.disturbances.schedule import Schedule
 
 OVERTAKEN = 5_000_000
 """ns by which a frame comes after the one that has overtaken it."""
@@ -23,11 +23,11 @@ class Delivery:
         self._held: Frame | None = None
         self._coming: deque[tuple[int, Frame]] = deque()
         self.came = 0
-        """When the newest frame was to come, ns."""
+        """Time at which the newest frame was to come, ns."""
 
     @property
     def due(self) -> int | None:
-        """When the next frame comes, ns; None where none is on its way."""
+        """Time at which the next frame comes, ns; None where none is on its way."""
         return self._coming[0][0] if self._coming else None
 
     def latest(self) -> Frame | None:
@@ -44,12 +44,13 @@ class Delivery:
         time = frame.arrival
         if self._lost(time):
             return
-        if any(self.schedule.acting(time, "repeat")) and self._again is not None:
+        orders = {event.word("what") for event in self.schedule.acting(time, "frame_order")}
+        if "repeated" in orders and self._again is not None:
             frame = replace(self._again, arrival=time)
         self._again = frame
         for event in self.schedule.acting(time, "corrupt"):
-            frame = damaged(frame, str(event.disturbance.parameters["what"]), event.random)
-        if any(self.schedule.acting(time, "shuffle")) and self._held is None:
+            frame = damaged(frame, event.word("what"), event.random)
+        if "swapped" in orders and self._held is None:
             self._held = frame
             return
         self._send(frame, time)
@@ -62,7 +63,7 @@ class Delivery:
             event.random.uniform() < event.number("share")
             for event in self.schedule.acting(time, "frame_drop")
         ]
-        return any(drawn) or any(self.schedule.acting(time, "stuck"))
+        return any(drawn)
 
     def _send(self, frame: Frame, time: int) -> None:
         """Send a frame on its way at `time` ns. No frame overtakes another one.
@@ -70,14 +71,12 @@ class Delivery:
         Its stamps are those of the camera's clock.
         """
         late = 0.0
-        for event in self.schedule.acting(time, "latency", "delay"):
-            late += event.number("s") * (event.random.uniform() if event.kind == "delay" else 1.0)
+        for event in self.schedule.acting(time, "latency"):
+            late += event.number("s") + event.number("jitter") * event.random.uniform()
         arrival = max(time + round(late * 1e9), self._coming[-1][0] if self._coming else 0)
-        wrong, apart = self._wrong(time, "clock_step"), self._wrong(time, "clocks_apart")
-        told = frame.exposure + wrong + apart
-        frame = replace(frame, exposure=told, arrival=arrival + wrong)
-        self._coming.append((arrival, frame))
-
-    def _wrong(self, time: int, kind: str) -> int:
-        """By how many ns stamps are wrong at `time` ns."""
-        return sum(round(event.number("s") * 1e9) for event in self.schedule.acting(time, kind))
+        exposed, arrived = frame.exposure, arrival
+        for event in self.schedule.acting(time, "camera_clock"):
+            ahead = round(event.number("s") * 1e9)
+            exposed += ahead
+            arrived += ahead if event.word("of") == "all" else 0
+        self._coming.append((arrival, replace(frame, exposure=exposed, arrival=arrived)))

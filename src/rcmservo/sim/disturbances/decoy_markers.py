@@ -7,21 +7,21 @@ import numpy as np
 
 from rcmservo.interfaces import Floats
 from rcmservo.sim.cameras import SimulatedCamera
-from rcmservo.sim.disturb.schedule import Event, Schedule
+from rcmservo.sim.disturbances.schedule import Event, Schedule
 from rcmservo.sim.rendering import Look
 
-MIMICS = "false_marker", "flicker", "slide", "freeze"
-"""The kinds that show a likeness. One that freezes the whole picture shows none."""
+MIMICS = "decoy", "freeze"
+"""The kinds that show a decoy. One that freezes the whole picture shows none."""
 
 MARGIN = 20.0
-"""px that a likeness keeps from the picture's border, if any direction lets it."""
+"""px that a decoy keeps from the picture's border, if any direction lets it."""
 
 FARTHEST = 10.0
 """s of a slide for which a direction is sought that keeps it in the picture."""
 
 
-class Likenesses:
-    """Where a camera sees what is not a marker. Times are those of exposures, ns."""
+class DecoyMarkers:
+    """Decoys in a camera's view, and their positions. Times are those of exposures, ns."""
 
     def __init__(self, camera: SimulatedCamera, look: Look, schedule: Schedule) -> None:
         self.camera, self.look, self.schedule = camera, look, schedule
@@ -32,21 +32,21 @@ class Likenesses:
         """Which markers, from 0, are hidden, and where (2,) px something else is taken for each."""
         for event in self.schedule.acting(time, *MIMICS):
             i = int(event.number("marker")) - 1
-            if i >= 0 and (event.kind != "flicker" or self._odd(time)):
+            if i >= 0 and (event.kind == "freeze" or self._shows(event, time)):
                 yield i, self._place(event, time, i)
 
     def true(self, time: int) -> Floats:
-        """Where the markers truly are in the picture, (2, 2) px."""
+        """Return the true positions of the markers in the picture, (2, 2) px."""
         return self.camera.optics.project(self._markers(time))
 
     def radius(self, time: int, i: int) -> float:
-        """How large marker i is in the picture, px."""
+        """Return the apparent radius of marker i, px."""
         return self.camera.optics.silhouette_radius(
             self._markers(time)[i], self.look.marker_radii[i]
         )
 
     def inside(self, place: Floats, margin: float = 0.0) -> bool:
-        """Whether a `place` (2,) px is in the picture, `margin` px from its border."""
+        """Return True if a `place` (2,) px is in the picture, `margin` px from its border."""
         size = np.array([self.camera.optics.width, self.camera.optics.height])
         return bool(((place >= margin) & (place <= size - 1.0 - margin)).all())
 
@@ -56,10 +56,8 @@ class Likenesses:
         return self.true(time)[i] + self._way(event, time, i) * self._far(event, time)
 
     def _far(self, event: Event, time: float) -> float:
-        """How far off a likeness is at a moment, px."""
-        if event.kind == "slide":
-            return event.number("speed") * (time - event.start) * 1e-9
-        return event.number("px")
+        """Return the distance of a decoy from its marker at a moment, px."""
+        return event.number("px") + event.number("speed") * (time - event.start) * 1e-9
 
     def _way(self, event: Event, time: int, i: int) -> Floats:
         """In which direction, a unit vector (2,): within the picture if that can be."""
@@ -72,8 +70,10 @@ class Likenesses:
             self._ways[event] = units[int(np.argmax(inside))]
         return self._ways[event]
 
-    def _odd(self, time: int) -> bool:
-        return round(time * 1e-9 * self.camera.timing.frame_rate) % 2 == 1
+    def _shows(self, event: Event, time: int) -> bool:
+        """Return True if a decoy is in the frame exposed at `time`."""
+        every = int(event.number("every"))
+        return round(time * 1e-9 * self.camera.timing.frame_rate) % every == every - 1
 
     def _markers(self, time: int) -> Floats:
         """p₁ and p₂ (2, 3) mm at a moment (ns)."""

@@ -1,14 +1,11 @@
-"""Faults of the arm: blocked, reversed and creeping axes, wrong encoders, a wrong clock, silence,
+"""Faults of the arm: axes with a wrong gain or that creep, wrong encoders, a wrong clock, silence,
 the emergency stop."""
 
 import numpy as np
 
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.sim.arm import SimulatedArm
-from rcmservo.sim.disturb.schedule import Event, Schedule
-
-GAINS = {"axis_stuck": 0.0, "axis_reversed": -1.0}
-"""What a motor makes of its rate. For the kind `gain` that is a parameter."""
+from rcmservo.sim.disturbances.schedule import Event, Schedule
 
 
 class DisturbedArm:
@@ -19,7 +16,7 @@ class DisturbedArm:
         self._answer = arm.measure()
         self._applied = np.zeros(3)
         self._overrun: set[Event] = set()
-        self._turned: dict[Event, float] = {}
+        self._began: dict[Event, float] = {}
         arm.before_step = self._suffer
 
     @property
@@ -34,7 +31,7 @@ class DisturbedArm:
             self.arm.enable()
 
     def measure(self) -> Measured:
-        """What the arm tells; while it is silent, its last answer."""
+        """Return the arm's answer; while it is silent, its last one."""
         if not self.silent:
             time, q, enabled = self.arm.measure()
             self._answer = Measured(time, self._counted(q), enabled)
@@ -42,8 +39,8 @@ class DisturbedArm:
 
     def apply(self, command: Command) -> Floats:
         """Pass a command on, later than it should be in a tick that overruns."""
-        for event in self.schedule.begun(self.arm.time, "overrun"):
-            if event not in self._overrun:
+        for event in self.schedule.begun(self.arm.time, "stall"):
+            if event.word("where") == "tick" and event not in self._overrun:
                 self._overrun.add(event)
                 self.arm.advance_until(self.arm.time + round(event.end - event.start))
         if not self.silent and not self.schedule.killed:
@@ -52,7 +49,7 @@ class DisturbedArm:
 
     @property
     def silent(self) -> bool:
-        """Whether it neither answers nor hears."""
+        """True while it neither answers nor hears."""
         return self._is("arm_silent")
 
     def _is(self, kind: str) -> bool:
@@ -61,9 +58,8 @@ class DisturbedArm:
     def _suffer(self) -> None:
         """Give the true arm its faults, before each step of the physics."""
         self.arm.gains[:] = 1.0, 1.0, 1.0
-        for event in self.schedule.acting(self.arm.time, "axis_stuck", "axis_reversed", "gain"):
-            fixed = GAINS.get(event.kind)
-            self.arm.gains[event.axis] *= event.number("factor") if fixed is None else fixed
+        for event in self.schedule.acting(self.arm.time, "gain"):
+            self.arm.gains[event.axis] *= event.number("factor")
         self.arm.creep[:] = 0.0, 0.0, 0.0
         for event in self.schedule.acting(self.arm.time, "creep"):
             self.arm.creep[event.axis] += _of_axis(event, "speed")
@@ -75,12 +71,11 @@ class DisturbedArm:
     def _counted(self, q: Floats) -> Floats:
         """The joints (3,) as wrong encoders count them."""
         q = q.copy()
-        for event in self.schedule.acting(self.arm.time, "encoder_reversed"):
+        for event in self.schedule.acting(self.arm.time, "encoder"):
             there = self.arm.drive.told(self.arm.joints_at(event.start))
-            turned = self._turned.setdefault(event, there[event.axis])
-            q[event.axis] = 2.0 * turned - q[event.axis]
-        for event in self.schedule.acting(self.arm.time, "encoder_zero"):
-            q[event.axis] += _of_axis(event, "offset")
+            began = self._began.setdefault(event, there[event.axis])
+            moved = event.number("factor") * (q[event.axis] - began)
+            q[event.axis] = began + moved + _of_axis(event, "offset")
         for event in self.schedule.acting(self.arm.time, "encoder_nan"):
             q[event.axis] = np.nan
         return q

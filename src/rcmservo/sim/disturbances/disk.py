@@ -24,5 +24,5 @@ class FillingDisk:
 
 
 def disk(full: Callable[[], bool]) -> Callable[[Path], RawFile]:
-    """How a file is opened on such a disk."""
+    """Return the function that opens a file on such a disk."""
     return lambda path: FillingDisk(path, full)

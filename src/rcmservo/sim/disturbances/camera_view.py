@@ -1,21 +1,21 @@
-"""What the camera sees when markers are lost, exchanged or mimicked, in smoke, with blood on its
+"""The camera's view when markers are hidden, exchanged or imitated, in smoke, with blood on its
 lens, when it is moved, or shows the same picture for ever.
 
 In pictures such things are drawn. A camera that tells points loses the markers that would be
 hidden. What is seen is decided by the moment of the exposure.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from rcmservo.interfaces import Floats, Frame
 from rcmservo.sim.cameras import PictureCamera, SimulatedCamera
-from rcmservo.sim.disturb.camera_moves import SLOW, SUDDEN
-from rcmservo.sim.disturb.likenesses import Likenesses
-from rcmservo.sim.disturb.schedule import Event, Schedule
-from rcmservo.sim.disturb.smoke_and_blood import Smoke, Stain, Veil
+from rcmservo.sim.disturbances.camera_moves import MOVES
+from rcmservo.sim.disturbances.decoy_markers import DecoyMarkers
+from rcmservo.sim.disturbances.schedule import Event, Schedule
+from rcmservo.sim.disturbances.smoke_and_blood import Smoke, Stain, Veil
 from rcmservo.sim.rendering import Between, Colour, Light, Look
 
 DROP = 1.6, 45.0
@@ -27,7 +27,7 @@ BROKEN = np.array([[np.nan, np.inf], [-np.inf, np.nan]])
 
 class View:
     """A camera before whose lens things happen. `moved` is called when the camera itself is moved,
-    with the s for which it has been since it was called last."""
+    with the part of the event's motion that was made since it was called last."""
 
     def __init__(
         self,
@@ -37,8 +37,8 @@ class View:
         moved: Callable[[Event, float], None],
     ) -> None:
         self.camera, self.look, self.schedule, self.moved = camera, look, schedule, moved
-        self.likenesses = Likenesses(camera, look, schedule)
-        self._moved_until: dict[Event, float] = {}
+        self.decoys = DecoyMarkers(camera, look, schedule)
+        self._moved: dict[Event, float] = {}
         self._veils: dict[Event, Veil] = {}
         self._stills: dict[Event, Frame] = {}
         self._raw: Frame | None = None
@@ -58,12 +58,13 @@ class View:
 
     def _move(self, time: int) -> None:
         """Move the camera itself as far as it has been by the exposure at `time` ns."""
-        for event in self.schedule.begun(time, *SUDDEN, *SLOW):
-            since = self._moved_until.get(event)
-            until = min(time, event.end) if event.kind in SLOW else event.start
-            if since is None or until > since:
-                self._moved_until[event] = until
-                self.moved(event, (until - (event.start if since is None else since)) * 1e-9)
+        for event in self.schedule.begun(time, *MOVES):
+            before, takes = self._moved.get(event, 0.0), event.disturbance.lasts * 1e9
+            slowly = 0.0 < takes < np.inf
+            now = (min(time, event.end) - event.start) / takes if slowly else 1.0
+            if now > before:
+                self._moved[event] = now
+                self.moved(event, now - before)
 
     def _seen_in(self, raw: Frame, time: int) -> Frame:
         """The frame that the camera gives: of a picture that is frozen, the numbers are fresh."""
@@ -79,25 +80,25 @@ class View:
     # ------------------------------------------------------------ pictures
 
     def _worn(self, time: int) -> Look:
-        """How the markers look: none where lost or hidden, each like the other where swapped."""
+        """Look of the markers: none where hidden, each like the other where swapped."""
         radii, colours = list(self.look.marker_radii), list(self.look.marker_colours)
         if any(self.schedule.acting(time, "swap")):
             radii.reverse()
             colours.reverse()
-        for event in self.schedule.acting(time, "marker_loss"):
+        for event in self._occluding(time, "object"):
             for i in _which(event):
                 radii[i] = 0.0
-        for i, _ in self.likenesses.at(time):
+        for i, _ in self.decoys.at(time):
             radii[i] = 0.0
         return replace(self.look, marker_radii=tuple(radii), marker_colours=tuple(colours))
 
     def _between(self, time: int) -> Between | None:
-        """What stands between the scene and the sensor."""
+        """Return the layers between the scene and the sensor, None where there are none."""
         layers: list[Between] = []
-        for i, (u, v) in self.likenesses.at(time):
-            radius = self.likenesses.radius(time, i)
+        for i, (u, v) in self.decoys.at(time):
+            radius = self.decoys.radius(time, i)
             layers.append(_ball(u, v, radius, self.look.marker_colours[i]))
-        for event in self.schedule.acting(time, "smoke", "stain"):
+        for event in self._occluding(time, "smoke", "blood"):
             layers.append(_laid(self._veil(event, time), (time - event.start) * 1e-9))
 
         def between(light: Light) -> None:
@@ -113,16 +114,21 @@ class View:
         points = points.copy()
         if any(self.schedule.acting(time, "swap")):
             points = points[::-1].copy()
-        for i, there in self.likenesses.at(time):
-            noise = np.nan_to_num(points[i] - self.likenesses.true(time)[i])
-            points[i] = there + noise if self.likenesses.inside(there) else np.nan
-        for event in self.schedule.acting(time, "smoke", "stain"):
+        for i, there in self.decoys.at(time):
+            noise = np.nan_to_num(points[i] - self.decoys.true(time)[i])
+            points[i] = there + noise if self.decoys.inside(there) else np.nan
+        for event in self._occluding(time, "smoke", "blood"):
             points[self._veil(event, time).hides(points, (time - event.start) * 1e-9)] = np.nan
-        for event in self.schedule.acting(time, "marker_loss"):
+        for event in self._occluding(time, "object"):
             points[_which(event)] = np.nan
         return BROKEN.copy() if any(self.schedule.acting(time, "nan_points")) else points
 
     # ------------------------------------------------------------ where things are
+
+    def _occluding(self, time: int, *by: str) -> Iterator[Event]:
+        """Return the occlusions at `time` ns by one of these."""
+        events = self.schedule.acting(time, "occlusion")
+        return (event for event in events if event.word("by") in by)
 
     @property
     def _size(self) -> tuple[int, int]:
@@ -130,14 +136,12 @@ class View:
 
     def _veil(self, event: Event, time: int) -> Veil:
         if event not in self._veils:
-            lasts, seen = event.disturbance.lasts, self.likenesses.true(time)
-            if event.kind == "smoke":
+            lasts, seen = event.disturbance.lasts, self.decoys.true(time)
+            if event.word("by") == "smoke":
                 self._veils[event] = Smoke(self._size, lasts, seen.mean(axis=0), event.random)
             else:
                 larger, by = DROP
-                drops = [
-                    [*seen[i], larger * self.likenesses.radius(time, i) + by] for i in range(2)
-                ]
+                drops = [[*seen[i], larger * self.decoys.radius(time, i) + by] for i in range(2)]
                 self._veils[event] = Stain(self._size, lasts, np.array(drops), event.random)
         return self._veils[event]
 

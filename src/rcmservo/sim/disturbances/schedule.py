@@ -1,11 +1,11 @@
-"""When the disturbances of a rig act, counted from the moment at which the run begins."""
+"""Times at which the disturbances of a rig act, counted from the moment at which the run begins."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.sim.disturb.disturbance import Disturbance
+from rcmservo.sim.disturbances.disturbance import Disturbance
 
 
 @dataclass(eq=False)
@@ -13,7 +13,7 @@ class Event:
     """A disturbance in one run."""
 
     disturbance: Disturbance
-    """What happens."""
+    """The disturbance."""
 
     start: int
     """ns."""
@@ -36,12 +36,16 @@ class Event:
         """The disturbance's parameter of this name."""
         return self.disturbance.number(name)
 
+    def word(self, name: str) -> str:
+        """The disturbance's parameter of this name, a word."""
+        return str(self.disturbance.parameters[name])
+
 
 class Schedule:
     """All disturbances of a rig. Nothing acts before `begin`."""
 
     killed: bool
-    """Whether the process was killed: it sends nothing any more."""
+    """True once the process was killed: it sends nothing any more."""
 
     def __init__(self, disturbances: Sequence[Disturbance], chance: np.random.SeedSequence) -> None:
         self.disturbances = tuple(disturbances)

@@ -61,7 +61,7 @@ class Veil(ABC):
         light += fine[..., :3]
 
     def hides(self, points: Floats, time: float) -> NDArray[np.bool_]:
-        """Whether it covers each of `points` (n, 2)."""
+        """Return for each of `points` (n, 2) if it is covered."""
         opacity = self.pane(time).opacity
         edges = np.array(opacity.shape)[:, None] - 1.0
         return sampled(opacity, np.clip(points[:, ::-1].T / GRID, 0.0, edges)) > COVERED

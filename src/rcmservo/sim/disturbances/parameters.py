@@ -48,7 +48,7 @@ class Number:
 
     @property
     def right(self) -> str:
-        """What would be right, in words."""
+        """The accepted values, in words."""
         kind = "a whole number" if self.whole else "a number"
         return f"{kind}{f' of {self.unit}' if self.unit else ''} from {self.low:g} to {self.high:g}"
 
@@ -74,7 +74,7 @@ class Choice:
 
     @property
     def right(self) -> str:
-        """What would be right, in words."""
+        """The accepted values, in words."""
         return "one of " + ", ".join(self.words)
 
 

@@ -29,7 +29,7 @@ class Oracle:
     """Sees a disturbance as soon as it can be seen."""
 
     visible: int | None
-    """When it could be seen first, ns; None while it could not."""
+    """Time at which it could be seen first, ns; None while it could not."""
 
     def __init__(self, truth: Truth, sigma: float) -> None:
         """`sigma` px is the markers' noise. What is learnt from now on is learnt with the camera as
@@ -43,7 +43,7 @@ class Oracle:
         self.look_away()
 
     def look_away(self) -> None:
-        """Forget what was seen: it must be seen anew for as long."""
+        """Restart: it must be seen for as long again."""
         self.visible: int | None = None
         self._frame, self._since = -1, None
 
@@ -53,7 +53,7 @@ class Oracle:
         return (seen.points - self._optics.project(markers)) / self._sigma
 
     def look(self, seen: Observation) -> None:
-        """Look at what the servo is told at a tick."""
+        """Look at the observation of a tick."""
         if seen.frame in (-1, self._frame):
             return
         self._frame = seen.frame

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rcmservo.errors import BadInput, require
-from rcmservo.sim.disturb.kinds import KINDS
-from rcmservo.sim.disturb.parameters import Value, as_number, written
+from rcmservo.sim.disturbances.kinds import KINDS
+from rcmservo.sim.disturbances.old_names import OLD, renewed
+from rcmservo.sim.disturbances.parameters import Value, as_number, written
 
 LONGEST = 1e6
 """s: no run has a time beyond this."""
@@ -30,7 +31,7 @@ class Disturbance:
     """s after the run's start."""
 
     duration: float | None = None
-    """s for which it acts; inf to the end."""
+    """s for which it acts, or that it takes; inf to the end."""
 
     parameters: Mapping[str, Value] = field(default_factory=dict[str, Value])
     """Those of its kind, by their names."""
@@ -46,6 +47,7 @@ class Disturbance:
     def parse(cls, text: str) -> "Disturbance":
         """The disturbance written as `kind:at=5,for=0.5,key=value`."""
         kind, _, rest = text.partition(":")
+        require(kind.strip() not in OLD, "disturbance", kind, f"written {renewed(text)} now")
         given: dict[str, Value] = {}
         for item in rest.split(",") if rest else []:
             key, equals, value = (part.strip() for part in item.partition("="))
@@ -55,6 +57,11 @@ class Disturbance:
             given[key] = value
         at, duration = given.pop("at", 0.0), given.pop("for", None)
         return cls(kind.strip(), at, duration, given)  # pyright: ignore[reportArgumentType]
+
+    @classmethod
+    def read(cls, text: str) -> "Disturbance":
+        """Return the disturbance of a study or a record, which may have an old name."""
+        return cls.parse(renewed(text))
 
     def __str__(self) -> str:
         pairs: dict[str, Value] = {"at": self.at}
@@ -69,7 +76,7 @@ class Disturbance:
 
     @property
     def lasts(self) -> float:
-        """How long it acts, s."""
+        """Time for which it acts, s."""
         return math.inf if self.duration is None else self.duration
 
     @property
@@ -92,11 +99,14 @@ def random_disturbances(
 def _drawn(random: np.random.Generator, name: str, duration: float) -> Disturbance:
     kind = KINDS[name]
     lasts = None if kind.lasts is None else round(random.uniform(*kind.likely), 3)
+    if kind.lasts == 0.0 and random.uniform() < 0.5:
+        lasts = 0.0
     values = {key: parameter.draw(random) for key, parameter in kind.parameters.items()}
     return Disturbance(name, round(random.uniform(0.0, 0.9 * duration), 3), lasts, values)
 
 
 def _require_kind(name: str) -> None:
+    require(name not in OLD, "disturbance", name, f"written {renewed(name)} now")
     near = difflib.get_close_matches(name, KINDS, 1)
     hint = f" (did you mean {near[0]}?)" if near else ""
     require(name in KINDS, "disturbance", name, "one of " + ", ".join(KINDS) + hint)
@@ -110,7 +120,8 @@ def _time(where: str, value: object) -> float:
 
 
 def _duration(name: str, value: object) -> float:
-    """How long a disturbance of this kind acts, s, if `value` is given; inf to the end."""
+    """Return the time for which a disturbance of this kind acts, s, if `value` is given; inf to
+    the end."""
     where, usual = f"{name}: for", KINDS[name].lasts
     if usual is None:
         undone = value is None or value == math.inf
@@ -119,6 +130,8 @@ def _duration(name: str, value: object) -> float:
     if value is None or (value == math.inf and math.isinf(usual)):
         return usual
     number = as_number(value)
+    if usual == 0.0:
+        return _time(where, value)
     good = 0.0 < number <= LONGEST
     require(good, where, value, f"a time in s above 0 and at most {LONGEST:g}")
     return number

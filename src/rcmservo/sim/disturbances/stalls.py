@@ -1,7 +1,7 @@
 """The process is held up: it runs late, is stopped for a while, or is killed."""
 
 from rcmservo.errors import RcmServoError
-from rcmservo.sim.disturb.schedule import Schedule
+from rcmservo.sim.disturbances.schedule import Schedule
 
 
 class Killed(RcmServoError):
@@ -13,18 +13,20 @@ class Killed(RcmServoError):
 
 
 class Stalls:
-    """Tells until when a wait really lasts."""
+    """Times at which waits really end."""
 
     def __init__(self, schedule: Schedule) -> None:
         self.schedule = schedule
 
     def __call__(self, time: int) -> int:
-        """When the process wakes that waits until `time` ns. A killed one never does."""
+        """Return the time at which the process wakes that waits until `time` ns. A killed one never
+        does."""
         for event in self.schedule.begun(time, "kill"):
             self.schedule.killed = True
             raise Killed(f"the process was killed {event.disturbance.at:g} s after the start")
         for event in self.schedule.acting(time, "jitter"):
             time += round(event.random.uniform(0.0, event.number("s")) * 1e9)
-        for event in self.schedule.acting(time, "hang"):
-            time = max(time, round(event.end))
+        for event in self.schedule.acting(time, "stall"):
+            if event.word("where") == "between":
+                time = max(time, round(event.end))
         return time

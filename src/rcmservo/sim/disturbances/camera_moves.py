@@ -1,4 +1,4 @@
-"""Where the camera stands, and how it sees, after somebody bumped into it, rolled or zoomed it, or
+"""Pose and focal length of the camera after it was bumped into, rolled or zoomed at once, or
 while it is turned or pushed slowly.
 
 What moves it slowly does so step by step, each from where it stands by then: whatever else moves it
@@ -10,14 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from rcmservo.interfaces import Floats
-from rcmservo.sim.disturb.schedule import Event
+from rcmservo.sim.disturbances.schedule import Event
 from rcmservo.sim.optics import Optics
 
-SUDDEN = "bump", "roll", "relocate", "zoom"
-"""What happens to it at one moment."""
-
-SLOW = "pan", "rolling", "dolly"
-"""What goes on for some time. When it is over the camera stays where it is by then."""
+MOVES = "camera_pan", "camera_roll", "camera_dolly", "camera_zoom", "relocate"
+"""The kinds that move it, at once or slowly. It stays where it is then."""
 
 FARTHEST = 10.0
 """s of a slow turn for which a direction is sought that keeps both markers in the picture."""
@@ -33,36 +30,35 @@ SHAKE = 0.5
 
 
 class Hands:
-    """What moves the camera; each turns it in a direction of its own, drawn when it begins."""
+    """The motions of the camera. Each pan has a direction of its own, drawn when it begins."""
 
     def __init__(self) -> None:
         self._ways: dict[Event, float] = {}
 
-    def moved(self, event: Event, seconds: float, optics: Optics, markers: Floats) -> Optics:
-        """The camera after an event has gone on moving it for so many s.
+    def moved(self, event: Event, part: float, optics: Optics, markers: Floats) -> Optics:
+        """The camera after a part, 0 to 1, of an event's motion.
 
-        `markers` (2, 3) mm is where they are meanwhile.
+        `markers` (2, 3) mm is where they are meanwhile. A pan at once is a bump, which shakes the
+        camera too.
         """
         match event.kind:
-            case "bump":
+            case "camera_roll":
+                return rolled(optics, markers, np.radians(event.number("deg")) * part)
+            case "camera_dolly":
+                return pushed(optics, event.number("mm") * part)
+            case "camera_zoom":
+                return replace(optics, focal=optics.focal * (1.0 + event.number("share")) ** part)
+            case _ if event.disturbance.lasts == 0.0:
                 return bumped(optics, markers, event.number("px"), event.random)
-            case "roll":
-                return rolled(optics, markers, np.radians(event.number("deg")))
-            case "zoom":
-                return replace(optics, focal=optics.focal * (1.0 + event.number("share")))
-            case "rolling":
-                return rolled(optics, markers, np.radians(event.number("speed")) * seconds)
-            case "dolly":
-                return pushed(optics, event.number("speed") * seconds)
             case _:
-                px = event.number("speed") * seconds
+                px = event.number("px") * part
                 return panned(optics, px, self._way(event, optics, markers))
 
     def _way(self, event: Event, optics: Optics, markers: Floats) -> float:
         """In which direction an event turns the camera, rad: both markers stay in the picture if
         that can be."""
         if event not in self._ways:
-            px = event.number("speed") * min(event.disturbance.lasts, FARTHEST)
+            px = event.number("px") * min(FARTHEST / event.disturbance.lasts, 1.0)
             ways = event.random.uniform(-np.pi, np.pi, TRIES)
             good = [_shows(panned(optics, px, way), markers) for way in ways]
             self._ways[event] = float(ways[int(np.argmax(good))])
@@ -113,7 +109,7 @@ def rolled(optics: Optics, markers: Floats, angle: float) -> Optics:
 
 
 def _shows(optics: Optics, markers: Floats) -> bool:
-    """Whether both markers are in the picture, away from its border."""
+    """Return True if both markers are in the picture, away from its border."""
     seen = optics.project(markers)
     return bool(((seen > BORDER) & (seen < np.array([optics.width, optics.height]) - BORDER)).all())
 
