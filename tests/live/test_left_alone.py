@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from rcmservo.live.child import Child, heard
-from rcmservo.live.memory import left_alone
-from rcmservo.live.realtime import realtime
+from rcmservo.live.realtime import realtime, without_huge_pages
 
 STATUS = Path("/proc/self/status")
 
@@ -30,12 +29,12 @@ def tell_huge(control: Connection) -> None:
     heard(control)
 
 
-@pytest.mark.parametrize("context", [left_alone, realtime])
+@pytest.mark.parametrize("context", [without_huge_pages, realtime])
 def test_memory_is_left_alone_in_it_and_afterwards_is_as_before(context) -> None:
     before = huge()
     with pytest.raises(KeyError), context():
         assert not huge()
-        with left_alone():
+        with without_huge_pages():
             pass
         assert not huge()
         raise KeyError

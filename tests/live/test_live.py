@@ -40,8 +40,9 @@ from rcmservo.live.arm_link import (
     received,
     unpacked,
 )
-from rcmservo.live.frame_ring import HEAD, FrameRing, RingCamera
+from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.reports import Report
+from rcmservo.live.shared_ring import EMPTY, HEAD
 from rcmservo.live.supervisor import LOOK, SILENT, ServoProcess, nobody, supervise
 from rcmservo.record.reader import read
 from rcmservo.servo.servo import Servo
@@ -128,10 +129,10 @@ def test_a_picture_being_overwritten_is_not_used_and_a_damaged_one_comes_without
     ring.publish(picture(1))
     first = camera.latest()
     ring.publish(picture(2))
-    HEAD.pack_into(ring.slot(1), 0, -1, 0, 0, 0, 0)
+    HEAD.pack_into(ring.entries.slot(1), 0, EMPTY, 0, 0)
     assert camera.latest() is first
     ring.publish(picture(3))
-    ring.slot(2)[-1] ^= 1
+    ring.entries.slot(2)[-1] ^= 1
     assert camera.latest().number == 3
     assert camera.latest().image is None
 

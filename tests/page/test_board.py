@@ -31,7 +31,7 @@ def seen(
     board, tables = board_at(desk), list[dict[str, Any]]()
     ticks = list[rs.Tick]()
     for tick in rs.run(lab.plant, lab.servo(estimator=estimator), lab.target, seconds):
-        desk.ticks.put(tick)
+        desk.ticks.add(tick)
         board.look()
         ticks.append(tick)
         tables.append(board.table())
@@ -79,7 +79,7 @@ def test_the_curves_tell_the_loops_numbers_and_how_late_it_was_at_worst() -> Non
     board, ticks = board_at(desk), list[rs.Tick]()
     lab.plant.clock = LateClock(lab.plant.clock, {104: 4_000_000, 107: 7_000_000})
     for tick in rs.run(lab.plant, lab.servo(), lab.target, 5.0):
-        desk.ticks.put(tick)
+        desk.ticks.add(tick)
         if len(ticks) % 7 == 0:
             board.look()
         ticks.append(tick)
@@ -96,7 +96,7 @@ def test_the_curves_tell_the_loops_numbers_and_how_late_it_was_at_worst() -> Non
     assert sorted(late)[-1] == pytest.approx(7.0, abs=1e-6) and (late > 0.1).sum() <= 2
     servoed = np.array([by_time[round(t * 1e9)].state.phase is rs.Phase.SERVO for t in curves["t"]])
     first = replace(ticks[0], seen=replace(ticks[0].seen, now=ticks[-1].seen.now + 1_555_000_000))
-    desk.ticks.put(first)
+    desk.ticks.add(first)
     board.look()
     assert board.curves.after(len(samples))[0][-1] == 0.0  # another loop has another schedule
     moves = servoed & (np.abs(curves["measured_r"]) > 20.0)

@@ -170,7 +170,7 @@ def test_a_gesture_that_is_half_written_counts_for_nothing() -> None:
     hand = Hand(get_context("spawn"))
     hand.holds(3, (1.0, 2.0, 3.0))
     assert hand.read() == (1, 3, 1.0, 2.0, 3.0, 1.0, False)
-    hand._memory[20] ^= 1
+    hand.gestures.slot(hand.gestures.newest)[40] ^= 1
     assert hand.read() is None
 
 
@@ -264,6 +264,5 @@ def test_the_ring_gives_every_tick_as_its_record_has_it_and_the_newest_where_man
     assert found == [layout.tick(tick) + DUE.pack(tick.time) for tick in ticks[-SLOTS:]]
     assert browser.desk.ticks.after(newest) == (newest, [])
     assert browser.desk.ticks.after(newest - 3) == (newest, found[-3:])
-    slot = browser.desk.ticks._slot(newest)
-    slot[100] ^= 1
+    browser.desk.ticks.slot(newest)[100] ^= 1
     assert browser.desk.ticks.after(newest - 3) == (newest, found[-3:-1])

@@ -8,7 +8,7 @@ from multiprocessing.context import ForkServerContext, SpawnContext
 from typing import Any
 
 from rcmservo.errors import RcmServoError
-from rcmservo.live.memory import left_alone
+from rcmservo.live.realtime import without_huge_pages
 
 Context = SpawnContext | ForkServerContext
 """How processes are started: never by a plain fork, which would copy threads that hold locks."""
@@ -24,7 +24,7 @@ class Child:
     def __init__(self, context: Context, work: Callable[..., None], *arguments: Any) -> None:
         self.wire, its = context.Pipe()
         self.process = context.Process(target=work, args=(*arguments, its), daemon=True)
-        with _ctrl_c_left_to_us(), left_alone():
+        with _ctrl_c_left_to_us(), without_huge_pages():
             self.process.start()
         its.close()
 

@@ -1,52 +1,32 @@
-"""Pictures from process to process: a ring in shared memory, one writer, and readers that never
-wait.
-
-The writer fills the oldest slot and only then says which is the newest. A reader copies that and
-looks again: a slot that changed meanwhile is not used, and a checksum catches what else went wrong.
-The memory has no name, so that nothing is left of it when its processes are gone, however they end.
-"""
+"""Frames of a camera from process to process, in a ring of shared memory."""
 
 import struct
-import zlib
 from multiprocessing.context import BaseContext
-from typing import Any
 
 import numpy as np
 
 from rcmservo.errors import require
-from rcmservo.interfaces import Frame, Image
+from rcmservo.interfaces import Frame
 from rcmservo.live.lab import CameraAccount, LabCamera
+from rcmservo.live.shared_ring import SharedRing
 
 SLOTS = 8
-HEAD = struct.Struct("<qqqqI4x")
-"""Count of the frame in this ring, its number, exposure ns, arrival ns, and a checksum of that and
-the picture."""
+TIMES = struct.Struct("<qqq")
+"""Number of a frame, exposure ns and arrival ns, before its pixels."""
 
 
 class FrameRing:
-    """Room for the last frames of one camera. It is handed to a process when that is started, not
+    """The newest frames of one camera. It is handed to a process when that is started, not
     later."""
 
     def __init__(self, context: BaseContext, width: int, height: int) -> None:
         for name, value in (("width", width), ("height", height)):
             require(1 <= value <= 4096, name, value, "from 1 to 4096 px")
         self.shape = height, width, 3
-        self.size = HEAD.size + height * width * 3
-        self._memory: Any = context.RawArray("B", SLOTS * self.size)
-        self._newest: Any = context.RawValue("q", -1)
-
-    @property
-    def newest(self) -> int:
-        """Count of the newest frame, −1 before the first."""
-        return self._newest.value
-
-    def slot(self, count: int) -> memoryview:
-        """The memory of a frame by its count."""
-        start = count % SLOTS * self.size
-        return memoryview(self._memory).cast("B")[start : start + self.size]
+        self.entries = SharedRing(context, SLOTS, TIMES.size + height * width * 3)
 
     def publish(self, frame: Frame) -> None:
-        """Make a frame the newest: the camera's side."""
+        """Add a frame as the newest."""
         image = frame.image
         good = image is not None and image.shape == self.shape and image.dtype == np.uint8
         require(
@@ -56,43 +36,33 @@ class FrameRing:
             f"a picture of the shape {self.shape}",
         )
         assert image is not None
-        count = self.newest + 1
-        slot, pixels = self.slot(count), np.ascontiguousarray(image).data.cast("B")
-        HEAD.pack_into(slot, 0, -1, 0, 0, 0, 0)
-        slot[HEAD.size :] = pixels
-        numbers = count, frame.number, frame.exposure, frame.arrival
-        HEAD.pack_into(slot, 0, *numbers, _checksum(numbers, pixels))
-        self._newest.value = count
+        times = TIMES.pack(frame.number, frame.exposure, frame.arrival)
+        self.entries.put(times, np.ascontiguousarray(image).data.cast("B"))
 
-
-def _checksum(numbers: tuple[int, ...], pixels: memoryview) -> int:
-    return zlib.crc32(pixels, zlib.crc32(struct.pack("<qqqq", *numbers)))
+    def read(self, entry: int) -> Frame | None:
+        """Return a frame by its entry; None if it is overwritten. A damaged one has no image."""
+        found = self.entries.read(entry)
+        if found is None:
+            return None
+        pixels = np.frombuffer(found.data, np.uint8, offset=TIMES.size)
+        image = pixels.reshape(self.shape) if found.is_sound else None
+        return Frame(*TIMES.unpack_from(found.data), image=image)
 
 
 class RingCamera:
-    """The reader's side, as a camera. A damaged frame comes without its picture."""
+    """Camera that offers the newest frame of a ring."""
 
     def __init__(self, ring: FrameRing) -> None:
         self._ring = ring
-        self._count = -1
+        self._entry = -1
         self._frame: Frame | None = None
 
     def latest(self) -> Frame | None:
-        count = self._ring.newest
-        if count > self._count:
-            self._read(count)
+        newest = self._ring.entries.newest
+        frame = self._ring.read(newest) if newest > self._entry else None
+        if frame is not None:
+            self._entry, self._frame = newest, frame
         return self._frame
-
-    def _read(self, count: int) -> None:
-        slot = self._ring.slot(count)
-        head, pixels = HEAD.unpack_from(slot), bytes(slot[HEAD.size :])
-        if head[0] != count or HEAD.unpack_from(slot) != head:
-            return
-        good = _checksum(head[:4], memoryview(pixels)) == head[4]
-        image: Image | None = (
-            np.frombuffer(pixels, np.uint8).reshape(self._ring.shape) if good else None
-        )
-        self._count, self._frame = count, Frame(head[1], head[2], head[3], image=image)
 
 
 class ShownCamera:

@@ -23,7 +23,7 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError, Stopped
 from rcmservo.live.child import END, Child, Context
-from rcmservo.live.memory import left_alone
+from rcmservo.live.realtime import without_huge_pages
 from rcmservo.live.reports import LiveResult, Report
 from rcmservo.live.servo_process import STANDING, Session, serve
 from rcmservo.live.told_to_end import stopped_by_signals
@@ -101,7 +101,7 @@ def run_live(
     Ctrl-C, a signal that ends a program in order, a terminal that is closed: each lets the servo
     bring the arm to rest and end its record, and is then raised.
     """
-    with stopped_by_signals(), left_alone():
+    with stopped_by_signals(), without_huge_pages():
         return _run_live(session, off, progress, beside)
 
 

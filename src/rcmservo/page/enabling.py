@@ -34,7 +34,7 @@ def await_enable(desk: Desk, servo: Servo, intent: str, plant: Plant) -> Target:
     while True:
         now = next(schedule)
         go_on(plant.told_to_end)
-        desk.ticks.put(Tick(now, servo, plant.read(), Request.NONE, STILL, state, STILL))
+        desk.ticks.add(Tick(now, servo, plant.read(), Request.NONE, STILL, state, STILL))
         target = _shown(desk, plant) if _enabled(desk) else None
         if target is not None:
             return target

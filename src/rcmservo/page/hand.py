@@ -3,13 +3,14 @@ newest is what counts, so that nothing of it waits in a queue.
 """
 
 import struct
-import zlib
 from multiprocessing.context import BaseContext
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from rcmservo.live.shared_ring import SharedRing
 
 NONE = -1
 LAYOUT = struct.Struct("<qqdddd?")
-SUM = struct.Struct("<I")
+SLOTS = 2
 
 
 class Gesture(NamedTuple):
@@ -36,7 +37,7 @@ class Hand:
     started."""
 
     def __init__(self, context: BaseContext) -> None:
-        self._memory: Any = context.RawArray("B", LAYOUT.size + SUM.size)
+        self.gestures = SharedRing(context, SLOTS, LAYOUT.size)
         self._now = Gesture()
         self._write(self._now)
 
@@ -58,12 +59,9 @@ class Hand:
 
     def _write(self, gesture: Gesture) -> None:
         self._now = gesture
-        data = LAYOUT.pack(*gesture)
-        memoryview(self._memory).cast("B")[:] = data + SUM.pack(zlib.crc32(data))
+        self.gestures.put(LAYOUT.pack(*gesture))
 
     def read(self) -> Gesture | None:
-        """The newest gesture; None while it is being written."""
-        data = bytes(self._memory)
-        body = data[: LAYOUT.size]
-        whole = SUM.unpack(data[LAYOUT.size :])[0] == zlib.crc32(body)
-        return Gesture(*LAYOUT.unpack(body)) if whole else None
+        """The newest gesture; None if it is overwritten at this moment, or damaged."""
+        entry = self.gestures.read(self.gestures.newest)
+        return Gesture(*LAYOUT.unpack(entry.data)) if entry and entry.is_sound else None

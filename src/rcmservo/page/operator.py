@@ -58,7 +58,7 @@ class PageOperator:
         joint_rates(chosen.servo.rcm, np.zeros(3), np.zeros(3))  # compiled before the loop begins
 
     def __call__(self, tick: Tick) -> Want:
-        self._desk.ticks.put(tick)
+        self._desk.ticks.add(tick)
         self._tell(tick)
         self._tell_teaching(tick)
         self._look(tick)

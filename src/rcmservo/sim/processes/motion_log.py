@@ -1,5 +1,9 @@
 """What a simulated arm did, millisecond by millisecond, in memory that its camera and its judge
-share with it."""
+share with it.
+
+It is no `SharedRing`: readers index rows by time and take tens of thousands as one array, which
+copies and checksums of single entries would make slow.
+"""
 
 from multiprocessing.context import BaseContext
 from typing import Any

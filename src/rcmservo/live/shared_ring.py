@@ -1,0 +1,83 @@
+"""Ring of byte strings in shared memory: one writer that never waits, readers that copy and check.
+
+The writer fills the oldest slot and only then publishes its number. A reader copies a slot and
+checks its head again: an entry that changed meanwhile is not used, and a checksum reveals any other
+damage. The memory has no name, so nothing of it remains when its processes are gone, however they
+end.
+"""
+
+import struct
+import zlib
+from multiprocessing.context import BaseContext
+from typing import Any, NamedTuple
+
+HEAD = struct.Struct("<qII")
+"""Number of an entry in its ring, length of its bytes, and their checksum (CRC-32)."""
+EMPTY = -1
+"""Number of the newest entry before the first, and that in the head of a slot being filled."""
+
+
+class Entry(NamedTuple):
+    """A copy of an entry."""
+
+    data: bytes
+    """Its bytes."""
+    is_sound: bool
+    """False if they are not those that were written."""
+
+
+class SharedRing:
+    """The newest entries of one writer, numbered from 0. It is handed to a process when that is
+    started, not later.
+
+    Parameters
+    ----------
+    context : BaseContext
+        Context of the processes that share the ring.
+    slots : int
+        Number of entries that it holds.
+    size : int
+        Largest length of an entry in bytes.
+    """
+
+    def __init__(self, context: BaseContext, slots: int, size: int) -> None:
+        self._slots, self._size = slots, HEAD.size + size
+        self._memory: Any = context.RawArray("B", self._slots * self._size)
+        self._newest: Any = context.RawValue("q", EMPTY)
+
+    @property
+    def newest(self) -> int:
+        """Number of the newest entry, `EMPTY` before the first."""
+        return self._newest.value
+
+    def slot(self, number: int) -> memoryview:
+        """Return the memory of an entry."""
+        start = number % self._slots * self._size
+        return memoryview(self._memory).cast("B")[start : start + self._size]
+
+    def put(self, *parts: bytes | memoryview) -> None:
+        """Add the joined parts as the newest entry."""
+        number, checksum, end = self.newest + 1, 0, HEAD.size
+        slot = self.slot(number)
+        HEAD.pack_into(slot, 0, EMPTY, 0, 0)
+        for part in parts:
+            slot[end : end + len(part)] = part
+            checksum, end = zlib.crc32(part, checksum), end + len(part)
+        HEAD.pack_into(slot, 0, number, end - HEAD.size, checksum)
+        self._newest.value = number
+
+    def read(self, number: int) -> Entry | None:
+        """Return a copy of an entry; None if it is overwritten, or being written."""
+        slot = self.slot(number)
+        head = found, length, checksum = HEAD.unpack_from(slot)
+        data = bytes(slot[HEAD.size : HEAD.size + length])
+        if found != number or HEAD.unpack_from(slot) != head:
+            return None
+        return Entry(data, zlib.crc32(data) == checksum)
+
+    def after(self, number: int) -> tuple[int, list[bytes]]:
+        """Return the number of the newest entry, and the sound ones after a number."""
+        newest = self.newest
+        first = max(number, newest - self._slots) + 1
+        entries = [self.read(one) for one in range(first, newest + 1)]
+        return newest, [entry.data for entry in entries if entry is not None and entry.is_sound]
