@@ -23,11 +23,12 @@ from pathlib import Path
 from struct import unpack_from
 
 import numpy as np
+from mcap.opcode import Opcode
 
 import rcmservo as rs
 from rcmservo.interfaces import Image
 from rcmservo.record import reader
-from rcmservo.record.mcap_chunks import DATA_END, MAGIC
+from rcmservo.record.mcap_recovery import MAGIC
 from rcmservo.record.writer import Recorder
 from rcmservo.tracking import PointMarkers
 
@@ -139,7 +140,7 @@ def flips(before: Original, count: int, seed: int = 0) -> Iterator[bytes]:
 def heads(data: bytes) -> Iterator[int]:
     """Where the records of a file's data begin: header, chunks, indexes, and the end of them."""
     place, kind = len(MAGIC), 0
-    while kind != DATA_END:
+    while kind != Opcode.DATA_END:
         yield place
         kind, length = unpack_from("<BQ", data, place)
         place += HEAD + length

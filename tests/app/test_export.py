@@ -14,7 +14,7 @@ from rcmservo.app.export import UNITS, arrays
 from rcmservo.offline import frames_folder as recording
 from rcmservo.record import reader
 from rcmservo.record.columns import TRUTH
-from rcmservo.record.layout import TICK, TRUTH_LAYOUT
+from rcmservo.record.ros2_messages import TICK, TRUTH_LAYOUT
 from rcmservo.record.writer import Recorder
 from rcmservo.tracking import ColourMarkers
 

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rcmservo.hardware.crtk import messages as m
-from rcmservo.hardware.crtk.cdr import Malformed, packed, unpacked
+from rcmservo.hardware.crtk.cdr import packed, unpacked
 from rcmservo.hardware.crtk.ros2 import dds, shape
+from rcmservo.record.cdr import MalformedMessage
 
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 texts = st.text(st.characters(blacklist_characters="\0", blacklist_categories=("Cs",)), max_size=9)
@@ -67,11 +68,11 @@ def test_what_is_cut_or_damaged_is_told_or_another_message(
     at, value = data.draw(st.integers(0, len(whole) - 1)), data.draw(st.integers(0, 255))
     damaged = whole[:at] + bytes([value]) + whole[at + 1 :]
     for bytes_ in (cut, damaged):
-        with contextlib.suppress(Malformed):
+        with contextlib.suppress(MalformedMessage):
             assert isinstance(unpacked(type(said), bytes_), type(said))
 
 
 def test_lengths_that_cannot_be_are_refused() -> None:
     huge = packed(m.JointState(0))[:16] + b"\xff\xff\xff\xff" * 4
-    with pytest.raises(Malformed):
+    with pytest.raises(MalformedMessage):
         unpacked(m.JointState, huge)

@@ -18,7 +18,7 @@ from rcmservo.page.settings import Chosen
 from rcmservo.page.tick_ring import DUE, SLOTS
 from rcmservo.page.wants import Aim, Beat, Go, Held, Led, Note, Released, Taught, TeachAs, Teaching
 from rcmservo.page.web.page_process import changing_hands, done
-from rcmservo.record import layout
+from rcmservo.record.ros2_messages import encode_tick
 
 Scene = dict[int, list[object]]
 """What the page says after which tick."""
@@ -261,7 +261,7 @@ def test_the_ring_gives_every_tick_as_its_record_has_it_and_the_newest_where_man
     ticks, browser = ran({}, 6.0)
     newest, found = browser.desk.ticks.after(-1)
     assert newest == len(ticks) - 1 == 599 and len(found) == SLOTS
-    assert found == [layout.tick(tick) + DUE.pack(tick.time) for tick in ticks[-SLOTS:]]
+    assert found == [encode_tick(tick) + DUE.pack(tick.time) for tick in ticks[-SLOTS:]]
     assert browser.desk.ticks.after(newest) == (newest, [])
     assert browser.desk.ticks.after(newest - 3) == (newest, found[-3:])
     browser.desk.ticks.slot(newest)[100] ^= 1

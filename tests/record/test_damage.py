@@ -15,14 +15,16 @@ import zstandard
 from damage import REFUSED, SHORT, WHOLE, Original, cuts, flips, head_flips, heads, original, read
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 import rcmservo as rs
 from conftest import first_quick
-from rcmservo.record import layout, mcap_chunks, reader
-from rcmservo.record.layout import DEFINITIONS, TICK, TOPICS
-from rcmservo.record.mcap_chunks import LARGEST, MAGIC
+from rcmservo.record import mcap_recovery, reader
+from rcmservo.record import ros2_messages as ros2
+from rcmservo.record.mcap_recovery import MAGIC, MAX_RECORD
 from rcmservo.record.recompute import recompute
+from rcmservo.record.ros2_messages import DEFINITIONS, TICK, TOPICS
 
 MIB = 2**20
 CHUNK = 6
@@ -196,8 +198,8 @@ def test_a_file_that_unpacks_to_far_more_than_it_holds_is_read_to_a_bound(
     plain: Original, path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path.write_bytes(plain.data)
-    monkeypatch.setattr(mcap_chunks, "ROOM", 0)
-    monkeypatch.setattr(mcap_chunks, "RATIO", 1)
+    monkeypatch.setattr(mcap_recovery, "FREE_UNPACKED", 0)
+    monkeypatch.setattr(mcap_recovery, "MAX_RATIO", 1)
     assert read(path, plain) == SHORT
 
 
@@ -234,9 +236,9 @@ def bomb(claimed: int) -> bytes:
         joined([chunk(b"", size=2**62, packed=bomb(2**62))]),
         joined([chunk(b"", size=2**30, packed=bomb(2**30))]),
         joined([chunk(b"", size=100, packed=bomb(2**40))]),
-        joined([chunk(bytes(LARGEST), size=100)]),
-        joined([chunk(bytes(LARGEST + 1))]),
-        joined([chunk(b"\x05" + struct.pack("<Q", LARGEST - 9) + bytes(LARGEST - 9))] * 200),
+        joined([chunk(bytes(MAX_RECORD), size=100)]),
+        joined([chunk(bytes(MAX_RECORD + 1))]),
+        joined([chunk(b"\x05" + struct.pack("<Q", MAX_RECORD - 9) + bytes(MAX_RECORD - 9))] * 200),
         joined([chunk(b"\x03" + struct.pack("<Q", 10) + b"\x01\x00\xff\xff\xff\xff" + bytes(4))]),
         joined([chunk(b"\x05" + struct.pack("<Q", 2) + b"\x01\x00")]),
         joined([chunk(b"\x04" + struct.pack("<Q", 0))]),
@@ -260,10 +262,42 @@ def test_hostile_bytes_are_refused_in_little_memory(data: bytes, path: Path) -> 
     assert peak < 128 * MIB
 
 
+def hidden_stage(data: bytes) -> bytes:
+    """A file with one bit flipped: the chunk that holds a stage alone is of an unknown kind."""
+    place = [place for place in heads(data) if data[place] == CHUNK][1]
+    return data[:place] + bytes([CHUNK ^ 0x80]) + data[place + 1 :]
+
+
+def unchecked_message(data: bytes) -> bytes:
+    """A file with a message between its chunks, where no checksum covers it."""
+    record = b"\x05" + struct.pack("<QHIQQ", 22 + 4, 1, 0, 0, 0) + b"told"
+    place = next(place for place in heads(data) if data[place] == 0x0F)
+    return data[:place] + record + data[place:]
+
+
+@pytest.mark.parametrize("change", [hidden_stage, unchecked_message])
+def test_the_stream_reader_of_mcap_does_not_keep_these_promises(
+    change: Callable[[bytes], bytes], staged_run: Original, path: Path
+) -> None:
+    """It reads such files without an error, and unpacks 160 MiB where 100 bytes are claimed."""
+    path.write_bytes(change(staged_run.data))
+    with path.open("rb") as file:
+        list(StreamReader(file, validate_crcs=True, record_size_limit=MAX_RECORD).records)
+    assert read(path, staged_run) == SHORT
+    packed = zstandard.compress(bytes(160 * MIB))
+    claims = io.BytesIO(joined([chunk(b"", size=100, packed=packed)]))
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="crc"):
+        list(StreamReader(claims, validate_crcs=True, record_size_limit=MAX_RECORD).records)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak > 160 * MIB
+
+
 def test_a_chunk_that_unpacks_to_more_than_any_is_refused(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mcap_chunks, "ROOM", 2**40)
+    monkeypatch.setattr(mcap_recovery, "FREE_UNPACKED", 2**40)
     data = joined([chunk(bytes(160 * MIB))])
     test_hostile_bytes_are_refused_in_little_memory(data, path)
 
@@ -302,7 +336,7 @@ def forged(contents: list[tuple[str, bytes]], definitions: dict[str, str] | None
 def test_a_record_without_an_end_tells_how_long_the_run_was_to_last_if_it_knows(
     told: str, words: str, path: Path
 ) -> None:
-    data = forged([("rcmservo/about", layout.text(f'{{"duration_s": {told}}}'))])
+    data = forged([("rcmservo/about", ros2.encode_text(f'{{"duration_s": {told}}}'))])
     until, unknown = f"it is read up to 0.00 s{words}, ", "how much more there was is not known"
     end = len(MAGIC) + sum(map(len, records(data)[:3]))
     path.write_bytes(data[:end])
@@ -314,27 +348,27 @@ def test_a_record_without_an_end_tells_how_long_the_run_was_to_last_if_it_knows(
     assert reader.read(path).missing == cut
 
 
-ABOUT = ("rcmservo/about", layout.text("{}"))
+ABOUT = ("rcmservo/about", ros2.encode_text("{}"))
 STAGE = {"origin": -1, "target": {"points": [[0, 0], [1, 1]], "q": [0, 0, 0]}, "servo": {}}
 
 
 def staged(**changes: object) -> tuple[str, bytes]:
-    return "rcmservo/stage", layout.text(json.dumps(STAGE | changes))
+    return "rcmservo/stage", ros2.encode_text(json.dumps(STAGE | changes))
 
 
 @pytest.mark.parametrize(
     "contents",
     [
-        [("rcmservo/about", layout.text("[1]"))],
-        [("rcmservo/about", layout.text("{"))],
-        [("rcmservo/about", layout.text("[" * 100_000))],
-        [("rcmservo/about", layout.text('{"a": ' + "9" * 5000 + "}"))],
+        [("rcmservo/about", ros2.encode_text("[1]"))],
+        [("rcmservo/about", ros2.encode_text("{"))],
+        [("rcmservo/about", ros2.encode_text("[" * 100_000))],
+        [("rcmservo/about", ros2.encode_text('{"a": ' + "9" * 5000 + "}"))],
         [("rcmservo/about", b"")],
         [("rcmservo/about", b"\0\1\0\0\xff\xff\xff\xff")],
         [ABOUT, ("rcmservo/tick", bytes(TICK.itemsize - 1))],
         [ABOUT, ("rcmservo/tick", bytes(TICK.itemsize + 19))],
         [ABOUT, ("rcmservo/truth", b"")],
-        [ABOUT, ("rcmservo/stage", layout.text("{}"))],
+        [ABOUT, ("rcmservo/stage", ros2.encode_text("{}"))],
         [ABOUT, staged(origin=0)],
         [ABOUT, staged(origin=-3)],
         [ABOUT, staged(origin=True)],
@@ -368,8 +402,8 @@ def test_a_frame_that_is_no_picture_is_refused(path: Path) -> None:
     for data in (
         b"",
         bytes(50),
-        layout.image(5, b""),
-        layout.image(5, b"\xff\xd8\xff" + bytes(50) + b"\xff\xd9"),
+        ros2.encode_picture(5, b""),
+        ros2.encode_picture(5, b"\xff\xd8\xff" + bytes(50) + b"\xff\xd9"),
     ):
         path.write_bytes(forged([ABOUT, ("image_raw/compressed", data)]))
         with pytest.raises(rs.UnusableFile):
@@ -381,7 +415,7 @@ def test_a_frame_that_is_no_picture_is_refused(path: Path) -> None:
     st.lists(st.tuples(st.sampled_from(sorted(TOPICS)), st.binary(max_size=60)), max_size=5),
     st.booleans(),
 )
-@example([("rcmservo/stage", layout.text(json.dumps(STAGE))), ("rcmservo/tick", b"")], True)
+@example([("rcmservo/stage", ros2.encode_text(json.dumps(STAGE))), ("rcmservo/tick", b"")], True)
 def test_any_messages_at_all_are_read_or_refused(
     path: Path, contents: list[tuple[str, bytes]], begun: bool
 ) -> None:
@@ -403,9 +437,9 @@ def test_a_tick_of_any_numbers_and_words_can_be_run_again_or_is_refused(
 ) -> None:
     numbers = (fill * TICK.itemsize)[: TICK.itemsize]
     stage = json.dumps(STAGE | {"servo": plain.rows.stages[0].servo})
-    tick = numbers + layout.strings(words, TICK.itemsize)
+    tick = numbers + ros2.codec().encode(ros2.NAMES, *words)[4:]
     path.write_bytes(
-        forged([ABOUT, ("rcmservo/stage", layout.text(stage)), ("rcmservo/tick", tick)])
+        forged([ABOUT, ("rcmservo/stage", ros2.encode_text(stage)), ("rcmservo/tick", tick)])
     )
     rows = reader.read(path)
     assert [
@@ -416,9 +450,9 @@ def test_a_tick_of_any_numbers_and_words_can_be_run_again_or_is_refused(
 
 
 def test_ticks_of_two_versions_in_one_record_are_refused(path: Path) -> None:
-    old, *_, new = layout.TICKS.items()
+    old, *_, new = ros2.TICKS.items()
     with pytest.raises(rs.UnusableFile, match="another version than those before"):
         rows = reader._Rows(path)
         for definition, kind in (old, new):
-            data = bytes(kind.itemsize) + layout.strings([""] * 5, kind.itemsize)
-            rows.add(mcap_chunks.Message("rcmservo/tick", definition, 0, data))
+            data = bytes(kind.itemsize) + ros2.codec().encode(ros2.NAMES, *5 * [""])[4:]
+            rows.add(mcap_recovery.Message("rcmservo/tick", definition, 0, data))

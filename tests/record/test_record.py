@@ -18,7 +18,8 @@ from rosbags.highlevel import AnyReader
 
 import rcmservo as rs
 from rcmservo.method.estimators.projection import ProjectionEstimator
-from rcmservo.record import layout, reader
+from rcmservo.record import reader
+from rcmservo.record import ros2_messages as ros2
 from rcmservo.record.columns import LATER
 from rcmservo.record.recompute import recompute
 from rcmservo.record.writer import FRAMES_WAITING, WAITING, Recorder, ThreadedRecorder
@@ -247,8 +248,8 @@ def test_a_run_is_a_ros_2_bag_with_joints_in_si_units(written: Written) -> None:
 
 
 def test_joints_that_are_not_known_are_left_out_of_joint_states() -> None:
-    states = layout.JointStates(("theta", "phi", "rho"))
-    known, unknown = states.positions(5, np.ones(3)), states.positions(5, np.full(3, np.nan))
+    names = "theta", "phi", "rho"
+    known, unknown = (ros2.encode_positions(names, 5, q) for q in (np.ones(3), np.full(3, np.nan)))
     decode = DecoderFactory().decoder_for("cdr", _schema("sensor_msgs/msg/JointState"))
     assert decode is not None
     assert len(decode(known).position) == 3
@@ -258,7 +259,7 @@ def test_joints_that_are_not_known_are_left_out_of_joint_states() -> None:
 def _schema(name: str) -> Any:
     from mcap.records import Schema
 
-    return Schema(id=1, name=name, encoding="ros2msg", data=layout.DEFINITIONS[name].encode())
+    return Schema(id=1, name=name, encoding="ros2msg", data=ros2.DEFINITIONS[name].encode())
 
 
 def test_frames_come_back_with_their_exposure(written: Written, tmp_path: Path) -> None:
@@ -521,24 +522,24 @@ def test_phase_cause_and_way_out_stand_in_the_record_in_words_under_crtk_s_name(
     assert [message.substate for message in told] == changes
     assert {message.state for message in told} == {"ENABLED"}
     assert [message.is_busy for message in told] == [False, True, True]
-    paused = layout.operating_state(5, rs.Mode(rs.Phase.PAUSED, rs.Cause.STALE))
+    paused = ros2.encode_operating_state(5, rs.Mode(rs.Phase.PAUSED, rs.Cause.STALE))
     assert b"PAUSED\0" in paused and rs.Cause.STALE.words.encode() in paused
 
 
-@pytest.mark.parametrize("version", range(len(layout.TICKS)))
+@pytest.mark.parametrize("version", range(len(ros2.TICKS)))
 def test_ticks_as_every_version_wrote_them_are_computed_again_and_what_they_lack_is_not_known(
     written: Written, version: int
 ) -> None:
-    record, kind = reader.read(written.folder), list(layout.TICKS.values())[version]
+    record, kind = reader.read(written.folder), list(ros2.TICKS.values())[version]
     rows: list[bytes] = []
     for tick in written.ticks:
-        now = np.frombuffer(layout.tick(tick)[: layout.TICK.itemsize], layout.TICK)
+        now = np.frombuffer(ros2.encode_tick(tick)[: ros2.TICK.itemsize], ros2.TICK)
         then = np.zeros(1, kind)
         for name in kind.names or ():
             then[name] = now[name]
         rows.append(then.tobytes())
-    ticks = layout.tick_columns(kind, rows)
-    assert set(ticks) == set(record.ticks) & set(layout.TICK.names or ())
+    ticks = ros2.tick_columns(kind, rows)
+    assert set(ticks) == set(record.ticks) & set(ros2.TICK.names or ())
     lacking = {name for name, column in ticks.items() if np.isnan(column).all()}
     assert lacking >= {name for names in LATER[version:] for name in names}
     assert recompute(replace(record, ticks={**record.ticks, **ticks})).same

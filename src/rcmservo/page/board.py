@@ -20,9 +20,9 @@ from rcmservo.page.tick_ring import DUE
 from rcmservo.page.tour import HowFar
 from rcmservo.page.wants import Aim, Between, InForce, Note, OnTour, Taught, Teaching
 from rcmservo.page.ways import ways
-from rcmservo.record import layout
+from rcmservo.record import ros2_messages
 from rcmservo.record.columns import WORDS
-from rcmservo.record.layout import TICK
+from rcmservo.record.ros2_messages import TICK
 from rcmservo.servo.servo import Servo
 
 NOTES = 20
@@ -198,8 +198,8 @@ class Board:
 
 def told(data: bytes) -> Table:
     """A tick of the ring as columns and names."""
-    columns = layout.tick_columns(TICK, [data])
-    names = layout.words_of(data, TICK.itemsize, len(WORDS))
+    columns = ros2_messages.tick_columns(TICK, [data])
+    names = ros2_messages.decode_names(data[: -DUE.size], TICK)
     words = {one.name: name for one, name in zip(WORDS, names, strict=True)}
     (due,) = DUE.unpack(data[-DUE.size :])
     return {name: column[0] for name, column in columns.items()} | words | {"time": due}

@@ -6,7 +6,7 @@ from multiprocessing.context import BaseContext
 
 from rcmservo.live.shared_ring import SharedRing
 from rcmservo.loop.tick import Tick
-from rcmservo.record import layout
+from rcmservo.record.ros2_messages import encode_tick
 
 SLOTS = 512
 MAX_TICK = 4096
@@ -23,4 +23,4 @@ class TickRing(SharedRing):
 
     def add(self, tick: Tick) -> None:
         """Add a tick as the newest."""
-        self.put(layout.tick(tick), DUE.pack(tick.time))
+        self.put(encode_tick(tick), DUE.pack(tick.time))

@@ -5,14 +5,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rcmservo.config.texts import is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase
 from rcmservo.record.columns import WORDS
-from rcmservo.record.layout import TICKS, words_of
-from rcmservo.record.mcap_chunks import MAGIC, Messages, chunk_places, in_chunk
+from rcmservo.record.mcap_recovery import MAGIC, MessageReader, find_chunks, read_chunk
 from rcmservo.record.reader import TICK_TOPIC
+from rcmservo.record.ros2_messages import TICKS, decode_names, decode_text
 
 LAST = 20
 """Chunks at the end among which there must be a tick."""
@@ -38,7 +40,7 @@ class Glance:
 
 def glance(path: Path) -> Glance:
     """Look at a record's file. What is between its ends is not looked at."""
-    messages = Messages(path)
+    messages = MessageReader(path)
     about, servo, layout = None, {}, None
     for message in messages:
         if message.topic == TICK_TOPIC:
@@ -52,19 +54,19 @@ def glance(path: Path) -> Glance:
         raise UnusableFile(path, "is not a record of a run, or its start is damaged")
     seconds, phase, cause = 0.0, "", ""
     if layout is not None:
-        time, words = _last(path, messages.number(TICK_TOPIC), layout.itemsize)
+        time, words = _last(path, messages.channel(TICK_TOPIC), layout)
         seconds = time * 1e-9
         phase, cause = _word(Phase, words.get("phase", "")), _word(Cause, words.get("cause", ""))
     return Glance(about, servo, seconds, phase, cause, _ended(path))
 
 
-def _last(path: Path, number: int, size: int) -> tuple[int, dict[str, str]]:
+def _last(path: Path, channel: int, layout: np.dtype[Any]) -> tuple[int, dict[str, str]]:
     """Time ns and names of the last tick."""
-    for place in reversed(chunk_places(path)[-LAST:]):
-        for message in reversed(in_chunk(path, place)):
-            if message.number == number:
-                names = words_of(message.data, size, len(WORDS))
-                return message.time, {
+    for place in reversed(find_chunks(path)[-LAST:]):
+        for message in reversed(read_chunk(path, place)):
+            if message.channel_id == channel:
+                names = decode_names(message.data, layout)
+                return message.log_time, {
                     one.name: name for one, name in zip(WORDS, names, strict=True)
                 }
     return 0, {}
@@ -75,7 +77,7 @@ def _word(kind: type[Phase] | type[Cause], name: str) -> str:
 
 
 def _table(data: bytes) -> dict[str, Any]:
-    value: object = json.loads(words_of(data, 4, 1)[0])
+    value: object = json.loads(decode_text(data))
     return value if is_table(value) else {}
 
 

@@ -1,7 +1,7 @@
 """A run as it was recorded, as columns: what the servo saw, knew and decided at every tick.
 
 A file that was cut or damaged is read up to there, and the record says how much is missing. What is
-read is as it was written, bit for bit: see mcap_chunks.py.
+read is as it was written, bit for bit: see mcap_recovery.py.
 """
 
 import json
@@ -19,19 +19,21 @@ from rcmservo.errors import UnusableFile
 from rcmservo.interfaces import Floats, Image
 from rcmservo.record import memory
 from rcmservo.record.columns import TRUTH, WORDS
-from rcmservo.record.layout import (
+from rcmservo.record.mcap_recovery import Message, MessageReader
+from rcmservo.record.ros2_messages import (
     DEFINITIONS,
     TICK,
     TICKS,
     TOPICS,
     TRUTH_LAYOUT,
     columns,
-    image_of,
-    operating_words,
+    decode_memory,
+    decode_names,
+    decode_operating_words,
+    decode_picture,
+    decode_text,
     tick_columns,
-    words_of,
 )
-from rcmservo.record.mcap_chunks import Message, Messages
 from rcmservo.record.stage import Stage, stage_of
 from rcmservo.tracking import decode_image
 
@@ -122,13 +124,13 @@ def file_of(path: Path) -> Path:
 
 def begun(path: Path) -> bool:
     """Whether a record holds a tick; it is read no further than to the first."""
-    return any(message.topic == TICK_TOPIC for message in Messages(file_of(path)))
+    return any(message.topic == TICK_TOPIC for message in MessageReader(file_of(path)))
 
 
 def read(path: Path) -> Record:
     """A run from its folder or MCAP file, up to its end or to where it was cut or damaged."""
     path = file_of(path)
-    messages = Messages(path)
+    messages = MessageReader(path)
     rows = _Rows(path)
     for message in messages:
         rows.add(message)
@@ -152,10 +154,10 @@ def pictures(path: Path) -> Iterator[tuple[int, bytes]]:
     """The exposures of a record's frames, and their pictures as the JPEG files that they are kept
     as."""
     path = file_of(path)
-    for message in Messages(path):
+    for message in MessageReader(path):
         if message.topic == "image_raw/compressed":
             try:
-                yield image_of(message.data)
+                yield decode_picture(message.data)
             except ValueError as error:
                 raise UnusableFile(path, f"holds a frame that cannot be read: {error}") from error
 
@@ -198,9 +200,9 @@ class _Rows:
             self.ticks.append(message.data)
             self._words.append(self._tail(message.data))
         elif topic == memory.TOPIC:
-            self.memory[len(self.ticks)] = memory.decoded(message.data)
+            self.memory[len(self.ticks)] = decode_memory(message.data)
         elif topic == "operating_state":
-            self.operating.append((len(self.ticks), operating_words(message.data)))
+            self.operating.append((len(self.ticks), decode_operating_words(message.data)))
         elif topic == "rcmservo/truth":
             self.truth.append(message.data)
         elif topic == "rcmservo/stage":
@@ -218,10 +220,10 @@ class _Rows:
         tail = data[self._layout.itemsize :]
         words = self._tails.get(tail)
         if words is None:
-            words = self._tails[tail] = words_of(data, self._layout.itemsize, len(WORDS))
+            words = self._tails[tail] = decode_names(data, self._layout)
         return words
 
-    def record(self, messages: Messages) -> Record:
+    def record(self, messages: MessageReader) -> Record:
         """All of it as columns."""
         time = np.array(self.times, dtype=np.float64) * 1e-9
         return Record(
@@ -260,12 +262,12 @@ def _planned(about: object) -> float | None:
     return float(seconds) if type(seconds) in (int, float) and 0.0 < seconds < LONGEST else None
 
 
-def _missing(messages: Messages, last: float, planned: float | None) -> str:
+def _missing(messages: MessageReader, last: float, planned: float | None) -> str:
     """What is missing of a file, in one sentence; empty if nothing is."""
     if messages.complete:
         return ""
     if messages.summary is not None:
-        until = f"{last:.2f} s of {messages.summary.end * 1e-9:.2f} s"
+        until = f"{last:.2f} s of {messages.summary.message_end_time * 1e-9:.2f} s"
         left_out = f"{messages.unread} of its {messages.size} bytes"
         return f"the record is damaged: it is read up to {until}, {left_out} are left out"
     until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of the planned {planned:.2f} s"
@@ -279,7 +281,7 @@ def _missing(messages: Messages, last: float, planned: float | None) -> str:
 
 def _json(data: bytes) -> object:
     """The object in a std_msgs/String."""
-    value: object = json.loads(words_of(data, 4, 1)[0])
+    value: object = json.loads(decode_text(data))
     if not is_table(value):
         raise ValueError("it is no JSON object")
     return value

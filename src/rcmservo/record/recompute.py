@@ -22,10 +22,10 @@ from rcmservo.interfaces import Dropped, Floats, Observation, Target
 from rcmservo.loop.operator import same
 from rcmservo.loop.tick import Tick
 from rcmservo.method.estimators.base import Estimator
-from rcmservo.record import layout, memory, reader
+from rcmservo.record import memory, reader, ros2_messages
 from rcmservo.record.columns import WORDS
-from rcmservo.record.layout import TICK
 from rcmservo.record.reader import Column, Record
+from rcmservo.record.ros2_messages import TICK
 from rcmservo.record.stage import ELSEWHERE, NOTHING, Stage
 from rcmservo.servo.own_estimator import called
 from rcmservo.servo.servo import Servo, State
@@ -87,13 +87,13 @@ def recompute(
     kept: dict[int, Floats] = {}
     servos = [servo_of(then, stage, own) if servo is None else servo for stage in then.stages]
     for tick in _ticks(then, servos):
-        rows.append(layout.tick(tick))
-        decided.append(layout.words_of(rows[-1], TICK.itemsize, len(WORDS)))
+        rows.append(ros2_messages.encode_tick(tick))
+        decided.append(ros2_messages.decode_names(rows[-1], TICK))
         numbers = memory.numbers_of(tick)
         if numbers is not None:
             kept[len(rows) - 1] = numbers
     words = {one.name: [row[i] for row in decided] for i, one in enumerate(WORDS)}
-    ticks = layout.columns(TICK, rows) | memory.column(kept, len(rows))
+    ticks = ros2_messages.columns(TICK, rows) | memory.column(kept, len(rows))
     now = replace(then, ticks=ticks, words=words, operating=[])
     other = servo is not None and any(describe(servo) != stage.servo for stage in then.stages)
     return replace(_compared(then, now, other), changed=_changed(then.stages, servos))

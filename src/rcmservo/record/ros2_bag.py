@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from rcmservo.config.files import write_whole
-from rcmservo.record.layout import TOPICS
+from rcmservo.record.ros2_messages import TOPICS
 
 VERSION = 5
 """The oldest metadata that knows MCAP files: every ROS 2 since Humble reads it."""

@@ -30,8 +30,9 @@ import numpy as np
 from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.interfaces import Floats, Frame, Target
 from rcmservo.loop.tick import Tick
-from rcmservo.record import layout, memory
-from rcmservo.record.mcap_chunks import LARGEST
+from rcmservo.record import memory
+from rcmservo.record import ros2_messages as ros2
+from rcmservo.record.mcap_recovery import MAX_RECORD
 from rcmservo.record.ros2_bag import write_metadata
 from rcmservo.record.stage import ELSEWHERE, NOTHING, text_of
 from rcmservo.servo.servo import Servo, State
@@ -114,7 +115,7 @@ class Recorder:
 
     def _start(self, about: str) -> None:
         self._writer.start(profile="ros2")
-        self._send("rcmservo/about", layout.text(about))
+        self._send("rcmservo/about", ros2.encode_text(about))
         self._writer.flush()
 
     def recorded(self) -> bool:
@@ -131,7 +132,7 @@ class Recorder:
         if self._servo is not None:
             self._ends.append(None if self._last is None else self._last.state)
         self._servo, self._last = servo, None
-        self._joints = layout.JointStates(servo.mechanism.joint_names)
+        self._joints = servo.mechanism.joint_names
         origin = NOTHING if state is None else self._origin(state)
         self._stage(text_of(servo, target, origin, mid_run=False))
 
@@ -141,7 +142,7 @@ class Recorder:
         self._stage(text_of(tick.servo, target, len(self._ends) - 1, mid_run=True))
 
     def _stage(self, text: str) -> None:
-        self._send("rcmservo/stage", layout.text(text))
+        self._send("rcmservo/stage", ros2.encode_text(text))
         self._writer.flush()
 
     def _origin(self, state: State) -> int:
@@ -163,13 +164,14 @@ class Recorder:
         if before is not None and target is not None and _changed(before, tick):
             self._change(before, target, tick)
         if before is None or before.state.mode.words != state.mode.words:
-            self._send("operating_state", layout.operating_state(seen.now, state.mode))
+            self._send("operating_state", ros2.encode_operating_state(seen.now, state.mode))
         kept = memory.numbers_of(tick)
         if kept is not None:
-            self._send(memory.TOPIC, memory.encoded(seen.now, kept))
-        self._send("rcmservo/tick", layout.tick(tick))
-        self._send("measured_js", self._joints.positions(seen.q_time, seen.q))
-        self._send("servo_jv", self._joints.rates(state.command.time, state.command.rates))
+            self._send(memory.TOPIC, ros2.encode_memory(seen.now, kept))
+        self._send("rcmservo/tick", ros2.encode_tick(tick))
+        self._send("measured_js", ros2.encode_positions(self._joints, seen.q_time, seen.q))
+        command = state.command
+        self._send("servo_jv", ros2.encode_rates(self._joints, command.time, command.rates))
 
     def write_truth(self, p1: Floats, p2: Floats, jacobian_error: float) -> None:
         """Add what a simulation knows at the tick just written: the markers (3,) mm, the scaled
@@ -177,7 +179,7 @@ class Recorder:
         self._try(self._write_truth, p1, p2, jacobian_error)
 
     def _write_truth(self, p1: Floats, p2: Floats, jacobian_error: float) -> None:
-        self._send("rcmservo/truth", layout.truth(self._now, p1, p2, jacobian_error))
+        self._send("rcmservo/truth", ros2.encode_truth(self._now, p1, p2, jacobian_error))
 
     def write_frame(self, frame: Frame) -> None:
         """Add a picture, as a JPEG file. Its stamp is the exposure."""
@@ -186,15 +188,15 @@ class Recorder:
     def _write_frame(self, frame: Frame) -> None:
         if frame.image is None:
             return
-        data = layout.image(frame.exposure, encode_image(frame.image))
-        if len(data) > LARGEST // 2:
+        data = ros2.encode_picture(frame.exposure, encode_image(frame.image))
+        if len(data) > MAX_RECORD // 2:
             raise RcmServoError("a frame is too large for a record")
         self._send("image_raw/compressed", data)
 
     def _send(self, topic: str, data: bytes) -> None:
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(
-                topic, "cdr", self._schema(layout.TOPICS[topic])
+                topic, "cdr", self._schema(ros2.TOPICS[topic])
             )
         number = self._counts[topic]
         self._writer.add_message(self._channels[topic], self._time, data, self._time, number)
@@ -202,7 +204,7 @@ class Recorder:
 
     def _schema(self, name: str) -> int:
         if name not in self._schemas:
-            definition = layout.DEFINITIONS[name].encode()
+            definition = ros2.DEFINITIONS[name].encode()
             self._schemas[name] = self._writer.register_schema(name, "ros2msg", definition)
         return self._schemas[name]
 
@@ -254,6 +256,7 @@ def _changed(before: Tick, tick: Tick) -> bool:
 
 def warm(servo: Servo) -> None:
     """Compile what writing a tick calls."""
+    ros2.codec().warm_up()
     servo.learner.predict(servo.learner.init(), servo.tool, np.zeros(3))
 
 

@@ -16,7 +16,7 @@ from importlib import import_module
 from typing import Any
 
 from rcmservo.errors import NotInstalled, one_line
-from rcmservo.hardware.crtk.cdr import Malformed, packed, unpacked
+from rcmservo.hardware.crtk.cdr import packed, unpacked
 from rcmservo.hardware.crtk.messages import (
     NESTED,
     RosMessage,
@@ -26,6 +26,7 @@ from rcmservo.hardware.crtk.messages import (
     parts_of,
 )
 from rcmservo.hardware.crtk.transport import Heard, NoTransport
+from rcmservo.record.cdr import MalformedMessage
 
 MODULES = "core", "domain", "idl.annotations", "idl.types", "pub", "qos", "sub", "topic", "_clayer"
 DEPTH = 10
@@ -175,7 +176,7 @@ class Ros2:
             return
         for data, info in taken:
             if info.valid_data:
-                with contextlib.suppress(Malformed):
+                with contextlib.suppress(MalformedMessage):
                     heard(unpacked(kind, data), f"{info.publication_handle:x}")
 
 

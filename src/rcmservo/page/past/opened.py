@@ -13,8 +13,8 @@ from rcmservo.config.texts import is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.figures import charts, plots
 from rcmservo.page.board import pairs, plain
-from rcmservo.record import layout
-from rcmservo.record.mcap_chunks import Messages, in_chunk
+from rcmservo.record import ros2_messages
+from rcmservo.record.mcap_recovery import MessageReader, read_chunk
 from rcmservo.record.reader import Record, read
 from rcmservo.record.timeline import Span, spans, stages, summary
 from rcmservo.record.words import rows_of, verdict_of, way_out, why
@@ -81,11 +81,11 @@ def figures(path: Path) -> dict[str, bytes]:
 def picture(path: Path, where: Where) -> bytes:
     """A picture as the JPEG file that it was kept as."""
     place, k = where
-    messages = in_chunk(path, place)
+    messages = read_chunk(path, place)
     if k >= len(messages):
         raise UnusableFile(path, "has changed since it was opened")
     try:
-        return layout.image_of(messages[k].data)[1]
+        return ros2_messages.decode_picture(messages[k].data)[1]
     except ValueError as error:
         raise UnusableFile(path, f"holds a frame that cannot be read: {error}") from error
 
@@ -97,9 +97,9 @@ def _drawable(record: Record) -> bool:
 
 def _pictures(path: Path) -> tuple[list[Where], list[int]]:
     """Where a record's pictures are, and when they were exposed."""
-    messages = Messages(path)
+    messages = MessageReader(path)
     found = [
-        (messages.where, layout.image_of(message.data)[0])
+        (messages.where, ros2_messages.decode_picture(message.data)[0])
         for message in messages
         if message.topic == PICTURE
     ]

@@ -1,0 +1,70 @@
+"""ROS 2 messages as bytes: CDR (common data representation, version 1), by `rosbags`."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from rcmservo.errors import RcmServoError
+
+
+class MalformedMessage(RcmServoError, ValueError):
+    """Bytes that are no message of their type."""
+
+
+class MessageCodec:
+    """Encoder and decoder of some types of messages.
+
+    Parameters
+    ----------
+    definitions : Mapping of str to str
+        Definition of each type as ROS 2 writes it, by the type's name, such as std_msgs/msg/String.
+    """
+
+    def __init__(self, definitions: Mapping[str, str]) -> None:
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+        types: dict[str, Any] = {}
+        for kind, definition in definitions.items():
+            types.update(get_types_from_msg(definition, kind))
+        self._store = get_typestore(Stores.EMPTY)
+        self._store.register(types)
+
+    def warm_up(self) -> None:
+        """Generate the code of all types."""
+        for kind in self._store.types:
+            self._store.get_msgdef(kind)
+
+    def make(self, kind: str, *fields: Any) -> Any:
+        """Return a message, or a part of one, with these fields."""
+        return self._store.types[kind](*fields)
+
+    def header(self, time: int, frame: str = "") -> Any:
+        """Return a std_msgs/Header with a stamp of `time` ns: at the end of its range if the time
+        is beyond that."""
+        sec, nanosec = divmod(time, 10**9)
+        stamp = min(max(sec, -(2**31)), 2**31 - 1), nanosec
+        moment = self.make("builtin_interfaces/msg/Time", *stamp)
+        return self.make("std_msgs/msg/Header", moment, frame)
+
+    def encode(self, kind: str, *fields: Any) -> bytes:
+        """Return a message with these fields as bytes, little endian."""
+        return bytes(self._store.serialize_cdr(self.make(kind, *fields), kind, little_endian=True))
+
+    def decode(self, kind: str, data: bytes) -> Any:
+        """Return the message in some bytes, whose parts are its attributes.
+
+        Raises
+        ------
+        MalformedMessage
+            If the bytes are no such message.
+        """
+        from rosbags.serde import SerdeError
+
+        try:
+            return self._store.deserialize_cdr(data, kind)
+        except SerdeError as error:
+            raise MalformedMessage(f"{kind}: {error}") from error
+
+
+def time_of(header: Any) -> int:
+    """Return the stamp of a header in ns."""
+    return header.stamp.sec * 10**9 + header.stamp.nanosec
