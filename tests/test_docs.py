@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from conftest import ROOT
-from rcmservo.experiments.harness.paper import EXPERIMENTS
 from rcmservo.guard.causes import Cause
+from rcmservo.paper.claims import claim_table
 from stalls import undisturbed
 
 SOURCE = ROOT / "src/rcmservo"
@@ -107,20 +107,18 @@ def unexplained(path: Path) -> Iterator[str]:
 
 
 def test_no_two_public_classes_share_a_name() -> None:
-    """But for the settings of the experiments, of which each has its own."""
     public = [
         node.name
         for path in SOURCE.rglob("*.py")
         for node in ast.parse(path.read_text()).body
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
-        if not (node.name == "Settings" and path.parent == SOURCE / "experiments")
     ]
     assert [name for name, count in Counter(public).items() if count > 1] == []
 
 
 def test_no_folder_holds_more_files_than_a_reader_can_keep_in_mind() -> None:
     """The experiments excepted, one file for each claim."""
-    folders = [path for path in SOURCE.rglob("*") if path.is_dir() and path.name != "experiments"]
+    folders = [path for path in SOURCE.rglob("*") if path.is_dir() and path.name != "paper"]
     counts = {path.name: len(list(path.glob("*.py"))) for path in folders}
     assert len(counts) > 10
     assert {name: count for name, count in counts.items() if count > 15} == {}
@@ -185,7 +183,7 @@ def test_the_set_up_commands_are_targets_of_the_makefile_and_ci_calls_the_test_c
 def test_the_page_of_the_paper_names_every_experiment() -> None:
     text = (ROOT / "docs/paper.md").read_text()
     section = text.split("`--only` takes one experiment:")[1].split("Each is one module")[0]
-    assert re.findall(r"`([a-z0-9-]+)`", section) == list(EXPERIMENTS)
+    assert re.findall(r"`([a-z0-9-]+)`", section) == list(claim_table().experiment)
 
 
 def is_in_wall_time(command: str) -> bool:

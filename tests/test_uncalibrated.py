@@ -47,7 +47,7 @@ def test_the_import_contracts_hold():
             pytest.param(*row, marks=pytest.mark.slow)
             for row in [
                 ("method/estimators/flow.py", "from rcmservo.sim import Rig", "Uncalibrated"),
-                ("guard/gate.py", "import rcmservo.experiments.stability", "Uncalibrated"),
+                ("guard/gate.py", "import rcmservo.paper.stability", "Uncalibrated"),
                 ("offline/score.py", "from rcmservo.record import reader", "siblings"),
                 ("method/kinematics.py", "from rcmservo.servo.servo import Servo", "siblings"),
                 ("tracking/search.py", "from rcmservo.sim.optics import Optics", "siblings"),

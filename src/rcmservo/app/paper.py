@@ -15,12 +15,11 @@ from rcmservo.config.own_code import source
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import needing, require
 from rcmservo.method.estimators.base import Estimator
-from rcmservo.method.exploration import Exploration
 from rcmservo.servo.own_estimator import examine
 
 if TYPE_CHECKING:
-    from rcmservo.experiments.harness.lab.methods import Own
-    from rcmservo.experiments.harness.rows import ClaimRow
+    from rcmservo.paper.claims import ClaimRow
+    from rcmservo.paper.lab.methods import Own
 
 UNMEASURED = 1
 """Exit code of a report that leaves out what could not be measured."""
@@ -56,19 +55,18 @@ def paper(options: PaperOptions) -> int:
     """Run what is not done yet, and write the report; the exit code is 0 where nothing is missing
     in it."""
     with needing("paper", "sim"):
-        from rcmservo.experiments.harness import paper, report
+        from rcmservo.paper import run, store
     out = console()
     folder = options.out or dated("paper")
-    experiments = paper.chosen(options.only, _own(options))
-    tasks = paper.tasks_of(experiments, options.quick)
-    paper.prepare(folder, options.quick)
-    count = sum(map(len, tasks.values()))
-    words = f"{count} simulated pieces of work on all cores, into {folder}"
+    experiments = run.chosen(options.only, _own(options))
+    tasks = [task for one in experiments.values() for task in one.plan(options.quick)]
+    store.prepare(folder, options.quick)
+    words = f"{len(tasks)} simulated pieces of work on all cores, into {folder}"
     out.print(words, style="dim", soft_wrap=True)
-    total = sum(task.cost for some in tasks.values() for task in some)
+    total = sum(task.cost for task in tasks)
     with going_on(folder, out), progress(out, "simulating", total) as advance:
-        written = paper.run(folder, options.quick, experiments, lambda task: advance(task.cost))
-    rows = report.claims_in(folder)
+        written = run.run(folder, options.quick, experiments, lambda task: advance(task.cost))
+    rows = written.rows
     out.print(_claims(rows) if options.only is not None else _counts(rows))
     if options.quick:
         out.print(QUICK, soft_wrap=True)
@@ -80,7 +78,7 @@ def paper(options: PaperOptions) -> int:
 
 def _own(options: PaperOptions) -> "Own | None":
     """The user's own estimator that the options name, as one of the methods; tried first."""
-    from rcmservo.experiments.harness.lab.methods import Own
+    from rcmservo.paper.lab.methods import Own
 
     name = options.estimator
     if name is None:
@@ -88,7 +86,7 @@ def _own(options: PaperOptions) -> "Own | None":
     require(name in options.OWN, "--estimator", name, "a user's own, as module:class")
     estimator: Estimator = getattr(options, options.OWN[name])
     examine(estimator, Lab().tool)
-    return Own(name, name.rpartition(":")[2], estimator, Exploration(), source(estimator))
+    return Own(name, name.rpartition(":")[2], estimator, source=source(estimator))
 
 
 def _claims(rows: "list[ClaimRow]") -> Table:

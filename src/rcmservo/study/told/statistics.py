@@ -1,6 +1,7 @@
 """Numbers with their intervals of 95 %, each by a way that holds for what studies have: shares near
 0 and 1, times that never come, errors with long tails."""
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,17 @@ class Interval(NamedTuple):
     """The least that it is thought to be."""
     high: float
     """The greatest."""
+
+    def __format__(self, form: str) -> str:
+        """Return the number and its interval as text; an infinite number never came."""
+        value = "never" if math.isinf(self.value) else dashed(self.value, form)
+        high = "∞" if math.isinf(self.high) else dashed(self.high, form)
+        return f"{value} ({dashed(self.low, form)} to {high})"
+
+
+def dashed(value: float, form: str = ".2f") -> str:
+    """Return a number as text, or a dash if it is not finite."""
+    return format(value, form) if math.isfinite(value) else "–"
 
 
 UNKNOWN = Interval(np.nan, np.nan, np.nan)

@@ -10,9 +10,9 @@ import rcmservo
 
 UNRELATED = (
     "app",
-    "experiments",
     "live",
     "offline",
+    "paper",
     "bringup",
     "page",
     "hardware",

@@ -1,1 +1,0 @@
-"""What the experiments share: closed loops, statistics, the work on all cores, and the report."""

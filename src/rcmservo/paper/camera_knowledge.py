@@ -1,0 +1,107 @@
+"""Knowledge of the camera in each estimate: IV-B's last words, and Proposition 1 in a servo run.
+
+It shows at poses that the servo never visited, as the distance of the predicted from the true
+markers. The flow rule has no parameters a, so it can only extrapolate linearly.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+
+from rcmservo.figures.charts import Figure, Panel
+from rcmservo.interfaces import Floats
+from rcmservo.paper.lab.closed_loop import LONG, PAPER_SCENES
+from rcmservo.paper.lab.knowledge import servo_run
+from rcmservo.paper.lab.streams import ESTIMATORS, LABELS, NAMES, SHORT
+from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.statistics import column, finite, median, seed_marks
+
+WITH_MODEL = [name for name, estimator in ESTIMATORS.items() if estimator.models]
+FIXED = {"estimators": ESTIMATORS, "scene": PAPER_SCENES, "exploration": LONG}
+
+
+def tasks(settings: Settings) -> list[Task]:
+    """Return the servo runs, which are also those of the Jacobian's accuracy."""
+    return [
+        Task(f"servo-{seed}-{noise:g}", servo_task(settings, seed, noise), cost=4.0)
+        for seed in range(settings.seeds)
+        for noise in settings.noises
+    ]
+
+
+def servo_task(settings: Settings, seed: int, noise: float) -> "partial[Found]":
+    """Return the work of one servo run."""
+    return partial(
+        servo_run,
+        seed=seed,
+        noise=noise,
+        duration=settings.duration,
+        held_out=settings.held_out,
+        around=settings.around,
+        speed=settings.least_speed,
+    )
+
+
+def known(settings: Settings, results: Results, noise: float, name: str, what: str) -> Floats:
+    """Return a number of an estimator's knowledge in every scene."""
+    runs = [results[f"servo-{seed}-{noise:g}"] for seed in range(settings.seeds)]
+    return column(runs, "knowledge", name, what)
+
+
+def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
+    noise, seeds = settings.noises[0], range(settings.seeds)
+    for name in WITH_MODEL:
+        near = {n: median(known(settings, results, n, name, "near")) for n in settings.noises}
+        beyond = [n for n, px in near.items() if px > settings.known]
+        workspace = median(known(settings, results, noise, name, "workspace"))
+        yield Measurement(
+            "knows-camera",
+            near[noise],
+            seeds,
+            bound=settings.known,
+            case=(LABELS[name],),
+            trapped=name == "real time",
+            confirmed=near[noise] > settings.known,
+            beyond="; ".join(f"with {n:g} px of noise it is {short(near[n])} px" for n in beyond),
+            listed=", ".join(f"{short(px)} px with {n:g} px" for n, px in near.items()),
+            workspace=short(workspace),
+            wrong=median(finite(known(settings, results, noise, name, "parameters"))),
+        )
+    flow, other = (known(settings, results, noise, name, "near") for name in ("flow", "random"))
+    yield Measurement(
+        "flow-does-not",
+        median(flow / other),
+        seeds,
+        near=short(median(flow)),
+        workspace=short(median(known(settings, results, noise, "flow", "workspace"))),
+    )
+
+
+def short(number: float) -> str:
+    """Return two digits, or all of those before the point."""
+    return f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
+
+
+def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+    places = {
+        "near": f"within {settings.around:g} mm of the way",
+        "workspace": "anywhere in the picture",
+    }
+    panels = [
+        Panel(
+            "",
+            f"error of the predicted markers [px]\n{words}",
+            [
+                seed_marks(
+                    [known(settings, results, noise, name, what) for name in ESTIMATORS],
+                    f"{noise:g} px of noise",
+                    style,
+                )
+                for style, noise in enumerate(settings.noises)
+            ],
+            log_y=True,
+            categories=SHORT,
+        )
+        for what, words in places.items()
+    ]
+    figure = Figure("Poses never seen", panels, columns=2)
+    yield Drawn("accuracy-poses", range(settings.seeds), figure, words={"names": NAMES})

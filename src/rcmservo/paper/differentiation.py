@@ -1,0 +1,151 @@
+"""Sensitivity to the differentiation of y: once per new frame, or once per tick.
+
+The camera has 60 frames/s, the loop 100 Hz.
+
+One tour, on which the flow rule (28) learns from ẏ taken in every way, compared with the true ẏ.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rcmservo.figures.charts import Figure
+from rcmservo.interfaces import Floats, Target
+from rcmservo.loop.run import Tick, run
+from rcmservo.method.controller import scaled
+from rcmservo.method.estimators.flow import learn
+from rcmservo.method.features import about, difference, features
+from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
+from rcmservo.paper.lab.closed_loop import FAST_ARM, FLOW, LONG, NOISE, endless
+from rcmservo.paper.lab.streams import velocity
+from rcmservo.paper.lab.witness import laboratory
+from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.statistics import column, mark_panels, median
+from rcmservo.servo.servo import Servo
+from rcmservo.sim import Rig
+
+METHODS = {"frame": "by frame", "tick": "by tick", "stale": "zeros between"}
+"""Once per new frame between exposures; once per tick, where a repeated frame shows no motion;
+once per tick over the frames' interval, zero where a frame repeats."""
+LABELS = {
+    "ratio": "size of $\\dot{y}$ over the true [1]",
+    "scatter": "scatter of $\\dot{y}$ over the true [1]",
+    "size": "size of $\\hat{J}$ along J [1]",
+    "error": "$\\|\\hat{J} - J\\| / \\|J\\|$, scaled [1]",
+}
+TOUR = endless(LONG)
+FIXED = {"estimator": FLOW, "exploration": TOUR, "scene": PINHOLE, "noise": NOISE}
+JUDGED_S = 5.0
+"""s at the end of a tour over which Ĵ is judged: the error of a flow rule comes and goes with every
+round."""
+HALF_NS = 5_000_000
+"""ns before and after a moment over which the true ẏ is taken."""
+
+
+def tasks(settings: Settings) -> list[Task]:
+    return Task.per_seed("tour", tour, settings, range(settings.seeds))
+
+
+def tour(settings: Settings, seed: int) -> Found:
+    """Return one tour's ẏ by every method, and the Ĵ that the flow rule learns from it.
+
+    ``ratio`` is the mean ẏ over the true one, by least squares, ``scatter`` its relative deviation
+    from it, ``size`` of Ĵ along J and ``error`` ‖Ĵ − J‖/‖J‖ are scaled medians.
+    """
+    rig, plant = laboratory(seed, PINHOLE, NOISE)
+    known = rig.settings
+    servo = Servo(known.mechanism, known.tool, estimator=FLOW, exploration=TOUR, gate=FAST_ARM)
+    here = Target(rig.truth.pixels(rig.scene.start), rig.scene.start)
+    _a, o_c = true_parameters(rig)
+    methods = {name: Differentiated(settings.gamma) for name in METHODS}
+    last: Tick | None = None
+    true = np.zeros(3)
+    for tick in run(plant, servo, here, settings.touring):
+        if np.isfinite(tick.seen.points).all():
+            if last is not None:
+                true = _take(methods, rig, servo, (last, tick), o_c, true)
+            last = tick
+        if tick.time / 1e9 > settings.touring - JUDGED_S:
+            J = rig.truth.jacobian(rig.arm.q_true, o_c)
+            for one in methods.values():
+                one.judge(J)
+    return {name: one.found() for name, one in methods.items()}
+
+
+def _take(
+    methods: dict[str, "Differentiated"],
+    rig: Rig,
+    servo: Servo,
+    ticks: tuple[Tick, Tick],
+    o_c: Floats,
+    true: Floats,
+) -> Floats:
+    """Take ẏ of two successive ticks by every method; return the true ẏ at the newest exposure."""
+    last, tick = ticks
+    marker, seen, before = servo.marker_1, tick.seen, last.seen
+    tau = (tick.time - last.time) * 1e-9
+    y, y_before = (features(about(one.points, o_c)) for one in (seen, before))
+    delta_y = difference(y, y_before)
+    if seen.frame > before.frame:
+        J = rig.truth.jacobian(rig.truth.joints_at(seen.exposure), o_c)
+        true = J @ velocity(rig, seen.exposure, HALF_NS)
+        exposed = marker(seen.q_exposure) - marker(before.q_exposure)
+        methods["frame"].add(exposed, delta_y, (seen.exposure - before.exposure) * 1e-9, true)
+    moved = marker(seen.q) - marker(before.q)
+    methods["tick"].add(moved, delta_y, tau, true)
+    period = 1.0 / rig.settings.timing.frame_rate
+    methods["stale"].add(moved, delta_y / period * tau, tau, true)
+    return true
+
+
+class Differentiated:
+    """The flow rule (28) on one method of taking ẏ, and that ẏ compared with the true one."""
+
+    def __init__(self, gamma: float) -> None:
+        self.gamma, self.J_hat = gamma, np.zeros((3, 3))
+        self.product, self.square, self.missed = 0.0, 0.0, 0.0
+        self.sizes: list[float] = []
+        self.errors: list[float] = []
+
+    def add(self, delta_p: Floats, delta_y: Floats, dt: float, true: Floats) -> None:
+        """Learn from Δp₁ mm and Δy over dt s; ``true`` (3,) is the true ẏ."""
+        self.J_hat = learn(self.J_hat, delta_p, delta_y, dt, self.gamma)
+        taken, right = scaled((delta_y / dt)[:, None]), scaled(true[:, None])
+        self.product += dt * float(np.sum(taken * right))
+        self.square += dt * float(np.sum(right**2))
+        self.missed += dt * float(np.sum((taken - right) ** 2))
+
+    def judge(self, J: Floats) -> None:
+        """Compare the present Ĵ with the true J (3, 3)."""
+        J_hat, J = scaled(self.J_hat), scaled(J)
+        self.sizes.append(float(np.sum(J_hat * J) / np.sum(J**2)))
+        self.errors.append(float(np.linalg.norm(J_hat - J) / np.linalg.norm(J)))
+
+    def found(self) -> Found:
+        return {
+            "ratio": self.product / self.square,
+            "scatter": float(np.sqrt(self.missed / self.square)),
+            "size": median(self.sizes),
+            "error": median(self.errors),
+        }
+
+
+def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
+    seeds = range(settings.seeds)
+    tours = results.per_seed("tour", seeds)
+    middle = {m: {key: median(column(tours, m, key)) for key in LABELS} for m in METHODS}
+    frame, tick, stale = middle.values()
+    confirmed = abs(stale["ratio"] - 0.6) < 0.05
+    yield Measurement("zeros-between", stale["ratio"], seeds, confirmed=confirmed, stale=stale)
+    ratio = median(column(tours, "tick", "error") / column(tours, "frame", "error"))
+    yield Measurement("by-tick", ratio, seeds, tick=tick, frame=frame)
+    yield Measurement("by-frame", abs(frame["ratio"] - 1.0), seeds, frame=frame)
+
+
+def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+    seeds = range(settings.seeds)
+    tours = results.per_seed("tour", seeds)
+    panels = mark_panels(
+        LABELS, lambda key: [column(tours, method, key) for method in METHODS], METHODS.values()
+    )
+    yield Drawn("frames", seeds, Figure("Differentiating y", panels, columns=2))

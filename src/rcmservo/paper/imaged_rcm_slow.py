@@ -1,0 +1,106 @@
+"""The imaged RCM in slow motion, which defeats (16): the last H lines are almost one line.
+
+As printed, (16) uses the last H lines as they come. Ours uses lines chosen by what they contribute
+to o_c, and refines.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.interfaces import Floats
+from rcmservo.method.imaged_rcm import ImagedRcm, follow, nearest_to_lines, solve
+from rcmservo.paper.lab.lines import REFINEMENTS, markers
+from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.statistics import column, finite, rms
+from rcmservo.study.told.statistics import dashed
+
+MAX_CONDITION = ImagedRcm().max_condition
+FITS = {
+    "window": "last H lines, (16) as printed",
+    "window_refined": "last H lines, refined",
+    "chosen": "chosen lines, (16)",
+    "chosen_refined": "chosen lines, refined",
+}
+
+
+def tasks(settings: Settings) -> list[Task]:
+    return Task.per_seed("slow", slow_turn, settings, range(settings.seeds), cost=3.0)
+
+
+def frame_times(settings: Settings) -> Floats:
+    """Return the time in s of every frame."""
+    return np.arange(round(settings.duration * settings.frame_rate)) / settings.frame_rate
+
+
+def slow_turn(settings: Settings, seed: int) -> Found:
+    """Return the error (px) of o_c by every fit in every frame, and of ours at the gate.
+
+    ``gate`` is the error in the first frame that our gate on the condition of (16) lets pass.
+    """
+    random, turned = np.random.default_rng(seed), float(np.radians(1.0)) * settings.speed
+    angles = turned * frame_times(settings)
+    seen = markers(angles, settings.r, settings.d, settings.noise, random)
+    kept, count = ImagedRcm(lines=settings.H).init()
+    window, among = kept, count
+    errors: dict[str, list[float]] = {fit: [] for fit in FITS}
+    gate: float | None = None
+    for line in seen:
+        points = line.reshape(2, 2)
+        window, among, printed, _condition = follow(window, among, points, 0, True)
+        kept, count, refined, condition = follow(kept, count, points, REFINEMENTS, False)
+        found = {
+            "window": printed,
+            "window_refined": solve(window, among, REFINEMENTS, False)[0],
+            "chosen": nearest_to_lines(kept, count, False)[0],
+            "chosen_refined": refined,
+        }
+        for fit, o_c in found.items():
+            errors[fit].append(float(np.linalg.norm(o_c)))
+        if gate is None and condition <= MAX_CONDITION:
+            gate = errors["chosen_refined"][-1]
+    return {"errors": {fit: np.array(some) for fit, some in errors.items()}, "gate": gate}
+
+
+def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
+    seeds = range(settings.seeds)
+    turns = results.per_seed("slow", seeds)
+    settled = round(settings.settled * settings.frame_rate)
+    late = {fit: rms(np.array([turn["errors"][fit][settled:] for turn in turns])) for fit in FITS}
+    lines, bound = settings.H / settings.frame_rate * settings.speed, settings.tolerance
+    yield Measurement(
+        "last-lines",
+        late["window"],
+        seeds,
+        bound=bound,
+        confirmed=late["window"] > 0.5 * settings.r,
+        window=lines,
+        refined=late["window_refined"],
+    )
+    yield Measurement("chosen-lines", late["chosen"], seeds, bound=bound)
+    turned = round(settings.span / settings.speed * settings.frame_rate)
+    gates = finite(column(turns, "gate"))
+    low, high = (dashed(f(gates), ".0f") if len(gates) else "–" for f in (np.min, np.max))
+    yield Measurement(
+        "chosen-refined",
+        late["chosen_refined"],
+        seeds,
+        bound=bound,
+        early=rms([turn["errors"]["chosen_refined"][turned] for turn in turns]),
+        condition=MAX_CONDITION,
+        low=low,
+        high=high,
+    )
+
+
+def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+    seeds = range(settings.seeds)
+    turns = results.per_seed("slow", seeds)
+    middle = {fit: np.median([turn["errors"][fit] for turn in turns], axis=0) for fit in FITS}
+    curves = [
+        curve(label, frame_times(settings), middle[fit], style)
+        for style, (fit, label) in enumerate(FITS.items())
+    ]
+    panel = Panel("time [s]", "error of $o_c$ [px]", curves, log_y=True)
+    yield Drawn("rcm-slow", seeds, Figure("The imaged RCM in slow motion", [panel]))

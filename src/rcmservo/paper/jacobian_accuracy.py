@@ -1,0 +1,204 @@
+"""Accuracy of each estimator's Jacobian: IV-B's comparison, made fair.
+
+The truth judges Ĵ at every frame twice: as a matrix, ‖Ĵ − J‖/‖J‖, and only along the present
+motion v, ‖(Ĵ − J)v‖/‖Jv‖, which is all that the flow rule (28) observes. The printed Γ is judged
+in real time, and given 10⁴ s of its own time at every frame, on random observations as the paper
+has it and on those chosen by leverage, as our estimators do.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+
+from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.interfaces import Floats
+from rcmservo.paper.camera_knowledge import tasks as servo_tasks
+from rcmservo.paper.lab.closed_loop import LONG, PAPER_SCENES
+from rcmservo.paper.lab.knowledge import PHASES as SERVO_PHASES
+from rcmservo.paper.lab.streams import (
+    ESTIMATORS,
+    LABELS,
+    NAMES,
+    POINTS,
+    SHORT,
+    Kind,
+    errors_over,
+    estimated,
+    in_short,
+    over_time,
+    stream,
+)
+from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.statistics import column, finite, median, seed_marks
+
+FIXED = {"estimators": ESTIMATORS, "scene": PAPER_SCENES, "exploration": LONG}
+PHASES: dict[Kind, tuple[str, ...]] = {"servo": SERVO_PHASES, "tour": ("learning", "touring")}
+JUDGED = 1
+"""Phase of either kind of stream that the claims are about."""
+AGAINST = ("random", "given time", "real time")
+STREAMS: dict[Kind, str] = {"servo": "servo run", "tour": "fast tour"}
+MEASURES = {
+    "full": "$\\|\\hat{J} - J\\| / \\|J\\|$ [1]",
+    "along": "$\\|(\\hat{J} - J)v\\| / \\|Jv\\|$ [1]",
+}
+WORDS = {"full": "whole matrix", "along": "along the motion"}
+LIMITS = (1e-5, 20.0)
+"""Of the errors' axes, with room for the legend below the curves."""
+USELESS = 0.9
+"""Error of Ĵ from which on it is no better than none."""
+
+
+def tasks(settings: Settings) -> list[Task]:
+    """Return the servo runs, which are also those of the camera's knowledge, and the tours."""
+    tours = [
+        Task(
+            f"tour-{seed}-{noise:g}", partial(tour, settings=settings, seed=seed, noise=noise), 2.0
+        )
+        for seed in range(settings.seeds)
+        for noise in settings.noises
+    ]
+    return [*servo_tasks(settings), *tours]
+
+
+def tour(settings: Settings, seed: int, noise: float) -> Found:
+    """Give the samples of one tour to every estimator; return its errors of Ĵ."""
+    rig, seen = stream(seed, noise, settings, "tour")
+    errors: dict[str, Found] = {}
+    for name, estimator in ESTIMATORS.items():
+        J_hat, _memory = estimated(estimator, seen.samples, rig.settings.tool)
+        errors[name] = {
+            measure: in_short(error, seen.phase, len(PHASES["tour"]))
+            for measure, error in errors_over(J_hat, seen, settings.least_speed).items()
+        }
+    return {"time": over_time(seen.time), "errors": errors}
+
+
+class AccuracyTable:
+    """All results, by kind of stream, noise, estimator and measure."""
+
+    def __init__(self, settings: Settings, results: Results) -> None:
+        self.settings, self.results = settings, results
+
+    def of_seeds(
+        self, kind: Kind, noise: float, name: str, measure: str, phase: int = JUDGED
+    ) -> Floats:
+        """Return the median error in a phase, for every seed."""
+        runs = [self.results[f"{kind}-{i}-{noise:g}"] for i in range(self.settings.seeds)]
+        return column(runs, "errors", name, measure, "phases")[:, phase]
+
+    def median(
+        self, kind: Kind, noise: float, name: str, measure: str, phase: int = JUDGED
+    ) -> float:
+        """Return the median over the seeds."""
+        return median(finite(self.of_seeds(kind, noise, name, measure, phase)))
+
+    def ratio(self, kind: Kind, noise: float, measure: str, against: str) -> float:
+        """Return the median over seeds of flow's error over another's."""
+        flow, other = (self.of_seeds(kind, noise, name, measure) for name in ("flow", against))
+        return median(finite(flow / other))
+
+
+def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
+    table, noise = AccuracyTable(settings, results), settings.noises[0]
+    for against in AGAINST:
+        for kind, words in STREAMS.items():
+            for one in MEASURES:
+                medians = {name: table.median(kind, noise, name, one) for name in ESTIMATORS}
+                yield Measurement(
+                    "more-accurate",
+                    table.ratio(kind, noise, one, against),
+                    range(settings.seeds),
+                    case=(LABELS[against], f"{words}, {WORDS[one]}"),
+                    flow=medians["flow"],
+                    other=medians[against],
+                    useless=", about that of Ĵ = 0, which is 1"
+                    if medians[against] > USELESS
+                    else "",
+                    turned=_turned(table, kind, one, against),
+                    phase=PHASES[kind][JUDGED],
+                    medians="; ".join(f"{LABELS[k]} {error:.3f}" for k, error in medians.items()),
+                )
+
+
+def _turned(table: AccuracyTable, kind: Kind, measure: str, against: str) -> str:
+    """Return the noises whose ratio is on the other side of 1, as the end of a sentence."""
+    noises = table.settings.noises
+    ratios = {noise: table.ratio(kind, noise, measure, against) for noise in noises}
+    turned = [n for n, ratio in ratios.items() if (ratio <= 1.0) != (ratios[noises[0]] <= 1.0)]
+    others = ", ".join(f"{n:g} px of noise ({ratios[n]:.2g})" for n in turned)
+    return f"; it is the other way round with {others}" if turned else ""
+
+
+def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+    table, noise, seeds = (
+        AccuracyTable(settings, results),
+        settings.noises[0],
+        range(settings.seeds),
+    )
+    for kind, words in STREAMS.items():
+        found = results[f"{kind}-0-{noise:g}"]
+        panels = [
+            Panel("time [s]", label, _series(found, one), log_y=True, y_limits=LIMITS)
+            for one, label in MEASURES.items()
+        ]
+        title = f"Every estimator in a {words}, seed 0, {noise:g} px of noise"
+        piece = {"piece": found["time"][-1] / POINTS, "names": NAMES}
+        figure = Figure(title, panels, columns=2)
+        yield Drawn(f"accuracy-{kind}", [0], figure, words=piece, key="accuracy-time")
+    panels = [
+        Panel(
+            "",
+            f"{label}\n{PHASES[kind][JUDGED]}",
+            [
+                seed_marks(
+                    [table.of_seeds(kind, px, name, one) for name in ESTIMATORS],
+                    f"{px:g} px of noise",
+                    style,
+                )
+                for style, px in enumerate(settings.noises)
+            ],
+            log_y=True,
+            categories=SHORT,
+        )
+        for kind in STREAMS
+        for one, label in MEASURES.items()
+    ]
+    figure = Figure("Accuracy by seed", panels, columns=2)
+    yield Drawn("accuracy-seeds", seeds, figure, words={"names": NAMES})
+    yield Drawn("accuracy-phases", seeds, _by_phase(table, noise), words={"names": NAMES})
+
+
+def _series(found: Found, measure: str) -> list[Curve]:
+    return [
+        curve(
+            SHORT[style] if measure == "full" else "",
+            found["time"],
+            found["errors"][name][measure]["series"],
+            style,
+        )
+        for style, name in enumerate(ESTIMATORS)
+    ]
+
+
+def _by_phase(table: AccuracyTable, noise: float) -> Figure:
+    phases = range(len(SERVO_PHASES))
+    panels = [
+        Panel(
+            "",
+            label,
+            [
+                curve(
+                    SHORT[style] if one == "full" else "",
+                    phases,
+                    [table.median("servo", noise, name, one, phase) for phase in phases],
+                    style,
+                    marks=True,
+                )
+                for style, name in enumerate(ESTIMATORS)
+            ],
+            log_y=True,
+            y_limits=LIMITS,
+            categories=list(SERVO_PHASES),
+        )
+        for one, label in MEASURES.items()
+    ]
+    return Figure("Accuracy by phase", panels, columns=2)

@@ -1,0 +1,1 @@
+"""The simulated laboratory that experiments share: closed loops, methods, and judges."""

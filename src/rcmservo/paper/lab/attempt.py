@@ -1,0 +1,122 @@
+"""One method in one scene: a closed loop of a study.
+
+The scene, the target and the noise of every frame that the seed gives serve all methods.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rcmservo.guard.states import Phase
+from rcmservo.loop.tick import Tick
+from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.base import Estimator
+from rcmservo.method.exploration import Exploration
+from rcmservo.paper.lab.calibration import Calibration, Quality, handed_over
+from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES, servo_for
+from rcmservo.paper.lab.laws import PoseLaw, drive
+from rcmservo.paper.lab.witness import STRIDE_TICKS
+from rcmservo.paper.statistics import median
+from rcmservo.servo.servo import Servo
+from rcmservo.sim import RigSettings
+from rcmservo.sim.rig import drawn
+from rcmservo.sim.truth import Truth
+from rcmservo.study.batch import Study
+from rcmservo.study.course import LAST, StudyRun
+from rcmservo.study.laboratory import Laboratory, LaboratoryLoop
+from rcmservo.study.plan.cell import COMPILED, MUJOCO
+
+STOPPED_FOR_GOOD = Phase.PAUSED, Phase.FAULT
+"""Phases that only an operator ends."""
+AT_REST_S = 0.5
+"""s within which the tool stands still once it is in one of these."""
+
+
+class MethodOutcome(NamedTuple):
+    """MethodOutcome of a method in a scene."""
+
+    run: StudyRun
+    """Closed loop, by the truth."""
+    engine: str
+    """Engine that made it."""
+    jacobian: float = np.nan
+    """Median scaled error of Ĵ while servoing; NaN on the compiled twin, or without a Ĵ."""
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A method's attempt in one scene."""
+
+    seed: int
+    """Source of all that is drawn."""
+    settings: RigSettings
+    """Laboratory."""
+    duration: float
+    """s after the exploration."""
+
+    def calibration(self, quality: Quality) -> Calibration:
+        """Return the calibration that is handed over; wrong in directions drawn from the seed."""
+        scene, _ = drawn(self.seed, self.settings)
+        return handed_over(quality, scene.optics, np.random.default_rng([self.seed, 1]))
+
+    def servo(
+        self,
+        estimator: Estimator,
+        exploration: Exploration,
+        controller: SaturatedController | None = None,
+    ) -> Servo:
+        """Return a servo, by default with the controller of all methods."""
+        return servo_for(self.settings, estimator, exploration, controller or FAST_LAW)
+
+    def run(self, servo: Servo) -> MethodOutcome:
+        """Explore, then servo for the duration.
+
+        The compiled twin runs a servo whose step is compiled, MuJoCo's arm the others.
+        """
+        return self.compiled(servo) if servo.rule is not None else self.live(servo)
+
+    def compiled(self, servo: Servo) -> MethodOutcome:
+        """Run on the compiled twin."""
+        run = Study(servo, self.settings, self._longest(servo), TEACHING_FRAMES).run(self.seed)
+        return MethodOutcome(run.until(self._end(run)), COMPILED)
+
+    def live(self, servo: Servo) -> MethodOutcome:
+        """Run with MuJoCo's arm and the live path's code."""
+        laboratory = Laboratory(servo, self.settings, self._longest(servo), TEACHING_FRAMES)
+        loop = LaboratoryLoop(laboratory, self.seed, 0)
+        end, moving, errors = np.inf, 0.0, list[float]()
+        for k, tick in enumerate(loop.ticks()):
+            time, phase = tick.time / 1e9, tick.state.phase
+            moving = moving if phase in STOPPED_FOR_GOOD else time
+            if phase is Phase.SERVO:
+                end = min(end, time + self.duration)
+                if k % STRIDE_TICKS == 0:
+                    errors.append(_jacobian_error(loop.rig.truth, tick))
+            if time >= min(end, moving + AT_REST_S + LAST):
+                break
+        run = loop.run
+        return MethodOutcome(run.until(self._end(run)), MUJOCO, median(errors))
+
+    def by_poses(self, calibration: Calibration) -> MethodOutcome:
+        """Move by pose-based control, which explores nothing."""
+        robot = self.servo(FAST_FIT, Exploration())
+        laboratory = Laboratory(robot, self.settings, self.duration, TEACHING_FRAMES)
+        loop = LaboratoryLoop(laboratory, self.seed, 0)
+        law = PoseLaw(calibration, robot, loop.target, FAST_LAW.gain)
+        drive(loop, robot, law, self.duration)
+        return MethodOutcome(loop.run, MUJOCO)
+
+    def _longest(self, servo: Servo) -> float:
+        """Return s of a run whose exploration takes all the time that it may."""
+        return servo.exploration.max_time + self.duration
+
+    def _end(self, run: StudyRun) -> float:
+        """Return s at which a run's time is over; inf where it never servoed."""
+        return run.explored + self.duration
+
+
+def _jacobian_error(truth: Truth, tick: Tick) -> float:
+    """Return the scaled error of Ĵ at a tick."""
+    state = tick.state
+    return truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)

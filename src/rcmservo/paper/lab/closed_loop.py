@@ -1,0 +1,232 @@
+"""One simulated closed loop in stages, all in one record that holds the truth too.
+
+The script plays the operator: it places the tool, teaches targets, moves the camera, and starts the
+servo.
+"""
+
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rcmservo.figures.overlay import draw, write_picture
+from rcmservo.guard.gate import Gate
+from rcmservo.interfaces import Floats, Target
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.run import Tick, run
+from rcmservo.loop.teach import teach
+from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.base import Estimator
+from rcmservo.method.estimators.flow import FlowEstimator
+from rcmservo.method.estimators.projection import PRINTED, ProjectionEstimator
+from rcmservo.method.exploration import Exploration
+from rcmservo.method.imaged_rcm import ImagedRcm
+from rcmservo.record import reader
+from rcmservo.record.reader import RECORD
+from rcmservo.record.writer import Recorder
+from rcmservo.servo.servo import Servo, State
+from rcmservo.sim import Rig, RigSettings, SceneSettings
+from rcmservo.tracking import ColourMarkers, PointMarkers
+
+TEACHING_FRAMES = 30
+"""Frames that the target of every experiment is the mean of: the claims' numbers depend on it."""
+
+PRINTED_LAW = SaturatedController(gain=0.1, bounds=(float(np.radians(10.0)), 10.0, 10.0))
+"""The paper's k = 0.1 and b = (10°, 10 px, 10 px)."""
+
+FAST_LAW = SaturatedController(gain=2.0)
+"""The paper's law with k = 2 and our b."""
+
+FAST_FIT = ProjectionEstimator()
+"""The paper's projection-based estimator with our Γ, which is fast, on both markers."""
+
+STEADY = Exploration(leg=1.0, share=0.12, growth=1.0, max_time=60.0)
+"""Exploration of equal rounds, whose size `reach` alone decides, at about 30 mm/s with FAST_ARM."""
+
+WIDE = replace(STEADY, reach=17.0, legs=8)
+"""An exploration for the printed fit: ten noisy observations of one marker need two rounds of 17
+mm."""
+
+PAPER_SCENES = SceneSettings(
+    errors=(float(np.radians(40.0)), -80.0, -60.0),
+    insertion=(40.0, 70.0),
+    distance=(150.0, 400.0),
+    room=17.0,
+)
+"""Scenes of the regulation experiments: initial errors of exactly [40°, 80 px, 60 px], r and d
+growing to the target.
+
+The insertion is short and the camera far, so that the imaged tool can turn by 40° inside the
+picture.
+"""
+
+FLOW = FlowEstimator(gamma=0.001)
+"""The paper's flow-based estimator."""
+
+LONG = replace(STEADY, reach=12.0, legs=60, tolerance=0.2)
+"""Exploration for the flow rule, which converges by 1 − exp(−γ v L): about 20 s of motion."""
+
+PAPER_METHODS: dict[str, tuple[Estimator, Exploration]] = {
+    "projection": (PRINTED, WIDE),
+    "flow": (FLOW, LONG),
+}
+"""The paper's estimators with the exploration that each needs."""
+
+FAST_ARM = Gate(speed=(2.0, 2.0, 160.0), slew=(20.0, 20.0, 1600.0))
+"""Limits of an arm so fast that exploring at 30 mm/s stays within the fraction of its speed that
+exploration may use."""
+
+NOISE = 0.1
+"""px of noise of the camera without pictures, about that of tracking in rendered frames."""
+
+ARRIVED = np.array([np.radians(0.1), 0.2, 0.2])
+"""Mean |Δy| (rad, px, px) over AVERAGED_FRAMES at which the tool counts as arrived."""
+
+AVERAGED_FRAMES = 30
+
+
+def endless(exploration: Exploration) -> Exploration:
+    """Return the same exploration without an end."""
+    return replace(exploration, legs=1000, max_time=1e6)
+
+
+def recorded(folder: Path) -> reader.Record:
+    """Return the record of a task's closed loop."""
+    path = folder / RECORD
+    return _read(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, changed: int) -> reader.Record:
+    """Return a record, cached while the file has not `changed`."""
+    del changed
+    return reader.read(path)
+
+
+def servo_for(
+    laboratory: RigSettings,
+    estimator: Estimator,
+    exploration: Exploration | None = None,
+    controller: SaturatedController = PRINTED_LAW,
+) -> Servo:
+    """Return a servo that knows the laboratory's mechanism and tool, and nothing of its camera."""
+    return Servo(
+        laboratory.mechanism,
+        laboratory.tool,
+        estimator=estimator,
+        controller=controller,
+        exploration=exploration or Exploration(),
+        imaged_rcm=ImagedRcm(lines=50),
+        gate=FAST_ARM,
+    )
+
+
+@contextmanager
+def closed_loop(
+    folder: Path, seed: int, settings: RigSettings, pictures: bool, servo: Servo
+) -> Generator["ClosedLoop"]:
+    """Open a closed loop and its record, on rendered pictures or with a camera of points."""
+    about = {
+        "simulation": True,
+        "seed": seed,
+        "pictures": pictures,
+        "rig": asdict(settings),
+        "servo": repr(servo),
+    }
+    servo.warm_up()
+    rig = Rig(seed, settings, pictures=pictures)
+    tracker = ColourMarkers() if pictures else PointMarkers()
+    plant = Plant(rig.arm, rig.camera, tracker, rig.clock)
+    with Recorder(folder / RECORD, about) as recorder:
+        yield ClosedLoop(folder, rig, plant, servo, recorder)
+
+
+class ClosedLoop:
+    """A rig and its plant, and a record of every tick of every stage."""
+
+    def __init__(
+        self, folder: Path, rig: Rig, plant: Plant, servo: Servo, recorder: Recorder
+    ) -> None:
+        self.folder, self.rig, self.plant, self.servo = folder, rig, plant, servo
+        self._recorder = recorder
+        self._began: int | None = None
+
+    def teach(self, q: Floats) -> tuple[Target, Floats]:
+        """Return the target taught at the joints q (3,), and p_d (3,) mm, marker 2 there."""
+        self.rig.place(q)
+        return teach(self.plant, TEACHING_FRAMES), self.true_p2()
+
+    def elapsed(self) -> float:
+        """Return the time in s since the first stage began."""
+        return 0.0 if self._began is None else (self.rig.clock.now() - self._began) / 1e9
+
+    def true_p2(self) -> Floats:
+        """Return the true position (3,) mm of marker 2."""
+        return self.rig.truth.markers(self.rig.clock.now())[1]
+
+    def stage(
+        self,
+        target: Target,
+        duration: float,
+        state: State | None = None,
+        done: Callable[[Tick], bool] = lambda tick: False,
+    ) -> Iterator[Tick]:
+        """Servo to the target as `run` does, and record; times go on from stage to stage."""
+        now = self.rig.clock.now()
+        self._began = now if self._began is None else self._began
+        self._recorder.begin(self.servo, target, state)
+        for tick in run(self.plant, self.servo, target, duration, done=done, state=state):
+            there = replace(tick, time=tick.time + now - self._began)
+            self._recorder.write(there)
+            error = self.rig.truth.jacobian_error(
+                tick.state.J_hat, tick.seen.q_exposure, tick.state.o_c
+            )
+            p1, p2 = self.rig.truth.markers(self.rig.clock.now())
+            self._recorder.write_truth(p1, p2, error)
+            yield there
+
+    def last(self, *arguments: Any, **options: Any) -> Tick:
+        """Run a stage to its end and return its last tick."""
+        *_, tick = self.stage(*arguments, **options)
+        return tick
+
+    def explore(self, target: Target) -> Tick:
+        """Explore until Ĵ predicts or the servo gives up; return the last tick."""
+
+        def explored(tick: Tick) -> bool:
+            return tick.state.explored
+
+        return self.last(target, self.servo.exploration.max_time + 1.0, done=explored)
+
+    def snapshot(
+        self, name: str, target: Target, state: State, words: str, others: Sequence[Target] = ()
+    ) -> None:
+        """Write the camera's newest picture with features in blue and the target in black."""
+        frame = self.plant.camera.latest()
+        if frame is None or frame.image is None or self.plant.markers is None:
+            return
+        points = self.plant.markers.points
+        picture = draw(
+            frame.image, points, state.o_c, target.points, words, [other.points for other in others]
+        )
+        write_picture(self.folder / name, picture)
+
+
+class Arrived:
+    """Test whether the tool has arrived: a small mean error over the newest frames."""
+
+    def __init__(self) -> None:
+        self._errors: deque[Floats] = deque(maxlen=AVERAGED_FRAMES)
+        self._frame = -1
+
+    def __call__(self, tick: Tick) -> bool:
+        if tick.state.frame > self._frame:
+            self._errors.append(tick.state.delta)
+            self._frame = tick.state.frame
+        full = len(self._errors) == AVERAGED_FRAMES
+        return full and bool((np.abs(np.mean(self._errors, axis=0)) < ARRIVED).all())

@@ -1,0 +1,49 @@
+"""One constant Jacobian of the four marker coordinates, estimated while exploring."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rcmservo.interfaces import Floats
+from rcmservo.loops import products
+from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.features import about, features_jacobian
+from rcmservo.method.tool import Tool
+
+
+class FirstFrames(NamedTuple):
+    """Observations of the first frames."""
+
+    p1: Floats
+    """(n, 3) mm, p₁ by the joints."""
+    m: Floats
+    """(n, 4) px, raw pixels there."""
+
+
+@dataclass(frozen=True)
+class ConstantJacobian(Estimator):
+    """L (4, 3) px/mm of m ≈ m₀ + L (p₁ − p₀), by least squares over the first frames."""
+
+    frames: int = 60
+    """Number of frames; an exploration takes about as many."""
+
+    name = "constant"
+
+    def init(self) -> FirstFrames:
+        return FirstFrames(np.empty((0, 3)), np.empty((0, 4)))
+
+    def update(self, memory: FirstFrames, tool: Tool, sample: Sample) -> FirstFrames:
+        if len(memory.p1) >= self.frames:
+            return memory
+        return FirstFrames(
+            np.vstack([memory.p1, sample.p1]), np.vstack([memory.m, sample.points.ravel()])
+        )
+
+    def motion(self, memory: FirstFrames, tool: Tool, sample: Sample) -> Floats:
+        p, m = (one - one.mean(axis=0) for one in memory)
+        return np.asarray(np.linalg.lstsq(p, m, rcond=None)[0].T, dtype=np.float64)
+
+    def jacobian(self, memory: FirstFrames, tool: Tool, sample: Sample) -> Floats:
+        motion = self.motion(memory, tool, sample)
+        return products(features_jacobian(about(sample.points, sample.o_c)), motion)

@@ -1,0 +1,144 @@
+"""An estimate's knowledge of the camera: the error of the pixels predicted at poses held out."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rcmservo.interfaces import Floats
+from rcmservo.method.controller import scaled
+from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.estimators.projection import GAMMA_0
+from rcmservo.method.features import about, features
+from rcmservo.method.projection import parameters
+from rcmservo.method.prospect import UNIT, Prospect
+from rcmservo.paper.lab.cameras import true_parameters
+from rcmservo.paper.lab.streams import (
+    ESTIMATORS,
+    errors_over,
+    estimated,
+    in_short,
+    over_time,
+    stream,
+)
+from rcmservo.paper.plan import Found, Settings
+from rcmservo.paper.statistics import median
+from rcmservo.sim import Rig
+
+DRAWS = 2000
+"""Configurations drawn of the whole workspace; the camera sees a few of them."""
+PHASES = ("exploring", "saturated way", "end")
+"""Phases of a servo run."""
+
+
+def servo_run(
+    seed: int, noise: float, duration: float, held_out: int, around: float, speed: float
+) -> Found:
+    """Give one servo run's samples to every estimator; return its errors of Ĵ, and its knowledge.
+
+    The knowledge is the median error (px) of the predicted markers at `held_out` poses within
+    `around` mm of the way, and anywhere in the picture, and the relative error of â, None where
+    there is no â.
+    """
+    rig, seen = stream(seed, noise, Settings(duration=duration), "servo")
+    near, far = near_way(rig, held_out, around, seed), workspace(rig, held_out, seed)
+    errors, knowledge = dict[str, Found](), dict[str, Found]()
+    for name, estimator in ESTIMATORS.items():
+        J_hat, memory = estimated(estimator, seen.samples, rig.settings.tool)
+        errors[name] = {
+            measure: in_short(error, seen.phase, len(PHASES))
+            for measure, error in errors_over(J_hat, seen, speed).items()
+        }
+        known = estimator, memory, J_hat[-1], seen.samples[-1]
+        knowledge[name] = {
+            "near": missed(rig, near, *known),
+            "workspace": missed(rig, far, *known),
+            "parameters": parameter_error(rig, parameters_of(estimator, memory))
+            if estimator.models
+            else None,
+        }
+    return {"time": over_time(seen.time), "errors": errors, "knowledge": knowledge}
+
+
+def near_way(rig: Rig, count: int, around: float, seed: int) -> list[Floats]:
+    """Return joints of visible poses, with marker 1 within `around` mm of the way."""
+    random = np.random.default_rng(seed)
+    poses: list[Floats] = []
+    while len(poses) < count:
+        offset = random.standard_normal(3)
+        offset *= around * random.uniform() ** (1.0 / 3.0) / np.linalg.norm(offset)
+        on_way = np.asarray(random.choice(rig.scene.way))
+        q = rig.body.mechanism.joints(rig.body.points(on_way)[0] + offset)
+        if in_picture(rig, q):
+            poses.append(q)
+    return poses
+
+
+def workspace(rig: Rig, count: int, seed: int) -> list[Floats]:
+    """Return joints of visible poses, anywhere within the joint limits."""
+    random = np.random.default_rng(seed)
+    drawn = random.uniform(*rig.body.mechanism.limits.arrays, (DRAWS, 3))
+    return [q for q in drawn if in_picture(rig, q)][:count]
+
+
+def in_picture(rig: Rig, q: Floats) -> bool:
+    """Return True if the true camera sees both markers at the joints q (3,)."""
+    pixels, optics = rig.truth.pixels(q), rig.scene.optics
+    return bool(((pixels >= 0.0) & (pixels <= np.array([optics.width, optics.height]) - 1.0)).all())
+
+
+def missed(
+    rig: Rig,
+    poses: Sequence[Floats],
+    estimator: Estimator,
+    memory: Any,
+    J_hat: Floats,
+    last: Sample,
+) -> float:
+    """Return the median distance (px) of the predicted from the true markers at `poses`."""
+    errors = list[Floats]()
+    for q in poses:
+        p1 = rig.body.points(q)[0]
+        errors.append(expected(rig, estimator, memory, J_hat, last, p1) - rig.truth.pixels(q))
+    return median(np.linalg.norm(np.concatenate(errors), axis=1))
+
+
+def expected(
+    rig: Rig, estimator: Estimator, memory: Any, J_hat: Floats, last: Sample, p1: Floats
+) -> Floats:
+    """Return the raw pixels (2, 2) predicted at p1 (3,) mm, after the `last` sample."""
+    m = estimator.predict(memory, rig.settings.tool, p1)
+    placed = estimator.imaged_rcm(memory)
+    m = extrapolated(J_hat, last, p1) if m is None else m
+    return m.reshape(2, 2) + (last.o_c if placed is None else placed[0])
+
+
+def extrapolated(J_hat: Floats, last: Sample, p1: Floats) -> Floats:
+    """Return m (4,) px from o_c at p1 by a scaled Ĵ alone: y extrapolated linearly from `last`."""
+    unscale = 1.0 / scaled(np.ones((3, 1)))[:, 0]
+    s, r, d = features(about(last.points, last.o_c)) + unscale * (J_hat @ (p1 - last.p1))
+    along = np.array([np.cos(s), np.sin(s)])
+    return np.concatenate([r * along, (r + d) * along])
+
+
+def parameters_of(estimator: Estimator, memory: Any) -> Floats:
+    """Return â (9,) of an estimator with a model; that of the whole projection by Lemma 1."""
+    if not estimator.places_rcm:
+        return memory.a_hat
+    fit = Prospect(memory)
+    moved = np.eye(4)
+    moved[:3, 3] = -fit.origin[:3]
+    moved[3, 3] = UNIT
+    below = np.append(fit.g, 1.0)
+    C = np.vstack([fit.A + np.outer(fit.origin[3:], below), below]) @ moved
+    return parameters(C)[0]
+
+
+def parameter_error(rig: Rig, a_hat: Floats) -> float:
+    """Return the relative error of â in the measure of (22) with the printed Γ₀.
+
+    The true a is that of the camera without its distortion.
+    """
+    a, _ = true_parameters(rig)
+    weight = 1.0 / np.sqrt(GAMMA_0)
+    return float(np.linalg.norm(weight * (a_hat - a)) / np.linalg.norm(weight * a))

@@ -1,0 +1,102 @@
+"""The truth about a servo's run to the scene's target.
+
+A run has settled by the true features without noise, about the true imaged RCM: single frames with
+noise leave the tolerance by chance.
+"""
+
+import numpy as np
+
+from rcmservo.guard.causes import Cause
+from rcmservo.interfaces import Floats
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.run import Tick, run
+from rcmservo.loop.teach import teach
+from rcmservo.method.features import about, difference, features
+from rcmservo.method.tool import Tool
+from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES
+from rcmservo.paper.plan import Found
+from rcmservo.paper.statistics import median, rms
+from rcmservo.record.verdict import SAME_POSE, settle_time
+from rcmservo.servo.servo import Servo
+from rcmservo.sim import Rig, RigSettings, SceneSettings
+from rcmservo.tracking import PointMarkers
+
+STRIDE_TICKS = 10
+"""Ticks between two samples of the truth."""
+
+END_S = 5.0
+"""s at the end of a run over which its pose error is taken: noise makes the tool wander for a
+second at a time."""
+
+
+def laboratory(seed: int, scene: SceneSettings, noise: float) -> tuple[Rig, Plant]:
+    """Return a scene, and its plant with the camera that delivers points with `noise` px."""
+    return with_points(seed, RigSettings(point_noise=noise, scene=scene))
+
+
+def with_points(seed: int, settings: RigSettings) -> tuple[Rig, Plant]:
+    """Return a rig, and its plant with the camera that delivers points."""
+    rig = Rig(seed, settings, pictures=False)
+    return rig, Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
+
+
+def settle(
+    seed: int, settings: RigSettings, duration: float, known: Tool | None = None
+) -> tuple[Found, list[Tick]]:
+    """Servo from home to the target with the fast fit and law; return the trial and its ticks.
+
+    The servo takes its tool as `known`, by default as it is. The trial holds the reason why it did
+    not settle (``why_not``), ``settle_time`` (s, or None), ``pose`` (‖p₂ − p_d‖ mm, rms over
+    END_S; where a cause ended the run, at its end), and ``jacobian`` (median scaled error of Ĵ
+    after the exploration).
+    """
+    rig, plant = with_points(seed, settings)
+    rig.show_target()
+    target = teach(plant, TEACHING_FRAMES)
+    rig.go_home()
+    servo = Servo(settings.mechanism, known or settings.tool, FAST_FIT, FAST_LAW)
+    truth, body, p_d = rig.truth, rig.body, rig.body.points(rig.scene.target)[1]
+    y_d = _true_features(rig, rig.scene.target)
+    ticks, rows, jacobians = list[Tick](), list[tuple[float, Floats, float]](), list[float]()
+    for tick in run(plant, servo, target, duration):
+        ticks.append(tick)
+        if (len(ticks) - 1) % STRIDE_TICKS == 0:
+            q, state = rig.arm.q_true, tick.state
+            distance = float(np.linalg.norm(body.points(q)[1] - p_d))
+            rows.append((tick.time / 1e9, difference(_true_features(rig, q), y_d), distance))
+            if state.explored:
+                error = truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
+                jacobians.append(error)
+    times, deltas, poses = (np.array(values) for values in zip(*rows, strict=True))
+    cause, settled_at = ticks[-1].state.cause, settle_time(times, deltas)
+    pose = float(poses[-1]) if cause.stopping else rms(poses[times > times[-1] - END_S])
+    reason = _why_not(cause, settled_at, pose)
+    return {
+        "why_not": reason,
+        "settle_time": None if reason else settled_at,
+        "pose": pose,
+        "jacobian": median(jacobians) if jacobians else None,
+    }, ticks
+
+
+def _true_features(rig: Rig, q: Floats) -> Floats:
+    return features(about(rig.truth.pixels(q), rig.truth.imaged_rcm()))
+
+
+def _why_not(cause: Cause, settled_at: float | None, pose: float) -> str:
+    if cause.stopping:
+        return cause.stopping
+    if settled_at is None:
+        return "time ran out before the true features had settled"
+    return "the features agree in another pose" if pose > SAME_POSE else ""
+
+
+def settled(trials: list[Found]) -> int:
+    """Return how many trials settled."""
+    return sum(not trial["why_not"] for trial in trials)
+
+
+def reasons(trials: list[Found]) -> str:
+    """Return why some did not settle, as the end of a sentence."""
+    causes = sorted({trial["why_not"] for trial in trials if trial["why_not"]})
+    return "; not settled: " + ", ".join(causes) if causes else ""

@@ -1,0 +1,228 @@
+"""Following a path of moving reference pixels, as in [10], without calibration or feed-forward.
+
+Marker 1 is to go round a circle in space. The reference is the circle's picture in the true camera,
+as [10] computes it by its forward model; the servo knows these pixels and nothing else. A law
+without feed-forward stays behind by v/k.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from functools import partial
+
+import numpy as np
+
+from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.guard.states import Phase
+from rcmservo.interfaces import Floats, Target
+from rcmservo.loop.clock import ticks
+from rcmservo.method.controller import SaturatedController
+from rcmservo.method.features import SCALE
+from rcmservo.paper.lab.closed_loop import FAST_LAW, servo_for
+from rcmservo.paper.lab.methods import FLOW_RULE, OUR_METHODS, Learner
+from rcmservo.paper.lab.witness import STRIDE_TICKS, laboratory
+from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.statistics import column, median, rms
+from rcmservo.servo.servo import State
+from rcmservo.sim import Rig, SceneSettings
+
+METHODS: Mapping[str, Learner] = {**OUR_METHODS, "flow": FLOW_RULE}
+SCENES = SceneSettings(room=17.0)
+FIXED = {"methods": METHODS, "controller": FAST_LAW, "scene": SCENES}
+AT_START = 0.15
+"""Scaled feature error at which the first point of a path counts as reached."""
+NEAR_END_S = 0.2
+"""s before the end of a path at which it counts as completed: two samples."""
+MAX_LAG_S = 2.0
+"""s up to which the lag behind a path is searched."""
+
+
+def tasks(settings: Settings) -> list[Task]:
+    return [
+        Task(method, partial(follow_all, settings=settings, method=method), settings.seeds)
+        for method in METHODS
+    ]
+
+
+def law(method: Learner) -> SaturatedController:
+    """Return a method's own controller, or that of all."""
+    return method.controller or FAST_LAW
+
+
+def follow_all(settings: Settings, method: str) -> Found:
+    """Return the results of `follow` in every scene."""
+    return {"trials": [follow(settings, METHODS[method], i) for i in range(settings.seeds)]}
+
+
+class Circle:
+    """A path of marker 1, oblique to the tool, so that it needs yaw, pitch and insertion."""
+
+    def __init__(self, rig: Rig, radius: float, period: float) -> None:
+        self.rig, self.period = rig, period
+        self.middle: Floats = rig.body.points(rig.scene.target)[0]
+        n = self.middle / np.linalg.norm(self.middle)
+        axis: Floats = np.eye(3)[np.argmin(np.abs(n))]
+        across = np.cross(n, axis)
+        across /= np.linalg.norm(across)
+        along = (np.cross(n, across) + n) / np.sqrt(2.0)
+        self.across, self.along = radius * across, radius * along
+
+    def p1(self, time: float) -> Floats:
+        """Return the reference (3,) mm of marker 1 at a time in s, at least 0."""
+        angle = 2.0 * np.pi * max(time, 0.0) / self.period
+        return self.middle + np.cos(angle) * self.across + np.sin(angle) * self.along
+
+    def target(self, time: float) -> Target:
+        """Return the reference pixels at a time in s."""
+        q = self.rig.settings.mechanism.joints(self.p1(time))
+        return Target(self.rig.truth.pixels(q), np.full(3, np.nan))
+
+
+def follow(settings: Settings, method: Learner, seed: int) -> Found:
+    """Explore, go to the path's first point, then servo to reference pixels that move along it.
+
+    Returns the seed, the cause of a path that was not completed, and `errors_on` a completed one.
+    """
+    rig, plant = laboratory(seed, SCENES, settings.noise)
+    servo = servo_for(rig.settings, method.estimator, method.exploration, law(method))
+    path, began = Circle(rig, settings.radius, settings.period), None
+    samples = list[tuple[float, Floats, Floats]]()
+    state, target = servo.init(), path.target(0.0)
+    servo.warm_up()
+    plant.enable()
+    longest = servo.exploration.max_time + settings.approach + settings.period
+    for k, _ in enumerate(ticks(plant.clock, duration=longest)):
+        seen = plant.read()
+        if began is None and at_start(state):
+            began = seen.now
+        if began is not None:
+            time = (seen.now - began) / 1e9
+            if time > settings.period:
+                break
+            target = path.target(time)
+            if k % STRIDE_TICKS == 0:
+                q = rig.arm.q_true
+                samples.append((time, rig.body.points(q)[0], rig.truth.pixels(q)[0]))
+        state = servo.step(state, seen, target)
+        plant.send(state.command)
+        if state.phase in (Phase.PAUSED, Phase.FAULT):
+            break
+    if samples and samples[-1][0] > settings.period - NEAR_END_S:
+        return {"seed": seed, "cause": "", **errors_on(path, samples)}
+    where = "before its start" if began is None else "on the path"
+    return {"seed": seed, "cause": state.cause.stopping or f"time ran out {where}"}
+
+
+def at_start(state: State) -> bool:
+    """Return True if the servo observes the tool at the path's first point."""
+    return state.phase is Phase.SERVO and bool(np.max(np.abs(state.delta) / SCALE) < AT_START)
+
+
+def errors_on(path: Circle, samples: list[tuple[float, Floats, Floats]]) -> Found:
+    """Return errors (mm) of a completed path: ``lag`` (s) explains most of them, ``left`` remains.
+
+    The samples are time (s), true p₁ (3,) mm, and true m₁ (2,) px.
+    """
+    times, points, pixels = (np.array(values) for values in zip(*samples, strict=True))
+
+    def behind(lag: float) -> Floats:
+        reference = np.array([path.p1(time - lag) for time in times])
+        return np.linalg.norm(points - reference, axis=1)
+
+    reference = np.array([path.target(time).points[0] for time in times])
+    lags = np.arange(0.0, MAX_LAG_S, 0.02)
+    left = [rms(behind(lag)) for lag in lags]
+    errors = behind(0.0)
+    return {
+        "rms": rms(errors),
+        "max": errors.max(),
+        "pixels_rms": rms(np.linalg.norm(pixels - reference, axis=1)),
+        "lag": lags[np.argmin(left)],
+        "left": min(left),
+        "times": times,
+        "errors": errors,
+        "pixels": pixels,
+        "reference": reference,
+    }
+
+
+def speed(settings: Settings) -> float:
+    """Return v in mm/s on the circle."""
+    return 2.0 * np.pi * settings.radius / settings.period
+
+
+def completed(results: Results, method: str) -> list[Found]:
+    return [trial for trial in results[method]["trials"] if not trial["cause"]]
+
+
+def failures(results: Results, method: str) -> str:
+    trials = results[method]["trials"]
+    causes = Counter(trial["cause"] for trial in trials if trial["cause"])
+    total = len(trials)
+    return "; ".join(f"{n} of {total} not completed: {cause}" for cause, n in causes.items())
+
+
+def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
+    seeds, v = range(settings.seeds), speed(settings)
+    for name, method in METHODS.items():
+        value = 100.0 * len(completed(results, name)) / settings.seeds
+        words = failures(results, name)
+        yield Measurement("gets-round", value, seeds, case=(method.name,), failures=words, speed=v)
+    done = {name: found for name in METHODS if (found := completed(results, name))}
+    for name, found in done.items():
+        lag, worst = v / law(METHODS[name]).gain, column(found, "max")
+        yield Measurement(
+            "lags-by-v-over-k",
+            median(column(found, "rms")),
+            seeds,
+            bound=1.5 * lag,
+            case=(METHODS[name].name,),
+            failures=failures(results, name),
+            lag=lag,
+            largest=median(worst),
+            worst=worst.max(),
+            pixels=median(column(found, "pixels_rms")),
+        )
+    for name, found in done.items():
+        left = median(column(found, "left"))
+        start = median([one["errors"][0] for one in found])
+        late = f"the start counts too, where the tool is still {start:.1f} mm from the reference"
+        remark = "; ".join(filter(None, (failures(results, name), late if left > 0.3 else "")))
+        yield Measurement(
+            "keeps-beside",
+            left,
+            seeds,
+            case=(METHODS[name].name,),
+            words=remark,
+            lag=median(column(found, "lag")),
+            time_constant=1.0 / law(METHODS[name]).gain,
+        )
+
+
+def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+    done = {name: found for name in METHODS if (found := completed(results, name))}
+    pictures = [
+        curve(METHODS[name].short, found[0]["pixels"][:, 0], found[0]["pixels"][:, 1], style)
+        for style, (name, found) in enumerate(done.items())
+    ]
+    for found in list(done.values())[:1]:
+        u, v = found[0]["reference"].T
+        pictures.insert(0, curve("reference", u, v, -1))
+    rows = [value for one in pictures for value in one.y if value is not None] or [0.0]
+    errors = list[Curve]()
+    for style, (name, found) in enumerate(done.items()):
+        shortest = min(len(one["errors"]) for one in found)
+        middle = np.median([one["errors"][:shortest] for one in found], axis=0)
+        errors.append(curve(METHODS[name].short, found[0]["times"][:shortest], middle, style))
+    lags = {gain: speed(settings) / gain for gain in (law(one).gain for one in METHODS.values())}
+    panels = [
+        Panel("u [px]", "v [px], downwards", pictures, y_limits=(max(rows) + 3.0, min(rows) - 3.0)),
+        Panel(
+            "time on the path [s]",
+            "$\\|p_1 - p_{ref}\\|$ [mm]",
+            errors,
+            levels=[(f"v/k, k = {gain:g}", lag) for gain, lag in lags.items()],
+        ),
+    ]
+    first = next((one["seed"] for found in done.values() for one in found), "–")
+    figure = Figure("Following a path", panels, columns=2)
+    yield Drawn("path", range(settings.seeds), figure, words={"scene": first})

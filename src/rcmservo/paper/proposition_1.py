@@ -1,0 +1,130 @@
+"""Proposition 1, measured: U never rises along rule (21), and the time until Ĵ is J.
+
+Noiseless observations before pinhole cameras, with the printed Γ and with our fast one.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.interfaces import Floats
+from rcmservo.method.controller import scaled
+from rcmservo.method.estimators.decay import decay
+from rcmservo.method.estimators.projection import (
+    GAMMA_0,
+    MAX_DECAY,
+    ProjectionEstimator,
+    feature_jacobian,
+    inverse_root,
+    normal_equations,
+    predict,
+    sights,
+)
+from rcmservo.method.projection import PARAMETERS, parameters, project
+from rcmservo.paper.lab.cameras import drawn, seen_by
+from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.statistics import column, median
+from rcmservo.sim import RigSettings
+
+TOOL = RigSettings().tool
+FIT = ProjectionEstimator()
+"""Source of the fast Γ's η and ε."""
+SHOWN_CAMERAS = 5
+LABELS = {"printed": "printed Γ", "fast": "our fast Γ"}
+
+
+def tasks(settings: Settings) -> list[Task]:
+    return [Task("cameras", partial(all_cameras, settings=settings), cost=3.0)]
+
+
+def all_cameras(settings: Settings) -> Found:
+    """Return the results of `one_camera` for every camera, by Γ."""
+    found = [one_camera(settings, seed) for seed in range(settings.cameras)]
+    return {name: [one[name] for one in found] for name in LABELS}
+
+
+def one_camera(settings: Settings, seed: int) -> dict[str, Found]:
+    """Return the fall of U with the printed and with our fast Γ, on the same observations."""
+    C, p0 = drawn(seed)
+    a, o_c = parameters(C)
+    random = np.random.default_rng([seed, 2])
+    points = p0 + settings.spread * random.uniform(-1.0, 1.0, (settings.observations, 3))
+    rows = np.array([[*p, *seen_by(C, p), np.nan, np.nan] for p in points])
+    A, b = normal_equations(sights(rows, len(rows), o_c, False, TOOL.shaft))
+    printed, fast = np.diag(np.sqrt(GAMMA_0)), np.sqrt(FIT.rate) * inverse_root(A, FIT.epsilon)
+
+    def fall(root: Floats, longest: float, judged_at: float) -> Found:
+        """Return rule (21) with Γ = root rootᵀ from â = 0."""
+        slowest = float(np.linalg.eigvalsh(root.T @ A @ root)[0])
+        time = np.concatenate([[0.0], np.geomspace(1e-4, longest, 200)])
+        moments = [*time, judged_at, settings.end / slowest]
+        *a_hats, late, end = [decay(A, b, np.zeros(PARAMETERS), root, t) for t in moments]
+        U = np.array([0.5 * np.sum(np.linalg.solve(root, a_hat - a) ** 2) for a_hat in a_hats])
+        errors = [np.linalg.norm(project(late, p) - project(a, p)) for p in points]
+        return {
+            "time": time,
+            "U": U / U[0],
+            "rise": max(np.max(np.diff(U)) / U[0], 0.0),
+            "reprojection": np.max(errors),
+            "jacobian": jacobian_error(late, a, p0),
+            "end": jacobian_error(end, a, p0),
+            "slowest": slowest,
+        }
+
+    return {
+        "printed": fall(printed, settings.longest, settings.printed_time),
+        "fast": fall(fast, MAX_DECAY / FIT.rate, settings.fast_time),
+    }
+
+
+def jacobian_error(a_hat: Floats, a: Floats, p1: Floats) -> float:
+    """Return ‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians at p1, from â and from the true a."""
+    m = predict(a, p1, TOOL.shaft)
+    J_hat, J = (scaled(feature_jacobian(some, p1, m, TOOL.shaft)) for some in (a_hat, a))
+    return float(np.linalg.norm(J_hat - J) / np.linalg.norm(J))
+
+
+def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
+    printed, fast = results["cameras"]["printed"], results["cameras"]["fast"]
+    seeds, hours = range(settings.cameras), 1.0 / column(printed, "slowest") / 3600.0
+    late, fast_late = column(printed, "jacobian"), column(fast, "jacobian")
+    yield Measurement("printed-falls", column(printed, "rise").max(), seeds)
+    yield Measurement(
+        "tends-to-a",
+        column(printed, "end").max(),
+        seeds,
+        confirmed=median(hours) > 600.0 / 3600.0,
+        hours=median(hours),
+        worst=hours.max(),
+    )
+    yield Measurement("fast-falls", column(fast, "rise").max(), seeds)
+    bad = np.sum(late > settings.near)
+    yield Measurement(
+        "printed-in-time",
+        late.max(),
+        seeds,
+        bound=settings.near,
+        remarked=bool(bad),
+        confirmed=late.max() > 10.0 * fast_late.max(),
+        bad=bad,
+        percent=100.0 * settings.near,
+        middle=median(late),
+        pixels=median(column(printed, "reprojection")),
+    )
+    percent = 100.0 * settings.near
+    yield Measurement("fast-in-time", fast_late.max(), seeds, bound=settings.near, percent=percent)
+
+
+def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+    curves = [
+        curve(label if i == 0 else "", one["time"][1:], np.maximum(one["U"][1:], 1e-12), style)
+        for style, (name, label) in enumerate(LABELS.items())
+        for i, one in enumerate(results["cameras"][name][:SHOWN_CAMERAS])
+    ]
+    panel = Panel(
+        "estimator time [s]", "U(t) / U(0)", curves, log_x=True, log_y=True, y_limits=(1e-9, 3.0)
+    )
+    shown = range(min(settings.cameras, SHOWN_CAMERAS))
+    yield Drawn("U", shown, Figure("Proposition 1", [panel]), words={"shown": len(shown)})

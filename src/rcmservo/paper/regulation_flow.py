@@ -1,0 +1,94 @@
+"""Regulation with the flow-based estimator: Fig. 8, 10 and 12.
+
+On the way the image turns by 40° and J with it, by most of its size. At 1 mm/s the rule does not
+follow this change (T7): what is explored must do for the whole way. So the tool explores half-way,
+where Ĵ is within 20° of both ends. The same scenes are also run with the exploration at the start.
+"""
+
+from collections.abc import Iterator
+
+from rcmservo.figures import plots
+from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.interfaces import Floats
+from rcmservo.paper.lab.closed_loop import FLOW, LONG, recorded
+from rcmservo.paper.lab.regulation import (
+    ACCURATE,
+    LABORATORY,
+    NOTICED_S,
+    Regulation,
+    approximates,
+    begun,
+    falls_by_k_b,
+    figures,
+    is_small,
+    moving_means,
+    start_of,
+    succeeds,
+)
+from rcmservo.paper.plan import Drawn, Measurement, Results, Settings, Task
+from rcmservo.paper.statistics import column, ends_of, median
+
+FLOWS = (
+    "$\\dot s, \\omega_1$ [deg/s]",
+    "$\\dot r, \\omega_2$ [px/s]",
+    "$\\dot d, \\omega_3$ [px/s]",
+)
+HALF_WAY = "flow-based, explored half-way"
+FROM_START = "flow-based, explored at the start"
+FIXED = {"estimator": FLOW, "exploration": LONG, "laboratory": LABORATORY}
+
+
+def tasks(settings: Settings) -> list[Task]:
+    seeds, duration = range(settings.seeds), settings.duration
+    half_way = Regulation(FLOW, LONG, settings.pictures, duration, half_way=True)
+    from_start = Regulation(FLOW, LONG, False, duration)
+    return [*half_way.tasks("seed", seeds), *from_start.tasks("from-start", seeds)]
+
+
+def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
+    seeds = range(settings.seeds)
+    runs, other = (results.per_seed(prefix, seeds) for prefix in ("seed", "from-start"))
+    yield succeeds(runs, seeds, HALF_WAY)
+    yield succeeds(other, seeds, FROM_START)
+    yield approximates(runs, seeds, HALF_WAY)
+    yield falls_by_k_b(runs, seeds, HALF_WAY)
+    at_end = median(column(begun(runs), "at_end"))
+    yield Measurement("every-instant", at_end, seeds, confirmed=at_end > ACCURATE)
+    error, noise = (column(begun(runs), key) for key in ("flow_error", "flow_noise"))
+    value, words = median(error), ends_of(error)
+    yield Measurement("omega-follows", value, seeds, remarked=value > ACCURATE, ends=words)
+    value, words = median(noise), ends_of(noise)
+    yield Measurement("less-noise", value, seeds, confirmed=value < 1.0, ends=words)
+    reached = [run for run in other if is_small(run)]
+    wrong = median(column(reached or begun(other), "at_end"))
+    yield Measurement(
+        "success-shows",
+        wrong,
+        seeds,
+        trials=len(reached),
+        confirmed=wrong > ACCURATE,
+        reached=len(reached),
+        runs=len(other),
+    )
+
+
+def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+    yield from figures(settings, results, HALF_WAY)
+    rows, began = recorded(results.folders["seed-0"]), start_of(results["seed-0"]) + NOTICED_S
+    new = rows.new_frames(began)
+    y_dot, omega = (flow * plots.DEGREES for flow in plots.flows(rows, new))
+    time = rows.time[new][1:] - began
+    mean_time = moving_means(time[:, None])[:, 0]
+    panels = list[Panel]()
+    for i in range(3):
+        panels.append(_panel(i, "time [s]", time, y_dot, omega))
+        label = "time [s], means over 1 s"
+        panels.append(_panel(i, label, mean_time, moving_means(y_dot), moving_means(omega)))
+    yield Drawn("estimate", [0], Figure("Output flow", panels, columns=2))
+
+
+def _panel(i: int, label: str, time: Floats, y_dot: Floats, omega: Floats) -> Panel:
+    names = ("measured $\\dot{\\mathbf{y}}$", "estimate $\\mathbf{\\omega}$ (35)")
+    first, second = names if i == 0 else ("", "")
+    curves = [curve(first, time, y_dot[:, i], -1), curve(second, time, omega[:, i], 1)]
+    return Panel(label, FLOWS[i], curves)

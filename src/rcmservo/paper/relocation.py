@@ -1,0 +1,149 @@
+"""Relocation of the camera, which the conclusions claim: moved and rolled in mid-run.
+
+The servo must notice and stop. Then an operator shows the target in the new view and puts the tool
+back to where it was, and the servo explores again and continues. (The script plays the operator.)
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.guard.causes import Cause
+from rcmservo.guard.states import Phase
+from rcmservo.interfaces import Target
+from rcmservo.loop.run import Tick
+from rcmservo.method.estimators.base import Estimator
+from rcmservo.method.exploration import Exploration
+from rcmservo.method.features import SCALE
+from rcmservo.paper.lab.closed_loop import (
+    FAST_FIT,
+    FAST_LAW,
+    FLOW,
+    LONG,
+    NOISE,
+    ClosedLoop,
+    closed_loop,
+    recorded,
+    servo_for,
+)
+from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.statistics import column, finite, fraction, median
+from rcmservo.sim import RigSettings, SceneSettings
+
+BOUND_MM = 4.0
+METHODS: dict[str, tuple[Estimator, Exploration]] = {
+    "projection": (FAST_FIT, Exploration()),
+    "flow": (FLOW, LONG),
+}
+LABORATORY = RigSettings(scene=SceneSettings(room=12.0, travel=(30.0, 60.0)), point_noise=NOISE)
+FIXED = {"methods": METHODS, "controller": FAST_LAW, "laboratory": LABORATORY}
+
+
+def tasks(settings: Settings) -> list[Task]:
+    cost = (0.35 if settings.pictures else 0.05) * 2.0 * settings.duration
+    return [
+        Task(
+            f"{method}-{seed}",
+            partial(relocated, seed=seed, method=method, settings=settings),
+            cost,
+            in_folder=True,
+        )
+        for method in METHODS
+        for seed in range(settings.seeds)
+    ]
+
+
+def relocated(folder: Path, seed: int, method: str, settings: Settings) -> Found:
+    """Servo, relocate the camera half-way, wait for the stop, show the target again, continue.
+
+    Returns `until_stopped`, the time ``again`` (s) at which the servo was started again, the cause
+    at the end, and the final pose error (mm).
+    """
+    servo = servo_for(LABORATORY, *METHODS[method], FAST_LAW)
+    with closed_loop(folder, seed, LABORATORY, settings.pictures, servo) as loop:
+        target, p_d = loop.teach(loop.rig.scene.target)
+        loop.rig.go_home()
+        stop = until_stopped(loop, target, settings)
+        stopped_at = loop.rig.arm.q_true
+        target, _ = loop.teach(loop.rig.scene.target)
+        loop.rig.place(stopped_at)
+        again = loop.elapsed()
+        tick = loop.last(target, settings.duration)
+        words = "after: the target was shown in the new view"
+        loop.snapshot("after.png", target, tick.state, words)
+        error = np.linalg.norm(loop.true_p2() - p_d)
+    return {**stop, "again": again, "cause": tick.state.cause.stopping, "pose_error": error}
+
+
+def until_stopped(loop: ClosedLoop, target: Target, settings: Settings) -> Found:
+    """Servo to the target, move the camera on the way, and wait until the tool stands still.
+
+    Returns ``moved``, s at which the camera was moved, or None if the servo never came so far;
+    ``stopped_after``, s until the tool stood still, or None; ``travelled``, mm of marker 2 from
+    then to the end; and ``noticed``, True if the servo paused for that reason.
+    """
+    moved, stopped, p2, first = None, None, loop.true_p2(), np.nan
+    tick: Tick | None = None
+    for tick in loop.stage(target, settings.duration):
+        if moved is None and tick.state.phase is Phase.SERVO:
+            size = float(np.linalg.norm(tick.state.delta / SCALE))
+            first = size if np.isnan(first) else first
+            if size < settings.share * first:
+                loop.snapshot("before.png", target, tick.state, "before")
+                loop.rig.relocate_camera()
+                moved, p2 = tick.time / 1e9, loop.true_p2()
+        elif moved is not None and stopped is None and not tick.state.command.rates.any():
+            stopped = tick.time / 1e9
+    assert tick is not None
+    words = "the camera was moved and rolled: " + tick.state.phase.value
+    loop.snapshot("moved.png", target, tick.state, words)
+    return {
+        "moved": moved,
+        "stopped_after": None if moved is None or stopped is None else stopped - moved,
+        "travelled": np.linalg.norm(loop.true_p2() - p2),
+        "noticed": tick.state.cause is Cause.CAMERA_MOVED,
+    }
+
+
+def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
+    names = [f"{method}-{seed}" for method in METHODS for seed in range(settings.seeds)]
+    runs, seeds = [results[name] for name in names], range(settings.seeds)
+    errors = column(runs, "pose_error")
+    failed = [
+        f"{name}: {run['cause'] or 'not there'}"
+        for name, run in zip(names, runs, strict=True)
+        if run["pose_error"] > BOUND_MM
+    ]
+    words = "; ".join([f"median {median(errors):.2f} mm", *failed])
+    yield Measurement("gets-there", errors.max(), seeds, words=words)
+    noticed = 100.0 * fraction(run["noticed"] for run in runs)
+    yield Measurement("noticed", noticed, seeds, runs=len(runs), gain=FAST_LAW.gain)
+    after = column(runs, "stopped_after")
+    yield Measurement(
+        "stands-still",
+        100.0 * fraction(after <= settings.stops),
+        seeds,
+        times=", ".join(f"{time:.2f}" for time in finite(after)),
+        farthest=column(runs, "travelled").max(),
+    )
+
+
+def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+    folder = results.folders["projection-0"]
+    pictures = [folder / f"{name}.png" for name in ("before", "moved", "after")]
+    if all(path.exists() for path in pictures):
+        yield Drawn("pictures", [0], pictures=pictures)
+    panels = [_over_time(method, f"{method}-0", results) for method in METHODS]
+    yield Drawn("relocated", [0], Figure("The camera relocated in mid-run", panels))
+
+
+def _over_time(method: str, task: str, results: Results) -> Panel:
+    rows, run = recorded(results.folders[task]), results[task]
+    new = rows.new_frames()
+    size = np.linalg.norm(rows.ticks["delta"][new] / SCALE, axis=1)
+    label = f"scaled $|\\Delta y|$\n{method}"
+    spans = [] if run["moved"] is None else [(run["moved"], run["again"])]
+    return Panel("time [s]", label, [curve("", rows.time[new], size)], shaded=spans, log_y=True)

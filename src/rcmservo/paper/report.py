@@ -1,0 +1,206 @@
+"""The report: one HTML file that opens offline, claims.json and figures.json.
+
+Its first page has one row for each sentence of the paper, with its cases in small tables; claims
+of our own stand apart.
+"""
+
+import base64
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import NamedTuple
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from rcmservo.config.files import write_whole
+from rcmservo.figures import charts
+from rcmservo.paper.claims import FAILS, HOLDS, OURS, REMARK, VERDICTS, ClaimRow, claim_table
+from rcmservo.paper.experiment import Experiment
+from rcmservo.paper.plan import Drawn
+
+CLAIMS, FIGURES, REPORT = "claims.json", "figures.json", "report.html"
+
+
+class Chapter(NamedTuple):
+    """Findings of an experiment."""
+
+    experiment: Experiment
+    """Its texts and settings."""
+    rows: list[ClaimRow]
+    """Claims, in the order of the report."""
+    figures: list[Drawn]
+    """Figures, in the order of the report."""
+
+
+def write(out: Path, chapters: list[Chapter], quick: bool, left_out: Mapping[str, str]) -> Path:
+    """Write the report, the claims and the figures' data; return the report's path.
+
+    `left_out` names experiments that could not be measured, with the reason.
+    """
+    rows = [row for chapter in chapters for row in chapter.rows]
+    figures = {
+        f"{chapter.experiment.name}/{drawn.name}": asdict(drawn.chart)
+        for chapter in chapters
+        for drawn in chapter.figures
+        if drawn.chart is not None
+    }
+    for name, data, indent in (
+        (CLAIMS, [asdict(row) for row in rows], 1),
+        (FIGURES, figures, None),
+    ):
+        text = json.dumps(data, indent=indent, ensure_ascii=False, allow_nan=False)
+        write_whole(out / name, text + "\n")
+    write_whole(out / REPORT, _page(rows, chapters, quick, left_out))
+    return out / REPORT
+
+
+def _page(
+    rows: list[ClaimRow], chapters: list[Chapter], quick: bool, left_out: Mapping[str, str]
+) -> str:
+    environment = Environment(
+        loader=PackageLoader("rcmservo.paper", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    papers, ours = first_page(rows)
+    return environment.get_template("report.html.j2").render(
+        papers=papers,
+        ours=ours,
+        counts=counts(judged.head for judged in papers),
+        marks={HOLDS: "●", REMARK: "◐", FAILS: "○", None: "–"},
+        traps=traps_met(rows),
+        sections=[_section(chapter, quick) for chapter in chapters],
+        version=version("rcmservo"),
+        quick=quick,
+        left_out=left_out,
+    )
+
+
+def _section(chapter: Chapter, quick: bool) -> dict[str, object]:
+    """Return a chapter as the page shows it."""
+    one, settings = chapter.experiment, chapter.experiment.settings(quick)
+    mode = " --quick" if quick else ""
+    return {
+        "name": one.name,
+        "texts": one.texts,
+        "command": f"rcmservo paper{mode} --only {one.name} --out DIR",
+        "settings": {name: repr(value) for name, value in {**vars(settings), **one.fixed}.items()},
+        "rows": chapter.rows,
+        "figures": [_figure(one, drawn, vars(settings)) for drawn in chapter.figures],
+    }
+
+
+def _figure(one: Experiment, drawn: Drawn, settings: Mapping[str, object]) -> dict[str, object]:
+    """Return a figure as the page shows it, with its images as embedded data."""
+    images = [_embedded("image/png", path.read_bytes()) for path in drawn.pictures]
+    if drawn.chart is not None:
+        images.append(_embedded("image/svg+xml", charts.svg(drawn.chart).encode()))
+    text = one.texts.figure[drawn.key or drawn.name]
+    return {
+        "name": drawn.name,
+        "where": text.where,
+        "caption": text.caption.format(**{**settings, **drawn.words}),
+        "seeds": list(drawn.seeds),
+        "images": images,
+    }
+
+
+def _embedded(kind: str, data: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"
+
+
+def counts(rows: Iterable[ClaimRow]) -> dict[str | None, int]:
+    """Return how many rows have each verdict, and how many have none."""
+    verdicts = [row.verdict for row in rows]
+    return {verdict: verdicts.count(verdict) for verdict in (*VERDICTS, None)}
+
+
+@dataclass(frozen=True)
+class Trap:
+    """A pitfall and the claims that bear on it."""
+
+    name: str
+    """T0, T1, ..."""
+    words: str
+    """Description."""
+    rows: list[ClaimRow]
+    """Claims that bear on it, in the order of the report."""
+
+    @property
+    def verdict(self) -> str:
+        """State whether the numbers confirm it."""
+        known = [row.trap_confirmed for row in self.rows if row.trap_confirmed is not None]
+        if not known:
+            return "too few trials to tell"
+        return "confirmed" if all(known) else "refuted"
+
+
+def traps_met(rows: list[ClaimRow]) -> list[Trap]:
+    """Return the pitfalls that some claim bears on, in their order."""
+    traps = claim_table().trap.items()
+    every = [Trap(name, words, [r for r in rows if r.trap == name]) for name, words in traps]
+    return [trap for trap in every if trap.rows]
+
+
+class Cases(NamedTuple):
+    """Cases of one wording, as a small table."""
+
+    claim: str
+    """Wording."""
+    rows: list[str]
+    """Labels, in the order of the cells."""
+    columns: list[str]
+    """Labels; a single empty one where the rows alone distinguish the cases."""
+    cells: list[list[ClaimRow | None]]
+    """Claims by row and column."""
+
+
+class Judged(NamedTuple):
+    """A sentence, or a wording of ours, on the first page."""
+
+    where: str
+    """Place in the paper; empty for ours."""
+    words: str
+    """Words of the paper, or of our claim."""
+    head: ClaimRow
+    """Claim nearest to the words: the first one."""
+    others: list[ClaimRow]
+    """Other wordings."""
+    cases: list[Cases]
+    """A table for each wording with several cases."""
+
+
+def first_page(rows: list[ClaimRow]) -> tuple[list[Judged], list[Judged]]:
+    """Return the judged sentences of the paper, in its order, and our own claims."""
+    papers = [
+        _judged(sentence.where, sentence.words, some)
+        for about, sentence in claim_table().sentence.items()
+        if (some := [row for row in rows if row.about == about])
+    ]
+    own = [row for row in rows if row.about == OURS]
+    return papers, [_judged("", words, same) for words, same in _by_wording(own).items()]
+
+
+def _by_wording(rows: list[ClaimRow]) -> dict[str, list[ClaimRow]]:
+    found: dict[str, list[ClaimRow]] = {}
+    for row in rows:
+        found.setdefault(row.claim, []).append(row)
+    return found
+
+
+def _judged(where: str, words: str, rows: list[ClaimRow]) -> Judged:
+    """Return the rows of one sentence: its head, its other wordings, and tables of cases."""
+    head, wordings = rows[0], _by_wording(rows).values()
+    singles = [same[0] for same in wordings if len(same) == 1 and same[0] is not head]
+    return Judged(where, words, head, singles, [_cases(same) for same in wordings if len(same) > 1])
+
+
+def _cases(rows: list[ClaimRow]) -> Cases:
+    names, columns = (list(dict.fromkeys(row.case[i] for row in rows)) for i in (0, 1))
+    by_case = {row.case: row for row in rows}
+    cells = [[by_case.get((name, column)) for column in columns] for name in names]
+    return Cases(rows[0].claim, names, columns, cells)

@@ -1,0 +1,147 @@
+"""All experiments of the paper: tasks on all cores, then the claims, then the report.
+
+What is done stays done, and a stopped run continues there. The workers are processes of this
+machine: those of a study (`study/work`) also reach a cluster, for which they need dask, and return
+rows only, whereas a task here leaves records and pictures in a folder.
+"""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from rcmservo.errors import BadInput
+from rcmservo.paper import report
+from rcmservo.paper.claims import ClaimRow, claim_table
+from rcmservo.paper.experiment import Experiment, experiment_named
+from rcmservo.paper.lab.methods import Own
+from rcmservo.paper.plan import NotMeasured, Results, Task
+from rcmservo.paper.report import Chapter
+from rcmservo.paper.store import Assignment, fingerprint
+
+Progress = Callable[[Task], None]
+COMPARISON = "baselines"
+"""The experiment that compares methods."""
+
+
+def chosen(only: str | None, own: Own | None = None) -> dict[str, Experiment]:
+    """Return the experiments to run: all, or the one of that name.
+
+    A user's `own` estimator is among the methods that they compare.
+    """
+    names = list(claim_table().experiment)
+    if only is not None and only not in names:
+        raise BadInput("--only", only, "one of " + ", ".join(names))
+    found = {name: experiment_named(name) for name in ([only] if only else names)}
+    if own is not None and COMPARISON in found:
+        found[COMPARISON] = replace(found[COMPARISON], added={"own": own})
+    return found
+
+
+class Written(NamedTuple):
+    """A report that was written."""
+
+    page: Path
+    """The HTML file."""
+    rows: list[ClaimRow]
+    """Judged claims, in the order of the report."""
+    left_out: Mapping[str, str]
+    """Experiments that are not in it, each with what could not be measured."""
+
+
+def run(
+    out: Path, quick: bool, experiments: Mapping[str, Experiment], progress: Progress
+) -> Written:
+    """Run what is not done yet, and write the report into `out`, which was prepared."""
+    plans = {name: one.plan(quick) for name, one in experiments.items()}
+    results, left_out = run_all(plans, out, progress)
+    chapters = list[Chapter]()
+    for name, found in results.items():
+        one = experiments[name]
+        try:
+            rows, figures = one.rows(quick, found), list(one.draw(one.settings(quick), found))
+        except NotMeasured as error:
+            left_out[name] = str(error)
+        else:
+            chapters.append(Chapter(one, rows, figures))
+    page = report.write(out, chapters, quick, left_out)
+    return Written(page, [row for chapter in chapters for row in chapter.rows], left_out)
+
+
+def run_all(
+    plans: Mapping[str, list[Task]], out: Path, progress: Progress
+) -> tuple[dict[str, Results], dict[str, str]]:
+    """Run the tasks of every experiment that are not done.
+
+    A measurement that fails costs its own experiment, not the others: the second result says, by
+    experiment, what could not be measured. A task that does the same work as another takes its
+    result. At Ctrl-C the workers end; what they were working on is lost, nothing else.
+    """
+    jobs = [
+        Assignment(task, out / experiment / task.name, fingerprint(task))
+        for experiment, tasks in plans.items()
+        for task in tasks
+    ]
+    todo: dict[str, list[Assignment]] = {}
+    for job in jobs:
+        if job.finished:
+            progress(job.task)
+        else:
+            todo.setdefault(job.mark, []).append(job)
+    failed = _run(sorted(todo.values(), key=lambda same: -same[0].task.cost), progress)
+    results = {
+        name: Results(
+            {job.task.name: job.found for job in jobs if job.folder.parent.name == name},
+            {job.task.name: job.folder for job in jobs if job.folder.parent.name == name},
+        )
+        for name in plans
+        if name not in failed
+    }
+    return results, failed
+
+
+def _run(todo: list[list[Assignment]], progress: Progress) -> dict[str, str]:
+    """Run lists of tasks that do the same work; return by experiment what could not be measured."""
+    failed: dict[str, str] = {}
+    context = multiprocessing.get_context("spawn")
+    cores = getattr(os, "process_cpu_count", os.cpu_count)() or 1
+    with ProcessPoolExecutor(
+        min(cores, len(todo) or 1), context, initializer=_become_worker
+    ) as pool:
+        try:
+            futures = {pool.submit(same[0].perform): same for same in todo}
+            for future in as_completed(futures):
+                first, *others = futures[future]
+                try:
+                    future.result()
+                    for job in others:
+                        job.copy(first)
+                except NotMeasured as error:
+                    for job in (first, *others):
+                        failed.setdefault(job.folder.parent.name, str(error))
+                for job in (first, *others):
+                    progress(job.task)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise
+    return failed
+
+
+def _become_worker() -> None:
+    """Leave Ctrl-C, which reaches every process of the terminal, to the parent, and end with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,238 @@
+"""Teaching by showing, Fig. 13 and 14: poses are shown once and visited by their pictures.
+
+An operator brings the tool to each pose and registers the camera's picture; then the servo visits
+them in turn, at the paper's gains. ‖Δp‖ = ‖p₂ − p_d‖ is taken by the truth when a visit ends (the
+paper presumably took it by the joints).
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from rcmservo.figures import plots
+from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.guard.causes import Cause
+from rcmservo.interfaces import Floats, Target
+from rcmservo.loop.run import Tick
+from rcmservo.method.features import about, features_jacobian
+from rcmservo.paper.lab.closed_loop import (
+    NOISE,
+    PAPER_METHODS,
+    PRINTED_LAW,
+    Arrived,
+    ClosedLoop,
+    closed_loop,
+    recorded,
+    servo_for,
+)
+from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.statistics import column, median
+from rcmservo.sim import Rig, RigSettings, SceneSettings
+
+LABORATORY = RigSettings(scene=SceneSettings(room=18.0), point_noise=NOISE)
+FIXED = {"methods": PAPER_METHODS, "controller": PRINTED_LAW, "laboratory": LABORATORY}
+BOUND_MM = 4.0
+"""Bound of the paper on the pose error."""
+BORDER_PX = 25.0
+"""px that a pose's markers keep from the picture's border."""
+
+
+def tasks(settings: Settings) -> list[Task]:
+    seconds = 100.0 * settings.poses * settings.rounds
+    return [
+        Task(
+            f"{method}-{seed}",
+            partial(visit_all, seed=seed, method=method, pictures=pictures, settings=settings),
+            cost=seconds * (0.35 if pictures else 0.08),
+            in_folder=True,
+        )
+        for seeds, pictures in ((settings.rendered, True), (settings.points, False))
+        for seed in seeds
+        for method in PAPER_METHODS
+    ]
+
+
+def seeds_of(settings: Settings) -> list[int]:
+    return [*settings.rendered, *settings.points]
+
+
+def visit_all(folder: Path, seed: int, method: str, pictures: bool, settings: Settings) -> Found:
+    """Teach all poses, explore about the start, and visit the poses in turn.
+
+    Returns the visits in their order, the cause that ended the last one early, p_d (n, 3) mm of
+    every pose, and the mm per pixel of noise there.
+    """
+    servo = servo_for(LABORATORY, *PAPER_METHODS[method], PRINTED_LAW)
+    with closed_loop(folder, seed, LABORATORY, pictures, servo) as loop:
+        taught = [loop.teach(q) for q in drawn_poses(loop.rig, settings.poses, settings.spread)]
+        targets = [target for target, _ in taught]
+        loop.rig.go_home()
+        tick = loop.explore(targets[0])
+        loop.snapshot("snapshot-0.png", targets[0], tick.state, "after exploration", targets[1:])
+        visits = list[Found]()
+        for count in range(settings.rounds * settings.poses):
+            pose: int = count % settings.poses
+            if not tick.state.explored or tick.state.cause.stopping:
+                break
+            target, p_d = taught[pose]
+            one, tick = visit(loop, tick, target, p_d, settings.longest)
+            visits.append({"pose": pose, **one})
+            if count < settings.poses:
+                words = f"pose {pose + 1}: |dp| {one['pose_error']:.2f} mm"
+                loop.snapshot(f"snapshot-{pose + 1}.png", targets[pose], tick.state, words)
+        per_pixel = [pose_per_pixel(loop.rig, target.q) for target in targets]
+    unexplored = "" if tick.state.explored else Cause.NOT_EXPLORED.value
+    return {
+        "visits": visits,
+        "cause": tick.state.cause.stopping or unexplored,
+        "poses": np.array([p_d for _, p_d in taught]),
+        "per_pixel": np.array(per_pixel),
+    }
+
+
+def visit(
+    loop: ClosedLoop, tick: Tick, target: Target, p_d: Floats, longest: float
+) -> tuple[Found, Tick]:
+    """Servo to one pose; return when, the final pose error (mm), and the scaled error of Ĵ."""
+    began = loop.elapsed()
+    tick = loop.last(target, longest, tick.state, done=Arrived())
+    state, truth = tick.state, loop.rig.truth
+    return {
+        "began": began,
+        "ended": loop.elapsed(),
+        "pose_error": np.linalg.norm(loop.true_p2() - p_d),
+        "jacobian_error": truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c),
+    }, tick
+
+
+def drawn_poses(rig: Rig, count: int, spread: float) -> list[Floats]:
+    """Return joints (3,) of visible poses within `spread` mm of the start."""
+    random = np.random.default_rng(rig.seed)
+    kinematics, size = rig.settings.mechanism, np.array([rig.settings.width, rig.settings.height])
+    start = kinematics.position(rig.scene.start)
+    poses: list[Floats] = []
+    while len(poses) < count:
+        way = random.standard_normal(3)
+        q = kinematics.joints(start + spread * random.uniform(0.5, 1.0) * way / np.linalg.norm(way))
+        m = rig.truth.pixels(q)
+        inside = (q > kinematics.limits.lower) & (q < kinematics.limits.upper)
+        if inside.all() and ((m > BORDER_PX) & (m < size - BORDER_PX)).all():
+            poses.append(q)
+    return poses
+
+
+def pose_per_pixel(rig: Rig, q: Floats) -> float:
+    """Return rms mm of marker 1 at the joints q (3,) for one pixel of noise in every coordinate."""
+    o_c = rig.truth.imaged_rcm()
+    noise = features_jacobian(about(rig.truth.pixels(q), o_c))
+    return float(np.linalg.norm(np.linalg.solve(rig.truth.jacobian(q, o_c), noise)))
+
+
+def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
+    seeds = seeds_of(settings)
+    found = {method: results.per_seed(method, seeds) for method in ("flow", "projection")}
+    errors = {method: column(_visits(scenes), "pose_error") for method, scenes in found.items()}
+    rendered = {
+        method: column(_visits(scenes[: len(settings.rendered)]), "pose_error")
+        for method, scenes in found.items()
+    }
+    for method, scenes in found.items():
+        J, worst = column(_visits(scenes), "jacobian_error"), rendered[method].max(initial=0.0)
+        yield Measurement(
+            "within-4-mm",
+            max(errors[method], default=np.nan),
+            seeds,
+            case=(f"{method}-based",),
+            visits=len(J),
+            scenes=len(scenes),
+            middle=median(J),
+            worst=max(J, default=np.nan),
+            rendered_worst=f"; on rendered frames worst {worst:.2f} mm"
+            if len(rendered[method])
+            else "",
+        )
+    for method, scenes in found.items():
+        planned = settings.poses * settings.rounds * len(seeds)
+        causes = sorted({scene["cause"] for scene in scenes if scene["cause"]})
+        share = 100.0 * len(errors[method]) / planned
+        words = "; ".join([f"{planned} asked for", *causes])
+        yield Measurement("all-made", share, seeds, case=(f"{method}-based",), words=words)
+    per_pixel = np.concatenate([scene["per_pixel"] for scene in found["flow"]])
+    yield Measurement(
+        "meaning",
+        median(per_pixel),
+        seeds,
+        confirmed=median(per_pixel) > 1.0,
+        low=per_pixel.min(),
+        high=per_pixel.max(),
+    )
+    for method in found:
+        middle = median(rendered[method])
+        words = f"on rendered frames median {middle:.2f} mm" if len(rendered[method]) else ""
+        case = (f"{method}-based",)
+        yield Measurement("median-visit", median(errors[method]), seeds, case=case, words=words)
+
+
+def _visits(scenes: list[Found]) -> list[Found]:
+    return [one for scene in scenes for one in scene["visits"]]
+
+
+def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+    seed = seeds_of(settings)[0]
+    for method in PAPER_METHODS:
+        pictures = sorted(results.folders[f"{method}-{seed}"].glob("snapshot-*.png"))
+        if pictures:
+            name, words = f"snapshots-{method}", {"method": method}
+            yield Drawn(name, [seed], pictures=pictures, words=words, key="snapshots")
+    panels = [_over_time(method, f"{method}-{seed}", results) for method in PAPER_METHODS]
+    yield Drawn("pose-error", [seed], Figure("Pose error", panels))
+    names = [
+        f"seed {seed}" + (" (rendered)" if seed in settings.rendered else "")
+        for seed in seeds_of(settings)
+    ]
+    numbers = {
+        "pose_error": ("$\\|\\Delta p\\|$ [mm]", ("4 mm", BOUND_MM)),
+        "jacobian_error": ("$\\|\\hat J - J\\| / \\|J\\|$", ("30 %", 0.3)),
+    }
+    panels = [
+        Panel(
+            "",
+            label,
+            [_marks(i, m, settings, results, key) for i, m in enumerate(PAPER_METHODS)],
+            levels=[level],
+            log_y=True,
+            categories=names,
+        )
+        for key, (label, level) in numbers.items()
+    ]
+    yield Drawn("visits", seeds_of(settings), Figure("Ends of all visits", panels))
+
+
+def _over_time(method: str, task: str, results: Results) -> Panel:
+    rows, found = recorded(results.folders[task]), results[task]
+    error = np.full(len(rows.time), np.nan)
+    for one in found["visits"]:
+        during = (rows.time >= one["began"]) & (rows.time <= one["ended"])
+        offset = rows.truth["p2"][during] - found["poses"][one["pose"]]
+        error[during] = np.linalg.norm(offset, axis=1)
+    new = rows.new_frames()
+    return Panel(
+        "time [s]",
+        f"$\\|\\Delta p\\|$ [mm]\n{method}",
+        [curve("", rows.time[new], error[new])],
+        levels=[("4 mm", BOUND_MM)],
+        shaded=plots.exploration(rows),
+        log_y=True,
+    )
+
+
+def _marks(style: int, method: str, settings: Settings, results: Results, key: str) -> Curve:
+    """Return one mark for each visit, next to the place of its scene."""
+    points = [
+        (place + 0.3 * (style - 0.5), one[key])
+        for place, scene in enumerate(results.per_seed(method, seeds_of(settings)))
+        for one in scene["visits"]
+    ]
+    return curve(method, [x for x, _ in points], [y for _, y in points], style, marks=True)

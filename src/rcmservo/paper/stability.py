@@ -1,0 +1,181 @@
+"""(33), measured: V falls along a regulation if the symmetric part of J Ĵ⁻¹ is positive definite.
+
+Closed loops with the printed gains and either estimator; the truth judges every frame.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.guard.states import Phase
+from rcmservo.interfaces import Floats
+from rcmservo.loop.run import Tick, run
+from rcmservo.loop.teach import teach
+from rcmservo.method.controller import potential_gradient, scaled
+from rcmservo.method.features import SCALE
+from rcmservo.paper.lab.closed_loop import (
+    NOISE,
+    PAPER_METHODS,
+    PAPER_SCENES,
+    PRINTED_LAW,
+    TEACHING_FRAMES,
+    servo_for,
+)
+from rcmservo.paper.lab.witness import laboratory
+from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.statistics import median
+from rcmservo.servo.servo import State
+from rcmservo.sim import Rig
+
+UNITY_BOUND = 0.3
+"""‖J Ĵ⁻¹ − I‖₂ up to which J Ĵ⁻¹ counts as about I."""
+FIXED = {"methods": PAPER_METHODS, "scene": PAPER_SCENES, "noise": NOISE}
+LABELS = {"least": "$\\lambda_{min}$, sym. J Ĵ⁻¹", "V_dot": "V̇ [1/s]", "unity": "‖J Ĵ⁻¹ − I‖"}
+
+
+def tasks(settings: Settings) -> list[Task]:
+    costs = {"projection": 6.0, "flow": 10.0}
+    return [
+        Task(
+            f"{name}-{seed}", partial(regulate, settings=settings, estimator=name, seed=seed), cost
+        )
+        for name, cost in costs.items()
+        for seed in range(settings.seeds)
+    ]
+
+
+def regulate(settings: Settings, estimator: str, seed: int) -> Found:
+    """Regulate with the printed gains; return `judge` in every frame of the way to the target.
+
+    The flow rule explores half-way, is then servoed to the start, and from there to the target.
+    """
+    rig, plant = laboratory(seed, PAPER_SCENES, NOISE)
+    servo = servo_for(rig.settings, *PAPER_METHODS[estimator])
+    servo.warm_up()
+    home = teach(plant, TEACHING_FRAMES)
+    rig.show_target()
+    target = teach(plant, TEACHING_FRAMES)
+    state = None
+    if estimator == "flow":
+        rig.place(rig.scene.half_way)
+        for tick in run(plant, servo, home, 2.0 * settings.duration, done=arrived):
+            state = tick.state
+    else:
+        rig.go_home()
+    rows = list[tuple[float, ...]]()
+    frame, cause = -1, ""
+    for tick in run(plant, servo, target, settings.duration, done=arrived, state=state):
+        cause = tick.state.cause.stopping
+        if tick.state.phase is Phase.SERVO and tick.state.frame > frame:
+            frame = tick.state.frame
+            rows.append((tick.time / 1e9, *judge(rig, tick.state, tick.seen.q_exposure)))
+    names = ("time", "least", "V_dot", "in_noise", "unity")
+    columns = dict(zip(names, np.array(rows, dtype=float).reshape(-1, 5).T, strict=True))
+    there = bool(rows) and columns["in_noise"][-1] < 1.0
+    return {**columns, "cause": cause, "arrived": bool(there)}
+
+
+def arrived(tick: Tick) -> bool:
+    """Return True if the newest frame shows the target within three times the noise.
+
+    This holds from the second second on, when the error is no longer that of the stage before.
+    """
+    return tick.time > 1e9 and tick.state.explored and in_noise(tick.state) < 1.0
+
+
+def in_noise(state: State) -> float:
+    """Return the largest component of Δy over three times the noise that one frame has in it."""
+    d = state.y[2]
+    noise = NOISE * np.array([np.sqrt(2.0) / d, 1.0, np.sqrt(2.0)])
+    return float(np.max(np.abs(state.delta) / (3.0 * noise)))
+
+
+def judge(rig: Rig, state: State, q: Floats) -> tuple[float, float, float, float]:
+    """Return λ_min of sym. J Ĵ⁻¹, V̇ (1/s) as commanded, |Δy| over 3 x noise, and ‖J Ĵ⁻¹ − I‖₂.
+
+    All scaled: V in units of (10°, 10 px, 10 px)². J is the true one where the frame was exposed.
+    """
+    J, J_hat = scaled(rig.truth.jacobian(q, state.o_c)), scaled(state.J_hat)
+    closed = J @ np.linalg.inv(J_hat)
+    least = np.linalg.eigvalsh(0.5 * (closed + closed.T))[0]
+    gradient = potential_gradient(state.delta / SCALE, PRINTED_LAW.b / SCALE, False)
+    unity = np.linalg.norm(closed - np.eye(3), 2)
+    return float(least), float(gradient @ J @ state.v), in_noise(state), float(unity)
+
+
+def above_noise(run: Found, name: str) -> Floats:
+    """Return a number in the frames that show an error above their noise."""
+    return run[name][run["in_noise"] > 1.0]
+
+
+def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
+    seeds = range(settings.seeds)
+    runs = {name: results.per_seed(name, seeds) for name in PAPER_METHODS}
+    falls = {
+        name: min(float(np.mean(above_noise(run, "V_dot") <= 0.0)) for run in some)
+        for name, some in runs.items()
+    }
+    least = {
+        name: min(above_noise(run, "least").min() for run in some) for name, some in runs.items()
+    }
+    words = {name: _words(some) for name, some in runs.items()}
+    for name in runs:
+        yield Measurement("V-falls", falls[name], seeds, case=(f"{name}-based",), words=words[name])
+    for name, some in runs.items():
+        medians = [median(above_noise(run, "unity")) for run in some]
+        yield Measurement(
+            "unity",
+            max(medians),
+            seeds,
+            case=(f"{name}-based",),
+            remarked=max(medians) > UNITY_BOUND,
+            confirmed=least[name] > 0.0 and falls[name] >= 0.99,
+            arrived=sum(run["arrived"] for run in some),
+            runs=len(some),
+            medians=", ".join(f"{one:.2f}" for one in medians),
+        )
+    for name in runs:
+        yield Measurement(
+            "definite",
+            least[name],
+            seeds,
+            case=(f"{name}-based",),
+            confirmed=least[name] > 0.0,
+            words=words[name],
+        )
+
+
+def _words(runs: list[Found]) -> str:
+    causes = [f"seed {seed}: {run['cause']}" for seed, run in enumerate(runs) if run["cause"]]
+    count, there = (
+        sum(len(above_noise(run, "time")) for run in runs),
+        sum(r["arrived"] for r in runs),
+    )
+    about = (
+        f"least over {len(runs)} runs, of which {there} arrived; {count} frames "
+        "with an error above three times the noise"
+    )
+    return "; ".join([about, *causes])
+
+
+def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+    panels = [
+        Panel(
+            "time [s]",
+            label,
+            [
+                curve(
+                    f"{name}-based" if key == "least" else "",
+                    above_noise(results[f"{name}-0"], "time"),
+                    above_noise(results[f"{name}-0"], key),
+                    style,
+                )
+                for style, name in enumerate(PAPER_METHODS)
+            ],
+            levels=[] if key == "unity" else [("", 0.0)],
+        )
+        for key, label in LABELS.items()
+    ]
+    yield Drawn("stability", [0], Figure("Stability along a regulation", panels))

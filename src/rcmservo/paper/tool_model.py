@@ -1,0 +1,146 @@
+"""Sensitivity to the tool's model: a rigid shaft, our default, or the paper's constant λ.
+
+Once without motion, with Ĵ from the true a, and once in closed loops that know the tool by either
+model.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.interfaces import Floats
+from rcmservo.method.estimators.projection import feature_jacobian
+from rcmservo.method.features import about
+from rcmservo.method.tool import RigidTool, ScaledTool, Tool
+from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
+from rcmservo.paper.lab.closed_loop import NOISE
+from rcmservo.paper.lab.witness import reasons, settle, settled
+from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
+from rcmservo.paper.statistics import column, finite, mark_panels, marks, median
+from rcmservo.sim import Rig, RigSettings
+from rcmservo.study.told.statistics import dashed
+
+SPACING_MM = 30.0
+"""mm between the markers on the real tool."""
+MODELS = {"rigid": "rigid shaft", "constant": "constant λ"}
+LABORATORY = RigSettings(tool=RigidTool(SPACING_MM), point_noise=NOISE)
+FIXED = {"laboratory": LABORATORY}
+
+
+def tasks(settings: Settings) -> list[Task]:
+    loops = Task.per_seed("loop", loop, settings, range(settings.loops))
+    return [Task("scenes", partial(scenes, settings=settings)), *loops]
+
+
+def tools(p1: Floats) -> tuple[Tool, Tool]:
+    """Return both models of one tool, alike with marker 1 at p1 (3,) mm."""
+    return RigidTool(SPACING_MM), ScaledTool(1.0 + SPACING_MM / float(np.linalg.norm(p1)))
+
+
+def scenes(settings: Settings) -> Found:
+    """Return the results of `scene` for every scene."""
+    return {"scenes": [scene(seed) for seed in range(settings.scenes)]}
+
+
+def scene(seed: int) -> Found:
+    """Return the true ∂d/∂ρ (px/mm), and Ĵ from the true a with either tool model.
+
+    A constant λ is right at the pose itself, so that both predict the same m₂. ``along`` is ∂d/∂ρ
+    (px/mm), ``whole`` the scaled error of Ĵ, ``row`` the error of its d row.
+    """
+    rig = Rig(seed, RigSettings(scene=PINHOLE), pictures=False)
+    a, o_c = true_parameters(rig)
+    q = rig.scene.start
+    p1: Floats = rig.body.points(q)[0]
+    J, m = rig.truth.jacobian(q, o_c), about(rig.truth.pixels(q), o_c)
+    depth: Floats = J[2]
+    n = p1 / np.linalg.norm(p1)
+    found: dict[str, object] = {"true": depth @ n}
+    for model, tool in zip(MODELS, tools(p1), strict=True):
+        J_hat = feature_jacobian(a, p1, m, tool.shaft)
+        found[model] = {
+            "along": J_hat[2] @ n,
+            "whole": rig.truth.jacobian_error(J_hat, q, o_c),
+            "row": np.linalg.norm(J_hat[2] - depth) / np.linalg.norm(depth),
+        }
+    return found
+
+
+def loop(settings: Settings, seed: int) -> Found:
+    """Return the same closed loop with either tool model known to the servo. λ is right at home."""
+    home = Rig(seed, LABORATORY, pictures=False)
+    known = tools(home.body.points(home.scene.start)[0])
+    trials = [settle(seed, LABORATORY, settings.duration, tool)[0] for tool in known]
+    return dict(zip(MODELS, trials, strict=True))
+
+
+def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
+    found, seeds = results["scenes"]["scenes"], range(settings.scenes)
+    rigid, constant = (median(column(found, model, "whole")) for model in MODELS)
+    row = median(column(found, "constant", "row"))
+    confirmed = constant > 0.1 >= rigid
+    yield Measurement("jacobian", constant, seeds, confirmed=confirmed, row=row, rigid=rigid)
+    wrong = float(np.mean(column(found, "true") * column(found, "constant", "along") < 0.0))
+    yield Measurement(
+        "sign", 1.0 - wrong, seeds, remarked=wrong > 0.0, confirmed=wrong >= 0.25, wrong=wrong
+    )
+    trials = _trials(settings, results)
+    counts = {model: settled(some) for model, some in trials.items()}
+    errors = {m: median(finite(column(some, "jacobian"))) for m, some in trials.items()}
+    yield Measurement(
+        "settles",
+        counts["constant"] / settings.loops,
+        range(settings.loops),
+        confirmed=errors["constant"] > 2.0 * errors["rigid"],
+        errors={model: dashed(error) for model, error in errors.items()},
+        counts=counts,
+        words={model: _settled_words(some) for model, some in trials.items()},
+        reasons=reasons(trials["constant"]),
+    )
+
+
+def _trials(settings: Settings, results: Results) -> dict[str, list[Found]]:
+    loops = results.per_seed("loop", range(settings.loops))
+    return {model: [one[model] for one in loops] for model in MODELS}
+
+
+def _settled_words(trials: list[Found]) -> str:
+    good = [trial for trial in trials if not trial["why_not"]]
+    time, pose = (median(column(good, name)) for name in ("settle_time", "pose"))
+    return f"median after {dashed(time, '.1f')} s, pose error {dashed(pose, '.2g')} mm"
+
+
+def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
+    found, labels = results["scenes"]["scenes"], list(MODELS.values())
+    true = column(found, "true")
+    ends = [true.min(), true.max()]
+    modelled = [
+        curve(label, true, column(found, model, "along"), style, marks=True)
+        for style, (model, label) in enumerate(MODELS.items())
+    ]
+    derivative = Panel(
+        "true $\\partial d / \\partial \\rho$ [px/mm]",
+        "modelled $\\partial d / \\partial \\rho$ [px/mm]",
+        [curve("right", ends, ends, -1), *modelled],
+        levels=[("", 0.0)],
+    )
+    errors = [marks([column(found, model, "whole") for model in MODELS])]
+    error = Panel("", "$\\|\\hat{J} - J\\| / \\|J\\|$, scaled [1]", errors, categories=labels)
+    figure = Figure("What a constant λ does to the Jacobian", [derivative, error], columns=2)
+    yield Drawn("tool-model", range(settings.scenes), figure)
+    trials = _trials(settings, results).values()
+    numbers = {
+        "settle_time": "settled after [s]",
+        "pose": "pose error of marker 2 [mm]",
+        "jacobian": "median error of $\\hat{J}$ [1]",
+    }
+    panels = mark_panels(
+        numbers,
+        lambda key: [column(some, key) for some in trials],
+        labels,
+        log=("pose", "jacobian"),
+    )
+    figure = Figure("Either tool model in the loop", panels, columns=3)
+    yield Drawn("tool-loops", range(settings.loops), figure)

@@ -1,0 +1,117 @@
+"""What the experiments are made of: ways to take the flow, estimators, tours without an end."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conftest import ROOT
+from rcmservo.app.cli import main
+from rcmservo.interfaces import Target
+from rcmservo.loop.run import run
+from rcmservo.method.estimators.base import Sample
+from rcmservo.method.estimators.dlt import DltEstimator
+from rcmservo.method.exploration import Exploration
+from rcmservo.method.kinematics import SphericalRcm
+from rcmservo.method.tool import RigidTool
+from rcmservo.paper import differentiation, regulation_projection
+from rcmservo.paper.lab.cameras import PINHOLE
+from rcmservo.paper.lab.closed_loop import FAST_FIT, LONG, WIDE, endless, servo_for
+from rcmservo.paper.lab.knowledge import parameter_error, parameters_of
+from rcmservo.paper.lab.methods import DEFAULT
+from rcmservo.paper.lab.random_observations import RandomObservations
+from rcmservo.paper.lab.witness import laboratory
+from rcmservo.paper.plan import Settings
+from rcmservo.record.reader import read
+from rcmservo.servo.servo import Servo
+from rcmservo.sim import Rig, RigSettings, SceneSettings
+
+SCENE = SceneSettings(room=17.0)
+SEED = 3
+
+
+def test_every_way_of_taking_the_flow_gives_numbers() -> None:
+    settings = Settings(touring=differentiation.JUDGED_S + 1.0, gamma=0.001)
+    tour = differentiation.tour(settings, seed=0)
+    for method in differentiation.METHODS:
+        assert np.isfinite(list(tour[method].values())).all()
+    assert tour["frame"]["ratio"] == pytest.approx(1.0, abs=0.05)
+    assert tour["stale"]["ratio"] == pytest.approx(0.6, abs=0.05)
+
+
+def test_a_run_can_have_the_papers_random_observations(tmp_path: Path) -> None:
+    """By the name that docs/paper.md gives."""
+    name = f"{RandomObservations.__module__}:{RandomObservations.__name__}"
+    assert f"--estimator {name}" in (ROOT / "docs/paper.md").read_text()
+    out = ["--duration", "1.1", "--no-video", "--json", "--out", str(tmp_path / "run")]
+    assert (
+        main(
+            [
+                "run",
+                "--estimator",
+                name,
+                "--random.observations",
+                "12",
+                "--teaching-frames",
+                "30",
+                *out,
+            ]
+        )
+        == 1
+    )
+    (stage,) = read(tmp_path / "run").stages
+    assert stage.servo["estimator"] == {
+        "kind": name,
+        "observations": 12,
+        "estimator_time": 1e4,
+    }
+
+
+def test_random_observations_are_as_likely_to_be_old_as_new() -> None:
+    estimator, tool = RandomObservations(observations=10), RigidTool(30.0)
+    memory, count = estimator.init(), 400
+    for k in range(count):
+        p1 = np.array([float(k), 10.0, 100.0])
+        memory = estimator.update(memory, tool, Sample(p1, np.zeros((2, 2)), np.zeros(2), 0.016))
+    kept = memory.observations[:, 0]
+    assert len(set(kept)) == 10
+    assert 0.2 * count < np.mean(kept) < 0.8 * count
+    assert np.min(kept) < 0.5 * count < np.max(kept)
+
+
+def test_our_default_is_a_servo_as_it_comes_and_the_words_say_its_gain() -> None:
+    plain = Servo(SphericalRcm(), RigidTool(30.0))
+    assert DEFAULT.estimator == plain.estimator
+    assert DEFAULT.exploration == plain.exploration
+    assert DEFAULT.controller == plain.controller
+    defaults = regulation_projection.default_plan(Settings(default_duration=25.0))
+    assert defaults.servo.controller == plain.controller
+    assert defaults.estimator == plain.estimator
+    assert defaults.exploration == plain.exploration
+    assert f"k = {plain.controller.gain:g})" in DEFAULT.name
+
+
+def test_the_whole_projection_has_the_papers_parameters() -> None:
+    rig = Rig(0, RigSettings(scene=PINHOLE), pictures=False)
+    estimator, tool = DltEstimator(), rig.settings.tool
+    start, memory = rig.body.points(rig.scene.start)[0], estimator.init()
+    for way in np.random.default_rng(0).uniform(-10.0, 10.0, (40, 3)):
+        q = rig.body.mechanism.joints(start + way)
+        sample = Sample(start + way, rig.truth.pixels(q), np.zeros(2), 0.016)
+        memory = estimator.update(memory, tool, sample)
+    assert parameter_error(rig, parameters_of(estimator, memory)) < 1e-3
+
+
+@pytest.mark.parametrize("exploration", [WIDE, LONG])
+def test_a_tour_without_an_end_goes_on_in_equal_rounds(exploration: Exploration) -> None:
+    """Its corners are apart by the exploration's reach at most, as in the first round."""
+    rig, plant = laboratory(SEED, SCENE, 0.1)
+    servo = servo_for(rig.settings, FAST_FIT, endless(exploration))
+    here = Target(rig.truth.pixels(rig.scene.start), rig.scene.start)
+    ways = list[float]()
+    start = rig.body.points(rig.arm.q_true)[0]
+    for tick in run(plant, servo, here, 12.0):
+        assert not tick.state.explored and not tick.state.cause.stopping
+        ways.append(float(np.linalg.norm(rig.body.points(rig.arm.q_true)[0] - start)))
+    for half in (ways[: len(ways) // 2], ways[len(ways) // 2 :]):
+        assert 0.6 * exploration.reach < max(half) < 1.1 * exploration.reach

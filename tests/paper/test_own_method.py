@@ -1,0 +1,70 @@
+"""A user's own estimator stands beside the other methods of the paper's comparison."""
+
+import importlib.util
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from conftest import ROOT
+from rcmservo.app.cli import main
+from rcmservo.app.own_options import with_own
+from rcmservo.app.paper import PaperOptions
+from rcmservo.paper import baselines
+from rcmservo.paper.lab.methods import Own
+from rcmservo.paper.run import chosen
+from rcmservo.paper.store import fingerprint
+
+
+def recursive_least_squares() -> Any:
+    """The estimator of the example."""
+    path = ROOT / "examples/02_own_estimator.py"
+    spec = importlib.util.spec_from_file_location("own_estimator_of_the_example", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.RLS()
+
+
+@pytest.fixture
+def own() -> Own:
+    return Own("mylab.rls:RLS", "RLS", recursive_least_squares(), source="a hash")
+
+
+def test_it_is_one_of_the_methods_in_both_kinds_of_scenes(own: Own) -> None:
+    for quick in (True, False):
+        tasks, usual = (
+            {task.name for task in chosen("baselines", one)["baselines"].plan(quick)}
+            for one in (own, None)
+        )
+        assert tasks - usual == {"own-accepted", "own-rejected"}
+    assert chosen(None, own).keys() == chosen(None).keys()
+
+
+def test_it_moves_and_arrives(own: Own) -> None:
+    runs = baselines.compare("accepted", own, scenes=1, duration=6.0)
+    assert runs["middle"][0] > 5.0 and runs["pose"][0] < 1.0 and runs["explored"][0] < 2.0
+
+
+def test_another_source_or_setting_is_another_result(own: Own) -> None:
+    others = (own, replace(own, source="another hash"), replace(own, estimator=None))
+    marks = {
+        fingerprint(task)
+        for one in others
+        for task in chosen("baselines", one)["baselines"].plan(True)
+        if task.name == "own-accepted"
+    }
+    assert len(marks) == 3
+
+
+def test_only_a_users_own_is_taken_by_paper(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["paper", "--only", "baselines", "--estimator", "flow", "--out", "x"]) == 2
+    assert "--estimator must be a user's own, as module:class" in capsys.readouterr().err
+
+
+def test_its_settings_are_options_of_paper(monkeypatch: pytest.MonkeyPatch) -> None:
+    kind = type(recursive_least_squares())
+    monkeypatch.setattr("rcmservo.app.own_options.named", lambda name: kind)
+    options = with_own(PaperOptions, ["--estimator", "mylab.rls:RLS"])
+    made = options(estimator="mylab.rls:RLS", pixels=kind(forgetting=0.9))
+    assert getattr(made, made.OWN["mylab.rls:RLS"]).forgetting == 0.9

@@ -1,0 +1,330 @@
+"""`rcmservo paper`: the reduced run, its claims against its own records, its report, and the same
+numbers twice."""
+
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from conftest import HEEDING_CTRL_C, wait_until
+from rcmservo.app.cli import main
+from rcmservo.paper.claims import claim_table
+from rcmservo.paper.experiment import experiment_named
+from rcmservo.paper.plan import Results
+from rcmservo.paper.store import Assignment, fingerprint
+from rcmservo.record import reader
+from rcmservo.record.verdict import LAST
+
+pytestmark = pytest.mark.slow
+
+KEYS = {
+    "claim",
+    "where",
+    "measured",
+    "bound",
+    "verdict",
+    "seed",
+    "unit",
+    "relation",
+    "remark",
+    "experiment",
+    "figure",
+    "whose",
+    "about",
+    "case",
+    "trials",
+}
+COMPARED = ("baselines", "path-following")
+CHEAP = ("potential", "imaged-rcm", "relocation")
+"""Experiments that are run a second time: a computation, a Monte Carlo, and closed loops."""
+
+
+def paper(*words: str) -> int:
+    return main(["paper", *words])
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("paper") / "quick"
+    assert paper("--quick", "--out", str(folder)) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def claims(quick: Path) -> list[dict[str, Any]]:
+    return json.loads(
+        (quick / "claims.json").read_text(),
+        parse_constant=lambda name: pytest.fail(f"{name} in JSON"),
+    )
+
+
+def of(claims: list[dict[str, Any]], experiment: str, words: str, case: str) -> dict[str, Any]:
+    """The only claim of an experiment that says so in a case whose name holds these words."""
+    found = [
+        row
+        for row in claims
+        if row["experiment"] == experiment and words in row["claim"] and case in row["case"][0]
+    ]
+    assert len(found) == 1, f"{len(found)} claims of {experiment} say {words!r}"
+    return found[0]
+
+
+def values(quick: Path, task: str) -> dict[str, Any]:
+    return json.loads((quick / task / "result.json").read_text())["values"]
+
+
+def test_every_experiment_has_claims_with_number_bound_verdict_and_seed(
+    claims: list[dict[str, Any]],
+) -> None:
+    assert {row["experiment"] for row in claims} == set(claim_table().experiment)
+    for row in claims:
+        assert row.keys() >= KEYS
+        assert row["claim"]
+        assert row["where"]
+        number, bound = row["measured"], row["bound"]
+        holds = number <= bound if row["relation"] == "<=" else number >= bound
+        verdict = (
+            "does not hold" if not holds else "holds with a remark" if row["remark"] else "holds"
+        )
+        assert row["verdict"] == (None if row["trials"] in (1, 2) else verdict)
+        assert (row["whose"] == "ours") == (row["about"] == "ours")
+
+
+def test_the_reduced_run_gives_no_verdict_on_one_or_two_trials_and_says_so(
+    claims: list[dict[str, Any]], quick: Path
+) -> None:
+    few = [row for row in claims if row["trials"] in (1, 2)]
+    assert len(few) > 50
+    assert not any(row["verdict"] for row in few)
+    assert "<strong>no\nverdict</strong>" in (quick / "report.html").read_text()
+
+
+def test_every_sentence_of_the_paper_has_one_row_on_the_first_page(quick: Path) -> None:
+    page = (quick / "report.html").read_text().split('id="ours"')[0]
+    said = re.findall(r"<q>(.*?)</q>", page, re.S)
+    assert said == [sentence.words for sentence in claim_table().sentence.values()]
+
+
+def test_no_wording_is_told_twice_for_the_same_case(claims: list[dict[str, Any]]) -> None:
+    told = [(row["about"], row["claim"], tuple(row["case"])) for row in claims]
+    assert len(told) == len(set(told))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "Lemma 1",
+        "Proposition 1",
+        "Proposition 2",
+        "(33)",
+        "(16)",
+        "(32)",
+        "Fig. 5",
+        "Fig. 9",
+        "Fig. 10",
+        "Fig. 11",
+        "Fig. 12",
+        "Fig. 14",
+        "V",
+        "Remark 3",
+    ],
+)
+def test_every_theorem_and_figure_is_judged(words: str, claims: list[dict[str, Any]]) -> None:
+    assert any(re.search(rf"(^|[ ,]){re.escape(words)}($|[ ,])", row["where"]) for row in claims)
+
+
+def test_the_systems_that_the_paper_compares_itself_with_are_judged(
+    claims: list[dict[str, Any]],
+) -> None:
+    compared = " ".join(
+        row["claim"] + row["where"] for row in claims if row["experiment"] in COMPARED
+    )
+    for words in ("Broyden", "[12]", "[20]", "[10]"):
+        assert words in compared
+
+
+@pytest.mark.parametrize("method", ["projection", "flow"])
+def test_what_is_left_of_the_errors_agrees_with_the_record(method: str, quick: Path) -> None:
+    run = values(quick, f"regulation-{method}/seed-0")
+    rows = reader.read(quick / f"regulation-{method}" / "seed-0" / "record.mcap")
+    end = rows.time > rows.time[-1] - 2.0
+    left = np.sqrt(np.mean(rows.ticks["delta"][end] ** 2, axis=0)) / (np.radians(40.0), 80.0, 60.0)
+    assert run["left"] == pytest.approx(left.max(), rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("task", "case"),
+    [
+        ("regulation-projection/random-0", "random observations"),
+        ("regulation-projection/seed-0", "chosen observations"),
+        ("regulation-flow/seed-0", "half-way"),
+    ],
+)
+def test_the_slope_agrees_with_the_record(
+    task: str, case: str, quick: Path, claims: list[dict[str, Any]]
+) -> None:
+    row = of(claims, task.partition("/")[0], "falls by 1 px/s", case)
+    rows = reader.read(quick / task / "record.mcap")
+    began = values(quick, task)["began"]
+    size = np.abs(rows.ticks["delta"][:, 1])
+    saturated = (rows.time > began + 0.1) & (size > 12.0)
+    A = np.stack([rows.time[saturated], np.ones(saturated.sum())], axis=1)
+    slope = -np.linalg.lstsq(A, size[saturated])[0][0]
+    assert row["measured"] == pytest.approx(abs(slope - 1.0), abs=0.01)
+
+
+@pytest.mark.parametrize("method", ["projection", "flow"])
+def test_the_pose_errors_of_the_visits_agree_with_the_record(
+    method: str, quick: Path, claims: list[dict[str, Any]]
+) -> None:
+    folder = f"showing/{method}-0"
+    found = values(quick, folder)
+    rows = reader.read(quick / folder / "record.mcap")
+    errors = list[float]()
+    for visit in found["visits"]:
+        last = np.flatnonzero(rows.time <= visit["ended"])[-1]
+        away = rows.truth["p2"][last] - np.array(found["poses"][visit["pose"]])
+        errors.append(float(np.linalg.norm(away)))
+    (row,) = (
+        row
+        for row in claims
+        if "the median visit ends within 0.5 mm" in row["claim"] and method in row["case"][0]
+    )
+    assert row["measured"] == pytest.approx(np.median(errors), abs=0.05)
+
+
+def test_the_relocated_camera_is_in_the_record(quick: Path) -> None:
+    rows = reader.read(quick / "relocation" / "projection-0" / "record.mcap")
+    found = values(quick, "relocation/projection-0")
+    after = rows.time > found["moved"] + found["stopped_after"] - 1e-6
+    waiting = after & (rows.time < found["again"])
+    assert not rows.ticks["command"][waiting].any()
+    assert {cause for cause, here in zip(rows.cause, waiting, strict=True) if here} == {
+        "CAMERA_MOVED"
+    }
+    end = rows.time > rows.time[-1] - LAST
+    assert (np.abs(rows.ticks["delta"][end]).mean(axis=0) < (0.02, 2.0, 2.0)).all()
+
+
+def test_errors_of_the_jacobian_in_the_report_are_those_of_the_record(quick: Path) -> None:
+    run = values(quick, "regulation-projection/seed-0")
+    rows = reader.read(quick / "regulation-projection" / "seed-0" / "record.mcap")
+    explored = next(i for i, phase in enumerate(rows.phase) if phase == "SERVO")
+    assert run["explored"] == pytest.approx(rows.truth["jacobian_error"][explored, 0], rel=1e-9)
+
+
+def test_the_report_is_one_file_that_opens_offline_and_its_links_lead_somewhere(
+    quick: Path,
+) -> None:
+    page = (quick / "report.html").read_text()
+    anchors = set(re.findall(r'id="([^"]+)"', page))
+    assert set(re.findall(r'href="#([^"]+)"', page)) <= anchors
+    assert not re.findall(r'(?:src|href)="(?!data:|#)', page)
+    assert "http" not in re.sub(r"data:[^\"]+", "", page)
+    for name in claim_table().experiment:
+        assert name in anchors
+    assert "simulation" in page
+    assert "--quick" in page
+
+
+def test_every_figure_has_labelled_axes(quick: Path) -> None:
+    figures = json.loads((quick / "figures.json").read_text())
+    assert len(figures) > 15
+    for name, figure in figures.items():
+        for panel in figure["panels"]:
+            assert panel["y"], name
+            assert panel["x"] or panel["categories"], name
+            assert panel["curves"], name
+
+
+def assignments(name: str, out: Path) -> list[Assignment]:
+    """The tasks of an experiment's reduced run, in a folder."""
+    tasks = experiment_named(name).plan(quick=True)
+    return [Assignment(task, out / name / task.name, fingerprint(task)) for task in tasks]
+
+
+@pytest.mark.parametrize("name", CHEAP)
+def test_the_same_seed_gives_the_same_figures_bit_for_bit(
+    name: str, quick: Path, tmp_path: Path
+) -> None:
+    """In this process, which has run other things before."""
+    jobs, one = assignments(name, tmp_path), experiment_named(name)
+    for job in jobs:
+        job.perform()
+    results = Results(
+        {job.task.name: job.found for job in jobs}, {job.task.name: job.folder for job in jobs}
+    )
+    drawn = one.draw(one.settings(quick=True), results)
+    again = {f"{name}/{d.name}": asdict(d.chart) for d in drawn if d.chart is not None}
+    first = json.loads((quick / "figures.json").read_text())
+    assert again
+    assert again == {key: first[key] for key in first if key.startswith(name + "/")}
+
+
+def test_a_second_run_into_the_same_folder_finds_all_done(quick: Path) -> None:
+    jobs = [job for name in claim_table().experiment for job in assignments(name, quick)]
+    assert len(jobs) > 50
+    assert all(job.finished for job in jobs)
+
+
+def test_a_run_that_is_stopped_by_ctrl_c_keeps_what_is_done_and_goes_on(
+    quick: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "stopped"
+    folder.mkdir()
+    shutil.copy(quick / "paper.json", folder)
+    shutil.copytree(quick / "potential", folder / "potential")
+    shutil.copytree(quick / "imaged-rcm", folder / "imaged-rcm")
+    words = [sys.executable, "-c", HEEDING_CTRL_C, "paper", "--quick", "--out", str(folder)]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+    ) as run:
+        wait_until(lambda: any(folder.glob("*/*.part/record.mcap")), run)
+        run.send_signal(signal.SIGINT)
+        out, errors = run.communicate()
+    assert run.returncode == 130, errors
+    assert b"Traceback" not in errors
+    assert str(folder).encode() in out.replace(b"\n", b"")
+    assert not (folder / "claims.json").exists()
+    assert (folder / "potential" / "action" / "result.json").exists()
+    assert paper("--quick", "--only", "potential", "--out", str(folder)) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--only", "regulation"], "--only must be one of regulation-projection"),
+        (["--quick", "--out", "FULL"], "FULL: is not empty"),
+        (["--out", "QUICK"], "QUICK: holds a quick run"),
+        (["--out", "DAMAGED"], "paper.json: is damaged"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_touches_nothing(
+    words: list[str],
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, file, text in (
+        ("FULL", "mine.txt", "mine"),
+        ("QUICK", "paper.json", '{"mode": "quick"}'),
+        ("DAMAGED", "paper.json", "{"),
+    ):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / file).write_text(text)
+    before = sorted(tmp_path.rglob("*"))
+    assert paper(*words) == 2
+    said = capsys.readouterr()
+    assert sentence in said.err
+    assert not said.out
+    assert sorted(tmp_path.rglob("*")) == before

@@ -1,0 +1,194 @@
+"""Tasks of the experiments: done once, whole or not at all, and gone on with where they stopped."""
+
+import json
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from small_tasks import count, counted, fail, not_measured, settled
+
+import rcmservo
+from rcmservo.paper import potential
+from rcmservo.paper.experiment import Experiment
+from rcmservo.paper.plan import Measurement, NotMeasured, Results, Settings, Task
+from rcmservo.paper.run import chosen, run, run_all
+from rcmservo.paper.store import PART, RESULT, Assignment, fingerprint, plain, restored, used
+
+
+def runs(log: Path) -> list[str]:
+    return sorted(log.read_text().split())
+
+
+def nothing(task: Task) -> None:
+    del task
+
+
+def test_what_is_done_is_not_repeated_and_what_changed_is(tmp_path: Path) -> None:
+    log, out = tmp_path / "log", tmp_path / "out"
+    first, _ = run_all(counted(log, "a", "b"), out, nothing)
+    assert first["some"]["a"] == {"name": "a"}
+    assert (first["some"].folders["b"] / "made.txt").read_text() == "b"
+    run_all(counted(log, "a", "b", "c"), out, nothing)
+    assert runs(log) == ["a", "b", "c"]
+    changed = counted(log, "a", "b")
+    changed["some"][0] = Task("a", partial(count, log=log, name="other"), in_folder=True)
+    assert run_all(changed, out, nothing)[0]["some"]["a"] == {"name": "other"}
+    assert runs(log) == ["a", "b", "c", "other"]
+
+
+def test_a_run_that_is_stopped_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    log, out = tmp_path / "log", tmp_path / "out"
+
+    def stop(task: Task) -> None:
+        raise KeyboardInterrupt
+
+    names = [f"task-{i}" for i in range(8)]
+    with pytest.raises(KeyboardInterrupt):
+        run_all(counted(log, *names), out, stop)
+    kept = [
+        path.parent.name
+        for path in out.glob(f"some/*/{RESULT}")
+        if not path.parent.name.endswith(PART)
+    ]
+    assert kept
+    assert all(
+        json.loads((out / "some" / name / RESULT).read_text())["values"]["name"] == name
+        for name in kept
+    )
+    before = runs(log)
+    results, _ = run_all(counted(log, *names), out, nothing)
+    assert set(results["some"].found) == set(names)
+    assert all(runs(log).count(name) == before.count(name) for name in kept)
+
+
+def test_a_task_that_fails_leaves_no_result(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="this task fails"):
+        run_all({"some": [Task("bad", partial(fail), in_folder=True)]}, tmp_path, nothing)
+    assert not (tmp_path / "some" / "bad").exists()
+
+
+def test_a_damaged_result_is_made_again_and_no_other(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    damage = dict(zip("abcde", ["", "{", "[]", '{"fingerprint": 3}', "null"], strict=True))
+    tasks = counted(log, *damage, "whole")
+    run_all(tasks, tmp_path / "out", nothing)
+    for name, text in damage.items():
+        (tmp_path / "out" / "some" / name / RESULT).write_text(text)
+    done = run_all(tasks, tmp_path / "out", nothing)[0]["some"]
+    assert all(done[name] == {"name": name} for name in damage)
+    assert runs(log) == sorted([*damage, *damage, "whole"])
+
+
+def test_what_a_task_left_half_done_is_not_taken_for_its_result(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    task = counted(log, "a")["some"][0]
+    part = tmp_path / ("a" + PART)
+    part.mkdir()
+    (part / "old.txt").write_text("old")
+    Assignment(task, tmp_path / "a", fingerprint(task)).perform()
+    assert not part.exists()
+    assert not (tmp_path / "a" / "old.txt").exists()
+
+
+def test_a_fingerprint_depends_on_every_setting() -> None:
+    one, same, other = (
+        Task("a", partial(settled, settings=Settings(n=n))) for n in (1.0, 1.0, 1.0 + 1e-15)
+    )
+    assert fingerprint(one) == fingerprint(same)
+    assert fingerprint(one) != fingerprint(other)
+    assert fingerprint(one) != fingerprint(Task("a", partial(fail)))
+
+
+def test_a_fingerprint_depends_on_the_experiments_own_and_imported_files_and_on_no_other() -> None:
+    root = Path(rcmservo.__file__).parent
+    module = root / "paper/regulation_flow.py"
+    names = {path.stem for path in used(root, module)}
+    assert names >= {"regulation_flow", "regulation", "closed_loop"}
+    assert not names & {"showing", "potential", "report", "paper"}
+
+
+def test_a_result_comes_back_from_json_as_it_was() -> None:
+    given = {
+        "number": 1.0 / 3.0,
+        "word": "word",
+        "maybe": None,
+        "series": np.array([1.0, np.nan]),
+        "nested": [{"number": 0.1, "words": ["", "a"]}, {"number": 2, "words": []}],
+    }
+    got = restored(json.loads(json.dumps(plain(given), allow_nan=False)))
+    np.testing.assert_array_equal(got.pop("series"), given.pop("series"))
+    assert got["nested"][1].pop("words").size == 0
+    del given["nested"][1]["words"]  # pyright: ignore[reportArgumentType, reportOptionalSubscript, reportIndexIssue, reportUnknownMemberType]
+    assert got == given
+
+
+def test_a_series_with_gaps_is_an_array() -> None:
+    got = restored(json.loads("[[1, null], [0.5, 3]]"))
+    np.testing.assert_array_equal(got, [[1.0, np.nan], [0.5, 3.0]])
+
+
+def test_tasks_of_two_experiments_that_do_the_same_work_do_it_once(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    plans = {"one": counted(log, "a")["some"], "two": counted(log, "a")["some"]}
+    advanced = list[Task]()
+    results, _ = run_all(plans, tmp_path / "out", advanced.append)
+    assert runs(log) == ["a"] and len(advanced) == 2
+    for name in plans:
+        assert results[name]["a"] == {"name": "a"}
+        assert (results[name].folders["a"] / "made.txt").read_text() == "a"
+    run_all(plans, tmp_path / "out", nothing)
+    assert runs(log) == ["a"]
+
+
+def test_the_same_servo_runs_serve_two_experiments() -> None:
+    for quick in (True, False):
+        marks = [
+            {task.name: fingerprint(task) for task in one.plan(quick)}
+            for name, one in chosen(None).items()
+            if name in ("jacobian-accuracy", "camera-knowledge")
+        ]
+        servo = marks[1].keys()
+        assert len(servo) >= 1
+        assert {name: marks[0][name] for name in servo} == marks[1]
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), np.float64("nan")])
+def test_a_number_that_is_not_finite_is_an_error_that_names_it(value: float) -> None:
+    with pytest.raises(NotMeasured, match=r"result.inner\[1\].number: measured (nan|inf)"):
+        plain({"series": np.full(1, np.nan), "inner": [{"number": 1.0}, {"number": value}]})
+
+
+def test_a_task_that_measured_nothing_fails_its_experiment_and_no_other(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    bad = [Task("bad", partial(not_measured)), *counted(log, "c")["some"]]
+    results, failed = run_all({"bad": bad, **counted(log, "a", "b")}, tmp_path, nothing)
+    assert failed == {"bad": "bad.number: measured nan, which is not a finite number"}
+    assert not (tmp_path / "bad" / "bad").exists() and (tmp_path / "bad" / "c").exists()
+    assert set(results) == {"some"} and set(results["some"].found) == {"a", "b"}
+
+
+def unmeasured(settings: Settings, results: Results) -> Iterator[Measurement]:
+    raise NotMeasured("how far it is", float("nan"))
+    yield
+
+
+@pytest.mark.slow
+def test_what_could_not_be_measured_is_left_out_of_the_report_which_says_so(tmp_path: Path) -> None:
+    """Whether a task fails or the judging of its results."""
+
+    def bad_tasks(settings: Settings) -> list[Task]:
+        return [Task("bad", partial(not_measured))]
+
+    draw: Any = potential.draw
+    failing = {
+        "tasks": Experiment("potential", bad_tasks, potential.measure, draw),
+        "judging": Experiment("potential", potential.tasks, unmeasured, draw),
+    }
+    written = run(tmp_path, True, {**chosen("potential"), **failing}, nothing)
+    assert set(written.left_out) == {"tasks", "judging"}
+    page = written.page.read_text()
+    assert "Left out: tasks." in page and "how far it is: measured nan" in page
+    assert {row.experiment for row in written.rows} == {"potential"}
