@@ -4,7 +4,6 @@ Its first page has one row for each sentence of the paper, with its cases in sma
 of our own stand apart.
 """
 
-import base64
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -12,13 +11,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from rcmservo.config.files import write_whole
 from rcmservo.figures import charts
 from rcmservo.paper.claims import FAILS, HOLDS, OURS, REMARK, VERDICTS, ClaimRow, claim_table
 from rcmservo.paper.experiment import Experiment
 from rcmservo.paper.plan import Drawn
+from rcmservo.study.told.html import embedded, rendered
 
 CLAIMS, FIGURES, REPORT = "claims.json", "figures.json", "report.html"
 
@@ -59,15 +57,9 @@ def write(out: Path, chapters: list[Chapter], quick: bool, left_out: Mapping[str
 def _page(
     rows: list[ClaimRow], chapters: list[Chapter], quick: bool, left_out: Mapping[str, str]
 ) -> str:
-    environment = Environment(
-        loader=PackageLoader("rcmservo.paper", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     papers, ours = first_page(rows)
-    return environment.get_template("report.html.j2").render(
+    return rendered(
+        "rcmservo.paper",
         papers=papers,
         ours=ours,
         counts=counts(judged.head for judged in papers),
@@ -96,9 +88,9 @@ def _section(chapter: Chapter, quick: bool) -> dict[str, object]:
 
 def _figure(one: Experiment, drawn: Drawn, settings: Mapping[str, object]) -> dict[str, object]:
     """Return a figure as the page shows it, with its images as embedded data."""
-    images = [_embedded("image/png", path.read_bytes()) for path in drawn.pictures]
+    images = [embedded("image/png", path.read_bytes()) for path in drawn.pictures]
     if drawn.chart is not None:
-        images.append(_embedded("image/svg+xml", charts.svg(drawn.chart).encode()))
+        images.append(embedded("image/svg+xml", charts.svg(drawn.chart).encode()))
     text = one.texts.figure[drawn.key or drawn.name]
     return {
         "name": drawn.name,
@@ -107,10 +99,6 @@ def _figure(one: Experiment, drawn: Drawn, settings: Mapping[str, object]) -> di
         "seeds": list(drawn.seeds),
         "images": images,
     }
-
-
-def _embedded(kind: str, data: bytes) -> str:
-    return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
 def counts(rows: Iterable[ClaimRow]) -> dict[str | None, int]:

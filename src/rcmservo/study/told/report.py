@@ -1,6 +1,5 @@
 """The report of a study: one HTML file that opens offline, and summary.json with its numbers."""
 
-import base64
 import json
 import math
 from collections.abc import Mapping
@@ -9,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from rcmservo.config.files import write_whole
 from rcmservo.config.texts import is_table
@@ -18,6 +16,7 @@ from rcmservo.figures.charts import Curve, Figure, Panel, curve
 from rcmservo.interfaces import Floats
 from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.row import MEANINGS
+from rcmservo.study.told.html import embedded, rendered
 from rcmservo.study.told.maps import AXES, Map, map_of
 from rcmservo.study.told.statistics import Interval
 from rcmservo.study.told.summary import (
@@ -124,7 +123,7 @@ def _condition(
         name=name,
         summaries=[one for one in summaries if one.condition == name],
         comparisons=[one for one in beside if one.condition == name],
-        figure=f"data:image/svg+xml;base64,{base64.b64encode(drawing).decode()}",
+        figure=embedded("image/svg+xml", drawing),
         maps=[(group.method, maps) for group in here if (maps := _maps(group))],
         worst=[(group.method, _worst(group, plan)) for group in here],
     )
@@ -178,14 +177,8 @@ def _worst(group: Group, plan: StudyPlan) -> list[Bad]:
 def _page(
     plan: StudyPlan, table: Any, about: Mapping[str, Any], conditions: list[Condition]
 ) -> str:
-    environment = Environment(
-        loader=PackageLoader("rcmservo.study.told", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html.j2").render(
+    return rendered(
+        "rcmservo.study.told",
         about=about,
         plan=plan,
         conditions=conditions,
