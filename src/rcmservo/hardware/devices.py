@@ -1,5 +1,9 @@
-"""The arms and cameras that a rig file can name, and how each is opened. A driver is imported only
-when a device of its kind is opened."""
+"""Registry of the arms and cameras that a rig file can name. A driver is imported only when a
+device of its kind is opened."""
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
 
 from rcmservo.bringup.axis_wiring import Wiring
 from rcmservo.config.rig_file import Lab
@@ -13,59 +17,44 @@ from rcmservo.hardware.crtk.settings import CrtkSettings
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.live.lab import LabArm, LabCamera
 
-ARMS = {kind.name: kind for kind in (GalilSettings, CrtkSettings)}
+DRIVERS: Mapping[type[Any], str] = {
+    GalilSettings: "galil.driver:GalilArm",
+    CrtkSettings: "crtk.arm:crtk_arm",
+    OpencvSettings: "cameras.opencv:opencv_camera",
+    AravisSettings: "cameras.aravis:aravis_camera",
+    TopicSettings: "cameras.topic:topic_camera",
+}
+"""By the settings of a device, the driver below rcmservo.hardware that opens it, one a line. The
+driver of an arm takes the joints' limits too."""
+
+ARMS = {kind.name: kind for kind in DRIVERS if hasattr(kind, "wiring")}
 """The settings of every arm, by its kind in a rig file."""
 
-CAMERAS = {kind.name: kind for kind in (OpencvSettings, AravisSettings, TopicSettings)}
+CAMERAS = {kind.name: kind for kind in DRIVERS if kind not in ARMS.values()}
 """The settings of every camera, by its kind in a rig file."""
+
+
+def _driver(settings: object) -> Callable[..., Any]:
+    """Import the driver of a device."""
+    module, _, name = DRIVERS[type(settings)].partition(":")
+    return getattr(import_module(f"rcmservo.hardware.{module}"), name)
 
 
 def open_arm(lab: Lab) -> LabArm:
     """Connect to the arm of a rig file, with its drive off."""
-    match lab.device("arm", ARMS):
-        case GalilSettings() as settings:
-            from rcmservo.hardware.galil.driver import GalilArm
-
-            return GalilArm(settings, lab.mechanism.limits)
-        case CrtkSettings() as settings:
-            from rcmservo.hardware.crtk.arm import CrtkArm
-            from rcmservo.hardware.crtk.connection import open_transport
-
-            transport = open_transport(settings.ros, settings.domain, settings.interface)
-            return CrtkArm(settings, lab.mechanism.limits, transport)
-        case other:
-            raise NotImplementedError(type(other).__name__)
+    settings = lab.device("arm", ARMS)
+    return _driver(settings)(settings, lab.mechanism.limits)
 
 
 def wiring_of(lab: Lab) -> Wiring:
-    """What the rig file says of its arm's motors."""
-    match lab.device("arm", ARMS):
-        case GalilSettings() as settings:
-            return Wiring(settings.counts, axes=settings.axes)
-        case CrtkSettings() as settings:
-            return Wiring(settings.signs, "signs")
-        case other:
-            raise NotImplementedError(type(other).__name__)
+    """Return what the rig file says of its arm's motors."""
+    return lab.device("arm", ARMS).wiring
 
 
 def open_camera(lab: Lab, unmeasured: bool = False) -> LabCamera:
-    """Open the camera of a rig file. One whose latency nobody has measured is refused, but to who
-    measures it: its exposures are told as if they were the arrivals."""
+    """Open the camera of a rig file. One whose latency nobody has measured is refused unless
+    ``unmeasured``: its exposures are reported as if they were the arrivals."""
     settings = lab.device("camera", CAMERAS)
     if not unmeasured:
         require_latency(settings)
-    match settings:
-        case OpencvSettings():
-            from rcmservo.hardware.cameras.opencv import opencv_camera
-
-            return opencv_camera(settings)
-        case AravisSettings():
-            from rcmservo.hardware.cameras.aravis import aravis_camera
-
-            return aravis_camera(settings)
-        case TopicSettings():
-            from rcmservo.hardware.cameras.topic import topic_camera
-
-            return topic_camera(settings)
-        case other:
-            raise NotImplementedError(type(other).__name__)
+    return _driver(settings)(settings)

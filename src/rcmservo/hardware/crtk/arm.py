@@ -17,6 +17,7 @@ import numpy as np
 from rcmservo.errors import one_line
 from rcmservo.hardware.crtk import messages as m
 from rcmservo.hardware.crtk.account import CommandAccount
+from rcmservo.hardware.crtk.connection import open_transport
 from rcmservo.hardware.crtk.hearsay import ENABLED, FRESH, Hearsay, ToldJoints
 from rcmservo.hardware.crtk.lead import Lead
 from rcmservo.hardware.crtk.settings import CrtkSettings
@@ -344,3 +345,9 @@ class CrtkArm:
             self._overdue = self._insisting and now - self._off_since >= OVERDUE
             if self._insisting:
                 self._say_off()
+
+
+def crtk_arm(settings: CrtkSettings, limits: JointLimits) -> CrtkArm:
+    """Connect to the arm by the ROS that its settings name."""
+    transport = open_transport(settings.ros, settings.domain, settings.interface)
+    return CrtkArm(settings, limits, transport)

@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass
 from typing import ClassVar
 
+from rcmservo.bringup.axis_wiring import Wiring
 from rcmservo.errors import require
 
 Joints = tuple[float, float, float]
@@ -47,6 +48,11 @@ class CrtkSettings:
         require(good, "arm.lead", self.lead, "positive, at most 0.5 rad, 0.5 rad and 50 mm")
         good = 0.1 <= self.answer_within <= 30.0
         require(good, "arm.answer_within", self.answer_within, "from 0.1 to 30 s")
+
+    @property
+    def wiring(self) -> Wiring:
+        """How the joints count."""
+        return Wiring(self.signs, "signs")
 
 
 def require_ros(section: str, ros: int, domain: int, interface: str) -> None:

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from rcmservo.bringup.axis_wiring import Wiring
 from rcmservo.errors import require
 from rcmservo.hardware.galil.data_record import LETTERS
 from rcmservo.interfaces import Floats
@@ -44,6 +45,11 @@ class GalilSettings:
     """s without a valid command after which the controller stops the arm by itself."""
     answer_within: float = 0.25
     """s within which it must answer."""
+
+    @property
+    def wiring(self) -> Wiring:
+        """How the joints hang on the controller's motors."""
+        return Wiring(self.counts, axes=self.axes)
 
     def __post_init__(self) -> None:
         require(bool(self.address.strip()), "arm.address", self.address, "a name or an address")
