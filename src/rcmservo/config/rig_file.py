@@ -15,7 +15,7 @@ from rcmservo.config import texts
 from rcmservo.config.decode import decode, key_of
 from rcmservo.config.files import read_small
 from rcmservo.config.kinds import KIND, MECHANISMS, TOOLS, chosen, kind_in
-from rcmservo.errors import BadInput, UnusableFile, one_line
+from rcmservo.errors import BadInput
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.method.kinematics import JointLimits, Kinematics, SphericalRcm
@@ -90,17 +90,8 @@ def bytes_of(path: Path) -> bytes:
 
 def lab_of(path: Path, data: bytes) -> Lab:
     """The laboratory that the bytes of a rig file describe."""
-    try:
-        with told_with(path):
-            return lab_from(texts.toml(data))
-    except BadInput:
-        raise
-    except texts.Refused as error:
-        raise UnusableFile(path, str(error)) from error
-    except RecursionError as error:
-        raise UnusableFile(path, "is nested too deeply") from error
-    except ValueError as error:  # of the parser, of the encoding, of numbers of thousands of digits
-        raise UnusableFile(path, f"is not valid TOML: {one_line(error)}") from error
+    with texts.reading(path, "TOML"):
+        return lab_from(texts.toml(data))
 
 
 @contextmanager

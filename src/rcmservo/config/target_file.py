@@ -96,14 +96,11 @@ def save(path: Path, target: Target, setup: Setup) -> None:
 def load(path: Path, setup: Setup) -> Target:
     """The target in a file, for the setup that it was shown by."""
     data = read_small(path, MAX_SIZE, "a target")
-    try:
-        return _target(_content(texts.from_json(data.decode())), setup)
-    except (BadInput, texts.Refused) as error:
-        raise UnusableFile(path, str(error)) from error
-    except RecursionError as error:
-        raise UnusableFile(path, "is nested too deeply") from error
-    except ValueError as error:  # of the parser, of the encoding, of numbers of thousands of digits
-        raise UnusableFile(path, f"is not valid JSON: {one_line(error)}") from error
+    with texts.reading(path, "JSON"):
+        try:
+            return _target(_content(texts.from_json(data.decode())), setup)
+        except BadInput as error:
+            raise UnusableFile(path, str(error)) from error
 
 
 def checksum(content: object) -> str:

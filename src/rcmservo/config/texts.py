@@ -7,9 +7,12 @@ import json
 import math
 import tomllib
 from collections import Counter
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeGuard
 
-from rcmservo.errors import told
+from rcmservo.errors import BadInput, UnusableFile, one_line, told
 from rcmservo.interfaces import Floats
 
 MAX_LINE = 1000
@@ -28,6 +31,21 @@ NO_SIZES: Sizes = (None, None)
 
 class Refused(ValueError):
     """What is wrong with a text that was read."""
+
+
+@contextmanager
+def reading(path: Path, language: str) -> Generator[None]:
+    """Name the file, and what is wrong with it, where a text that is read in here is refused."""
+    try:
+        yield
+    except BadInput as error:
+        raise BadInput(f"{path}: {error.field}", error.value, error.right) from error
+    except Refused as error:
+        raise UnusableFile(path, str(error)) from error
+    except RecursionError as error:
+        raise UnusableFile(path, "is nested too deeply") from error
+    except ValueError as error:  # of the parser, of the encoding, of numbers of thousands of digits
+        raise UnusableFile(path, f"is not valid {language}: {one_line(error)}") from error
 
 
 def toml(data: bytes) -> Table:

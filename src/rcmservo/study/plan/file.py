@@ -23,8 +23,7 @@ from typing import Any
 from rcmservo.config import texts
 from rcmservo.config.decode import decode
 from rcmservo.config.files import read_small
-from rcmservo.config.rig_file import told_with
-from rcmservo.errors import BadInput, UnusableFile, one_line, require
+from rcmservo.errors import BadInput, require
 from rcmservo.study.plan.distribution import Distribution, chosen, distribution_from
 from rcmservo.study.plan.method import Own, StudyMethod, method_from, named
 from rcmservo.study.plan.plan import StudyPlan
@@ -72,15 +71,8 @@ class StudyFile:
 def load(path: Path) -> StudyFile:
     """What a file asks for."""
     data = read_small(path, LARGEST, "a study")
-    try:
-        with told_with(path):
-            return decode(StudyFile, texts.toml(data), "study")
-    except BadInput:
-        raise
-    except RecursionError as error:
-        raise UnusableFile(path, "is nested too deeply") from error
-    except ValueError as error:
-        raise UnusableFile(path, f"is not valid TOML: {one_line(error)}") from error
+    with texts.reading(path, "TOML"):
+        return decode(StudyFile, texts.toml(data), "study")
 
 
 def plan_of(asked: StudyFile, own: Own) -> StudyPlan:
@@ -116,10 +108,5 @@ def _scenes(name: str, known: dict[str, Distribution]) -> Distribution:
         return chosen(name, known, "scenes", ", or a rig file")
     path = Path(name)
     data = read_small(path, LARGEST, "a rig file")
-    try:
-        with told_with(path):
-            return distribution_from(path.stem, texts.toml(data), known)
-    except BadInput:
-        raise
-    except ValueError as error:
-        raise UnusableFile(path, f"is not valid TOML: {one_line(error)}") from error
+    with texts.reading(path, "TOML"):
+        return distribution_from(path.stem, texts.toml(data), known)
