@@ -14,6 +14,7 @@ the commit that says why.
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -122,8 +123,6 @@ def kept(folder: Path, seed: int) -> None:
     """Run the campaign's run of this seed and keep it."""
     import campaign
 
-    from rcmservo.sim import Killed
-    from rcmservo.sim.person import ScriptedPerson, attended
     from rcmservo.tracking import PointMarkers
 
     disturbances = campaign.disturbances_of(seed, "faults")
@@ -131,6 +130,18 @@ def kept(folder: Path, seed: int) -> None:
     rig = rs.sim.Rig(seed, settings, pictures=False, disturbances=disturbances)
     servo = rs.Servo(settings.mechanism, settings.tool)
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
+    run = recorded(rig, plant, servo, campaign.DURATION, campaign.PATIENCE)
+    np.savez_compressed(folder / f"{seed:03d}.npz", **run)
+
+
+def recorded(
+    rig: rs.sim.Rig, plant: rs.Plant, servo: rs.Servo, duration: float, patience: int
+) -> Table:
+    """Teach the target, run under a person who acts `patience` times, and return the run."""
+    from rcmservo.loop.plant import NotEnabled
+    from rcmservo.sim import Killed
+    from rcmservo.sim.person import ScriptedPerson, attended
+
     plant.recorded = lambda: not rig.disk_full()
     rig.show_target()
     target = rs.teach(plant, frames=30)
@@ -138,14 +149,15 @@ def kept(folder: Path, seed: int) -> None:
     rig.begin()
     stages: list[tuple[int, bool, rs.Target]] = []
     ticks: list[rs.Tick] = []
-    begun = lambda target, state: stages.append((len(ticks), state is not None, target))  # noqa: E731
-    person = ScriptedPerson(rig, plant, campaign.PATIENCE, frames=30)
-    try:
-        for tick in attended(rig, plant, servo, target, campaign.DURATION, person, begun):
+
+    def begun(target: rs.Target, state: rs.State | None) -> None:
+        stages.append((len(ticks), state is not None, target))
+
+    person = ScriptedPerson(rig, plant, patience, frames=30)
+    with suppress(Killed, NotEnabled):
+        for tick in attended(rig, plant, servo, target, duration, person, begun):
             ticks.append(tick)
-    except Killed:
-        pass
-    np.savez_compressed(folder / f"{seed:03d}.npz", **arrays(ticks, stages))
+    return arrays(ticks, stages)
 
 
 def arrays(ticks: list[rs.Tick], stages: list[tuple[int, bool, rs.Target]]) -> Table:

@@ -13,23 +13,20 @@ it sees them: whole steps, whose differences take few bytes (packed_table.py).
 
 import sys
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import packed_table
-from decisions import arrays, servo_of
+from decisions import recorded, servo_of
 from packed_table import JOINTS, PIXELS, Table
 from rich.progress import track
 
 import rcmservo as rs
 from rcmservo.config.kinds import ESTIMATORS
 from rcmservo.interfaces import Floats
-from rcmservo.loop.plant import NotEnabled
-from rcmservo.sim import Disturbance, Killed
+from rcmservo.sim import Disturbance
 from rcmservo.sim.disturbances import random_disturbances
-from rcmservo.sim.person import ScriptedPerson, attended
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "tests/data/loops"
@@ -80,23 +77,9 @@ def record(seed: int) -> int:
     chosen = chosen_in(seed)
     servo = servo_of(chosen)
     plant = RoundedPlant(rig.arm, rig.camera, rs.tracking.ColourMarkers(), rig.clock)
-    plant.recorded = lambda: not rig.disk_full()
-    rig.show_target()
-    target = rs.teach(plant, frames=30)
-    rig.go_home()
-    rig.begin()
-    stages: list[tuple[int, bool, rs.Target]] = []
-    ticks: list[rs.Tick] = []
-
-    def begun(target: rs.Target, state: rs.State | None) -> None:
-        stages.append((len(ticks), state is not None, target))
-
-    person = ScriptedPerson(rig, plant, PATIENCE, frames=30)
-    with suppress(Killed, NotEnabled):
-        for tick in attended(rig, plant, servo, target, DURATION, person, begun):
-            ticks.append(tick)
+    run = recorded(rig, plant, servo, DURATION, PATIENCE)
     path = FOLDER / f"{seed}.npz.xz"
-    packed_table.write(path, arrays(ticks, stages) | chosen)
+    packed_table.write(path, run | chosen)
     return path.stat().st_size
 
 

@@ -16,7 +16,7 @@ from rcmservo.study.batch import Study
 from rcmservo.study.course import StudyRun
 from rcmservo.study.laboratory import Laboratory
 from rcmservo.study.plan.cell import Cell
-from rcmservo.study.row import NEVER, CellNames, StudyRow, row_of
+from rcmservo.study.row import NEVER, StudyRow, row_of
 from rcmservo.study.work.chunk import one_run
 from rcmservo.tracking import MarkerLook
 
@@ -74,7 +74,7 @@ def test_first_within_is_the_first_time_whatever_follows() -> None:
 
 
 def test_a_row_of_a_run_that_never_came_near_knows_no_time_and_no_success() -> None:
-    asked, settings = CellNames("m", "s", 0, "", "mujoco", ""), small().scenes[0].fixed[1]
+    asked, settings = small().cells[0], small().scenes[0].fixed[1]
     far = row_of(asked, settings, course([30.0] * 20, [S] * 20))
     assert (far.success, far.time_to_1mm_s, far.stop, far.stop_s, far.stops) == (
         *(False, None, "", None, 0),
@@ -153,7 +153,7 @@ def test_the_latency_is_that_of_the_frames_with_half_of_their_exposure() -> None
 def test_the_noise_of_rendered_frames_is_not_known() -> None:
     settings, run = small().scenes[0].fixed[1], course([0.5] * 20, [S] * 20)
     told = [
-        row_of(CellNames("m", "s", 0, "", engine, ""), settings, run)
+        row_of(replace(small().cells[0], engine=engine), settings, run)
         for engine in ("mujoco", "pictures")
     ]
     assert [one.noise_px for one in told] == [0.3, None]

@@ -17,7 +17,7 @@ from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.ways import imaged_rcm
 from rcmservo.sim.truth import feature_jacobian
 from rcmservo.study.course import StudyRun
-from rcmservo.study.plan.cell import PICTURES
+from rcmservo.study.plan.cell import PICTURES, Cell
 
 NEAR = 1.0
 """mm of pose error up to which a run is a success."""
@@ -70,38 +70,20 @@ class StudyRow:
 MEANINGS = {f.name: str(f.metadata["meaning"]) for f in fields(StudyRow)}
 
 
-@dataclass(frozen=True)
-class CellNames:
-    """What of a row its cell tells."""
-
-    method: str
-    """As the row has it."""
-    scenes: str
-    """As the row has it."""
-    repetition: int
-    """As the row has it."""
-    disturb: str
-    """As the row has it."""
-    engine: str
-    """As the row has it."""
-    source: str
-    """As the row has it."""
-
-
-def row_of(asked: CellNames, settings: RigSettings, run: StudyRun) -> StudyRow:
-    """The row of a run."""
+def row_of(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
+    """The row of a run of a cell."""
     first, stops, timing, scene = run.first_within(NEAR), run.stops, settings.timing, run.scene
     depths = scene.optics.depth(np.stack([np.zeros(3), scene.body.points(scene.start)[0]]))
     away: Floats = scene.body.points(scene.start)[0] - scene.optics.position
     return StudyRow(
-        method=asked.method,
-        scenes=asked.scenes,
+        method=cell.method,
+        scenes=cell.scenes,
         seed=run.seed,
-        repetition=asked.repetition,
-        noise_px=None if asked.engine == PICTURES else float(settings.point_noise),
+        repetition=cell.repetition,
+        noise_px=None if cell.engine == PICTURES else float(settings.point_noise),
         latency_s=float(0.5 * timing.exposure + timing.delay),
-        disturb=asked.disturb,
-        engine=asked.engine,
+        disturb=" ".join(cell.disturb),
+        engine=cell.engine,
         success=bool(run.pose_error <= NEAR),
         time_to_1mm_s=first if np.isfinite(first) else None,
         pose_error_mm=run.pose_error,
@@ -116,7 +98,7 @@ def row_of(asked: CellNames, settings: RigSettings, run: StudyRun) -> StudyRow:
         distance_mm=float(np.linalg.norm(away)),
         rcm_depth=float(depths[0] / depths[1]),
         rejected=scene.rejected,
-        source=asked.source,
+        source=cell.source,
         cpu=cpu(),
         versions=versions(),
     )

@@ -110,14 +110,7 @@ def send_mjpeg(ring: FrameRing, port: int, control: Connection) -> None:
     """Be a camera that sends JPEGs, until the other end of `control` speaks or is gone."""
     from rcmservo.hardware.cameras.emulated.mjpeg_server import MjpegServer
 
-    try:
-        server = MjpegServer(RingCamera(ring), port)
-    except RcmServoError as error:
-        control.send(RcmServoError(str(error)))
-        return
-    with contextlib.closing(server):
-        control.send(server.address)
-        heard(control)
+    _send(lambda: MjpegServer(RingCamera(ring), port), control)
 
 
 def send_gige(ring: FrameRing, control: Connection) -> None:
@@ -125,8 +118,13 @@ def send_gige(ring: FrameRing, control: Connection) -> None:
     from rcmservo.hardware.cameras.emulated.gige_camera import GigeCamera
 
     height, width, _ = ring.shape
+    _send(lambda: GigeCamera(RingCamera(ring), width, height), control)
+
+
+def _send(opened: Callable[[], Any], control: Connection) -> None:
+    """Open a camera, report its address or the reason why there is none, and wait for the end."""
     try:
-        camera = GigeCamera(RingCamera(ring), width, height)
+        camera = opened()
     except RcmServoError as error:
         control.send(RcmServoError(str(error)))
         return

@@ -9,7 +9,7 @@ from rcmservo.servo.servo import Servo
 from rcmservo.sim.scene import NoScene
 from rcmservo.study.plan.cell import Cell, cell_from
 from rcmservo.study.plan.parcel import Parcel, classes
-from rcmservo.study.row import CellNames, StudyRow, row_of
+from rcmservo.study.row import StudyRow, row_of
 from rcmservo.study.work.package import package
 
 
@@ -60,7 +60,4 @@ def one_run(cell: Cell, servo: Servo, seed: int) -> StudyRow:
         run = engine.run(seed, cell.repetition)
     except NoScene as error:
         raise NoScene(f"scenes {cell.scenes}, seed {seed}: {error}") from error
-    asked = CellNames(
-        cell.method, cell.scenes, cell.repetition, " ".join(cell.disturb), cell.engine, cell.source
-    )
-    return row_of(asked, engine.settings, run)
+    return row_of(cell, engine.settings, run)
