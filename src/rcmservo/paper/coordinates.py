@@ -6,6 +6,7 @@ once in closed loops that pass it.
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -43,7 +44,7 @@ LIMIT = Gate().speed[0]
 
 
 def tasks(settings: Settings) -> list[Task]:
-    return Task.per_seed("loop", loop, settings, range(settings.seeds))
+    return Task.per_seed("loop", partial(loop, settings=settings), range(settings.seeds))
 
 
 def loop(settings: Settings, seed: int) -> Found:

@@ -6,6 +6,7 @@ One tour, on which the flow rule (28) learns from ẏ taken in every way, compar
 """
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -43,7 +44,7 @@ HALF_NS = 5_000_000
 
 
 def tasks(settings: Settings) -> list[Task]:
-    return Task.per_seed("tour", tour, settings, range(settings.seeds))
+    return Task.per_seed("tour", partial(tour, settings=settings), range(settings.seeds))
 
 
 def tour(settings: Settings, seed: int) -> Found:

@@ -5,6 +5,7 @@ to o_c, and refines.
 """
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -26,7 +27,9 @@ FITS = {
 
 
 def tasks(settings: Settings) -> list[Task]:
-    return Task.per_seed("slow", slow_turn, settings, range(settings.seeds), cost=3.0)
+    return Task.per_seed(
+        "slow", partial(slow_turn, settings=settings), range(settings.seeds), cost=3.0
+    )
 
 
 def frame_times(settings: Settings) -> Floats:

@@ -1,6 +1,6 @@
 """Parts of an experiment: settings, tasks, results, measurements of its claims, and figures."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -47,17 +47,13 @@ class Task:
     def per_seed(
         cls,
         prefix: str,
-        work: Callable[..., Found],
-        settings: Settings,
+        work: "partial[Found]",
         seeds: Iterable[int],
         cost: float = 1.0,
         in_folder: bool = False,
     ) -> "list[Task]":
-        """Return one task for each seed, named `prefix`-seed."""
-        return [
-            cls(f"{prefix}-{seed}", partial(work, settings=settings, seed=seed), cost, in_folder)
-            for seed in seeds
-        ]
+        """Return one task for each seed, named `prefix`-seed, which is an argument of the work."""
+        return [cls(f"{prefix}-{i}", partial(work, seed=i), cost, in_folder) for i in seeds]
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ The exact flow, without noise, along loops of two sizes before a true camera, at
 """
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -23,7 +24,9 @@ LOOPS = ("small", "large")
 
 
 def tasks(settings: Settings) -> list[Task]:
-    return Task.per_seed("loops", loops, settings, range(settings.seeds), cost=5.0)
+    return Task.per_seed(
+        "loops", partial(loops, settings=settings), range(settings.seeds), cost=5.0
+    )
 
 
 class Round(NamedTuple):

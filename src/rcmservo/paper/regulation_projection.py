@@ -7,6 +7,7 @@ whole projection with k = 8.
 """
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from rcmservo.figures import plots
@@ -50,13 +51,12 @@ def default_plan(settings: Settings) -> Regulation:
 
 def tasks(settings: Settings) -> list[Task]:
     seeds, duration = range(settings.seeds), settings.duration
+    slow = partial(in_real_time, settings=settings)
     return [
         *Regulation(PRINTED, WIDE, settings.pictures, duration).tasks("seed", seeds),
         *Regulation(RANDOMLY, WIDE, False, duration).tasks("random", seeds),
         *default_plan(settings).tasks("default", range(settings.defaults)),
-        *Task.per_seed(
-            "real-time", in_real_time, settings, range(settings.real_time), 25.0, in_folder=True
-        ),
+        *Task.per_seed("real-time", slow, range(settings.real_time), 25.0, in_folder=True),
     ]
 
 

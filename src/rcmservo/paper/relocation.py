@@ -44,16 +44,11 @@ FIXED = {"methods": METHODS, "controller": FAST_LAW, "laboratory": LABORATORY}
 
 def tasks(settings: Settings) -> list[Task]:
     cost = (0.35 if settings.pictures else 0.05) * 2.0 * settings.duration
-    return [
-        Task(
-            f"{method}-{seed}",
-            partial(relocated, seed=seed, method=method, settings=settings),
-            cost,
-            in_folder=True,
-        )
-        for method in METHODS
-        for seed in range(settings.seeds)
-    ]
+    found = list[Task]()
+    for method in METHODS:
+        work = partial(relocated, method=method, settings=settings)
+        found += Task.per_seed(method, work, range(settings.seeds), cost, in_folder=True)
+    return found
 
 
 def relocated(folder: Path, seed: int, method: str, settings: Settings) -> Found:

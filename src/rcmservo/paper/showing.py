@@ -40,18 +40,12 @@ BORDER_PX = 25.0
 
 
 def tasks(settings: Settings) -> list[Task]:
-    seconds = 100.0 * settings.poses * settings.rounds
-    return [
-        Task(
-            f"{method}-{seed}",
-            partial(visit_all, seed=seed, method=method, pictures=pictures, settings=settings),
-            cost=seconds * (0.35 if pictures else 0.08),
-            in_folder=True,
-        )
-        for seeds, pictures in ((settings.rendered, True), (settings.points, False))
-        for seed in seeds
-        for method in PAPER_METHODS
-    ]
+    found, visits = list[Task](), settings.poses * settings.rounds
+    for seeds, pictures, cost in ((settings.rendered, True, 35.0), (settings.points, False, 8.0)):
+        for method in PAPER_METHODS:
+            work = partial(visit_all, method=method, pictures=pictures, settings=settings)
+            found += Task.per_seed(method, work, seeds, cost * visits, in_folder=True)
+    return found
 
 
 def seeds_of(settings: Settings) -> list[int]:

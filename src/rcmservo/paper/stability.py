@@ -36,14 +36,11 @@ LABELS = {"least": "$\\lambda_{min}$, sym. J Ĵ⁻¹", "V_dot": "V̇ [1/s]", "un
 
 
 def tasks(settings: Settings) -> list[Task]:
-    costs = {"projection": 6.0, "flow": 10.0}
-    return [
-        Task(
-            f"{name}-{seed}", partial(regulate, settings=settings, estimator=name, seed=seed), cost
-        )
-        for name, cost in costs.items()
-        for seed in range(settings.seeds)
-    ]
+    found = list[Task]()
+    for name, cost in {"projection": 6.0, "flow": 10.0}.items():
+        work = partial(regulate, settings=settings, estimator=name)
+        found += Task.per_seed(name, work, range(settings.seeds), cost)
+    return found
 
 
 def regulate(settings: Settings, estimator: str, seed: int) -> Found:

@@ -30,7 +30,7 @@ FIXED = {"laboratory": LABORATORY}
 
 
 def tasks(settings: Settings) -> list[Task]:
-    loops = Task.per_seed("loop", loop, settings, range(settings.loops))
+    loops = Task.per_seed("loop", partial(loop, settings=settings), range(settings.loops))
     return [Task("scenes", partial(scenes, settings=settings)), *loops]
 
 

@@ -81,10 +81,7 @@ class Regulation:
     def tasks(self, prefix: str, seeds: Iterable[int]) -> list[Task]:
         """Return one closed loop for every seed."""
         cost = (0.35 if self.pictures else 0.03) * (self.duration + 80.0)
-        return [
-            Task(f"{prefix}-{seed}", partial(regulate, seed=seed, plan=self), cost, in_folder=True)
-            for seed in seeds
-        ]
+        return Task.per_seed(prefix, partial(regulate, plan=self), seeds, cost, in_folder=True)
 
 
 def regulate(folder: Path, seed: int, plan: Regulation) -> Found:
