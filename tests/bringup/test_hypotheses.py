@@ -16,7 +16,7 @@ from rcmservo.bringup.hypotheses import (
 from rcmservo.bringup.operator_questions import ask_operator
 from rcmservo.bringup.prompts import ask_choice, require_yes
 from rcmservo.errors import Stopped
-from rcmservo.method.estimators.identification import SPACING, ZERO, MarkerViews
+from rcmservo.method.identification import SPACING, ZERO, MarkerViews
 from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.method.tool import RigidTool
 from rcmservo.sim import Rig

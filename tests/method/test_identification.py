@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rcmservo.method.estimators.identification import (
+from rcmservo.method.identification import (
     SPACING,
     ZERO,
     MarkerViews,

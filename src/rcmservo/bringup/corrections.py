@@ -5,7 +5,7 @@ import numpy as np
 from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.hypotheses import Hypothesis
-from rcmservo.method.estimators.identification import SPACING, ZERO, stretched
+from rcmservo.method.identification import SPACING, ZERO, stretched
 from rcmservo.method.tool import RIGID
 
 MIRRORED = Finding(

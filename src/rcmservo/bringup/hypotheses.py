@@ -18,7 +18,7 @@ import numpy as np
 
 from rcmservo.bringup.axis_wiring import Order, Robot, Wiring
 from rcmservo.interfaces import Floats
-from rcmservo.method.estimators.identification import (
+from rcmservo.method.identification import (
     SPACING,
     ZERO,
     MarkerViews,

@@ -17,7 +17,7 @@ from rcmservo.bringup.observations import PixelBound, StillView
 from rcmservo.bringup.prompts import require_yes
 from rcmservo.interfaces import Floats
 from rcmservo.live.lab import Person
-from rcmservo.method.estimators.identification import MarkerViews
+from rcmservo.method.identification import MarkerViews
 
 FIRST_MM, FIRST_COUNTS = 0.06, 50.0
 """First motion of marker 2 according to the rig file, and in counts at most: in a file with a

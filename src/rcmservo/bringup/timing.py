@@ -14,7 +14,7 @@ from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.observations import MotionTrace
 from rcmservo.interfaces import Floats
 from rcmservo.method.drive_lag import DriveLag, begin_lag, follow_drives, measure_lag
-from rcmservo.method.estimators.identification import fit_residual
+from rcmservo.method.identification import fit_residual
 
 MAX_TIME_ERROR = 0.3
 """Largest error (s) of reported exposure times."""
