@@ -19,7 +19,7 @@ from rcmservo.bringup.operator_questions import ask_operator
 from rcmservo.bringup.prompts import ask_choice, require_yes
 from rcmservo.bringup.timing import (
     Cadence,
-    Latency,
+    CameraLatency,
     cadence,
     drive_lag,
     identify_latency,
@@ -56,7 +56,7 @@ class CheckReport:
     """Exposures of the camera."""
     rest: StillView | None = None
     """Joints and markers at first."""
-    latency: Latency | None = None
+    latency: CameraLatency | None = None
     """Latency of the camera."""
     lag: float = 0.0
     """Lag (s) of the drives; 0 if it was not measured."""

@@ -39,7 +39,7 @@ class Cadence:
 
 
 @dataclass(frozen=True)
-class Latency:
+class CameraLatency:
     """Delay of frames, from the middle of an exposure to the arrival."""
 
     latency: float
@@ -58,7 +58,7 @@ def cadence(times: list[int]) -> Cadence:
     return Cadence(1.0 / float(np.mean(apart)), float(np.std(apart)))
 
 
-def identify_latency(trace: MotionTrace, joint: int) -> Latency | None:
+def identify_latency(trace: MotionTrace, joint: int) -> CameraLatency | None:
     """Identify the latency from a motion of one joint; None if too few frames show it."""
     times = np.array([time for time, _, _ in trace.answers]) * 1e-9
     q = np.array([joints[joint] for _, joints, _ in trace.answers])
@@ -81,10 +81,10 @@ def identify_latency(trace: MotionTrace, joint: int) -> Latency | None:
     deviation = float(np.sqrt(fit.covariance[0, 0] * fit.misfit / freedom))
     reported = float(np.median(arrived - exposed))
     jitter = float(np.std(arrived - exposed))
-    return Latency(reported - float(fit.x[0]), reported, deviation, jitter)
+    return CameraLatency(reported - float(fit.x[0]), reported, deviation, jitter)
 
 
-def latency_findings(identified: Latency | None, latency: float | None) -> list[Finding]:
+def latency_findings(identified: CameraLatency | None, latency: float | None) -> list[Finding]:
     """Compare the identified latency with that of the file in s, None if it was never measured."""
     if identified is None:
         what, found = "the latency of the camera cannot be measured", "too few frames of a motion"

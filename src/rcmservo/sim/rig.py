@@ -22,7 +22,7 @@ from rcmservo.sim.disturbances.disturbance import Disturbance
 from rcmservo.sim.disturbances.frame_delivery import Delivery
 from rcmservo.sim.disturbances.kinds import KINDS
 from rcmservo.sim.disturbances.schedule import Event, Schedule
-from rcmservo.sim.disturbances.stalls import Stalls
+from rcmservo.sim.disturbances.computer_faults import Stalls
 from rcmservo.sim.rendering import Look, Renderer
 from rcmservo.sim.scene import Scene, SceneSettings
 from rcmservo.sim.scenes.drawing import Draws, draw, relocated

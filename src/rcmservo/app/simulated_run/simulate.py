@@ -29,7 +29,7 @@ from rcmservo.record.reader import RECORD
 from rcmservo.record.verdict import held
 from rcmservo.record.writer import Recorder
 from rcmservo.sim import Killed, Rig
-from rcmservo.sim.disturbances.disk import disk
+from rcmservo.sim.disturbances.computer_faults import disk
 from rcmservo.sim.person import ScriptedPerson, attended
 from rcmservo.sim.rig_file import rig_settings
 from rcmservo.tracking import ColourMarkers

@@ -1,6 +1,13 @@
-"""The process is held up: it runs late, is stopped for a while, or is killed."""
+"""Faults of the computer: a process that runs late, stops for a while or is killed, and a disk that
+fills up."""
+
+import errno
+import os
+from collections.abc import Callable
+from pathlib import Path
 
 from rcmservo.errors import RcmServoError
+from rcmservo.record.writer import RawFile, created
 from rcmservo.sim.disturbances.schedule import Schedule
 
 
@@ -30,3 +37,23 @@ class Stalls:
             if event.word("where") == "between":
                 time = max(time, round(event.end))
         return time
+
+
+class FillingDisk:
+    """A record's file on a disk that takes nothing while it is ``full``."""
+
+    def __init__(self, path: Path, full: Callable[[], bool]) -> None:
+        self._file, self._full = created(path), full
+
+    def write(self, data: memoryview, /) -> int | None:
+        if self._full():
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return self._file.write(data)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def disk(full: Callable[[], bool]) -> Callable[[Path], RawFile]:
+    """Return the function that opens a file on such a disk."""
+    return lambda path: FillingDisk(path, full)
