@@ -9,7 +9,7 @@ import pytest
 
 import rcmservo as rs
 from conftest import Laboratory, laboratory
-from rcmservo.loop.plant import ENABLE_TIME, NotEnabled
+from rcmservo.loop.plant import ENABLE_TIME, JOINT_HISTORY, NotEnabled
 from rcmservo.tracking import PointMarkers
 
 READ_ONLY = np.zeros(3)
@@ -199,6 +199,20 @@ def test_a_device_may_fill_one_array_again_and_again() -> None:
         *_, last = rs.run(lab.plant, lab.servo(), lab.target, 3.0)
         ends.append((last.state.phase, last.state.J_hat.tobytes()))
     assert ends[0] == ends[1]
+
+
+def test_the_joints_before_the_oldest_measurement_that_is_stored_are_not_known() -> None:
+    lab, camera = laboratory(), OddCamera(None)
+    plant, clock = rs.Plant(lab.rig.arm, camera, PointMarkers(), lab.rig.clock), lab.rig.clock
+    plant.read()
+    clock.wait_until(clock.now() + 50_000_000)
+    frame = lab.rig.camera.latest()
+    for _ in range(JOINT_HISTORY):
+        clock.wait_until(clock.now() + 1_000_000)
+        plant.read()
+    camera.answer = frame
+    seen = plant.read()
+    assert seen.frame == frame.number and np.isnan(seen.q_exposure).all()
 
 
 def test_it_tells_the_sizes_that_the_tracker_tells_but_not_of_a_marker_that_is_lost() -> None:
