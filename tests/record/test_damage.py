@@ -15,6 +15,7 @@ import zstandard
 from damage import REFUSED, SHORT, WHOLE, Original, cuts, flips, head_flips, heads, original, read
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from mcap.exceptions import McapError
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
@@ -287,7 +288,7 @@ def test_the_stream_reader_of_mcap_does_not_keep_these_promises(
     packed = zstandard.compress(bytes(160 * MIB))
     claims = io.BytesIO(joined([chunk(b"", size=100, packed=packed)]))
     tracemalloc.start()
-    with pytest.raises(ValueError, match="crc"):
+    with pytest.raises((McapError, ValueError)):
         list(StreamReader(claims, validate_crcs=True, record_size_limit=MAX_RECORD).records)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
