@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from rcmservo.constraints import Checked
 from rcmservo.errors import require
 from rcmservo.guard.checks.facts import DetailFacts
 from rcmservo.guard.gate import CommandStruct, Gate
@@ -51,7 +52,7 @@ WARM_UP = 8
 
 
 @dataclass(frozen=True)
-class Servo:
+class Servo(Checked):
     """The paper's block diagram. What the robot knows of itself, and a choice for every box."""
 
     mechanism: Kinematics
@@ -74,6 +75,7 @@ class Servo:
     """Number of ticks a second that it is stepped at."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         good = self.rate * self.gate.deadline >= 2.0 and self.rate <= 1000.0
         right = "at least two ticks in gate.deadline, and at most 1000 Hz"
         require(good, "rate", self.rate, right)

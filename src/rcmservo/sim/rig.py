@@ -80,13 +80,24 @@ def drawn(seed: int, settings: RigSettings) -> tuple[Scene, np.random.Generator]
 
 def _seeds(seed: int) -> list[np.random.SeedSequence]:
     """Of the scene, the camera's noise, another place of the camera, and the disturbances."""
-    require(seed >= 0, "seed", seed, "a whole number that is not negative")
+    good = isinstance(seed, int | np.integer) and seed >= 0
+    require(good, "seed", seed, "a whole number that is not negative")
     return np.random.SeedSequence(seed).spawn(4)
 
 
 def _draws(s: RigSettings, body: Body, seed: np.random.SeedSequence) -> Draws:
     size, radius = (s.width, s.height), max(s.look.marker_radii)
     return Draws(s.scene, body, size, radius, np.random.default_rng(seed))
+
+
+def _check_kinds(settings: object, pictures: object, disturbances: object, scene: object) -> None:
+    """Refuse arguments of a rig that are of another kind."""
+    require(isinstance(settings, RigSettings | None), "settings", settings, "a RigSettings")
+    require(isinstance(pictures, bool), "pictures", pictures, "true or false")
+    several: Any = disturbances if isinstance(disturbances, Sequence) else (disturbances,)
+    good = all(isinstance(one, Disturbance) for one in several)
+    require(good, "disturbances", disturbances, "a list of Disturbance")
+    require(isinstance(scene, Scene | None), "scene", scene, "a Scene")
 
 
 class Rig:
@@ -106,6 +117,7 @@ class Rig:
         disturbances: Sequence[Disturbance] = (),
         scene: Scene | None = None,
     ) -> None:
+        _check_kinds(settings, pictures, disturbances, scene)
         self.seed, self.settings = seed, settings or RigSettings()
         s = self.settings
         drawing, noise, elsewhere, chance = _seeds(seed)
