@@ -13,23 +13,25 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from rcmservo.errors import BadInput
 from rcmservo.paper import report
 from rcmservo.paper.claims import ClaimRow, claim_table
 from rcmservo.paper.experiment import Experiment, experiment_named
-from rcmservo.paper.lab.methods import Own
 from rcmservo.paper.plan import NotMeasured, Results, Task
 from rcmservo.paper.report import Chapter
 from rcmservo.paper.store import Assignment, fingerprint
+
+if TYPE_CHECKING:
+    from rcmservo.paper.lab.methods import Own
 
 Progress = Callable[[Task], None]
 COMPARISON = "baselines"
 """The experiment that compares methods."""
 
 
-def chosen(only: str | None, own: Own | None = None) -> dict[str, Experiment]:
+def chosen(only: str | None, own: "Own | None" = None) -> dict[str, Experiment]:
     """Return the experiments to run: all, or the one of that name.
 
     A user's `own` estimator is among the methods that they compare.
