@@ -18,11 +18,11 @@ from rcmservo.sim.clock import SimulatedClock
 from rcmservo.sim.disturbances.arm_faults import DisturbedArm
 from rcmservo.sim.disturbances.camera_moves import Hands
 from rcmservo.sim.disturbances.camera_view import View
+from rcmservo.sim.disturbances.computer_faults import Stalls
 from rcmservo.sim.disturbances.disturbance import Disturbance
 from rcmservo.sim.disturbances.frame_delivery import Delivery
 from rcmservo.sim.disturbances.kinds import KINDS
 from rcmservo.sim.disturbances.schedule import Event, Schedule
-from rcmservo.sim.disturbances.computer_faults import Stalls
 from rcmservo.sim.rendering import Look, Renderer
 from rcmservo.sim.scene import Scene, SceneSettings
 from rcmservo.sim.scenes.drawing import Draws, draw, relocated

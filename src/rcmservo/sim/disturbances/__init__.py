@@ -7,10 +7,10 @@ frames), arm_faults.py (the arm and its drives), computer_faults.py (the process
 disk). oracle.py finds the moment from which a disturbance is visible.
 """
 
+from rcmservo.sim.disturbances.computer_faults import Killed
 from rcmservo.sim.disturbances.disturbance import Disturbance, random_disturbances
 from rcmservo.sim.disturbances.kinds import KINDS, causes_of, describe
 from rcmservo.sim.disturbances.schedule import Schedule
-from rcmservo.sim.disturbances.computer_faults import Killed
 
 __all__ = [
     "KINDS",
