@@ -6,10 +6,11 @@ import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Protocol
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from rcmservo.config.decode import decode
 from rcmservo.constraints import (
@@ -145,13 +146,13 @@ def test_numbers_of_numpy_and_lists_are_taken_as_they_are(good):
 def test_a_limit_holds_up_to_its_ends_and_says_them(limit, inner, outer, words):
     assert all(map(limit.holds, inner))
     assert not any(map(limit.holds, [*outer, math.nan]))
-    assert limit.words(0.0).startswith(words)
+    assert limit.expected.startswith(words)
 
 
 def test_texts_are_limited_by_choice_by_pattern_and_to_be_there():
     assert one_of("red", "blue").holds("red")
     assert not one_of("red", "blue").holds("green")
-    assert one_of("red", "blue").words("green") == "one of red, blue"
+    assert one_of("red", "blue").hint("blu") == " (did you mean blue?)"
     assert matching(r"\w+(/\w+)*", "a topic").holds("PSM1/image")
     assert not matching(r"\w+(/\w+)*", "a topic").holds("/PSM1")
     assert not_empty("a name").holds("x")
@@ -172,6 +173,28 @@ def test_a_file_is_read_by_the_same_annotations():
     assert decode(Larger, {"gain": 3.0, "bounds": [0.5, 1.0, 1.0]}, "servo.box").gain == 3.0
     with pytest.raises(BadInput, match=r"^servo\.box\.gain must be a positive gain in 1/s, got -1"):
         decode(Larger, {"gain": -1.0}, "servo.box")
+
+
+class Named(Protocol):
+    name: str
+
+
+def test_what_cannot_be_recognised_by_its_type_passes_and_a_nested_annotation_counts():
+    @dataclass(frozen=True)
+    class Open(Checked):
+        anything: Any = None
+        named: Named | None = None
+        array: NDArray[np.float64] | None = None
+        either: Annotated[int, "words"] | None = None
+
+    assert Open(anything=3, named="x", array=[1.0], either=2).either == 2
+    with pytest.raises(BadInput, match=r"^either must be a whole number or left out, got 'x'$"):
+        Open(either="x")
+
+
+def test_an_argument_of_another_kind_is_refused_too():
+    with pytest.raises(BadInput, match=r"^rate must be a positive frequency in Hz, got 'fast'$"):
+        positive("frequency in Hz").require("rate", "fast")
 
 
 def test_a_local_class_whose_annotations_cannot_be_resolved_is_not_checked():

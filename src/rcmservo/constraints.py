@@ -13,7 +13,7 @@ not pydantic's own dataclasses: importing pydantic and building a schema of each
 import math
 import re
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cache
 from numbers import Real
 from types import NoneType, UnionType
@@ -22,9 +22,7 @@ from typing import (
     Any,
     ClassVar,
     Literal,
-    NoReturn,
     Union,
-    cast,
     get_args,
     get_origin,
     get_type_hints,
@@ -32,7 +30,10 @@ from typing import (
 
 import numpy as np
 
-from rcmservo.errors import BadInput
+from rcmservo.errors import BadInput, suggestion
+
+Triple = tuple[float, float, float]
+"""Three numbers, such as one for each joint."""
 
 COUNTS = {2: "two", 3: "three"}
 """Small numbers as messages spell them."""
@@ -44,12 +45,19 @@ class Limit:
 
     holds: Callable[[Any], bool]
     """Test of a value of the right kind. NaN fails it."""
-    expected: str | Callable[[Any], str]
-    """Words for a value that meets it, or a function that makes them of the refused value."""
+    expected: str
+    """Words for the values that meet it."""
+    hint: Callable[[Any], str] = field(default=lambda value: "")
+    """Words that follow, made of the refused value."""
 
-    def words(self, value: object) -> str:
-        """Return the words for the expected value."""
-        return self.expected if isinstance(self.expected, str) else self.expected(value)
+    def require(self, name: str, value: Any) -> None:
+        """Raise ``BadInput`` about the field or argument of a name unless its value meets it."""
+        try:
+            good = self.holds(value)
+        except TypeError:  # of another kind, which cannot be compared
+            good = False
+        if not good:
+            raise BadInput(name, value, self.expected + self.hint(value))
 
 
 def _shown(number: float) -> str:
@@ -117,7 +125,7 @@ def array(*shape: int) -> Limit:
     def holds(values: object) -> bool:
         try:
             numbers = np.asarray(values, np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             return False
         return numbers.shape == shape and bool(np.isfinite(numbers).all())
 
@@ -138,17 +146,18 @@ def angles(most: float, first: int, unit: str = "rad") -> Limit:
     def largest(values: Collection[float]) -> float:
         return max(map(abs, tuple(values)[:first]))
 
-    def words(values: Collection[float]) -> str:
+    def meant(values: Collection[float]) -> str:
         degrees, size = unit.replace("rad", "deg"), largest(values)
-        meant = f"{math.radians(size):.4g} {unit}, which is {size:g} {degrees}"
-        return f"at most {most:.4g} {unit} where it is an angle (did you mean {meant}?)"
+        return f" (did you mean {math.radians(size):.4g} {unit}, which is {size:g} {degrees}?)"
 
-    return Limit(lambda values: largest(values) <= most, words)
+    expected = f"at most {most:.4g} {unit} where it is an angle"
+    return Limit(lambda values: largest(values) <= most, expected, meant)
 
 
-def one_of(*choices: Any) -> Limit:
-    """Return the limit to some values."""
-    return Limit(choices.__contains__, "one of " + ", ".join(map(str, choices)))
+def one_of(*choices: str) -> Limit:
+    """Return the limit to some words; the message suggests the nearest."""
+    words = "one of " + ", ".join(choices)
+    return Limit(choices.__contains__, words, lambda word: suggestion(word, choices))
 
 
 def matching(pattern: str, words: str) -> Limit:
@@ -188,20 +197,17 @@ class Checked:
         for name, kind, limits in _rules(type(self)):
             value = getattr(self, name)
             if not kind.holds(value):
-                self._refuse(name, kind)
+                self.require(False, name, kind.expected)
             if value is not None:
                 for limit in limits:
                     if not limit.holds(value):
-                        self._refuse(name, limit)
+                        self.require(False, name, limit.expected + limit.hint(value))
 
     def require(self, condition: object, name: str, expected: str) -> None:
         """Raise ``BadInput`` about a field unless a condition holds. NaN must fail it."""
         if not condition:
-            self._refuse(name, Limit(bool, expected))
-
-    def _refuse(self, name: str, limit: Limit) -> NoReturn:
-        field, value = f"{self.section}.{name}" if self.section else name, getattr(self, name)
-        raise BadInput(field, value, limit.words(value))
+            path = f"{self.section}.{name}" if self.section else name
+            raise BadInput(path, getattr(self, name), expected)
 
 
 @cache
@@ -218,8 +224,7 @@ def _rule(hint: Any) -> tuple[Limit, tuple[Limit, ...]]:
     """Kind and limits of a field; a value of another kind is refused in the words of a limit."""
     inner, *metadata = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     kind, limits = _kind(inner), tuple(one for one in metadata if isinstance(one, Limit))
-    words = (limit.expected for limit in limits if isinstance(limit.expected, str))
-    return Limit(kind.holds, next(words, kind.expected)), limits
+    return Limit(kind.holds, (limits or (kind,))[0].expected), limits
 
 
 def _is_number(value: object) -> bool:
@@ -239,66 +244,73 @@ def _is_whole(value: object) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
+ANYTHING = Limit(lambda value: True, "any value")
+
 KINDS: dict[Any, Limit] = {
     float: Limit(_is_number, "a number"),
     int: Limit(_is_whole, "a whole number"),
     bool: Limit(lambda value: isinstance(value, bool | np.bool), "true or false"),
     str: Limit(lambda value: isinstance(value, str), "text"),
     NoneType: Limit(lambda value: value is None, "left out"),
+    np.ndarray: ANYTHING,
 }
-"""Values of each basic type."""
-
-ANYTHING = Limit(lambda value: True, "any value")
-"""Kind of what is not checked: arrays, which the classes convert, and protocols."""
+"""Values of each basic type; the limit `array` checks arrays, which a class may convert."""
 
 
 def _kind(hint: Any) -> Limit:
     """Return the values of a type, as a limit."""
     origin, inner = get_origin(hint), get_args(hint)
-    if hint in KINDS:
-        return KINDS[hint]
+    if origin is Annotated:
+        return _kind(inner[0])
     if origin is Literal:
         return Limit(lambda value: any(_same(value, one) for one in inner), _listed(inner))
     if origin in (Union, UnionType):
         return _any_kind([_kind(one) for one in inner])
     if origin is tuple:
         return _tuple_kind(inner)
-    plain: Any = origin or hint
-    if plain in (Any, np.ndarray) or not _is_class(plain):
+    return _class_kind(origin or hint)
+
+
+def _class_kind(plain: Any) -> Limit:
+    """Return the kind of a class; anything passes where its instances cannot be recognised."""
+    if plain in KINDS:
+        return KINDS[plain]
+    try:
+        isinstance(None, plain)
+    except TypeError:  # Any, a protocol, a type variable
         return ANYTHING
-    return Limit(lambda value: isinstance(value, plain), _with_article(plain.__name__))
-
-
-def _is_class(plain: Any) -> bool:
-    return isinstance(plain, type) and not getattr(cast(Any, plain), "_is_protocol", False)
+    noun = plain.__name__
+    article = "an" if noun[0] in "AEIOU" else "a"
+    return Limit(lambda value: isinstance(value, plain), f"{article} {noun}")
 
 
 def _any_kind(kinds: list[Limit]) -> Limit:
     """Return the kind of a union."""
-    words = dict.fromkeys(str(kind.expected) for kind in kinds)
+    words = dict.fromkeys(kind.expected for kind in kinds)
     return Limit(lambda value: any(kind.holds(value) for kind in kinds), " or ".join(words))
 
 
 def _tuple_kind(inner: tuple[Any, ...]) -> Limit:
     """Return the kind of tuples; a list or an array of the same entries passes too."""
     kinds = [_kind(one) for one in inner if one is not Ellipsis]
-    count = None if Ellipsis in inner else len(kinds)
-    numbers = {str(kind.expected) for kind in kinds} == {"a number"}
-    entries = "numbers" if numbers else "values"
-    several = f"{COUNTS.get(len(kinds), len(kinds))} {entries}"
-    words = several if count is not None else f"a list, each {kinds[0].expected}"
+    if Ellipsis in inner:
+        each_fits = kinds[0].holds
+        words = f"a list, each {kinds[0].expected}"
+        return Limit(lambda values: _is_list(values) and all(map(each_fits, values)), words)
+    tests = [kind.holds for kind in kinds]
+    entries = "numbers" if {kind.expected for kind in kinds} == {"a number"} else "values"
+    return Limit(
+        lambda values: (
+            _is_list(values)
+            and len(values) == len(tests)
+            and all(test(value) for test, value in zip(tests, values, strict=True))
+        ),
+        f"{COUNTS.get(len(kinds), len(kinds))} {entries}",
+    )
 
-    def holds(value: Any) -> bool:
-        if not isinstance(value, tuple | list | np.ndarray) or np.ndim(cast(Any, value)) == 0:
-            return False
-        if count is None:
-            return all(map(kinds[0].holds, cast(Any, value)))
-        entries = cast(Collection[Any], value)
-        return len(entries) == count and all(
-            kind.holds(one) for kind, one in zip(kinds, entries, strict=True)
-        )
 
-    return Limit(holds, words)
+def _is_list(values: Any) -> bool:
+    return isinstance(values, tuple | list) or (isinstance(values, np.ndarray) and values.ndim > 0)
 
 
 def _same(value: object, choice: object) -> bool:
@@ -309,7 +321,3 @@ def _listed(choices: tuple[Any, ...]) -> str:
     """Return choices as a sentence lists them: 'a', 'b' or 'c'."""
     *others, last = map(repr, choices)
     return f"{', '.join(others)} or {last}" if others else last
-
-
-def _with_article(noun: str) -> str:
-    return f"{'an' if noun[0] in 'AEIOU' else 'a'} {noun}"

@@ -1,7 +1,6 @@
 """What can go wrong because of what a person gave us: one base class, subclasses that carry the
 data."""
 
-import math
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from pathlib import PurePath
@@ -72,17 +71,15 @@ def needing(user: str, extra: str) -> Generator[None]:
         raise NotInstalled(user, error.name, extra) from error
 
 
+def suggestion(word: object, names: Iterable[str]) -> str:
+    """Return " (did you mean ...?)" with the name that is nearest to a word, or nothing."""
+    from difflib import get_close_matches
+
+    near = get_close_matches(str(word), list(names), 1)
+    return f" (did you mean {near[0]}?)" if near else ""
+
+
 def require(good: bool, field: str, value: object, right: str) -> None:
     """Raise :class:`BadInput` unless `good`. Write the test so that NaN fails it."""
     if not good:
         raise BadInput(field, value, right)
-
-
-def require_radians(
-    field: str, value: object, angles: Iterable[float], most: float, unit: str = "rad"
-) -> None:
-    """Refuse angles (or rates) beyond `most` rad: they were meant in degrees. Name both units."""
-    largest = max(map(abs, angles))
-    meant = f"{math.radians(largest):.4g} {unit}, which is {largest:g} {unit.replace('rad', 'deg')}"
-    right = f"at most {most:.4g} {unit} where it is an angle (did you mean {meant}?)"
-    require(largest <= most, field, value, right)

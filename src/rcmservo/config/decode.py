@@ -5,7 +5,6 @@ the values must be. Unknown keys, wrong types and numbers that are not finite ar
 path of the key, and what a dataclass itself refuses is told with that path too.
 """
 
-import difflib
 import json
 import re
 from collections.abc import Sequence
@@ -13,7 +12,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, cast, get_type_hints
 
-from rcmservo.errors import BadInput, told
+from rcmservo.errors import BadInput, suggestion, told
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -90,9 +89,7 @@ def _keys(kind: type[Any], way: Sequence[int | str], others: Sequence[str]) -> l
 
 def instead(key: str, names: Sequence[str]) -> str:
     """The right thing to do with an unknown key: one of the known names, the nearest suggested."""
-    near = difflib.get_close_matches(key, names, 1)
-    hint = f" (did you mean {near[0]}?)" if near else ""
-    return f"left out or one of {', '.join(names)}{hint}"
+    return f"left out or one of {', '.join(names)}{suggestion(key, names)}"
 
 
 def key_of(name: str) -> str:

@@ -11,12 +11,20 @@ limit without passing it.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, cast
+from typing import Annotated, Any, NamedTuple, cast
 
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.errors import require, require_radians
+from rcmservo.constraints import (
+    Checked,
+    Triple,
+    angles,
+    between,
+    not_negative,
+    positive,
+    three_positive,
+)
 from rcmservo.interfaces import Command, Floats
 from rcmservo.loops import all_finite, fill
 from rcmservo.method.kinematics import Rcm
@@ -115,39 +123,21 @@ class Passed(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Gate:
+class Gate(Checked, section="gate"):
     """Bounds on every command."""
 
-    speed: tuple[float, float, float] = (1.0, 1.0, 80.0)
+    speed: Annotated[
+        Triple, three_positive("rad/s, rad/s, mm/s"), angles(FASTEST_TURN, first=2, unit="rad/s")
+    ] = (1.0, 1.0, 80.0)
     """Bound on each joint's rate, rad/s, rad/s, mm/s."""
-    slew: tuple[float, float, float] = (10.0, 10.0, 800.0)
+    slew: Annotated[Triple, three_positive("rad/s², rad/s², mm/s²")] = (10.0, 10.0, 800.0)
     """Bound on its change, rad/s², rad/s², mm/s²."""
-    latency: float = 0.05
+    latency: Annotated[float, not_negative("time in s")] = 0.05
     """How long the arm may go on at its last speed before a command takes hold, s."""
-    max_period: float = 0.02
+    max_period: Annotated[float, positive("time in s")] = 0.02
     """Longest time over which one command may change, s: a late tick must not allow a jump."""
-    deadline: float = 0.05
+    deadline: Annotated[float, between(0.01, 0.05, "a time", "s")] = 0.05
     """Time after its tick from which on a command is void, s."""
-
-    def __post_init__(self) -> None:
-        for name in ("speed", "slew"):
-            values = getattr(self, name)
-            good = len(values) == 3 and all(0.0 < value < np.inf for value in values)
-            require(good, f"gate.{name}", values, "three positive numbers (rad, rad, mm)")
-        require_radians("gate.speed", self.speed, self.speed[:2], FASTEST_TURN, "rad/s")
-        require(0.0 <= self.latency < np.inf, "gate.latency", self.latency, "a time in s")
-        require(
-            0.0 < self.max_period < np.inf,
-            "gate.max_period",
-            self.max_period,
-            "a positive time in s",
-        )
-        require(
-            0.01 <= self.deadline <= 0.05,
-            "gate.deadline",
-            self.deadline,
-            "a time from 0.01 to 0.05 s",
-        )
 
     @cached_property
     def row(self) -> "Rows[Gate]":

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from rcmservo.errors import require
+from rcmservo.constraints import positive
 from rcmservo.interfaces import Command, Floats
 
 PATIENCE = 50_000_000
@@ -24,7 +24,7 @@ class Watchdog:
     in."""
 
     def __init__(self, patience: int = PATIENCE) -> None:
-        require(patience > 0, "patience", patience, "a positive time in ns")
+        positive("time in ns").require("patience", patience)
         self.patience = patience
         self.enabled = False
         self.rates: Floats = np.zeros(3)

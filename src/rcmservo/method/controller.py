@@ -13,7 +13,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.constraints import Checked, above, angles, between, positive, three_positive
+from rcmservo.constraints import Checked, Triple, above, angles, between, positive, three_positive
 from rcmservo.interfaces import Floats
 from rcmservo.loops import all_finite, fill, length
 from rcmservo.memory import scratch, scratch_table
@@ -187,9 +187,11 @@ class SaturatedController(Checked, section="controller"):
     joints were read: as built in T = 46 ms, of delay, lag and tick. The camera's latency does not
     count, as the error is carried on to the present joints, and noise neither, where the estimator
     averages it out; where it does not (all but dlt and affine), a smaller gain is quieter."""
-    bounds: Annotated[
-        tuple[float, float, float], three_positive("rad, px, px"), angles(np.pi, first=1)
-    ] = (float(np.radians(50.0)), 50.0, 50.0)
+    bounds: Annotated[Triple, three_positive("rad, px, px"), angles(np.pi, first=1)] = (
+        float(np.radians(50.0)),
+        50.0,
+        50.0,
+    )
     """b, the feature errors (rad, px, px) from which on the action is saturated; the angle is at
     most π."""
     potential: Literal["continuous", "printed"] = "continuous"

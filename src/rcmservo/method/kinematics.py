@@ -15,7 +15,7 @@ from typing import Annotated, ClassVar, NamedTuple
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.constraints import Checked, Limit, each, finite
+from rcmservo.constraints import Checked, Limit, Triple, each, finite
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.loops import length, product
@@ -204,9 +204,9 @@ LIMITS = (
 class JointLimits(Checked):
     """The configurations that the tool may take: lower <= q <= upper."""
 
-    lower: Annotated[tuple[float, float, float], *LIMITS]
+    lower: Annotated[Triple, *LIMITS]
     """rad, rad, mm."""
-    upper: Annotated[tuple[float, float, float], *LIMITS]
+    upper: Annotated[Triple, *LIMITS]
     """rad, rad, mm; above `lower` in every joint."""
 
     def __post_init__(self) -> None:

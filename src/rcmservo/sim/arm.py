@@ -10,12 +10,12 @@ counts in m, everything else here counts in mm.
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import mujoco
 import numpy as np
 
-from rcmservo.errors import require, require_radians
+from rcmservo.constraints import Checked, Triple, above, angles, between, each, finite, not_negative
 from rcmservo.guard.watchdog import Watchdog
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.loop.joint_history import JointHistory
@@ -43,44 +43,37 @@ AXES = {
 """Outer hinge, inner hinge, slide, and where q's joints stand in that order: φ turns outside θ, yaw
 outside pitch."""
 
+NOT_NEGATIVE = each(not_negative(), "three numbers that are not negative (rad, rad, mm)")
+
 
 @dataclass(frozen=True)
-class Drive:
+class Drive(Checked, section="drive"):
     """What stands between a command and a motion."""
 
-    delay: float = 0.004
+    delay: Annotated[float, between(0.0, 1.0, "a time", "s")] = 0.004
     """s from a command to the moment at which the drives obey it."""
 
-    lag: float = 0.02
+    lag: Annotated[float, between(0.001, 10.0, "a time", "s")] = 0.02
     """s, the time constant with which each drive follows (first order)."""
 
-    deadband: tuple[float, float, float] = (1e-4, 1e-4, 0.01)
+    deadband: Annotated[Triple, NOT_NEGATIVE] = (1e-4, 1e-4, 0.01)
     """rad/s, rad/s, mm/s below which a joint stays still."""
 
-    encoder: tuple[float, float, float] = (2e-5, 2e-5, 2e-3)
+    encoder: Annotated[Triple, NOT_NEGATIVE] = (2e-5, 2e-5, 2e-3)
     """rad, rad, mm of one count of each encoder."""
 
-    encoder_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    encoder_offset: Annotated[
+        Triple, each(finite(), "three finite numbers (rad, rad, mm)"), angles(FULL_TURN, first=2)
+    ] = (0.0, 0.0, 0.0)
     """rad, rad, mm by which the joints that the arm tells are beside those that it has. Of an
     emulated motion controller, whose encoders count from where they are homed, it is none."""
 
-    rate_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rate_error: Annotated[Triple, each(above(-1.0, 1.0), "three shares above -1 and at most 1")] = (
+        0.0,
+        0.0,
+        0.0,
+    )
     """Shares by which each joint moves faster than it is asked to."""
-
-    def __post_init__(self) -> None:
-        require(0.0 <= self.delay <= 1.0, "drive.delay", self.delay, "a time from 0 to 1 s")
-        require(0.001 <= self.lag <= 10.0, "drive.lag", self.lag, "a time from 0.001 to 10 s")
-        right = "three numbers that are not negative (rad, rad, mm)"
-        for name in ("deadband", "encoder"):
-            values = getattr(self, name)
-            good = len(values) == 3 and all(0.0 <= value < np.inf for value in values)
-            require(good, f"drive.{name}", values, right)
-        offset, error = self.encoder_offset, self.rate_error
-        good = len(offset) == 3 and bool(np.isfinite(offset).all())
-        require(good, "drive.encoder_offset", offset, "three finite numbers (rad, rad, mm)")
-        require_radians("drive.encoder_offset", offset, offset[:2], FULL_TURN)
-        good = len(error) == 3 and all(-1.0 < share <= 1.0 for share in error)
-        require(good, "drive.rate_error", error, "three shares above -1 and at most 1")
 
     def told(self, q: Floats) -> Floats:
         """What an arm tells with its joints at q (3,), but for counting."""

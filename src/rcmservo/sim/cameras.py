@@ -3,10 +3,11 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 
+from rcmservo.constraints import Checked, between, not_negative
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Frame
 from rcmservo.sim.arm import SimulatedArm
@@ -40,25 +41,28 @@ def in_order(noise: Floats, seen: int) -> Noise:
     return of
 
 
+RATE = between(1.0, 1000.0, "a rate", "frames/s")
+EXPOSURE = not_negative("time in s")
+DELAY = between(0.0, 0.5, "a time", "s")
+
+
 @dataclass(frozen=True)
-class Timing:
+class Timing(Checked, section="camera"):
     """When a camera takes its frames, and when they arrive."""
 
-    frame_rate: float = 60.0
+    frame_rate: Annotated[float, RATE] = 60.0
     """Frames per s."""
 
-    exposure: float = 0.004
+    exposure: Annotated[float, EXPOSURE] = 0.004
     """s for which a frame is exposed."""
 
-    delay: float = 0.02
+    delay: Annotated[float, DELAY] = 0.02
     """s from the end of an exposure to the frame's arrival."""
 
     def __post_init__(self) -> None:
-        rate = self.frame_rate
-        require(1.0 <= rate <= 1000.0, "camera.frame_rate", rate, "from 1 to 1000 frames/s")
-        short = 0.0 <= self.exposure <= 1.0 / rate
-        require(short, "camera.exposure", self.exposure, "a time from 0 s to one frame period")
-        require(0.0 <= self.delay <= 0.5, "camera.delay", self.delay, "a time from 0 to 0.5 s")
+        super().__post_init__()
+        short = self.exposure <= 1.0 / self.frame_rate
+        self.require(short, "exposure", "a time from 0 s to one frame period")
 
     def newest(self, now: int) -> tuple[int, int, int]:
         """Number, exposure ns and arrival ns of the newest frame that has arrived.

@@ -10,10 +10,11 @@ Pixel (0, 0) is the centre of the top left pixel, u right, v down. Lengths in mm
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from rcmservo.constraints import Checked, above, array, positive
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.loops import cross
@@ -29,49 +30,41 @@ ROUNDING = 1e-12
 OUTLINE = 256
 """Points on a silhouette. The polygon's centroid is then good to 1e-6 of its radius."""
 
-SHAPES = {"centre": (2,), "distortion": (2,), "rotation": (3, 3), "position": (3,)}
-
 
 @dataclass(frozen=True, eq=False)
-class Optics:
+class Optics(Checked):
     """What the camera does to light."""
 
-    width: int
+    width: Annotated[int, above(0, what="a whole number of px")]
     """px of the picture."""
 
-    height: int
+    height: Annotated[int, above(0, what="a whole number of px")]
     """px of the picture."""
 
-    focal: float
+    focal: Annotated[float, positive("number of px")]
     """px."""
 
-    centre: Floats
+    centre: Annotated[Floats, array(2)]
     """(2,) px, the principal point."""
 
-    distortion: Floats
+    distortion: Annotated[Floats, array(2)]
     """(2,) k1 and k2."""
 
-    rotation: Floats
+    rotation: Annotated[Floats, array(3, 3)]
     """(3, 3) R_c_w, from world axes to camera axes."""
 
-    position: Floats
+    position: Annotated[Floats, array(3)]
     """(3,) mm, the camera's centre in the world."""
 
     def __post_init__(self) -> None:
-        require(self.width > 0, "width", self.width, "positive")
-        require(self.height > 0, "height", self.height, "positive")
-        require(0 < self.focal < np.inf, "focal", self.focal, "positive and finite")
-        for name, shape in SHAPES.items():
-            value = np.array(getattr(self, name), dtype=np.float64)
-            good = value.shape == shape and bool(np.isfinite(value).all())
-            require(good, name, value, f"{shape} finite numbers")
-            object.__setattr__(self, name, value)
+        super().__post_init__()
+        for name in ("centre", "distortion", "rotation", "position"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
         proper = np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-9)
         proper = proper and np.linalg.det(self.rotation) > 0
-        require(bool(proper), "rotation", self.rotation, "a proper rotation matrix")
+        self.require(proper, "rotation", "a proper rotation matrix")
         one_to_one = np.isinf(self.fold) or self._corner < self.fold * self._stretch(self.fold)
-        right = "so weak that every pixel sees one direction"
-        require(bool(one_to_one), "distortion", self.distortion, right)
+        self.require(one_to_one, "distortion", "so weak that every pixel sees one direction")
 
     def pinhole(self) -> Floats:
         """The calibration matrix C (3, 4) of eq. (4): all of this but the distortion."""

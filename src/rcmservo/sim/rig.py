@@ -3,10 +3,11 @@ in here."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from rcmservo.constraints import Checked, between, not_negative
 from rcmservo.errors import BadInput, require
 from rcmservo.interfaces import Camera, Floats, Image
 from rcmservo.method.kinematics import Kinematics, SphericalRcm
@@ -31,9 +32,12 @@ from rcmservo.sim.truth import Truth
 SETTLE = 100_000_000
 """ns that pass after the tool was placed by hand, so that every frame in flight shows it there."""
 
+PIXELS = between(64, 4096, "a whole number of px")
+NOISE = not_negative("number of px")
+
 
 @dataclass(frozen=True)
-class RigSettings:
+class RigSettings(Checked, section="rig"):
     """What a simulated laboratory is made of."""
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
@@ -54,21 +58,14 @@ class RigSettings:
     scene: SceneSettings = field(default_factory=SceneSettings)
     """What camera, start and target are drawn from."""
 
-    width: int = 640
+    width: Annotated[int, PIXELS] = 640
     """px of the picture."""
 
-    height: int = 480
+    height: Annotated[int, PIXELS] = 480
     """px of the picture."""
 
-    point_noise: float = 0.3
+    point_noise: Annotated[float, NOISE] = 0.3
     """px, the noise of the camera without pictures."""
-
-    def __post_init__(self) -> None:
-        for name in ("width", "height"):
-            value = getattr(self, name)
-            require(64 <= value <= 4096, f"camera.{name}", value, "from 64 to 4096 px")
-        good = 0.0 <= self.point_noise < np.inf
-        require(good, "camera.point_noise", self.point_noise, "a number of px that is not negative")
 
 
 def drawn(seed: int, settings: RigSettings) -> tuple[Scene, np.random.Generator]:
@@ -80,8 +77,7 @@ def drawn(seed: int, settings: RigSettings) -> tuple[Scene, np.random.Generator]
 
 def _seeds(seed: int) -> list[np.random.SeedSequence]:
     """Of the scene, the camera's noise, another place of the camera, and the disturbances."""
-    good = isinstance(seed, int | np.integer) and seed >= 0
-    require(good, "seed", seed, "a whole number that is not negative")
+    not_negative("whole number").require("seed", seed)
     return np.random.SeedSequence(seed).spawn(4)
 
 

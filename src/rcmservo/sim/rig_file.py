@@ -1,13 +1,15 @@
 """The parts of a rig file that only a simulation reads: [camera], [drive], [look] and [scene]."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from rcmservo.config.rig_file import Lab
+from rcmservo.constraints import Checked
 from rcmservo.sim import Look
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
 from rcmservo.sim.rendering import Colour
-from rcmservo.sim.rig import RigSettings
+from rcmservo.sim.rig import NOISE, PIXELS, RigSettings
 from rcmservo.sim.scene import SceneSettings
 
 PAINTS: dict[str, Colour] = {
@@ -23,12 +25,12 @@ PAINTS: dict[str, Colour] = {
 
 
 @dataclass(frozen=True)
-class CameraSection:
+class CameraSection(Checked, section="camera"):
     """[camera] of a rig file."""
 
-    width: int = 640
+    width: Annotated[int, PIXELS] = 640
     """Of the picture, px."""
-    height: int = 480
+    height: Annotated[int, PIXELS] = 480
     """Of the picture, px."""
     frame_rate: float = 60.0
     """Frames a second."""
@@ -36,7 +38,7 @@ class CameraSection:
     """s for which a frame is exposed."""
     delay: float = 0.02
     """s from the end of the exposure to the frame's arrival."""
-    point_noise: float = 0.3
+    point_noise: Annotated[float, NOISE] = 0.3
     """px, root mean square, of a camera that delivers points."""
 
 

@@ -1,47 +1,43 @@
 """What the two markers look like, and whether two balls in a picture can be they."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from rcmservo.errors import require
+from rcmservo.constraints import Checked, between, one_of
 from rcmservo.tracking.ball import Ball
 from rcmservo.tracking.colours import COLOURS
 
 APART = 1.1
 """The least ratio of radii that tells markers of one colour apart."""
 
+RADIUS = between(0.01, 1000.0, "a length", "mm")
+
 
 @dataclass(frozen=True)
-class MarkerLook:
+class MarkerLook(Checked):
     """What the two balls look like. Marker 1 is the one nearer the RCM.
 
     Two balls of one colour are told apart by their imaged size, so the larger one must look larger
     too. A tool that points its smaller ball steeply at the camera breaks that.
     """
 
-    colour_1: str = "green"
+    colour_1: Annotated[str, one_of(*COLOURS)] = "green"
     """One of COLOURS."""
 
-    colour_2: str = "blue"
+    colour_2: Annotated[str, one_of(*COLOURS)] = "blue"
     """One of COLOURS."""
 
-    radius_1: float = 4.0
+    radius_1: Annotated[float, RADIUS] = 4.0
     """mm. Only the ratio of the two radii matters."""
 
-    radius_2: float = 4.0
+    radius_2: Annotated[float, RADIUS] = 4.0
     """mm."""
 
     def __post_init__(self) -> None:
-        allowed = "one of " + ", ".join(COLOURS)
-        require(self.colour_1 in COLOURS, "colour_1", self.colour_1, allowed)
-        require(self.colour_2 in COLOURS, "colour_2", self.colour_2, allowed)
-        for name in ("radius_1", "radius_2"):
-            radius = getattr(self, name)
-            require(0.01 <= radius <= 1000.0, name, radius, "a length from 0.01 to 1000 mm")
+        super().__post_init__()
         ratio = max(self.ratio, 1.0 / self.ratio)
-        right = (
-            f"at least {APART} times larger or smaller than radius_1 where the colours are the same"
-        )
-        require(not self.alike or ratio >= APART, "radius_2", self.radius_2, right)
+        right = f"at least {APART} times larger or smaller than radius_1 of the same colour"
+        self.require(not self.alike or ratio >= APART, "radius_2", right)
 
     @property
     def alike(self) -> bool:

@@ -4,13 +4,13 @@ It is written `kind:at=5,for=0.5,key=value`: it acts from `at` s after the run's
 or to the end.
 """
 
-import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from rcmservo.constraints import Limit, one_of
 from rcmservo.errors import BadInput, require
 from rcmservo.sim.disturbances.kinds import KINDS
 from rcmservo.sim.disturbances.old_names import OLD, renewed
@@ -18,6 +18,8 @@ from rcmservo.sim.disturbances.parameters import Value, as_number, written
 
 LONGEST = 1e6
 """s: no run has a time beyond this."""
+
+PARAMETERS = Limit(lambda given: isinstance(given, Mapping), "values by the names of parameters")
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class Disturbance:
 
     def __post_init__(self) -> None:
         _require_kind(self.kind)
+        PARAMETERS.require(f"{self.kind}: parameters", self.parameters)
         at, duration = _time(f"{self.kind}: at", self.at), _duration(self.kind, self.duration)
         values = _parameters(self.kind, self.parameters)
         for name, value in (("at", at), ("duration", duration), ("parameters", values)):
@@ -106,10 +109,9 @@ def _drawn(random: np.random.Generator, name: str, duration: float) -> Disturban
 
 
 def _require_kind(name: str) -> None:
-    require(name not in OLD, "disturbance", name, f"written {renewed(name)} now")
-    near = difflib.get_close_matches(name, KINDS, 1)
-    hint = f" (did you mean {near[0]}?)" if near else ""
-    require(name in KINDS, "disturbance", name, "one of " + ", ".join(KINDS) + hint)
+    if name in OLD:
+        raise BadInput("disturbance", name, f"written {renewed(name)} now")
+    one_of(*KINDS).require("disturbance", name)
 
 
 def _time(where: str, value: object) -> float:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from rcmservo.constraints import not_negative
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Image
 from rcmservo.sim.optics import Optics
@@ -35,7 +36,7 @@ class Renderer:
     tissue and the lamp stay what they were at first."""
 
     def __init__(self, optics: Optics, look: Look, tissue: Tissue, seed: int) -> None:
-        require(seed >= 0, "seed", seed, "at least 0")
+        not_negative("whole number").require("seed", seed)
         self.optics, self.look = optics, look
         noise = np.random.default_rng(seed)
         self._rays = _rays(optics)
@@ -59,7 +60,7 @@ class Renderer:
         require(good, "poses' shape", poses.shape, "(T, 4, 3)")
         require(len(poses) in MOMENTS, "number of poses", len(poses), f"one of {MOMENTS}")
         require(bool(np.isfinite(poses).all()), "poses", poses, "finite")
-        require(number >= 0, "number", number, "at least 0")
+        not_negative("whole number").require("number", number)
         self._paint(poses)
         if between is not None:
             between(self._canvas)

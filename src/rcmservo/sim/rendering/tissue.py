@@ -1,10 +1,11 @@
 """The tissue behind the tool: a bumpy, mottled, wet plane, lit by the lamp."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from rcmservo.errors import require
+from rcmservo.constraints import Checked, Limit, array
 from rcmservo.interfaces import Floats
 from rcmservo.sim.optics import Optics
 from rcmservo.sim.rendering.look import Look
@@ -30,17 +31,14 @@ TINY = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Tissue:
+class Tissue(Checked):
     """The plane behind the tool, in the world."""
 
-    point: Floats
+    point: Annotated[Floats, array(3)]
     """(3,) mm, on the plane."""
 
-    normal: Floats
+    normal: Annotated[Floats, array(3), Limit(np.any, "a direction")]
     """(3,), either way up."""
-
-    def __post_init__(self) -> None:
-        require(bool(np.linalg.norm(self.normal) > 0), "normal", self.normal, "a direction")
 
     def met_by(self, slopes: Floats, optics: Optics) -> Floats:
         """Where rays of `slopes` (..., 2) meet the tissue, mm in camera axes (..., 3).
