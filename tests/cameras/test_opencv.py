@@ -134,7 +134,7 @@ def test_what_cannot_be_opened_is_one_sentence(source: str, said: str) -> None:
         ('source = "a.avi"\nwidth = 640', "camera.width must be left out: it can be set of a"),
         ('source = "http://x/"\nframe_rate = 60.0', "camera.frame_rate must be left out"),
         ('source = "0"\nlatency = -0.1', "camera.latency must be a time from 0 to 1 s"),
-        ('source = "0"\nframe_rate = 0.0', "camera.frame_rate must be from 1 to 1000 frames/s"),
+        ('source = "0"\nframe_rate = 0.0', "camera.frame_rate must be a rate from 1 to 1000"),
         ('source = "0"\nexposure = 2.0', "camera.exposure must be a time from 0.00001 to 1 s"),
         ('source = "0"', "camera.latency must be more than 0 s: `rcmservo rig check` measures it"),
     ],

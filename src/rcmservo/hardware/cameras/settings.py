@@ -5,54 +5,56 @@ refused where it has taken something else.
 """
 
 import ipaddress
-import re
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
+from rcmservo.constraints import Checked, Limit, between, matching, not_empty
 from rcmservo.errors import require
-from rcmservo.hardware.crtk.settings import require_ros
+from rcmservo.hardware.crtk.settings import DOMAIN, INTERFACE, ROS, TOPIC
 
-LONGEST_LATENCY = 1.0
-"""s: a camera later than that is of no use."""
+LATENCY = Limit(
+    lambda latency: 0.0 <= latency <= 1.0, "a time from 0 to 1 s (0 where it was never measured)"
+)
+"""A camera that is later than 1 s is of no use."""
+
+PIXELS = between(64, 8192, "a whole number of px")
+FRAME_RATE = between(1.0, 1000.0, "a rate", "frames/s")
+EXPOSURE = Limit(lambda exposure: 1e-5 <= exposure <= 1.0, "a time from 0.00001 to 1 s")
 
 
 @dataclass(frozen=True)
-class OpencvSettings:
+class OpencvSettings(Checked, section="camera"):
     """A camera that OpenCV reads: a video device, a file, a numbered sequence of pictures, or an
     address on the network. It tells no times."""
 
     name: ClassVar[str] = "opencv"
     """Its kind in rig files."""
 
-    source: str
+    source: Annotated[str, not_empty("a device, a file, a sequence of pictures, or an address")]
     """/dev/video0 or its number, a file, a sequence such as frames/%04d.png, or an address such as
     http://..."""
-    latency: float = 0.0
+    latency: Annotated[float, LATENCY] = 0.0
     """s from the middle of an exposure to the frame's arrival; 0 where nobody has measured it."""
-    width: int | None = None
+    width: Annotated[int | None, PIXELS] = None
     """px of the picture of a device."""
-    height: int | None = None
+    height: Annotated[int | None, PIXELS] = None
     """px of the picture of a device."""
-    frame_rate: float | None = None
+    frame_rate: Annotated[float | None, FRAME_RATE] = None
     """Frames per s of a device; with which a file or sequence is played."""
-    exposure: float | None = None
+    exposure: Annotated[float | None, EXPOSURE] = None
     """s for which a device exposes a frame."""
     gain: float | None = None
     """Of a device, in its own units."""
 
     def __post_init__(self) -> None:
-        right = "a device, a file, a sequence of pictures, or an address"
-        require(bool(self.source.strip()), "camera.source", self.source, right)
-        _latency(self.latency)
-        _picture(self.width, self.height, self.frame_rate, self.exposure)
+        super().__post_init__()
         if not self.device:
             for name in ("width", "height", "exposure", "gain"):
-                value = getattr(self, name)
                 right = "left out: it can be set of a video device only"
-                require(value is None, f"camera.{name}", value, right)
+                self.require(getattr(self, name) is None, name, right)
         if self.remote:
             right = "left out: what sends the pictures decides it"
-            require(self.frame_rate is None, "camera.frame_rate", self.frame_rate, right)
+            self.require(self.frame_rate is None, "frame_rate", right)
 
     @property
     def device(self) -> bool:
@@ -66,39 +68,30 @@ class OpencvSettings:
 
 
 @dataclass(frozen=True)
-class AravisSettings:
+class AravisSettings(Checked, section="camera"):
     """A GigE Vision or USB3 Vision camera, by the Aravis library."""
 
     name: ClassVar[str] = "aravis"
     """Its kind in rig files."""
 
-    address: str
+    address: Annotated[str, not_empty("an address or a name")]
     """Its address on the network, or its name as `arv-tool-0.8` lists it."""
-    latency: float = 0.0
+    latency: Annotated[float, LATENCY] = 0.0
     """s from the middle of an exposure to the arrival of a frame that nothing delays; 0 where
     nobody has measured it. The camera's own times say how much later the others are."""
-    width: int | None = None
+    width: Annotated[int | None, PIXELS] = None
     """px of the picture."""
-    height: int | None = None
+    height: Annotated[int | None, PIXELS] = None
     """px of the picture."""
-    frame_rate: float | None = None
+    frame_rate: Annotated[float | None, FRAME_RATE] = None
     """Frames per s."""
-    exposure: float | None = None
+    exposure: Annotated[float | None, EXPOSURE] = None
     """s for which a frame is exposed."""
     gain: float | None = None
     """In the camera's own units."""
-    packet_size: int | None = None
+    packet_size: Annotated[int | None, between(576, 16000, "a whole number of bytes")] = None
     """Bytes of a packet on the network, as many as all of the way there carries; 1400 goes
     anywhere, and 9000 is taken where the camera is emulated on this computer."""
-
-    def __post_init__(self) -> None:
-        right = "an address or a name"
-        require(bool(self.address.strip()), "camera.address", self.address, right)
-        _latency(self.latency)
-        _picture(self.width, self.height, self.frame_rate, self.exposure)
-        size = self.packet_size
-        right = "a whole number of bytes from 576 to 16000"
-        require(size is None or 576 <= size <= 16000, "camera.packet_size", size, right)
 
     @property
     def bytes_of_packet(self) -> int:
@@ -109,31 +102,27 @@ class AravisSettings:
 
 
 @dataclass(frozen=True)
-class TopicSettings:
+class TopicSettings(Checked, section="camera"):
     """A camera whose pictures come on a ROS topic, stamped when they were exposed."""
 
     name: ClassVar[str] = "topic"
     """Its kind in rig files."""
 
-    topic: str
+    topic: Annotated[
+        str,
+        matching(TOPIC, "a topic's name without a slash before it, such as PSM1/camera/image_raw"),
+    ]
     """The topic's name, such as PSM1/camera/image_raw."""
     compressed: bool = False
     """Whether they come as the files of sensor_msgs/CompressedImage, not as sensor_msgs/Image."""
-    ros: int = 2
+    ros: Annotated[int, ROS] = 2
     """Which ROS it speaks: 2 or 1."""
-    domain: int = 0
+    domain: Annotated[int, DOMAIN] = 0
     """ROS 2's domain (ROS_DOMAIN_ID)."""
-    interface: str = "lo"
+    interface: Annotated[str, INTERFACE] = "lo"
     """The network interface on which ROS 2 is spoken; lo is within this computer."""
-    latency: float = 0.0
+    latency: Annotated[float, LATENCY] = 0.0
     """s from the middle of an exposure to the stamp."""
-
-    def __post_init__(self) -> None:
-        good = re.fullmatch(r"\w+(/\w+)*", self.topic, re.ASCII) is not None
-        right = "a topic's name without a slash before it, such as PSM1/camera/image_raw"
-        require(good, "camera.topic", self.topic, right)
-        require_ros("camera", self.ros, self.domain, self.interface)
-        _latency(self.latency)
 
 
 CameraSettings = OpencvSettings | AravisSettings | TopicSettings
@@ -151,24 +140,6 @@ def require_latency(settings: CameraSettings) -> None:
     right = "more than 0 s: `rcmservo rig check` measures it"
     known = known_latency(settings) is not None
     require(known, "camera.latency", settings.latency, right)
-
-
-def _latency(latency: float) -> None:
-    right = f"a time from 0 to {LONGEST_LATENCY:g} s (0 where it was never measured)"
-    require(0.0 <= latency <= LONGEST_LATENCY, "camera.latency", latency, right)
-
-
-def _picture(
-    width: int | None, height: int | None, frame_rate: float | None, exposure: float | None
-) -> None:
-    for name, value in (("width", width), ("height", height)):
-        right = "a whole number of px from 64 to 8192"
-        require(value is None or 64 <= value <= 8192, f"camera.{name}", value, right)
-    right = "from 1 to 1000 frames/s"
-    good = frame_rate is None or 1.0 <= frame_rate <= 1000.0
-    require(good, "camera.frame_rate", frame_rate, right)
-    right = "a time from 0.00001 to 1 s"
-    require(exposure is None or 1e-5 <= exposure <= 1.0, "camera.exposure", exposure, right)
 
 
 def _is_this_computer(address: str) -> bool:

@@ -109,7 +109,7 @@ def _drawn(random: np.random.Generator, name: str, duration: float) -> Disturban
 
 
 def _require_kind(name: str) -> None:
-    if name in OLD:
+    if str(name) in OLD:
         raise BadInput("disturbance", name, f"written {renewed(name)} now")
     one_of(*KINDS).require("disturbance", name)
 

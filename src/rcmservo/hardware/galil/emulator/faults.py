@@ -4,10 +4,10 @@ It is written `kind:at=5,for=0.5`: from `at` s after the emulator's start for `f
 end.
 """
 
-import difflib
 import math
 from dataclasses import dataclass
 
+from rcmservo.constraints import one_of
 from rcmservo.errors import require
 
 KINDS = {
@@ -38,9 +38,7 @@ class Fault:
     """s for which it lasts."""
 
     def __post_init__(self) -> None:
-        near = difflib.get_close_matches(self.kind, KINDS, 1)
-        hint = f" (did you mean {near[0]}?)" if near else ""
-        require(self.kind in KINDS, "--fault", self.kind, "one of " + ", ".join(KINDS) + hint)
+        one_of(*KINDS).require("--fault", self.kind)
         right = f"a time in s from 0 to {LONGEST:g}"
         require(0.0 <= self.at <= LONGEST, f"--fault {self.kind}: at", self.at, right)
         require(self.duration > 0.0, f"--fault {self.kind}: for", self.duration, "a time above 0 s")
