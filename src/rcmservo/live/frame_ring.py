@@ -5,6 +5,7 @@ from multiprocessing.context import BaseContext
 
 import numpy as np
 
+from rcmservo.constraints import between
 from rcmservo.errors import require
 from rcmservo.interfaces import Frame
 from rcmservo.live.lab import CameraAccount, LabCamera
@@ -21,7 +22,7 @@ class FrameRing:
 
     def __init__(self, context: BaseContext, width: int, height: int) -> None:
         for name, value in (("width", width), ("height", height)):
-            require(1 <= value <= 4096, name, value, "from 1 to 4096 px")
+            between(1, 4096, "a number of px").require(name, value)
         self.shape = height, width, 3
         self.entries = SharedRing(context, SLOTS, TIMES.size + height * width * 3)
 

@@ -5,7 +5,7 @@ import time
 from array import array
 from collections.abc import Iterator
 
-from rcmservo.errors import require
+from rcmservo.constraints import Limit, positive
 from rcmservo.interfaces import Clock
 
 
@@ -15,8 +15,8 @@ def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> 
     A tick that is due when the one before is not done yet is skipped: there is never a burst to
     catch up.
     """
-    require(0.0 < rate < float("inf"), "rate", rate, "a positive frequency in Hz")
-    require(duration > 0.0, "duration", duration, "a positive time in s")
+    positive("frequency in Hz").require("rate", rate)
+    Limit(lambda s: s > 0.0, "a positive time in s").require("duration", duration)
     start = clock.now()
     k = 0
     while k < duration * rate:

@@ -7,13 +7,15 @@ begins a new stage in the record.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
+from rcmservo.constraints import Checked, array
 from rcmservo.errors import require
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Command, Floats, Observation, Target
-from rcmservo.loop.shown import TEACHING_FRAMES, TargetFrames, require_frames
+from rcmservo.loop.shown import FRAMES, TEACHING_FRAMES, TargetFrames
 from rcmservo.loop.tick import Tick
 from rcmservo.servo.servo import Servo
 
@@ -25,25 +27,22 @@ FIXED = ("mechanism", "tool", "estimator", "imaged_rcm", "rate")
 
 
 @dataclass(frozen=True)
-class Teach:
+class Teach(Checked):
     """Wanted: the tool pauses, and what the camera then sees becomes the target.
 
     The tool stands still until enough frames have shown both markers, or until the person wants
     something else. Then it stays paused until the person resumes.
     """
 
-    frames: int = TEACHING_FRAMES
+    frames: Annotated[int, FRAMES] = TEACHING_FRAMES
     """Frames to take the mean of."""
-
-    def __post_init__(self) -> None:
-        require_frames(self.frames)
 
 
 STILL = np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
-class Jog:
+class Jog(Checked, section="jog"):
     """Wanted: that the joints go at these rates until the next tick, each at a fifth of its bound
     at most, from IDLE or PAUSED.
 
@@ -51,14 +50,12 @@ class Jog:
     paused.
     """
 
-    rates: Floats
+    rates: Annotated[Floats, array(3)]
     """Joint rates (3,) rad/s, rad/s, mm/s."""
 
     def __post_init__(self) -> None:
-        rates = np.array(self.rates, dtype=np.float64)
-        good = rates.shape == (3,) and bool(np.isfinite(rates).all())
-        require(good, "jog.rates", self.rates, "three numbers (rad/s, rad/s, mm/s)")
-        object.__setattr__(self, "rates", rates)
+        super().__post_init__()
+        object.__setattr__(self, "rates", np.array(self.rates, dtype=np.float64))
 
 
 Want = Request | Target | Servo | Teach | Jog

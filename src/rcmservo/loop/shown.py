@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rcmservo.errors import require
+from rcmservo.constraints import between
 from rcmservo.interfaces import Floats, Observation, Target
 
 TEACHING_FRAMES = 300
@@ -30,10 +30,13 @@ RARELY = 0.05
 """Share of the frames that may be so."""
 
 
+FRAMES = between(1, MOST_FRAMES, "a whole number", "frames")
+"""Limit to the numbers of frames that a target can be the mean of."""
+
+
 def require_frames(frames: int, name: str = "frames") -> None:
-    """Refuse a number of frames that no target can be the mean of."""
-    right = f"a whole number from 1 to {MOST_FRAMES} frames"
-    require(1 <= frames <= MOST_FRAMES, name, frames, right)
+    """Raise ``BadInput`` about a number of frames that no target can be the mean of."""
+    FRAMES.require(name, frames)
 
 
 def mean_known(rows: Floats) -> Floats:

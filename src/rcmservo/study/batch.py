@@ -6,13 +6,14 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cached_property
 from multiprocessing import Pool
-from typing import cast
+from typing import Annotated, cast
 
 import numpy as np
 
+from rcmservo.constraints import Checked, positive
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
-from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
+from rcmservo.loop.shown import FRAMES, TEACHING_FRAMES
 from rcmservo.rows import changed, copied
 from rcmservo.servo.compiled_ones import COMPILED, AnyRule
 from rcmservo.servo.servo import Servo, State
@@ -31,25 +32,24 @@ BEGIN = 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Study:
+class Study(Checked):
     """A servo, and what its scenes are drawn from. The servo's step is the live one."""
 
     servo: Servo
     """The servo; its estimator must be one whose step is compiled."""
     settings: RigSettings = field(default_factory=RigSettings)
     """The laboratory, with the camera that tells points."""
-    duration: float = 15.0
+    duration: Annotated[float, positive("time in s")] = 15.0
     """Length of each closed loop, s."""
-    shown: int = TEACHING_FRAMES
+    shown: Annotated[int, FRAMES] = TEACHING_FRAMES
     """Frames that the target is the mean of."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         kinds = " or ".join(kind.__name__ for kind in COMPILED)
         name = type(self.servo.estimator).__name__
         good = self.servo.rule is not None
         require(good, "servo.estimator", name, f"{kinds}, whose steps are compiled")
-        require(0.0 < self.duration < np.inf, "duration", self.duration, "a positive time in s")
-        require_frames(self.shown, "shown")
         for box in ("mechanism", "tool"):
             known, there = getattr(self.servo, box), getattr(self.settings, box)
             require(known == there, f"servo.{box}", known, f"that of the laboratory, {there}")

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.errors import require
+from rcmservo.constraints import Limit, not_negative
 from rcmservo.interfaces import Floats
 from rcmservo.method.tool import second_marker_jacobian
 from rcmservo.sim.lens import markers_jacobian
@@ -51,9 +51,9 @@ def bound(scene: Scene, noise: float, frames: float, shown: float | None = None)
     many if that is None. Infinitely many tell of one side without noise.
     """
     shown = frames if shown is None else shown
-    require(0.0 <= noise < np.inf, "noise", noise, "a number of px that is not negative")
-    require(frames >= 1, "frames", frames, "at least 1 frame")
-    require(shown >= 1, "shown", shown, "at least 1 frame")
+    not_negative("number of px").require("noise", noise)
+    Limit(lambda count: count >= 1, "at least 1 frame").require("frames", frames)
+    Limit(lambda count: count >= 1, "at least 1 frame").require("shown", shown)
     variance = noise**2 * (1.0 / frames + 1.0 / shown)
     H = pixels_jacobian(scene)
     return Bound(np.array(variance * np.linalg.inv(H.T @ H), np.float64))

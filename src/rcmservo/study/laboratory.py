@@ -4,16 +4,18 @@ at the same times and with the same noise."""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
+from rcmservo.constraints import Checked, positive
 from rcmservo.errors import require
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import PHASES, Phase, Request
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
-from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
+from rcmservo.loop.shown import FRAMES, TEACHING_FRAMES
 from rcmservo.loop.teach import NotShown, teach
 from rcmservo.loop.tick import Tick
 from rcmservo.servo.servo import Servo
@@ -87,16 +89,16 @@ class LaboratoryLoop:
 
 
 @dataclass(frozen=True)
-class Laboratory:
+class Laboratory(Checked):
     """A servo, and the laboratory that its scenes are drawn in."""
 
     servo: Servo
     """The servo."""
     settings: RigSettings = field(default_factory=RigSettings)
     """The laboratory."""
-    duration: float = 15.0
+    duration: Annotated[float, positive("time in s")] = 15.0
     """Length of each closed loop, s."""
-    shown: int = TEACHING_FRAMES
+    shown: Annotated[int, FRAMES] = TEACHING_FRAMES
     """Frames that the target is the mean of."""
     disturbances: Sequence[Disturbance] = ()
     """What goes wrong in every run."""
@@ -106,8 +108,7 @@ class Laboratory:
     """What the tracker looks for in them."""
 
     def __post_init__(self) -> None:
-        require(0.0 < self.duration < np.inf, "duration", self.duration, "a positive time in s")
-        require_frames(self.shown, "shown")
+        super().__post_init__()
         for one in self.disturbances:
             right = f"none of {', '.join(UNFIT)}, which no servo can answer"
             require(one.kind not in UNFIT, "disturbance", one.kind, right)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rcmservo.errors import require
+from rcmservo.constraints import not_negative
 from rcmservo.interfaces import Floats
 from rcmservo.sim import RigSettings
 from rcmservo.sim.rig import drawn
@@ -38,7 +38,7 @@ def trial(
 ) -> StudyTrial:
     """The trial of a seed: its scene is that of `Rig(seed)`, with other noise in each
     `repetition`."""
-    require(repetition >= 0, "repetition", repetition, "a whole number that is not negative")
+    not_negative("whole number").require("repetition", repetition)
     scene, random = drawn(seed, settings)
     if repetition:
         source = np.random.SeedSequence(seed, spawn_key=(NOISE, repetition - 1))

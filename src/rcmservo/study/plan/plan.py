@@ -5,10 +5,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
+from rcmservo.constraints import Checked, Limit, between, each, one_of
 from rcmservo.errors import BadInput, require
-from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
+from rcmservo.loop.shown import FRAMES, TEACHING_FRAMES
 from rcmservo.sim import Disturbance
 from rcmservo.study.plan.cell import COMPILED, ENGINES, MUJOCO, PICTURES, Cell, described, engine_of
 from rcmservo.study.plan.distribution import Distribution
@@ -32,8 +33,11 @@ class Chunk(NamedTuple):
     """Of their scenes."""
 
 
+DURATION = Limit(lambda s: 1.0 < s <= LONGEST, f"more than 1 and at most {LONGEST:g} s")
+
+
 @dataclass(frozen=True)
-class StudyPlan:
+class StudyPlan(Checked):
     """What a study tries."""
 
     methods: tuple[StudyMethod, ...]
@@ -41,35 +45,32 @@ class StudyPlan:
     against."""
     scenes: tuple[Distribution, ...]
     """What scenes are drawn from."""
-    count: int = 200
+    count: Annotated[int, between(1, MOST, "a whole number")] = 200
     """Scenes of each distribution."""
     first_seed: int = 0
     """Of the first scene; the others follow one by one."""
-    noise: tuple[float, ...] = ()
+    noise: Annotated[
+        tuple[float, ...],
+        each(between(0.0, 1000.0), "a number of px that is not negative, up to 1000"),
+    ] = ()
     """px of the camera without pictures; empty for what the scenes have."""
-    latency: tuple[float, ...] = ()
+    latency: Annotated[tuple[float, ...], each(between(0.0, 0.5), "a time from 0 to 0.5 s")] = ()
     """s from a frame's exposure to its arrival; empty for what the scenes have."""
     disturb: tuple[tuple[str, ...], ...] = ((),)
     """What goes wrong, one set after the other."""
-    repetitions: int = 1
+    repetitions: Annotated[int, between(1, 1000, "a whole number")] = 1
     """Runs in each scene, with different noise."""
-    duration: float = 15.0
+    duration: Annotated[float, DURATION] = 15.0
     """Length of each closed loop, s."""
-    shown: int = TEACHING_FRAMES
+    shown: Annotated[int, FRAMES] = TEACHING_FRAMES
     """Frames that the target is shown for."""
-    engine: str = AUTO
+    engine: Annotated[str, one_of(AUTO, *ENGINES)] = AUTO
     """`auto`, or one of ENGINES for all."""
 
     def __post_init__(self) -> None:
-        whole = "a whole number from {} to {}".format
-        require(1 <= self.count <= MOST, "count", self.count, whole(1, MOST))
-        require(0 <= self.first_seed < 2**53, "seed", self.first_seed, whole(0, "2^53"))
-        require(1 <= self.repetitions <= 1000, "repetitions", self.repetitions, whole(1, 1000))
-        require_frames(self.shown, "shown")
-        good = 1.0 < self.duration <= LONGEST
-        require(good, "duration", self.duration, f"more than 1 and at most {LONGEST:g} s")
-        good = self.engine in (AUTO, *ENGINES)
-        require(good, "engine", self.engine, f"one of {AUTO}, {', '.join(ENGINES)}")
+        super().__post_init__()
+        seed = f"a whole number from 0 to {2**53 - 1}"
+        require(0 <= self.first_seed < 2**53, "seed", self.first_seed, seed)
         right = "left out with pictures, whose noise is the tracker's"
         require(self.engine != PICTURES or not self.noise, "noise", list(self.noise), right)
         require(bool(self.methods), "method", "none", "at least one")
@@ -79,13 +80,8 @@ class StudyPlan:
         )
         for what, names in (("method", self.methods), ("scenes", self.scenes)):
             _require_once(what, [one.name for one in names])
-        for values, name, right in (
-            (self.noise, "noise", "a number of px that is not negative"),
-            (self.latency, "latency", "a time from 0 to 0.5 s"),
-        ):
-            for value in values:
-                require(0.0 <= value <= (1e3 if name == "noise" else 0.5), name, value, right)
-            _require_once(name, list(values))
+        for name in ("noise", "latency"):
+            _require_once(name, list(getattr(self, name)))
         _require_once("disturb", list(self.disturb))
         require(self.runs <= MOST, "runs in all", self.runs, f"at most {MOST}")
 

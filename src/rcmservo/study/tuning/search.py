@@ -10,10 +10,11 @@ than it is on the scenes that it was chosen by.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
+from rcmservo.constraints import Checked, between, one_of
 from rcmservo.errors import needing, require
 from rcmservo.interfaces import Floats
 from rcmservo.servo.own_estimator import UnusableEstimator
@@ -34,33 +35,28 @@ TUNED, AGAIN = "tuned", "tuned-again"
 
 
 @dataclass(frozen=True)
-class Tuning:
+class Tuning(Checked, section="tune"):
     """What is searched, and how long."""
 
     plan: StudyPlan
     """Its one method is where the search starts; its scenes are those of the search."""
     axes: tuple[SearchAxis, ...]
     """What is searched."""
-    trials: int = 50
+    trials: Annotated[int, between(1, 100_000, "a whole number")] = 50
     """Settings that are tried."""
-    goal: str = "time"
+    goal: Annotated[str, one_of(*GOALS)] = "time"
     """What is to be small, on an average over the runs: `time`, s until first within 1 mm, a run
     that fails counting as twice its length; or `error`, mm off at the end, a run that fails
     counting as FAILED_MM."""
-    seed: int = 0
+    seed: Annotated[int, between(0, 2**32 - 1, "a whole number")] = 0
     """Of the optimiser's chance."""
-    validation: int = 1000
+    validation: Annotated[int, between(10, 1_000_000, "a whole number")] = 1000
     """Scenes that the search has not seen, on which it is tried."""
 
     def __post_init__(self) -> None:
-        require(len(self.plan.methods) == 1, "method", len(self.plan.methods), "one that is tuned")
+        super().__post_init__()
         require(bool(self.axes), "search", "nothing", "a setting at least")
-        require(self.goal in GOALS, "tune.goal", self.goal, f"one of {', '.join(GOALS)}")
-        good = 1 <= self.trials <= 100_000
-        require(good, "tune.trials", self.trials, "a whole number from 1 to 100000")
-        good = 10 <= self.validation <= 1_000_000
-        require(good, "tune.validation", self.validation, "a whole number from 10 to 1000000")
-        require(0 <= self.seed < 2**32, "tune.seed", self.seed, "a whole number from 0 to 2^32")
+        require(len(self.plan.methods) == 1, "method", len(self.plan.methods), "one that is tuned")
 
     @property
     def name(self) -> str:

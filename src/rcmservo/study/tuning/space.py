@@ -10,11 +10,10 @@ Two numbers are a range, whole ones a range of whole ones; words are a choice.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from difflib import get_close_matches
 from typing import Any, cast
 
 from rcmservo.config.texts import is_table
-from rcmservo.errors import BadInput, require
+from rcmservo.errors import BadInput, require, suggestion
 from rcmservo.study.plan.method import BOXES, StudyMethod
 
 Values = Mapping[str, Any]
@@ -89,8 +88,7 @@ def value_of(method: StudyMethod, name: str) -> Any:
     boxes = ("estimator", *BOXES)
     require(box in boxes, "search", name, f"box.name, with a box among {', '.join(boxes)}")
     names = [f.name for f in fields(getattr(method, box))]
-    near = get_close_matches(key, names, 1)
-    hint = f" (did you mean {box}.{near[0]}?)" if near else ""
+    hint = suggestion(name, [f"{box}.{one}" for one in names])
     right = f"a setting of {box}, one of {', '.join(names) or 'none'}{hint}"
     require(key in names, "search", name, right)
     return getattr(getattr(method, box), key)

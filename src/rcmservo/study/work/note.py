@@ -5,12 +5,13 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from rcmservo.config import texts
 from rcmservo.config.decode import decode
 from rcmservo.config.files import read_small, write_whole
 from rcmservo.config.texts import Table, is_table
+from rcmservo.constraints import Checked, Limit, not_empty
 from rcmservo.errors import UnusableFile, one_line, require
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.plan import StudyPlan
@@ -27,6 +28,9 @@ SETTINGS = "estimator", "controller", "exploration", "imaged_rcm"
 """Boxes of a servo that are the method's; the others are the scenes'."""
 NOISE, DELAY = "camera.point_noise", "camera.delay"
 """Numbers of a distribution that have options of their own."""
+
+FROM_0 = Limit(lambda number: number >= 0, "a whole number from 0 on")
+FROM_1 = Limit(lambda number: number >= 1, "a whole number from 1 on")
 
 
 @dataclass(frozen=True)
@@ -53,25 +57,19 @@ class StudyNote:
 
 
 @dataclass(frozen=True)
-class NoteTable:
+class NoteTable(Checked):
     """study.json as it is written."""
 
-    format: str
+    format: Annotated[str, Limit(lambda text: text == FORMAT, FORMAT)]
     """FORMAT."""
     package: str
     """As StudyNote has it, and so are the others."""
-    count: int
+    count: Annotated[int, FROM_1]
     """At least 1."""
-    first_seed: int
+    first_seed: Annotated[int, FROM_0]
     """At least 0."""
-    cells: tuple[dict[str, Any], ...]
+    cells: Annotated[tuple[dict[str, Any], ...], not_empty("one at least")]
     """One at least."""
-
-    def __post_init__(self) -> None:
-        require(self.format == FORMAT, "format", self.format, FORMAT)
-        require(self.count >= 1, "count", self.count, "a whole number from 1 on")
-        require(self.first_seed >= 0, "first_seed", self.first_seed, "a whole number from 0 on")
-        require(bool(self.cells), "cells", [], "one at least")
 
     @property
     def note(self) -> StudyNote:
