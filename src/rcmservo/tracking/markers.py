@@ -30,7 +30,8 @@ class ColourMarkers:
     """
 
     def __init__(self, look: MarkerLook | None = None) -> None:
-        require(isinstance(look, MarkerLook | None), "look", look, "a MarkerLook")
+        given: object = look
+        require(isinstance(given, MarkerLook | None), "look", look, "a MarkerLook")
         self.look = look or MarkerLook()
         self._colours = COLOURS.index(self.look.colour_1), COLOURS.index(self.look.colour_2)
         self.reset()
