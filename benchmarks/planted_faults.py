@@ -75,7 +75,7 @@ FAULTS = (
     ),
     Fault(
         "sign of the prediction for the present joints",
-        "servo/decide.py",
+        "servo/compute_command.py",
         "e.ahead[i] = e.delta[i] - (J[i, 0] * x",
         "e.ahead[i] = e.delta[i] + (J[i, 0] * x",
         "servo",

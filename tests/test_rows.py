@@ -12,7 +12,7 @@ from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Watch, begin
 from rcmservo.interfaces import Floats
 from rcmservo.rows import Row, as_row, changed, copied, flag, part, real, reals, whole
-from rcmservo.servo.state import Decision, Estimate, Kept
+from rcmservo.servo.state import Decision, Estimate, Stored
 
 
 class Pair(Row):
@@ -60,7 +60,7 @@ def test_a_batch_is_an_array_of_the_same_rows() -> None:
     assert Pair(batch[3:4]).size == 3.0
 
 
-@pytest.mark.parametrize("row", [Watch, Estimate, Decision, ModeStruct, CommandStruct, Kept])
+@pytest.mark.parametrize("row", [Watch, Estimate, Decision, ModeStruct, CommandStruct, Stored])
 def test_every_field_of_the_core_has_a_shape_and_a_meaning(row: type[Row]) -> None:
     assert row.dtype.names == tuple(field.name for field in row.fields)
     assert all(field.meaning for field in row.fields)

@@ -160,6 +160,24 @@ def one_of(*choices: str) -> Limit:
     return Limit(choices.__contains__, words, lambda word: suggestion(word, choices))
 
 
+@dataclass(frozen=True)
+class NameIn(Limit):
+    """The limit to the names of a registry, which may grow."""
+
+    names: Collection[str] = field(default=(), hash=False)
+    """The registry."""
+
+    @property
+    def metavar(self) -> str:
+        """The names as the help of the command line lists them."""
+        return f"{{{','.join(self.names)}}}"
+
+
+def name_in(names: Collection[str]) -> NameIn:
+    """Return the limit to the names of a registry."""
+    return NameIn(lambda name: name in names, lambda _: _listed(tuple(names)), names)
+
+
 def matching(pattern: str, words: str) -> Limit:
     """Return the limit to texts that match a regular expression as a whole."""
     compiled = re.compile(pattern, re.ASCII)

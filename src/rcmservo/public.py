@@ -35,6 +35,7 @@ from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
 from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.method.estimators.rls import RlsEstimator
 from rcmservo.method.exploration import Exploration
+from rcmservo.method.feature_vectors import FeatureVector, MarkerPair, add_feature_vector
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.method.kinematics import JointLimits, PitchYawRcm, SphericalRcm
 from rcmservo.method.tool import RigidTool, ScaledTool
@@ -54,6 +55,7 @@ __all__ = [
     "DltEstimator",
     "Estimator",
     "Exploration",
+    "FeatureVector",
     "FlowEstimator",
     "Frame",
     "Gate",
@@ -61,6 +63,7 @@ __all__ = [
     "Jog",
     "JointLimits",
     "KalmanEstimator",
+    "MarkerPair",
     "Markers",
     "Measured",
     "Mode",
@@ -88,6 +91,7 @@ __all__ = [
     "Tracker",
     "UnusableFile",
     "WallClock",
+    "add_feature_vector",
     "run",
     "teach",
     "ticks",

@@ -171,8 +171,8 @@ def fitting(seen):
     from rcmservo.method import tool
     from rcmservo.method.estimators import decay
     from rcmservo.method.estimators import projection as fit
-    from rcmservo.servo import compiled_ones
-    from rcmservo.servo.state import Beside
+    from rcmservo.servo.state import EstimatorMemory
+    from rcmservo.servo.update_estimate import empty_with_lines
 
     a, o_c, rows, shaft, out = seen.a, seen.o_c, seen.rows, tool.Shaft(0, SPACING), {}
     for both in (False, True):
@@ -199,7 +199,8 @@ def fitting(seen):
             memory = fit.update(memory, row[:3], points, o_c, 0.1, fit.Rule(*rule), shaft)
         out[f"observations {rate}"] = memory.observations[: memory.filled]
         out[f"a_hat {rate}"] = memory.a_hat
-    out["none"] = compiled_ones.emptied(Beside(np.ones((4, 4)), memory)).memory.a_hat
+    full = EstimatorMemory(np.ones((4, 4)), memory)
+    out["none"] = empty_with_lines(fit.Rule(*rule), full).memory.a_hat
     return out
 
 
@@ -227,14 +228,12 @@ def sizing(seen):
 def expecting(seen):
     """What the camera should see, from eight frames, and as an estimator."""
     from rcmservo.method import foresight, prospect, tool
-    from rcmservo.method.estimators import dlt
-    from rcmservo.servo import compiled_ones
 
     shaft, memory, p1 = tool.Shaft(0, SPACING), prospect.blank().rows, seen.places[0]
     for row in seen.rows:
-        memory = dlt.update(memory, row[:3], row[3:].reshape(2, 2), shaft)
+        prospect.see(memory[0], row[:3], row[3:].reshape(2, 2), shaft)
     v, known = memory[0], prospect.Prospect(memory)
-    place, covariance = dlt.picture_of(memory, P)
+    place, covariance = foresight.imaged(v, P)
     out = {
         "A of the fit": known.A,
         "g of the fit": known.g,
@@ -243,14 +242,13 @@ def expecting(seen):
         "place": place,
         "covariance": covariance,
         "expected": foresight.expected(v, p1, shaft),
-        "markers": dlt.markers_at(memory, p1, shaft),
-        "motion": dlt.motion_at(memory, p1, shaft),
-        "J of the fit": dlt.jacobian_at(memory, p1, seen.points, seen.o_c, shaft),
+        "markers": foresight.located(v, p1, shaft),
+        "motion": foresight.both_motions(v, p1, shaft),
+        "J of the fit": foresight.features_motion(v, p1, seen.points, seen.o_c, shaft),
         "weakness": foresight.weakness(v, p1, shaft),
         "pose deviation": foresight.pose_deviation(v, p1, shaft),
         "without marker 2": foresight.deviation_without(v, p1, 1, shaft),
         "order": foresight.order(v),
-        "nothing beside": compiled_ones.emptied(()),
     }
     out |= planned(v, seen, shaft)
     prospect.empty(v)
@@ -387,8 +385,8 @@ def moded():
     from rcmservo.guard.watch import Watch
     from rcmservo.method.exploration import Exploring
     from rcmservo.rows import as_row
-    from rcmservo.servo import act, forget
-    from rcmservo.servo.state import Decision, Estimate, Kept
+    from rcmservo.servo import apply_mode, reset
+    from rcmservo.servo.state import Decision, Estimate, Stored
 
     out, t = {}, as_row(Thresholds())[0]
     causes = Cause.AGEING, Cause.STALE, Cause.CAMERA_MOVED, Cause.ARM_SILENT
@@ -401,12 +399,12 @@ def moded():
             out[f"mode {phase} {request}"] = [d.phase, d.cause, d.since, d.good, d.asks]
     places = {"p1": P, "points": np.array([[300.0, 200.0], [250.0, 150.0]]), "o_c": 90.0}
     for name, change in {
-        "forgotten": lambda kept: forget.forget_but_places(kept.rows[0]),
-        "unlearnt": lambda kept: act.unlearn(kept.rows[0], Cause.CAMERA_MOVED.place, 5),
-        "failed": lambda kept: act.fail(kept.rows[0], 7),
+        "forgotten": lambda kept: reset.forget_but_places(kept.rows[0]),
+        "unlearnt": lambda kept: apply_mode.unlearn(kept.rows[0], Cause.CAMERA_MOVED.place, 5),
+        "failed": lambda kept: apply_mode.fail(kept.rows[0], 7),
         "stopped": lambda kept: gate.stop(kept.decision.command.rows[0], 9, gate.Gate().row[0]),
     }.items():
-        kept = Kept.of(
+        kept = Stored.of(
             watch=Watch.of(believed=3, rejected=2),
             estimate=Estimate.of(J_hat=1.0, exposure=4, **places),
             tour=Exploring.of(done=True, visits=4),

@@ -41,7 +41,7 @@ from rcmservo.method.imaged_rcm import ImagedRcm, solve
 from rcmservo.method.kinematics import JointLimits, PitchYawRcm
 from rcmservo.method.prospect import empty
 from rcmservo.rows import as_row, copied
-from rcmservo.servo.forget import forget
+from rcmservo.servo.reset import forget
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import Estimate
 from rcmservo.sim import RigSettings, Timing
@@ -1032,7 +1032,7 @@ def test_what_is_forgotten_is_what_is_not_known_at_first():
     """Written down twice: as rows to begin with, and as what compiled functions write over them."""
     state = servoing(laboratory(), laboratory().servo())
     learnt, first = state.learnt, laboratory().servo().init().learnt
-    kept = copied(state.kept)
+    kept = copied(state.stored)
     forget(kept.rows[0])
     assert frozen(kept.estimate) == frozen(first.estimate) != frozen(learnt.estimate)
     assert frozen(kept.tour) == frozen(first.tour) != frozen(learnt.tour)

@@ -21,7 +21,7 @@ from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.flow import FlowEstimator
 from rcmservo.method.estimators.projection import PRINTED, ProjectionEstimator
 from rcmservo.method.exploration import Exploration
-from rcmservo.servo.own_estimator import called
+from rcmservo.servo.user_estimator import called
 from rcmservo.study.plan.cell import cell_from
 from rcmservo.study.plan.file import StudyFile, load, plan_of
 from rcmservo.study.plan.method import StudyMethod

@@ -11,7 +11,7 @@ import tyro
 from rcmservo.app.servo_options import ServoOptions
 from rcmservo.config.own_code import OPTION, named
 from rcmservo.method.estimators.base import Estimator
-from rcmservo.servo.own_estimator import name_of_class
+from rcmservo.servo.user_estimator import name_of_class
 
 
 def asked(arguments: Sequence[str]) -> str | None:

@@ -15,7 +15,7 @@ from rcmservo.config.own_code import source
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import needing, require
 from rcmservo.method.estimators.base import Estimator
-from rcmservo.servo.own_estimator import examine
+from rcmservo.servo.user_estimator import examine
 
 if TYPE_CHECKING:
     from rcmservo.paper.claims import ClaimRow

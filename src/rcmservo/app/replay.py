@@ -27,8 +27,8 @@ from rcmservo.method.tool import Tool
 from rcmservo.offline import score
 from rcmservo.record.reader import Record
 from rcmservo.record.recompute import Rerun, recompute, servo_of
-from rcmservo.servo.own_estimator import examine, strict
 from rcmservo.servo.servo import Servo
+from rcmservo.servo.user_estimator import examine, strict
 from rcmservo.tracking import ColourMarkers
 
 OTHERWISE = 1

@@ -23,8 +23,8 @@ from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.method.estimators.rls import RlsEstimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.imaged_rcm import ImagedRcm
-from rcmservo.servo.own_estimator import examine
 from rcmservo.servo.servo import Servo
+from rcmservo.servo.user_estimator import examine
 
 NAMES = (*ESTIMATORS, *PRESETS)
 ESTIMATOR_METAVAR = "NAME"

@@ -29,7 +29,7 @@ from rcmservo.method.exploration import Exploration
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.method.kinematics import Kinematics, PitchYawRcm, SphericalRcm
 from rcmservo.method.tool import RigidTool, ScaledTool, Tool
-from rcmservo.servo.own_estimator import called
+from rcmservo.servo.user_estimator import called
 
 MECHANISMS: Mapping[str, type[Kinematics]] = {
     kind.name: kind for kind in (SphericalRcm, PitchYawRcm)

@@ -13,20 +13,24 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from rcmservo.compiled import compiled
-from rcmservo.constraints import Checked, Triple, above, angles, between, positive, three_positive
+from rcmservo.constraints import (
+    Checked,
+    Triple,
+    above,
+    angles,
+    between,
+    name_in,
+    positive,
+    three_positive,
+)
 from rcmservo.interfaces import Floats
 from rcmservo.loops import all_finite, fill, length
 from rcmservo.memory import scratch, scratch_table
+from rcmservo.method.feature_vectors import FEATURE_VECTORS, MAX_FEATURES, FeatureVector
 from rcmservo.method.features import SCALE
 from rcmservo.method.kinematics import Point
 from rcmservo.numerics.small_solvers import invert_3x3
 from rcmservo.numerics.small_svd import extremes, put_right
-
-MOST = 6
-"""Features that the law acts on at most."""
-
-ROWS = {"srd": 3, "points": 4, "size": 6}
-"""Numbers that the law acts on, by what `SaturatedController.features` calls them."""
 
 SURE = 1e3
 """Condition of the scaled Ĵ up to which its inverse is taken as it is, where nothing is damped."""
@@ -166,7 +170,7 @@ def control(
     √(2V) is |Δy| where nothing is saturated. (33) makes V fall, while one component alone may rise
     on the way.
     """
-    gradient = scratch(MOST)[: len(delta)]
+    gradient = scratch(MAX_FEATURES)[: len(delta)]
     saturate(delta, bounds, printed, gradient)
     heading = law(J, gradient, gain, max_condition, max_speed)
     return heading, np.sqrt(2.0 * potential(delta, bounds, printed))
@@ -176,7 +180,7 @@ def control(
 class SaturatedController(Checked, section="controller"):
     """The law (31) with the saturated potential (32)."""
 
-    features: Literal["srd", "points", "size"] = "srd"
+    features: Annotated[str, name_in(FEATURE_VECTORS)] = "srd"
     """What it acts on: the paper's angle and two distances, or, by least squares, the four
     coordinates of both markers, or these and both apparent radii: u₁ v₁ u₂ v₂ R₁ R₂. A px of a
     radius counts as one of a coordinate: in rendered pictures both scatter by 0.013 px, and with
@@ -204,6 +208,11 @@ class SaturatedController(Checked, section="controller"):
     max_condition: Annotated[float, above(1.0)] = 150.0
     """Condition number of the scaled Jacobian up to which its inverse is not damped by much: the
     damping begins at half of it."""
+
+    @property
+    def feature_vector(self) -> FeatureVector:
+        """Feature vector that it acts on."""
+        return FEATURE_VECTORS[self.features]
 
     @cached_property
     def b(self) -> Floats:

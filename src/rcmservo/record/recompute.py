@@ -27,8 +27,8 @@ from rcmservo.record.columns import WORDS
 from rcmservo.record.reader import Column, Record
 from rcmservo.record.ros2_messages import TICK
 from rcmservo.record.stage import ELSEWHERE, NOTHING, Stage
-from rcmservo.servo.own_estimator import called
 from rcmservo.servo.servo import Servo, State
+from rcmservo.servo.user_estimator import called
 
 
 @dataclass(frozen=True, eq=False)

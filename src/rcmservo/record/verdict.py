@@ -9,8 +9,8 @@ from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Mode, Phase
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.tick import Tick
-from rcmservo.servo.own_estimator import Guard, called
 from rcmservo.servo.servo import Servo
+from rcmservo.servo.user_estimator import Guard, called
 
 TOLERANCE = np.array([np.radians(0.5), 1.0, 1.0])
 """|Δs|, |Δr|, |Δd| (rad, px, px) within which a run counts as settled."""

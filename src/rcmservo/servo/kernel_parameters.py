@@ -1,4 +1,4 @@
-"""Parts of a servo as compiled functions read them, and the target with the operator's request."""
+"""Parameters of the compiled functions of a tick: settings, target, request, and their bundle."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -6,12 +6,14 @@ from typing import NamedTuple
 from rcmservo.compiled import compiled
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.interfaces import Floats
+from rcmservo.interfaces import Floats, ObservationStruct
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.exploration import Exploration
+from rcmservo.method.feature_vectors import FeatureParameters
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.method.kinematics import Rcm
 from rcmservo.method.tool import Shaft
+from rcmservo.servo.state import Stored
 
 
 @dataclass(frozen=True)
@@ -25,14 +27,18 @@ class KernelParameters:
     """Position of marker 2 on the tool."""
     controller: SaturatedController
     """Control law."""
-    features: int
-    """Numbers that the law acts on: 3 of [s r d], more of the markers'."""
+    features: FeatureParameters
+    """Feature vector that the law acts on."""
+    needs_motion: bool
+    """Whether the estimator must estimate ∂m/∂p₁ for it."""
     printed_potential: bool
     """Whether the potential (32) is as printed."""
     imaged_rcm: ImagedRcm
     """Solution of eq. (16)."""
     printed_rcm: bool
     """Whether eq. (16) is as printed."""
+    places_rcm: bool
+    """Whether the estimator gives the imaged RCM."""
     spares_marker: bool
     """Whether the estimator goes on while one marker is lost."""
     gate: Gate
@@ -43,6 +49,36 @@ class KernelParameters:
     """First motion."""
     period: int
     """Time from tick to tick, ns."""
+
+
+class Setpoint(NamedTuple):
+    """Target and operator's request at a tick, as compiled functions take them."""
+
+    points: Floats
+    """The target's markers (2, 2) raw px."""
+    q: Floats
+    """The joints (3,) while it was taught."""
+    shown: int
+    """When it was taught, ns."""
+    is_new: bool
+    """Whether it is another target than at the last tick."""
+    request: int
+    """Code of the operator's request: its position in Request."""
+    jog: Floats
+    """Requested joint rates (3,) rad/s, rad/s, mm/s where that is JOG."""
+
+
+class TickContext(NamedTuple):
+    """All that the compiled parts of a tick read and write, but for the estimator's own memory."""
+
+    stored: Stored
+    """State, which the tick writes over."""
+    observation: ObservationStruct
+    """What the plant read."""
+    setpoint: Setpoint
+    """Target and request."""
+    parameters: KernelParameters
+    """Settings."""
 
 
 @compiled
@@ -58,20 +94,3 @@ def rcm_of(parameters: KernelParameters) -> Rcm:
 def shaft_of(parameters: KernelParameters) -> Shaft:
     """Return where the markers are on the tool."""
     return Shaft(parameters.tool.kind, parameters.tool.value)
-
-
-class Asked(NamedTuple):
-    """What a person wants at a tick."""
-
-    points: Floats
-    """The target's markers (2, 2) raw px."""
-    q: Floats
-    """The joints (3,) while it was shown."""
-    shown: int
-    """When it was shown, ns."""
-    other: bool
-    """Whether it is another target than at the last tick."""
-    request: int
-    """What is asked for, by its place in Request."""
-    jog: Floats
-    """The joint rates (3,) rad/s, rad/s, mm/s at which the arm is to go where that is JOG."""

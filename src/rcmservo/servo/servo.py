@@ -1,14 +1,12 @@
 """The servo: features, imaged RCM, estimate, law and gate composed into one pure step.
 
-No clock, no input, no output: the same state and observation always give the same answer. A step
-looks (what a new frame shows), learns, plans (the velocity wanted of marker 1), asks what is wrong
-and what follows from that (states.py), and sends what is left through the gate. What can be
-compiled of it is one function in one_kernel.py.
+No clock, no input, no output: the same state and observation always give the same answer. What
+can be compiled of a step is one function in tick.py.
 """
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,34 +17,24 @@ from rcmservo.guard.gate import CommandStruct, Gate
 from rcmservo.guard.states import REQUESTS, Mode, ModeStruct, Phase, Request
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import begin
-from rcmservo.interfaces import Floats, Observation, ObservationStruct, Target, observed_numbers
-from rcmservo.method.controller import ROWS, SaturatedController
-from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.interfaces import Floats, Observation, Target, observed_numbers
+from rcmservo.method.controller import SaturatedController
+from rcmservo.method.estimators.base import Estimated, Estimator, EstimatorKernel, Sample
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.exploration import Exploration
+from rcmservo.method.feature_vectors import INTERPRETED, FeatureVector, MarkerPair
 from rcmservo.method.foresight import located
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.method.kinematics import Kinematics, Rcm, position
 from rcmservo.method.tool import Tool
 from rcmservo.rows import Rows, as_row, changed, copied
-from rcmservo.servo.act import act
-from rcmservo.servo.compiled_ones import AnyRule, rule_of
-from rcmservo.servo.kernel_parameters import Asked, KernelParameters
-from rcmservo.servo.learn import (
-    LEARN,
-    learn,
-    learn_points,
-    learn_sizes,
-    learn_straight,
-    line_up,
-    place_rcm,
-)
-from rcmservo.servo.look import look
-from rcmservo.servo.one_kernel import tick
-from rcmservo.servo.own_estimator import examine, failure, learner, time_anew
-from rcmservo.servo.state import Beside, Decision, Kept, State, ignorance
+from rcmservo.servo.kernel_parameters import KernelParameters
+from rcmservo.servo.state import Decision, EstimatorMemory, State, Stored, ignorance
+from rcmservo.servo.tick import begin_tick, finish_tick, tick_of
+from rcmservo.servo.update_estimate import LEARN
+from rcmservo.servo.user_estimator import examine, failure_of, kernel_of, learner, time_anew
+from rcmservo.servo.user_features import examine_features, linearise
 
-Both = tuple[Floats, Floats]
 STILL = np.zeros(3)
 WARM_UP = 8
 
@@ -80,10 +68,11 @@ class Servo(Checked):
         right = "at least two ticks in gate.deadline, and at most 1000 Hz"
         require(good, "rate", self.rate, right)
         features, estimator = self.controller.features, self.estimator
-        known = features == "srd" or estimator.tells_motion
+        needs = self.controller.feature_vector
+        known = not needs.needs_motion or estimator.tells_motion
         right = "'srd', or an estimator that tells the markers' motion, such as dlt or projection"
         require(known, "controller.features", features, right)
-        known = features != "size" or estimator.tells_size_motion
+        known = not needs.needs_sizes or estimator.tells_size_motion
         right = "'srd' or 'points', or an estimator that tells how sizes change, such as affine"
         require(known, "controller.features", features, right)
 
@@ -103,22 +92,29 @@ class Servo(Checked):
         return self.mechanism.rcm(self.tool.offset)
 
     @cached_property
-    def rule(self) -> AnyRule | None:
-        """What they know of the estimator; None where it does not compile."""
-        return rule_of(self.estimator)
+    def features(self) -> FeatureVector:
+        """Feature vector that the law acts on."""
+        return self.controller.feature_vector
 
     @cached_property
-    def fixed(self) -> Rows[KernelParameters]:
-        """What the compiled parts know of all this."""
+    def kernel(self) -> EstimatorKernel | None:
+        """Compiled form of the estimator; None where it or the feature vector does not compile."""
+        return None if self.features.code == INTERPRETED else kernel_of(self.estimator)
+
+    @cached_property
+    def parameters(self) -> Rows[KernelParameters]:
+        """Settings as the compiled functions take them."""
         return as_row(
             KernelParameters(
                 rcm=self.rcm,
                 tool=self.tool.shaft,
                 controller=self.controller,
-                features=ROWS[self.controller.features],
+                features=self.features.parameters(self.controller.bounds),
+                needs_motion=self.features.needs_motion,
                 printed_potential=self.controller.potential == "printed",
                 imaged_rcm=self.imaged_rcm,
                 printed_rcm=self.imaged_rcm.printed,
+                places_rcm=self.estimator.places_rcm,
                 spares_marker=self.estimator.spares_marker and self.estimator.places_rcm,
                 gate=self.gate,
                 thresholds=self.thresholds,
@@ -133,20 +129,23 @@ class Servo(Checked):
 
     def demand(self, target: Target) -> None:
         """BadInput for a target that does not tell what the law acts on."""
-        known = self.controller.features != "size" or bool(np.isfinite(target.sizes).all())
-        right = "shown with the markers' sizes, on which controller.features = 'size' acts"
+        known = not self.features.needs_sizes or bool(np.isfinite(target.sizes).all())
+        name = self.controller.features
+        right = f"shown with the markers' sizes, on which controller.features = {name!r} acts"
         require(known, "target", "one without", right)
 
     def init(self) -> State:
         """Nothing seen, nothing known: Ĵ = 0, drive off."""
         rest = CommandStruct.from_source(self.gate.rest())
         decision = Decision.of(command=rest, blocked=-1, astray=-1, peak=np.inf, moved=-1)
-        kept = Kept.of(decision=decision, watch=begin(), **ignorance())
-        return State(kept, self._nothing())
+        stored = Stored.of(decision=decision, watch=begin(), **ignorance())
+        return State(stored, self._nothing())
 
-    def _nothing(self) -> Beside | tuple[()]:
-        """What is remembered beside while nothing is known."""
-        return Beside(self.imaged_rcm.init()[0], self.learner.init()) if self.rule != () else ()
+    def _nothing(self) -> EstimatorMemory | tuple[()]:
+        """The estimator's memory while nothing is known."""
+        if self.kernel is not None and self.kernel.places_rcm:
+            return ()
+        return EstimatorMemory(self.imaged_rcm.init()[0], self.learner.init())
 
     def again(self, state: State) -> State:
         """The state to begin another run with: drive off, at rest, with what was learnt. A fault
@@ -158,20 +157,21 @@ class Servo(Checked):
         mode = state.mode if state.phase is Phase.FAULT else Mode()
         rest = CommandStruct.from_source(self.gate.rest())
         decision = changed(state.decision, mode=ModeStruct.from_source(mode), command=rest)
-        parts, beside, places = ignorance(), state.beside, state.kept.estimate
+        parts, memory, places = ignorance(), state.memory, state.stored.estimate
         if state.explored:
-            tour = changed(state.kept.tour, begun=False, no_room=False)
+            tour = changed(state.stored.tour, begun=False, no_room=False)
             parts = {"estimate": changed(places, exposure=-1), "tour": tour}
         else:
             known = {"points": places.points, "p1": places.p1}
-            parts["estimate"], beside = changed(parts["estimate"], **known), self._nothing()
-        kept = changed(state.kept, decision=decision, watch=begin(), **parts)
-        return State(kept, beside, state.target, mode.detail)
+            parts["estimate"], memory = changed(parts["estimate"], **known), self._nothing()
+        stored = changed(state.stored, decision=decision, watch=begin(), **parts)
+        return State(stored, memory, state.target, mode.detail)
 
     def warm_up(self) -> None:
         """Compile all that `step` calls, on made-up observations, so that nothing compiles while an
-        arm moves. A user's own estimator is tried first, and refused if it fails."""
+        arm moves. Estimator and feature vector are tried first, and refused if they fail."""
         examine(self.estimator, self.tool)
+        examine_features(self.features)
         state, q = self.init(), np.mean(self.mechanism.limits.arrays, axis=0)
         points = np.array([[100.0, 50.0], [200.0, 100.0]])
         for k in range(WARM_UP):
@@ -194,75 +194,86 @@ class Servo(Checked):
         request: Request = Request.NONE,
         jog: Floats = STILL,
     ) -> State:
-        """One tick: learn from the frame if it is new, decide, and pass the decision through the
-        gate.
+        """One tick, from the observation to the command in the state that is returned.
 
-        ``request`` is what a person asks for at this tick, ``jog`` the joint rates (3,) where that
-        is to move them by hand.
+        The checks accept or reject the frame, the estimator updates o_c and Ĵ from an accepted one,
+        and the controller, the checks, the state machine and the gate conclude (tick.py). Where the
+        estimator compiles, all of it is one compiled function; where it does not, it is called in
+        Python once per frame.
+
+        Parameters
+        ----------
+        state : State
+            State after the tick before.
+        seen : Observation
+            Joints, and markers of the newest frame.
+        target : Target
+            Markers to bring the tool to.
+        request : Request
+            Request of the operator at this tick.
+        jog : array
+            Joint rates (3,) rad/s, rad/s, mm/s, where that is to move them by hand.
         """
-        kept = copied(state.kept)
-        numbers, other = observed_numbers(seen), target is not state.target
-        asked = (target.points, target.q, target.shown, other, REQUESTS.index(request), jog)
-        beside, failed = state.beside, ""
-        if self.rule is not None:
-            beside, new = tick(kept.rows, beside, numbers, asked, self.fixed, self.rule)
+        stored, is_new = copied(state.stored), target is not state.target
+        numbers, failure = observed_numbers(seen), ""
+        setpoint = target.points, target.q, target.shown, is_new, REQUESTS.index(request), jog
+        if self.kernel is not None:
+            tick, settings = tick_of(type(self.kernel)), tuple(cast(Any, self.kernel))
+            memory, changes = tick(
+                stored.rows, state.memory, numbers, setpoint, settings, self.parameters
+            )
         else:
-            seen_so, asked_so = ObservationStruct(*numbers), Asked(*asked)
-            sizes = seen.sizes, target.sizes
-            beside, failed = self._by_parts(kept, beside, seen_so, asked_so, sizes)
-            new = kept.decision.mode.cause != state.decision.mode.cause
-        after = State(kept, beside, target, state.detail)
-        return after._replace(detail=failed or self._detail(after, seen)) if new else after
+            lines, own = cast(EstimatorMemory, state.memory)
+            rows, known = stored.rows, self.parameters
+            lines, news, dt = begin_tick(rows, lines, numbers, setpoint, known)
+            if news == LEARN:
+                own, failure = self._estimate(stored, own, seen, target, dt)
+            failure = failure or failure_of(own)
+            forgotten = finish_tick(rows, news, failure != "", numbers, setpoint, known)
+            memory = self._nothing() if forgotten else EstimatorMemory(lines, own)
+            changes = stored.decision.mode.cause != state.decision.mode.cause
+        after = State(stored, memory, target, state.detail)
+        return after._replace(detail=failure or self._detail(after, seen)) if changes else after
 
-    def _by_parts(
-        self, kept: Kept, beside: Any, seen: ObservationStruct, asked: Asked, sizes: Both
-    ) -> tuple[Beside, str]:
-        """`tick` with another estimator, and how that failed; `sizes` are those seen and those of
-        the target."""
-        rows, (lines, memory) = kept.rows, beside
-        news, dt = look(rows, seen, self.fixed)
-        if news == LEARN:
-            lines, news = line_up(rows, lines, seen.points, self.fixed)
-            if news == LEARN or self.estimator.places_rcm:
-                news, memory = LEARN, self._learn(kept, memory, seen, asked.points, dt, sizes)
-        failed = failure(memory)
-        if act(rows, news, failed != "", seen, asked, self.fixed):
-            lines, memory = np.zeros_like(lines), self.learner.init()
-        return Beside(lines, memory), failed
-
-    def _learn(
-        self,
-        kept: Kept,
-        memory: Any,
-        seen: ObservationStruct,
-        target: Floats,
-        dt: float,
-        sizes: Both,
-    ) -> Any:
-        """The memory after one new frame; Ĵ and features go into the estimate, with a lost marker
+    def _estimate(
+        self, stored: Stored, own: Any, seen: Observation, target: Target, dt: float
+    ) -> tuple[Any, str]:
+        """Update an estimator or feature vector that does not compile by an accepted frame, dt s
+        after the one before; return its memory, and how the feature vector failed. A lost marker is
         where the fit of all frames has it."""
-        learner, rows, e = self.learner, kept.rows, kept.estimate
-        sample = Sample(e.p1, seen.points, e.o_c, dt, sizes[0])
-        memory = learner.update(memory, self.tool, sample)
-        points = learner.located(memory, self.tool, sample)
-        if not np.isfinite(seen.points).all():
-            fitted = located(kept.prospect.rows[0], e.p1, self.tool.shaft)
-            points = np.where(np.isfinite(seen.points), points, fitted)
-        placed = learner.imaged_rcm(memory)
+        learner, tool, e, failure = self.learner, self.tool, stored.estimate, ""
+        sample = Sample(e.p1, seen.points, e.o_c, dt, seen.sizes)
+        own = learner.update(own, tool, sample)
+        points, is_seen = learner.located(own, tool, sample), np.isfinite(seen.points)
+        if not is_seen.all():
+            points = np.where(is_seen, points, located(stored.prospect.rows[0], e.p1, tool.shaft))
+        placed, numbers = learner.imaged_rcm(own), dict[str, Any]()
         if placed is None:
-            J_hat = learner.jacobian(memory, self.tool, sample)
-            learn(rows, J_hat, points, target, seen.exposure)
+            numbers["J_hat"] = learner.jacobian(own, tool, sample)
         else:
-            place_rcm(rows, *placed)
-            motion = learner.motion(memory, self.tool, sample)
-            learn_straight(rows, motion, points, target, seen.exposure)
-        if self.controller.features != "srd":
-            motion = learner.motion(memory, self.tool, sample)
-            learn_points(rows, motion, points, target)
-        if self.controller.features == "size":
-            motion = learner.size_motion(memory, self.tool, sample)
-            learn_sizes(rows, motion, seen.points, *sizes)
-        return memory
+            numbers["o_c"], numbers["o_c_covariance"] = placed
+        if placed is not None or self.features.needs_motion:
+            numbers["motion"] = learner.motion(own, tool, sample)
+        result = Estimated.of(points=points, placed=placed is not None, **numbers)
+        cast(Any, stored.rows)["estimated"] = result.rows
+        if self.features.code == INTERPRETED:
+            failure = self._measure(stored, own, sample, target)
+        return own, failure
+
+    def _measure(self, stored: Stored, own: Any, sample: Sample, target: Target) -> str:
+        """Measure a feature vector that does not compile; return how it failed."""
+        e, result, sizes = stored.estimate, stored.estimated, sample.sizes.copy()
+        points, motion = result.points.copy(), result.motion
+        o_c = (result.o_c if result.placed else e.o_c).copy()
+        if self.features.leaves_out_lost:
+            points[~np.isfinite(sample.points)] = np.nan
+        if self.features.needs_sizes:
+            motion = np.vstack([motion, self.learner.size_motion(own, self.tool, sample)])
+        aim = MarkerPair(target.points, target.sizes, o_c)
+        markers = MarkerPair(points, sizes, o_c)
+        error, jacobian, failure = linearise(self.features, markers, aim, motion)
+        e.law_error[: len(error)], e.law_jacobian[: len(error)] = error, jacobian
+        return failure
 
     def _detail(self, state: State, seen: Observation) -> str:
         """What a person should know of a cause that is new."""

@@ -10,6 +10,7 @@ from rcmservo.guard.progress import TargetProgress
 from rcmservo.guard.states import PHASES, Mode, ModeStruct, Phase
 from rcmservo.guard.watch import Watch
 from rcmservo.interfaces import Command, Floats, Target
+from rcmservo.method.estimators.base import Estimated
 from rcmservo.method.estimators.estimate import Estimate
 from rcmservo.method.exploration import Exploring
 from rcmservo.method.prospect import Prospect, blank
@@ -28,19 +29,20 @@ class Decision(TargetProgress):
     rates: Floats = reals(3, "rad/s, rad/s, mm/s", "the joint rates that make it")
 
 
-class Kept(Row):
-    """What a tick changes, but for what an estimator remembers beside it. All of it is one row:
-    each array that a compiled function is passed costs as much as what it does with it."""
+class Stored(Row):
+    """State that a tick changes, without the estimator's memory. All of it is one row: each array
+    that a compiled function is passed costs as much as what it does with it."""
 
     watch: Watch = part(Watch, "what the checks remember")
     estimate: Estimate = part(Estimate, "what frames have taught, in numbers")
     tour: Exploring = part(Exploring, "where an exploration stands")
     decision: Decision = part(Decision, "mode, wishes and command")
     prospect: Prospect = part(Prospect, "what the camera should see")
+    estimated: Estimated = part(Estimated, "result of the estimator for the newest frame")
 
 
-class Beside(NamedTuple):
-    """What is remembered beside, for which no row has room."""
+class EstimatorMemory(NamedTuple):
+    """Memory of an estimator that works about the imaged RCM of eq. (16)."""
 
     lines: Floats
     """The imaged tool's lines that eq. (16) is made of."""
@@ -64,7 +66,7 @@ class Learnt(NamedTuple):
 
 
 def ignorance() -> dict[str, Row]:
-    """Nothing learnt yet, by the parts of a Kept: Ĵ = 0."""
+    """Nothing learnt yet, by the parts of what is stored: Ĵ = 0."""
     unknown = dict.fromkeys(
         ("points", "o_c", "o_c_covariance", "p1", "y", "delta", "ahead"), np.nan
     )
@@ -75,11 +77,10 @@ def ignorance() -> dict[str, Row]:
 class State(NamedTuple):
     """All that the servo remembers, and what it decided at the last tick."""
 
-    kept: Kept
+    stored: Stored
     """Its numbers."""
-    beside: Beside | tuple[()]
-    """What it remembers beside; nothing where what the camera should see is all the estimator
-    is."""
+    memory: EstimatorMemory | tuple[()]
+    """The estimator's memory; nothing where the fit of the projection is all that it is."""
     target: Target | None = None
     """Where it servoes to."""
     detail: str = ""
@@ -90,7 +91,7 @@ class State(NamedTuple):
     ) -> "State":
         """The same state with some parts changed."""
         parts: dict[str, Row] = {} if watch is None else {"watch": watch}
-        detail, beside = self.detail, self.beside
+        detail, memory = self.detail, self.memory
         if mode is not None:
             parts["decision"], detail = (
                 changed(self.decision, mode=ModeStruct.from_source(mode)),
@@ -98,25 +99,25 @@ class State(NamedTuple):
             )
         if learnt is not None:
             parts |= {name: getattr(learnt, name) for name in ("estimate", "prospect", "tour")}
-            beside = self.beside and Beside(learnt.lines, learnt.memory)
-        return State(changed(self.kept, **parts), beside, self.target, detail)
+            memory = self.memory and EstimatorMemory(learnt.lines, learnt.memory)
+        return State(changed(self.stored, **parts), memory, self.target, detail)
 
     @property
     def decision(self) -> Decision:
         """What it decided: mode, wishes, command."""
-        return self.kept.decision
+        return self.stored.decision
 
     @property
     def watch(self) -> Watch:
         """What the checks for faults remember."""
-        return self.kept.watch
+        return self.stored.watch
 
     @property
     def learnt(self) -> Learnt:
         """What it has learnt of camera and tool."""
-        kept = self.kept
-        lines, memory = self.beside or (NO_LINES, kept.prospect.rows)
-        return Learnt(kept.estimate, lines, kept.prospect, memory, kept.tour)
+        stored = self.stored
+        lines, memory = self.memory or (NO_LINES, stored.prospect.rows)
+        return Learnt(stored.estimate, lines, stored.prospect, memory, stored.tour)
 
     @property
     def mode(self) -> Mode:
@@ -156,37 +157,37 @@ class State(NamedTuple):
     @property
     def explored(self) -> bool:
         """Whether there is an estimate to servo with."""
-        return self.kept.tour.done
+        return self.stored.tour.done
 
     @property
     def o_c(self) -> Floats:
         """The imaged RCM (2,) px."""
-        return self.kept.estimate.o_c
+        return self.stored.estimate.o_c
 
     @property
     def J_hat(self) -> Floats:
         """Ĵ (3, 3) of eq. (14), rad/mm, px/mm, px/mm."""
-        return self.kept.estimate.J_hat
+        return self.stored.estimate.J_hat
 
     @property
     def condition(self) -> float:
         """Condition of the scaled Ĵ."""
-        return self.kept.estimate.condition
+        return self.stored.estimate.condition
 
     @property
     def p1(self) -> Floats:
         """Marker 1 (3,) mm at the exposure of the newest frame believed."""
-        return self.kept.estimate.p1
+        return self.stored.estimate.p1
 
     @property
     def y(self) -> Floats:
         """The features (3,) rad, px, px."""
-        return self.kept.estimate.y
+        return self.stored.estimate.y
 
     @property
     def delta(self) -> Floats:
         """Δy (3,) rad, px, px at the exposure."""
-        return self.kept.estimate.delta
+        return self.stored.estimate.delta
 
     @property
     def v(self) -> Floats:

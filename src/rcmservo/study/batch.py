@@ -6,17 +6,18 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cached_property
 from multiprocessing import Pool
-from typing import Annotated, cast
+from typing import Annotated
 
 import numpy as np
 
+from rcmservo.config.kinds import ESTIMATORS
 from rcmservo.constraints import Checked, positive
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.loop.shown import FRAMES, TEACHING_FRAMES
 from rcmservo.rows import changed, copied
-from rcmservo.servo.compiled_ones import COMPILED, AnyRule
 from rcmservo.servo.servo import Servo, State
+from rcmservo.servo.user_estimator import compiles
 from rcmservo.sim import RigSettings
 from rcmservo.sim.arm import HARD_STOP
 from rcmservo.sim.scene import Scene
@@ -46,9 +47,9 @@ class Study(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        kinds = " or ".join(kind.__name__ for kind in COMPILED)
+        kinds = " or ".join(k.__name__ for k in ESTIMATORS.values() if compiles(k))
         name = type(self.servo.estimator).__name__
-        good = self.servo.rule is not None
+        good = self.servo.kernel is not None
         require(good, "servo.estimator", name, f"{kinds}, whose steps are compiled")
         for box in ("mechanism", "tool"):
             known, there = getattr(self.servo, box), getattr(self.settings, box)
@@ -86,8 +87,8 @@ class Study(Checked):
     def _start(self) -> Start:
         """The servo at the start, in memory of its own."""
         servo, state = self.servo, self._ignorant
-        kept, beside = copied(state.kept).rows, deepcopy(state.beside)
-        return Start(kept, beside, servo.fixed, cast(AnyRule, servo.rule), BEGIN)
+        stored, memory = copied(state.stored).rows, deepcopy(state.memory)
+        return Start(stored, memory, servo.parameters, servo.kernel, BEGIN)
 
     @cached_property
     def _ignorant(self) -> State:

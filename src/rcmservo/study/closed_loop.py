@@ -2,7 +2,7 @@
 step. It repeats `loop.run` because ten thousand loops in a minute leave no time for Python between
 two ticks."""
 
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,15 @@ from rcmservo.memory import scratch, unowned
 from rcmservo.method.kinematics import Point, apart, point_at
 from rcmservo.method.tool import Shaft, second_point
 from rcmservo.rows import Rows
-from rcmservo.servo.compiled_ones import AnyRule
-from rcmservo.servo.kernel_parameters import Asked, KernelParameters, rcm_of, shaft_of
-from rcmservo.servo.one_kernel import go_on
-from rcmservo.servo.state import Beside, Kept
+from rcmservo.servo.kernel_parameters import (
+    KernelParameters,
+    Setpoint,
+    TickContext,
+    rcm_of,
+    shaft_of,
+)
+from rcmservo.servo.state import Stored
+from rcmservo.servo.tick import step
 from rcmservo.sim.lens import Lens, picture
 from rcmservo.study.twin import (
     PAST,
@@ -38,14 +43,14 @@ NOT_DROPPED = cast(Dropped, Dropped.NONE.value)
 class Start(NamedTuple):
     """What a closed loop begins with."""
 
-    kept: Rows[Kept]
-    """What the servo remembers."""
-    beside: Beside | tuple[()]
-    """What it remembers beside."""
-    fixed: Rows[KernelParameters]
-    """What the servo is made of."""
-    rule: AnyRule
-    """What its estimator is."""
+    stored: Rows[Stored]
+    """State of the servo."""
+    memory: Any
+    """Memory of its estimator."""
+    parameters: Rows[KernelParameters]
+    """Settings of the servo's parts."""
+    kernel: Any
+    """Compiled form of its estimator."""
     now: int
     """When the first tick is, ns."""
 
@@ -91,7 +96,7 @@ def closed_loop(start: Start, twin: Twin, shown: Goal, noise: Floats, trace: Cou
     """
     start, twin, shown = unowned(start), unowned(twin), unowned(shown)
     noise, trace = unowned(noise), unowned(trace)
-    beside, fixed, d = start.beside, start.fixed, start.kept[0].decision
+    memory, fixed, d = start.memory, start.parameters, start.stored[0].decision
     period, arm = fixed[0].period, twin.drives[0]
     place(twin, start.now)
     skipped = newest(twin.pace[0], start.now)
@@ -119,8 +124,11 @@ def closed_loop(start: Start, twin: Twin, shown: Goal, noise: Floats, trace: Cou
             dropped=NOT_DROPPED,
             recorded=True,
         )
-        asked = Asked(shown.points, shown.q, start.now, k == 0, 0, still)
-        beside = go_on(start.kept, beside, observation, asked, fixed, start.rule)
+        setpoint = Setpoint(
+            points=shown.points, q=shown.q, shown=start.now, is_new=k == 0, request=0, jog=still
+        )
+        context = TickContext(start.stored[0], observation, setpoint, fixed[0])
+        memory = step(start.kernel, memory, context)
         take(twin, d.command.rates, d.command.enabled)
         p2 = second_point(shaft_of(fixed[0]), point_at(rcm_of(fixed[0]), arm.q))
         trace.error[k] = apart(p2, (shown.p2[0], shown.p2[1], shown.p2[2]))
@@ -130,7 +138,7 @@ def closed_loop(start: Start, twin: Twin, shown: Goal, noise: Floats, trace: Cou
 @compiled
 def taken(twin: Twin, number: int, noise: Floats, start: Start, k: int) -> Newest:
     """The frame of this number, as it is seen at the k-th tick."""
-    pace, fixed, q = twin.pace[0], start.fixed[0], scratch(3)
+    pace, fixed, q = twin.pace[0], start.parameters[0], scratch(3)
     exposure = int(np.round(number * pace.period))
     if exposure < start.now:  # the tool may have been moved by hand before
         return Newest(-1, 0, 0)

@@ -1,7 +1,7 @@
 """From a picture to the two markers: where they were, where they are, and which one is which."""
 
 from dataclasses import replace
-from typing import final
+from typing import cast, final
 
 import numpy as np
 
@@ -30,8 +30,7 @@ class ColourMarkers:
     """
 
     def __init__(self, look: MarkerLook | None = None) -> None:
-        given: object = look
-        require(isinstance(given, MarkerLook | None), "look", look, "a MarkerLook")
+        require(isinstance(cast(object, look), MarkerLook | None), "look", look, "a MarkerLook")
         self.look = look or MarkerLook()
         self._colours = COLOURS.index(self.look.colour_1), COLOURS.index(self.look.colour_2)
         self.reset()

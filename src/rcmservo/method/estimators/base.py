@@ -2,13 +2,15 @@
 and pure steps."""
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from rcmservo.constraints import Checked
 from rcmservo.interfaces import Floats
-from rcmservo.method.tool import Tool
+from rcmservo.method.tool import Shaft, Tool
+from rcmservo.rows import Row, flag, reals
 
 
 class Sample(NamedTuple):
@@ -25,6 +27,59 @@ class Sample(NamedTuple):
     all was forgotten."""
     sizes: Floats = np.full(2, np.nan)
     """The markers' apparent radii (2,) px, NaN where not known."""
+
+
+class Estimated(Row):
+    """Result of an estimator for one frame, from which the servo takes features and error."""
+
+    points: Floats = reals((2, 2), "px", "markers, raw; without their noise where it is averaged")
+    J_hat: Floats = reals((3, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14), where not placed")
+    motion: Floats = reals((4, 3), "px/mm", "∂m/∂p₁ of both markers, where asked for or placed")
+    placed: bool = flag("whether the estimator gives the imaged RCM, and Ĵ follows from motion")
+    o_c: Floats = reals(2, "px", "imaged RCM, raw, where placed")
+    o_c_covariance: Floats = reals((2, 2), "px²", "of o_c")
+
+
+class KernelSample(NamedTuple):
+    """One new frame as an estimator's kernel sees it."""
+
+    p1: Floats
+    """Marker 1 (3,) mm by the joints at the exposure."""
+    points: Floats
+    """Markers (2, 2), raw px."""
+    o_c: Floats
+    """Imaged RCM (2,), raw px."""
+    dt: float
+    """Time since the exposure of the sample before, s; 0 for the first."""
+    shaft: Shaft
+    """Tool."""
+    needs_motion: bool
+    """Whether ∂m/∂p₁ is asked for."""
+    fit_changed: bool
+    """Whether the fit of the projection is another one than at the last frame."""
+
+
+class EstimatorKernel(Protocol):
+    """Compiled form of an estimator: a named tuple of its settings, whose class names compiled
+    functions."""
+
+    places_rcm: ClassVar[bool]
+    """Whether it estimates the imaged RCM itself, without the lines of eq. (16)."""
+    update: ClassVar[Callable[..., Any]]
+    """Function of (kernel, memory, `KernelSample`, fit of the projection, `Estimated`): it writes
+    the result, and returns the memory after one new frame."""
+    empty: ClassVar[Callable[..., Any]]
+    """Function of (kernel, memory): the memory before the first frame."""
+
+
+@runtime_checkable
+class CompiledEstimator(Protocol):
+    """An estimator that is part of the compiled tick."""
+
+    @property
+    def kernel(self) -> Any:
+        """Its `EstimatorKernel`."""
+        ...
 
 
 class Estimator(Checked, ABC, section="estimator"):

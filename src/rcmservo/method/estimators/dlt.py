@@ -6,52 +6,58 @@ the offset that the fit leaves over. The imaged RCM is one of its results.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
-from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.foresight import both_motions, features_motion, imaged, located
+from rcmservo.method.estimators.base import Estimated, Estimator, KernelSample, Sample
+from rcmservo.method.foresight import (
+    add_offset,
+    both_motions,
+    expect,
+    features_motion,
+    image,
+    imaged,
+    located,
+    motions,
+)
 from rcmservo.method.prospect import RCM, Prospect, blank, see
-from rcmservo.method.tool import Shaft, Tool
+from rcmservo.method.tool import Tool
 from rcmservo.rows import Rows
 
 
 @compiled
-def update(memory: Rows[Prospect], p1: Floats, points: Floats, shaft: Shaft) -> Rows[Prospect]:
-    """What the camera should see after one more frame: raw `points` (2, 2) px of the markers, with
-    marker 1 at p1 (3,) mm."""
-    memory = memory.copy()
-    see(memory[0], p1, points, shaft)
+def update_kernel(
+    kernel: "DltKernel",
+    memory: tuple[()],
+    sample: KernelSample,
+    fit: Prospect,
+    result: Estimated,
+) -> tuple[()]:
+    """Take the estimate from the servo's own fit of the projection, which is all that it is."""
+    if sample.fit_changed:
+        image(fit, RCM, result.o_c, result.o_c_covariance)
+    expect(fit, sample.p1, sample.shaft, result.points)
+    add_offset(fit, result.points)
+    motions(fit, sample.p1, sample.shaft, result.motion)
+    result.placed = True
     return memory
 
 
 @compiled
-def jacobian_at(
-    memory: Rows[Prospect], p1: Floats, points: Floats, o_c: Floats, shaft: Shaft
-) -> Floats:
-    """Ĵ (3, 3) of eq. (15): ∂y/∂m at raw `points` (2, 2) px about o_c, ∂m/∂p₁ of the fit."""
-    return features_motion(memory[0], p1, points, o_c, shaft)
+def empty_kernel(kernel: "DltKernel", memory: tuple[()]) -> tuple[()]:
+    """Return the memory before the first frame: there is none."""
+    return memory
 
 
-@compiled
-def motion_at(memory: Rows[Prospect], p1: Floats, shaft: Shaft) -> Floats:
-    """∂m/∂p₁ (4, 3) px/mm of both markers, with marker 1 at p1 (3,) mm."""
-    return both_motions(memory[0], p1, shaft)
+class DltKernel(NamedTuple):
+    """Compiled form of the direct linear transformation."""
 
-
-@compiled
-def markers_at(memory: Rows[Prospect], p1: Floats, shaft: Shaft) -> Floats:
-    """The markers (2, 2) raw px at p1 (3,) mm, without their noise."""
-    return located(memory[0], p1, shaft)
-
-
-@compiled
-def picture_of(memory: Rows[Prospect], p: Floats) -> tuple[Floats, Floats]:
-    """Where a point p (3,) mm is seen, (2,) raw px, and the covariance (2, 2) px² of that."""
-    return imaged(memory[0], p)
+    places_rcm = True
+    update = update_kernel
+    empty = empty_kernel
 
 
 @dataclass(frozen=True)
@@ -62,29 +68,32 @@ class DltEstimator(Estimator):
     models = True
     places_rcm = True
     spares_marker = True
-    rule = ()
+    kernel = DltKernel()
 
     def init(self) -> Rows[Prospect]:
         return blank().rows
 
     def update(self, memory: Rows[Prospect], tool: Tool, sample: Sample) -> Rows[Prospect]:
-        return update(memory, sample.p1, sample.points, tool.shaft)
+        memory = memory.copy()
+        see(memory[0], sample.p1, sample.points, tool.shaft)
+        return memory
 
     def jacobian(self, memory: Rows[Prospect], tool: Tool, sample: Sample) -> Floats:
-        return jacobian_at(memory, sample.p1, sample.points, sample.o_c, tool.shaft)
+        p1, points, o_c, *_ = sample
+        return features_motion(memory[0], p1, points, o_c, tool.shaft)
 
     def located(self, memory: Rows[Prospect], tool: Tool, sample: Sample) -> Floats:
-        return markers_at(memory, sample.p1, tool.shaft)
+        return located(memory[0], sample.p1, tool.shaft)
 
     def motion(self, memory: Rows[Prospect], tool: Tool, sample: Sample) -> Floats:
-        return motion_at(memory, sample.p1, tool.shaft)
+        return both_motions(memory[0], sample.p1, tool.shaft)
 
     def imaged_rcm(self, memory: Rows[Prospect]) -> tuple[Floats, Floats]:
-        return picture_of(memory, RCM)
+        return imaged(memory[0], RCM)
 
     def predict(self, memory: Rows[Prospect], tool: Tool, p1: Floats) -> Floats:
-        o_c, both = picture_of(memory, RCM)[0], (p1.copy(), tool.second_marker(p1))
-        return np.concatenate([picture_of(memory, p)[0] - o_c for p in both])
+        o_c, both = imaged(memory[0], RCM)[0], (p1.copy(), tool.second_marker(p1))
+        return np.concatenate([imaged(memory[0], p)[0] - o_c for p in both])
 
     def remembered(self, memory: Any) -> Floats:
         known = Prospect(memory)

@@ -1,7 +1,7 @@
 """Estimate of the imaged RCM, the interaction matrix Ĵ and the features, in numbers."""
 
 from rcmservo.interfaces import Floats
-from rcmservo.method.controller import MOST
+from rcmservo.method.feature_vectors import MAX_FEATURES
 from rcmservo.method.features import FEATURES
 from rcmservo.rows import Row, real, reals, whole
 
@@ -18,10 +18,8 @@ class Estimate(Row):
     rcm_condition: float = real("", "condition of eq. (16), 0 where o_c is of such a fit")
     J_hat: Floats = reals((FEATURES, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14)")
     condition: float = real("", "condition of the scaled Ĵ")
-    motion: Floats = reals(
-        (MOST, 3), "px/mm", "∂/∂p₁ of u₁ v₁ u₂ v₂ R₁ R₂, where the law acts on it"
-    )
-    off: Floats = reals(MOST, "px", "how far these are from the target at the exposure, where so")
+    law_jacobian: Floats = reals((MAX_FEATURES, 3), "", "∂/∂p₁ of the features of the law, per mm")
+    law_error: Floats = reals(MAX_FEATURES, "", "their error at the exposure")
     y: Floats = reals(FEATURES, "rad, px, px", "the features, eq. (6)")
     delta: Floats = reals(FEATURES, "rad, px, px", "Δy at the exposure")
     ahead: Floats = reals(FEATURES, "rad, px, px", "Δy as predicted for now")

@@ -21,10 +21,11 @@ from rcmservo.compiled import compiled
 from rcmservo.constraints import at_least, between, not_negative, positive
 from rcmservo.interfaces import Floats
 from rcmservo.loops import products, put
-from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.estimators.base import Estimated, Estimator, KernelSample, Sample
 from rcmservo.method.estimators.decay import decay
 from rcmservo.method.features import about, features_jacobian
 from rcmservo.method.projection import PARAMETERS, depth, project, project_jacobian
+from rcmservo.method.prospect import Prospect
 from rcmservo.method.tool import Shaft, Tool, second_marker, second_marker_jacobian, stretch
 
 GAMMA_0 = np.array([1e-5] * 6 + [1e-8] * 3)
@@ -176,19 +177,6 @@ def root_of_gamma(root: Floats, rate: float) -> Floats:
     return C
 
 
-class Rule(NamedTuple):
-    """What compiled functions know of rule (21)."""
-
-    rate: float
-    """η of the fast Γ, 1/s; 0 for the printed Γ."""
-    epsilon: float
-    """ε of the fast Γ, which the choice of observations needs with either Γ."""
-    both: bool
-    """Whether m₂ is fitted as well as m₁."""
-    time: float = 0.0
-    """Time that every new frame gives it, s; 0 for the real time between frames."""
-
-
 class ProjectionMemory(NamedTuple):
     """The chosen observations, and what was fitted to them."""
 
@@ -207,7 +195,7 @@ def update(
     points: Floats,
     o_c: Floats,
     dt: float,
-    rule: Rule,
+    rule: "Rule",
     shaft: Shaft,
 ) -> ProjectionMemory:
     """Take in one observation, dt s after the last one, and integrate (21) over the rule's time."""
@@ -252,6 +240,48 @@ def jacobian_at(a: Floats, p1: Floats, points: Floats, o_c: Floats, shaft: Shaft
 
 
 @compiled
+def update_kernel(
+    kernel: "Rule",
+    memory: ProjectionMemory,
+    sample: KernelSample,
+    fit: Prospect,
+    result: Estimated,
+) -> ProjectionMemory:
+    """Take in one frame by rule (21), and write Ĵ of the new â."""
+    p1, points, o_c, shaft = sample.p1, sample.points, sample.o_c, sample.shaft
+    memory = update(memory, p1, points, o_c, sample.dt, kernel, shaft)
+    put(result.points, points)
+    put(result.J_hat, jacobian_at(memory.a_hat, p1, points, o_c, shaft))
+    if sample.needs_motion:
+        put(result.motion, markers_jacobian(memory.a_hat, p1, shaft))
+    result.placed = False
+    return memory
+
+
+@compiled
+def empty_kernel(kernel: "Rule", memory: ProjectionMemory) -> ProjectionMemory:
+    """Return the memory before the first frame."""
+    return ProjectionMemory(np.zeros_like(memory.observations), 0, np.zeros_like(memory.a_hat))
+
+
+class Rule(NamedTuple):
+    """Settings of rule (21), the compiled form of the estimator."""
+
+    rate: float
+    """η of the fast Γ, 1/s; 0 for the printed Γ."""
+    epsilon: float
+    """ε of the fast Γ, which the choice of observations needs with either Γ."""
+    both: bool
+    """Whether m₂ is fitted as well as m₁."""
+    time: float = 0.0
+    """Time that every new frame gives it, s; 0 for the real time between frames."""
+
+    places_rcm = False
+    update = update_kernel
+    empty = empty_kernel
+
+
+@compiled
 def predict(a: Floats, p1: Floats, shaft: Shaft) -> Floats:
     """π of eq. (34) for both markers: m (4,) px from the imaged RCM."""
     m = np.empty(4)
@@ -291,14 +321,14 @@ class ProjectionEstimator(Estimator):
         return ProjectionMemory(np.zeros((self.observations + 1, 7)), 0, np.zeros(PARAMETERS))
 
     @cached_property
-    def rule(self) -> Rule:
-        """What compiled functions know of it."""
+    def kernel(self) -> Rule:
+        """Its compiled form."""
         rate = float(self.rate) if self.gamma == "fast" else 0.0
         return Rule(rate, float(self.epsilon), bool(self.both_markers), float(self.estimator_time))
 
     def update(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> ProjectionMemory:
         p1, points, o_c, dt, _ = sample
-        return update(memory, p1, points, o_c, dt, self.rule, tool.shaft)
+        return update(memory, p1, points, o_c, dt, self.kernel, tool.shaft)
 
     def jacobian(self, memory: ProjectionMemory, tool: Tool, sample: Sample) -> Floats:
         return jacobian_at(memory.a_hat, sample.p1, sample.points, sample.o_c, tool.shaft)

@@ -2,12 +2,12 @@
 
 import re
 from dataclasses import dataclass, fields, is_dataclass
-from functools import cache
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from rcmservo.config.field_docs import docstrings
 from rcmservo.config.kinds import KINDS
 from rcmservo.config.servo_json import describe
+from rcmservo.constraints import NameIn
 from rcmservo.page.settings import AT_ONCE, BOXES
 from rcmservo.servo.servo import Servo
 
@@ -32,12 +32,12 @@ class SettingField:
     """What it can be, where that is a word."""
 
 
-@cache
 def fields_of(kind: type[Any]) -> list[SettingField]:
     """The fields of a settings dataclass."""
     if not is_dataclass(kind):
         return []
-    words, types, given = docstrings(kind), get_type_hints(kind), kind()
+    words, given = docstrings(kind), kind()
+    types = get_type_hints(kind, include_extras=True)
     return [
         SettingField(
             name=f.name,
@@ -51,6 +51,10 @@ def fields_of(kind: type[Any]) -> list[SettingField]:
 
 
 def _choices(hint: Any) -> list[str]:
+    if get_origin(hint) is Annotated:
+        hint, *markers = get_args(hint)
+        named = [name for one in markers if isinstance(one, NameIn) for name in one.names]
+        return named or _choices(hint)
     return list(get_args(hint)) if get_origin(hint) is Literal else []
 
 

@@ -74,7 +74,7 @@ class Attempt:
 
         The compiled twin runs a servo whose step is compiled, MuJoCo's arm the others.
         """
-        return self.compiled(servo) if servo.rule is not None else self.live(servo)
+        return self.compiled(servo) if servo.kernel is not None else self.live(servo)
 
     def compiled(self, servo: Servo) -> MethodOutcome:
         """Run on the compiled twin."""

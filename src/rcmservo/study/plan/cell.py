@@ -89,7 +89,7 @@ def cell_from(text: str) -> Cell:
 def engine_of(servo: Servo, disturb: tuple[str, ...], wanted: str) -> str:
     """The engine for a servo: the one that is `wanted`, or with "auto" the compiled one where that
     can do it."""
-    compiled = servo.rule is not None and not disturb
+    compiled = servo.kernel is not None and not disturb
     if wanted == "auto":
         return COMPILED if compiled else MUJOCO
     right = "auto, mujoco or pictures: neither disturbances nor estimators in Python are compiled"

@@ -13,8 +13,8 @@ from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.imaged_rcm import ImagedRcm
-from rcmservo.servo.own_estimator import examine
 from rcmservo.servo.servo import Servo
+from rcmservo.servo.user_estimator import examine
 from rcmservo.study.plan.parcel import EMPTY, Parcel, parcel_of
 
 Own = Mapping[str, type[Estimator]]

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from rcmservo.errors import RcmServoError, one_line
 from rcmservo.method.estimators.base import Estimator
-from rcmservo.servo.own_estimator import name_of_class
+from rcmservo.servo.user_estimator import name_of_class
 
 LARGEST = 10_000_000
 """Bytes of a parcel."""

@@ -17,7 +17,7 @@ import numpy as np
 from rcmservo.constraints import Checked, between, one_of
 from rcmservo.errors import needing, require
 from rcmservo.interfaces import Floats
-from rcmservo.servo.own_estimator import UnusableEstimator
+from rcmservo.servo.user_estimator import UnusableEstimator
 from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.tuning.space import SearchAxis, Values, value_of, with_values
 from rcmservo.study.work.crew import Crew

@@ -5,7 +5,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from rcmservo.servo.own_estimator import name_of_class
+from rcmservo.servo.user_estimator import name_of_class
 from rcmservo.study.plan.method import Own
 from rcmservo.study.plan.plan import Chunk, StudyPlan
 from rcmservo.study.work import note

@@ -11,9 +11,9 @@ import rcmservo as rs
 from conftest import Laboratory, laboratory
 from rcmservo.interfaces import Floats
 from rcmservo.record.verdict import Judge
-from rcmservo.servo import own_estimator
-from rcmservo.servo.own_estimator import Guard, UnusableEstimator, examine
+from rcmservo.servo import user_estimator
 from rcmservo.servo.servo import Servo
+from rcmservo.servo.user_estimator import Guard, UnusableEstimator, examine
 
 TOOL = rs.RigidTool(spacing=30.0)
 WRONG = {
@@ -231,7 +231,7 @@ def test_a_slow_one_is_stopped_by_the_overrun_rule_or_the_arms_watchdog_and_name
 
     monkeypatch.setattr(Servo, "warm_up", lambda self: None)
     monkeypatch.setattr(Faulty, "update", slow)
-    monkeypatch.setattr(own_estimator, "perf_counter_ns", lambda: spent[0])
+    monkeypatch.setattr(user_estimator, "perf_counter_ns", lambda: spent[0])
     judge = Judge(servo, lab.target)
     for tick in rs.run(lab.plant, servo, lab.target, 6.0):
         judge.add(tick)

@@ -13,7 +13,7 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError, one_line
 from rcmservo.interfaces import Floats
-from rcmservo.method.estimators.base import Estimator, Sample
+from rcmservo.method.estimators.base import CompiledEstimator, Estimator, Sample
 from rcmservo.method.tool import Tool
 
 NOTHING, NOWHERE = np.empty(0), np.full((2, 2), np.nan)
@@ -60,11 +60,27 @@ def called(estimator: object) -> str:
 
 def learner(estimator: Estimator) -> Estimator:
     """The estimator as the servo calls it: ours as it is, a user's own through a guard."""
-    ours = type(estimator).__module__.startswith("rcmservo.")
-    return estimator if ours else Guard(estimator)
+    return estimator if _is_built_in(type(estimator)) else Guard(estimator)
 
 
-def failure(memory: object) -> str:
+def compiles(kind: type[Any]) -> bool:
+    """Return whether estimators of a class are part of the compiled tick: those of this package
+    that declare a kernel themselves. The cache of compiled code sees no edit of other files."""
+    return _is_built_in(kind) and "kernel" in vars(kind)
+
+
+def kernel_of(estimator: Estimator) -> Any:
+    """Return the compiled form of an estimator; None where it does not compile."""
+    if compiles(type(estimator)) and isinstance(estimator, CompiledEstimator):
+        return estimator.kernel
+    return None
+
+
+def _is_built_in(kind: type[Any]) -> bool:
+    return kind.__module__.startswith("rcmservo.")
+
+
+def failure_of(memory: object) -> str:
     """What the estimator with this memory did wrong at the newest frame; empty if nothing."""
     return memory.failure if isinstance(memory, Guarded) else ""
 

@@ -5,11 +5,11 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.loops import fill, put
 from rcmservo.method.drive_lag import forget_lag
-from rcmservo.servo.state import Decision, Kept
+from rcmservo.servo.state import Decision, Stored
 
 
 @compiled
-def forget(s: Kept) -> None:
+def forget(s: Stored) -> None:
     """Nothing learnt: Ĵ = 0."""
     e, tour = s.estimate, s.tour
     fill(e.points, np.nan)
@@ -20,6 +20,8 @@ def forget(s: Kept) -> None:
     fill(e.delta, np.nan)
     fill(e.ahead, np.nan)
     fill(e.J_hat, 0.0)
+    fill(e.law_jacobian, 0.0)
+    fill(e.law_error, 0.0)
     e.exposure, e.line_count, e.rcm_condition, e.condition = -1, 0, np.inf, np.inf
     fill(tour.home, 0.0)
     fill(tour.sides, 0.0)
@@ -30,7 +32,7 @@ def forget(s: Kept) -> None:
 
 
 @compiled
-def forget_but_places(s: Kept) -> None:
+def forget_but_places(s: Stored) -> None:
     """Nothing learnt, but for where the markers were seen last."""
     points, p1 = s.estimate.points.copy(), s.estimate.p1.copy()
     forget(s)

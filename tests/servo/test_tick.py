@@ -16,7 +16,7 @@ from rcmservo.method.estimators.projection import PRINTED, ProjectionEstimator
 from rcmservo.method.tool import Tool
 from rcmservo.rows import changed
 from rcmservo.servo.servo import Servo
-from rcmservo.servo.state import Beside, State
+from rcmservo.servo.state import EstimatorMemory, State
 from rcmservo.sim import Disturbance
 
 Features = Literal["srd", "points"]
@@ -70,7 +70,8 @@ def but_memory(state: State, placed: bool) -> State:
     learnt = state.learnt._replace(memory=None)
     if placed:
         learnt = learnt._replace(estimate=changed(learnt.estimate, line_count=0))
-    return state.but(learnt=learnt)._replace(beside=() if placed else Beside(learnt.lines, None))
+    memory = () if placed else EstimatorMemory(learnt.lines, None)
+    return state.but(learnt=learnt)._replace(memory=memory)
 
 
 WRONG = [

@@ -1,0 +1,42 @@
+"""Choice of an estimator's compiled functions by the class of its kernel. It imports Numba, so
+nothing imports it before a kernel is compiled."""
+
+from functools import partial
+from typing import Any
+
+from numba.extending import overload
+
+from rcmservo.servo.update_estimate import (
+    UPDATES,
+    empty_memory,
+    empty_own,
+    empty_with_lines,
+    run_kernel,
+    update_estimator,
+)
+
+declared: Any = partial(overload, strict=False)
+
+
+@declared(update_estimator)
+def _update_estimator(kernel: Any, memory: Any, tick: Any, dt: Any) -> Any:
+    update: Any = UPDATES[kernel.instance_class.places_rcm]
+    return update.py_func
+
+
+@declared(empty_memory)
+def _empty_memory(kernel: Any, memory: Any) -> Any:
+    if kernel.instance_class.places_rcm:
+        return kernel.instance_class.empty.py_func
+    with_lines: Any = empty_with_lines
+    return with_lines.py_func
+
+
+@declared(run_kernel)
+def _run_kernel(kernel: Any, memory: Any, sample: Any, fit: Any, result: Any) -> Any:
+    return kernel.instance_class.update.py_func
+
+
+@declared(empty_own)
+def _empty_own(kernel: Any, memory: Any) -> Any:
+    return kernel.instance_class.empty.py_func

@@ -1,0 +1,207 @@
+"""Estimator and feature vector of a user: through the loop, options, record, page and study."""
+
+import importlib
+import json
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rcmservo as rs
+from conftest import laboratory
+from rcmservo.app.cli import main
+from rcmservo.method.feature_vectors import FEATURE_VECTORS
+from rcmservo.page.web.setting_fields import forms
+from rcmservo.servo.user_features import examine_features
+from rcmservo.study.work import crew as crews
+from rcmservo.study.work.chunk import done
+from rcmservo.study.work.store import runs_in
+
+MODULE = "lab_from_outside"
+ESTIMATOR = f"{MODULE}:Pixels"
+SOURCE = """
+from dataclasses import dataclass
+import numpy as np
+import rcmservo as rs
+from rcmservo.method.features import about, features_jacobian
+
+
+@dataclass(frozen=True)
+class Pixels(rs.Estimator):
+    forgetting: float = 0.98
+    \"\"\"Weight of what was known before.\"\"\"
+
+    name = "pixels"
+
+    def init(self):
+        return np.zeros((4, 4)), 1e6 * np.eye(4), np.full(3, np.inf)
+
+    def update(self, memory, tool, sample):
+        A, P, last = memory
+        if np.linalg.norm(sample.p1 - last) < 1.0:
+            return memory
+        x = np.append(sample.p1, 1.0)
+        gain = P @ x / (self.forgetting + x @ P @ x)
+        A = A + np.outer(sample.points.ravel() - A @ x, gain)
+        return A, (P - np.outer(gain, P @ x)) / self.forgetting, sample.p1
+
+    def motion(self, memory, tool, sample):
+        return memory[0][:, :3]
+
+    def jacobian(self, memory, tool, sample):
+        return features_jacobian(about(sample.points, sample.o_c)) @ memory[0][:, :3]
+
+
+class Pose(rs.FeatureVector):
+    name = "pose"
+    components = ("angle", "u", "v", "length", "u1")
+    units = ("rad", "px", "px", "px", "px")
+
+    def measure(self, markers):
+        (u1, v1), (u2, v2) = markers.points
+        length = np.hypot(u2 - u1, v2 - v1)
+        return np.array([np.arctan2(v2 - v1, u2 - u1), (u1 + u2) / 2, (v1 + v2) / 2, length, u1])
+
+    def jacobian(self, markers):
+        du, dv = markers.points[1] - markers.points[0]
+        d = np.hypot(du, dv)
+        turn, along = np.array([-dv, du]) / d**2, np.array([du, dv]) / d
+        middle = [[0.5, 0.0, 0.5, 0.0], [0.0, 0.5, 0.0, 0.5]]
+        return np.array([[*-turn, *turn], *middle, [*-along, *along], [1.0, 0.0, 0.0, 0.0]])
+
+
+rs.add_feature_vector(Pose())
+"""
+STUDY = f"""
+methods = ["mine"]
+scenes = ["random"]
+count = 1
+duration = 2.0
+[method.mine]
+estimator = "{ESTIMATOR}"
+controller = {{ features = "pose" }}
+"""
+
+
+@pytest.fixture
+def outside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[Any]:
+    """The present folder with the user's module, imported."""
+    (tmp_path / f"{MODULE}.py").write_text(SOURCE)
+    (tmp_path / "study.toml").write_text(STUDY)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
+    yield importlib.import_module(MODULE)
+    del sys.modules[MODULE], FEATURE_VECTORS["pose"]
+
+
+def ran(estimator: rs.Estimator, features: str) -> list[rs.State]:
+    lab = laboratory(4)
+    law = rs.SaturatedController(features=features)
+    servo = rs.Servo(lab.rig.settings.mechanism, lab.rig.settings.tool, estimator, law)
+    servo.warm_up()
+    lab.rig.begin()
+    return [state for _, state in lab.run(servo, 5.0)]
+
+
+def test_the_law_on_a_users_feature_vector_comes_to_the_target(outside: Any) -> None:
+    for estimator, near in ((rs.DltEstimator(), 0.2), (outside.Pixels(), 2.0)):
+        end = ran(estimator, "pose")[-1]
+        assert end.phase is rs.Phase.SERVO and end.decision.left < near
+        used = end.stored.estimate.law_jacobian.any(axis=1)
+        assert used.tolist() == [True] * 5 + [False] * (len(used) - 5)
+
+
+def test_it_is_an_option_of_a_run_whose_record_replays_bit_for_bit(
+    outside: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    del outside
+    words = ["--estimator", ESTIMATOR, "--pixels.forgetting", "0.95", "--controller.features"]
+    words += ["pose", "--duration", "2.5", "--no-video", "--json", "--teaching-frames", "30"]
+    assert main(["run", *words, "--out", "run"]) in (0, 1)
+    assert json.loads(capsys.readouterr().out)["estimator"] == ESTIMATOR
+    assert main(["replay", "run", "--json", "--estimator", ESTIMATOR]) == 0
+    assert json.loads(capsys.readouterr().out)["same"]
+
+
+def test_it_is_a_choice_of_the_pages_settings(outside: Any) -> None:
+    del outside
+    form = next(form for form in forms(laboratory().servo(), None) if form["box"] == "controller")
+    fields = {field["name"]: field for field in form["kinds"]["saturated"]["fields"]}
+    assert fields["features"]["choices"] == ["srd", "points", "size", "pose"]
+
+
+class Alone:
+    """A crew of one: this process."""
+
+    count, where = 1, "this test"
+
+    def done(self, orders: Any) -> Generator[Any]:
+        for key, order in orders:
+            yield key, done(order)
+
+
+def test_it_takes_part_in_a_study(outside: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    del outside
+
+    @contextmanager
+    def crew(address: str | None, workers: int | None) -> Generator[Alone]:
+        yield Alone()
+
+    monkeypatch.setattr(crews, "crew", crew)
+    assert main(["study", "study.toml", "--own", ESTIMATOR, "--out", "study"]) == 0
+    (row,) = runs_in(Path("study")).to_pylist()
+    assert (row["method"], row["engine"]) == ("mine", "mujoco")
+
+
+@pytest.mark.parametrize("name", FEATURE_VECTORS)
+def test_a_jacobian_is_the_derivative_of_what_is_measured(name: str) -> None:
+    examine_features(FEATURE_VECTORS[name])
+
+
+def test_a_wrong_jacobian_and_a_vector_that_raises_are_refused_before_the_drive_is_on(
+    outside: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outside.Pose, "jacobian", lambda self, markers: np.ones((5, 4)))
+    with pytest.raises(rs.BadInput, match="derivative of its measure"):
+        ran(rs.DltEstimator(), "pose")
+    monkeypatch.setattr(outside.Pose, "measure", lambda self, markers: 1 / 0)
+    with pytest.raises(rs.BadInput, match="ZeroDivisionError"):
+        ran(rs.DltEstimator(), "pose")
+
+
+def test_a_vector_that_fails_in_motion_is_a_fault_in_the_same_tick(
+    outside: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls, measure = [], outside.Pose.measure
+
+    def failing(self: Any, markers: rs.MarkerPair) -> Any:
+        calls.append(markers)
+        return measure(self, markers) if len(calls) < 200 else 1 / 0
+
+    monkeypatch.setattr(outside.Pose, "measure", failing)
+    end = ran(rs.DltEstimator(), "pose")[-1]
+    assert (end.phase, end.cause) == (rs.Phase.FAULT, rs.Cause.ESTIMATOR_FAILED)
+    assert end.detail.startswith("feature vector pose raised ZeroDivisionError")
+    assert not end.command.enabled
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"name": "srd"}, "a name that no other feature vector has"),
+        ({"units": ("mm",) * 5}, "rad or px for each component"),
+        ({"units": ("px",)}, "one for each of 1 to 8 components"),
+    ],
+)
+def test_what_does_not_fit_is_no_feature_vector(
+    change: dict[str, Any], words: str, outside: Any
+) -> None:
+    other = type("Other", (outside.Pose,), change)
+    with pytest.raises(rs.BadInput, match=words):
+        rs.add_feature_vector(other())
+    with pytest.raises(rs.BadInput, match="derived from FeatureVector"):
+        rs.add_feature_vector(3)
