@@ -81,6 +81,7 @@ def follow(settings: Settings, method: Learner, seed: int) -> Found:
     """Explore, go to the path's first point, then servo to reference pixels that move along it.
 
     Returns the seed, the cause of a path that was not completed, and `errors_on` a completed one.
+    No `loop.run`: the target of a tick is that of its own time.
     """
     rig, plant = laboratory(seed, SCENES, settings.noise)
     servo = servo_for(rig.settings, method.estimator, method.exploration, law(method))

@@ -92,12 +92,11 @@ def visit(
     """Servo to one pose; return when, the final pose error (mm), and the scaled error of Ĵ."""
     began = loop.elapsed()
     tick = loop.last(target, longest, tick.state, done=Arrived())
-    state, truth = tick.state, loop.rig.truth
     return {
         "began": began,
         "ended": loop.elapsed(),
         "pose_error": np.linalg.norm(loop.true_p2() - p_d),
-        "jacobian_error": truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c),
+        "jacobian_error": loop.rig.truth.tick_error(tick),
     }, tick
 
 

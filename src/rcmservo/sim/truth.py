@@ -44,12 +44,16 @@ class Truth:
         J = scaled(self.jacobian(self._drive.true(told), o_c))
         return float(np.linalg.norm(scaled(J_hat) - J) / np.linalg.norm(J))
 
+    def tick_error(self, tick: Tick) -> float:
+        """Return the `jacobian_error` of the estimate at a tick."""
+        state = tick.state
+        return self.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
+
     def write(self, recorder: Recorder, tick: Tick) -> None:
         """Record a tick, and the truth now in addition."""
-        state, (p1, p2) = tick.state, self.markers(self.arm.time)
-        error = self.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
+        p1, p2 = self.markers(self.arm.time)
         recorder.write(tick)
-        recorder.write_truth(p1, p2, error)
+        recorder.write_truth(p1, p2, self.tick_error(tick))
 
 
 def feature_jacobian(body: Body, optics: Optics, q: Floats, o_c: Floats) -> Floats:

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from rcmservo.guard.states import Phase
-from rcmservo.loop.tick import Tick
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.exploration import Exploration
@@ -21,7 +20,6 @@ from rcmservo.paper.statistics import median
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
 from rcmservo.sim.rig import drawn
-from rcmservo.sim.truth import Truth
 from rcmservo.study.batch import Study
 from rcmservo.study.course import LAST, StudyRun
 from rcmservo.study.laboratory import Laboratory, LaboratoryLoop
@@ -92,7 +90,7 @@ class Attempt:
             if phase is Phase.SERVO:
                 end = min(end, time + self.duration)
                 if k % STRIDE_TICKS == 0:
-                    errors.append(_jacobian_error(loop.rig.truth, tick))
+                    errors.append(loop.rig.truth.tick_error(tick))
             if time >= min(end, moving + AT_REST_S + LAST):
                 break
         run = loop.run
@@ -114,9 +112,3 @@ class Attempt:
     def _end(self, run: StudyRun) -> float:
         """Return s at which a run's time is over; inf where it never servoed."""
         return run.explored + self.duration
-
-
-def _jacobian_error(truth: Truth, tick: Tick) -> float:
-    """Return the scaled error of Ĵ at a tick."""
-    state = tick.state
-    return truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)

@@ -182,12 +182,7 @@ class ClosedLoop:
         self._recorder.begin(self.servo, target, state)
         for tick in run(self.plant, self.servo, target, duration, done=done, state=state):
             there = replace(tick, time=tick.time + now - self._began)
-            self._recorder.write(there)
-            error = self.rig.truth.jacobian_error(
-                tick.state.J_hat, tick.seen.q_exposure, tick.state.o_c
-            )
-            p1, p2 = self.rig.truth.markers(self.rig.clock.now())
-            self._recorder.write_truth(p1, p2, error)
+            self.rig.truth.write(self._recorder, there)
             yield there
 
     def last(self, *arguments: Any, **options: Any) -> Tick:

@@ -49,7 +49,8 @@ class PoseLaw:
 def drive(loop: LaboratoryLoop, robot: Servo, law: PoseLaw, duration: float) -> None:
     """Enable the drive, and move by the law for `duration` s.
 
-    The kinematics, the gate and the greatest speed are those of `robot`.
+    The kinematics, the gate and the greatest speed are those of `robot`. No `loop.run`, which
+    steps a servo.
     """
     plant = loop.plant
     plant.reset()

@@ -61,12 +61,11 @@ def settle(
     for tick in run(plant, servo, target, duration):
         ticks.append(tick)
         if (len(ticks) - 1) % STRIDE_TICKS == 0:
-            q, state = rig.arm.q_true, tick.state
+            q = rig.arm.q_true
             distance = float(np.linalg.norm(body.points(q)[1] - p_d))
             rows.append((tick.time / 1e9, difference(_true_features(rig, q), y_d), distance))
-            if state.explored:
-                error = truth.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
-                jacobians.append(error)
+            if tick.state.explored:
+                jacobians.append(truth.tick_error(tick))
     times, deltas, poses = (np.array(values) for values in zip(*rows, strict=True))
     cause, settled_at = ticks[-1].state.cause, settle_time(times, deltas)
     pose = float(poses[-1]) if cause.stopping else rms(poses[times > times[-1] - END_S])
