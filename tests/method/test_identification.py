@@ -44,7 +44,7 @@ def test_several_corrections_are_identified_within_their_covariance(
 ) -> None:
     views = views_of(correction, seed)
     fit = identify(MECHANISM, TOOL, views, free)
-    error = (fit.correction - correction)[free]
+    error = (fit.x - correction)[free]
     covariance = fit.covariance[np.ix_(free, free)]
     assert error @ np.linalg.solve(covariance, error) < 25.0
     assert (np.sqrt(np.diag(fit.covariance)) < [0.05, 0.05, 0.05, 5.0, 0.05]).all()

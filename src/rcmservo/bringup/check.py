@@ -231,13 +231,7 @@ class _Check:
 
         plain = [fit for fit in fits if fit.number is None]
         unclear = [one for fit in plain for one in escalation.unclear(fit)]
-        report.unclear = sorted(
-            {
-                undetectable_error(one.number, one.undetectable, robot)
-                for one in unclear
-                if one.number is not None
-            }
-        )
+        report.unclear = sorted({undetectable_error(one, robot) for one in unclear})
         for words in report.unclear:
             person.tell(f"{words}: measure it by hand.")
         named = {other for fit in fits for other in equivalents(fit)}

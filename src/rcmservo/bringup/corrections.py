@@ -70,8 +70,10 @@ def _counts(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
     return found
 
 
-def undetectable_error(number: int, size: float, robot: Robot) -> str:
+def undetectable_error(fit: Hypothesis, robot: Robot) -> str:
     """Return in words the error that a number may have without the picture showing it."""
+    number, size = fit.number, fit.undetectable
+    assert number is not None
     if number == ZERO:
         return f"mechanism.insertion_zero may be wrong by {size:.0f} mm unseen"
     if number == SPACING:

@@ -167,7 +167,7 @@ def fitted(one: Hypothesis, robot: Robot, views: MarkerViews) -> Hypothesis:
         return replace(one, misfit=identify(robot.mechanism, robot.tool, views).misfit)
     begin = _apparent_factor(robot, views, one.number) if one.corrects_counts else 0.0
     fit = identify(robot.mechanism, robot.tool, views, [one.number], begin)
-    size, misfit = float(fit.correction[one.number]), fit.misfit
+    size, misfit = float(fit.x[one.number]), fit.misfit
     deviation = float(np.sqrt(fit.covariance[one.number, one.number]))
     if one.corrects_counts:
         usual = usual_factor(size, deviation)

@@ -90,25 +90,13 @@ class MarkerViews:
         return MarkerViews(self.q, flipped, self.noise, self.size)
 
 
-@dataclass(frozen=True, eq=False)
-class Identification:
-    """Corrections of an arm that explain a picture best."""
-
-    correction: Floats
-    """The corrections (5,), 0 where one was not free."""
-    covariance: Floats
-    """Their covariance (5, 5)."""
-    misfit: float
-    """Sum of the squared residuals in standard deviations."""
-
-
 def identify(
     mechanism: Kinematics,
     tool: Tool,
     views: MarkerViews,
     free: Sequence[int] = (),
     begin: float = 0.0,
-) -> Identification:
+) -> LeastSquaresFit:
     """Fit a camera and the free corrections of an arm to joints and markers.
 
     Parameters
@@ -124,8 +112,8 @@ def identify(
 
     Returns
     -------
-    Identification
-        Corrections, covariance and misfit.
+    LeastSquaresFit
+        Corrections (5,), 0 where one was not free, their covariance (5, 5), and the misfit.
 
     Notes
     -----
@@ -154,7 +142,7 @@ def identify(
     fit = fit_residual(residual, x)
     covariance = np.zeros((5, 5))
     covariance[np.ix_(index, index)] = fit.covariance[known:, known:] * np.outer(units, units)
-    return Identification(correction(fit.x), covariance, fit.misfit)
+    return LeastSquaresFit(correction(fit.x), covariance, fit.misfit)
 
 
 @dataclass(frozen=True, eq=False)
