@@ -175,7 +175,7 @@ class NameIn(Limit):
 
 def name_in(names: Collection[str]) -> NameIn:
     """Return the limit to the names of a registry."""
-    return NameIn(lambda name: name in names, lambda _: _listed(tuple(names)), names)
+    return NameIn(lambda name: name in names, "", lambda _: _listed(tuple(names)), names)
 
 
 def matching(pattern: str, words: str) -> Limit:
@@ -215,7 +215,7 @@ class Checked:
         for name, kind, limits in _rules(type(self)):
             value = getattr(self, name)
             if not kind.holds(value):
-                self.require(False, name, kind.expected)
+                self.require(False, name, kind.expected + kind.hint(value))
             if value is not None:
                 for limit in limits:
                     if not limit.holds(value):
