@@ -242,7 +242,9 @@ def _rule(hint: Any) -> tuple[Limit, tuple[Limit, ...]]:
     """Kind and limits of a field; a value of another kind is refused in the words of a limit."""
     inner, *metadata = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     kind, limits = _kind(inner), tuple(one for one in metadata if isinstance(one, Limit))
-    return Limit(kind.holds, (limits or (kind,))[0].expected), limits
+    first = (limits or (kind,))[0]
+    hint = first.hint if isinstance(first, NameIn) else kind.hint
+    return Limit(kind.holds, first.expected, hint), limits
 
 
 def _is_number(value: object) -> bool:

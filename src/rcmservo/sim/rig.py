@@ -90,8 +90,10 @@ def _check_kinds(settings: object, pictures: object, disturbances: object, scene
     """Refuse arguments of a rig that are of another kind."""
     require(isinstance(settings, RigSettings | None), "settings", settings, "a RigSettings")
     require(isinstance(pictures, bool), "pictures", pictures, "true or false")
-    several = cast(Any, disturbances)
-    good = isinstance(several, Sequence) and all(isinstance(one, Disturbance) for one in several)
+    several = cast(Sequence[object], disturbances)
+    good = isinstance(disturbances, Sequence) and all(
+        isinstance(one, Disturbance) for one in several
+    )
     require(good, "disturbances", disturbances, "a list of Disturbance")
     require(isinstance(scene, Scene | None), "scene", scene, "a Scene")
 
