@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Three = Annotated[Floats, (3,)]
 """Three numbers, one for each joint."""
+Pixels = Annotated[Floats, (2, 2)]
+"""Pixels (u, v) of both markers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,13 +80,13 @@ class Observation:
 
     now: int
     """The moment of the observation."""
-    q: Floats
+    q: Three
     """The joints (3,) rad, rad, mm, as the arm last told them."""
     q_time: int
     """When the arm read them."""
     enabled: bool
     """Whether the arm's drive is on."""
-    applied: Floats
+    applied: Three
     """The joint rates (3,) rad/s, rad/s, mm/s that the arm took of the last command; zeros before
     the first."""
     frame: int
@@ -93,9 +95,9 @@ class Observation:
     """The middle of that frame's exposure; 0 before the first."""
     arrival: int
     """When the computer had that frame; 0 before the first."""
-    q_exposure: Floats
+    q_exposure: Three
     """The joints (3,) at the exposure; NaN where they are not known."""
-    points: Floats
+    points: Pixels
     """The markers (2, 2) raw px in that frame, NaN where lost."""
     dropped: Dropped = Dropped.NONE
     """Why the frame offered last was not used; NONE where nothing is wrong with it."""

@@ -171,7 +171,8 @@ class Struct(Row):
     """A row generated from a dataclass, with the same fields under the same names.
 
     A member of an enumeration becomes its position there. An array is declared with its shape, as
-    in ``Annotated[Floats, (3,)]``. Fields that are no numbers, such as words, are left out.
+    in ``Annotated[Floats, (3,)]``. Fields that are no numbers, such as words, are left out, and
+    those named in `without`.
     """
 
     if TYPE_CHECKING:
@@ -180,9 +181,9 @@ class Struct(Row):
 
         def __setattr__(self, name: str, value: Any) -> None: ...
 
-    def __init_subclass__(cls, source: type[Any]) -> None:
+    def __init_subclass__(cls, source: type[Any], without: tuple[str, ...] = ()) -> None:
         hints = get_type_hints(source, include_extras=True)
-        for name in _names(source):
+        for name in (name for name in _names(source) if name not in without):
             made = _generated(hints[name], f"{name} of {source.__name__}")
             if made is not None:
                 setattr(cls, name, made)

@@ -418,7 +418,7 @@ def moded():
                 np.ravel(getattr(row, field.name))
                 for row in rows
                 for field in row.fields
-                if field.name not in ("mode", "command")
+                if field.name not in ("mode", "command", "observation")
             ]
         )
         out[f"answer of {name}"] = float(answer or 0.0)

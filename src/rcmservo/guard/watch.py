@@ -8,17 +8,22 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.guard.plausible import judged, leapt
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.interfaces import Floats, ObservationStruct
+from rcmservo.interfaces import Floats, Observation, ObservationStruct
 from rcmservo.loops import all_finite, length, minus, put
-from rcmservo.rows import Row, flag, real, reals, whole
+from rcmservo.rows import Row, Struct, flag, part, real, reals, whole
 
 STILL = np.zeros(3)
 UNKNOWN = np.full(3, np.nan)
 
 
+class ObservationRow(Struct, source=Observation, without=("applied", "sizes", "quality")):
+    """Observation for the detectors. A row is passed on without counting who refers to it."""
+
+
 class Watch(Row):
     """What the checks remember."""
 
+    observation: ObservationRow = part(ObservationRow, "the observation of this tick")
     reached: Floats = reals(3, "rad, rad, mm", "where its commands should have brought the arm")
     rates: Floats = reals(3, "rad/s, rad/s, mm/s", "the joints' rates, lagging behind the commands")
     told: int = whole("ns", "when the arm told its joints last")
@@ -87,6 +92,7 @@ def watch_loop(
 ) -> None:
     """One more tick, `gap` ns after the last: how late it came, where the joints should be with
     drives that lag by so many s, and where they rest."""
+    store_observation(w.observation, seen)
     w.gap = gap
     w.late = w.late + 1 if gap > (1.0 + t.late_share) * period else 0
     if seen.enabled and all_finite(w.reached):
@@ -97,6 +103,17 @@ def watch_loop(
         put(w.rates, STILL)
     watch_rest(w, seen, t)
     w.told = seen.q_time
+
+
+@compiled
+def store_observation(row: ObservationRow, seen: ObservationStruct) -> None:
+    """Copy the observation into a row."""
+    row.now, row.q_time, row.enabled = seen.now, seen.q_time, seen.enabled
+    row.frame, row.exposure, row.arrival = seen.frame, seen.exposure, seen.arrival
+    row.dropped, row.recorded = seen.dropped, seen.recorded
+    put(row.q, seen.q)
+    put(row.q_exposure, seen.q_exposure)
+    put(row.points, seen.points)
 
 
 @compiled

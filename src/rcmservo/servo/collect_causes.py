@@ -29,7 +29,7 @@ def collect_causes(tick: TickContext, estimator_failed: bool) -> int:
     if s.tour.done:
         watch_target(tick)
     facts = TickFacts(
-        seen=tick.observation,
+        seen=s.watch.observation,
         watch=s.watch,
         estimate=s.estimate,
         tour=s.tour,

@@ -5,8 +5,8 @@ from typing import NamedTuple
 from rcmservo.compiled import compiled
 from rcmservo.guard.progress import TargetProgress
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import Watch
-from rcmservo.interfaces import Observation, ObservationStruct
+from rcmservo.guard.watch import ObservationRow, Watch
+from rcmservo.interfaces import Observation
 from rcmservo.method.estimators.estimate import Estimate
 from rcmservo.method.exploration import Exploration, Exploring
 from rcmservo.method.kinematics import Kinematics, Rcm
@@ -16,7 +16,7 @@ from rcmservo.method.prospect import Prospect
 class TickFacts(NamedTuple):
     """Facts of a tick that a detector may read, in compiled functions."""
 
-    seen: ObservationStruct
+    seen: ObservationRow
     """The observation."""
     watch: Watch
     """State of the checks."""
