@@ -282,7 +282,7 @@ def drifting(seen):
     """A picture that is off by some px, one marker more than the other, or that is frozen."""
     from conftest import tick_facts
     from rcmservo.guard import plausible, watch
-    from rcmservo.guard.checks import drift
+    from rcmservo.guard.checks import devices, drift
     from rcmservo.guard.thresholds import Thresholds
     from rcmservo.method import exploration, prospect, tool
     from rcmservo.rows import as_row
@@ -315,6 +315,9 @@ def drifting(seen):
         out[f"misplaced by {name}"] = plausible.misplaced(
             v, seen.places[0], seen.points + off, seen.target, shaft, t
         )
+    old = watch.ObservationRow.of(now=10**9)
+    facts = tick_facts(seen=old, watch=watch.begin(), thresholds=t)
+    out["old frame"] = devices.frames_stopped(facts), devices.frame_times_are_invalid(facts)
     return out
 
 
