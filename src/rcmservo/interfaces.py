@@ -60,6 +60,7 @@ class Dropped(IntEnum):
     """Why the newest frame that a camera offered was not used. ``words`` is that for the
     operator."""
 
+    _value_: int
     words: str
 
     def __new__(cls, words: str) -> Self:

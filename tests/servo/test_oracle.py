@@ -228,6 +228,8 @@ def sizing(seen):
 def expecting(seen):
     """What the camera should see, from eight frames, and as an estimator."""
     from rcmservo.method import foresight, prospect, tool
+    from rcmservo.method.estimators import dlt
+    from rcmservo.servo.update_estimate import empty_memory
 
     shaft, memory, p1 = tool.Shaft(0, SPACING), prospect.blank().rows, seen.places[0]
     for row in seen.rows:
@@ -249,6 +251,7 @@ def expecting(seen):
         "pose deviation": foresight.pose_deviation(v, p1, shaft),
         "without marker 2": foresight.deviation_without(v, p1, 1, shaft),
         "order": foresight.order(v),
+        "nothing stored": empty_memory(dlt.DltKernel(), ()),
     }
     out |= planned(v, seen, shaft)
     prospect.empty(v)

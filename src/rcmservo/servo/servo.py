@@ -217,10 +217,10 @@ class Servo(Checked):
         stored, is_new = copied(state.stored), target is not state.target
         numbers, failure = observed_numbers(seen), ""
         setpoint = target.points, target.q, target.shown, is_new, REQUESTS.index(request), jog
-        if self.kernel is not None:
-            tick, settings = tick_of(type(self.kernel)), tuple(cast(Any, self.kernel))
-            memory, changes = tick(
-                stored.rows, state.memory, numbers, setpoint, settings, self.parameters
+        kernel: Any = self.kernel
+        if kernel is not None:
+            memory, changes = tick_of(type(kernel))(
+                stored.rows, state.memory, numbers, setpoint, tuple(kernel), self.parameters
             )
         else:
             lines, own = cast(EstimatorMemory, state.memory)
