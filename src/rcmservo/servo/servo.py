@@ -219,7 +219,7 @@ class Servo(Checked):
         setpoint = target.points, target.q, target.shown, is_new, REQUESTS.index(request), jog
         kernel: Any = self.kernel
         if kernel is not None:
-            memory, changes = tick_of(type(kernel))(
+            memory, changes = tick_of(cast(Any, type(kernel)))(
                 stored.rows, state.memory, numbers, setpoint, tuple(kernel), self.parameters
             )
         else:

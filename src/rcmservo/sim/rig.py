@@ -91,9 +91,8 @@ def _check_kinds(settings: object, pictures: object, disturbances: object, scene
     require(isinstance(settings, RigSettings | None), "settings", settings, "a RigSettings")
     require(isinstance(pictures, bool), "pictures", pictures, "true or false")
     several = cast(Sequence[object], disturbances)
-    good = isinstance(disturbances, Sequence) and all(
-        isinstance(one, Disturbance) for one in several
-    )
+    good = isinstance(cast(object, several), Sequence)
+    good = good and all(isinstance(one, Disturbance) for one in several)
     require(good, "disturbances", disturbances, "a list of Disturbance")
     require(isinstance(scene, Scene | None), "scene", scene, "a Scene")
 
