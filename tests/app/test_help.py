@@ -26,7 +26,6 @@ NEEDED_BY_NO_HELP = (
     "distributed",
     "scipy",
     "matplotlib",
-    "mcap",
     "optuna",
     "pyarrow",
     "pydantic",

@@ -106,6 +106,6 @@ def test_others_see_what_the_camera_shows_but_no_picture_of_another_size() -> No
     assert frame is not None and frame.image is not None and frame.number == 3
     assert (frame.image == 7).all()
     shown.latest()
-    assert ring.newest == 0
+    assert ring.entries.newest == 0
     camera.frame = Still(12, 12).frame
-    assert shown.latest() is camera.frame and ring.newest == 0
+    assert shown.latest() is camera.frame and ring.entries.newest == 0

@@ -84,7 +84,7 @@ def scene():
 def moving():
     """Mechanism, tool and exploration."""
     from rcmservo.loops import cross, distance
-    from rcmservo.method import kinematics, tool
+    from rcmservo.method import identification, kinematics, tool
 
     out, limits = {}, ((-1.0, -1.0, 40.0), (1.0, 1.0, 93.0))
     for kind in (0, 1):
@@ -105,6 +105,7 @@ def moving():
             f"stretch {kind}": tool.stretch(tool.Shaft(kind, SPACING), p),
             f"second_marker {kind}": tool.second_marker(shaft, p),
             f"second_marker_jacobian {kind}": tool.second_marker_jacobian(shaft, p),
+            f"_markers {kind}": identification._markers(rcm, np.array([q, q + 0.1]), shaft),
         }
         out |= touring(kind, rcm, q)
     return out

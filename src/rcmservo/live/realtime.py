@@ -97,7 +97,7 @@ def realtime() -> Generator[Realtime]:
 def without_huge_pages() -> Generator[None]:
     """Have the kernel make no huge pages of this process's memory while the context is open, and
     never of that of processes that are started in it. Other systems do nothing."""
-    system = _system()
+    system: Any = ctypes.CDLL(None)
     if not hasattr(system, "prctl"):
         yield
         return
