@@ -129,7 +129,8 @@ def array(*shape: int) -> Limit:
             return False
         return numbers.shape == shape and bool(np.isfinite(numbers).all())
 
-    return Limit(holds, f"{shape} finite numbers")
+    many = COUNTS.get(shape[0], shape) if len(shape) == 1 else shape
+    return Limit(holds, f"{many} finite numbers")
 
 
 def three_positive(units: str) -> Limit:

@@ -271,7 +271,7 @@ def test_it_is_recorded_with_its_rates_in_one_span_and_comes_out_again_bit_for_b
 
 def test_rates_that_are_no_three_numbers_are_refused() -> None:
     for rates in ([0.1, np.nan, 0.0], [0.1, 0.2], np.inf):
-        with pytest.raises(rs.BadInput, match=r"jog\.rates must be three numbers"):
+        with pytest.raises(rs.BadInput, match=r"jog\.rates must be three finite numbers"):
             rs.Jog(rates)  # type: ignore[arg-type]
     with pytest.raises(rs.BadInput, match="a Jog, with the joint rates"):
         ticks_of(laboratory(), lambda tick: rs.Request.JOG)

@@ -269,7 +269,7 @@ def test_of_two_alike_one_alone_has_no_name() -> None:
         ({"colour_2": ""}, "colour_2 must be one of"),
         ({"radius_1": 0.0}, "radius_1 must be a length from"),
         ({"radius_2": float("nan")}, "radius_2 must be a length from"),
-        ({"colour_1": "red", "colour_2": "red"}, "where the colours are the same"),
+        ({"colour_1": "red", "colour_2": "red"}, "radius_1 of the same colour"),
     ],
 )
 def test_a_look_that_cannot_be_used_is_refused(wrong: dict[str, object], message: str) -> None:

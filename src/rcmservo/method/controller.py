@@ -26,8 +26,8 @@ from rcmservo.constraints import (
 from rcmservo.interfaces import Floats
 from rcmservo.loops import all_finite, fill, length
 from rcmservo.memory import scratch, scratch_table
-from rcmservo.method.feature_vectors import FEATURE_VECTORS, MAX_FEATURES, FeatureVector
-from rcmservo.method.features import SCALE
+from rcmservo.method.feature_vectors import FEATURE_VECTORS, FeatureVector
+from rcmservo.method.features import MAX_FEATURES, SCALE
 from rcmservo.method.kinematics import Point
 from rcmservo.numerics.small_solvers import invert_3x3
 from rcmservo.numerics.small_svd import extremes, put_right

@@ -12,14 +12,18 @@ import numpy as np
 
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Floats
-from rcmservo.method.features import SCALE, about, features, features_jacobian, wrapped
+from rcmservo.method.features import (
+    INTERPRETED,
+    MAX_FEATURES,
+    POINTS,
+    SCALE,
+    SRD,
+    about,
+    features,
+    features_jacobian,
+    wrapped,
+)
 from rcmservo.rows import Row, reals, whole
-
-MAX_FEATURES = 8
-"""Largest dimension of a feature vector."""
-
-INTERPRETED, SRD, POINTS = range(3)
-"""Codes of the feature vectors in compiled functions."""
 
 UNITS = {"rad": 0, "px": 1}
 """Units of a component, with the index of their scale and of their saturation bound."""

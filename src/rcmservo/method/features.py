@@ -15,6 +15,12 @@ from rcmservo.method.imaged_rcm import principal
 FEATURES = 3
 """How many there are."""
 
+MAX_FEATURES = 8
+"""Largest dimension of a feature vector."""
+
+INTERPRETED, SRD, POINTS = range(3)
+"""Codes of the feature vectors in compiled functions."""
+
 SCALE = np.array([np.radians(10.0), 10.0, 10.0])
 """One unit of each feature, the paper's b = 10 (10°, 10 px, 10 px): norms, conditions are those of
 diag(1/SCALE) Ĵ."""

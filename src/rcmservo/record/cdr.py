@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-from rosbags.serde import SerdeError
-
 from rcmservo.errors import RcmServoError
 
 
@@ -23,6 +21,7 @@ class MessageCodec:
 
     def __init__(self, definitions: Mapping[str, str]) -> None:
         # takes 0.07 s, so it waits for the first message
+        from rosbags.serde import SerdeError
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
         types: dict[str, Any] = {}
@@ -30,6 +29,7 @@ class MessageCodec:
             types.update(get_types_from_msg(definition, kind))
         self._store: Any = get_typestore(Stores.EMPTY)
         self._store.register(types)
+        self._malformed: type[Exception] = SerdeError
 
     def warm_up(self) -> None:
         """Generate the code of all types."""
@@ -59,7 +59,7 @@ class MessageCodec:
         message = self.make(kind, *fields)
         try:
             return bytes(self._store.serialize_cdr(message, kind, little_endian=True))
-        except SerdeError as error:
+        except self._malformed as error:
             raise ValueError(f"{kind}: {error}") from error
 
     def decode(self, kind: str, data: bytes) -> Any:
@@ -72,7 +72,7 @@ class MessageCodec:
         """
         try:
             return self._store.deserialize_cdr(data, kind)
-        except SerdeError as error:
+        except self._malformed as error:
             raise MalformedMessage(f"{kind}: {error}") from error
 
 

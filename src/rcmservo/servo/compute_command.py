@@ -10,8 +10,7 @@ from rcmservo.method.controller import Heading, control, scaled
 from rcmservo.method.drive_lag import follow_drives, lag_so_far, measure_lag
 from rcmservo.method.estimators.estimate import Estimate
 from rcmservo.method.exploration import CORNERS, arrived, begin, box, disagreement, face, towards
-from rcmservo.method.feature_vectors import MAX_FEATURES
-from rcmservo.method.features import wrapped
+from rcmservo.method.features import MAX_FEATURES, wrapped
 from rcmservo.method.foresight import features_motion, order
 from rcmservo.method.kinematics import Point, blocked, point_at
 from rcmservo.method.planning import directed, plan

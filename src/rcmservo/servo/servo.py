@@ -22,7 +22,8 @@ from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimated, Estimator, EstimatorKernel, Sample
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.exploration import Exploration
-from rcmservo.method.feature_vectors import INTERPRETED, FeatureVector, MarkerPair
+from rcmservo.method.feature_vectors import FeatureVector, MarkerPair
+from rcmservo.method.features import INTERPRETED
 from rcmservo.method.foresight import located
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.method.kinematics import Kinematics, Rcm, position

@@ -16,8 +16,9 @@ from rcmservo.loops import all_finite, multiply, put
 from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.estimators.base import KernelSample
 from rcmservo.method.estimators.estimate import Estimate
-from rcmservo.method.feature_vectors import POINTS, SRD
 from rcmservo.method.features import (
+    POINTS,
+    SRD,
     along_line,
     measured,
     near_origin,

@@ -1,8 +1,7 @@
 """Estimate of the imaged RCM, the interaction matrix Ĵ and the features, in numbers."""
 
 from rcmservo.interfaces import Floats
-from rcmservo.method.feature_vectors import MAX_FEATURES
-from rcmservo.method.features import FEATURES
+from rcmservo.method.features import FEATURES, MAX_FEATURES
 from rcmservo.rows import Row, real, reals, whole
 
 
