@@ -12,9 +12,15 @@ import pytest
 def signatures():
     """What every compiled function of the core is compiled (or loaded) for by now, of those called
     from Python."""
-    from conftest import compiled_functions
+    from conftest import ESTIMATORS, compiled_functions
+    from rcmservo.servo.tick import tick_of
 
-    return {name: list(one.signatures) for name, one in compiled_functions().items()}
+    kernels = [getattr(one, "kernel", None) for one in ESTIMATORS.values()]
+    kinds = {type(kernel) for kernel in kernels if kernel is not None}
+    ticks = {f"tick of {kind.__name__}": tick_of(kind) for kind in kinds}
+    assert len(ticks) > 1
+    both = compiled_functions() | ticks
+    return {name: list(one.signatures) for name, one in both.items()}
 
 
 def check(path):

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from scipy import optimize
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
@@ -64,6 +63,8 @@ class LeastSquaresFit:
 
 def fit_residual(residual: Callable[[Floats], Floats], x: Floats) -> LeastSquaresFit:
     """Minimise the squares of a residual within a trust region from `x` (n,)."""
+    from scipy import optimize  # takes 0.1 s, which only a fit needs
+
     least_squares = cast(Any, optimize).least_squares
     fit: Any = least_squares(residual, x, ftol=MIN_RELATIVE_GAIN, max_nfev=MAX_STEPS)
     J: Floats = fit.jac
