@@ -6,11 +6,10 @@ Between the chunks stands only what the recorder writes there: a chunk whose kin
 damage, not something to pass over. No length in the file is believed before it is compared with
 what is there, so that reading takes little memory, whatever the bytes.
 
-`mcap` parses the records, but its `StreamReader` cannot walk through the file, as
-`test_the_stream_reader_of_mcap_does_not_keep_these_promises` shows: it passes over a chunk whose
-kind is damaged, returns messages that no checksum covers, unpacks more than a chunk claims to hold,
-and does not report at which byte it stopped. It also takes three times as long for a message, so
-messages alone are unpacked here.
+`mcap` parses the records, but its `StreamReader` cannot walk through the file, as two tests of it
+in tests/record/test_damage.py show: it passes over a chunk whose kind is damaged, returns messages
+that no checksum covers, unpacks more than a chunk claims to hold, and does not report at which byte
+it stopped. It also takes three times as long for a message, so messages alone are unpacked here.
 """
 
 import struct
