@@ -15,7 +15,7 @@ from rcmservo.app.export import write as export
 from rcmservo.config.own_code import named, source
 from rcmservo.record import memory, reader
 from rcmservo.record.recompute import recompute
-from rcmservo.record.ros2_messages import decode_memory
+from rcmservo.record.ros2_messages import decode_memory, encode_memory
 from rcmservo.record.writer import Recorder
 
 NAME = "own_rls:RLS"
@@ -114,3 +114,8 @@ def test_it_is_exported_and_read_by_others(RLS: Any, lab: Laboratory, tmp_path: 
 def test_a_message_that_holds_other_numbers_than_it_says_is_refused(data: bytes) -> None:
     with pytest.raises(ValueError, match=r"Memory|encapsulation"):
         decode_memory(data)
+
+
+@pytest.mark.parametrize("padding", [b"", bytes(4)])
+def test_a_memory_of_no_numbers_is_read_as_it_was_written_before_and_now(padding: bytes) -> None:
+    assert decode_memory(encode_memory(5, np.empty(0)) + padding).shape == (0,)

@@ -171,13 +171,22 @@ def encode_truth(now: int, p1: Floats, p2: Floats, jacobian_error: float) -> byt
     return codec().encode("rcmservo_msgs/msg/Truth", codec().header(now), *numbers)
 
 
+EMPTY_MEMORY = 24
+"""Bytes of a memory of no numbers: encapsulation, header, and their count."""
+
+
 def encode_memory(now: int, numbers: Floats) -> bytes:
     """Encode what a user's own estimator remembers (n,) at a tick."""
     return codec().encode("rcmservo_msgs/msg/Memory", codec().header(now), numbers)
 
 
 def decode_memory(data: bytes) -> Floats:
-    """Return the numbers (n,) of a memory."""
+    """Return the numbers (n,) of a memory.
+
+    Earlier records align them to eight bytes even where there are none.
+    """
+    if data[EMPTY_MEMORY - 4 :] == bytes(8):
+        data = data[:EMPTY_MEMORY]
     return codec().decode("rcmservo_msgs/msg/Memory", data).numbers
 
 
