@@ -54,7 +54,7 @@ class Limit:
         """Raise ``BadInput`` about the field or argument of a name unless its value meets it."""
         try:
             good = self.holds(value)
-        except TypeError:  # of another kind, which cannot be compared
+        except (TypeError, ValueError):  # of another kind, which cannot be compared
             good = False
         if not good:
             raise BadInput(name, value, self.expected + self.hint(value))

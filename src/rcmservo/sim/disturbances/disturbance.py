@@ -125,11 +125,11 @@ def _duration(name: str, value: object) -> float:
     """Return the time for which a disturbance of this kind acts, s, if `value` is given; inf to
     the end."""
     where, usual = f"{name}: for", KINDS[name].lasts
+    endless = isinstance(value, float) and value == math.inf
     if usual is None:
-        undone = value is None or value == math.inf
-        require(undone, where, value, "left out: this cannot be undone")
+        require(value is None or endless, where, value, "left out: this cannot be undone")
         return math.inf
-    if value is None or (value == math.inf and math.isinf(usual)):
+    if value is None or (endless and math.isinf(usual)):
         return usual
     number = as_number(value)
     if usual == 0.0:
