@@ -84,12 +84,13 @@ bench: $(TESTING)
 	$(BIN)/python benchmarks/kill.py --count 200
 
 # Nothing that runs here uses setuptools (10 MB), which Python before 3.12 puts into each environment,
-# or the bytecode of pip (8 MB).
+# the bytecode of pip (8 MB), or the backend of zstandard that PyPy takes (12 MB).
 $(RUNNING): pyproject.toml
 	python3 -m venv .venv
 	$(PIP) -e '.[sim,page]'
 	$(BIN)/pip uninstall -qq --disable-pip-version-check --yes setuptools
 	find .venv -path '*/pip/*' -name __pycache__ -prune -exec rm -r {} +
+	rm -f .venv/lib/python3*/site-packages/zstandard/_cffi.*.so
 	touch $(RUNNING)
 
 $(STUDYING): $(RUNNING)
