@@ -10,7 +10,7 @@ import pytest
 
 from rcmservo.app.cli import main
 from rcmservo.app.command_line.options import options_of
-from rcmservo.app.run import RunOptions
+from rcmservo.app.lab_options import RunOptions
 from rcmservo.errors import BadInput
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds

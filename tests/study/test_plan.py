@@ -60,7 +60,7 @@ def test_a_file_is_methods_times_scenes_times_conditions(tmp_path: Path) -> None
         ("random, 1 px", "dlt"),
     ]
     careful = plan.methods[1]
-    assert (careful.estimator.rate, careful.controller.gain) == (2.0, 2.0)  # pyright: ignore
+    assert (careful.estimator.rate, careful.parts["controller"].gain) == (2.0, 2.0)  # pyright: ignore
 
 
 def test_without_lists_all_that_a_file_describes_is_tried(tmp_path: Path) -> None:

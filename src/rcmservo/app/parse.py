@@ -127,15 +127,15 @@ def _as_typed(failure: BaseException | None, kind: type[Any]) -> str:
     """Return what a settings class refused, with the option's name as typed; empty if unknown.
 
     The class names the field as records and files do: `estimator.gamma` is --flow.gamma or
-    --projection.gamma here. Tyro's error names the group, and has that of the class as context.
+    --projection.gamma here. Tyro's error names the group, and has that of the class as context;
+    what the options themselves refuse comes as it is.
     """
-    cause = failure.__context__ if failure else None
+    cause = failure.__context__ if failure and not isinstance(failure, BadInput) else failure
     if not isinstance(cause, BadInput):
         return ""
-    group = str(getattr(failure, "arg", "")).replace("-", "_").split(".")
-    path = (*group, cause.field.rpartition(".")[2])
-    names = (one.name for one in options_of(kind) if one.path == path)
-    name = next(names, "")
+    group = str(getattr(failure, "arg", "")).replace("_", "-")
+    key = group, cause.field.rpartition(".")[2]
+    name = next((one.name for one in options_of(kind) if (one.group, one.field) == key), "")
     return str(BadInput(name, cause.value, cause.right)) if name else ""
 
 

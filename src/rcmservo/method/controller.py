@@ -180,6 +180,8 @@ def control(
 class SaturatedController(Checked, section="controller"):
     """The law (31) with the saturated potential (32)."""
 
+    name = "saturated"
+
     features: Annotated[str, name_in(FEATURE_VECTORS)] = "srd"
     """What it acts on: the paper's angle and two distances, or, by least squares, the four
     coordinates of both markers, or these and both apparent radii: u₁ v₁ u₂ v₂ R₁ R₂. A px of a

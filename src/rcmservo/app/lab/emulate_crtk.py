@@ -9,6 +9,7 @@ from typing import Literal
 from rcmservo.app.lab.emulated_arm import EmulatedArm
 from rcmservo.app.terminal import console
 from rcmservo.config.rig_file import Lab
+from rcmservo.constraints import Checked
 from rcmservo.errors import RcmServoError, needing
 from rcmservo.hardware.crtk.connection import open_transport
 from rcmservo.hardware.crtk.device import STEP, CrtkDevice
@@ -21,8 +22,8 @@ LOOK = 0.002
 """s between two looks for a new picture."""
 
 
-@dataclass(frozen=True)
-class RosOptions:
+@dataclass(frozen=True, kw_only=True)
+class RosOptions(Checked):
     """Where an arm on ROS topics is."""
 
     ros: Literal[2, 1] = 2

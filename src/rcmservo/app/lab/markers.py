@@ -47,7 +47,7 @@ def markers(options: MarkersOptions) -> int:
     require(out is None or out.suffix.lower() in PICTURES, "--picture", out, right)
     right = "a new file: nothing is overwritten"
     require(out is None or not out.exists(), "--picture", out, right)
-    lab = load_lab(options.rig) if options.rig else Lab()
+    lab = load_lab(options.rig)
     image = read_image(options.frame)
     found = candidates(image)
     pair = _pair(image, found, lab, colours, options)

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from rich.console import Console
-from rich.live import Live
 from rich.text import Text
 
 from rcmservo.app.folders import dated
 from rcmservo.app.parse import OptionalPath
 from rcmservo.app.studies.told import beside, described, results, tell_work
-from rcmservo.app.terminal import console
+from rcmservo.app.terminal import console, live_line
 from rcmservo.app.waiting.preparing import compiling
 from rcmservo.app.waiting.progress import going_on, progress
-from rcmservo.config.kinds import ESTIMATORS, PRESETS
 from rcmservo.config.own_code import named
+from rcmservo.config.registry import ESTIMATORS, PRESETS
+from rcmservo.constraints import Checked, between
 from rcmservo.errors import needing, require
 from rcmservo.method.estimators.base import Estimator
 
@@ -44,8 +44,24 @@ Names = tyro.conf.UseAppendAction[tuple[str, ...]]
 Numbers = Annotated[tuple[float, ...], tyro.conf.arg(help_behavior_hint="")]
 
 
+@dataclass(frozen=True, kw_only=True)
+class WorkOptions(Checked):
+    """Options of `study` and `tune`."""
+
+    own: Names = ()
+    """Your own estimator, as module:class, that FILE names: code of others is run only where the
+    command line names it too."""
+    out: OptionalPath = None
+    """Folder to write to, or that of an earlier study or search, which then goes on where it
+    stopped. By default a new one under runs/."""
+    workers: Annotated[OptionalInt, between(1, 4096, "a whole number")] = None
+    """Processes of this machine (one for each processor)."""
+    cluster: OptionalText = None
+    """Address of a dask scheduler whose workers are to do it, such as tls://host:8786."""
+
+
 @dataclass(frozen=True)
-class StudyOptions:
+class StudyOptions(WorkOptions):
     """Try methods in many simulated scenes, and write one row a run, a report that compares them
     with intervals, and a summary."""
 
@@ -57,9 +73,6 @@ class StudyOptions:
     scenes: Names = ()
     """What scenes are drawn from: random, paper, laparoscopic, hard, or a rig file; may be given
     several times. --scenes help says what each is."""
-    own: Names = ()
-    """Your own estimator, as module:class, that FILE names: code of others is run only where the
-    command line names it too."""
     count: OptionalInt = None
     """Scenes of each kind (200)."""
     seed: OptionalInt = None
@@ -81,13 +94,6 @@ class StudyOptions:
     engine: OptionalText = None
     """auto, which is the compiled twin where it can do it, else MuJoCo; or compiled, mujoco, or
     pictures, which is MuJoCo with rendered frames."""
-    out: OptionalPath = None
-    """Folder to write to, or that of an earlier study, which then goes on where it stopped. By
-    default a new one under runs/."""
-    workers: OptionalInt = None
-    """Processes of this machine (one for each processor)."""
-    cluster: OptionalText = None
-    """Address of a dask scheduler whose workers are to do it, such as tls://host:8786."""
     report: bool = True
     """Write report.html too."""
     replay: OptionalInt = None
@@ -179,7 +185,7 @@ def _above(options: StudyOptions, asked: "StudyFile") -> "StudyFile":
 def _do(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
     """Have what is left done; how that went."""
     runs, left = work.plan.runs, work.runs_left
-    with workers_for(work, options.cluster, options.workers, out) as hands:
+    with workers_for(work, options, out) as hands:
         began, count = time.monotonic(), hands.count
         with progress(out, "running", runs, runs - left, "runs") as advance:
             work.go(hands, advance)
@@ -188,21 +194,18 @@ def _do(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
 
 
 @contextmanager
-def workers_for(
-    work: "Work", cluster: str | None, workers: int | None, out: Console
-) -> Generator["Crew"]:
+def workers_for(work: "Work", options: WorkOptions, out: Console) -> Generator["Crew"]:
     """Workers, after all that the work needs was compiled."""
     from rcmservo.study.work.crew import crew, require_guarded
 
-    require(workers is None or 1 <= workers <= 4096, "--workers", workers, "from 1 to 4096")
-    if cluster is not None:
-        require_guarded(cluster)
+    if options.cluster is not None:
+        require_guarded(options.cluster)
     with ExitStack() as stack:
-        with Live(Text(""), console=out, refresh_per_second=8, transient=True) as line:
+        with live_line(out) as line:
             with compiling(line):
                 work.compile()
             line.update(Text("waiting for workers …", style="dim"))
-            hands = stack.enter_context(crew(cluster, workers))
+            hands = stack.enter_context(crew(options.cluster, options.workers))
         yield hands
 
 

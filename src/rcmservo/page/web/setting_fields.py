@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from rcmservo.config.field_docs import docstrings
-from rcmservo.config.kinds import KINDS
+from rcmservo.config.registry import PARTS
 from rcmservo.config.servo_json import describe
 from rcmservo.constraints import NameIn
 from rcmservo.page.settings import AT_ONCE, BOXES
@@ -67,8 +67,8 @@ def unit_in(words: str) -> str:
 def forms(chosen: Servo, in_force: Servo | None) -> list[dict[str, Any]]:
     """A form for each box that may change, as JSON has it: its kinds and their fields, what is set,
     and what is in force."""
-    held: Any = None if in_force is None else describe(in_force)
-    wanted: Any = describe(chosen)
+    held = None if in_force is None else describe(in_force)
+    wanted = describe(chosen)
     return [
         {
             "box": box,
@@ -78,7 +78,7 @@ def forms(chosen: Servo, in_force: Servo | None) -> list[dict[str, Any]]:
                     "words": _words(kind),
                     "fields": [vars(field) for field in fields_of(kind)],
                 }
-                for name, kind in KINDS[box].items()
+                for name, kind in PARTS[box].items()
             },
             "set": wanted[box],
             "in_force": None if held is None else held[box],

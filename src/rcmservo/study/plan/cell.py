@@ -9,8 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from rcmservo.config import texts
-from rcmservo.config.servo_json import describe, rebuild
-from rcmservo.config.texts import is_table
+from rcmservo.config.servo_json import rebuild
 from rcmservo.errors import require
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance
@@ -95,10 +94,3 @@ def engine_of(servo: Servo, disturb: tuple[str, ...], wanted: str) -> str:
     right = "auto, mujoco or pictures: neither disturbances nor estimators in Python are compiled"
     require(compiled or wanted != COMPILED, "engine", wanted, right)
     return wanted
-
-
-def described(servo: Servo) -> Mapping[str, Any]:
-    """A servo as a cell keeps it."""
-    told = describe(servo)
-    assert is_table(told)
-    return told

@@ -7,11 +7,12 @@ from functools import cached_property
 from itertools import product
 from typing import Annotated, NamedTuple
 
+from rcmservo.config.servo_json import describe
 from rcmservo.constraints import Checked, Limit, between, each, one_of
 from rcmservo.errors import BadInput, require
 from rcmservo.loop.shown import FRAMES, TEACHING_FRAMES
 from rcmservo.sim import Disturbance
-from rcmservo.study.plan.cell import COMPILED, ENGINES, MUJOCO, PICTURES, Cell, described, engine_of
+from rcmservo.study.plan.cell import COMPILED, ENGINES, MUJOCO, PICTURES, Cell, engine_of
 from rcmservo.study.plan.distribution import Distribution
 from rcmservo.study.plan.method import StudyMethod, tried
 
@@ -141,7 +142,7 @@ class StudyPlan(Checked):
         told = tuple(str(Disturbance.read(one)) for one in disturb)
         cell = Cell(
             method=method.name,
-            servo=described(servo),
+            servo=describe(servo),
             source=method.parcel.digest,
             condition=condition,
             scenes=scenes.name,

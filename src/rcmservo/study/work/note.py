@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from rcmservo.config import texts
 from rcmservo.config.decode import decode
 from rcmservo.config.files import read_small, write_whole
+from rcmservo.config.rig_file import METHOD_PARTS
 from rcmservo.config.texts import Table, is_table
 from rcmservo.constraints import Checked, Limit, not_empty
 from rcmservo.errors import UnusableFile, one_line, require
@@ -24,8 +25,6 @@ WORDS = {"package": "rcmservo", "count": "count", "first_seed": "seed"}
 """What users call what is the same for all cells."""
 METHOD = "method"
 """What users call the names of the methods."""
-SETTINGS = "estimator", "controller", "exploration", "imaged_rcm"
-"""Boxes of a servo that are the method's; the others are the scenes'."""
 NOISE, DELAY = "camera.point_noise", "camera.delay"
 """Numbers of a distribution that have options of their own."""
 
@@ -135,7 +134,7 @@ def _facts_of(cell: Cell) -> Iterator[tuple[str, str, object]]:
     drawn = {**_numbers(cell), **cell.vary}
     rest = {name: value for name, value in drawn.items() if name not in (NOISE, DELAY)}
     yield METHOD, "", cell.method
-    yield f"settings of {cell.method}", "", [cell.servo.get(box) for box in SETTINGS]
+    yield f"settings of {cell.method}", "", [cell.servo.get(part) for part in METHOD_PARTS]
     yield f"code of {cell.method}", "", cell.source
     yield "scenes", "", cell.scenes
     yield "scenes", cell.scenes, rest
