@@ -11,7 +11,8 @@ from rcmservo.errors import RcmServoError
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.projection import PRINTED
 from rcmservo.sim.scene import NoScene
-from rcmservo.study.plan.cell import COMPILED, MUJOCO, PICTURES, cell_from
+from rcmservo.study.plan.cell import cell_from
+from rcmservo.study.plan.conditions import COMPILED, MUJOCO, PICTURES
 from rcmservo.study.plan.distribution import (
     BUILT_IN,
     Distribution,
@@ -195,6 +196,6 @@ def test_scenes_that_cannot_be_drawn_are_told_with_their_name_and_seed(
 ) -> None:
     monkeypatch.setattr("rcmservo.sim.scenes.drawing.MAX_DRAWS", 10)
     nowhere = Distribution("nowhere", texts.toml(b"[scene]\ntravel = [900.0, 901.0]"))
-    cell = StudyPlan(plan_of(StudyFile(), {}).methods, (nowhere,)).cells[0]
+    cell = StudyPlan(methods=plan_of(StudyFile(), {}).methods, scenes=(nowhere,)).cells[0]
     with pytest.raises(NoScene, match="scenes nowhere, seed 3: no scene in"):
         one_run(cell, cell.rebuilt({}), 3)

@@ -93,7 +93,7 @@ def tuning(
     plan = plan_of(replace(asked, duration=choices.pop("duration", 2.0)), {})
     told = axes or AXES
     found = tuple(axis_from(name, one, plan.methods[0]) for name, one in told.items())
-    return Tuning(plan, found, **{"trials": 8, "validation": 40, **choices})
+    return Tuning(plan=plan, axes=found, **{"trials": 8, "validation": 40, **choices})
 
 
 def tried(asked: Tuning, folder: Path, crew: Alone | None = None) -> list[Tried]:

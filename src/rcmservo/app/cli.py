@@ -98,6 +98,8 @@ def _command(name: str, words: list[str]) -> int:
     options = asked_of(name, words)
     if name == "replay":
         return _replay(options, words)
+    if name == "study" and options.usual is not None:
+        options = asked_of(name, words, options.usual)
     _, action = COMMANDS[name].load()
     return action(options)
 
@@ -150,14 +152,13 @@ def overview() -> str:
 
 def _no_command(arguments: list[str]) -> str:
     """Return a sentence about arguments that name no command."""
-    from rcmservo.app.command_line.suggestions import near_word
-    from rcmservo.errors import told
+    from rcmservo.errors import suggestion, told
 
     known = ", ".join(COMMANDS)
     if not arguments:
         return f"a command must be given, one of {known}"
     word = arguments[0]
-    return f"the command must be one of {known}, got {told(word)}{near_word(word, COMMANDS)}"
+    return f"the command must be one of {known}, got {told(word)}{suggestion(word, COMMANDS)}"
 
 
 def _fail(sentence: str) -> int:

@@ -17,7 +17,6 @@ import numpy as np
 import tyro
 
 from rcmservo.app.folders import new_folder
-from rcmservo.app.parse import OptionalPath
 from rcmservo.app.terminal import console
 from rcmservo.config.files import whole
 from rcmservo.config.servo_json import rebuild_part
@@ -42,7 +41,7 @@ class ExportOptions:
 
     record: Annotated[Path, tyro.conf.Positional]
     """A run's folder, or an .mcap file."""
-    out: OptionalPath = None
+    out: Path | None = None
     """Folder to write to, new or empty; by default a new one under runs/."""
 
 

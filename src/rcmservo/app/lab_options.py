@@ -3,11 +3,11 @@
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from rcmservo.app.parse import OptionalPath
 from rcmservo.app.servo_options import EstimatorName, ServoOptions
 from rcmservo.config.checked import digest_of
 from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
@@ -31,12 +31,12 @@ class LabOptions(ServoOptions):
     """Draws camera, start, target and noise."""
     estimator: EstimatorName = "dlt"
     """The estimator of the Jacobian: one of those below, or your own."""
-    rig: OptionalPath = None
+    rig: Path | None = None
     """TOML file with your own mechanism, tool, markers, camera and scene; live and serve take your
     own devices too."""
     teaching_frames: Annotated[int, FRAMES] = TEACHING_FRAMES
     """Frames that a target is the mean of: 300 are 5 s at 60 frames/s."""
-    out: OptionalPath = None
+    out: Path | None = None
     """Folder to write to, new or empty; by default a new one under runs/."""
 
     @cached_property
@@ -81,9 +81,9 @@ class RunToTargetOptions(LabOptions):
 
     duration: Annotated[float, DURATION] = 30.0
     """Length of the run, s."""
-    target: OptionalPath = None
+    target: Path | None = None
     """File with the target, as --save-target wrote it; by default the target is shown first."""
-    save_target: OptionalPath = None
+    save_target: Path | None = None
     """New file to keep the target in that was shown."""
     json: bool = False
     """Print one JSON object and nothing else."""

@@ -1,12 +1,12 @@
 """`rcmservo paper`: every experiment of the paper, and one report that judges its claims."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.table import Table
 
 from rcmservo.app.folders import dated
-from rcmservo.app.parse import OptionalPath
 from rcmservo.app.servo_options import EstimatorOptions, OptionalEstimator
 from rcmservo.app.terminal import console
 from rcmservo.app.waiting.progress import going_on, progress
@@ -34,7 +34,7 @@ class PaperOptions(EstimatorOptions):
     """Run every experiment of the paper in simulation, and write one report that judges its
     claims."""
 
-    out: OptionalPath = None
+    out: Path | None = None
     """Folder to write to: new or empty, or that of an earlier run, which then goes on where it
     stopped. By default a new one under runs/."""
     quick: bool = False

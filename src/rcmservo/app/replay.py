@@ -13,7 +13,6 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from rcmservo.app.folders import new_folder
-from rcmservo.app.parse import OptionalPath
 from rcmservo.app.score_report import centres, report_of, show_report
 from rcmservo.app.servo_options import GROUPS, OptionalEstimator, ServoOptions
 from rcmservo.app.terminal import console
@@ -48,10 +47,10 @@ class ReplayOptions(ServoOptions):
     """Folder with frames/ and poses.csv, or a run's folder or .mcap file."""
     estimator: OptionalEstimator = None
     """Of a run: another estimator than the recorded one. Of a recording all are scored."""
-    rig: OptionalPath = None
+    rig: Path | None = None
     """TOML file that describes the recorded arm: mechanism, tool and markers. By default the
     built-in one."""
-    out: OptionalPath = None
+    out: Path | None = None
     """Folder to write replay.json and centres.csv to, new or empty; by default nothing is
     written."""
     json: bool = False

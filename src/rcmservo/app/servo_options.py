@@ -24,7 +24,7 @@ from rcmservo.servo.user_estimator import examine, name_of_class
 Options = TypeVar("Options")
 
 NAMES = (*ESTIMATORS, *PRESETS)
-ESTIMATOR = tyro.conf.arg(metavar="NAME", help_behavior_hint="")
+ESTIMATOR = tyro.conf.arg(metavar="NAME")
 EstimatorName = Annotated[str, ESTIMATOR]
 """An estimator by its name, or a user's own by that of its class."""
 OptionalEstimator = Annotated[str | None, ESTIMATOR]

@@ -34,22 +34,23 @@ from rcmservo.servo.user_estimator import called
 Classes = Mapping[str, type[Any]]
 """Classes by their names."""
 
-REGISTERED: tuple[type[Any], ...] = (
-    SphericalRcm,
-    PitchYawRcm,
-    RigidTool,
-    ScaledTool,
-    ProjectionEstimator,
-    DltEstimator,
-    AffineEstimator,
-    FlowEstimator,
-    BroydenEstimator,
-    NormalisedFlowEstimator,
-    RlsEstimator,
-    KalmanEstimator,
-    CorrentropyEstimator,
-)
-"""Classes that can be chosen for a part, one a line."""
+__all__ = [  # noqa: RUF022  (the order of lists for users)
+    "SphericalRcm",
+    "PitchYawRcm",
+    "RigidTool",
+    "ScaledTool",
+    "ProjectionEstimator",
+    "DltEstimator",
+    "AffineEstimator",
+    "FlowEstimator",
+    "BroydenEstimator",
+    "NormalisedFlowEstimator",
+    "RlsEstimator",
+    "KalmanEstimator",
+    "CorrentropyEstimator",
+]
+"""Classes that can be chosen for a part, one a line; `rcmservo` offers them as they are."""
+REGISTERED: tuple[type[Any], ...] = tuple(globals()[name] for name in __all__)
 
 
 def _classes(base: type[Any]) -> Classes:
@@ -92,7 +93,7 @@ def decode_kind(classes: Classes, table: object, where: str, default: object = N
     kind = find_class(classes, rest.pop(KIND, usual), where)
     if is_dataclass(default) and type(default) is kind:
         rest = {**vars(default), **rest}
-    return decode(kind, rest, where, others=(KIND,))
+    return decode(kind, rest, where, others=(KIND,) if len(classes) > 1 else ())
 
 
 def _require_known(classes: Classes, table: Mapping[str, object], where: str) -> None:

@@ -19,7 +19,7 @@ from rcmservo.constraints import (
     above,
     angles,
     between,
-    name_in,
+    one_of,
     positive,
     three_positive,
 )
@@ -182,7 +182,7 @@ class SaturatedController(Checked, section="controller"):
 
     name = "saturated"
 
-    features: Annotated[str, name_in(FEATURE_VECTORS)] = "srd"
+    features: Annotated[str, one_of(FEATURE_VECTORS)] = "srd"
     """What it acts on: the paper's angle and two distances, or, by least squares, the four
     coordinates of both markers, or these and both apparent radii: u₁ v₁ u₂ v₂ R₁ R₂. A px of a
     radius counts as one of a coordinate: in rendered pictures both scatter by 0.013 px, and with

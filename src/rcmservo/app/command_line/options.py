@@ -3,15 +3,17 @@ for messages that name an option."""
 
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Union, cast, get_args, get_origin, get_type_hints
 
 import tyro
 
 from rcmservo.config.field_docs import docstrings
+from rcmservo.constraints import choices_of
 
-METAVARS = {int: "INT", float: "FLOAT", str: "TEXT"}
-"""How the help calls a value, by its type; PATH stands for a path."""
+METAVARS: dict[type[Any], str] = {int: "INT", float: "FLOAT", str: "TEXT", Path: "PATH"}
+"""Name of a value in the help, by its type."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ def options_of(kind: type[Any], group: str = "") -> Iterator[Option]:
         if _typed(one.name) in groups:
             continue
         hint = hints[one.name]
-        hint, *markers = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        markers = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
         named = (getattr(marker, "metavar", None) for marker in markers)
         metavar = next(filter(None, named), None) or _metavar(hint)
         typed = f"--{group}.{_typed(one.name)}" if group else f"--{_typed(one.name)}"
@@ -75,18 +77,22 @@ def _typed(name: str) -> str:
     return name.replace("_", "-")
 
 
+def without_none(hint: Any) -> Any:
+    """Return the type of the values of an option that may be left out."""
+    if get_origin(hint) in (Union, UnionType):
+        return next(one for one in get_args(hint) if one is not NoneType)
+    return hint
+
+
 def _metavar(hint: Any) -> str:
     """Return what the values of a type are called."""
-    origin, inner = get_origin(hint), get_args(hint)
-    if hint is bool:
-        return ""
-    if origin is Literal:
-        return inner[0] if len(inner) == 1 else f"{{{','.join(map(str, inner))}}}"
-    if origin in (Union, UnionType):
-        return next(_metavar(one) for one in inner if one is not NoneType)
-    if origin is tuple:
-        return " ".join(_metavar(one) for one in inner if one is not Ellipsis)
-    return METAVARS.get(hint, "PATH")
+    choices = choices_of(hint)
+    if choices:
+        return choices[0] if len(choices) == 1 else f"{{{','.join(choices)}}}"
+    plain = without_none(get_args(hint)[0] if get_origin(hint) is Annotated else hint)
+    if get_origin(plain) is tuple:
+        return " ".join(_metavar(one) for one in get_args(plain) if one is not Ellipsis)
+    return "" if plain is bool else METAVARS[plain]
 
 
 def _shown(value: Any) -> str:

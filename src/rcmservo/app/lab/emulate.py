@@ -4,13 +4,13 @@ import contextlib
 import time
 from contextlib import closing
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
 from rcmservo.app.lab.emulate_crtk import RosOptions, emulate_crtk
 from rcmservo.app.lab.emulated_arm import EmulatedArm, send_gige, send_mjpeg
-from rcmservo.app.parse import OptionalPath
 from rcmservo.app.terminal import console
 from rcmservo.config.rig_file import load_lab
 from rcmservo.constraints import between, not_negative
@@ -48,7 +48,7 @@ class EmulateOptions(RosOptions):
     """Of galil: offer it as a GigE Vision camera at 127.0.0.1 (apt-get install libaravis-0.8-0)."""
     seed: Annotated[int, not_negative("whole number")] = 0
     """Draws where the arm and its camera stand."""
-    rig: OptionalPath = None
+    rig: Path | None = None
     """TOML file with your own mechanism, drives and scene."""
     fault: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """What goes wrong, as kind:at=5,for=0.5; may be given several times. --fault help lists the

@@ -26,7 +26,6 @@ from rcmservo.app.folders import new_folder
 from rcmservo.app.lab.behind import LONGEST, PICTURES, Behind, first_words, recorder
 from rcmservo.app.lab.live_on_hardware import require_devices
 from rcmservo.app.lab_options import LabOptions
-from rcmservo.app.parse import OptionalPath
 from rcmservo.app.terminal import console, live_line
 from rcmservo.app.waiting.preparing import compiling
 from rcmservo.constraints import between
@@ -40,11 +39,7 @@ from rcmservo.record.reader import RECORD
 if TYPE_CHECKING:
     from rcmservo.page.desk import Desk
 
-OptionalPort = Annotated[
-    int | None,
-    between(0, 65534, "a whole number"),
-    tyro.conf.arg(metavar="PORT", help_behavior_hint=""),
-]
+PORT = between(0, 65534, "a whole number"), tyro.conf.arg(metavar="PORT")
 
 TROUBLE = "trouble.jsonl"
 """In the folder of the records: what went wrong on request, and when."""
@@ -55,7 +50,7 @@ class ServeOptions(LabOptions):
     """The operator's page in the browser: see, teach, go, stop. The arm and its camera are
     simulated, unless the rig file names an arm. It serves until Ctrl-C."""
 
-    port: OptionalPort = None
+    port: Annotated[int | None, *PORT] = None
     """Port of the page, and the next one of STOP: by default the first free pair from 8080 on. 0
     takes any pair."""
     browser: bool = True
@@ -65,7 +60,7 @@ class ServeOptions(LabOptions):
     host: str = "127.0.0.1"
     """Address of this computer to listen on, 0.0.0.0 for all; others than 127.0.0.1 need
     --token-file."""
-    token_file: OptionalPath = None
+    token_file: Path | None = None
     """File with the token that browsers must give; made if absent."""
 
 

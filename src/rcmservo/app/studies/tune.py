@@ -37,20 +37,6 @@ class TuneOptions(WorkOptions):
     """TOML file of a study with one method, with [search] and [tune]; docs/studies.md shows one."""
 
 
-@dataclass(frozen=True)
-class TuneSection:
-    """[tune] of a file."""
-
-    trials: int = 50
-    """Settings that are tried."""
-    goal: str = "time"
-    """What is to be small: time or error."""
-    seed: int = 0
-    """Of the optimiser's chance."""
-    validation: int = 1000
-    """Scenes that the search has not seen."""
-
-
 def tune(options: TuneOptions) -> int:
     """Search, try, and write settings and report."""
     with needing("a study", "study"):
@@ -97,7 +83,7 @@ def tune(options: TuneOptions) -> int:
 def _tuning(options: TuneOptions) -> "Tuning":
     """What a file asks for."""
     from rcmservo.study.plan.file import load, plan_of
-    from rcmservo.study.tuning.search import Tuning
+    from rcmservo.study.tuning.search import TuneSection, Tuning
     from rcmservo.study.tuning.space import axis_from
 
     asked = load(options.file)
@@ -106,7 +92,7 @@ def _tuning(options: TuneOptions) -> "Tuning":
         plan = plan_of(asked, {name: named(name, "--own") for name in options.own})
         method = plan.methods[0]
         axes = tuple(axis_from(name, told, method) for name, told in asked.search.items())
-        return Tuning(plan, axes, **asdict(section))
+        return Tuning(plan=plan, axes=axes, **asdict(section))
 
 
 def _tell_search(out: Console, tuning: "Tuning", folder: Path, search: Path) -> None:

@@ -2,12 +2,12 @@
 
 import re
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, get_type_hints
 
 from rcmservo.config.field_docs import docstrings
 from rcmservo.config.registry import PARTS
 from rcmservo.config.servo_json import describe
-from rcmservo.constraints import NameIn
+from rcmservo.constraints import choices_of
 from rcmservo.page.settings import AT_ONCE, BOXES
 from rcmservo.servo.servo import Servo
 
@@ -44,18 +44,10 @@ def fields_of(kind: type[Any]) -> list[SettingField]:
             unit=unit_in(words.get(f.name, "")),
             words=words.get(f.name, ""),
             default=getattr(given, f.name),
-            choices=_choices(types[f.name]),
+            choices=list(choices_of(types[f.name])),
         )
         for f in fields(kind)
     ]
-
-
-def _choices(hint: Any) -> list[str]:
-    if get_origin(hint) is Annotated:
-        hint, *markers = get_args(hint)
-        named = [name for one in markers if isinstance(one, NameIn) for name in one.names]
-        return named or _choices(hint)
-    return list(get_args(hint)) if get_origin(hint) is Literal else []
 
 
 def unit_in(words: str) -> str:
