@@ -9,6 +9,7 @@ from itertools import groupby
 from typing import Any
 
 from rcmservo.app.command_line.options import Option, groups_of, options_of
+from rcmservo.config.field_docs import first_sentence
 from rcmservo.config.own_code import OPTION as ESTIMATOR_OPTION
 from rcmservo.config.registry import ESTIMATORS, PRESETS, name_of
 
@@ -90,14 +91,10 @@ def _estimators(width: int) -> Iterator[str]:
 
 def estimator_words() -> dict[str, str]:
     """Return one sentence on each built-in estimator, by its name."""
-    words = {name: _first_sentence(kind) for name, kind in ESTIMATORS.items()}
+    words = {name: first_sentence(kind) for name, kind in ESTIMATORS.items()}
     for name, preset in PRESETS.items():
         kind: Any = type(preset)
         given = {f.name: (getattr(preset, f.name), f.default) for f in fields(kind)}
         other = (f"{name}={value}" for name, (value, usual) in given.items() if value != usual)
         words[name] = f"{name_of(preset, ESTIMATORS)} with {', '.join(other)}"
     return words
-
-
-def _first_sentence(kind: type[Any]) -> str:
-    return " ".join((getdoc(kind) or "").split("\n\n")[0].split()).partition(". ")[0].rstrip(".")

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Union, cast, get_args, get_origin, get_type_h
 
 import tyro
 
-from rcmservo.config.field_docs import docstrings
+from rcmservo.config.field_docs import words_of
 from rcmservo.constraints import choices_of
 
 METAVARS: dict[type[Any], str] = {int: "INT", float: "FLOAT", str: "TEXT", Path: "PATH"}
@@ -36,7 +36,7 @@ class Option:
     @property
     def words(self) -> str:
         """What it means, read from the source of its dataclass."""
-        return docstrings(self.owner).get(self.field, "")
+        return words_of(self.owner, self.field)
 
     @property
     def is_positional(self) -> bool:

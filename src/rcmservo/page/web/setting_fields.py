@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, get_type_hints
 
-from rcmservo.config.field_docs import docstrings
+from rcmservo.config.field_docs import words_of
 from rcmservo.config.registry import PARTS
 from rcmservo.config.servo_json import describe
 from rcmservo.constraints import choices_of
@@ -36,13 +36,12 @@ def fields_of(kind: type[Any]) -> list[SettingField]:
     """The fields of a settings dataclass."""
     if not is_dataclass(kind):
         return []
-    words, given = docstrings(kind), kind()
-    types = get_type_hints(kind, include_extras=True)
+    given, types = kind(), get_type_hints(kind, include_extras=True)
     return [
         SettingField(
             name=f.name,
-            unit=unit_in(words.get(f.name, "")),
-            words=words.get(f.name, ""),
+            unit=unit_in(words_of(kind, f.name)),
+            words=words_of(kind, f.name),
             default=getattr(given, f.name),
             choices=list(choices_of(types[f.name])),
         )

@@ -23,6 +23,7 @@ from typing import Any
 from rcmservo.config import texts
 from rcmservo.config.decode import decode
 from rcmservo.config.files import read_small
+from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.study.plan.conditions import StudyConditions
 from rcmservo.study.plan.distribution import Distribution, chosen, distribution_from
@@ -63,7 +64,7 @@ def plan_of(asked: StudyFile, own: Own) -> StudyPlan:
     methods = {name: _method(name, table, own) for name, table in asked.method.items()}
     scenes: dict[str, Distribution] = {}
     for name, table in asked.distribution.items():
-        require(isinstance(table, dict), f"distribution.{name}", table, "a table")
+        require(is_table(table), f"distribution.{name}", table, "a table")
         scenes[name] = distribution_from(name, table, scenes)
     tried = asked.methods if asked.methods is not None else tuple(methods or ("dlt",))
     drawn = asked.scenes if asked.scenes is not None else tuple(scenes or ("random",))
@@ -75,9 +76,9 @@ def plan_of(asked: StudyFile, own: Own) -> StudyPlan:
 
 
 def _method(name: str, table: object, own: Own) -> StudyMethod:
-    if not isinstance(table, dict):
+    if not is_table(table):
         raise BadInput(f"method.{name}", table, "a table")
-    return method_from(name, table, own)  # pyright: ignore[reportUnknownArgumentType]
+    return method_from(name, table, own)
 
 
 def _scenes(name: str, known: dict[str, Distribution]) -> Distribution:
