@@ -221,6 +221,8 @@ def test_settings_begin_a_session_anew_that_is_not_enabled_and_leave_one_that_is
 def test_every_field_of_a_form_has_its_words_and_its_unit() -> None:
     servo = laboratory().servo()
     by_box = {form["box"]: form for form in forms(servo, None)}
+    titles = [form["title"] for form in by_box.values()]
+    assert titles == ["Controller", "Estimator", "Exploration", "Imaged RCM"]
     assert tuple(by_box) == BOXES and by_box["estimator"]["set"] == {"kind": "dlt"}
     for form in by_box.values():
         for kind in form["kinds"].values():

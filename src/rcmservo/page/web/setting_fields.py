@@ -63,6 +63,7 @@ def forms(chosen: Servo, in_force: Servo | None) -> list[dict[str, Any]]:
     return [
         {
             "box": box,
+            "title": (box[0].upper() + box[1:]).replace("_rcm", " RCM").replace("_", " "),
             "at_once": box in AT_ONCE,
             "kinds": {
                 name: {
