@@ -3,7 +3,7 @@
 import contextlib
 import time
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,7 +13,7 @@ from rcmservo.app.lab.emulate_crtk import RosOptions, emulate_crtk
 from rcmservo.app.lab.emulated_arm import EmulatedArm, send_gige, send_mjpeg
 from rcmservo.app.terminal import console
 from rcmservo.config.rig_file import load_lab
-from rcmservo.constraints import between, not_negative
+from rcmservo.constraints import Checked, between, not_negative
 from rcmservo.errors import needing, require
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
 from rcmservo.hardware.galil.emulator.faults import KINDS, Fault
@@ -25,18 +25,12 @@ AXES = 4
 COUNTS = 50000.0, 50000.0, 500.0
 """Of a rad, rad and mm of the emulated arm."""
 PORT = between(0, 65535, "a whole number")
-OF_GALIL = "port", "serial", "mjpeg", "gige", "fault"
-"""Options that crtk has not."""
 
 
-@dataclass(frozen=True)
-class EmulateOptions(RosOptions):
-    """A motion controller on 127.0.0.1, or an arm on ROS topics, that drives a simulated arm, for
-    developing without the hardware. It runs until Ctrl-C. Nothing real moves."""
+@dataclass(frozen=True, kw_only=True)
+class GalilOptions(Checked):
+    """Options of `emulate galil` alone."""
 
-    device: Annotated[Literal["galil", "crtk"], tyro.conf.Positional]
-    """The controller: galil (a DMC-4040 with four axes, the joints on A, B and C), or crtk (an arm
-    on ROS topics, with its camera's pictures)."""
     port: Annotated[int, PORT] = 2323
     """Where galil listens on 127.0.0.1, by TCP and UDP; 0 takes one that is free."""
     serial: bool = False
@@ -46,13 +40,23 @@ class EmulateOptions(RosOptions):
     that is free."""
     gige: bool = False
     """Of galil: offer it as a GigE Vision camera at 127.0.0.1 (apt-get install libaravis-0.8-0)."""
+    fault: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """Of galil: what goes wrong, as kind:at=5,for=0.5; may be given several times. --fault help
+    lists the kinds."""
+
+
+@dataclass(frozen=True)
+class EmulateOptions(RosOptions, GalilOptions):
+    """A motion controller on 127.0.0.1, or an arm on ROS topics, that drives a simulated arm, for
+    developing without the hardware. It runs until Ctrl-C. Nothing real moves."""
+
+    device: Annotated[Literal["galil", "crtk"], tyro.conf.Positional]
+    """The controller: galil (a DMC-4040 with four axes, the joints on A, B and C), or crtk (an arm
+    on ROS topics, with its camera's pictures)."""
     seed: Annotated[int, not_negative("whole number")] = 0
     """Draws where the arm and its camera stand."""
     rig: Path | None = None
     """TOML file with your own mechanism, drives and scene."""
-    fault: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """What goes wrong, as kind:at=5,for=0.5; may be given several times. --fault help lists the
-    kinds. Of galil alone."""
 
 
 def emulate(options: EmulateOptions) -> int:
@@ -89,10 +93,10 @@ def emulate(options: EmulateOptions) -> int:
 
 def _require_own(options: EmulateOptions) -> None:
     """Refuse what is another controller's, which would be ignored."""
-    given, usual = vars(options), vars(EmulateOptions(options.device))
-    for name in OF_GALIL if options.device == "crtk" else vars(RosOptions()):
+    for one in fields(GalilOptions if options.device == "crtk" else RosOptions):
+        value = getattr(options, one.name)
         right = f"left out: emulate {options.device} has no such thing"
-        require(given[name] == usual[name], f"--{name}", given[name], right)
+        require(value == one.default, f"--{one.name}", value, right)
 
 
 def _serve(server: Server) -> None:
