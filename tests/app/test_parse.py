@@ -14,6 +14,7 @@ import pytest
 from rcmservo.app.cli import main
 from rcmservo.app.command_line.options import options_of
 from rcmservo.app.lab_options import RunOptions
+from rcmservo.app.parse import parse
 from rcmservo.errors import BadInput
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
@@ -42,6 +43,9 @@ SENTENCES = {
     "--controller.gain?)" + SETTING,
     "run --imaged_rcm.max-conditio 3": "run has no option --imaged_rcm.max-conditio (did you mean "
     "--imaged-rcm.max-condition?)" + SETTING,
+    "study --workers x": "--workers must be a whole number, got 'x'; see rcmservo study --help",
+    "study --count 0": "--count must be a whole number from 1 to 1e8, got 0; see rcmservo study "
+    "--help",
     "run x": "'x' is more than run takes" + RUN,
     "show a --seed 3": "show has no option --seed; see rcmservo show --help",
     "show": "PATH must be given: A run's folder, or an .mcap file; see rcmservo show --help",
@@ -97,6 +101,10 @@ def test_the_option_that_is_suggested_is_the_one_that_was_meant(
 ) -> None:
     assert main(line.split()) == 2
     assert f"(did you mean {SUGGESTED[line]}?)" in capsys.readouterr().err
+
+
+def test_no_word_stands_for_an_option_that_is_left_out() -> None:
+    assert parse("run", RunOptions, ["--rig", "None"]).rig == Path("None")
 
 
 def test_nothing_is_suggested_for_an_option_that_nothing_is_like(
