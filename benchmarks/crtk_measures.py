@@ -21,7 +21,7 @@ from rcmservo.hardware.crtk import messages as m
 from rcmservo.hardware.crtk.arm import CrtkArm
 from rcmservo.hardware.crtk.connection import open_transport
 from rcmservo.hardware.crtk.device import STEP, CrtkDevice
-from rcmservo.hardware.crtk.settings import CrtkSettings
+from rcmservo.hardware.crtk.settings import CrtkSettings, RosConnection
 from rcmservo.hardware.crtk.transport import Heard, Transport
 from rcmservo.interfaces import Command, Floats
 from rcmservo.live.realtime import realtime
@@ -76,7 +76,7 @@ class RunningDevice:
     """A device that lives in wall time, in a thread."""
 
     def __init__(self, ros: int, domain: int, seed: int = 3) -> None:
-        self.transport = Counted(open_transport(ros, domain, "lo"))
+        self.transport = Counted(open_transport(RosConnection(ros=ros, domain=domain)))
         rig = Rig(seed, pictures=False)
         arm = rig.truth.arm
         joints = SimulatedJoints(arm)
@@ -117,8 +117,10 @@ class RunningDevice:
 
 def client_arm(ros: int, domain: int) -> CrtkArm:
     """A client of it."""
-    settings = CrtkSettings(NAME, ros, domain)
-    return CrtkArm(settings, SphericalRcm().limits, open_transport(ros, domain, "lo"))
+    settings = CrtkSettings(NAME, ros=ros, domain=domain)
+    return CrtkArm(
+        settings, SphericalRcm().limits, open_transport(RosConnection(ros=ros, domain=domain))
+    )
 
 
 def swing(seconds: float) -> Floats:

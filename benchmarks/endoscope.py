@@ -140,7 +140,7 @@ def settings_of(options: Options) -> rs.sim.RigSettings:
 def by_twin(options: Options, seed: int) -> Ended:
     """One closed loop of the twin."""
     settings = settings_of(options)
-    estimator = ServoOptions().estimator(options.estimator)
+    estimator = ServoOptions().estimator_of(options.estimator)
     study = Study(rs.Servo(settings.mechanism, settings.tool, estimator), settings, shown=30)
     scene = draw(seed, Body(settings.mechanism, settings.tool))
     random, markers = np.random.default_rng(seed), scene.body.points(scene.target)[:2]
@@ -186,7 +186,7 @@ def ticks(
     target = rs.teach(plant, SHOWN)
     rig.go_home()
     rig.begin()
-    settings, estimator = rig.settings, ServoOptions().estimator(options.estimator)
+    settings, estimator = rig.settings, ServoOptions().estimator_of(options.estimator)
     servo = rs.Servo(settings.mechanism, settings.tool, estimator)
     yield from rs.run(plant, servo, target, DURATION)
 

@@ -28,7 +28,7 @@ import numpy as np
 
 import rcmservo as rs
 from rcmservo.config import target_file
-from rcmservo.config.kinds import MECHANISMS
+from rcmservo.config.registry import MECHANISMS
 from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.config.target_file import Setup
 from rcmservo.sim import Drive, Look, SceneSettings

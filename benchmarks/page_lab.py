@@ -39,7 +39,6 @@ from websockets.typing import Origin
 
 from rcmservo.app.lab import serve
 from rcmservo.app.lab.serve import Behind, ServeOptions
-from rcmservo.config.rig_file import Lab
 from rcmservo.interfaces import Camera, Frame, Image
 from rcmservo.live.child import Child
 from rcmservo.live.frame_ring import FrameRing, RingCamera
@@ -104,17 +103,20 @@ class PageLab:
 @contextlib.contextmanager
 def page_lab(seed: int = 0, recorded: bool = False, token: str = "") -> Generator[PageLab]:
     """Everything but the page; the frames are ``recorded`` ones, if wanted."""
-    context, lab = get_context("spawn"), Lab()
+    context = get_context("spawn")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         options = ServeOptions(
-            free_port(), False, seed, poses=folder / "poses", out=folder / "runs"
+            port=free_port(),
+            browser=False,
+            seed=seed,
+            poses=folder / "poses",
+            out=folder / "runs",
         )
-        servo = options.boxes.servo(options.estimator, lab)
-        servo.warm_up()
+        options.servo.warm_up()
         pids = context.RawValue("q", 0), context.RawValue("q", 0)
         arrivals = context.RawArray("q", NUMBERS)
-        with serve._bench(options, lab, servo) as known, contextlib.ExitStack() as stack:
+        with serve._bench(options) as known, contextlib.ExitStack() as stack:
             bench = cast(Bench, cast(Any, known.off).__self__)
             if recorded:
                 frames = filmed(bench.ring)

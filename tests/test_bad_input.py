@@ -96,7 +96,7 @@ STUDIES = {
     "noise of pictures": (["study", "--engine", "pictures", "--noise", "1"], "the tracker's"),
     "latency within it": (["study", "--latency", "0.001"], "at least half of the exposure"),
     "unknown disturbance": (["study", "--disturb", "occlusio"], "did you mean occlusion"),
-    "no workers": (["study", "--workers", "0"], "--workers must be from 1", "0"),
+    "no workers": (["study", "--workers", "0"], "--workers must be a whole number from 1", "0"),
     "no scheduler": (["study", "--cluster", "nowhere"], "--cluster must be that of a dask", "8786"),
     "open scheduler": (
         ["study", "--cluster", "tcp://192.0.2.7:8786"],

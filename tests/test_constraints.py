@@ -150,9 +150,9 @@ def test_a_limit_holds_up_to_its_ends_and_says_them(limit, inner, outer, words):
 
 
 def test_texts_are_limited_by_choice_by_pattern_and_to_be_there():
-    assert one_of("red", "blue").holds("red")
-    assert not one_of("red", "blue").holds("green")
-    assert one_of("red", "blue").hint("blu") == " (did you mean blue?)"
+    assert one_of(("red", "blue")).holds("red")
+    assert not one_of(("red", "blue")).holds("green")
+    assert one_of(("red", "blue")).hint("blu") == "red, blue (did you mean blue?)"
     assert matching(r"\w+(/\w+)*", "a topic").holds("PSM1/image")
     assert not matching(r"\w+(/\w+)*", "a topic").holds("/PSM1")
     assert not_empty("a name").holds("x")

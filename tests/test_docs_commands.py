@@ -14,7 +14,7 @@ from conftest import ROOT
 from rcmservo.app.cli import COMMANDS, options_kind
 from rcmservo.app.command_line import options
 from rcmservo.app.studies.tune import TuneOptions, _tuning
-from rcmservo.config.kinds import MECHANISMS, TOOLS
+from rcmservo.config.registry import MECHANISMS, TOOLS
 from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds

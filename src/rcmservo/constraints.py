@@ -155,28 +155,30 @@ def angles(most: float, first: int, unit: str = "rad") -> Limit:
     return Limit(lambda values: largest(values) <= most, expected, meant)
 
 
-def one_of(*choices: str) -> Limit:
-    """Return the limit to some words; the message suggests the nearest."""
-    words = "one of " + ", ".join(choices)
-    return Limit(choices.__contains__, words, lambda word: suggestion(word, choices))
-
-
 @dataclass(frozen=True)
-class NameIn(Limit):
-    """The limit to the names of a registry, which may grow."""
+class OneOf(Limit):
+    """The limit to some words, such as the names of a registry, which may grow."""
 
-    names: Collection[str] = field(default=(), hash=False)
-    """The registry."""
-
-    @property
-    def metavar(self) -> str:
-        """The names as the help of the command line lists them."""
-        return f"{{{','.join(self.names)}}}"
+    choices: Collection[str] = field(default=(), hash=False)
+    """The words."""
 
 
-def name_in(names: Collection[str]) -> NameIn:
-    """Return the limit to the names of a registry."""
-    return NameIn(lambda name: name in names, "", lambda _: _listed(tuple(names)), names)
+def one_of(choices: Collection[str]) -> OneOf:
+    """Return the limit to some words; the message lists them and suggests the nearest."""
+
+    def listed(word: object) -> str:
+        return ", ".join(choices) + suggestion(word, choices)
+
+    return OneOf(lambda word: word in choices, "one of ", listed, choices)
+
+
+def choices_of(hint: Any) -> tuple[str, ...]:
+    """Return the words that a setting's type allows; empty for another type."""
+    inner, *metadata = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    for limit in metadata:
+        if isinstance(limit, OneOf):
+            return tuple(limit.choices)
+    return get_args(inner) if get_origin(inner) is Literal else ()
 
 
 def matching(pattern: str, words: str) -> Limit:
@@ -244,7 +246,7 @@ def _rule(hint: Any) -> tuple[Limit, tuple[Limit, ...]]:
     inner, *metadata = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     kind, limits = _kind(inner), tuple(one for one in metadata if isinstance(one, Limit))
     first = (limits or (kind,))[0]
-    hint = first.hint if isinstance(first, NameIn) else kind.hint
+    hint = first.hint if isinstance(first, OneOf) else kind.hint
     return Limit(kind.holds, first.expected, hint), limits
 
 

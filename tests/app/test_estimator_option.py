@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from conftest import ROOT
-from rcmservo.app.cli import main
+from rcmservo.app.cli import asked_of, main
 from rcmservo.record.reader import read
 
 NAME = "lab_of_mine.rls:RLS"
@@ -104,3 +104,23 @@ def test_one_that_fails_on_made_up_samples_is_refused_before_anything_is_written
         told = capsys.readouterr().err
         assert f"estimator {NAME}: its jacobian gave numbers of shape (3, 4), not (3, 3)" in told
         assert not (here / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "name", "group"),
+    [
+        ("run", "pixels", "pixels"),
+        ("run", "seed", "own"),
+        ("run", "lab", "own"),
+        ("replay path", "path", "own"),
+    ],
+)
+def test_the_options_of_its_settings_take_no_name_that_the_command_has(
+    command: str, name: str, group: str, here: Path
+) -> None:
+    code = here / "lab_of_mine/rls.py"
+    code.write_text(code.read_text().replace('name = "pixels"', f'name = "{name}"'))
+    words = [*command.split(), "--estimator", NAME, f"--{group}.forgetting", "0.5"]
+    options = asked_of(words[0], words[1:])
+    assert options.own_estimators == {NAME: getattr(options, group)}
+    assert getattr(options, group).forgetting == 0.5

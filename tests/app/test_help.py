@@ -63,7 +63,7 @@ def test_the_help_of_a_command_loads_nothing_that_computes(command: str) -> None
     assert loaded(asking(command, "--help"), *NEEDED_BY_NO_HELP) == []
 
 
-@pytest.mark.parametrize("registry", ["rcmservo.config.kinds", "rcmservo.hardware.devices"])
+@pytest.mark.parametrize("registry", ["rcmservo.config.registry", "rcmservo.hardware.devices"])
 def test_a_registry_loads_nothing_that_computes(registry: str) -> None:
     assert loaded(f"import {registry}", *NEEDED_BY_NO_HELP, "tyro", "rich") == []
 

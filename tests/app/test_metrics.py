@@ -9,13 +9,11 @@ import pytest
 import rcmservo as rs
 from conftest import SMALL
 from rcmservo.app.cli import main
-from rcmservo.app.simulated_run.job import Job
+from rcmservo.app.lab_options import RunOptions
 from rcmservo.app.simulated_run.metrics import METRICS, RunMetrics
 from rcmservo.app.simulated_run.simulate import simulate
-from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.record import reader
 from rcmservo.record.timeline import RunSummary, summary
-from rcmservo.sim import Disturbance
 
 ENDINGS = {
     "settles": (5.5, "", ""),
@@ -36,27 +34,19 @@ QUICK = "settles", "is killed"
 """Of these, those that stand for all in the quick tests."""
 
 
-def job(folder: Path, duration: float, disturbance: str = "") -> Job:
-    lab = small_lab(folder)
-    servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool)
-    wrong = tuple(Disturbance.parse(text) for text in filter(None, [disturbance]))
-    return Job(
-        4,
-        duration,
-        "projection",
-        servo,
-        lab,
-        folder,
-        video=False,
-        disturbances=wrong,
-        teaching_frames=30,
-    )
-
-
-def small_lab(folder: Path) -> Lab:
+def metrics_of(folder: Path, duration: float, disturbance: str = "") -> RunMetrics:
+    """Simulate a run with small pictures."""
     rig = folder.with_name(f"{folder.name}.toml")
     rig.write_text(SMALL)
-    return load_lab(rig)
+    options = RunOptions(
+        seed=4,
+        duration=duration,
+        rig=rig,
+        video=False,
+        disturb=tuple(filter(None, [disturbance])),
+        teaching_frames=30,
+    )
+    return simulate(options, folder)
 
 
 def agree(metrics: RunMetrics, told: RunSummary) -> None:
@@ -79,7 +69,7 @@ def agree(metrics: RunMetrics, told: RunSummary) -> None:
 def test_show_and_metrics_agree_on_a_run_that(ending: str, tmp_path: Path) -> None:
     """The metrics tell more only of what the record cannot know: what ended it."""
     seconds, wrong, words = ENDINGS[ending]
-    metrics = simulate(job(tmp_path, seconds, wrong))
+    metrics = metrics_of(tmp_path, seconds, wrong)
     told = summary(reader.read(tmp_path))
     agree(metrics, told)
     assert words in metrics.cause and metrics.settled == (words == "")
@@ -93,7 +83,7 @@ def test_show_and_metrics_agree_on_a_run_that(ending: str, tmp_path: Path) -> No
 def test_a_run_that_ends_without_a_marker_says_so_beside_its_verdict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    metrics = simulate(job(tmp_path, 5.0, "occlusion:at=1.5,marker=1"))
+    metrics = metrics_of(tmp_path, 5.0, "occlusion:at=1.5,marker=1")
     assert metrics.remark == rs.Cause.WITHOUT_MARKER_1.value
     agree(metrics, summary(reader.read(tmp_path)))
     assert main(["show", str(tmp_path)]) == 0
@@ -109,7 +99,7 @@ def test_a_result_that_cannot_be_written_is_not_lost_and_nothing_is_half_written
         folder.mkdir()
     for name in (METRICS, "errors.png"):
         (part / f"{name}.part").mkdir()
-    ours, theirs = (simulate(job(folder, 1.5)) for folder in (part, whole))
+    ours, theirs = (metrics_of(folder, 1.5) for folder in (part, whole))
     for name in (METRICS, "errors.png"):
         assert f"{name}: cannot be written" in ours.not_written
         assert not (part / name).exists() and (whole / name).exists()
@@ -135,5 +125,5 @@ def test_a_result_that_cannot_be_written_is_not_lost_and_nothing_is_half_written
 def test_a_start_that_never_saw_the_markers_says_why(
     disturbance: str, reason: str, tmp_path: Path
 ) -> None:
-    metrics = simulate(job(tmp_path, 2.0, disturbance))
+    metrics = metrics_of(tmp_path, 2.0, disturbance)
     assert not metrics.settled and reason in metrics.cause

@@ -4,13 +4,17 @@ more."""
 import math
 import re
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from rcmservo.app.cli import main
 from rcmservo.app.command_line.options import options_of
-from rcmservo.app.run import RunOptions
+from rcmservo.app.lab_options import RunOptions
+from rcmservo.app.parse import parse
 from rcmservo.errors import BadInput
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
@@ -39,6 +43,9 @@ SENTENCES = {
     "--controller.gain?)" + SETTING,
     "run --imaged_rcm.max-conditio 3": "run has no option --imaged_rcm.max-conditio (did you mean "
     "--imaged-rcm.max-condition?)" + SETTING,
+    "study --workers x": "--workers must be a whole number, got 'x'; see rcmservo study --help",
+    "study --count 0": "--count must be a whole number from 1 to 1e8, got 0; see rcmservo study "
+    "--help",
     "run x": "'x' is more than run takes" + RUN,
     "show a --seed 3": "show has no option --seed; see rcmservo show --help",
     "show": "PATH must be given: A run's folder, or an .mcap file; see rcmservo show --help",
@@ -96,6 +103,10 @@ def test_the_option_that_is_suggested_is_the_one_that_was_meant(
     assert f"(did you mean {SUGGESTED[line]}?)" in capsys.readouterr().err
 
 
+def test_no_word_stands_for_an_option_that_is_left_out() -> None:
+    assert parse("run", RunOptions, ["--rig", "None"]).rig == Path("None")
+
+
 def test_nothing_is_suggested_for_an_option_that_nothing_is_like(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -103,35 +114,29 @@ def test_nothing_is_suggested_for_an_option_that_nothing_is_like(
     assert "did you mean" not in capsys.readouterr().err
 
 
-REFUSED = {
-    "controller": "gain -1",
-    "exploration": "max-time -1",
-    "imaged-rcm": "max-condition -1",
-    "projection": "rate -1",
-    "affine": "size-noise -1",
-    "flow": "gamma -1",
-    "broyden": "min-step -1",
-    "nflow": "mu -1",
-    "rls": "forgetting -1",
-    "kalman": "noise -1",
-    "correntropy": "bandwidth -1",
-}
-"""A setting of each group and a value that it refuses."""
+GROUPS = {one.group: one.owner for one in options_of(RunOptions) if one.group}
 
 
-def test_every_group_of_settings_has_a_refused_value_here() -> None:
-    assert {one.group for one in options_of(RunOptions)} == {"", *REFUSED}
+def refused_setting(kind: type[Any]) -> str:
+    """A number of a class of settings that must not be -1."""
+    for f in fields(kind):
+        if type(f.default) in (int, float):
+            with suppress(BadInput):
+                kind(**{f.name: -1})
+                continue
+            return f.name
+    raise AssertionError(f"{kind} takes any number")
 
 
-@pytest.mark.parametrize("group", REFUSED)
+@pytest.mark.parametrize("group", GROUPS)
 def test_what_the_settings_refuse_is_named_as_it_was_typed(
     group: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    option, value = f"--{group}.{REFUSED[group]}".split()
-    assert main(["run", option, value]) == 2
+    option = f"--{group}.{refused_setting(GROUPS[group])}".replace("_", "-")
+    assert main(["run", option, "-1"]) == 2
     said = capsys.readouterr().err
     assert said.startswith(f"rcmservo: {option} must be ")
-    assert said.endswith(f"got {float(value)}{SETTING}\n")
+    assert re.search(rf"got -1(\.0)?{re.escape(SETTING)}\n$", said)
 
 
 def test_a_setting_that_does_not_go_with_the_estimator_is_named_as_it_was_typed(

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from rcmservo.app.lab import page_rig
-from rcmservo.app.lab.live_on_hardware import HardwareJob
 from rcmservo.app.lab.serve import ServeOptions, serve
 from rcmservo.config.checked import digest_of, note_checked
-from rcmservo.config.rig_file import lab_of
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Frame
 from rcmservo.live.frame_ring import FrameRing, RingCamera, ShownCamera
@@ -51,13 +49,6 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def job(rig: Path) -> HardwareJob:
-    data = rig.read_bytes()
-    lab = lab_of(rig, data)
-    servo = ServeOptions().boxes.servo("dlt", lab)
-    return HardwareJob(servo, "dlt", 60.0, lab, rig, digest_of(data), Path())
-
-
 @pytest.mark.parametrize("checked", [False, True])
 def test_a_session_goes_at_the_speed_that_its_file_has_earned_whatever_is_set(
     rig: Path, checked: bool, tmp_path: Path
@@ -65,7 +56,7 @@ def test_a_session_goes_at_the_speed_that_its_file_has_earned_whatever_is_set(
     share = 1.0 if checked else 0.1
     if checked:
         note_checked(digest_of(rig.read_bytes()))
-    given = job(rig)
+    given = ServeOptions(rig=rig)
     with page_rig.hardware(given) as behind:
         assert (behind.setup.width, behind.setup.height) == (32, 24)
         assert ("10 %" in behind.title) is not checked

@@ -15,7 +15,9 @@ import cv2
 import pytest
 
 from rcmservo.app.cli import main
+from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Image
+from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.work import crew as crews
 from rcmservo.study.work.chunk import done
 from rcmservo.study.work.store import runs_in
@@ -131,6 +133,19 @@ def test_a_study_leaves_rows_summary_and_report_and_tells_how_far_it_is(study: s
     summary = json.loads(Path("study/summary.json").read_text())
     assert summary["workers"] == "2 on this machine" and "--own" in summary["command"]
     assert f"--own {OWN} --replay 5</code>" in Path("study/report.html").read_text()
+
+
+def test_an_option_goes_before_the_file_and_the_file_before_the_default(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def work(plan: StudyPlan, folder: Path) -> None:
+        raise RcmServoError(f"{plan.count} {plan.noise} {plan.duration} {plan.first_seed}")
+
+    monkeypatch.setattr("rcmservo.study.work.go.Work", work)
+    file = tmp_path / "study.toml"
+    file.write_text("count = 50\nnoise = [0.3]\nfirst_seed = 7")
+    assert main(["study", str(file), "--count", "3", "--seed", "8"]) == 2
+    assert capsys.readouterr().err == "rcmservo: 3 (0.3,) 15.0 8\n"
 
 
 @pytest.mark.usefixtures("alone")

@@ -1,9 +1,7 @@
 """How many frames a target is the mean of: one default, one option, and every command takes it."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from inspect import signature
-from pathlib import Path
 from typing import Any, cast
 
 import pytest
@@ -12,19 +10,16 @@ import rcmservo as rs
 from rcmservo.app.cli import main
 from rcmservo.app.lab import at_the_arm
 from rcmservo.app.lab.at_the_arm import Preparing
-from rcmservo.app.lab.live_on_hardware import HardwareJob
 from rcmservo.app.lab.serve import ServeOptions
+from rcmservo.app.lab_options import RunOptions
 from rcmservo.app.live import LiveOptions
-from rcmservo.app.run import RunOptions
-from rcmservo.app.simulated_run.job import Job, about
+from rcmservo.app.simulated_run.about import about
 from rcmservo.app.simulated_run.target import target_of
-from rcmservo.config.rig_file import Lab
 from rcmservo.live.arm_link import shown_and_brought_back
 from rcmservo.loop.operator import Teach
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.shown import TEACHING_FRAMES
 from rcmservo.page.operator import PageOperator
-from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.sim.person import ScriptedPerson
 from rcmservo.sim.processes.bench import Bench
@@ -42,8 +37,6 @@ FRAMES: dict[Callable[..., object], str] = {
     ScriptedPerson: "frames",
     shown_and_brought_back: "frames",
     Bench.session: "frames",
-    Job: "teaching_frames",
-    HardwareJob: "teaching_frames",
     Preparing: "frames",
     PageOperator: "frames",
     RunOptions: "teaching_frames",
@@ -72,14 +65,13 @@ def test_a_number_of_frames_that_cannot_be_is_refused(
 def test_a_simulated_run_teaches_for_as_many_frames_as_are_asked_for() -> None:
     rig = Rig(0, RigSettings(), pictures=False)
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
-    job = Job(0, 2.0, "dlt", Servo(Lab().mechanism, Lab().tool), Lab(), Path())
     took = list[float]()
     for frames in (30, 60):
         began = rig.clock.now()
-        target_of(replace(job, teaching_frames=frames), rig, plant)
+        target_of(RunOptions(teaching_frames=frames), rig, plant)
         took.append((rig.clock.now() - began) * 1e-9)
     assert took[1] - took[0] == pytest.approx(0.5, abs=0.1)
-    assert about(replace(job, teaching_frames=7), rig.settings)["teaching_frames"] == 7
+    assert about(RunOptions(teaching_frames=7), 2.0)["teaching_frames"] == 7
 
 
 def test_a_target_taught_at_the_arm_is_the_mean_of_as_many_frames(

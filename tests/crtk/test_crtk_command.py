@@ -82,8 +82,8 @@ def test_it_says_where_it_is_and_the_page_s_rig_file_opens_arm_and_camera(tmp_pa
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--namespace", "PSM 1"], "arm.namespace must be letters, digits and _"),
-        (["--domain", "300"], "arm.domain must be a whole number from 0 to 232, got 300"),
+        (["--namespace", "PSM 1"], "--namespace must be letters, digits and _"),
+        (["--domain", "300"], "--domain must be a whole number from 0 to 232, got 300"),
         (["--interface", "nowhere0", "--domain", "97"], "cannot be spoken on nowhere0"),
         (["--mjpeg", "0"], "--mjpeg must be left out: emulate crtk has no such thing, got 0"),
         (["--gige"], "--gige must be left out: emulate crtk has no such thing, got True"),

@@ -13,6 +13,7 @@ from test_crtk_command import reached
 
 from rcmservo.hardware.crtk import messages as m
 from rcmservo.hardware.crtk.connection import open_transport
+from rcmservo.hardware.crtk.settings import RosConnection
 from rcmservo.hardware.crtk.transport import NoTransport
 from rcmservo.live.lab import NotReady
 
@@ -32,7 +33,10 @@ def device() -> Iterator[RunningDevice]:
 @pytest.mark.parametrize("topic", [m.MOTIONS[0], m.MOTIONS[-1]], ids=lambda topic: topic.name)
 def test_somebody_else_who_moves_it_is_heard(device: RunningDevice, topic: m.Topic[Any]) -> None:
     """By joints or by the tool's place; a program of ROS's own sends surely."""
-    other, sure = open_transport(2, DOMAIN, "lo"), replace(topic.under(NAME), lossy=False)
+    other, sure = (
+        open_transport(RosConnection(domain=DOMAIN)),
+        replace(topic.under(NAME), lossy=False),
+    )
     hearing = 2 if topic.name == "servo_jp" else 1
     with contextlib.closing(other), contextlib.closing(client_arm(2, DOMAIN)) as arm:
         other.offer(sure)
@@ -70,7 +74,7 @@ def test_who_comes_later_hears_how_it_is(device: RunningDevice) -> None:
     heard: list[m.OperatingState] = []
     with contextlib.closing(client_arm(2, DOMAIN)) as arm:
         arm.enable()
-    with contextlib.closing(open_transport(2, DOMAIN, "lo")) as later:
+    with contextlib.closing(open_transport(RosConnection(domain=DOMAIN))) as later:
         topic = m.OPERATING_STATE.under(NAME)
         later.subscribe(topic, lambda said, writer: heard.append(said))
         assert reached(lambda: bool(heard) and heard[-1].state == "DISABLED")
@@ -86,4 +90,4 @@ def test_where_nobody_is_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_an_interface_that_is_not_there_is_one_sentence() -> None:
     with pytest.raises(NoTransport, match="ROS 2 cannot be spoken on nowhere0, domain 93"):
-        open_transport(2, 93, "nowhere0")
+        open_transport(RosConnection(domain=93, interface="nowhere0"))

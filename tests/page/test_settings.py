@@ -13,6 +13,7 @@ from boards import board_at
 
 import rcmservo as rs
 from conftest import laboratory
+from rcmservo.config.field_docs import words_of
 from rcmservo.config.servo_json import describe
 from rcmservo.errors import BadInput
 from rcmservo.live.cautious import cautious
@@ -24,7 +25,7 @@ from rcmservo.page.sessions import Again, Sessions
 from rcmservo.page.settings import BOXES, Chosen, change_of, standing
 from rcmservo.page.wants import Beat, Between, Change, Go, InForce, Note
 from rcmservo.page.web.page_process import done
-from rcmservo.page.web.setting_fields import docstrings, forms
+from rcmservo.page.web.setting_fields import forms
 from rcmservo.page.web.settings_routes import set_box
 from rcmservo.record import reader
 from rcmservo.record.recompute import recompute
@@ -220,6 +221,8 @@ def test_settings_begin_a_session_anew_that_is_not_enabled_and_leave_one_that_is
 def test_every_field_of_a_form_has_its_words_and_its_unit() -> None:
     servo = laboratory().servo()
     by_box = {form["box"]: form for form in forms(servo, None)}
+    titles = [form["title"] for form in by_box.values()]
+    assert titles == ["Controller", "Estimator", "Exploration", "Imaged RCM"]
     assert tuple(by_box) == BOXES and by_box["estimator"]["set"] == {"kind": "dlt"}
     for form in by_box.values():
         for kind in form["kinds"].values():
@@ -229,7 +232,7 @@ def test_every_field_of_a_form_has_its_words_and_its_unit() -> None:
     units = {name: field["unit"] for name, field in law.items() if field["unit"]}
     assert units == {"gain": "1/s", "bounds": "rad, px, px", "max_speed": "mm/s", "tip": "mm"}
     assert law["features"]["choices"] == ["srd", "points", "size"] and law["gain"]["default"] == 8.0
-    assert docstrings(rs.SaturatedController)["tip"] == "How far the tip is beyond marker 2, mm."
+    assert words_of(rs.SaturatedController, "tip") == "How far the tip is beyond marker 2, mm."
 
 
 def test_the_estimators_standing_is_told_in_words() -> None:

@@ -22,7 +22,7 @@ from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings
 from rcmservo.paper.store import plain, restored
 from rcmservo.study.course import StudyRun
 from rcmservo.study.laboratory import Laboratory, LaboratoryLoop
-from rcmservo.study.plan.cell import COMPILED, MUJOCO
+from rcmservo.study.plan.conditions import COMPILED, MUJOCO
 from rcmservo.study.row import worst_condition
 from rcmservo.study.told import statistics
 from rcmservo.study.trial import trial

@@ -11,7 +11,8 @@ from rcmservo.errors import RcmServoError
 from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.projection import PRINTED
 from rcmservo.sim.scene import NoScene
-from rcmservo.study.plan.cell import COMPILED, MUJOCO, PICTURES, cell_from
+from rcmservo.study.plan.cell import cell_from
+from rcmservo.study.plan.conditions import COMPILED, MUJOCO, PICTURES
 from rcmservo.study.plan.distribution import (
     BUILT_IN,
     Distribution,
@@ -60,7 +61,7 @@ def test_a_file_is_methods_times_scenes_times_conditions(tmp_path: Path) -> None
         ("random, 1 px", "dlt"),
     ]
     careful = plan.methods[1]
-    assert (careful.estimator.rate, careful.controller.gain) == (2.0, 2.0)  # pyright: ignore
+    assert (careful.estimator.rate, careful.parts["controller"].gain) == (2.0, 2.0)  # pyright: ignore
 
 
 def test_without_lists_all_that_a_file_describes_is_tried(tmp_path: Path) -> None:
@@ -195,6 +196,6 @@ def test_scenes_that_cannot_be_drawn_are_told_with_their_name_and_seed(
 ) -> None:
     monkeypatch.setattr("rcmservo.sim.scenes.drawing.MAX_DRAWS", 10)
     nowhere = Distribution("nowhere", texts.toml(b"[scene]\ntravel = [900.0, 901.0]"))
-    cell = StudyPlan(plan_of(StudyFile(), {}).methods, (nowhere,)).cells[0]
+    cell = StudyPlan(methods=plan_of(StudyFile(), {}).methods, scenes=(nowhere,)).cells[0]
     with pytest.raises(NoScene, match="scenes nowhere, seed 3: no scene in"):
         one_run(cell, cell.rebuilt({}), 3)

@@ -24,7 +24,8 @@ from rcmservo.method.exploration import Exploration
 from rcmservo.servo.user_estimator import called
 from rcmservo.study.plan.cell import cell_from
 from rcmservo.study.plan.file import StudyFile, load, plan_of
-from rcmservo.study.plan.method import StudyMethod
+from rcmservo.study.plan.method import method_of
+from rcmservo.study.plan.method import tried as servo_of
 from rcmservo.study.told.summary import comparisons, groups
 from rcmservo.study.tuning.search import AGAIN, TUNED, Tried, Tuning, best, cost_of, searched
 from rcmservo.study.tuning.space import SearchAxis, axis_from, value_of, with_values
@@ -40,7 +41,7 @@ AXES = {
     "controller.gain": {"from": 0.3, "to": 20.0, "log": True},
     "exploration.share": [0.02, 0.5],
 }
-USUAL = StudyMethod("usual", ProjectionEstimator())
+USUAL = method_of("usual", estimator=ProjectionEstimator())
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def tuning(
     plan = plan_of(replace(asked, duration=choices.pop("duration", 2.0)), {})
     told = axes or AXES
     found = tuple(axis_from(name, one, plan.methods[0]) for name, one in told.items())
-    return Tuning(plan, found, **{"trials": 8, "validation": 40, **choices})
+    return Tuning(plan=plan, axes=found, **{"trials": 8, "validation": 40, **choices})
 
 
 def tried(asked: Tuning, folder: Path, crew: Alone | None = None) -> list[Tried]:
@@ -178,8 +179,9 @@ def test_values_are_put_where_their_names_say_and_nowhere_else() -> None:
     values = {"controller.gain": 3.0, "controller.features": "points", "estimator.rate": 2.0}
     method = with_values(USUAL, "new", values)
     assert {name: value_of(method, name) for name in values} == values
-    assert method.exploration == USUAL.exploration and method.name == "new"
-    assert replace(method.controller, gain=8.0, features="srd") == USUAL.controller
+    assert method.parts["exploration"] == USUAL.parts["exploration"] and method.name == "new"
+    before = replace(method.parts["controller"], gain=8.0, features="srd")
+    assert before == USUAL.parts["controller"]
     assert value_of(USUAL, "controller.gain") == 8.0
 
 
@@ -243,7 +245,7 @@ def test_settings_that_do_not_go_together_cost_all_and_end_nothing(tmp_path: Pat
 
 def test_a_users_own_estimator_may_refuse_in_its_own_way(tmp_path: Path) -> None:
     asked = tuning(count=1, trials=6)
-    plan = replace(asked.plan, methods=(StudyMethod("own", Picky()),), duration=1.1)
+    plan = replace(asked.plan, methods=(method_of("own", estimator=Picky()),), duration=1.1)
     axes = (axis_from("estimator.forgetting", [0.9, 1.0], plan.methods[0]),)
     found = tried(replace(asked, plan=plan, axes=axes), tmp_path, Here())
     refused = [one.cost == np.inf for one in found]
@@ -269,16 +271,18 @@ def test_from_a_bad_start_a_search_finds_what_is_better_in_scenes_that_it_has_no
 
 
 METHODS = {
-    "gain": StudyMethod(
-        "tuned", ProjectionEstimator(), SaturatedController(gain=17.16936316628802)
-    ),
-    "words, lists and whole numbers": StudyMethod(
+    "gain": method_of(
         "tuned",
-        ProjectionEstimator(observations=33, both_markers=False, gamma="printed"),
-        SaturatedController(features="points", bounds=(0.7, 1e-3, 123456.789)),
-        Exploration(leg=1 / 3, legs=4),
+        estimator=ProjectionEstimator(),
+        controller=SaturatedController(gain=17.16936316628802),
     ),
-    "a preset": StudyMethod("tuned", PRINTED),
+    "words, lists and whole numbers": method_of(
+        "tuned",
+        estimator=ProjectionEstimator(observations=33, both_markers=False, gamma="printed"),
+        controller=SaturatedController(features="points", bounds=(0.7, 1e-3, 123456.789)),
+        exploration=Exploration(leg=1 / 3, legs=4),
+    ),
+    "a preset": method_of("tuned", estimator=PRINTED),
 }
 
 
@@ -291,7 +295,7 @@ def options_of(command: str) -> Any:
 @pytest.mark.parametrize("case", METHODS)
 def test_the_command_that_is_printed_runs_these_very_settings(case: str) -> None:
     options = options_of(run_command(METHODS[case]))
-    assert options.boxes.servo(options.estimator, Lab()) == METHODS[case].servo(Lab())
+    assert options.servo == servo_of(METHODS[case], Lab())
 
 
 def test_the_command_with_a_users_own_estimator_calls_its_settings_as_its_options_are(
@@ -299,10 +303,10 @@ def test_the_command_with_a_users_own_estimator_calls_its_settings_as_its_option
 ) -> None:
     monkeypatch.setitem(sys.modules, "lab_of_mine", sys.modules[__name__])
     monkeypatch.setattr(Picky, "__module__", "lab_of_mine")
-    method = StudyMethod("tuned", Picky(forgetting=0.91))
+    method = method_of("tuned", estimator=Picky(forgetting=0.91))
     options = options_of(run_command(method))
     assert options.estimator == "lab_of_mine:Picky"
-    assert options.boxes.estimator(options.estimator) == method.estimator
+    assert options.servo.estimator == method.estimator
 
 
 @pytest.mark.parametrize("case", METHODS)
@@ -312,7 +316,7 @@ def test_what_was_found_is_a_study_file_that_gives_it_back(case: str, tmp_path: 
 
 
 def test_what_was_found_of_a_users_own_estimator_names_it(tmp_path: Path) -> None:
-    method, own = StudyMethod("tuned", Picky(forgetting=0.91)), {"lab_of_mine:Picky": Picky}
+    method, own = method_of("tuned", estimator=Picky(forgetting=0.91)), {"lab_of_mine:Picky": Picky}
     (tmp_path / "tuned.toml").write_text(settings_text(method, own, tuning()))
     assert plan_of(load(tmp_path / "tuned.toml"), own).methods == (method,)
     with pytest.raises(RcmServoError, match="lab_of_mine:Picky"):

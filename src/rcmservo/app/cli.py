@@ -18,57 +18,35 @@ INDENT = 11
 """Columns before the summary of a command."""
 
 
-class CommandPlace(NamedTuple):
+class CommandEntry(NamedTuple):
     """A command that is not imported yet."""
 
-    module: str
-    """Module below rcmservo.app."""
-    options: str
-    """Name of the dataclass of its options."""
-    action: str
-    """Name of the function that does it."""
+    place: str
+    """Module below rcmservo.app and its function that does it, as module:function. The dataclass of
+    the function's `options` is the only list of the command's options."""
     summary: str
     """One line for the list of commands."""
 
     def load(self) -> tuple[type[Any], Callable[[Any], int]]:
         """Import the command: its options, and what it does."""
-        module = import_module(f"rcmservo.app.{self.module}")
-        return getattr(module, self.options), getattr(module, self.action)
+        module, _, name = self.place.partition(":")
+        action = getattr(import_module(f"rcmservo.app.{module}"), name)
+        return action.__annotations__["options"], action
 
 
 COMMANDS = {
-    "run": CommandPlace("run", "RunOptions", "run", "Servo a simulated arm to a target."),
-    "live": CommandPlace(
-        "live", "LiveOptions", "live", "Servo in wall time, a simulated arm or your own."
-    ),
-    "serve": CommandPlace(
-        "lab.serve", "ServeOptions", "serve", "Serve the operator's page in the browser."
-    ),
-    "replay": CommandPlace(
-        "replay", "ReplayOptions", "replay", "Score a recording, or recompute a recorded run."
-    ),
-    "show": CommandPlace(
-        "show", "ShowOptions", "show", "Summarise a recorded run, with a timeline and figures."
-    ),
-    "export": CommandPlace(
-        "export", "ExportOptions", "export", "Write a recorded run as CSV and NumPy arrays."
-    ),
-    "paper": CommandPlace(
-        "paper", "PaperOptions", "paper", "Reproduce the paper's experiments, with a report."
-    ),
-    "study": CommandPlace(
-        "studies.study", "StudyOptions", "study", "Compare methods in many simulated scenes."
-    ),
-    "tune": CommandPlace("studies.tune", "TuneOptions", "tune", "Search a method's settings."),
-    "emulate": CommandPlace(
-        "lab.emulate", "EmulateOptions", "emulate", "Emulate a motion controller or a ROS arm."
-    ),
-    "rig": CommandPlace(
-        "lab.rig_check", "RigOptions", "rig_check", "Check a rig file at the arm: rig check FILE."
-    ),
-    "markers": CommandPlace(
-        "lab.markers", "MarkersOptions", "markers", "Find coloured balls that could be markers."
-    ),
+    "run": CommandEntry("run:run", "Servo a simulated arm to a target."),
+    "live": CommandEntry("live:live", "Servo in wall time, a simulated arm or your own."),
+    "serve": CommandEntry("lab.serve:serve", "Serve the operator's page in the browser."),
+    "replay": CommandEntry("replay:replay", "Score a recording, or recompute a recorded run."),
+    "show": CommandEntry("show:show", "Summarise a recorded run, with a timeline and figures."),
+    "export": CommandEntry("export:export", "Write a recorded run as CSV and NumPy arrays."),
+    "paper": CommandEntry("paper:paper", "Reproduce the paper's experiments, with a report."),
+    "study": CommandEntry("studies.study:study", "Compare methods in many simulated scenes."),
+    "tune": CommandEntry("studies.tune:tune", "Search a method's settings."),
+    "emulate": CommandEntry("lab.emulate:emulate", "Emulate a motion controller or a ROS arm."),
+    "rig": CommandEntry("lab.rig_check:rig_check", "Check a rig file at the arm: rig check FILE."),
+    "markers": CommandEntry("lab.markers:markers", "Find coloured balls that could be markers."),
 }
 """Every command by its name."""
 
@@ -120,6 +98,8 @@ def _command(name: str, words: list[str]) -> int:
     options = asked_of(name, words)
     if name == "replay":
         return _replay(options, words)
+    if name == "study" and options.usual is not None:
+        options = asked_of(name, words, options.usual)
     _, action = COMMANDS[name].load()
     return action(options)
 
@@ -127,10 +107,10 @@ def _command(name: str, words: list[str]) -> int:
 def options_kind(name: str, words: list[str]) -> type[Any]:
     """Return the dataclass of a command's options, with those of a user's own estimator that the
     words name."""
-    from rcmservo.app.own_options import with_own
+    from rcmservo.app.servo_options import with_own_estimator
 
     kind, _ = COMMANDS[name].load()
-    return with_own(kind, words)
+    return with_own_estimator(kind, words)
 
 
 def asked_of(name: str, words: list[str], usual: Any = None) -> Any:
@@ -172,14 +152,13 @@ def overview() -> str:
 
 def _no_command(arguments: list[str]) -> str:
     """Return a sentence about arguments that name no command."""
-    from rcmservo.app.command_line.suggestions import near_word
-    from rcmservo.errors import told
+    from rcmservo.errors import suggestion, told
 
     known = ", ".join(COMMANDS)
     if not arguments:
         return f"a command must be given, one of {known}"
     word = arguments[0]
-    return f"the command must be one of {known}, got {told(word)}{near_word(word, COMMANDS)}"
+    return f"the command must be one of {known}, got {told(word)}{suggestion(word, COMMANDS)}"
 
 
 def _fail(sentence: str) -> int:

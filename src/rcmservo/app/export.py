@@ -17,10 +17,9 @@ import numpy as np
 import tyro
 
 from rcmservo.app.folders import new_folder
-from rcmservo.app.parse import OptionalPath
 from rcmservo.app.terminal import console
 from rcmservo.config.files import whole
-from rcmservo.config.servo_json import rebuild_box
+from rcmservo.config.servo_json import rebuild_part
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.interfaces import Floats
 from rcmservo.offline.frames_folder import RecordingWriter
@@ -42,7 +41,7 @@ class ExportOptions:
 
     record: Annotated[Path, tyro.conf.Positional]
     """A run's folder, or an .mcap file."""
-    out: OptionalPath = None
+    out: Path | None = None
     """Folder to write to, new or empty; by default a new one under runs/."""
 
 
@@ -172,6 +171,6 @@ def _joints(rows: Record) -> dict[int, Floats]:
 
 def _mechanism(rows: Record) -> Any:
     try:
-        return rebuild_box(rows.stages[0].servo, "mechanism")
+        return rebuild_part(rows.stages[0].servo, "mechanism")
     except (IndexError, BadInput) as error:
         raise UnusableFile(rows.path, "does not tell the mechanism that its frames need") from error

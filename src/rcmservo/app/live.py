@@ -1,68 +1,29 @@
 """`rcmservo live`: a run in wall time, the arm, its camera and the servo in processes of their own;
 of a laboratory's devices where the rig file names an arm."""
 
-import json
-from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
-from rich.live import Live
-from rich.text import Text
 
 from rcmservo.app.folders import new_folder, require_new
-from rcmservo.app.lab.live_on_hardware import (
-    HardwareJob,
-    live_on_hardware,
-    require_devices,
-    show_hardware,
-)
+from rcmservo.app.lab.live_on_hardware import live_on_hardware, require_devices, show_hardware
 from rcmservo.app.lab.live_told import LoopMetrics, Progress, add_loop, kept, loop_metrics
-from rcmservo.app.parse import OptionalPath
-from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
+from rcmservo.app.lab_options import RunToTargetOptions
 from rcmservo.app.simulated_run.metrics import FeatureError, number
-from rcmservo.app.terminal import console, result_table, unit
+from rcmservo.app.terminal import console, live_line, print_result, result_table, unit
 from rcmservo.app.waiting.preparing import compiling
-from rcmservo.config.checked import digest_of
-from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
 from rcmservo.errors import needing, require
 from rcmservo.live.reports import LiveResult
 from rcmservo.live.supervisor import run_live
-from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
 from rcmservo.record.reader import RECORD
 
-UNSETTLED = 1
-"""Exit code of a run that did not settle."""
 
-
-@dataclass(frozen=True)
-class LiveOptions:
+@dataclass(frozen=True, kw_only=True)
+class LiveOptions(RunToTargetOptions):
     """Servo in wall time, at 100 Hz: the arm, its camera and the servo in processes of their own,
     and one that watches. Simulated, unless the rig file names an arm: then a person at the terminal
     is asked at each step, and nothing moves before."""
-
-    seed: int = 0
-    """Draws the camera, the start, the target and the noise."""
-    duration: float = 30.0
-    """Length of the run, s."""
-    estimator: EstimatorName = "dlt"
-    """The estimator of the Jacobian: one of those below, or your own."""
-    rig: OptionalPath = None
-    """TOML file with your own mechanism, limits, tool, markers, camera, noise and scene; or with
-    your own devices, [arm] and [camera] with a kind."""
-    target: OptionalPath = None
-    """File with the target, as --save-target wrote it, for your own devices; by default the target
-    is shown by hand."""
-    save_target: OptionalPath = None
-    """New file to keep the target in that was shown, for your own devices."""
-    teaching_frames: int = TEACHING_FRAMES
-    """Frames that a target is the mean of: 300 are 5 s at 60 frames/s."""
-    out: OptionalPath = None
-    """Folder to write to, new or empty; by default a new one under runs/."""
-    json: bool = False
-    """Print one JSON object on stdout and nothing else."""
-    boxes: Boxes = field(default_factory=ServoOptions)
-    """The settings of the servo's boxes."""
 
 
 @dataclass(frozen=True)
@@ -101,75 +62,36 @@ class LiveMetrics:
 
 def live(options: LiveOptions) -> int:
     """Run, write the folder, print the result; the exit code is 0 where it settled."""
-    require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
-    good = 1.0 < options.duration <= 3600.0
-    require(good, "--duration", options.duration, "more than 1 and at most 3600 s")
-    require_frames(options.teaching_frames, "--teaching-frames")
-    data = b"" if options.rig is None else bytes_of(options.rig)
-    lab = Lab() if options.rig is None else lab_of(options.rig, data)
     out = console(stderr=options.json)
-    if options.rig is not None and "arm" in lab.devices:
-        return _on_hardware(options, options.rig, lab, digest_of(data), out)
+    if options.has_devices():
+        require_new(options.target, options.save_target)
+        require_devices(options.lab, options.rig, options.digest)
+        _ = options.servo  # is refused here, before anything is written
+        with new_folder(options.out, "live-hardware") as folder:
+            metrics = live_on_hardware(options, folder, out)
+        return print_result(metrics, options.json, show_hardware)
     for name, path in (("--target", options.target), ("--save-target", options.save_target)):
         right = "left out where no [arm] is given: a simulated arm is shown its target"
         require(path is None, name, path, right)
     with needing("live", "sim"), new_folder(options.out, f"live-seed{options.seed}") as folder:
         words = f"simulated arm and camera, seed {options.seed}; preparing …"
         out.print(words, style="dim", soft_wrap=True)
-        metrics = _run(options, lab, folder, out)
-    if options.json:
-        print(json.dumps(asdict(metrics)))
-    else:
-        show_live(out, metrics)
-    return 0 if metrics.settled else UNSETTLED
+        metrics = _run(options, folder, out)
+    return print_result(metrics, options.json, show_live)
 
 
-def _on_hardware(options: LiveOptions, rig: Path, lab: Lab, digest: str, out: Console) -> int:
-    """Run with the devices of a rig file, print the result; the exit code as of `live`."""
-    require(options.seed == 0, "--seed", options.seed, f"left out: nothing is simulated of {rig}")
-    require_new(options.target, options.save_target)
-    require_devices(lab, rig, digest)
-    servo = options.boxes.servo(options.estimator, lab)
-    with new_folder(options.out, "live-hardware") as folder:
-        job = HardwareJob(
-            servo,
-            options.estimator,
-            options.duration,
-            lab,
-            rig,
-            digest,
-            folder,
-            options.target,
-            options.save_target,
-            options.teaching_frames,
-        )
-        metrics = live_on_hardware(job, out)
-    if options.json:
-        print(json.dumps(asdict(metrics)))
-    else:
-        show_hardware(out, metrics)
-    return 0 if metrics.settled else UNSETTLED
-
-
-def _run(options: LiveOptions, lab: Lab, folder: Path, out: Console) -> LiveMetrics:
+def _run(options: LiveOptions, folder: Path, out: Console) -> LiveMetrics:
     """Run on the simulated bench, and keep what came of it."""
-    from rcmservo.app.simulated_run.job import Job, about
+    from rcmservo.app.simulated_run.about import about
     from rcmservo.sim.processes.bench import Bench
-    from rcmservo.sim.rig_file import rig_settings
 
-    with told_with(options.rig) if options.rig else nullcontext():
-        settings = rig_settings(lab)
-    servo, seconds = options.boxes.servo(options.estimator, lab), options.duration
-    frames = options.teaching_frames
-    job = Job(options.seed, seconds, options.estimator, servo, lab, folder, teaching_frames=frames)
-    with (
-        Live(Text(""), console=out, refresh_per_second=8, transient=True) as line,
-        Bench(options.seed, settings) as bench,
-    ):
+    settings, servo, seconds = options.rig_settings, options.servo, options.duration
+    with live_line(out) as line, Bench(options.seed, settings) as bench:
         with compiling(line):  # here, so that the servo's process finds it done
             servo.warm_up()
-        record, words = folder / RECORD, about(job, settings)
-        session = bench.session(servo, lab.markers, seconds, record, words, frames)
+        record, words = folder / RECORD, about(options, seconds)
+        markers, frames = options.lab.markers, options.teaching_frames
+        session = bench.session(servo, markers, seconds, record, words, frames)
         result = run_live(session, bench.off, Progress(line, seconds))
         metrics = metrics_of(options, folder, result, bench.error())
     return kept(folder, metrics)

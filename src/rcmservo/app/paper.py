@@ -1,20 +1,18 @@
 """`rcmservo paper`: every experiment of the paper, and one report that judges its claims."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.table import Table
 
 from rcmservo.app.folders import dated
-from rcmservo.app.parse import OptionalPath
-from rcmservo.app.servo_options import OptionalEstimator
+from rcmservo.app.servo_options import EstimatorOptions, OptionalEstimator
 from rcmservo.app.terminal import console
 from rcmservo.app.waiting.progress import going_on, progress
 from rcmservo.config.own_code import source
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import needing, require
-from rcmservo.method.estimators.base import Estimator
 from rcmservo.servo.user_estimator import examine
 
 if TYPE_CHECKING:
@@ -32,11 +30,11 @@ VERDICTS = ("holds", "holds with a remark", "does not hold")
 
 
 @dataclass(frozen=True)
-class PaperOptions:
+class PaperOptions(EstimatorOptions):
     """Run every experiment of the paper in simulation, and write one report that judges its
     claims."""
 
-    out: OptionalPath = None
+    out: Path | None = None
     """Folder to write to: new or empty, or that of an earlier run, which then goes on where it
     stopped. By default a new one under runs/."""
     quick: bool = False
@@ -46,9 +44,6 @@ class PaperOptions:
     """One experiment by its name."""
     estimator: OptionalEstimator = None
     """A user's own estimator, as module:class, to stand beside the others in `baselines`."""
-
-    OWN: ClassVar[Mapping[str, str]] = {}
-    """The fields that hold users' own estimators, by the estimators' names."""
 
 
 def paper(options: PaperOptions) -> int:
@@ -83,8 +78,8 @@ def _own(options: PaperOptions) -> "Own | None":
     name = options.estimator
     if name is None:
         return None
-    require(name in options.OWN, "--estimator", name, "a user's own, as module:class")
-    estimator: Estimator = getattr(options, options.OWN[name])
+    require(name in options.own_estimators, "--estimator", name, "a user's own, as module:class")
+    estimator = options.own_estimators[name]
     examine(estimator, Lab().tool)
     return Own(name, name.rpartition(":")[2], estimator, source=source(estimator))
 

@@ -4,17 +4,16 @@ import re
 import sys
 from collections.abc import Callable
 from itertools import takewhile
-from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Any
 
 import tyro
 from tyro import _errors as tyro_errors
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from rcmservo.app.command_line.help_text import ALL, HELP
-from rcmservo.app.command_line.options import options_of
-from rcmservo.app.command_line.suggestions import near_options, near_word
-from rcmservo.errors import BadInput, RcmServoError, told
+from rcmservo.app.command_line.options import METAVARS, options_of, without_none
+from rcmservo.app.command_line.suggestions import near_options
+from rcmservo.errors import BadInput, RcmServoError, suggestion, told
 
 
 class Unparsed(RcmServoError):
@@ -24,18 +23,12 @@ class Unparsed(RcmServoError):
 SETTING = re.compile(r"--[\w-]+\.")
 """An option of a group, which only the long help explains."""
 
-NUMBERS: dict[type[Any], tuple[str, str]] = {
-    int: ("INT", "a whole number"),
-    float: ("FLOAT", "a number"),
-}
-"""How the help calls a number, and how a sentence does."""
+NUMBERS: dict[type[Any], str] = {int: "a whole number", float: "a number"}
+"""Words for the kinds of numbers in messages."""
 
 
 OURS = "must be"
 """How a message begins that is ours, not tyro's."""
-
-OptionalPath = Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
-"""The kind of an option that may be left out."""
 
 
 def parse(command: str, kind: type[Any], arguments: list[str], usual: Any = None) -> Any:
@@ -50,35 +43,35 @@ def parse(command: str, kind: type[Any], arguments: list[str], usual: Any = None
 
     # tyro hands what is wrong to this hook only; its printed text is meant for eyes
     with tyro_errors.on_parse_error(refuse):
-        return tyro.cli(kind, prog="rcmservo", args=arguments, registry=_numbers(), **default)
+        return tyro.cli(kind, prog="rcmservo", args=arguments, registry=_values(), **default)
 
 
-def _numbers() -> ConstructorRegistry:
-    """How numbers are read: as tyro does, but what is none is told in our words."""
+def _values() -> ConstructorRegistry:
+    """Return the reading of single values, which may be left out (`int | None`): as tyro reads
+    them, but with our names and sentences, and no word stands for None."""
     registry = ConstructorRegistry()
 
     @registry.primitive_rule
-    def number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:  # pyright: ignore[reportUnusedFunction]
-        if info.type not in NUMBERS:
+    def value(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:  # pyright: ignore[reportUnusedFunction]
+        kind = without_none(info.type)
+        if kind not in METAVARS:
             return None
-        kind = cast(Any, info.type)
-        metavar, what = NUMBERS[kind]
         return PrimitiveConstructorSpec(
             nargs=1,
-            metavar=metavar,
-            instance_from_str=lambda words: _read(kind, words[0], what),
-            is_instance=lambda value: isinstance(value, kind),
+            metavar=METAVARS[kind],
+            instance_from_str=lambda words: _read(kind, words[0]),
+            is_instance=lambda value: value is None or isinstance(value, kind),
             str_from_instance=lambda value: [str(value)],
         )
 
     return registry
 
 
-def _read(kind: Callable[[str], Any], word: str, what: str) -> Any:
+def _read(kind: Callable[[str], Any], word: str) -> Any:
     try:
         return kind(word)
     except ValueError:
-        raise ValueError(f"{OURS} {what}, got {told(word)}") from None
+        raise ValueError(f"{OURS} {NUMBERS[kind]}, got {told(word)}") from None
 
 
 def _sentence(
@@ -99,7 +92,7 @@ def _sentence(
             return f"{missing.lowered.metavar} must be given: {meaning}".rstrip(".")
         case tyro_errors.InvalidChoice():
             right = f"one of {', '.join(event.choices)}"
-            near = near_word(event.value, event.choices)
+            near = suggestion(event.value, event.choices)
             return f"{_name(event.argument)} must be {right}, got {told(event.value)}{near}"
         case tyro_errors.BadValue() | tyro_errors.InstantiationFailure():
             return _refused(event, kind, words)
@@ -119,7 +112,8 @@ def _refused(event: Any, kind: type[Any], words: list[str]) -> str:
     after = words[words.index(name) + 1 :] if name in words else []
     given = " ".join(takewhile(lambda word: not word.startswith("--"), after))
     metavar = str(event.argument.lowered.metavar)
-    right = dict(NUMBERS.values()).get(metavar, f"given {metavar}")
+    numbers = {METAVARS[number]: words for number, words in NUMBERS.items()}
+    right = numbers.get(metavar, f"given {metavar}")
     return f"{name} must be {right}, got {told(given)}"
 
 
@@ -127,15 +121,15 @@ def _as_typed(failure: BaseException | None, kind: type[Any]) -> str:
     """Return what a settings class refused, with the option's name as typed; empty if unknown.
 
     The class names the field as records and files do: `estimator.gamma` is --flow.gamma or
-    --projection.gamma here. Tyro's error names the group, and has that of the class as context.
+    --projection.gamma here. Tyro's error names the group, and has that of the class as context;
+    what the options themselves refuse comes as it is.
     """
-    cause = failure.__context__ if failure else None
+    cause = failure.__context__ if failure and not isinstance(failure, BadInput) else failure
     if not isinstance(cause, BadInput):
         return ""
-    group = str(getattr(failure, "arg", "")).replace("-", "_").split(".")
-    path = (*group, cause.field.rpartition(".")[2])
-    names = (one.name for one in options_of(kind) if one.path == path)
-    name = next(names, "")
+    group = str(getattr(failure, "arg", "")).replace("_", "-")
+    key = group, cause.field.rpartition(".")[2]
+    name = next((one.name for one in options_of(kind) if (one.group, one.field) == key), "")
     return str(BadInput(name, cause.value, cause.right)) if name else ""
 
 

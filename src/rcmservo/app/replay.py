@@ -2,7 +2,7 @@
 
 import json
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,13 +13,12 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from rcmservo.app.folders import new_folder
-from rcmservo.app.parse import OptionalPath
 from rcmservo.app.score_report import centres, report_of, show_report
-from rcmservo.app.servo_options import Boxes, OptionalEstimator, ServoOptions
+from rcmservo.app.servo_options import GROUPS, OptionalEstimator, ServoOptions
 from rcmservo.app.terminal import console
 from rcmservo.config.files import write_whole
-from rcmservo.config.kinds import ESTIMATORS, name_of
-from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.config.registry import ESTIMATORS, name_of
+from rcmservo.config.rig_file import METHOD_PARTS, load_lab
 from rcmservo.errors import UnusableFile, require
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.method.estimators.projection import PRINTED
@@ -36,7 +35,7 @@ OTHERWISE = 1
 
 
 @dataclass(frozen=True)
-class ReplayOptions:
+class ReplayOptions(ServoOptions):
     """Put recorded frames and joints through tracking, features, imaged RCM and the estimators, and
     score them.
 
@@ -48,16 +47,14 @@ class ReplayOptions:
     """Folder with frames/ and poses.csv, or a run's folder or .mcap file."""
     estimator: OptionalEstimator = None
     """Of a run: another estimator than the recorded one. Of a recording all are scored."""
-    rig: OptionalPath = None
+    rig: Path | None = None
     """TOML file that describes the recorded arm: mechanism, tool and markers. By default the
     built-in one."""
-    out: OptionalPath = None
+    out: Path | None = None
     """Folder to write replay.json and centres.csv to, new or empty; by default nothing is
     written."""
     json: bool = False
     """Print one JSON object on stdout and nothing else."""
-    boxes: Boxes = field(default_factory=ServoOptions)
-    """The settings of the servo's boxes."""
 
 
 def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:
@@ -68,19 +65,19 @@ def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:
     """
     if not then.stages:
         raise UnusableFile(asked.path, "does not tell the servo of its ticks")
-    servo = servo_of(then, then.stages[0], own_kinds(asked.boxes))
+    servo = servo_of(then, then.stages[0], own_kinds(asked))
     name = name_of(servo.estimator, ESTIMATORS)
-    boxes = type(asked.boxes)(servo.controller, servo.exploration, servo.imaged_rcm)
-    estimator: Any = servo.estimator
-    with_it = replace(boxes, **{boxes.OWN.get(name, name): estimator})
+    groups: dict[str, Any] = {part: getattr(servo, part) for part in METHOD_PARTS if part in GROUPS}
     other = asked.estimator == "projection" and servo.estimator == PRINTED
+    if not other:
+        groups[asked.OWN.get(name, name)] = servo.estimator
     own = asked.estimator if asked.estimator == name and not other else None
-    return type(asked)(asked.path, own, boxes=boxes if other else with_it)
+    return type(asked)(asked.path, estimator=own, **groups)
 
 
-def own_kinds(boxes: ServoOptions) -> dict[str, type[Estimator]]:
+def own_kinds(options: ReplayOptions) -> dict[str, type[Estimator]]:
     """The classes of the user's own estimators that the command line names."""
-    return {name: type(boxes.estimators[name]) for name in boxes.OWN}
+    return {name: type(estimator) for name, estimator in options.own_estimators.items()}
 
 
 @dataclass(frozen=True)
@@ -110,7 +107,7 @@ def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) ->
     require(options.out is None, "--out", options.out, "left out for a run: nothing is written")
     as_recorded = options == replace(usual, json=options.json)
     other = None if as_recorded else _other(options, then)
-    again = recompute(then, other, own_kinds(options.boxes))
+    again = recompute(then, other, own_kinds(options))
     missing = then.missing
     if options.json:
         told = Recomputed(
@@ -132,15 +129,9 @@ def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) ->
 
 def _other(options: ReplayOptions, then: Record) -> Servo:
     """The recorded servo with the settings that the command asks for."""
-    servo = servo_of(then, then.stages[0], own_kinds(options.boxes))
-    name = options.estimator or name_of(servo.estimator, ESTIMATORS)
-    return replace(
-        servo,
-        estimator=options.boxes.estimator(name),
-        controller=options.boxes.controller,
-        exploration=options.boxes.exploration,
-        imaged_rcm=options.boxes.imaged_rcm,
-    )
+    servo = servo_of(then, then.stages[0], own_kinds(options))
+    parts = options.parts(options.estimator or name_of(servo.estimator, ESTIMATORS))
+    return replace(servo, **parts)
 
 
 def _show_differences(console: Console, again: Rerun) -> None:
@@ -176,7 +167,7 @@ def replay(options: ReplayOptions) -> int:
 
 def _scored(options: ReplayOptions, out: Console) -> score.Replay:
     """The score of a recording, with a bar while its frames are tracked."""
-    lab = load_lab(options.rig) if options.rig else Lab()
+    lab = load_lab(options.rig)
     estimators = _estimators(options, lab.tool)
     bar = Progress(
         TextColumn("tracking", markup=False),
@@ -192,18 +183,20 @@ def _scored(options: ReplayOptions, out: Console) -> score.Replay:
             lab,
             ColourMarkers(lab.markers),
             estimators,
-            options.boxes.imaged_rcm,
+            options.settings["imaged_rcm"],
             lambda done, total: bar.update(task, completed=done, total=total),
         )
 
 
 def _estimators(options: ReplayOptions, tool: Tool) -> dict[str, Estimator]:
     """The estimators to score: all of ours, and the user's own that the command names."""
-    own, boxes = options.estimator, options.boxes
+    own = options.estimator
     right = "left out for a recording, where all of ours are scored, or module:class"
-    require(own is None or own in boxes.OWN, "--estimator", own, right)
-    ours = {name: one for name, one in boxes.estimators.items() if name not in boxes.OWN}
+    require(own is None or own in options.own_estimators, "--estimator", own, right)
+    ours = {
+        name: one for name, one in options.estimators.items() if name not in options.own_estimators
+    }
     if own is None:
         return ours
-    examine(boxes.estimator(own), tool)
-    return {**ours, own: strict(boxes.estimator(own))}
+    examine(options.own_estimators[own], tool)
+    return {**ours, own: strict(options.own_estimators[own])}

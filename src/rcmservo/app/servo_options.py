@@ -1,110 +1,137 @@
-"""The settings of the servo's boxes as options: the same for every command that makes a servo."""
+"""Settings of the method's parts as options, derived from the registry: one group of options for
+each class, the same for every command that makes a servo.
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from difflib import get_close_matches
-from typing import Annotated, ClassVar
+The settings of a user's own estimator become options beside the built-in ones.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, make_dataclass
+from functools import cache
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import tyro
 
-from rcmservo.config.kinds import ESTIMATORS, PRESETS
-from rcmservo.config.rig_file import Lab
-from rcmservo.errors import BadInput
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.affine import AffineEstimator
+from rcmservo.config.own_code import OPTION, named
+from rcmservo.config.registry import ESTIMATORS, PARTS, PRESETS, Classes
+from rcmservo.config.rig_file import METHOD_PARTS, Lab
+from rcmservo.constraints import Checked
+from rcmservo.errors import BadInput, suggestion
 from rcmservo.method.estimators.base import Estimator
-from rcmservo.method.estimators.broyden import BroydenEstimator
-from rcmservo.method.estimators.correntropy import CorrentropyEstimator
-from rcmservo.method.estimators.dlt import DltEstimator
-from rcmservo.method.estimators.flow import FlowEstimator
-from rcmservo.method.estimators.kalman import KalmanEstimator
-from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
-from rcmservo.method.estimators.projection import ProjectionEstimator
-from rcmservo.method.estimators.rls import RlsEstimator
-from rcmservo.method.exploration import Exploration
-from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.servo.servo import Servo
-from rcmservo.servo.user_estimator import examine
+from rcmservo.servo.user_estimator import examine, name_of_class
+
+Options = TypeVar("Options")
 
 NAMES = (*ESTIMATORS, *PRESETS)
-ESTIMATOR_METAVAR = "NAME"
-"""What the help calls the name of an estimator; it lists the names of such an option."""
-ESTIMATOR = tyro.conf.arg(metavar=ESTIMATOR_METAVAR, help_behavior_hint="")
+ESTIMATOR = tyro.conf.arg(metavar="NAME")
 EstimatorName = Annotated[str, ESTIMATOR]
 """An estimator by its name, or a user's own by that of its class."""
 OptionalEstimator = Annotated[str | None, ESTIMATOR]
 
 
+GROUPS: Classes = {
+    part if len(PARTS[part]) == 1 else name: kind
+    for part in sorted(METHOD_PARTS, key=lambda part: len(PARTS[part]))
+    for name, kind in PARTS[part].items()
+}
+"""Classes whose settings are options, by what these options begin with: the part's name, or the
+class's own where the part has several."""
+
+
+def group_of(kind: type[Any], command: type[Any]) -> str:
+    """Return what the options of a class begin with. A user's estimator whose name the command has
+    for something else goes by its module or class."""
+    if kind in GROUPS.values():
+        return next(group for group, one in GROUPS.items() if one is kind)
+    wanted = (getattr(kind, "name", ""), kind.__module__.rpartition(".")[2], kind.__name__.lower())
+    taken = {*dir(command), *(f.name for f in fields(command)), *GROUPS}
+    return next(one for one in (*wanted, "own") if one.isidentifier() and one not in taken)
+
+
+def _with_groups(options: type[Options], groups: Classes, **attributes: object) -> type[Options]:
+    """Return a command's options with a group of options for each of these classes."""
+    about = {"__doc__": options.__doc__, "__module__": options.__module__, **attributes}
+    made = [(name, kind, field(default_factory=kind)) for name, kind in groups.items()]
+    return make_dataclass(
+        options.__name__, made, bases=(options,), namespace=about, frozen=True, kw_only=True
+    )
+
+
 @dataclass(frozen=True)
-class ServoOptions:
-    """What can be set of a servo on the command line."""
+class EstimatorOptions(Checked):
+    """Options of a command that takes a user's own estimator."""
 
     OWN: ClassVar[Mapping[str, str]] = {}
-    """The fields that hold users' own estimators, by the estimators' names."""
+    """The groups of users' own estimators, by the estimators' names."""
 
-    controller: SaturatedController = field(default_factory=SaturatedController)
-    """The law (31) with the saturated potential (32)."""
-    exploration: Exploration = field(default_factory=Exploration)
-    """How the tool moves while nothing is known yet."""
-    imaged_rcm: ImagedRcm = field(default_factory=ImagedRcm)
-    """How the imaged RCM is computed: eq. (16) over the most telling lines, then refined; or as
-    printed."""
-    projection: ProjectionEstimator = field(default_factory=ProjectionEstimator)
-    """Ĵ through the projection parameters, rule (21)."""
-    dlt: DltEstimator = field(default_factory=DltEstimator)
-    """Ĵ through the whole projection, fitted to all frames."""
-    affine: AffineEstimator = field(default_factory=AffineEstimator)
-    """Ĵ by the markers' places and apparent sizes, which a tracker of pictures tells."""
-    flow: FlowEstimator = field(default_factory=FlowEstimator)
-    """Ĵ from flow, rule (28)."""
-    broyden: BroydenEstimator = field(default_factory=BroydenEstimator)
-    """Ĵ by Broyden's rank-1 update."""
-    nflow: NormalisedFlowEstimator = field(default_factory=NormalisedFlowEstimator)
-    """Ĵ from flow, rule (28) with the speed divided out."""
-    rls: RlsEstimator = field(default_factory=RlsEstimator)
-    """Ĵ by recursive least squares with forgetting."""
-    kalman: KalmanEstimator = field(default_factory=KalmanEstimator)
-    """Ĵ by Kalman's filter on its rows."""
-    correntropy: CorrentropyEstimator = field(default_factory=CorrentropyEstimator)
-    """Ĵ by Kalman's filter with maximum correntropy, against outliers."""
+    @property
+    def own_estimators(self) -> dict[str, Estimator]:
+        """The users' own estimators by the names that the command line gives them."""
+        return {name: getattr(self, group) for name, group in self.OWN.items()}
+
+
+def _with_part_groups(options: type[Options]) -> type[Options]:
+    """Add GROUPS to a class of options."""
+    return _with_groups(options, GROUPS)
+
+
+@_with_part_groups
+class ServoOptions(EstimatorOptions):
+    """Options of a command that makes a servo: the settings of the method's parts."""
 
     @property
     def estimators(self) -> dict[str, Estimator]:
         """The estimators by the names that the command line and the results use."""
-        fields = {name: name for name in ESTIMATORS} | dict(self.OWN)
-        return {name: getattr(self, group) for name, group in fields.items()} | dict(PRESETS)
+        return (
+            {name: getattr(self, name) for name in ESTIMATORS} | self.own_estimators | dict(PRESETS)
+        )
 
-    def estimator(self, name: str) -> Estimator:
-        """The estimator of this name."""
+    def estimator_of(self, name: str) -> Estimator:
+        """Return the estimator of this name."""
         if name in self.estimators:
             return self.estimators[name]
-        near = get_close_matches(name, self.estimators, 1)
-        hint = f" (did you mean {near[0]}?)" if near else ""
+        hint = suggestion(name, self.estimators)
         right = f"one of {', '.join(NAMES)}, or module:class such as mylab.rls:RLS{hint}"
-        raise BadInput("--estimator", name, right)
+        raise BadInput(OPTION, name, right)
 
-    def servo(self, name: str, lab: Lab) -> Servo:
-        """A servo for a laboratory, with the estimator of this name, which is tried if it is a
-        user's own."""
-        estimator = self.estimator(name)
-        examine(estimator, lab.tool)
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The parts that have one class, as the options set them."""
+        return {part: getattr(self, part) for part in METHOD_PARTS if part in GROUPS}
+
+    def parts(self, estimator: str) -> dict[str, Any]:
+        """Return METHOD_PARTS as the options set them, with the estimator of this name."""
+        return {"estimator": self.estimator_of(estimator), **self.settings}
+
+    def servo_of(self, estimator: str, lab: Lab) -> Servo:
+        """Return a servo for a laboratory, with the estimator of this name, which is tried if it is
+        a user's own."""
+        parts = self.parts(estimator)
+        examine(parts["estimator"], lab.tool)
         try:
-            return Servo(
-                mechanism=lab.mechanism,
-                tool=lab.tool,
-                estimator=estimator,
-                controller=self.controller,
-                exploration=self.exploration,
-                imaged_rcm=self.imaged_rcm,
-                gate=lab.gate,
-                thresholds=lab.thresholds,
-            )
+            return lab.servo(**parts)
         except BadInput as error:
-            box, _, setting = error.field.partition(".")
-            typed = hasattr(self, box)
-            name = f"--{box}.{setting}".replace("_", "-") if typed else error.field
-            raise BadInput(name, error.value, error.right) from error
+            part, _, setting = error.field.partition(".")
+            typed = f"--{part}.{setting}".replace("_", "-") if part in GROUPS else error.field
+            raise BadInput(typed, error.value, error.right) from error
 
 
-Boxes = Annotated[ServoOptions, tyro.conf.arg(name="")]
-"""The field of a command's options that holds them; its name is no part of theirs."""
+def with_own_estimator(command: type[Options], arguments: Sequence[str]) -> type[Options]:
+    """Return a command's options with those of the user's own estimator that the arguments name.
+    Its code is run here for the first time."""
+    words = " ".join(arguments).replace(f"{OPTION}=", f"{OPTION} ").split(" ")
+    name = dict(pairwise(words)).get(OPTION, "")
+    if ":" not in name or not issubclass(command, EstimatorOptions):
+        return command
+    return _extended(command, name, named(name))
+
+
+@cache
+def _extended(command: type[Any], name: str, kind: type[Estimator]) -> type[Any]:
+    """Return the options of a command with the estimator's settings. The same arguments give the
+    same class, so that options read twice fit together."""
+    group = group_of(kind, command)
+    return _with_groups(
+        command, {group: kind}, OWN=dict.fromkeys((name, name_of_class(kind)), group)
+    )

@@ -13,7 +13,6 @@ from rich.table import Table
 from rich.text import Text
 
 from rcmservo.app.folders import new_folder
-from rcmservo.app.parse import OptionalPath
 from rcmservo.app.terminal import console
 from rcmservo.config.files import write_whole
 from rcmservo.figures import charts, plots
@@ -44,7 +43,7 @@ class ShowOptions:
 
     record: Annotated[Path, tyro.conf.Positional]
     """A run's folder, or an .mcap file."""
-    out: OptionalPath = None
+    out: Path | None = None
     """Folder to write the figures to, new or empty; by default a new one under runs/."""
 
 

@@ -2,14 +2,18 @@
 
 import codecs
 import io
+import json
 import logging
 import os
 import sys
 import unicodedata
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.live import Live
     from rich.table import Table
 
 PLAIN = str.maketrans(
@@ -26,6 +30,9 @@ PLAIN = str.maketrans(
     }
 )
 """What stands for signs that ASCII does not have."""
+
+UNSETTLED = 1
+"""Exit code of a run that did not settle."""
 
 WIDE = 1000
 """Columns where nobody looks: in a pipe or a file a line is as long as it is."""
@@ -67,6 +74,23 @@ def _letter(sign: str) -> str:
     if words[:1] == ["GREEK"]:
         return words[-1].capitalize() if "CAPITAL" in words else words[-1].lower()
     return unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode() or "?"
+
+
+def print_result(metrics: Any, as_json: bool, show: "Callable[[Console, Any], None]") -> int:
+    """Print the result of a run, as one JSON object or by `show`; return its exit code."""
+    if as_json:
+        print(json.dumps(asdict(metrics)))
+    else:
+        show(console(), metrics)
+    return 0 if metrics.settled else UNSETTLED
+
+
+def live_line(out: "Console") -> "Live":
+    """Return a line that is written over while a command goes on."""
+    from rich.live import Live
+    from rich.text import Text
+
+    return Live(Text(""), console=out, refresh_per_second=8, transient=True)
 
 
 def result_table(settled: bool, cause: str) -> "Table":

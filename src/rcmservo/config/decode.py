@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, cast, get_type_hints
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, cast, get_args, get_type_hints
 
 from rcmservo.errors import BadInput, suggestion, told
 
@@ -82,7 +82,7 @@ def _refuse(error: "ErrorDetails", kind: type[Any], where: str, others: Sequence
 def _keys(kind: type[Any], way: Sequence[int | str], others: Sequence[str]) -> list[str]:
     """The keys that the table may have in which the last step of the way is none."""
     for step in way[:-1]:
-        kind = get_type_hints(kind)[str(step)]
+        kind = get_args(kind)[0] if isinstance(step, int) else get_type_hints(kind)[step]
     names = [f.name for f in fields(kind)] if is_dataclass(kind) else []
     return names if way[:-1] else [*others, *names]
 

@@ -3,9 +3,32 @@
 import ast
 import inspect
 import textwrap
+from collections.abc import Mapping
 from dataclasses import is_dataclass
 from functools import cache
-from typing import Any, cast
+from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
+
+from rcmservo.constraints import OneOf
+
+
+def words_of(kind: type[Any], name: str) -> str:
+    """Return the docstring of a field of a dataclass, with a sentence on each of its choices."""
+    hint = get_type_hints(kind, include_extras=True)[name]
+    limits = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+    choices = [one.choices for one in limits if isinstance(one, OneOf)]
+    described = [
+        f"{choice}: {first_sentence(type(value))}."
+        for registry in choices
+        if isinstance(registry, Mapping)
+        for choice, value in cast(Mapping[str, Any], registry).items()
+    ]
+    return " ".join((docstrings(kind).get(name, ""), *described))
+
+
+def first_sentence(kind: type[Any]) -> str:
+    """Return the first sentence of a class's docstring, without its full stop."""
+    words = " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
+    return words.partition(". ")[0].rstrip(".")
 
 
 @cache

@@ -9,7 +9,7 @@ import sys
 from dataclasses import is_dataclass
 from pathlib import Path
 
-from rcmservo.config.kinds import ESTIMATORS, PRESETS
+from rcmservo.config.registry import ESTIMATORS, PRESETS
 from rcmservo.errors import BadInput, RcmServoError, one_line
 from rcmservo.method.estimators.base import Estimator
 

@@ -7,23 +7,24 @@ decode.py.
 
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields, make_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
 from rcmservo.config import texts
 from rcmservo.config.decode import decode, key_of
 from rcmservo.config.files import read_small
-from rcmservo.config.kinds import KIND, MECHANISMS, TOOLS, chosen, kind_in
+from rcmservo.config.registry import KIND, MECHANISMS, PARTS, decode_kind, find_class
 from rcmservo.errors import BadInput
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.method.kinematics import JointLimits, Kinematics, SphericalRcm
 from rcmservo.method.tool import RigidTool, Tool
+from rcmservo.servo.servo import Servo
 from rcmservo.tracking import MarkerLook
 
 MAX_SIZE = 64 * 1024
-ROBOT_SECTIONS = ("mechanism", "tool", "markers", "gate", "thresholds")
 DEVICE_SECTIONS = ("arm", "camera")
 SIMULATION_SECTIONS = ("camera", "drive", "look", "scene")
 """A [camera] that names a kind is a device; another one is simulated."""
@@ -58,12 +59,18 @@ class Lab:
     simulation: Tables = field(default_factory=dict[str, texts.Table])
     """Those of SIMULATION_SECTIONS that the file has, as they are written; `section` reads them."""
 
+    def servo(self, **parts: Any) -> Servo:
+        """A servo of this laboratory with these METHOD_PARTS; those left out are the default
+        ones."""
+        robot = {part: getattr(self, part) for part in PARTS if part not in METHOD_PARTS}
+        return Servo(**robot, **parts)
+
     def device(self, name: str, kinds: Mapping[str, type[Any]]) -> Any:
         """The settings of a device, of the class that its section's `kind` names."""
         table = self.devices.get(name, self.simulation.get(name))
         if table is None:
             raise BadInput(f"section {name}", None, f"given, with a kind: {' or '.join(kinds)}")
-        return chosen(kinds, table, name)
+        return decode_kind(kinds, table, name)
 
     def section(self, name: str, kind: type[Section], **known: object) -> Section:
         """A section for the simulation as its settings; what the robot knows already is `known`,
@@ -78,9 +85,16 @@ class Lab:
         return decode(kind, {**table, **known}, name, others)
 
 
-def load_lab(path: Path) -> Lab:
-    """The laboratory in a TOML file; what the file leaves out is as in the built-in one."""
-    return lab_of(path, bytes_of(path))
+ROBOT_SECTIONS = tuple(f.name for f in fields(Lab) if f.name not in ("devices", "simulation"))
+METHOD_PARTS = tuple(part for part in PARTS if part not in {f.name for f in fields(Lab)})
+"""Parts of a servo that no rig file describes: the method's, which the command line, studies and
+the page set."""
+
+
+def load_lab(path: Path | None) -> Lab:
+    """The laboratory in a TOML file; what the file leaves out, and all without a file, is as in the
+    built-in one."""
+    return Lab() if path is None else lab_of(path, bytes_of(path))
 
 
 def bytes_of(path: Path) -> bytes:
@@ -113,41 +127,40 @@ def lab_from(tables: texts.Table) -> Lab:
             )
     default = Lab()
     devices = {name: tables[name] for name in DEVICE_SECTIONS if _is_device(name, tables)}
-    looks = {**asdict(default.markers), **tables.get("markers", {})}
-    return Lab(
-        mechanism=_mechanism(tables.get("mechanism", {}), default.mechanism.name),
-        tool=chosen(TOOLS, tables.get("tool", {}), "tool", default.tool),
-        markers=decode(MarkerLook, looks, "markers"),
-        gate=decode(Gate, tables.get("gate", {}), "gate"),
-        thresholds=decode(Thresholds, tables.get("thresholds", {}), "thresholds"),
-        devices=devices,
-        simulation={
-            name: tables[name]
-            for name in SIMULATION_SECTIONS
-            if name in tables and name not in devices
-        },
-    )
+    simulated = {
+        name: tables[name] for name in SIMULATION_SECTIONS if name in tables and name not in devices
+    }
+    robot = {
+        name: _section(name, tables.get(name, {}), getattr(default, name))
+        for name in ROBOT_SECTIONS
+    }
+    return Lab(**robot, devices=devices, simulation=simulated)
 
 
 def _is_device(name: str, tables: texts.Table) -> bool:
     return name in tables and (name == "arm" or KIND in tables[name])
 
 
-@dataclass(frozen=True)
-class _Mechanism:
-    """[mechanism]: the kind, its limits' ends and the insertion's zero."""
-
-    kind: str
-    lower: tuple[float, float, float]
-    upper: tuple[float, float, float]
-    insertion_zero: float = 0.0
+def _section(name: str, table: texts.Table, default: Any) -> Any:
+    """Return the settings in a section of the robot's; those left out are the default ones."""
+    if name == "mechanism":
+        return _mechanism(table, default.name)
+    return decode_kind(PARTS.get(name, {name: type(default)}), table, name, default)
 
 
 def _mechanism(table: texts.Table, usual: str) -> Kinematics:
     """The arm of a table, of the kind with the name `usual` where it names none."""
-    name = table.get(KIND, usual)
-    kind = kind_in(MECHANISMS, name, "mechanism")
-    told = decode(_Mechanism, {KIND: name, **asdict(kind().limits), **table}, "mechanism")
-    limits = decode(JointLimits, {"lower": told.lower, "upper": told.upper}, "mechanism")
-    rest = {"limits": asdict(limits), "insertion_zero": told.insertion_zero}
-    return decode(kind, rest, "mechanism")
+    kind = find_class(MECHANISMS, table.get(KIND, usual), "mechanism")
+    given = {name: value for name, value in table.items() if name != KIND}
+    given = {**asdict(kind().limits), **given}
+    flat = dict(vars(decode(_flat(kind), given, "mechanism", others=(KIND,))))
+    limits = {end.name: flat.pop(end.name) for end in fields(JointLimits)}
+    decode(JointLimits, limits, "mechanism")
+    return decode(kind, {**flat, "limits": limits}, "mechanism")
+
+
+@cache
+def _flat(kind: type[Kinematics]) -> type[Any]:
+    """A mechanism's settings as its section has them: the ends of the limits are two of them."""
+    others = [(f.name, f.type, f) for f in fields(kind) if f.name != "limits"]
+    return make_dataclass("Mechanism", [*((f.name, Any) for f in fields(JointLimits)), *others])

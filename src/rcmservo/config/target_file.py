@@ -13,7 +13,7 @@ import json
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -148,16 +148,14 @@ def _within(q: tuple[float, float, float], setup: Setup) -> None:
 
 def _told(setup: Setup) -> object:
     """A setup in plain words and numbers, as they come back from JSON."""
-    mechanism, tool = setup.mechanism, setup.tool
-    table = {
-        "camera": setup.camera,
-        "width": setup.width,
-        "height": setup.height,
-        "mechanism": {"kind": mechanism.name, **asdict(mechanism)},
-        "tool": {"kind": tool.name, **asdict(cast(Any, tool))},
-        "markers": asdict(setup.markers),
-    }
-    return json.loads(json.dumps(table))
+    bound = {name: value for name, value in vars(setup).items() if name != "slack"}
+    return json.loads(json.dumps(bound, default=_table))
+
+
+def _table(part: Any) -> texts.Table:
+    """Return the settings of a part of a setup, with its kind where it has one."""
+    kind = {"kind": part.name} if hasattr(part, "name") else {}
+    return {**kind, **asdict(part)}
 
 
 def _same(then: object, now: object, where: str) -> None:

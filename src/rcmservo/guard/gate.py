@@ -126,6 +126,8 @@ class Passed(NamedTuple):
 class Gate(Checked, section="gate"):
     """Bounds on every command."""
 
+    name = "gate"
+
     speed: Annotated[
         Triple, three_positive("rad/s, rad/s, mm/s"), angles(FASTEST_TURN, first=2, unit="rad/s")
     ] = (1.0, 1.0, 80.0)

@@ -31,6 +31,8 @@ COUNT = between(1, 1000, "a whole number")
 class Thresholds(Checked, section="thresholds"):
     """From where on something is a fault."""
 
+    name = "thresholds"
+
     stale_slow: Annotated[float, at_least(1.0, "frame period")] = 1.5
     """Age of the newest frame since it arrived, in frame periods, from which on the tool goes
     slowly."""

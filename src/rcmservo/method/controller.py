@@ -19,7 +19,7 @@ from rcmservo.constraints import (
     above,
     angles,
     between,
-    name_in,
+    one_of,
     positive,
     three_positive,
 )
@@ -180,12 +180,11 @@ def control(
 class SaturatedController(Checked, section="controller"):
     """The law (31) with the saturated potential (32)."""
 
-    features: Annotated[str, name_in(FEATURE_VECTORS)] = "srd"
-    """What it acts on: the paper's angle and two distances, or, by least squares, the four
-    coordinates of both markers, or these and both apparent radii: u₁ v₁ u₂ v₂ R₁ R₂. A px of a
-    radius counts as one of a coordinate: in rendered pictures both scatter by 0.013 px, and with
-    three times the weight the error at the target was twice as large. A marker that is lost is left
-    out, as the other and its size tell the place."""
+    name = "saturated"
+
+    features: Annotated[str, one_of(FEATURE_VECTORS)] = "srd"
+    """Feature vector that it acts on; by least squares, where that has more than three
+    components."""
     gain: Annotated[float, positive("gain in 1/s")] = 8.0
     """k, 1/s. The greatest gain without overshoot is 1/(e T), where the drives follow T s after the
     joints were read: as built in T = 46 ms, of delay, lag and tick. The camera's latency does not

@@ -45,6 +45,8 @@ they would swing about it."""
 class Exploration(Checked, section="exploration"):
     """How the tool moves while nothing is known yet."""
 
+    name = "tour"
+
     leg: Annotated[float, positive("time in s")] = 0.15
     """Time from corner to corner in the first round, s."""
     share: Annotated[float, FRACTION] = 0.2

@@ -185,6 +185,8 @@ class ImagedRcm(Checked, section="imaged_rcm"):
     """How the imaged RCM is computed: eq. (16) over the most telling lines, then refined; or as
     printed."""
 
+    name = "lines"
+
     lines: Annotated[int, between(2, MOST, "a whole number of lines")] = 50
     """H, the number of lines kept."""
     refinements: Annotated[int, between(0, 100, "a whole number")] = 3

@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from rcmservo.config.kinds import ESTIMATORS, name_of
-from rcmservo.config.servo_json import rebuild_box
+from rcmservo.config.registry import ESTIMATORS, name_of
+from rcmservo.config.rig_file import METHOD_PARTS
+from rcmservo.config.servo_json import rebuild_part
 from rcmservo.errors import require
 from rcmservo.guard.states import Phase
 from rcmservo.page.wants import Change
@@ -20,8 +21,8 @@ from rcmservo.servo.servo import Servo
 
 AT_ONCE = ("controller",)
 """Boxes that may change while the drive is on."""
-BOXES = (*AT_ONCE, "estimator", "exploration", "imaged_rcm")
-"""Boxes that may change at all."""
+BOXES = (*AT_ONCE, *(part for part in METHOD_PARTS if part not in AT_ONCE))
+"""Boxes that may change at all: the parts of the method."""
 
 Limit = Callable[[Servo], Servo]
 """Bounds a servo, whatever was set of it."""
@@ -36,7 +37,7 @@ def change_of(box: object, table: object) -> Change:
     """The change that a browser's table for a box asks for, every field given; BadInput, naming the
     field, where there is no such change."""
     require(box in BOXES, "box", box, f"one of {', '.join(BOXES)}")
-    return Change(str(box), rebuild_box({box: table}, str(box)))
+    return Change(str(box), rebuild_part({box: table}, str(box)))
 
 
 class Chosen:

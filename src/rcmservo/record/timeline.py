@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.config.servo_json import rebuild_box
+from rcmservo.config.servo_json import rebuild_part
 from rcmservo.errors import BadInput
 from rcmservo.guard.causes import Action, Cause
 from rcmservo.guard.states import Mode, Phase, Request
@@ -23,9 +23,6 @@ from rcmservo.record.reader import Record
 from rcmservo.record.verdict import Outcome, judged
 
 USUAL_RATE = 100.0
-
-BOXES = "mechanism", "tool"
-"""What a place by the joints takes."""
 
 SLACK = 0.1
 """s before the planned end of a run within which its last tick may come: a loop in wall time may
@@ -238,7 +235,8 @@ def _place(record: Record, q: Floats) -> Floats | None:
     if not record.stages:
         return None
     try:
-        mechanism, tool = (rebuild_box(record.stages[-1].servo, box) for box in BOXES)
+        parts = (rebuild_part(record.stages[-1].servo, part) for part in ("mechanism", "tool"))
+        mechanism, tool = parts
     except BadInput:
         return None
     return position(mechanism.rcm(tool.offset), q)

@@ -36,8 +36,22 @@ PIXELS = between(64, 4096, "a whole number of px")
 NOISE = not_negative("number of px")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Picture(Checked):
+    """Picture of a simulated camera."""
+
+    width: Annotated[int, PIXELS] = 640
+    """Of the picture, px."""
+
+    height: Annotated[int, PIXELS] = 480
+    """Of the picture, px."""
+
+    point_noise: Annotated[float, NOISE] = 0.3
+    """px, root mean square, of a camera that delivers points."""
+
+
 @dataclass(frozen=True)
-class RigSettings(Checked, section="rig"):
+class RigSettings(Picture, section="rig"):
     """What a simulated laboratory is made of."""
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
@@ -57,15 +71,6 @@ class RigSettings(Checked, section="rig"):
 
     scene: SceneSettings = field(default_factory=SceneSettings)
     """What camera, start and target are drawn from."""
-
-    width: Annotated[int, PIXELS] = 640
-    """px of the picture."""
-
-    height: Annotated[int, PIXELS] = 480
-    """px of the picture."""
-
-    point_noise: Annotated[float, NOISE] = 0.3
-    """px, the noise of the camera without pictures."""
 
 
 def drawn(seed: int, settings: RigSettings) -> tuple[Scene, np.random.Generator]:

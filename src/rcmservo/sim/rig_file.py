@@ -1,7 +1,7 @@
 """The parts of a rig file that only a simulation reads: [camera], [drive], [look] and [scene]."""
 
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, fields
+from typing import Any, cast
 
 from rcmservo.config.rig_file import Lab
 from rcmservo.constraints import Checked
@@ -9,7 +9,7 @@ from rcmservo.sim import Look
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
 from rcmservo.sim.rendering import Colour
-from rcmservo.sim.rig import NOISE, PIXELS, RigSettings
+from rcmservo.sim.rig import Picture, RigSettings
 from rcmservo.sim.scene import SceneSettings
 
 PAINTS: dict[str, Colour] = {
@@ -25,21 +25,8 @@ PAINTS: dict[str, Colour] = {
 
 
 @dataclass(frozen=True)
-class CameraSection(Checked, section="camera"):
+class CameraSection(Picture, Timing, section="camera"):
     """[camera] of a rig file."""
-
-    width: Annotated[int, PIXELS] = 640
-    """Of the picture, px."""
-    height: Annotated[int, PIXELS] = 480
-    """Of the picture, px."""
-    frame_rate: float = 60.0
-    """Frames a second."""
-    exposure: float = 0.004
-    """s for which a frame is exposed."""
-    delay: float = 0.02
-    """s from the end of the exposure to the frame's arrival."""
-    point_noise: Annotated[float, NOISE] = 0.3
-    """px, root mean square, of a camera that delivers points."""
 
 
 def rig_settings(lab: Lab) -> RigSettings:
@@ -49,13 +36,16 @@ def rig_settings(lab: Lab) -> RigSettings:
         mechanism=lab.mechanism,
         tool=lab.tool,
         drive=lab.section("drive", Drive),
-        timing=Timing(camera.frame_rate, camera.exposure, camera.delay),
+        timing=Timing(**_values(camera, Timing)),
         look=lab.section("look", Look, **_paint(lab)),
         scene=lab.section("scene", SceneSettings),
-        width=camera.width,
-        height=camera.height,
-        point_noise=camera.point_noise,
+        **_values(camera, Picture),
     )
+
+
+def _values(camera: CameraSection, kind: type[Checked]) -> dict[str, Any]:
+    """Return the settings of a base class of [camera]."""
+    return {f.name: getattr(camera, f.name) for f in fields(cast(Any, kind))}
 
 
 def _paint(lab: Lab) -> dict[str, tuple[float, float] | tuple[Colour, Colour]]:

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import numpy as np
 
-from rcmservo.config.kinds import ESTIMATORS
+from rcmservo.config.registry import ESTIMATORS
 from rcmservo.constraints import Checked, positive
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats

@@ -17,7 +17,8 @@ from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.ways import imaged_rcm
 from rcmservo.sim.truth import feature_jacobian
 from rcmservo.study.course import StudyRun
-from rcmservo.study.plan.cell import PICTURES, Cell
+from rcmservo.study.plan.cell import Cell
+from rcmservo.study.plan.conditions import PICTURES
 
 NEAR = 1.0
 """mm of pose error up to which a run is a success."""

@@ -21,10 +21,10 @@ class MarkerLook(Checked):
     too. A tool that points its smaller ball steeply at the camera breaks that.
     """
 
-    colour_1: Annotated[str, one_of(*COLOURS)] = "green"
+    colour_1: Annotated[str, one_of(COLOURS)] = "green"
     """One of COLOURS."""
 
-    colour_2: Annotated[str, one_of(*COLOURS)] = "blue"
+    colour_2: Annotated[str, one_of(COLOURS)] = "blue"
     """One of COLOURS."""
 
     radius_1: Annotated[float, RADIUS] = 4.0

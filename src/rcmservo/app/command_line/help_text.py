@@ -8,9 +8,10 @@ from inspect import getdoc
 from itertools import groupby
 from typing import Any
 
-from rcmservo.app.command_line.options import Option, group_words, options_of
-from rcmservo.app.servo_options import ESTIMATOR_METAVAR
-from rcmservo.config.kinds import ESTIMATORS, PRESETS, name_of
+from rcmservo.app.command_line.options import Option, groups_of, options_of
+from rcmservo.config.field_docs import first_sentence
+from rcmservo.config.own_code import OPTION as ESTIMATOR_OPTION
+from rcmservo.config.registry import ESTIMATORS, PRESETS, name_of
 
 HELP, ALL = ("-h", "--help"), "--help-all"
 """Options that ask for the basics, and for everything."""
@@ -27,36 +28,33 @@ def help_of(command: str, kind: type[Any], everything: bool) -> str:
 
 
 def _lines(command: str, kind: type[Any], everything: bool, width: int) -> Iterator[str]:
-    options = options_of(kind)
+    options = sorted(options_of(kind), key=lambda one: not one.is_positional)
+    classes = groups_of(kind)
+    groups = list(dict.fromkeys(one.group for one in options if one.group))
     given = [one for one in options if one.is_positional]
     usage = ["usage: rcmservo", command, *(one.name for one in given), "[options]"]
     yield " ".join(usage)
     for paragraph in (getdoc(kind) or "").split("\n\n"):
         yield ""
         yield from textwrap.wrap(" ".join(paragraph.split()), width)
-    groups = list(dict.fromkeys(one.group for one in options if one.group))
     for group, ones in groupby(options, key=lambda one: one.group):
         if everything or not group:
             yield ""
-            yield from _section(group, group_words(kind)[group] if group else "", width)
+            words = " ".join((getdoc(classes[group]) or "").split()) if group else ""
+            head = f"{group} options:" if group else "options:"
+            yield from textwrap.wrap(f"{head} {words}", width)
             for one in ones:
                 yield from _row(_left(one), _right(one), width)
             if not group:
                 both = (f"--help, {ALL}", "Show this, or the settings too.")
                 yield from _row(*(both if groups else ("--help", "Show this.")), width)
-    if any(one.metavar == ESTIMATOR_METAVAR for one in options):
+    if any(one.name == ESTIMATOR_OPTION for one in options):
         yield ""
         yield from _estimators(width)
     if groups and not everything:
         words = f"Settings of {', '.join(groups)}: rcmservo {command} {ALL}"
         yield ""
         yield from textwrap.wrap(words, width, break_on_hyphens=False)
-
-
-def _section(group: str, words: str, width: int) -> Iterator[str]:
-    """Return the heading of some options."""
-    head = f"{group} options:" if group else "options:"
-    yield from textwrap.wrap(f"{head} {words}", width)
 
 
 def _row(left: str, right: str, width: int) -> Iterator[str]:
@@ -93,14 +91,10 @@ def _estimators(width: int) -> Iterator[str]:
 
 def estimator_words() -> dict[str, str]:
     """Return one sentence on each built-in estimator, by its name."""
-    words = {name: _first_sentence(kind) for name, kind in ESTIMATORS.items()}
+    words = {name: first_sentence(kind) for name, kind in ESTIMATORS.items()}
     for name, preset in PRESETS.items():
         kind: Any = type(preset)
         given = {f.name: (getattr(preset, f.name), f.default) for f in fields(kind)}
         other = (f"{name}={value}" for name, (value, usual) in given.items() if value != usual)
         words[name] = f"{name_of(preset, ESTIMATORS)} with {', '.join(other)}"
     return words
-
-
-def _first_sentence(kind: type[Any]) -> str:
-    return " ".join((getdoc(kind) or "").split("\n\n")[0].split()).partition(". ")[0].rstrip(".")

@@ -3,38 +3,40 @@ for messages that name an option."""
 
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Union, cast, get_args, get_origin, get_type_hints
 
 import tyro
 
-from rcmservo.config.field_docs import docstrings
+from rcmservo.config.field_docs import words_of
+from rcmservo.constraints import choices_of
 
-METAVARS = {"int": "INT", "float": "FLOAT", "str": "TEXT", "Path": "PATH"}
-"""How the help calls a value, by its type."""
+METAVARS: dict[type[Any], str] = {int: "INT", float: "FLOAT", str: "TEXT", Path: "PATH"}
+"""Name of a value in the help, by its type."""
 
 
 @dataclass(frozen=True)
 class Option:
     """One option or positional argument of a command."""
 
-    path: tuple[str, ...]
-    """Field names that lead to it from the command's dataclass."""
+    owner: type[Any]
+    """The dataclass whose field it is."""
+    field: str
+    """The name of that field."""
+    group: str
+    """Part of its name that it shares with other options, such as controller; or empty."""
     name: str
     """As typed, such as --controller.gain; of a positional argument its metavar."""
     metavar: str
     """What its values are called; empty for a flag."""
     default: str
     """Its default as it would be typed; empty if there is none to show."""
-    group: str
-    """Part of its name that it shares with other options, such as controller; or empty."""
-    owner: type[Any]
-    """The dataclass whose field it is."""
 
     @property
     def words(self) -> str:
         """What it means, read from the source of its dataclass."""
-        return docstrings(self.owner).get(self.path[-1], "")
+        return words_of(self.owner, self.field)
 
     @property
     def is_positional(self) -> bool:
@@ -47,83 +49,50 @@ class Option:
         return not self.metavar
 
 
-def options_of(kind: type[Any]) -> list[Option]:
-    """Return the options of a command in their order."""
-    return list(_walk(kind, (), ""))
+def groups_of(kind: type[Any]) -> dict[str, type[Any]]:
+    """Return the classes whose settings are groups of options of a command, by the groups."""
+    hints = get_type_hints(kind).items()
+    return {_typed(name): cast(type[Any], hint) for name, hint in hints if is_dataclass(hint)}
 
 
-def group_words(kind: type[Any]) -> dict[str, str]:
-    """Return the explanations of the groups of options, by their names."""
-    words: dict[str, str] = {}
-    for name, hint, markers in _fields(kind):
-        if is_dataclass(hint):
-            inner = cast(type[Any], hint)
-            words |= group_words(inner) if _is_nameless(markers) else {}
-            words |= {} if _is_nameless(markers) else {_typed(name): docstrings(kind).get(name, "")}
-    return words
-
-
-def _walk(kind: type[Any], path: tuple[str, ...], group: str) -> Iterator[Option]:
-    defaults = {one.name: _default(one) for one in fields(kind)}
-    for name, hint, markers in _fields(kind):
-        here = (*path, name)
-        if is_dataclass(hint):
-            inner = cast(type[Any], hint)
-            yield from _walk(inner, here, group if _is_nameless(markers) else _typed(name))
-            continue
-        metavar = _named(markers, "metavar") or _metavar(hint)
-        positional = tyro.conf.Positional in markers
-        typed = f"{group}.{_typed(name)}" if group else _typed(name)
-        yield Option(
-            here,
-            metavar if positional else f"--{typed}",
-            metavar,
-            _shown(defaults[name]),
-            group,
-            kind,
-        )
-
-
-def _fields(kind: type[Any]) -> Iterator[tuple[str, Any, tuple[Any, ...]]]:
-    """Name, type and markers of each field."""
+def options_of(kind: type[Any], group: str = "") -> Iterator[Option]:
+    """Yield the options of a command, the groups last, or those of the class of a group."""
+    groups = groups_of(kind)
     hints = get_type_hints(kind, include_extras=True)
     for one in fields(kind):
+        if _typed(one.name) in groups:
+            continue
         hint = hints[one.name]
-        marked = get_origin(hint) is Annotated
-        inner, *markers = get_args(hint) if marked else (hint,)
-        yield one.name, inner, tuple(markers)
+        markers = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+        named = (getattr(marker, "metavar", None) for marker in markers)
+        metavar = next(filter(None, named), None) or _metavar(hint)
+        typed = f"--{group}.{_typed(one.name)}" if group else f"--{_typed(one.name)}"
+        name = metavar if tyro.conf.Positional in markers else typed
+        yield Option(kind, one.name, group, name, metavar, _shown(one.default))
+    for name, inner in groups.items():
+        yield from options_of(inner, name)
 
 
 def _typed(name: str) -> str:
     return name.replace("_", "-")
 
 
-def _named(markers: tuple[Any, ...], attribute: str) -> str:
-    found = (getattr(marker, attribute, None) for marker in markers)
-    return next((one for one in found if one), "")
-
-
-def _is_nameless(markers: tuple[Any, ...]) -> bool:
-    """True if a group's name is no part of its options' names."""
-    return any(getattr(marker, "name", None) == "" for marker in markers)
+def without_none(hint: Any) -> Any:
+    """Return the type of the values of an option that may be left out."""
+    if get_origin(hint) in (Union, UnionType):
+        return next(one for one in get_args(hint) if one is not NoneType)
+    return hint
 
 
 def _metavar(hint: Any) -> str:
     """Return what the values of a type are called."""
-    origin, inner = get_origin(hint), get_args(hint)
-    if hint is bool:
-        return ""
-    if origin is Literal:
-        return inner[0] if len(inner) == 1 else f"{{{','.join(map(str, inner))}}}"
-    if origin in (Union, UnionType):
-        return next(_metavar(one) for one in inner if one is not NoneType)
-    if origin is tuple:
-        return " ".join(_metavar(one) for one in inner if one is not Ellipsis)
-    return METAVARS.get(getattr(hint, "__name__", ""), "VALUE")
-
-
-def _default(one: Any) -> Any:
-    return one.default_factory() if one.default_factory is not MISSING else one.default
+    choices = choices_of(hint)
+    if choices:
+        return choices[0] if len(choices) == 1 else f"{{{','.join(choices)}}}"
+    plain = without_none(get_args(hint)[0] if get_origin(hint) is Annotated else hint)
+    if get_origin(plain) is tuple:
+        return " ".join(_metavar(one) for one in get_args(plain) if one is not Ellipsis)
+    return "" if plain is bool else METAVARS[plain]
 
 
 def _shown(value: Any) -> str:

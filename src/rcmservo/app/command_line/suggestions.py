@@ -15,11 +15,6 @@ def did_you_mean(names: Iterable[str]) -> str:
     return f" (did you mean {question}?)" if question else ""
 
 
-def near_word(word: str, known: Iterable[str]) -> str:
-    """Return the question for a word among others."""
-    return did_you_mean(get_close_matches(word, list(known), 1))
-
-
 def near_options(word: str, known: Iterable[str]) -> str:
     """Return the question for an option.
 

@@ -3,16 +3,17 @@
 import contextlib
 import time
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
 from rcmservo.app.lab.emulate_crtk import RosOptions, emulate_crtk
 from rcmservo.app.lab.emulated_arm import EmulatedArm, send_gige, send_mjpeg
-from rcmservo.app.parse import OptionalPath
 from rcmservo.app.terminal import console
-from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.config.rig_file import load_lab
+from rcmservo.constraints import Checked, between, not_negative
 from rcmservo.errors import needing, require
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
 from rcmservo.hardware.galil.emulator.faults import KINDS, Fault
@@ -23,36 +24,39 @@ from rcmservo.live.realtime import realtime
 AXES = 4
 COUNTS = 50000.0, 50000.0, 500.0
 """Of a rad, rad and mm of the emulated arm."""
-OF_GALIL = "port", "serial", "mjpeg", "gige", "fault"
-"""Options that crtk has not."""
+PORT = between(0, 65535, "a whole number")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GalilOptions(Checked):
+    """Options of `emulate galil` alone."""
+
+    port: Annotated[int, PORT] = 2323
+    """Where galil listens on 127.0.0.1, by TCP and UDP; 0 takes one that is free."""
+    serial: bool = False
+    """Of galil: offer a serial port too, a pseudo-terminal whose path is told."""
+    mjpeg: Annotated[int | None, PORT] = None
+    """Of galil: offer the arm's camera too, as Motion JPEG on this port of 127.0.0.1; 0 takes one
+    that is free."""
+    gige: bool = False
+    """Of galil: offer it as a GigE Vision camera at 127.0.0.1 (apt-get install libaravis-0.8-0)."""
+    fault: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """Of galil: what goes wrong, as kind:at=5,for=0.5; may be given several times. --fault help
+    lists the kinds."""
 
 
 @dataclass(frozen=True)
-class EmulateOptions:
+class EmulateOptions(RosOptions, GalilOptions):
     """A motion controller on 127.0.0.1, or an arm on ROS topics, that drives a simulated arm, for
     developing without the hardware. It runs until Ctrl-C. Nothing real moves."""
 
     device: Annotated[Literal["galil", "crtk"], tyro.conf.Positional]
     """The controller: galil (a DMC-4040 with four axes, the joints on A, B and C), or crtk (an arm
     on ROS topics, with its camera's pictures)."""
-    port: int = 2323
-    """Where galil listens on 127.0.0.1, by TCP and UDP; 0 takes one that is free."""
-    serial: bool = False
-    """Of galil: offer a serial port too, a pseudo-terminal whose path is told."""
-    mjpeg: int | None = None
-    """Of galil: offer the arm's camera too, as Motion JPEG on this port of 127.0.0.1; 0 takes one
-    that is free."""
-    gige: bool = False
-    """Of galil: offer it as a GigE Vision camera at 127.0.0.1 (apt-get install libaravis-0.8-0)."""
-    seed: int = 0
+    seed: Annotated[int, not_negative("whole number")] = 0
     """Draws where the arm and its camera stand."""
-    rig: OptionalPath = None
+    rig: Path | None = None
     """TOML file with your own mechanism, drives and scene."""
-    fault: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """What goes wrong, as kind:at=5,for=0.5; may be given several times. --fault help lists the
-    kinds. Of galil alone."""
-    crtk: Annotated[RosOptions, tyro.conf.arg(name="")] = field(default_factory=RosOptions)
-    """Where crtk is spoken."""
 
 
 def emulate(options: EmulateOptions) -> int:
@@ -61,13 +65,10 @@ def emulate(options: EmulateOptions) -> int:
         for name, words in KINDS.items():
             print(f"{name:9} {words}")
         return 0
-    require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
-    for name, port in (("--port", options.port), ("--mjpeg", options.mjpeg or 0)):
-        require(0 <= port < 65536, name, port, "a whole number from 0 to 65535")
     _require_own(options)
-    lab = load_lab(options.rig) if options.rig else Lab()
+    lab = load_lab(options.rig)
     if options.device == "crtk":
-        return emulate_crtk(options.crtk, options.seed, lab)
+        return emulate_crtk(options, options.seed, lab)
     faults = [Fault.parse(text) for text in options.fault]
     with needing("emulate", "sim"):
         arm = EmulatedArm(options.seed, lab)
@@ -92,12 +93,10 @@ def emulate(options: EmulateOptions) -> int:
 
 def _require_own(options: EmulateOptions) -> None:
     """Refuse what is another controller's, which would be ignored."""
-    given: dict[str, object] = dict(vars(options))
-    given |= vars(given.pop("crtk"))
-    usual = vars(EmulateOptions(options.device)) | vars(RosOptions())
-    for name in OF_GALIL if options.device == "crtk" else vars(RosOptions()):
+    for one in fields(GalilOptions if options.device == "crtk" else RosOptions):
+        value = getattr(options, one.name)
         right = f"left out: emulate {options.device} has no such thing"
-        require(given[name] == usual[name], f"--{name}", given[name], right)
+        require(value == one.default, f"--{one.name}", value, right)
 
 
 def _serve(server: Server) -> None:

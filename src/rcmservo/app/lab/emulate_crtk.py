@@ -4,7 +4,7 @@ import time
 from contextlib import closing
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Literal
+from typing import Annotated
 
 from rcmservo.app.lab.emulated_arm import EmulatedArm
 from rcmservo.app.terminal import console
@@ -13,7 +13,7 @@ from rcmservo.errors import RcmServoError, needing
 from rcmservo.hardware.crtk.connection import open_transport
 from rcmservo.hardware.crtk.device import STEP, CrtkDevice
 from rcmservo.hardware.crtk.messages import PICTURES, PlainImage
-from rcmservo.hardware.crtk.settings import CrtkSettings
+from rcmservo.hardware.crtk.settings import NAMESPACE, RosConnection
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.realtime import realtime
 
@@ -21,26 +21,19 @@ LOOK = 0.002
 """s between two looks for a new picture."""
 
 
-@dataclass(frozen=True)
-class RosOptions:
-    """Where an arm on ROS topics is."""
+@dataclass(frozen=True, kw_only=True)
+class RosOptions(RosConnection):
+    """Options of `emulate crtk` alone."""
 
-    ros: Literal[2, 1] = 2
-    """Which ROS crtk speaks: 2, or 1 by the master that ROS_MASTER_URI names."""
-    namespace: str = "PSM1"
+    namespace: Annotated[str, NAMESPACE] = "PSM1"
     """Of crtk: the arm's name, before all of its topics."""
-    domain: int = 0
-    """Of crtk: ROS 2's domain."""
-    interface: str = "lo"
-    """Of crtk: the network interface that ROS 2 is spoken on; lo is within this computer."""
 
 
-def emulate_crtk(options: RosOptions, seed: int, lab: Lab) -> int:
+def emulate_crtk(where: RosOptions, seed: int, lab: Lab) -> int:
     """Be the arm until Ctrl-C; the exit code is 0."""
-    where = CrtkSettings(options.namespace, options.ros, options.domain, options.interface)
     with needing("emulate", "sim"):
         arm = EmulatedArm(seed, lab)
-    with arm, closing(open_transport(where.ros, where.domain, where.interface)) as transport:
+    with arm, closing(open_transport(where)) as transport:
         arm.offer(send_pictures, where)
         limits, joints = lab.mechanism.limits, arm.joints()
         now = time.monotonic_ns()
@@ -55,10 +48,10 @@ def emulate_crtk(options: RosOptions, seed: int, lab: Lab) -> int:
     return 0
 
 
-def send_pictures(ring: FrameRing, where: CrtkSettings, control: Connection) -> None:
+def send_pictures(ring: FrameRing, where: RosOptions, control: Connection) -> None:
     """Send a camera's pictures on a topic, until the other end of `control` speaks or is gone."""
     try:
-        transport = open_transport(where.ros, where.domain, where.interface)
+        transport = open_transport(where)
     except RcmServoError as error:
         control.send(RcmServoError(str(error)))
         return

@@ -4,17 +4,13 @@ devices, and a person at the terminal who is asked at each step.
 Until `rig check` has passed for the very bytes of the file, the arm goes at a tenth of its speed.
 """
 
-import platform
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.live import Live
-from rich.text import Text
 
 from rcmservo.app.lab.at_the_arm import Preparing, leave_to_move, target_at_the_arm, words_of
 from rcmservo.app.lab.live_told import (
@@ -25,8 +21,10 @@ from rcmservo.app.lab.live_told import (
     kept,
     loop_metrics,
 )
+from rcmservo.app.lab_options import LabOptions, RunToTargetOptions
+from rcmservo.app.simulated_run.about import about_any
 from rcmservo.app.simulated_run.metrics import FeatureError, number
-from rcmservo.app.terminal import result_table, unit
+from rcmservo.app.terminal import live_line, result_table, unit
 from rcmservo.app.waiting.preparing import compiling
 from rcmservo.config.checked import is_checked
 from rcmservo.config.rig_file import Lab, told_with
@@ -40,37 +38,10 @@ from rcmservo.live.reports import LiveResult
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import run_live
 from rcmservo.live.terminal_person import Terminal
-from rcmservo.loop.shown import TEACHING_FRAMES
 from rcmservo.record.reader import RECORD
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
 from rcmservo.tracking import ColourMarkers
-
-
-@dataclass(frozen=True)
-class HardwareJob:
-    """What to move, how, and where to write."""
-
-    servo: Servo
-    """What is to reach the target, as the options have it: at full speed."""
-    estimator: str
-    """Its estimator's name on the command line."""
-    duration: float
-    """Length of the run, s."""
-    lab: Lab
-    """The laboratory with its devices."""
-    rig: Path
-    """Its file,"""
-    digest: str
-    """and what the bytes of that are known by."""
-    folder: Path
-    """Where record, metrics and figures go."""
-    target: Path | None = None
-    """The file that holds the target; None where it is shown by hand."""
-    save_target: Path | None = None
-    """A new file to keep the target in that is shown; None where it is not kept."""
-    teaching_frames: int = TEACHING_FRAMES
-    """Frames that a target is the mean of."""
 
 
 @dataclass(frozen=True)
@@ -139,42 +110,49 @@ class HardwareMetrics:
 
 
 def live_on_hardware(
-    job: HardwareJob,
+    options: RunToTargetOptions,
+    folder: Path,
     out: Console,
     arm: Callable[[Lab], LabArm] = open_arm,
     camera: Callable[[Lab], LabCamera] = open_camera,
 ) -> HardwareMetrics:
     """Run with a person's leave, and keep what came of it."""
     Terminal().close()  # where there is none, that is told before anything is connected
-    share = 1.0 if is_checked(job.digest) else SHARE
-    servo = job.servo if share == 1.0 else cautious(job.servo, share)
-    out.print(f"the arm and camera of {job.rig}; preparing …", style="dim", soft_wrap=True)
-    with Live(Text(""), console=out, refresh_per_second=8, transient=True) as line, compiling(line):
+    share, lab = speed_share(options), options.lab
+    servo = options.servo if share == 1.0 else cautious(options.servo, share)
+    out.print(f"the arm and camera of {options.rig}; preparing …", style="dim", soft_wrap=True)
+    with live_line(out) as line, compiling(line):
         servo.warm_up()
-    line = Live(Text(""), console=out, refresh_per_second=8, transient=True)
-    words, frames = intent(job, servo, share), job.teaching_frames
-    preparing = Preparing(job.lab, words, job.target, job.save_target, frames)
+    line = live_line(out)
+    words, frames = intent(options, servo, share), options.teaching_frames
+    preparing = Preparing(lab, words, options.target, options.save_target, frames)
+    described = about(options, options.duration, share)
     session = Session(
         servo,
-        job.duration,
-        arm=partial(arm, job.lab),
-        camera=partial(camera, job.lab),
-        tracker=partial(ColourMarkers, job.lab.markers),
-        recorder=partial(Recorder, job.folder / RECORD, about(job, share)),
+        options.duration,
+        arm=partial(arm, lab),
+        camera=partial(camera, lab),
+        tracker=partial(ColourMarkers, lab.markers),
+        recorder=partial(Recorder, folder / RECORD, described),
         target=partial(target_at_the_arm, preparing),
         consent=partial(leave_to_move, preparing),
     )
     try:
-        result = run_live(session, progress=Progress(line, job.duration))
+        result = run_live(session, progress=Progress(line, options.duration))
     except BaseException:
-        drop_empty(job.folder)
+        drop_empty(folder)
         raise
     finally:
         line.stop()
-    return kept(job.folder, metrics_of(job, share, result))
+    return kept(folder, metrics_of(options, folder, share, result))
 
 
-def require_devices(lab: Lab, rig: Path, digest: str) -> None:
+def speed_share(options: LabOptions) -> float:
+    """Return the fraction of the full speed that the rig file allows."""
+    return 1.0 if is_checked(options.digest) else SHARE
+
+
+def require_devices(lab: Lab, rig: Path | None, digest: str) -> None:
     """Refuse a rig file whose devices are not described, or that sends speeds to an arm that nobody
     has seen stop by itself, before anything is connected."""
     with told_with(rig):
@@ -185,67 +163,59 @@ def require_devices(lab: Lab, rig: Path, digest: str) -> None:
         require_latency(lab.device("camera", CAMERAS))
 
 
-def intent(job: HardwareJob, servo: Servo, share: float) -> str:
+def intent(options: RunToTargetOptions, servo: Servo, share: float) -> str:
     """What is going to happen once the drive is on, in words."""
     return (
-        f"Once the drive is on the servo moves it for at most {job.duration:g} s: first a little "
-        f"about its start, so that marker 1 goes at most {servo.exploration.reach:g} mm from "
-        f"corner to corner, and then to the target. {bounds(job, servo, share)} Ctrl-C brings "
-        "it to rest; have the emergency stop at hand."
+        f"Once the drive is on the servo moves it for at most {options.duration:g} s: first a "
+        f"little about its start, so that marker 1 goes at most {servo.exploration.reach:g} mm "
+        f"from corner to corner, and then to the target. {bounds(options, servo, share)} Ctrl-C "
+        "brings it to rest; have the emergency stop at hand."
     )
 
 
-def bounds(job: HardwareJob, servo: Servo, share: float) -> str:
+def bounds(options: LabOptions, servo: Servo, share: float) -> str:
     """How fast and how far joints go, in words."""
     x, y, z = servo.gate.speed
     lower, upper = servo.mechanism.limits.arrays
     why = (
         f"which is {100.0 * share:g} % of the full speed, as `rcmservo rig check` has not passed "
-        f"for {job.rig} as it is now"
+        f"for {options.rig} as it is now"
         if share < 1.0
-        else f"the full speed, as `rcmservo rig check` has passed for {job.rig}"
+        else f"the full speed, as `rcmservo rig check` has passed for {options.rig}"
     )
     return (
         f"No joint goes faster than {x:g} rad/s, {y:g} rad/s and {z:g} mm/s, {why}. None leaves "
-        f"its limits: {words_of(lower, job.lab)} to {words_of(upper, job.lab)}."
+        f"its limits: {words_of(lower, options.lab)} to {words_of(upper, options.lab)}."
     )
 
 
-def about(job: HardwareJob, share: float) -> dict[str, Any]:
-    """What a record says of its run beside its stages."""
-    packages = "numpy", "numba", "opencv-python-headless"
+def about(options: LabOptions, duration: float, share: float) -> dict[str, Any]:
+    """Return the description of a run on hardware in its record."""
     return {
         "simulation": False,
-        "duration_s": job.duration,
-        "estimator": job.estimator,
-        "mechanism": job.servo.mechanism.name,
-        "teaching_frames": job.teaching_frames,
-        "rig_file": str(job.rig),
-        "rig_sha256": job.digest,
+        "rig_file": str(options.rig),
+        "rig_sha256": options.digest,
         "rig_checked": share == 1.0,
         "speed_share": share,
-        "devices": dict(job.lab.devices),
-        "markers": asdict(job.lab.markers),
-        "versions": {
-            "rcmservo": version("rcmservo"),
-            "python": platform.python_version(),
-            **{name: version(name) for name in packages},
-        },
+        "devices": dict(options.lab.devices),
+        **about_any(options, duration),
     }
 
 
-def metrics_of(job: HardwareJob, share: float, result: LiveResult) -> HardwareMetrics:
+def metrics_of(
+    options: LabOptions, folder: Path, share: float, result: LiveResult
+) -> HardwareMetrics:
     """What the supervisor says of a run."""
     outcome, target, timing = result.outcome, result.target, result.timing
     settled = outcome.settled and not result.why_off
     return HardwareMetrics(
         simulated=False,
-        estimator=job.estimator,
-        rig=str(job.rig),
-        rig_sha256=job.digest,
+        estimator=options.estimator,
+        rig=str(options.rig),
+        rig_sha256=options.digest,
         rig_checked=share == 1.0,
         speed_share=share,
-        folder=str(job.folder),
+        folder=str(folder),
         settled=settled,
         cause=outcome.cause or result.why_off,
         remark=outcome.remark,

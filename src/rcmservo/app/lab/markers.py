@@ -8,7 +8,6 @@ from typing import Annotated
 import tyro
 
 from rcmservo.app.lab.marker_report import markers_report, show_markers, shown_in
-from rcmservo.app.parse import OptionalPath
 from rcmservo.app.terminal import console
 from rcmservo.config.marker_lines import told_in, write_markers
 from rcmservo.config.rig_file import Lab, load_lab, told_with
@@ -28,12 +27,12 @@ class MarkersOptions:
 
     frame: Annotated[Path, tyro.conf.Positional]
     """A picture of the tool: a PNG or JPEG file."""
-    choose: Annotated[str, tyro.conf.arg(metavar="COLOUR,COLOUR", help_behavior_hint="")] = ""
+    choose: Annotated[str, tyro.conf.arg(metavar="COLOUR,COLOUR")] = ""
     """The markers' colours, such as green,blue: first that of the marker nearer the RCM."""
-    rig: OptionalPath = None
+    rig: Path | None = None
     """The lab's TOML file. With --choose the markers are written into its section [markers];
     without it the tracker looks for those that the file has."""
-    picture: OptionalPath = None
+    picture: Path | None = None
     """Write the picture with what was found drawn in it to this PNG or JPEG file."""
     json: bool = False
     """Print one JSON object on stdout and nothing else."""
@@ -47,7 +46,7 @@ def markers(options: MarkersOptions) -> int:
     require(out is None or out.suffix.lower() in PICTURES, "--picture", out, right)
     right = "a new file: nothing is overwritten"
     require(out is None or not out.exists(), "--picture", out, right)
-    lab = load_lab(options.rig) if options.rig else Lab()
+    lab = load_lab(options.rig)
     image = read_image(options.frame)
     found = candidates(image)
     pair = _pair(image, found, lab, colours, options)

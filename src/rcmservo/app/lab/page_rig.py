@@ -8,20 +8,20 @@ The person at the page is the one at the arm: who says where it stands, and swit
 
 from collections.abc import Generator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
 from rcmservo.app.lab.at_the_arm import arm_of, define, require_off, setup_at
-from rcmservo.app.lab.behind import PICTURES, Behind, first_words, recorder
-from rcmservo.app.lab.live_on_hardware import HardwareJob, about, bounds
-from rcmservo.config.checked import is_checked
+from rcmservo.app.lab.behind import LONGEST, PICTURES, Behind, first_words, recorder
+from rcmservo.app.lab.live_on_hardware import about, bounds, speed_share
+from rcmservo.app.lab_options import LabOptions
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import RcmServoError
 from rcmservo.hardware.devices import open_arm, open_camera
 from rcmservo.interfaces import Target
-from rcmservo.live.cautious import SHARE, cautious
+from rcmservo.live.cautious import cautious
 from rcmservo.live.frame_ring import FrameRing, RingCamera, ShownCamera
 from rcmservo.live.lab import LabCamera
 from rcmservo.live.leash import Leash, LeashedArm
@@ -40,11 +40,10 @@ from rcmservo.tracking import ColourMarkers
 
 
 @contextmanager
-def hardware(job: HardwareJob) -> Generator[Behind]:
-    """The devices of a rig file. ``job`` tells them, and the servo as the options have it; its
-    folder is each session's own."""
-    lab, share = job.lab, 1.0 if is_checked(job.digest) else SHARE
-    chosen = Chosen(job.servo, as_set if share == 1.0 else cautious)
+def hardware(options: LabOptions) -> Generator[Behind]:
+    """The devices of a rig file, and the servo as the options have it."""
+    lab, share = options.lab, speed_share(options)
+    chosen = Chosen(options.servo, as_set if share == 1.0 else cautious)
     with closing(open_camera(lab)) as camera:
         width, height = size_of(camera)
     context = get_context("spawn")
@@ -53,24 +52,23 @@ def hardware(job: HardwareJob) -> Generator[Behind]:
     def session(desk: Desk, folder: Path) -> Session:
         leash.renew()
         limited, record = chosen.limited, folder / RECORD
-        now = replace(job, servo=chosen.servo, folder=folder)
         stop = "STOP switches the drive off; have the emergency stop of the arm at hand."
-        intent = f"{first_words(limited)} {bounds(now, limited, share)} {stop}"
+        intent = f"{first_words(limited)} {bounds(options, limited, share)} {stop}"
         return Session(
             limited,
-            job.duration,
+            LONGEST,
             arm=partial(leashed, lab, leash, desk),
             camera=partial(shown, lab, ring),
             tracker=partial(ColourMarkers, lab.markers),
-            recorder=partial(recorder, record, about(now, share)),
+            recorder=partial(recorder, record, about(options, LONGEST, share)),
             target=partial(enabled_at_the_page, AtThePage(desk, limited, lab, intent)),
-            operator=partial(PageOperator, desk, chosen, job.teaching_frames),
+            operator=partial(PageOperator, desk, chosen, options.teaching_frames),
             pictures=PICTURES,
             consent=require_off,
         )
 
     slow = "" if share == 1.0 else f", at {100.0 * share:g} % of the speed until `rig check` passes"
-    title, setup = f"arm and camera of {job.rig}{slow}", setup_at(lab, width, height)
+    title, setup = f"arm and camera of {options.rig}{slow}", setup_at(lab, width, height)
     yield Behind(title, partial(RingCamera, ring), session, leash.off, setup, chosen, no_trouble)
 
 

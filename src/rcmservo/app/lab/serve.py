@@ -13,124 +13,75 @@ import json
 import time
 import webbrowser
 from collections.abc import Callable, Generator
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from rich.live import Live
-from rich.text import Text
 
 from rcmservo.app.folders import new_folder
 from rcmservo.app.lab.behind import LONGEST, PICTURES, Behind, first_words, recorder
-from rcmservo.app.lab.live_on_hardware import HardwareJob, require_devices
-from rcmservo.app.parse import OptionalPath
-from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
-from rcmservo.app.terminal import console
+from rcmservo.app.lab.live_on_hardware import require_devices
+from rcmservo.app.lab_options import LabOptions
+from rcmservo.app.terminal import console, live_line
 from rcmservo.app.waiting.preparing import compiling
-from rcmservo.config.checked import digest_of
-from rcmservo.config.rig_file import Lab, bytes_of, lab_of
-from rcmservo.errors import RcmServoError, needing, require
+from rcmservo.constraints import between
+from rcmservo.errors import RcmServoError, needing
 from rcmservo.live.child import Child
 from rcmservo.live.frame_ring import RingCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.live.told_to_end import stopped_by_signals
-from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
 from rcmservo.record.reader import RECORD
-from rcmservo.servo.servo import Servo
 
 if TYPE_CHECKING:
     from rcmservo.page.desk import Desk
 
-OptionalPort = Annotated[int | None, tyro.conf.arg(metavar="PORT", help_behavior_hint="")]
+PORT = between(0, 65534, "a whole number"), tyro.conf.arg(metavar="PORT")
 
 TROUBLE = "trouble.jsonl"
 """In the folder of the records: what went wrong on request, and when."""
 
 
-@dataclass(frozen=True)
-class ServeOptions:
+@dataclass(frozen=True, kw_only=True)
+class ServeOptions(LabOptions):
     """The operator's page in the browser: see, teach, go, stop. The arm and its camera are
     simulated, unless the rig file names an arm. It serves until Ctrl-C."""
 
-    port: OptionalPort = None
+    port: Annotated[int | None, *PORT] = None
     """Port of the page, and the next one of STOP: by default the first free pair from 8080 on. 0
     takes any pair."""
     browser: bool = True
     """Open the page in the browser that this computer has."""
-    seed: int = 0
-    """Draws where the arm and its camera stand, and the noise."""
-    estimator: EstimatorName = "dlt"
-    """The estimator of the Jacobian: one of those below, or your own."""
-    rig: OptionalPath = None
-    """TOML file with your own mechanism, tool, markers and scene, or with the devices [arm] and
-    [camera]."""
     poses: Path = Path("runs/poses")
     """Folder with the poses that are taught on the page, in the files that --target takes."""
-    teaching_frames: int = TEACHING_FRAMES
-    """Frames that a target is the mean of: 300 are 5 s at 60 frames/s."""
-    out: OptionalPath = None
-    """Folder for the records, new or empty; by default a new one under runs/."""
     host: str = "127.0.0.1"
     """Address of this computer to listen on, 0.0.0.0 for all; others than 127.0.0.1 need
     --token-file."""
-    token_file: OptionalPath = None
+    token_file: Path | None = None
     """File with the token that browsers must give; made if absent."""
-    boxes: Boxes = field(default_factory=ServoOptions)
-    """The settings of the servo's boxes."""
 
 
 def serve(options: ServeOptions) -> int:
     """Serve until Ctrl-C; the exit code is 0."""
-    require(options.seed >= 0, "--seed", options.seed, "a whole number that is not negative")
-    require_frames(options.teaching_frames, "--teaching-frames")
-    right = "a whole number from 0 to 65534"
-    require(0 <= (options.port or 0) < 65535, "--port", options.port, right)
     with needing("serve", "page"):
         import_module("rcmservo.page.web.page_process")  # imports NiceGUI before anything compiles
         from rcmservo.page.web.token_file import token_for
     token = token_for(options.host, options.token_file)
-    data = b"" if options.rig is None else bytes_of(options.rig)
-    lab = Lab() if options.rig is None else lab_of(options.rig, data)
-    servo = options.boxes.servo(options.estimator, lab)
-    if options.rig is not None and "arm" in lab.devices:
-        right = f"left out: nothing is simulated of {options.rig}"
-        require(options.seed == 0, "--seed", options.seed, right)
-        require_devices(lab, options.rig, digest := digest_of(data))
-        job = HardwareJob(
-            servo,
-            options.estimator,
-            LONGEST,
-            lab,
-            options.rig,
-            digest,
-            Path(),
-            teaching_frames=options.teaching_frames,
-        )
+    if options.has_devices():
+        require_devices(options.lab, options.rig, options.digest)
         from rcmservo.app.lab.page_rig import hardware
 
-        return _kept(options, token, "serve-hardware", servo, hardware(job))
-    with needing("serve", "sim"):
-        import_module("rcmservo.sim.processes.bench")
-    devices = _bench(options, lab, servo)
-    return _kept(options, token, f"serve-seed{options.seed}", servo, devices)
-
-
-def _kept(
-    options: ServeOptions,
-    token: str,
-    name: str,
-    servo: Servo,
-    devices: AbstractContextManager[Behind],
-) -> int:
-    """Serve with everything compiled, and keep the records in a folder."""
-    line = Live(Text(""), console=console(False), refresh_per_second=8, transient=True)
+        name, devices = "serve-hardware", hardware(options)
+    else:
+        with needing("serve", "sim"):
+            import_module("rcmservo.sim.processes.bench")
+        name, devices = f"serve-seed{options.seed}", _bench(options)
+    servo = options.servo
     with new_folder(options.out, name) as folder:
-        with line, compiling(line):
+        with live_line(console(False)) as line, compiling(line):
             servo.warm_up()
         with contextlib.suppress(KeyboardInterrupt), devices as behind:
             _serve(options, behind, folder, token)
@@ -138,8 +89,9 @@ def _kept(
 
 
 @contextlib.contextmanager
-def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
+def _bench(options: ServeOptions) -> Generator[Behind]:
     """The simulated arm and its camera."""
+    from rcmservo.app.simulated_run.about import about
     from rcmservo.app.simulated_run.target import setup_of
     from rcmservo.page.settings import Chosen
     from rcmservo.sim.processes.bench import Bench
@@ -147,17 +99,16 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
     from rcmservo.sim.processes.trouble import chosen as trouble_of
     from rcmservo.sim.processes.true_error import TrueError
     from rcmservo.sim.rig import Rig
-    from rcmservo.sim.rig_file import rig_settings
 
-    chosen = Chosen(servo)
-    with Bench(options.seed, rig_settings(lab)) as bench:
+    chosen, lab = Chosen(options.servo), options.lab
+    with Bench(options.seed, options.rig_settings) as bench:
 
         def session(desk: "Desk", folder: Path) -> Session:
             from rcmservo.page.enabling import await_enable
             from rcmservo.page.operator import PageOperator
 
             record, limited = folder / RECORD, chosen.limited
-            words = about(options, lab, limited)
+            words = about(options, LONGEST)
             return replace(
                 bench.session(limited, lab.markers, LONGEST, record, words),
                 recorder=partial(recorder, record, words),
@@ -253,15 +204,3 @@ def befallen(what: str, desk: "Desk", befall: Callable[[str], str], log: Path) -
             file.write(json.dumps({"time": time.monotonic_ns(), "what": words}) + "\n")
     except OSError as error:
         desk.said.put(Note(f"{log.name} cannot be written: {error.strerror}"))
-
-
-def about(options: ServeOptions, lab: Lab, servo: Servo) -> dict[str, Any]:
-    """What a record says of its session."""
-    from rcmservo.app.simulated_run import job
-    from rcmservo.sim.rig_file import rig_settings
-
-    frames = options.teaching_frames
-    of = job.Job(
-        options.seed, LONGEST, options.estimator, servo, lab, Path(), teaching_frames=frames
-    )
-    return job.about(of, rig_settings(lab))

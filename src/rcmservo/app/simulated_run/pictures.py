@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 
-from rcmservo.app.simulated_run.job import Job
 from rcmservo.figures.overlay import draw
 from rcmservo.figures.video import Video
 from rcmservo.interfaces import Frame, Image
@@ -19,20 +19,18 @@ STRIDE = 4
 each takes 30 ms to encode."""
 
 
-def video_of(job: Job, settings: RigSettings, stack: ExitStack) -> Video | None:
-    """The overlay video, if it is wanted."""
-    if not job.video:
-        return None
+def video_of(folder: Path, settings: RigSettings, stack: ExitStack) -> Video:
+    """The overlay video."""
     size, rate = (settings.width, settings.height), settings.timing.frame_rate / STRIDE
-    video = Video(job.folder / "overlay.webm", size, rate)
+    video = Video(folder / "overlay.webm", size, rate)
     stack.callback(video.close)
     return video
 
 
 def pictures(
-    job: Job, plant: Plant, video: Video | None, recorder: Recorder
+    plant: Plant, video: Video | None, recorder: Recorder | None
 ) -> Callable[[Tick], None]:
-    """What to do with every new frame: the overlay video, and the record if it is to hold them."""
+    """What to do with every new frame: add it to the overlay video, and to the record."""
     shown: Frame | None = None
     count = 0
 
@@ -45,7 +43,7 @@ def pictures(
         if video is not None and count % STRIDE == 0:
             video.write(overlay(frame.image, tick))
         count += 1
-        if job.frames:
+        if recorder is not None:
             recorder.write_frame(frame)
 
     return picture

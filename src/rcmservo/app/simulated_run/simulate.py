@@ -12,9 +12,11 @@ from collections.abc import Callable, Generator, Iterable
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict
 from functools import partial
+from pathlib import Path
 
+from rcmservo.app.lab_options import RunOptions
 from rcmservo.app.run_figures import draw_figures
-from rcmservo.app.simulated_run.job import Job, about
+from rcmservo.app.simulated_run.about import about
 from rcmservo.app.simulated_run.metrics import METRICS, RunMetrics, Unrecorded, measured
 from rcmservo.app.simulated_run.pictures import pictures, video_of
 from rcmservo.app.simulated_run.target import target_of
@@ -31,39 +33,41 @@ from rcmservo.record.writer import Recorder
 from rcmservo.sim import Killed, Rig
 from rcmservo.sim.disturbances.computer_faults import disk
 from rcmservo.sim.person import ScriptedPerson, attended
-from rcmservo.sim.rig_file import rig_settings
 from rcmservo.tracking import ColourMarkers
 
 
-def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> RunMetrics:
-    """Run the job, write its folder, and return the metrics.
+def simulate(
+    options: RunOptions, folder: Path, progress: Callable[[Tick], None] = lambda tick: None
+) -> RunMetrics:
+    """Run what the options ask for, write the folder, and return the metrics.
 
     Stopped by Ctrl-C it raises KeyboardInterrupt as usual, after the record so far was ended and
     the arm was at rest.
     """
-    rig = Rig(job.seed, rig_settings(job.lab), disturbances=job.disturbances)
-    plant = Plant(rig.arm, rig.camera, ColourMarkers(job.lab.markers), rig.clock)
-    target = target_of(job, rig, plant)
-    job.servo.warm_up()
-    person = ScriptedPerson(rig, plant, job.resumes, job.teaching_frames)
+    servo, lab, settings = options.servo, options.lab, options.rig_settings
+    rig = Rig(options.seed, settings, disturbances=options.disturbances)
+    plant = Plant(rig.arm, rig.camera, ColourMarkers(lab.markers), rig.clock)
+    target = target_of(options, rig, plant)
+    servo.warm_up()
+    person = ScriptedPerson(rig, plant, options.resumes, options.teaching_frames)
+    wrong = [str(disturbance) for disturbance in options.disturbances]
+    words = about(options, options.duration) | {"disturbances": wrong, "resumes": options.resumes}
     started = time.perf_counter()
     with ExitStack() as stack:
-        recorder = stack.enter_context(
-            Recorder(job.folder / RECORD, about(job, rig.settings), disk(rig.disk_full))
-        )
-        video = video_of(job, rig.settings, stack)
+        recorder = stack.enter_context(Recorder(folder / RECORD, words, disk(rig.disk_full)))
+        video = video_of(folder, settings, stack) if options.video else None
         plant.recorded = recorder.recorded
-        begins = partial(recorder.begin, job.servo)
-        ticks = attended(rig, plant, job.servo, target, job.duration, person, begins)
-        shown = pictures(job, plant, video, recorder), progress
+        begins = partial(recorder.begin, servo)
+        ticks = attended(rig, plant, servo, target, options.duration, person, begins)
+        shown = pictures(plant, video, recorder if options.frames else None), progress
         ended = _follow(ticks, rig, plant, recorder, shown)
     metrics = RunMetrics(
-        job.seed,
-        job.name,
+        options.seed,
+        options.estimator,
         cause=ended or RunMetrics.cause,
-        estimator_time_per_frame_s=getattr(job.servo.estimator, "estimator_time", 0.0) or None,
+        estimator_time_per_frame_s=getattr(servo.estimator, "estimator_time", 0.0) or None,
         rejected_scenes=rig.scene.rejected,
-        folder=str(job.folder),
+        folder=str(folder),
         resumed=person.resumed,
         refused=person.refused,
         shown_again=person.shown,
@@ -71,7 +75,7 @@ def simulate(job: Job, progress: Callable[[Tick], None] = lambda tick: None) -> 
         not_filmed=video.failed if video is not None else "",
     )
     p_d = rig.body.points(rig.scene.target)[1]
-    return _kept(job, metrics, Unrecorded(p_d, time.perf_counter() - started, ended))
+    return _kept(folder, metrics, Unrecorded(p_d, time.perf_counter() - started, ended))
 
 
 def _follow(
@@ -99,17 +103,17 @@ def _follow(
     return held(tick.state.mode, "" if ever else unseen(plant, tick.seen, began))
 
 
-def _kept(job: Job, metrics: RunMetrics, beside: Unrecorded) -> RunMetrics:
+def _kept(folder: Path, metrics: RunMetrics, beside: Unrecorded) -> RunMetrics:
     """The metrics with what the record tells, written beside it with its figures.
 
     What cannot be written is told in them: the result is not lost with it.
     """
     with suppress(UnusableFile):  # of a servo that was killed before it recorded anything
-        record = reader.read(job.folder)
+        record = reader.read(folder)
         metrics = measured(metrics, record, beside)
-        metrics = written(metrics, lambda: draw_figures(record, job.folder))
+        metrics = written(metrics, lambda: draw_figures(record, folder))
     text = json.dumps(asdict(metrics), indent=2) + "\n"
-    return written(metrics, lambda: write_whole(job.folder / METRICS, text))
+    return written(metrics, lambda: write_whole(folder / METRICS, text))
 
 
 @contextmanager

@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 
-from rcmservo.app.simulated_run.job import Job
+from rcmservo.app.lab_options import RunOptions
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import Lab
 from rcmservo.config.target_file import Setup
@@ -34,17 +34,17 @@ def setup_of(rig: Rig, lab: Lab) -> Setup:
     )
 
 
-def target_of(job: Job, rig: Rig, plant: Plant) -> Target:
+def target_of(options: RunOptions, rig: Rig, plant: Plant) -> Target:
     """The target of a file, or one that a person shows before bringing the tool back to the
     start."""
-    setup = setup_of(rig, job.lab)
-    if job.target is not None:
-        target = target_file.load(job.target, setup)
-        job.servo.demand(target)
+    setup = setup_of(rig, options.lab)
+    if options.target is not None:
+        target = target_file.load(options.target, setup)
+        options.servo.demand(target)
         return target
     rig.show_target()
-    target = teach(plant, job.teaching_frames)
+    target = teach(plant, options.teaching_frames)
     rig.go_home()
-    if job.save_target is not None:
-        target_file.save(job.save_target, target, setup)
+    if options.save_target is not None:
+        target_file.save(options.save_target, target, setup)
     return target

@@ -19,7 +19,8 @@ from rcmservo.record.reader import RECORD
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
 from rcmservo.study.laboratory import Laboratory, LaboratoryLoop
-from rcmservo.study.plan.cell import COMPILED, MUJOCO, Cell
+from rcmservo.study.plan.cell import Cell
+from rcmservo.study.plan.conditions import COMPILED, MUJOCO
 from rcmservo.study.plan.parcel import parcel_of
 from rcmservo.study.work import note
 from rcmservo.study.work.chunk import one_run

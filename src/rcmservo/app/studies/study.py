@@ -5,26 +5,27 @@ import sys
 import time
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 from rich.console import Console
-from rich.live import Live
 from rich.text import Text
 
 from rcmservo.app.folders import dated
-from rcmservo.app.parse import OptionalPath
 from rcmservo.app.studies.told import beside, described, results, tell_work
-from rcmservo.app.terminal import console
+from rcmservo.app.terminal import console, live_line
 from rcmservo.app.waiting.preparing import compiling
 from rcmservo.app.waiting.progress import going_on, progress
-from rcmservo.config.kinds import ESTIMATORS, PRESETS
 from rcmservo.config.own_code import named
+from rcmservo.config.registry import ESTIMATORS, PRESETS
+from rcmservo.constraints import Checked, between
 from rcmservo.errors import needing, require
 from rcmservo.method.estimators.base import Estimator
+from rcmservo.study.plan.conditions import RunConditions
 
 if TYPE_CHECKING:
     from rcmservo.study.plan.file import StudyFile
@@ -32,20 +33,28 @@ if TYPE_CHECKING:
     from rcmservo.study.work.crew import Crew
     from rcmservo.study.work.go import Work
 
-OptionalFile = Annotated[
-    Path | None,
-    tyro.conf.Positional,
-    tyro.conf.arg(metavar="[FILE]", help_behavior_hint=""),
-]
-OptionalInt = Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="")]
-OptionalFloat = Annotated[float | None, tyro.conf.arg(metavar="FLOAT", help_behavior_hint="")]
-OptionalText = Annotated[str | None, tyro.conf.arg(metavar="TEXT", help_behavior_hint="")]
+OptionalFile = Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")]
 Names = tyro.conf.UseAppendAction[tuple[str, ...]]
-Numbers = Annotated[tuple[float, ...], tyro.conf.arg(help_behavior_hint="")]
 
 
-@dataclass(frozen=True)
-class StudyOptions:
+@dataclass(frozen=True, kw_only=True)
+class WorkOptions(Checked):
+    """Options of `study` and `tune`."""
+
+    own: Names = ()
+    """Your own estimator, as module:class, that FILE names: code of others is run only where the
+    command line names it too."""
+    out: Path | None = None
+    """Folder to write to, or that of an earlier study or search, which then goes on where it
+    stopped. By default a new one under runs/."""
+    workers: Annotated[int | None, between(1, 4096, "a whole number")] = None
+    """Processes of this machine (one for each processor)."""
+    cluster: str | None = None
+    """Address of a dask scheduler whose workers are to do it, such as tls://host:8786."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyOptions(RunConditions, WorkOptions):
     """Try methods in many simulated scenes, and write one row a run, a report that compares them
     with intervals, and a summary."""
 
@@ -57,43 +66,34 @@ class StudyOptions:
     scenes: Names = ()
     """What scenes are drawn from: random, paper, laparoscopic, hard, or a rig file; may be given
     several times. --scenes help says what each is."""
-    own: Names = ()
-    """Your own estimator, as module:class, that FILE names: code of others is run only where the
-    command line names it too."""
-    count: OptionalInt = None
-    """Scenes of each kind (200)."""
-    seed: OptionalInt = None
+    seed: int | None = None
     """Of the first scene (0); the others follow one by one."""
-    noise: Numbers = ()
-    """px of the camera that tells points; several are tried one after the other: write FILE before
-    this option."""
-    latency: Numbers = ()
-    """s from a frame's exposure to its arrival; several are tried one after the other: write FILE
-    before this option."""
     disturb: Names = ()
     """What goes wrong in every run, as `rcmservo run --disturb` has it."""
-    repetitions: OptionalInt = None
-    """Runs in each scene, with different noise (1)."""
-    duration: OptionalFloat = None
-    """Length of each run, s (15)."""
-    shown: OptionalInt = None
-    """Frames that the target is shown for (300, 5 s)."""
-    engine: OptionalText = None
-    """auto, which is the compiled twin where it can do it, else MuJoCo; or compiled, mujoco, or
-    pictures, which is MuJoCo with rendered frames."""
-    out: OptionalPath = None
-    """Folder to write to, or that of an earlier study, which then goes on where it stopped. By
-    default a new one under runs/."""
-    workers: OptionalInt = None
-    """Processes of this machine (one for each processor)."""
-    cluster: OptionalText = None
-    """Address of a dask scheduler whose workers are to do it, such as tls://host:8786."""
     report: bool = True
     """Write report.html too."""
-    replay: OptionalInt = None
+    replay: int | None = None
     """Instead of all this make one run of the study in --out again, by its row, and record it."""
     film: bool = False
     """Make a film of it too."""
+
+    @cached_property
+    def asked(self) -> "StudyFile":
+        """The study in FILE; the usual one without."""
+        with needing("a study", "study"):
+            from rcmservo.study.plan.distribution import BUILT_IN
+            from rcmservo.study.plan.file import StudyFile, load
+        if self.file is None:
+            return StudyFile()
+        if str(self.file) in (*ESTIMATORS, *PRESETS, *BUILT_IN):
+            right = "a TOML file; --method and --scenes take one name each, and may be given "
+            require(self.file.exists(), "FILE", self.file, f"{right}several times")
+        return load(self.file)
+
+    @property
+    def usual(self) -> "StudyOptions | None":
+        """Options that FILE gives where the command line does not."""
+        return None if self.file is None else StudyOptions(**_conditions(self.asked))
 
 
 def study(options: StudyOptions) -> int:
@@ -126,18 +126,27 @@ def study(options: StudyOptions) -> int:
     return 0
 
 
-def planned(options: StudyOptions) -> "StudyPlan":
-    """The plan of a file, and of the options above it."""
-    from rcmservo.study.plan.distribution import BUILT_IN
-    from rcmservo.study.plan.file import StudyFile, load, plan_of
+def _conditions(given: RunConditions) -> dict[str, Any]:
+    """Return the conditions that a file and the options share."""
+    return {f.name: getattr(given, f.name) for f in fields(RunConditions)}
 
-    if options.file is not None and str(options.file) in (*ESTIMATORS, *PRESETS, *BUILT_IN):
-        right = (
-            "a TOML file; --method and --scenes take one name each, and may be given several times"
-        )
-        require(options.file.exists(), "FILE", options.file, right)
-    asked = load(options.file) if options.file is not None else StudyFile()
-    return plan_of(_above(options, asked), own_of(options))
+
+def planned(options: StudyOptions) -> "StudyPlan":
+    """Return the plan of a file, with what the options say put in its place."""
+    from rcmservo.sim.disturbances import Disturbance
+    from rcmservo.study.plan.file import plan_of
+
+    for text in options.disturb:
+        Disturbance.parse(text)
+    said = {
+        "methods": options.method,
+        "scenes": options.scenes,
+        "first_seed": options.seed,
+        "disturb": (options.disturb,) if options.disturb else (),
+    }
+    given = {name: value for name, value in said.items() if value not in ((), None)}
+    asked = replace(options.asked, **_conditions(options), **given)
+    return plan_of(asked, own_of(options))
 
 
 def require_kept(file: Path | None, folder: Path) -> None:
@@ -154,32 +163,10 @@ def own_of(options: StudyOptions) -> dict[str, type[Estimator]]:
     return own | {name: named(name, "--own") for name in options.own}
 
 
-def _above(options: StudyOptions, asked: "StudyFile") -> "StudyFile":
-    """What a file asks for, with what the options say put in its place."""
-    from rcmservo.sim.disturbances import Disturbance
-
-    for text in options.disturb:
-        Disturbance.parse(text)
-    said = {
-        "methods": options.method,
-        "scenes": options.scenes,
-        "count": options.count,
-        "first_seed": options.seed,
-        "noise": options.noise,
-        "latency": options.latency,
-        "disturb": (options.disturb,) if options.disturb else (),
-        "repetitions": options.repetitions,
-        "duration": options.duration,
-        "shown": options.shown,
-        "engine": options.engine,
-    }
-    return replace(asked, **{k: value for k, value in said.items() if value not in ((), None)})
-
-
 def _do(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
     """Have what is left done; how that went."""
     runs, left = work.plan.runs, work.runs_left
-    with workers_for(work, options.cluster, options.workers, out) as hands:
+    with workers_for(work, options, out) as hands:
         began, count = time.monotonic(), hands.count
         with progress(out, "running", runs, runs - left, "runs") as advance:
             work.go(hands, advance)
@@ -188,21 +175,18 @@ def _do(work: "Work", options: StudyOptions, out: Console) -> dict[str, object]:
 
 
 @contextmanager
-def workers_for(
-    work: "Work", cluster: str | None, workers: int | None, out: Console
-) -> Generator["Crew"]:
+def workers_for(work: "Work", options: WorkOptions, out: Console) -> Generator["Crew"]:
     """Workers, after all that the work needs was compiled."""
     from rcmservo.study.work.crew import crew, require_guarded
 
-    require(workers is None or 1 <= workers <= 4096, "--workers", workers, "from 1 to 4096")
-    if cluster is not None:
-        require_guarded(cluster)
+    if options.cluster is not None:
+        require_guarded(options.cluster)
     with ExitStack() as stack:
-        with Live(Text(""), console=out, refresh_per_second=8, transient=True) as line:
+        with live_line(out) as line:
             with compiling(line):
                 work.compile()
             line.update(Text("waiting for workers …", style="dim"))
-            hands = stack.enter_context(crew(cluster, workers))
+            hands = stack.enter_context(crew(options.cluster, options.workers))
         yield hands
 
 

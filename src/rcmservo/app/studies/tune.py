@@ -2,7 +2,6 @@
 
 import json
 import shlex
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -11,23 +10,16 @@ import tyro
 from rich.console import Console
 
 from rcmservo.app.folders import dated
-from rcmservo.app.own_options import group_of
-from rcmservo.app.parse import OptionalPath
-from rcmservo.app.studies.study import (
-    Names,
-    OptionalInt,
-    OptionalText,
-    about,
-    require_kept,
-    workers_for,
-)
+from rcmservo.app.lab_options import RunOptions
+from rcmservo.app.servo_options import group_of
+from rcmservo.app.studies.study import WorkOptions, about, require_kept, workers_for
 from rcmservo.app.studies.told import beside, results, tell_work
 from rcmservo.app.terminal import console
 from rcmservo.app.waiting.progress import going_on, progress
 from rcmservo.config.decode import decode
 from rcmservo.config.files import write_whole
-from rcmservo.config.kinds import ESTIMATORS, name_of
 from rcmservo.config.own_code import named
+from rcmservo.config.registry import ESTIMATORS, PARTS, name_of
 from rcmservo.config.rig_file import told_with
 from rcmservo.errors import needing
 
@@ -37,35 +29,12 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class TuneOptions:
+class TuneOptions(WorkOptions):
     """Search a method's settings by study, and try what was found on scenes that the search has not
     seen."""
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     """TOML file of a study with one method, with [search] and [tune]; docs/studies.md shows one."""
-    own: Names = ()
-    """Your own estimator, as module:class, that FILE names."""
-    out: OptionalPath = None
-    """Folder to write to, or that of an earlier search, which then goes on where it stopped. By
-    default a new one under runs/."""
-    workers: OptionalInt = None
-    """Processes of this machine (one for each processor)."""
-    cluster: OptionalText = None
-    """Address of a dask scheduler whose workers are to do it, such as tls://host:8786."""
-
-
-@dataclass(frozen=True)
-class TuneSection:
-    """[tune] of a file."""
-
-    trials: int = 50
-    """Settings that are tried."""
-    goal: str = "time"
-    """What is to be small: time or error."""
-    seed: int = 0
-    """Of the optimiser's chance."""
-    validation: int = 1000
-    """Scenes that the search has not seen."""
 
 
 def tune(options: TuneOptions) -> int:
@@ -83,7 +52,7 @@ def tune(options: TuneOptions) -> int:
     unseen = Work(tuning.unseen, folder)
     _tell_search(out, tuning, folder, folder / SEARCH)
     with going_on(folder, out):
-        with workers_for(unseen, options.cluster, options.workers, out) as crew:
+        with workers_for(unseen, options, out) as crew:
             with progress(out, "searching", tuning.trials) as advance:
                 tried = searched(tuning, folder / SEARCH, crew, lambda _: advance(1))
             found = best(tried)
@@ -114,7 +83,7 @@ def tune(options: TuneOptions) -> int:
 def _tuning(options: TuneOptions) -> "Tuning":
     """What a file asks for."""
     from rcmservo.study.plan.file import load, plan_of
-    from rcmservo.study.tuning.search import Tuning
+    from rcmservo.study.tuning.search import TuneSection, Tuning
     from rcmservo.study.tuning.space import axis_from
 
     asked = load(options.file)
@@ -123,7 +92,7 @@ def _tuning(options: TuneOptions) -> "Tuning":
         plan = plan_of(asked, {name: named(name, "--own") for name in options.own})
         method = plan.methods[0]
         axes = tuple(axis_from(name, told, method) for name, told in asked.search.items())
-        return Tuning(plan, axes, **asdict(section))
+        return Tuning(plan=plan, axes=axes, **asdict(section))
 
 
 def _tell_search(out: Console, tuning: "Tuning", folder: Path, search: Path) -> None:
@@ -172,12 +141,13 @@ def _told(value: object) -> str:
 
 def run_command(method: "StudyMethod") -> str:
     """How `rcmservo run` takes these settings."""
-    kind = name_of(method.estimator, ESTIMATORS)
-    words = ["rcmservo", "run", "--estimator", kind]
-    for group, box in _groups(method, kind).items():
-        for f in fields(box):
-            value = getattr(box, f.name)
-            if value != getattr(type(box)(), f.name):
+    words = ["rcmservo", "run", "--estimator", name_of(method.estimator, ESTIMATORS)]
+    for settings in method.parts.values():
+        kind = cast(type[Any], type(settings))
+        group, usual = group_of(kind, RunOptions), kind()
+        for f in fields(kind):
+            value = getattr(settings, f.name)
+            if value != getattr(usual, f.name):
                 words += _option(f"{group}.{f.name}".replace("_", "-"), value)
     return shlex.join(words)
 
@@ -193,27 +163,15 @@ def _option(name: str, value: Any) -> list[str]:
     ]
 
 
-def _groups(method: "StudyMethod", kind: str) -> Mapping[str, Any]:
-    """The boxes by what their options begin with."""
-    own = group_of(type(method.estimator)) if ":" in kind else kind
-    boxes = {"controller": method.controller, "exploration": method.exploration}
-    return {own: method.estimator, **boxes, "imaged_rcm": method.imaged_rcm}
-
-
 def settings_text(method: "StudyMethod", own: "Own", tuning: "Tuning") -> str:
     """The method as a file that `rcmservo study` reads: all its settings."""
-    kind = next((n for n, k in own.items() if k is type(method.estimator)), None)
-    lines = [
-        f"# Found by rcmservo tune: {tuning.trials} trials, goal {tuning.goal}.",
-        f"[method.{method.name}.estimator]",
-        f"kind = {json.dumps(kind or name_of(method.estimator, ESTIMATORS))}",
-        *_settings(method.estimator),
-    ]
-    for box in ("controller", "exploration", "imaged_rcm"):
-        lines += [f"[method.{method.name}.{box}]", *_settings(getattr(method, box))]
+    named_own = {kind: name for name, kind in own.items()}
+    lines = [f"# Found by rcmservo tune: {tuning.trials} trials, goal {tuning.goal}."]
+    for part, settings in method.parts.items():
+        kind = cast(type[Any], type(settings))
+        name = named_own.get(kind) or name_of(settings, PARTS[part])
+        given = {"kind": name, **{f.name: getattr(settings, f.name) for f in fields(kind)}}
+        # JSON's numbers, words, lists, true and false are TOML's too
+        lines.append(f"[method.{method.name}.{part}]")
+        lines += [f"{key} = {json.dumps(value)}" for key, value in given.items()]
     return "\n".join(lines) + "\n"
-
-
-def _settings(box: Any) -> list[str]:
-    """JSON's numbers, words, lists, true and false are TOML's too."""
-    return [f"{f.name} = {json.dumps(getattr(box, f.name))}" for f in fields(box)]

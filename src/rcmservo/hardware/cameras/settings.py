@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 
 from rcmservo.constraints import Checked, Limit, between, matching, not_empty
 from rcmservo.errors import require
-from rcmservo.hardware.crtk.settings import DOMAIN, INTERFACE, ROS, TOPIC
+from rcmservo.hardware.crtk.settings import TOPIC, RosConnection
 
 LATENCY = Limit(
     lambda latency: 0.0 <= latency <= 1.0, "a time from 0 to 1 s (0 where it was never measured)"
@@ -102,7 +102,7 @@ class AravisSettings(Checked, section="camera"):
 
 
 @dataclass(frozen=True)
-class TopicSettings(Checked, section="camera"):
+class TopicSettings(RosConnection, section="camera"):
     """A camera whose pictures come on a ROS topic, stamped when they were exposed."""
 
     name: ClassVar[str] = "topic"
@@ -115,12 +115,6 @@ class TopicSettings(Checked, section="camera"):
     """The topic's name, such as PSM1/camera/image_raw."""
     compressed: bool = False
     """Whether they come as the files of sensor_msgs/CompressedImage, not as sensor_msgs/Image."""
-    ros: Annotated[int, ROS] = 2
-    """Which ROS it speaks: 2 or 1."""
-    domain: Annotated[int, DOMAIN] = 0
-    """ROS 2's domain (ROS_DOMAIN_ID)."""
-    interface: Annotated[str, INTERFACE] = "lo"
-    """The network interface on which ROS 2 is spoken; lo is within this computer."""
     latency: Annotated[float, LATENCY] = 0.0
     """s from the middle of an exposure to the stamp."""
 

@@ -45,7 +45,7 @@ def topic_camera(settings: TopicSettings) -> StreamedCamera:
 
 
 def _stream(settings: TopicSettings) -> "TopicStream":
-    transport = open_transport(settings.ros, settings.domain, settings.interface)
+    transport = open_transport(settings)
     return TopicStream(settings, transport)
 
 

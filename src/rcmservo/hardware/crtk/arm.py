@@ -349,5 +349,5 @@ class CrtkArm:
 
 def crtk_arm(settings: CrtkSettings, limits: JointLimits) -> CrtkArm:
     """Connect to the arm by the ROS that its settings name."""
-    transport = open_transport(settings.ros, settings.domain, settings.interface)
+    transport = open_transport(settings)
     return CrtkArm(settings, limits, transport)

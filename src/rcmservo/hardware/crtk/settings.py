@@ -13,25 +13,32 @@ LEAD = Limit(
 SIGNS = each(Limit((1.0, -1.0).__contains__, ""), "three numbers, each 1 or -1")
 ROS = Limit((1, 2).__contains__, "1 or 2")
 TOPIC = r"\w+(/\w+)*"
+NAMESPACE = matching(TOPIC, "letters, digits and _, such as PSM1")
 DOMAIN = between(0, 232, "a whole number")
 INTERFACE = matching(r"[\w.:-]{1,15}", "a network interface's name, such as lo")
 
 
+@dataclass(frozen=True, kw_only=True)
+class RosConnection(Checked):
+    """Version of ROS, and the network that it is spoken on."""
+
+    ros: Annotated[int, ROS] = 2
+    """Version of ROS: 2, or 1 by the master that ROS_MASTER_URI names."""
+    domain: Annotated[int, DOMAIN] = 0
+    """ROS 2's domain (ROS_DOMAIN_ID)."""
+    interface: Annotated[str, INTERFACE] = "lo"
+    """Network interface on which ROS 2 is spoken; lo is within this computer."""
+
+
 @dataclass(frozen=True)
-class CrtkSettings(Checked, section="arm"):
+class CrtkSettings(RosConnection, section="arm"):
     """An arm that speaks CRTK, whose first three joints are those of the mechanism."""
 
     name: ClassVar[str] = "crtk"
     """Its kind in rig files."""
 
-    namespace: Annotated[str, matching(TOPIC, "letters, digits and _, such as PSM1")]
+    namespace: Annotated[str, NAMESPACE]
     """Its name before all of its topics, such as PSM1."""
-    ros: Annotated[int, ROS] = 2
-    """Which ROS it speaks: 2 or 1."""
-    domain: Annotated[int, DOMAIN] = 0
-    """ROS 2's domain (ROS_DOMAIN_ID)."""
-    interface: Annotated[str, INTERFACE] = "lo"
-    """The network interface on which ROS 2 is spoken; lo is within this computer."""
     signs: Annotated[Triple, SIGNS] = (1.0, 1.0, 1.0)
     """1 or -1 for each joint: which way it counts, beside the mechanism's."""
     lead: Annotated[Triple, LEAD] = (0.1, 0.1, 10.0)

@@ -2,12 +2,12 @@
 
 import re
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, get_type_hints
 
-from rcmservo.config.field_docs import docstrings
-from rcmservo.config.kinds import KINDS
+from rcmservo.config.field_docs import words_of
+from rcmservo.config.registry import PARTS
 from rcmservo.config.servo_json import describe
-from rcmservo.constraints import NameIn
+from rcmservo.constraints import choices_of
 from rcmservo.page.settings import AT_ONCE, BOXES
 from rcmservo.servo.servo import Servo
 
@@ -36,26 +36,17 @@ def fields_of(kind: type[Any]) -> list[SettingField]:
     """The fields of a settings dataclass."""
     if not is_dataclass(kind):
         return []
-    words, given = docstrings(kind), kind()
-    types = get_type_hints(kind, include_extras=True)
+    given, types = kind(), get_type_hints(kind, include_extras=True)
     return [
         SettingField(
             name=f.name,
-            unit=unit_in(words.get(f.name, "")),
-            words=words.get(f.name, ""),
+            unit=unit_in(words_of(kind, f.name)),
+            words=words_of(kind, f.name),
             default=getattr(given, f.name),
-            choices=_choices(types[f.name]),
+            choices=list(choices_of(types[f.name])),
         )
         for f in fields(kind)
     ]
-
-
-def _choices(hint: Any) -> list[str]:
-    if get_origin(hint) is Annotated:
-        hint, *markers = get_args(hint)
-        named = [name for one in markers if isinstance(one, NameIn) for name in one.names]
-        return named or _choices(hint)
-    return list(get_args(hint)) if get_origin(hint) is Literal else []
 
 
 def unit_in(words: str) -> str:
@@ -67,18 +58,19 @@ def unit_in(words: str) -> str:
 def forms(chosen: Servo, in_force: Servo | None) -> list[dict[str, Any]]:
     """A form for each box that may change, as JSON has it: its kinds and their fields, what is set,
     and what is in force."""
-    held: Any = None if in_force is None else describe(in_force)
-    wanted: Any = describe(chosen)
+    held = None if in_force is None else describe(in_force)
+    wanted = describe(chosen)
     return [
         {
             "box": box,
+            "title": (box[0].upper() + box[1:]).replace("_rcm", " RCM").replace("_", " "),
             "at_once": box in AT_ONCE,
             "kinds": {
                 name: {
                     "words": _words(kind),
                     "fields": [vars(field) for field in fields_of(kind)],
                 }
-                for name, kind in KINDS[box].items()
+                for name, kind in PARTS[box].items()
             },
             "set": wanted[box],
             "in_force": None if held is None else held[box],

@@ -23,7 +23,7 @@ from rcmservo.sim.rig import drawn
 from rcmservo.study.batch import Study
 from rcmservo.study.course import LAST, StudyRun
 from rcmservo.study.laboratory import Laboratory, LaboratoryLoop
-from rcmservo.study.plan.cell import COMPILED, MUJOCO
+from rcmservo.study.plan.conditions import COMPILED, MUJOCO
 
 STOPPED_FOR_GOOD = Phase.PAUSED, Phase.FAULT
 """Phases that only an operator ends."""

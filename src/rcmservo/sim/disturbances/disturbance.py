@@ -111,7 +111,7 @@ def _drawn(random: np.random.Generator, name: str, duration: float) -> Disturban
 def _require_kind(name: str) -> None:
     if str(name) in OLD:
         raise BadInput("disturbance", name, f"written {renewed(name)} now")
-    one_of(*KINDS).require("disturbance", name)
+    one_of(KINDS).require("disturbance", name)
 
 
 def _time(where: str, value: object) -> float:

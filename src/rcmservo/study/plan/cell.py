@@ -9,19 +9,15 @@ from functools import cached_property
 from typing import Any
 
 from rcmservo.config import texts
-from rcmservo.config.servo_json import describe, rebuild
-from rcmservo.config.texts import is_table
+from rcmservo.config.servo_json import rebuild
 from rcmservo.errors import require
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance
 from rcmservo.study.batch import Study
 from rcmservo.study.laboratory import Laboratory
+from rcmservo.study.plan.conditions import AUTO, COMPILED, MUJOCO, PICTURES
 from rcmservo.study.plan.distribution import Distribution
 from rcmservo.study.plan.method import Own
-
-COMPILED, MUJOCO, PICTURES = "compiled", "mujoco", "pictures"
-ENGINES = COMPILED, MUJOCO, PICTURES
-"""The compiled twin; MuJoCo's arm with the live path's own code; the same with rendered frames."""
 
 
 @dataclass(frozen=True)
@@ -90,15 +86,8 @@ def engine_of(servo: Servo, disturb: tuple[str, ...], wanted: str) -> str:
     """The engine for a servo: the one that is `wanted`, or with "auto" the compiled one where that
     can do it."""
     compiled = servo.kernel is not None and not disturb
-    if wanted == "auto":
+    if wanted == AUTO:
         return COMPILED if compiled else MUJOCO
     right = "auto, mujoco or pictures: neither disturbances nor estimators in Python are compiled"
     require(compiled or wanted != COMPILED, "engine", wanted, right)
     return wanted
-
-
-def described(servo: Servo) -> Mapping[str, Any]:
-    """A servo as a cell keeps it."""
-    told = describe(servo)
-    assert is_table(told)
-    return told

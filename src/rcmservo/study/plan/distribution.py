@@ -17,13 +17,13 @@ from typing import Any, cast
 import numpy as np
 
 from rcmservo.config import texts
-from rcmservo.config.rig_file import Lab, lab_from, told_with
+from rcmservo.config.rig_file import SIMULATION_SECTIONS, Lab, lab_from, told_with
 from rcmservo.config.texts import Table, is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.sim import RigSettings
 from rcmservo.sim.rig_file import rig_settings
 
-VARIED = "tool", "camera", "drive", "look", "scene"
+VARIED = ("tool", *SIMULATION_SECTIONS)
 """Sections whose numbers may vary."""
 
 CHILD = 4

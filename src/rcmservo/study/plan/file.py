@@ -23,7 +23,9 @@ from typing import Any
 from rcmservo.config import texts
 from rcmservo.config.decode import decode
 from rcmservo.config.files import read_small
+from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput, require
+from rcmservo.study.plan.conditions import StudyConditions
 from rcmservo.study.plan.distribution import Distribution, chosen, distribution_from
 from rcmservo.study.plan.method import Own, StudyMethod, method_from, named
 from rcmservo.study.plan.plan import StudyPlan
@@ -32,32 +34,14 @@ LARGEST = 1_000_000
 """Bytes of a file."""
 
 
-@dataclass(frozen=True)
-class StudyFile:
-    """What a file, and the command line above it, ask for; None is what neither says."""
+@dataclass(frozen=True, kw_only=True)
+class StudyFile(StudyConditions):
+    """A study as a file, and the command line above it, request it."""
 
     methods: tuple[str, ...] | None = None
-    """Names of what is tried."""
+    """Names of what is tried; None for all of `method`."""
     scenes: tuple[str, ...] | None = None
-    """Names of what scenes are drawn from."""
-    count: int | None = None
-    """Scenes of each kind."""
-    first_seed: int | None = None
-    """Of the first scene."""
-    noise: tuple[float, ...] | None = None
-    """px."""
-    latency: tuple[float, ...] | None = None
-    """s."""
-    disturb: tuple[tuple[str, ...], ...] | None = None
-    """Sets of what goes wrong."""
-    repetitions: int | None = None
-    """Runs in each scene."""
-    duration: float | None = None
-    """s."""
-    shown: int | None = None
-    """Frames."""
-    engine: str | None = None
-    """What makes the runs."""
+    """Names of what scenes are drawn from; None for all of `distribution`."""
     method: dict[str, Any] = field(default_factory=dict[str, Any])
     """Methods of its own, by their names."""
     distribution: dict[str, Any] = field(default_factory=dict[str, Any])
@@ -80,26 +64,21 @@ def plan_of(asked: StudyFile, own: Own) -> StudyPlan:
     methods = {name: _method(name, table, own) for name, table in asked.method.items()}
     scenes: dict[str, Distribution] = {}
     for name, table in asked.distribution.items():
-        require(isinstance(table, dict), f"distribution.{name}", table, "a table")
+        require(is_table(table), f"distribution.{name}", table, "a table")
         scenes[name] = distribution_from(name, table, scenes)
     tried = asked.methods if asked.methods is not None else tuple(methods or ("dlt",))
     drawn = asked.scenes if asked.scenes is not None else tuple(scenes or ("random",))
-    numbers = {
-        f.name: getattr(asked, f.name)
-        for f in fields(StudyPlan)
-        if f.name not in ("methods", "scenes") and getattr(asked, f.name) is not None
-    }
     return StudyPlan(
         methods=tuple(methods.get(name) or named(name, own) for name in tried),
         scenes=tuple(_scenes(name, scenes) for name in drawn),
-        **numbers,
+        **{f.name: getattr(asked, f.name) for f in fields(StudyConditions)},
     )
 
 
 def _method(name: str, table: object, own: Own) -> StudyMethod:
-    if not isinstance(table, dict):
+    if not is_table(table):
         raise BadInput(f"method.{name}", table, "a table")
-    return method_from(name, table, own)  # pyright: ignore[reportUnknownArgumentType]
+    return method_from(name, table, own)
 
 
 def _scenes(name: str, known: dict[str, Distribution]) -> Distribution:

@@ -1,18 +1,15 @@
-"""A method of a study: an estimator, and the boxes of a servo that go with it."""
+"""A method of a study: the parts of a servo that no rig file describes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from rcmservo.config.kinds import ESTIMATORS, KINDS, PRESETS, chosen, kind_in
-from rcmservo.config.rig_file import Lab
+from rcmservo.config.registry import ESTIMATORS, PARTS, PRESETS, decode_kind
+from rcmservo.config.rig_file import METHOD_PARTS, Lab
 from rcmservo.config.texts import Table, is_table
 from rcmservo.errors import BadInput, require
-from rcmservo.method.controller import SaturatedController
 from rcmservo.method.estimators.base import Estimator
-from rcmservo.method.exploration import Exploration
-from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import examine
 from rcmservo.study.plan.parcel import EMPTY, Parcel, parcel_of
@@ -20,24 +17,20 @@ from rcmservo.study.plan.parcel import EMPTY, Parcel, parcel_of
 Own = Mapping[str, type[Estimator]]
 """Users' own estimators that the command line has named, by module:class."""
 
-BOXES = "controller", "exploration", "imaged_rcm"
-"""Of a method's table, beside its estimator."""
-
 
 @dataclass(frozen=True)
 class StudyMethod:
-    """What is tried."""
+    """A method that a study tries."""
 
     name: str
     """In rows and reports."""
-    estimator: Estimator
-    """How Ĵ is learnt."""
-    controller: SaturatedController = field(default_factory=SaturatedController)
-    """The law."""
-    exploration: Exploration = field(default_factory=Exploration)
-    """The first motion."""
-    imaged_rcm: ImagedRcm = field(default_factory=ImagedRcm)
-    """How the imaged RCM is computed."""
+    parts: Mapping[str, Any]
+    """Every one of METHOD_PARTS."""
+
+    @property
+    def estimator(self) -> Estimator:
+        """The estimator of Ĵ."""
+        return self.parts["estimator"]
 
     @cached_property
     def parcel(self) -> Parcel:
@@ -45,45 +38,46 @@ class StudyMethod:
         kind = type(self.estimator)
         return EMPTY if kind.__module__.startswith("rcmservo.") else parcel_of(kind)
 
-    def servo(self, lab: Lab) -> Servo:
-        """The servo of this method in a laboratory."""
-        boxes = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "name"}
-        return Servo(lab.mechanism, lab.tool, gate=lab.gate, thresholds=lab.thresholds, **boxes)
+
+def method_of(name: str, **parts: Any) -> StudyMethod:
+    """Return the method with these parts; those left out are the servo's default ones."""
+    servo = Lab().servo(**parts)
+    return StudyMethod(name, {part: getattr(servo, part) for part in METHOD_PARTS})
 
 
 def named(name: str, own: Own) -> StudyMethod:
-    """The method with the built-in settings of an estimator, and those of all other boxes."""
-    return StudyMethod(name, _estimator(name, own, "method"))
+    """Return the method with the built-in settings of an estimator, and those of all other
+    parts."""
+    return method_of(name, estimator=_estimator(name, own, "method"))
 
 
 def method_from(name: str, table: Table, own: Own) -> StudyMethod:
-    """The method in a table: `estimator`, by its name or as a table with its `kind`, and tables of
-    the other boxes' settings."""
+    """Return the method in a table: `estimator`, by its name or as a table with its `kind`, and
+    tables of the other parts' settings."""
     where, rest = f"method.{name}", dict(table)
-    estimator = _estimator(rest.pop("estimator", None), own, f"{where}.estimator")
-    boxes: dict[str, Any] = {}
-    for box, settings in rest.items():
-        require(box in BOXES, f"{where}.{box}", settings, f"one of estimator, {', '.join(BOXES)}")
-        kind = {"kind": next(iter(KINDS[box]))}
-        whole = kind | settings if is_table(settings) else settings
-        boxes[box] = chosen(KINDS[box], whole, f"{where}.{box}")
-    return StudyMethod(name, estimator, **boxes)
+    parts = {"estimator": _estimator(rest.pop("estimator", None), own, f"{where}.estimator")}
+    for part, settings in rest.items():
+        right = f"one of {', '.join(METHOD_PARTS)}"
+        require(part in METHOD_PARTS, f"{where}.{part}", settings, right)
+        parts[part] = decode_kind(PARTS[part], settings, f"{where}.{part}")
+    return method_of(name, **parts)
 
 
-def _estimator(told: object, own: Own, where: str) -> Estimator:
-    """The estimator of a name or a table."""
-    if is_table(told):
-        return chosen({**ESTIMATORS, **own}, told, where)
-    if isinstance(told, str) and told in PRESETS:
-        return PRESETS[told]
-    if not isinstance(told, str) or told not in {**ESTIMATORS, **own}:
+def _estimator(given: object, own: Own, where: str) -> Estimator:
+    """Return the estimator of a name or a table."""
+    known = {**ESTIMATORS, **own}
+    if is_table(given):
+        return decode_kind(known, given, where)
+    if isinstance(given, str) and given in PRESETS:
+        return PRESETS[given]
+    if not isinstance(given, str) or given not in known:
         names = ", ".join((*ESTIMATORS, *PRESETS))
         right = f"one of {names}, or module:class that --method or --own names"
-        raise BadInput(where, told, right)
-    return kind_in({**ESTIMATORS, **own}, told, where)()
+        raise BadInput(where, given, right)
+    return known[given]()
 
 
 def tried(method: StudyMethod, lab: Lab) -> Servo:
-    """The servo of a method, whose estimator is tried first if it is a user's own."""
+    """Return the servo of a method, whose estimator is tried first if it is a user's own."""
     examine(method.estimator, lab.tool)
-    return method.servo(lab)
+    return lab.servo(**method.parts)

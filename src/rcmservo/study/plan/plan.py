@@ -5,21 +5,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
-from rcmservo.constraints import Checked, Limit, between, each, one_of
+from rcmservo.config.servo_json import describe
 from rcmservo.errors import BadInput, require
-from rcmservo.loop.shown import FRAMES, TEACHING_FRAMES
 from rcmservo.sim import Disturbance
-from rcmservo.study.plan.cell import COMPILED, ENGINES, MUJOCO, PICTURES, Cell, described, engine_of
+from rcmservo.study.plan.cell import Cell, engine_of
+from rcmservo.study.plan.conditions import COMPILED, MOST, MUJOCO, PICTURES, StudyConditions
 from rcmservo.study.plan.distribution import Distribution
 from rcmservo.study.plan.method import StudyMethod, tried
 
-AUTO = "auto"
-LONGEST = 3600.0
-"""s of a closed loop."""
-MOST = 100_000_000
-"""Runs of a study."""
 SIZES = {COMPILED: 100, MUJOCO: 4, PICTURES: 1}
 """Seeds of a chunk: a fraction of a second of work, so that little is lost with a worker."""
 
@@ -33,44 +28,18 @@ class Chunk(NamedTuple):
     """Of their scenes."""
 
 
-DURATION = Limit(lambda s: 1.0 < s <= LONGEST, f"more than 1 and at most {LONGEST:g} s")
-
-
-@dataclass(frozen=True)
-class StudyPlan(Checked):
-    """What a study tries."""
+@dataclass(frozen=True, kw_only=True)
+class StudyPlan(StudyConditions):
+    """Methods and scenes that a study tries, and the conditions."""
 
     methods: tuple[StudyMethod, ...]
     """Compared on the same scenes with the same noise; the first is what the others are held
     against."""
     scenes: tuple[Distribution, ...]
     """What scenes are drawn from."""
-    count: Annotated[int, between(1, MOST, "a whole number")] = 200
-    """Scenes of each distribution."""
-    first_seed: int = 0
-    """Of the first scene; the others follow one by one."""
-    noise: Annotated[
-        tuple[float, ...],
-        each(between(0.0, 1000.0), "a number of px that is not negative, up to 1000"),
-    ] = ()
-    """px of the camera without pictures; empty for what the scenes have."""
-    latency: Annotated[tuple[float, ...], each(between(0.0, 0.5), "a time from 0 to 0.5 s")] = ()
-    """s from a frame's exposure to its arrival; empty for what the scenes have."""
-    disturb: tuple[tuple[str, ...], ...] = ((),)
-    """What goes wrong, one set after the other."""
-    repetitions: Annotated[int, between(1, 1000, "a whole number")] = 1
-    """Runs in each scene, with different noise."""
-    duration: Annotated[float, DURATION] = 15.0
-    """Length of each closed loop, s."""
-    shown: Annotated[int, FRAMES] = TEACHING_FRAMES
-    """Frames that the target is shown for."""
-    engine: Annotated[str, one_of(AUTO, *ENGINES)] = AUTO
-    """`auto`, or one of ENGINES for all."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        seed = f"a whole number from 0 to {2**53 - 1}"
-        require(0 <= self.first_seed < 2**53, "seed", self.first_seed, seed)
         right = "left out with pictures, whose noise is the tracker's"
         require(self.engine != PICTURES or not self.noise, "noise", list(self.noise), right)
         require(bool(self.methods), "method", "none", "at least one")
@@ -141,7 +110,7 @@ class StudyPlan(Checked):
         told = tuple(str(Disturbance.read(one)) for one in disturb)
         cell = Cell(
             method=method.name,
-            servo=described(servo),
+            servo=describe(servo),
             source=method.parcel.digest,
             condition=condition,
             scenes=scenes.name,

@@ -34,17 +34,13 @@ TUNED, AGAIN = "tuned", "tuned-again"
 """What is found is called; and where the search starts at what one before has found."""
 
 
-@dataclass(frozen=True)
-class Tuning(Checked, section="tune"):
-    """What is searched, and how long."""
+@dataclass(frozen=True, kw_only=True)
+class TuneSection(Checked, section="tune"):
+    """[tune] of a study's file: length and goal of a search."""
 
-    plan: StudyPlan
-    """Its one method is where the search starts; its scenes are those of the search."""
-    axes: tuple[SearchAxis, ...]
-    """What is searched."""
     trials: Annotated[int, between(1, 100_000, "a whole number")] = 50
     """Settings that are tried."""
-    goal: Annotated[str, one_of(*GOALS)] = "time"
+    goal: Annotated[str, one_of(GOALS)] = "time"
     """What is to be small, on an average over the runs: `time`, s until first within 1 mm, a run
     that fails counting as twice its length; or `error`, mm off at the end, a run that fails
     counting as FAILED_MM."""
@@ -52,6 +48,16 @@ class Tuning(Checked, section="tune"):
     """Of the optimiser's chance."""
     validation: Annotated[int, between(10, 1_000_000, "a whole number")] = 1000
     """Scenes that the search has not seen, on which it is tried."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tuning(TuneSection):
+    """Settings that are searched, and the length and goal of the search."""
+
+    plan: StudyPlan
+    """Its one method is where the search starts; its scenes are those of the search."""
+    axes: tuple[SearchAxis, ...]
+    """What is searched."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -14,7 +14,7 @@ from typing import Any, cast
 
 from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput, require, suggestion
-from rcmservo.study.plan.method import BOXES, StudyMethod
+from rcmservo.study.plan.method import StudyMethod
 
 Values = Mapping[str, Any]
 """A value for every setting that is searched, by box.name."""
@@ -85,19 +85,19 @@ def _range(where: str, name: str, ends: list[Any], log: bool, usual: Any) -> Sea
 def value_of(method: StudyMethod, name: str) -> Any:
     """The value that a setting has now."""
     box, _, key = name.partition(".")
-    boxes = ("estimator", *BOXES)
-    require(box in boxes, "search", name, f"box.name, with a box among {', '.join(boxes)}")
-    names = [f.name for f in fields(getattr(method, box))]
+    boxes = ", ".join(method.parts)
+    require(box in method.parts, "search", name, f"box.name, with a box among {boxes}")
+    names = [f.name for f in fields(method.parts[box])]
     hint = suggestion(name, [f"{box}.{one}" for one in names])
     right = f"a setting of {box}, one of {', '.join(names) or 'none'}{hint}"
     require(key in names, "search", name, right)
-    return getattr(getattr(method, box), key)
+    return getattr(method.parts[box], key)
 
 
 def with_values(method: StudyMethod, name: str, values: Values) -> StudyMethod:
     """The method with other values, under another name."""
-    boxes: dict[str, Any] = {}
+    parts = dict(method.parts)
     for path, value in values.items():
-        box, _, key = path.partition(".")
-        boxes[box] = replace(boxes.get(box, getattr(method, box)), **{key: value})
-    return replace(method, name=name, **boxes)
+        part, _, key = path.partition(".")
+        parts[part] = replace(parts[part], **{key: value})
+    return StudyMethod(name, parts)

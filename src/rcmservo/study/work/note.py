@@ -5,11 +5,13 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from rcmservo.config import texts
 from rcmservo.config.decode import decode
 from rcmservo.config.files import read_small, write_whole
+from rcmservo.config.registry import KIND
+from rcmservo.config.rig_file import METHOD_PARTS
 from rcmservo.config.texts import Table, is_table
 from rcmservo.constraints import Checked, Limit, not_empty
 from rcmservo.errors import UnusableFile, one_line, require
@@ -24,8 +26,6 @@ WORDS = {"package": "rcmservo", "count": "count", "first_seed": "seed"}
 """What users call what is the same for all cells."""
 METHOD = "method"
 """What users call the names of the methods."""
-SETTINGS = "estimator", "controller", "exploration", "imaged_rcm"
-"""Boxes of a servo that are the method's; the others are the scenes'."""
 NOISE, DELAY = "camera.point_noise", "camera.delay"
 """Numbers of a distribution that have options of their own."""
 
@@ -34,16 +34,16 @@ FROM_1 = Limit(lambda number: number >= 1, "a whole number from 1 on")
 
 
 @dataclass(frozen=True)
-class StudyNote:
+class StudyNote(Checked):
     """A study as its folder tells it."""
 
     package: str
     """Of the rcmservo that made it."""
-    count: int
+    count: Annotated[int, FROM_1]
     """Scenes of each cell."""
-    first_seed: int
+    first_seed: Annotated[int, FROM_0]
     """Of the first of them."""
-    cells: tuple[Cell, ...]
+    cells: Annotated[tuple[Cell, ...], not_empty("one at least")]
     """In the order of their rows, `count` each."""
 
     def run_of(self, case: int) -> tuple[Cell, int]:
@@ -56,37 +56,14 @@ class StudyNote:
         return len(self.cells) * self.count
 
 
-@dataclass(frozen=True)
-class NoteTable(Checked):
-    """study.json as it is written."""
-
-    format: Annotated[str, Limit(lambda text: text == FORMAT, FORMAT)]
-    """FORMAT."""
-    package: str
-    """As StudyNote has it, and so are the others."""
-    count: Annotated[int, FROM_1]
-    """At least 1."""
-    first_seed: Annotated[int, FROM_0]
-    """At least 0."""
-    cells: Annotated[tuple[dict[str, Any], ...], not_empty("one at least")]
-    """One at least."""
-
-    @property
-    def note(self) -> StudyNote:
-        """What it tells."""
-        cells = tuple(_cell(table, f"study.cells[{i}]") for i, table in enumerate(self.cells))
-        return StudyNote(self.package, self.count, self.first_seed, cells)
-
-
-def _cell(table: Table, where: str) -> Cell:
-    """A cell whose servo and scenes look like some: what is in them is refused where it is used."""
-    cell = decode(Cell, table, where)
+def _require_usable(cell: Cell, where: str) -> None:
+    """Refuse a cell whose servo and scenes do not look like some; what is in them is refused where
+    it is used."""
     estimator = cell.servo.get("estimator")
-    good = is_table(estimator) and "kind" in estimator
+    good = is_table(estimator) and KIND in estimator
     require(good, f"{where}.servo.estimator", estimator, "a table with its kind")
     for name, section in cell.tables.items():
         require(is_table(section), f"{where}.tables.{name}", section, "a table")
-    return cell
 
 
 def note_of(plan: StudyPlan) -> StudyNote:
@@ -107,7 +84,14 @@ def read(folder: Path) -> StudyNote | None:
         return None
     data = read_small(path, LARGEST, "a study's note")
     try:
-        return decode(NoteTable, texts.from_json(data.decode()), "study").note
+        table = texts.from_json(data.decode())
+        if is_table(table):
+            form = table.pop("format", None)
+            require(form == FORMAT, "study.format", form, FORMAT)
+        note = decode(StudyNote, table, "study")
+        for i, cell in enumerate(note.cells):
+            _require_usable(cell, f"study.cells[{i}]")
+        return note
     except (ValueError, RecursionError) as error:
         why = f"is not what `rcmservo study` wrote ({one_line(error)}): name a new folder"
         raise UnusableFile(path, why) from error
@@ -135,7 +119,7 @@ def _facts_of(cell: Cell) -> Iterator[tuple[str, str, object]]:
     drawn = {**_numbers(cell), **cell.vary}
     rest = {name: value for name, value in drawn.items() if name not in (NOISE, DELAY)}
     yield METHOD, "", cell.method
-    yield f"settings of {cell.method}", "", [cell.servo.get(box) for box in SETTINGS]
+    yield f"settings of {cell.method}", "", [cell.servo.get(part) for part in METHOD_PARTS]
     yield f"code of {cell.method}", "", cell.source
     yield "scenes", "", cell.scenes
     yield "scenes", cell.scenes, rest

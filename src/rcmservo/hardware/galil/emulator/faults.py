@@ -38,7 +38,7 @@ class Fault:
     """s for which it lasts."""
 
     def __post_init__(self) -> None:
-        one_of(*KINDS).require("--fault", self.kind)
+        one_of(KINDS).require("--fault", self.kind)
         right = f"a time in s from 0 to {LONGEST:g}"
         require(0.0 <= self.at <= LONGEST, f"--fault {self.kind}: at", self.at, right)
         require(self.duration > 0.0, f"--fault {self.kind}: for", self.duration, "a time above 0 s")

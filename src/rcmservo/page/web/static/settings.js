@@ -1,8 +1,4 @@
 // Settings: a form for each box of the servo that may change, made of what the server tells of it.
-const NAMES = {
-  controller: "Controller", estimator: "Estimator", exploration: "Exploration",
-  imaged_rcm: "Imaged RCM",
-};
 const $ = (id) => document.getElementById(id);
 
 let count = null, forms = [], told = null;
@@ -51,13 +47,13 @@ function element(kind, words = "", more = {}) {
 }
 
 function form(rcm, about) {
-  const made = element("form", "", { "data-box": about.box, "aria-label": NAMES[about.box] });
+  const made = element("form", "", { "data-box": about.box, "aria-label": about.title });
   made.dataset.set = JSON.stringify(about.set);
   made.noValidate = true; // the server says what is wrong
   const when = about.at_once ? "holds at once, also in motion" : "holds from the next session on";
-  const head = element("h3", NAMES[about.box]);
+  const head = element("h3", about.title);
   head.append(element("small", when));
-  const kind = element("select", "", { "aria-label": `${NAMES[about.box]} kind` });
+  const kind = element("select", "", { "aria-label": `${about.title} kind` });
   const names = Object.keys(about.kinds), own = about.set.kind;
   if (!names.includes(own)) names.push(own);
   kind.append(...names.map((name) => element("option", name, { value: name })));
@@ -71,9 +67,9 @@ function form(rcm, about) {
     tellInForce(made, about);
   };
   kind.onchange = () => fill(kind.value === own ? about.set : {});
-  const set = element("button", `Set ${NAMES[about.box].toLowerCase()}`, { class: "set" });
+  const set = element("button", `Set ${about.title.toLowerCase()}`, { class: "set" });
   const defaults = element("button", "Defaults", { type: "button" });
-  defaults.setAttribute("aria-label", `${NAMES[about.box]} defaults`);
+  defaults.setAttribute("aria-label", `${about.title} defaults`);
   defaults.onclick = () => fill({});
   made.onsubmit = (event) => { event.preventDefault(); rcm.set(about.box); };
   const buttons = element("div", "", { class: "buttons" });

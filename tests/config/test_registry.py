@@ -1,0 +1,52 @@
+"""One registry: an added part of the servo, class or setting is found in options, records, studies
+and on the page."""
+
+from dataclasses import fields, is_dataclass
+
+import pytest
+
+import rcmservo as rs
+from conftest import laboratory
+from rcmservo.app.command_line.options import options_of
+from rcmservo.app.lab_options import RunOptions
+from rcmservo.config.registry import PARTS, REGISTERED
+from rcmservo.config.rig_file import METHOD_PARTS, Lab
+from rcmservo.config.servo_json import describe
+from rcmservo.page.settings import BOXES
+from rcmservo.page.web.setting_fields import forms
+from rcmservo.study.plan.method import method_of
+
+CLASSES = {kind for classes in PARTS.values() for kind in classes.values()}
+OF_METHOD = {
+    (kind, f.name) for part in METHOD_PARTS for kind in PARTS[part].values() for f in fields(kind)
+}
+
+
+def test_every_field_of_a_servo_but_its_rate_is_a_part_with_classes_of_different_names() -> None:
+    assert [*PARTS, "rate"] == [f.name for f in fields(rs.Servo)]
+    assert set(REGISTERED) <= CLASSES and all(map(is_dataclass, CLASSES))
+    assert sum(map(len, PARTS.values())) == len(CLASSES)
+
+
+def test_a_part_is_described_by_the_rig_file_or_set_by_the_method() -> None:
+    robot = {f.name for f in fields(Lab)} & set(PARTS)
+    assert robot | set(METHOD_PARTS) == set(PARTS) and not robot & set(METHOD_PARTS)
+    assert set(BOXES) == set(METHOD_PARTS) == set(method_of("a", estimator=rs.DltEstimator()).parts)
+
+
+def test_every_setting_of_the_method_is_an_option_and_a_field_of_the_page() -> None:
+    assert {(one.owner, one.field) for one in options_of(RunOptions)} > OF_METHOD
+    shown = {
+        (PARTS[form["box"]][name], field["name"])
+        for form in forms(laboratory().servo(), None)
+        for name, kind in form["kinds"].items()
+        for field in kind["fields"]
+    }
+    assert shown == OF_METHOD
+
+
+@pytest.mark.parametrize("part", METHOD_PARTS)
+def test_every_setting_of_a_part_is_in_records(part: str) -> None:
+    for kind in PARTS[part].values():
+        servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0), **{part: kind()})
+        assert set(describe(servo)[part]) == {"kind", *(f.name for f in fields(kind))}
