@@ -19,7 +19,7 @@ from rcmservo.app.run import RunOptions
 from rcmservo.app.simulated_run.job import Job, about
 from rcmservo.app.simulated_run.target import target_of
 from rcmservo.config.rig_file import Lab
-from rcmservo.live.arm_link import shown_and_brought_back
+from rcmservo.live.arm_link import teach_and_return
 from rcmservo.loop.operator import Teach
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.shown import TEACHING_FRAMES
@@ -40,7 +40,7 @@ FRAMES: dict[Callable[..., object], str] = {
     Laboratory: "shown",
     StudyPlan: "shown",
     ScriptedPerson: "frames",
-    shown_and_brought_back: "frames",
+    teach_and_return: "frames",
     Bench.session: "frames",
     Job: "teaching_frames",
     HardwareJob: "teaching_frames",
