@@ -1,5 +1,4 @@
-"""What can go wrong because of what a person gave us: one base class, subclasses that carry the
-data."""
+"""Errors that rcmservo raises on purpose. Subclasses carry the data of their message."""
 
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
@@ -7,32 +6,40 @@ from pathlib import PurePath
 
 
 class RcmServoError(Exception):
-    """Any error that rcmservo raises on purpose; its message is one sentence for a person."""
+    """Base class of all errors that rcmservo raises on purpose. The message is one sentence for the
+    user."""
 
 
-LONGEST = 200
-"""Characters of what others wrote that a message tells."""
+MAX_QUOTED_LENGTH = 200
+"""Characters of foreign text that a message quotes."""
 
 
 def one_line(text: object) -> str:
-    """A text as a message tells it: on one line, and not all of a long one."""
+    """Return a text on one line, cut to the length that a message quotes."""
     line = " ".join(str(text).split())
-    return line if len(line) <= LONGEST else line[: LONGEST - 3] + "..."
+    return line if len(line) <= MAX_QUOTED_LENGTH else line[: MAX_QUOTED_LENGTH - 3] + "..."
 
 
 def told(value: object) -> str:
-    """A value as a message tells it."""
+    """Return a value as a message quotes it."""
     try:
         return one_line(repr(str(value) if isinstance(value, PurePath) else value))
-    except (
-        ValueError,
-        RecursionError,
-    ):  # a whole number of thousands of digits; a thousand nested lists
+    except (ValueError, RecursionError):  # an integer of thousands of digits; deeply nested lists
         return f"a value of type {type(value).__name__} that is too large to print"
 
 
 class BadInput(RcmServoError, ValueError):
-    """A value that cannot be used: which field, what it was, and what would be right."""
+    """Invalid value of a field, with the expected value.
+
+    Parameters
+    ----------
+    field : str
+        Name of the field or argument.
+    value : object
+        Its invalid value.
+    right : str
+        Noun phrase for the values that are valid.
+    """
 
     def __init__(self, field: str, value: object, right: str) -> None:
         super().__init__(f"{field} must be {right}, got {told(value)}")
@@ -40,7 +47,7 @@ class BadInput(RcmServoError, ValueError):
 
 
 class UnusableFile(RcmServoError):
-    """A file or folder that cannot be read or written: which one, and why."""
+    """File or folder that cannot be read or written, with the reason."""
 
     def __init__(self, path: object, why: str) -> None:
         super().__init__(f"{path}: {why}")
@@ -48,11 +55,11 @@ class UnusableFile(RcmServoError):
 
 
 class Stopped(RcmServoError):
-    """Something that was told to end before it was done."""
+    """Work that was stopped by request before it was done."""
 
 
 class NotInstalled(RcmServoError, ModuleNotFoundError):
-    """A package that is missing, and the command that installs it with an extra of rcmservo."""
+    """Missing package, with the command that installs it as an extra of rcmservo."""
 
     def __init__(self, user: str, package: str | None, extra: str) -> None:
         command = f"pip install -e '.[{extra}]'"
@@ -80,6 +87,6 @@ def suggestion(word: object, names: Iterable[str]) -> str:
 
 
 def require(good: bool, field: str, value: object, right: str) -> None:
-    """Raise :class:`BadInput` unless `good`. Write the test so that NaN fails it."""
+    """Raise :class:`BadInput` unless `good`. Write the condition so that NaN fails it."""
     if not good:
         raise BadInput(field, value, right)

@@ -1,8 +1,8 @@
-"""What the servo sees of the world and does to it: frames, observations, commands, targets, and the
-devices' Protocols.
+"""Data between devices and servo (frames, observations, commands, targets), and the protocols of
+the devices.
 
-Time is integer nanoseconds on the plant's clock. A pixel (0, 0) is the centre of the top left
-pixel, u right, v down.
+Time is integer nanoseconds on the plant's clock. Pixel (0, 0) is the centre of the top left pixel;
+u points right, v down.
 """
 
 from dataclasses import dataclass, field
@@ -17,47 +17,47 @@ from rcmservo.rows import struct_reader, tuple_struct
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Three = Annotated[Floats, (3,)]
-"""Three numbers, one for each joint."""
+"""Array (3,) with one number for each joint."""
 Pixels = Annotated[Floats, (2, 2)]
-"""Pixels (u, v) of both markers."""
+"""Array (2, 2) with the pixels (u, v) of both markers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One exposure of a camera. A camera that makes pictures fills `image`; one that simulates only
-    the markers fills `points`."""
+    """One exposure of a camera. A camera with images fills `image`; a simulated camera that reports
+    only the markers fills `points`."""
 
     number: int
-    """It rises from frame to frame."""
+    """Frame number, which rises from frame to frame."""
     exposure: int
-    """The middle of the exposure, ns."""
+    """Middle of the exposure, ns."""
     arrival: int
-    """When the computer had the frame, ns."""
+    """Time at which the computer received the frame, ns."""
     image: Image | None = None
-    """(height, width, 3) uint8, blue-green-red as in OpenCV. None where there is none, or where it
-    came damaged."""
+    """Image (height, width, 3), uint8, blue-green-red as in OpenCV. None if there is none, or if it
+    arrived damaged."""
     points: Floats | None = None
-    """(2, 2) px: m1 and m2, NaN where unseen. None where the camera makes pictures."""
+    """Markers (2, 2) in px: m1 and m2, NaN if hidden. None for a camera with images."""
 
 
 @dataclass(frozen=True, eq=False)
 class Markers:
-    """Where a tracker saw the two markers."""
+    """Markers that a tracker detected in a frame."""
 
     points: Floats
-    """(2, 2) px: row 0 is m1 (nearer the RCM), row 1 is m2 (nearer the tip). NaN where lost, never
-    a guess."""
+    """Centres (2, 2) in px: row 0 is m1 (nearer the RCM), row 1 is m2 (nearer the tip). NaN for a
+    lost marker, never a guess."""
     radius: Floats
-    """(2,) px of the imaged markers; NaN where it is not known."""
+    """Radii (2,) of the imaged markers in px; NaN if unknown."""
     quality: Floats
-    """(2,) from 0 (lost) to 1."""
+    """Detection quality (2,) from 0 (lost) to 1."""
     covariance: Floats = field(default_factory=lambda: np.full((2, 3, 3), np.nan))
-    """(2, 3, 3) px², of the noise in u, v and radius of each marker; NaN where it is lost or not
-    known. What is wrong alike in every frame is not in it."""
+    """Covariance (2, 3, 3) in px² of the noise in u, v and radius of each marker; NaN if lost or
+    unknown. Errors that are the same in every frame are not part of it."""
 
 
 class Dropped(IntEnum):
-    """Why the newest frame that a camera offered was not used. ``words`` is that for the
+    """Reason for not using the newest frame of a camera, and its sentence ``words`` for the
     operator."""
 
     _value_: int
@@ -77,38 +77,38 @@ class Dropped(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """All that a servo is told at one tick. Times are ns on the plant's clock."""
+    """Input of the servo at one tick. Times are ns on the plant's clock."""
 
     now: int
-    """The moment of the observation."""
+    """Time of the observation."""
     q: Three
-    """The joints (3,) rad, rad, mm, as the arm last told them."""
+    """Joint values (3,) in rad, rad, mm that the arm reported last."""
     q_time: int
-    """When the arm read them."""
+    """Time at which the arm read them."""
     enabled: bool
-    """Whether the arm's drive is on."""
+    """True while the arm's drive is on."""
     applied: Three
-    """The joint rates (3,) rad/s, rad/s, mm/s that the arm took of the last command; zeros before
+    """Joint rates (3,) in rad/s, rad/s, mm/s that the arm applied of the last command; zeros before
     the first."""
     frame: int
-    """Number of the newest frame used, -1 before the first."""
+    """Number of the newest frame used; -1 before the first."""
     exposure: int
-    """The middle of that frame's exposure; 0 before the first."""
+    """Middle of that frame's exposure; 0 before the first."""
     arrival: int
-    """When the computer had that frame; 0 before the first."""
+    """Time at which the computer received that frame; 0 before the first."""
     q_exposure: Three
-    """The joints (3,) at the exposure; NaN where they are not known."""
+    """Joint values (3,) at the exposure; NaN if unknown."""
     points: Pixels
-    """The markers (2, 2) raw px in that frame, NaN where lost."""
+    """Raw markers (2, 2) in px in that frame; NaN if lost."""
     dropped: Dropped = Dropped.NONE
-    """Why the frame offered last was not used; NONE where nothing is wrong with it."""
+    """Reason for not using the newest frame; NONE if it was used."""
     recorded: bool = True
-    """False once a record that was asked for is no longer written."""
+    """False once a requested record is no longer written."""
     sizes: Floats = field(default_factory=lambda: np.full(2, np.nan))
-    """The markers' apparent radii (2,) px, NaN where lost or not known."""
+    """Apparent radii (2,) of the markers in px; NaN if lost or unknown."""
     quality: Floats = field(default_factory=lambda: np.full(2, np.nan))
-    """How well the tracker saw the markers (2,), from 0 (lost) to 1; NaN where not known. It is for
-    people: no motion is decided by it."""
+    """Detection quality (2,) from 0 (lost) to 1; NaN if unknown. It is displayed and recorded; no
+    motion depends on it."""
 
 
 if TYPE_CHECKING:
@@ -117,147 +117,155 @@ else:
     ObservationStruct = tuple_struct(Observation, without=("sizes", "quality"))
 
 observed_numbers = struct_reader(Observation, ObservationStruct)
-"""Function that reads the numbers of an `ObservationStruct` off an `Observation`."""
+"""Function that reads the numbers of an `ObservationStruct` from an `Observation`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What an arm is to do. Only the gate makes one."""
+    """Joint rates for the arm. Only the gate makes a command."""
 
     number: int
-    """It rises from command to command."""
+    """Command number, which rises from command to command."""
     time: int
-    """That of its tick, ns."""
+    """Time of its tick, ns."""
     deadline: int
-    """ns. After it the command is void, and an arm that has no newer one stops and switches its
-    drive off."""
+    """Time (ns) after which the command is void. An arm without a newer command then stops and
+    disables its drive."""
     rates: Three
-    """The joint rates (3,) rad/s, rad/s, mm/s."""
+    """Joint rates (3,) in rad/s, rad/s, mm/s."""
     enabled: bool
-    """False switches the arm's drive off at once."""
+    """False disables the arm's drive at once."""
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What was shown. y_d is computed from it about the imaged RCM as known later."""
+    """Taught pose. The servo computes y_d from it about its present estimate of the imaged RCM."""
 
     points: Floats
-    """The markers (2, 2) raw px."""
+    """Raw markers (2, 2) in px."""
     q: Floats
-    """The joints (3,) rad, rad, mm while it was shown; NaN where nobody knows. No motion is decided
-    by them; they tell whether a pose that looks the same is the same, and stop the tool where it is
-    not."""
+    """Joint values (3,) in rad, rad, mm during teaching; NaN if unknown. No motion is computed from
+    them. The servo compares them to detect a pose that only looks like the target, and stops."""
     shown: int = 0
-    """When showing it began, ns on the plant's clock (0: earlier than all that is known). A target
-    from before the camera was moved is refused."""
+    """Time at which teaching began, ns on the plant's clock (0: before all known times). The servo
+    refuses a target that was taught before the camera was moved."""
     sizes: Floats = field(default_factory=lambda: np.full(2, np.nan))
-    """The markers' apparent radii (2,) px while it was shown; NaN where not known."""
+    """Apparent radii (2,) of the markers in px during teaching; NaN if unknown."""
 
 
 class Clock(Protocol):
-    """The plant's time, in whole ns. It never goes back, and all times in this file are on it.
+    """Clock of the plant in whole ns. It never goes back, and all times in this file are on it.
 
-    In simulation it passes only while somebody waits. On hardware it is `WallClock`, the computer's
-    own time since it was started.
+    In simulation, time passes only while the program waits. On hardware the clock is `WallClock`,
+    the computer's time since it was started.
     """
 
     def now(self) -> int:
-        """The present, at once."""
+        """Return the present time without waiting."""
         ...
 
     def wait_until(self, time: int) -> None:
-        """Wait until a moment; not at all if it is past. Called once a tick."""
+        """Wait until a time; return at once if it is past. The loop calls it once per tick."""
         ...
 
 
 class Measured(NamedTuple):
-    """An arm's last answer."""
+    """State of an arm that it reported last."""
 
     time: int
-    """When the joints were read, ns on the plant's clock."""
+    """Time at which the joints were read, ns on the plant's clock."""
     q: Floats
-    """The joints (3,) rad, rad, mm."""
+    """Joint values (3,) in rad, rad, mm."""
     enabled: bool
-    """Whether the drive is on."""
+    """True while the drive is on."""
 
 
 class Arm(Protocol):
-    """An arm with velocity drives and a watchdog of its own.
+    """Arm with velocity drives and its own watchdog.
 
-    The loop calls `measure` and `apply` once in every tick (at `Servo.rate`, 100 Hz), and both must
-    return at once, within a millisecond. An arm that does not answer is no error: give what it told
-    last. Its time then grows old, and the servo stops with the fault "the arm has not answered for
-    too long". An exception ends the run: the arm is told to stop, and the exception goes to the
-    caller.
+    The loop calls `measure` and `apply` once per tick (at `Servo.rate`, 100 Hz). Both must return
+    within a millisecond. If the arm does not answer, return its last state: the servo stops with a
+    fault once that state is too old. An exception ends the run: the loop stops the arm and raises
+    the exception to the caller.
     """
 
     def enable(self) -> None:
-        """Switch the drive on, at rest: a person's act, before the first tick of a run.
+        """Enable the drive, at rest, before the first tick of a run. A user's action causes it.
 
-        It may block until the drive is on. `measure` must tell so within 2 s after it returns. If
-        the drive cannot be switched on, raise an error that says why.
+        The call may block until the drive is on. `measure` must report it within 2 s after the
+        return. Raise an error that gives the reason if the drive cannot be enabled.
         """
         ...
 
     def measure(self) -> Measured:
-        """The arm's last answer, at once, and the same one until the next has come.
+        """Return the last reported state without waiting, the same one until the next arrives.
 
-        Its time is the moment at which the joints were read, on the plant's clock. It is also asked
-        while nothing moves: while a target is taught, with the drive off.
+        Its time is that at which the joints were read, on the plant's clock. The method is also
+        called while nothing moves: during teaching, with the drive off.
         """
         ...
 
     def apply(self, command: Command) -> Floats:
-        """Pass a command on, at once; the joint rates (3,) rad/s, rad/s, mm/s that the arm takes.
+        """Send a command without waiting.
 
-        Give what is known: rates that the arm has cut, or zeros where it took nothing. A command
-        that is not ``enabled`` switches the drive off. A command counts until its deadline; the arm
-        itself must stop and switch off where no newer one has come by then, also when this program
-        has died.
+        A command that is not ``enabled`` disables the drive. A command is valid until its deadline.
+        The arm itself must stop and disable its drive if no newer command arrives by then, even
+        after this program has died.
+
+        Returns
+        -------
+        Floats
+            Joint rates (3,) in rad/s, rad/s, mm/s that the arm applies, as far as known: reduced
+            ones if it limits them, zeros if it refuses the command.
         """
         ...
 
 
 class Camera(Protocol):
-    """A camera at its own pace."""
+    """Camera that delivers frames at its own rate."""
 
     def latest(self) -> Frame | None:
-        """The newest frame that has arrived, at once: the same object until the next; None before
-        the first.
+        """Return the newest frame without waiting: the same object until the next one arrives, and
+        None before the first.
 
-        It is called in every tick (100 Hz), or by a `TrackingThread` every millisecond. A camera
-        that does not answer is no error: give the last frame again. It then grows old, and the
-        servo slows down, holds and pauses. Frame numbers rise. Exposure and arrival are on the
-        plant's clock: where the camera has a clock of its own, its driver converts.
+        The loop calls it every tick (100 Hz), a `TrackingThread` every millisecond. If the camera
+        does not answer, return the last frame again: as it ages, the servo slows down, holds and
+        pauses. Frame numbers rise. Exposure and arrival are on the plant's clock: a driver converts
+        the times of a camera with its own clock.
         """
         ...
 
 
 class Tracker(Protocol):
-    """Frames to marker centres. It may remember where the markers were."""
+    """Detector of the marker centres in frames. It may track the markers from frame to frame."""
 
     def find(self, frame: Frame) -> Markers:
-        """Where the markers are in a frame; NaN for one that is not seen, never a guess.
+        """Return the markers in a frame; NaN for one that is not detected, never a guess.
 
-        It is called once for every new frame. In the loop it must take less than a tick; in a
-        `TrackingThread` it may take a frame's period. A frame that is damaged: raise BadInput, and
-        it is dropped. Any other exception ends the run.
+        The method is called once for every new frame. In the loop it must take less than a tick, in
+        a `TrackingThread` less than the period of the frames. An exception other than `BadInput`
+        ends the run.
+
+        Raises
+        ------
+        BadInput
+            If the frame is damaged. The plant then drops it.
         """
         ...
 
     def reset(self) -> None:
-        """Forget where the markers were: a person may have moved the tool. Called when a run or
-        teaching begins."""
+        """Discard the tracked positions, as the tool may have been moved. The loop calls it at the
+        beginning of a run and of teaching."""
         ...
 
 
 @runtime_checkable
 class Explains(Protocol):
-    """What a tracker may do beside."""
+    """Tracker that can explain a failed detection."""
 
     def why(self, frame: Frame) -> str:
-        """Say in words why the markers are not found in a frame; empty where they are.
+        """Return a sentence on why the markers are not detected in a frame; empty if they are.
 
-        It is asked only after a failure, may be slow, and changes nothing.
+        The method is called only after a failure. It may be slow and changes nothing.
         """
         ...

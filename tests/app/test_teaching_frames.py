@@ -15,7 +15,7 @@ from rcmservo.app.lab_options import RunOptions
 from rcmservo.app.live import LiveOptions
 from rcmservo.app.simulated_run.about import about
 from rcmservo.app.simulated_run.target import target_of
-from rcmservo.live.arm_link import shown_and_brought_back
+from rcmservo.live.arm_link import teach_and_return
 from rcmservo.loop.operator import Teach
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.shown import TEACHING_FRAMES
@@ -35,7 +35,7 @@ FRAMES: dict[Callable[..., object], str] = {
     Laboratory: "shown",
     StudyPlan: "shown",
     ScriptedPerson: "frames",
-    shown_and_brought_back: "frames",
+    teach_and_return: "frames",
     Bench.session: "frames",
     Preparing: "frames",
     PageOperator: "frames",

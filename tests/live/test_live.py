@@ -27,18 +27,18 @@ from rcmservo.guard.watchdog import PATIENCE
 from rcmservo.interfaces import Command, Frame
 from rcmservo.live.arm_link import (
     MARK,
-    Answer,
-    Ask,
+    Action,
+    ArmState,
     Done,
     NoAnswer,
-    Order,
     RemoteArm,
-    Wish,
-    arm_in,
-    opened,
-    packed,
-    received,
-    unpacked,
+    Request,
+    Setpoint,
+    arm_socket_path,
+    decode,
+    encode,
+    open_socket,
+    receive,
 )
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.reports import Report
@@ -64,37 +64,37 @@ whole = st.integers(-(2**63), 2**63 - 1)
 session = st.integers(0, 2**64 - 1)
 three = st.lists(st.floats(), min_size=3, max_size=3).map(np.array)
 messages = st.one_of(
-    st.builds(Order, session, st.builds(Command, whole, whole, whole, three, st.booleans())),
-    st.builds(Ask, whole, session, st.sampled_from(Wish)),
-    st.builds(Answer, session, whole, three, st.booleans(), three, whole),
+    st.builds(Setpoint, session, st.builds(Command, whole, whole, whole, three, st.booleans())),
+    st.builds(Request, whole, session, st.sampled_from(Action)),
+    st.builds(ArmState, session, whole, three, st.booleans(), three, whole),
     st.builds(Done, whole),
 )
 
 
 @given(messages)
 def test_a_message_comes_out_of_the_wire_as_it_went_in_bit_for_bit(message):
-    out = unpacked(packed(message))
+    out = decode(encode(message))
     assert type(out) is type(message)
-    assert packed(out) == packed(message)
+    assert encode(out) == encode(message)
 
 
 @given(messages, st.data())
 def test_a_datagram_that_is_cut_or_lengthened_or_has_a_flipped_bit_is_no_message(message, data):
-    sent = packed(message)
-    assert unpacked(sent[: data.draw(st.integers(0, len(sent) - 1))]) is None
-    assert unpacked(sent + data.draw(st.binary(min_size=1, max_size=8))) is None
+    sent = encode(message)
+    assert decode(sent[: data.draw(st.integers(0, len(sent) - 1))]) is None
+    assert decode(sent + data.draw(st.binary(min_size=1, max_size=8))) is None
     place = data.draw(st.integers(0, 8 * len(sent) - 1))
     flipped = bytearray(sent)
     flipped[place // 8] ^= 1 << place % 8
-    assert unpacked(bytes(flipped)) is None
+    assert decode(bytes(flipped)) is None
 
 
 @given(st.binary(max_size=200), st.integers(0, 255))
 def test_noise_is_no_message_even_with_a_good_checksum(noise, kind):
-    assert unpacked(noise) is None
+    assert decode(noise) is None
     summed = MARK + bytes([kind]) + noise
-    out = unpacked(summed + zlib.crc32(summed).to_bytes(4, "little"))
-    assert out is None or packed(out) == summed + zlib.crc32(summed).to_bytes(4, "little")
+    out = decode(summed + zlib.crc32(summed).to_bytes(4, "little"))
+    assert out is None or encode(out) == summed + zlib.crc32(summed).to_bytes(4, "little")
 
 
 # ---------------------------------------------------------------- the frames
@@ -155,10 +155,10 @@ class Lone:
     def __init__(self, folder):
         self.now = 5_000 * MS
         self.log = MotionLog(context)
-        self.wire = opened(arm_in(folder))
+        self.wire = open_socket(arm_socket_path(folder))
         self.device = ArmDevice(Rig(1, pictures=False), self.wire, self.log, self.now)
-        self.host = opened(folder / "host")
-        self.host.connect(str(arm_in(folder)))
+        self.host = open_socket(folder / "host")
+        self.host.connect(str(arm_socket_path(folder)))
 
     def close(self):
         self.wire.close()
@@ -169,14 +169,14 @@ class Lone:
         self.device.turn(self.now)
 
     def send(self, message, wait=0):
-        self.host.send(message if isinstance(message, bytes) else packed(message))
+        self.host.send(message if isinstance(message, bytes) else encode(message))
         self.turn(wait)
 
     def enable(self, session=7):
-        self.send(Ask(self.now, session, Wish.ENABLE))
+        self.send(Request(self.now, session, Action.ENABLE))
 
     def command(self, number, rates=(0.1, 0.0, 0.0), session=7, enabled=True):
-        return Order(
+        return Setpoint(
             session, Command(number, self.now, self.now + PATIENCE, np.array(rates), enabled)
         )
 
@@ -213,7 +213,9 @@ def test_the_arm_follows_valid_commands_of_the_session_that_switched_it_on(lone)
 junk = st.lists(
     st.one_of(
         st.binary(max_size=100),
-        messages.filter(lambda m: not (isinstance(m, Order) and not m.command.enabled)).map(packed),
+        messages.filter(lambda m: not (isinstance(m, Setpoint) and not m.command.enabled)).map(
+            encode
+        ),
     ),
     max_size=6,
 )
@@ -231,7 +233,7 @@ def test_whatever_else_arrives_the_drive_is_off_one_patience_after_the_last_vali
 ):
     held.turn(MS)
     held.enable()
-    order = packed(held.command(start))
+    order = encode(held.command(start))
     held.send(order)
     assert held.on
     for some in noise:
@@ -243,17 +245,17 @@ def test_whatever_else_arrives_the_drive_is_off_one_patience_after_the_last_vali
 
 
 def test_what_a_person_asked_for_once_is_not_done_again_when_the_datagram_comes_again(lone):
-    ask = packed(Ask(lone.now, 7, Wish.ENABLE))
+    ask = encode(Request(lone.now, 7, Action.ENABLE))
     lone.send(ask)
     assert lone.on
     lone.turn(PATIENCE + 2 * MS)
     assert not lone.on
     lone.send(ask)
     assert not lone.on
-    lone.send(Ask(lone.now + 1, 7, Wish.ENABLE))
-    lone.send(Ask(lone.now - 2_000 * MS, 7, Wish.ENABLE))
+    lone.send(Request(lone.now + 1, 7, Action.ENABLE))
+    lone.send(Request(lone.now - 2_000 * MS, 7, Action.ENABLE))
     assert not lone.on
-    lone.send(Ask(lone.now, 7, Wish.ENABLE))
+    lone.send(Request(lone.now, 7, Action.ENABLE))
     assert lone.on
 
 
@@ -285,7 +287,7 @@ def test_who_takes_over_a_moving_arm_finds_it_at_rest(lone):
 def test_a_stall_of_the_emulator_is_none_of_the_arm(lone):
     lone.enable()
     for k in range(8):
-        lone.host.send(packed(lone.command(k)))
+        lone.host.send(encode(lone.command(k)))
         lone.now += 10 * MS
     lone.turn()
     assert lone.on
@@ -312,15 +314,15 @@ def test_the_log_tells_where_the_joints_were(lone):
 
 def test_hosts_that_nobody_has_heard_of_lately_get_no_answers(lone):
     lone.enable()
-    assert {type(m) for m, _ in received(lone.host)} == {Answer, Done}
+    assert {type(m) for m, _ in receive(lone.host)} == {ArmState, Done}
     lone.turn(2_000 * MS)
-    assert not received(lone.host)
+    assert not receive(lone.host)
 
 
 @pytest.fixture
 def served(tmp_path):
     """The folder of a device that a thread keeps in wall time."""
-    wire, ended = opened(arm_in(tmp_path)), threading.Event()
+    wire, ended = open_socket(arm_socket_path(tmp_path)), threading.Event()
     device = ArmDevice(Rig(1, pictures=False), wire, MotionLog(context), time.monotonic_ns())
 
     def work():
@@ -340,12 +342,12 @@ def served(tmp_path):
 def test_a_remote_arm_tells_its_joints_and_is_on_for_the_one_who_enabled_it_alone(served):
     with closing(RemoteArm(served)) as one, closing(RemoteArm(served)) as other:
         assert not one.measure().enabled
-        one.ask(Wish.SHOW)
+        one.ask(Action.HOLD_AT_TARGET)
         shown = one.measure().q
-        one.ask(Wish.HOME)
+        one.ask(Action.RETURN_TO_START)
         assert not np.allclose(one.measure().q, shown)
         one.enable()
-        other.ask(Wish.ANSWER)
+        other.ask(Action.REPORT)
         assert not other.measure().enabled
         assert not other.apply(Command(1, 0, 0, np.ones(3), True)).any()
     assert [path.name for path in served.iterdir()] == ["arm"]

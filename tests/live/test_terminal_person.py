@@ -93,4 +93,4 @@ def test_a_program_in_the_background_asks_nobody(tmp_path: Path) -> None:
     script.write_text(ASKING.format(end="0"))
     shell = f"set -m; {sys.executable} {script} one? & wait $!"
     with AtTerminal(["bash", "-c", shell]) as at:
-        at.until("[this program runs in the background: a person must bring it to the front]")
+        at.until("[this program runs in the background: bring it to the foreground (fg)]")

@@ -9,7 +9,7 @@ import pytest
 
 import rcmservo as rs
 from conftest import Laboratory, laboratory
-from rcmservo.loop.plant import ENABLE_TIME, JOINT_HISTORY, NotEnabled
+from rcmservo.loop.plant import ENABLE_TIMEOUT_S, JOINT_HISTORY, NotEnabled
 from rcmservo.tracking import PointMarkers
 
 READ_ONLY = np.zeros(3)
@@ -89,7 +89,9 @@ def test_an_arm_that_applies_something_else(answer: Any) -> None:
     lab = laboratory()
     lab.plant = rs.Plant(OddArm(lab, apply=answer), lab.rig.camera, PointMarkers(), lab.rig.clock)
     said = refused(lab)
-    assert said.startswith("OddArm.apply() must be the joint rates it takes, a writable float64")
+    assert said.startswith(
+        "OddArm.apply() must be the joint rates that it applies, a writable float64"
+    )
 
 
 @pytest.mark.parametrize(
@@ -134,7 +136,7 @@ class LateArm(OddArm):
         return self.arm.measure()
 
 
-@pytest.mark.parametrize("late", [0.1, 0.9 * ENABLE_TIME])
+@pytest.mark.parametrize("late", [0.1, 0.9 * ENABLE_TIMEOUT_S])
 def test_a_drive_that_comes_on_late_is_waited_for(late: float) -> None:
     lab = laboratory()
     arm = LateArm(lab)
@@ -149,9 +151,11 @@ def test_a_drive_that_comes_on_late_is_waited_for(late: float) -> None:
 def test_a_drive_that_does_not_come_on_in_time_is_told_in_one_sentence_and_left_off() -> None:
     lab = laboratory()
     arm = LateArm(lab)
-    arm.late, arm.since = ENABLE_TIME + 0.5, 10**18
+    arm.late, arm.since = ENABLE_TIMEOUT_S + 0.5, 10**18
     lab.plant = rs.Plant(arm, lab.rig.camera, PointMarkers(), lab.rig.clock)
-    with pytest.raises(NotEnabled, match=r"LateArm\.measure\(\) must tell enabled = True within 2"):
+    with pytest.raises(
+        NotEnabled, match=r"LateArm\.measure\(\) must report enabled = True within 2"
+    ):
         list(rs.run(lab.plant, lab.servo(), lab.target, 3.0))
     assert not lab.rig.arm.measure().enabled
 

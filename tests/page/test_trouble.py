@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rcmservo.errors import BadInput
-from rcmservo.live.arm_link import arm_in, opened
+from rcmservo.live.arm_link import arm_socket_path, open_socket
 from rcmservo.sim.processes.arm_process import ArmDevice
 from rcmservo.sim.processes.motion_log import MotionLog
 from rcmservo.sim.processes.trouble import Mischief, chosen, menu
@@ -33,7 +33,7 @@ def test_what_is_not_on_the_menu_is_refused(text: str) -> None:
 
 @pytest.fixture
 def device(tmp_path: Path) -> Iterator[ArmDevice]:
-    with opened(arm_in(tmp_path)) as wire:
+    with open_socket(arm_socket_path(tmp_path)) as wire:
         yield ArmDevice(Rig(1, pictures=False), wire, MotionLog(get_context("spawn")), 0)
 
 

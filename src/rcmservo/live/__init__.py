@@ -1,2 +1,1 @@
-"""A run in wall time and in several processes. It is handed its devices, and does not know where
-they come from."""
+"""Runs in wall time, in several processes. The caller supplies the devices."""

@@ -1,14 +1,14 @@
-"""The wire between a servo and an arm in another process: datagrams that are whole or nothing.
+"""Datagrams between a servo and an arm in another process.
 
-    servo ─► arm   ORDER   session, number, time, deadline, rates, enabled
-                   ASK     number, session, what a person wants done
-    arm ─► servo   ANSWER  session, time, q, enabled, applied rates, newest command's number
-                   DONE    the number of what was asked and is done
+    servo ─► arm   SETPOINT  session, number, time, deadline, rates, enabled
+                   REQUEST   number, session, action
+    arm ─► servo   STATE     session, time, q, enabled, applied rates, number of the newest command
+                   DONE      number of the completed request
 
-Each begins with a mark and ends with a checksum; anything else is dropped without a word. Whoever
-switches the drive on draws a session at random, and the arm takes motion from that session only: a
-servo that was stopped and goes on later, while another has the arm, moves nothing. Times are ns of
-the wall clock, which all processes of a computer share.
+Each datagram begins with a mark and ends with a checksum; any other datagram is dropped silently.
+The servo that enables the drive draws a random session number, and the arm accepts motion from that
+session only. A servo that was suspended and resumes while another one controls the arm therefore
+moves nothing. Times are ns of the wall clock, which all processes of a computer share.
 """
 
 import contextlib
@@ -33,95 +33,97 @@ from rcmservo.loop.teach import teach
 
 MARK = b"RCM1"
 HEAD, SUM = struct.Struct("<4sB"), struct.Struct("<I")
-LARGEST = 256
-"""Bytes; no datagram is longer."""
+MAX_DATAGRAM_BYTES = 256
+"""Largest datagram in bytes."""
 
-AT_ONCE = 32
-"""Datagrams that are read in one go: a flood must not hold anybody."""
+MAX_DATAGRAMS_PER_READ = 32
+"""Datagrams read in one call, so that a flood of them cannot block the reader."""
 
-PATIENCE = 2.0
-"""s within which an arm does what a person asks for."""
+REQUEST_TIMEOUT_S = 2.0
+"""Time in s within which an arm must complete a request."""
 
 
 class NoAnswer(RcmServoError):
-    """An arm that cannot be reached."""
+    """Report an arm that does not answer."""
 
 
-class Wish(IntEnum):
-    """What a person asks an arm for: an answer, its drive, and where to hold the tool."""
+class Action(IntEnum):
+    """Action that a servo requests of the arm: report the state, enable the drive, hold the tool
+    at the target, return to the start."""
 
-    ANSWER = 0
+    REPORT = 0
     ENABLE = 1
-    SHOW = 2
-    HOME = 3
+    HOLD_AT_TARGET = 2
+    RETURN_TO_START = 3
 
 
-class Order(NamedTuple):
-    """A command on its way to the arm."""
+class Setpoint(NamedTuple):
+    """Command on its way to the arm."""
 
     session: int
-    """Whose it is: drawn at random by the servo that switched the drive on."""
+    """Random number of the servo that enabled the drive."""
     command: Command
-    """What the arm is to do. From a session that does not have it, it takes nothing but to be
-    switched off."""
+    """Joint rates, or a request to disable the drive. The arm accepts only the latter from a
+    session that does not control it."""
 
 
-class Ask(NamedTuple):
-    """Something a person wants done."""
+class Request(NamedTuple):
+    """Request of an action."""
 
     number: int
-    """It rises: the time ns at which it was asked."""
+    """Time of the request in ns, which rises."""
     session: int
-    """That of the servo that asks; with ENABLE the arm takes motion from this session alone."""
-    wish: Wish
-    """What is wanted."""
+    """Session of the servo that requests it. After ENABLE the arm accepts motion from this session
+    only."""
+    action: Action
+    """Requested action."""
 
 
-class Answer(NamedTuple):
-    """How the arm is."""
+class ArmState(NamedTuple):
+    """State of the arm."""
 
     session: int
-    """The one that has it; 0 before its drive was first on."""
+    """Session that controls the arm; 0 before its drive was first enabled."""
     time: int
-    """When the joints were read, ns."""
+    """Time at which the joints were read, ns."""
     q: Floats
-    """The joints (3,) rad, rad, mm."""
+    """Joint values (3,) in rad, rad, mm."""
     enabled: bool
-    """Whether its drive is on."""
+    """True while the drive is on."""
     applied: Floats
-    """The joint rates (3,) rad/s, rad/s, mm/s that it takes."""
+    """Joint rates (3,) in rad/s, rad/s, mm/s that the arm applies."""
     number: int
-    """Of the command that they came with; -1 where none has come since the drive went on."""
+    """Number of the command with these rates; -1 if none arrived since the drive was enabled."""
 
 
 class Done(NamedTuple):
-    """What was asked is done."""
+    """Report that a request is completed."""
 
     number: int
-    """That of the Ask."""
+    """Number of the request."""
 
 
-Message = Order | Ask | Answer | Done
+Message = Setpoint | Request | ArmState | Done
 
-ORDER, ASK, ANSWER, DONE = (
+SETPOINT, REQUEST, STATE, DONE = (
     struct.Struct(f"<{form}") for form in ("Qqqq3dB", "qQB", "Qq3dB3dq", "q")
 )
 
 
-def packed(message: Message) -> bytes:
-    """A message as one datagram."""
+def encode(message: Message) -> bytes:
+    """Return a message as one datagram."""
     match message:
-        case Order(session, c):
+        case Setpoint(session, c):
             kind, body = (
                 1,
-                ORDER.pack(session, c.number, c.time, c.deadline, *c.rates.tolist(), c.enabled),
+                SETPOINT.pack(session, c.number, c.time, c.deadline, *c.rates.tolist(), c.enabled),
             )
-        case Ask():
-            kind, body = 2, ASK.pack(*message)
-        case Answer(session, at, q, enabled, applied, number):
+        case Request():
+            kind, body = 2, REQUEST.pack(*message)
+        case ArmState(session, at, q, enabled, applied, number):
             kind, body = (
                 3,
-                ANSWER.pack(session, at, *q.tolist(), enabled, *applied.tolist(), number),
+                STATE.pack(session, at, *q.tolist(), enabled, *applied.tolist(), number),
             )
         case Done():
             kind, body = 4, DONE.pack(*message)
@@ -129,8 +131,8 @@ def packed(message: Message) -> bytes:
     return whole + SUM.pack(zlib.crc32(whole))
 
 
-def unpacked(datagram: bytes) -> Message | None:
-    """The message in a datagram, or None if it is not exactly one."""
+def decode(datagram: bytes) -> Message | None:
+    """Return the message in a datagram, or None if the datagram is not exactly one message."""
     end = len(datagram) - SUM.size
     if end < HEAD.size or SUM.unpack_from(datagram, end)[0] != zlib.crc32(datagram[:end]):
         return None
@@ -144,64 +146,74 @@ def unpacked(datagram: bytes) -> Message | None:
 def _message(kind: int, body: bytes) -> Message | None:
     match kind:
         case 1:
-            session, number, at, deadline, *rates, enabled = ORDER.unpack(body)
-            return Order(session, Command(number, at, deadline, np.array(rates), bool(enabled)))
+            session, number, at, deadline, *rates, enabled = SETPOINT.unpack(body)
+            return Setpoint(session, Command(number, at, deadline, np.array(rates), bool(enabled)))
         case 2:
-            number, session, wish = ASK.unpack(body)
-            return Ask(number, session, Wish(wish))
+            number, session, action = REQUEST.unpack(body)
+            return Request(number, session, Action(action))
         case 3:
-            v = ANSWER.unpack(body)
-            return Answer(v[0], v[1], np.array(v[2:5]), bool(v[5]), np.array(v[6:9]), v[9])
+            v = STATE.unpack(body)
+            return ArmState(v[0], v[1], np.array(v[2:5]), bool(v[5]), np.array(v[6:9]), v[9])
         case 4:
             return Done(*DONE.unpack(body))
         case _:
             return None
 
 
-def opened(path: Path) -> socket.socket:
-    """A socket for datagrams under this path; reading and writing never wait."""
-    wire = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+def open_socket(path: Path) -> socket.socket:
+    """Open a non-blocking datagram socket at a path."""
+    opened = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
-        wire.bind(str(path))
+        opened.bind(str(path))
     except OSError as error:
-        wire.close()
+        opened.close()
         raise UnusableFile(path, f"cannot be a socket: {error.strerror or error}") from error
-    wire.setblocking(False)
-    return wire
+    opened.setblocking(False)
+    return opened
 
 
-def received(wire: socket.socket) -> list[tuple[Message, str]]:
-    """The messages that wait in the wire and their senders, what is none of them dropped."""
+def receive(sock: socket.socket) -> list[tuple[Message, str]]:
+    """Return the waiting messages with their senders; drop every other datagram."""
     found: list[tuple[Message, str]] = []
     with contextlib.suppress(OSError):
-        for _ in range(AT_ONCE):
-            datagram, sender = wire.recvfrom(LARGEST)
-            message = unpacked(datagram)
+        for _ in range(MAX_DATAGRAMS_PER_READ):
+            datagram, sender = sock.recvfrom(MAX_DATAGRAM_BYTES)
+            message = decode(datagram)
             if message is not None:
                 found.append((message, sender))
     return found
 
 
-def arm_in(folder: Path) -> Path:
-    """Where the arm of this folder listens."""
+def arm_socket_path(folder: Path) -> Path:
+    """Return the path of the socket on which the arm of a folder listens."""
     return folder / "arm"
 
 
 class RemoteArm:
-    """An arm at the other end of a wire. Close it when done.
+    """Arm in another process, reached by datagrams. Close it when done.
 
-    What it takes of a command is known from its next answer, so that `apply` gives what the newest
-    one tells.
+    The arm reports the rates that it applies in its next state, so `apply` returns the rates of the
+    newest state.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the sockets.
+
+    Raises
+    ------
+    NoAnswer
+        If the arm does not answer.
     """
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / f"servo-{os.getpid()}-{secrets.token_hex(4)}"
-        self._wire = opened(self._path)
+        self._socket = open_socket(self._path)
         self._session = 0
-        self._answer: Answer | None = None
+        self._state: ArmState | None = None
         try:
-            self._wire.connect(str(arm_in(folder)))
-            self.ask(Wish.ANSWER)
+            self._socket.connect(str(arm_socket_path(folder)))
+            self.request(Action.REPORT)
         except OSError as error:
             self.close()
             raise NoAnswer(f"the arm cannot be reached: {error.strerror}") from error
@@ -210,68 +222,72 @@ class RemoteArm:
             raise
 
     def close(self) -> None:
-        self._wire.close()
+        self._socket.close()
         self._path.unlink(missing_ok=True)
 
     def enable(self) -> None:
-        """Switch the drive on for this servo alone."""
+        """Enable the drive for this servo only."""
         self._session = secrets.randbits(64)
-        self.ask(Wish.ENABLE)
+        self.request(Action.ENABLE)
 
-    def ask(self, wish: Wish) -> None:
-        """Ask for something that a person may, and wait until it is done and the newest answer
-        tells of it."""
-        self._take()
+    def request(self, action: Action) -> None:
+        """Request an action and wait until it is completed and a state has arrived.
+
+        Raises
+        ------
+        NoAnswer
+            If the arm does not complete it in time.
+        """
+        self._receive()
         number = time.monotonic_ns()
-        self._send(Ask(number, self._session, wish))
+        self._send(Request(number, self._session, action))
         done = False
-        while not done or self._answer is None:
-            left = PATIENCE - (time.monotonic_ns() - number) * 1e-9
+        while not done or self._state is None:
+            left = REQUEST_TIMEOUT_S - (time.monotonic_ns() - number) * 1e-9
             if left <= 0.0:
-                raise NoAnswer(f"the arm does not answer within {PATIENCE:g} s")
-            select.select([self._wire], [], [], left)
-            done |= self._take(number)
+                raise NoAnswer(f"the arm does not answer within {REQUEST_TIMEOUT_S:g} s")
+            select.select([self._socket], [], [], left)
+            done |= self._receive(number)
 
     def measure(self) -> Measured:
-        """The newest answer. The drive is on for us only in our own session."""
-        self._take()
-        answer = self._newest
-        return Measured(answer.time, answer.q, answer.enabled and answer.session == self._session)
+        """Return the newest state. The drive counts as enabled only in this servo's session."""
+        self._receive()
+        state = self._newest
+        return Measured(state.time, state.q, state.enabled and state.session == self._session)
 
     def apply(self, command: Command) -> Floats:
-        self._send(Order(self._session, command))
-        answer = self._newest
-        return answer.applied if answer.session == self._session else np.zeros(3)
+        self._send(Setpoint(self._session, command))
+        state = self._newest
+        return state.applied if state.session == self._session else np.zeros(3)
 
     @property
-    def _newest(self) -> Answer:
-        assert self._answer is not None
-        return self._answer
+    def _newest(self) -> ArmState:
+        assert self._state is not None
+        return self._state
 
     def _send(self, message: Message) -> None:
-        """What cannot be sent now is lost, like any datagram; an arm that is gone shows by its
-        silence."""
+        """Send a message. A datagram that cannot be sent now is lost; an arm that is gone does not
+        answer."""
         with contextlib.suppress(OSError):
-            self._wire.send(packed(message))
+            self._socket.send(encode(message))
 
-    def _take(self, number: int = -1) -> bool:
-        """Take what has come; whether what was asked under this number is done."""
+    def _receive(self, number: int = -1) -> bool:
+        """Receive all waiting messages; return True if one completes the request of this number."""
         done = False
-        for message, _ in received(self._wire):
+        for message, _ in receive(self._socket):
             done |= message == Done(number)
-            if isinstance(message, Answer) and (
-                self._answer is None or message.time > self._answer.time
+            if isinstance(message, ArmState) and (
+                self._state is None or message.time > self._state.time
             ):
-                self._answer = message
+                self._state = message
         return done
 
 
-def shown_and_brought_back(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
-    """A target that a person shows at the other end of the wire, who then brings the tool back to
-    the start."""
+def teach_and_return(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
+    """Teach a target while the arm holds the tool there, then return the tool to the start."""
     arm = plant.arm
     assert isinstance(arm, RemoteArm)
-    arm.ask(Wish.SHOW)
+    arm.request(Action.HOLD_AT_TARGET)
     target = teach(plant, frames)
-    arm.ask(Wish.HOME)
+    arm.request(Action.RETURN_TO_START)
     return target

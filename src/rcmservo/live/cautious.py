@@ -1,8 +1,8 @@
-"""A tenth of the speed, for a laboratory whose file nobody has checked.
+"""Reduced speed for a lab whose rig file has not passed `rcmservo rig check`.
 
-Everything that bounds how fast the tool goes is scaled together: the gate's speeds, which no
-command exceeds, and the law's own. The first motion gets shorter ways with the gate's speeds, and
-as much longer to find those that tell enough. How soon joints slow down stays as it is.
+One factor scales all limits of the speed: those of the gate, which no command exceeds, and that of
+the control law. Exploration moves along shorter paths at the lower speeds of the gate, so its time
+limit grows by the same factor. Accelerations are not changed.
 """
 
 from dataclasses import replace
@@ -10,16 +10,16 @@ from dataclasses import replace
 from rcmservo.servo.servo import Servo
 
 SHARE = 0.1
-"""Of the full speed."""
+"""Fraction of the full speed for an unchecked lab."""
 
 
 def cautious(servo: Servo, share: float = SHARE) -> Servo:
-    """A servo that goes at most at this share of the speed of another one."""
+    """Return a servo whose speed limits are a fraction of another one's."""
     x, y, z = servo.gate.speed
-    law, first = servo.controller, servo.exploration
+    law, exploration = servo.controller, servo.exploration
     return replace(
         servo,
         gate=replace(servo.gate, speed=(share * x, share * y, share * z)),
         controller=replace(law, max_speed=share * law.max_speed),
-        exploration=replace(first, max_time=first.max_time / share),
+        exploration=replace(exploration, max_time=exploration.max_time / share),
     )

@@ -1,4 +1,4 @@
-"""A process that this one has started: it says things, and ends when it is told to."""
+"""Child process with a pipe to its parent, which ends it in order."""
 
 import contextlib
 import signal
@@ -11,40 +11,56 @@ from rcmservo.errors import RcmServoError
 from rcmservo.live.realtime import without_huge_pages
 
 Context = SpawnContext | ForkServerContext
-"""How processes are started: never by a plain fork, which would copy threads that hold locks."""
+"""Start methods of processes. A plain fork is excluded: it copies threads that hold locks."""
 
 END = 3.0
-"""s within which a process ends that is told to."""
+"""Time in s within which a process must exit after it is asked to end."""
 
 
 class Child:
-    """A process that this one started, and the wire to it. It ends when it is told to, and is
-    killed if it does not."""
+    """Process that runs a function with one end of a pipe, and the other end of that pipe.
+
+    Parameters
+    ----------
+    context : Context
+        Start method.
+    work : Callable
+        Function that the process runs. Its last argument is the pipe.
+    *arguments
+        Its other arguments.
+    """
 
     def __init__(self, context: Context, work: Callable[..., None], *arguments: Any) -> None:
         self.wire, its = context.Pipe()
         self.process = context.Process(target=work, args=(*arguments, its), daemon=True)
-        with _ctrl_c_left_to_us(), without_huge_pages():
+        with _interrupt_ignored(), without_huge_pages():
             self.process.start()
         its.close()
 
     def hear(self) -> Any:
-        """The next thing it says; what it could not do is raised."""
+        """Return the next message of the process.
+
+        Raises
+        ------
+        RcmServoError
+            If the process sent an error, or ended.
+        """
         try:
-            said = self.wire.recv()
+            message = self.wire.recv()
         except (EOFError, OSError) as error:
             self.process.join(END)
             raise RcmServoError(f"a process ended by itself: {self.process.name}") from error
-        if isinstance(said, RcmServoError):
-            raise said
-        return said
+        if isinstance(message, RcmServoError):
+            raise message
+        return message
 
-    def tell(self, word: object) -> None:
+    def tell(self, message: object) -> None:
+        """Send a message. It is lost if the process has ended."""
         with contextlib.suppress(OSError):
-            self.wire.send(word)
+            self.wire.send(message)
 
     def end(self) -> None:
-        """Tell it to end, or kill it."""
+        """Ask the process to end, and kill it after a time-out."""
         self.tell("end")
         self.process.join(END)
         if self.process.is_alive():
@@ -54,8 +70,8 @@ class Child:
 
 
 @contextlib.contextmanager
-def _ctrl_c_left_to_us() -> Generator[None]:
-    """Processes started in here do not end by Ctrl-C: they are ended in order."""
+def _interrupt_ignored() -> Generator[None]:
+    """Ignore Ctrl-C in processes that are started inside: their parent ends them in order."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -67,7 +83,7 @@ def _ctrl_c_left_to_us() -> Generator[None]:
 
 
 def heard(wire: Any) -> Any:
-    """What the other end of a wire says; "end" where it is gone."""
+    """Return the next message of the parent process, or "end" if the parent is gone."""
     try:
         return wire.recv()
     except (EOFError, OSError):

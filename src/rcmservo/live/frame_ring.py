@@ -1,4 +1,4 @@
-"""Frames of a camera from process to process, in a ring of shared memory."""
+"""Camera frames passed between processes in a ring of shared memory."""
 
 import struct
 from multiprocessing.context import BaseContext
@@ -12,42 +12,57 @@ from rcmservo.live.lab import CameraAccount, LabCamera
 from rcmservo.live.shared_ring import SharedRing
 
 SLOTS = 8
-TIMES = struct.Struct("<qqq")
-"""Number of a frame, exposure ns and arrival ns, before its pixels."""
+"""Number of frames that a ring holds."""
+
+FRAME_HEAD = struct.Struct("<qqq")
+"""Number of a frame, exposure and arrival in ns, stored before its pixels."""
 
 
 class FrameRing:
-    """The newest frames of one camera. It is handed to a process when that is started, not
-    later."""
+    """Newest frames of one camera. A process receives the ring when it is started, not later.
+
+    Parameters
+    ----------
+    context : BaseContext
+        Start method of the processes that share the ring.
+    width, height : int
+        Size of the images in px, 1 to 4096.
+    """
 
     def __init__(self, context: BaseContext, width: int, height: int) -> None:
         for name, value in (("width", width), ("height", height)):
             between(1, 4096, "a number of px").require(name, value)
         self.shape = height, width, 3
-        self.entries = SharedRing(context, SLOTS, TIMES.size + height * width * 3)
+        self.entries = SharedRing(context, SLOTS, FRAME_HEAD.size + height * width * 3)
 
     def publish(self, frame: Frame) -> None:
-        """Add a frame as the newest."""
+        """Add a frame as the newest one.
+
+        Raises
+        ------
+        BadInput
+            If its image has another shape or type.
+        """
         image = frame.image
-        good = image is not None and image.shape == self.shape and image.dtype == np.uint8
+        fits = image is not None and image.shape == self.shape and image.dtype == np.uint8
         require(
-            good,
+            fits,
             "frame.image",
             None if image is None else image.shape,
-            f"a picture of the shape {self.shape}",
+            f"an image of the shape {self.shape}",
         )
         assert image is not None
-        times = TIMES.pack(frame.number, frame.exposure, frame.arrival)
-        self.entries.put(times, np.ascontiguousarray(image).data.cast("B"))
+        head = FRAME_HEAD.pack(frame.number, frame.exposure, frame.arrival)
+        self.entries.put(head, np.ascontiguousarray(image).data.cast("B"))
 
     def read(self, entry: int) -> Frame | None:
-        """Return a frame by its entry; None if it is overwritten. A damaged one has no image."""
+        """Return the frame of an entry, None if it is overwritten; a damaged one has no image."""
         found = self.entries.read(entry)
         if found is None:
             return None
-        pixels = np.frombuffer(found.data, np.uint8, offset=TIMES.size)
+        pixels = np.frombuffer(found.data, np.uint8, offset=FRAME_HEAD.size)
         image = pixels.reshape(self.shape) if found.is_sound else None
-        return Frame(*TIMES.unpack_from(found.data), image=image)
+        return Frame(*FRAME_HEAD.unpack_from(found.data), image=image)
 
 
 class RingCamera:
@@ -67,25 +82,34 @@ class RingCamera:
 
 
 class ShownCamera:
-    """A camera whose frames can be seen in a ring too. They are put there by whoever looks, in the
-    thread that tracks. A picture of another size is not shown."""
+    """Camera that copies each new frame to a ring as well.
+
+    `latest` makes the copy, in the tracking thread. A frame of another size is not copied.
+
+    Parameters
+    ----------
+    camera : LabCamera
+        Source of the frames.
+    ring : FrameRing
+        Destination of the copies.
+    """
 
     def __init__(self, camera: LabCamera, ring: FrameRing) -> None:
         self._camera, self._ring = camera, ring
-        self._shown: Frame | None = None
+        self._newest: Frame | None = None
 
     def latest(self) -> Frame | None:
         frame = self._camera.latest()
-        if frame is not None and frame is not self._shown:
-            self._shown = frame
+        if frame is not None and frame is not self._newest:
+            self._newest = frame
             if frame.image is not None and frame.image.shape == self._ring.shape:
                 self._ring.publish(frame)
         return frame
 
     def account(self) -> CameraAccount:
-        """What became of its frames so far."""
+        """Return the counts of frames so far."""
         return self._camera.account()
 
     def close(self) -> None:
-        """Let it go."""
+        """Release the camera."""
         self._camera.close()

@@ -1,7 +1,7 @@
-"""What a laboratory's devices offer beside what the loop needs of them, and the person beside them.
+"""Protocols of a lab's devices and of its operator, beyond what the loop needs.
 
-An arm of the laboratory is connected with its drive off. It knows whether anybody has said where
-it stands, and why its drive went off by itself. A camera keeps account of its frames.
+The arm of a lab is connected with its drive off. It reports whether its joint values are known, and
+why its drive went off by itself. The camera counts its frames.
 """
 
 from dataclasses import dataclass
@@ -12,87 +12,101 @@ from rcmservo.interfaces import Arm, Camera, Floats
 
 
 class NotReady(RcmServoError):
-    """A device that cannot be used as it stands."""
+    """Report a device that cannot be used in its present state."""
 
 
 class LabArm(Arm, Protocol):
-    """An arm that is connected."""
+    """Arm that is connected."""
 
     @property
     def why_off(self) -> str:
-        """Why the drive went off by itself, in a sentence; empty where it did not."""
+        """Sentence that says why the drive went off by itself; empty if it did not."""
         ...
 
     def homed(self) -> bool:
-        """Whether the arm knows where it stands since it was reset. :class:`NotReady` of one that
-        does not, where a person cannot say it."""
+        """Return True if the joint values are known since the arm was reset.
+
+        Raises
+        ------
+        NotReady
+            If they are unknown and the operator cannot define them.
+        """
         ...
 
     def define(self, q: Floats) -> None:
-        """A person says that the joints (3,) stand at q, at rest and with the drive off.
-        :class:`NotReady` of an arm that is homed by its own software."""
+        """Set the present joint values (3,) in rad, rad, mm, at rest and with the drive off.
+
+        Raises
+        ------
+        NotReady
+            If the arm is homed by its own software.
+        """
         ...
 
     def close(self) -> None:
-        """Bring it to rest, switch it off, and hang up."""
+        """Stop the arm, disable its drive and disconnect."""
         ...
 
 
 @runtime_checkable
 class FallsSilent(Protocol):
-    """An arm that can be left alone, so that it is seen what it does then."""
+    """Arm to which communication can be suspended, so that its watchdog can be tested."""
 
     @property
     def by_speeds(self) -> bool:
-        """Whether it is sent speeds, and goes on for ever unless it stops by itself."""
+        """True if the arm receives joint rates, so that it moves on unless it stops by itself."""
         ...
 
     def fall_silent(self) -> None:
-        """Say nothing to it any more, as if this program were dead, until it is to be switched off
-        or on."""
+        """Send nothing more, as if this program were dead, until the drive is next switched."""
         ...
 
 
 @dataclass(frozen=True)
 class CameraAccount:
-    """What became of a camera's frames so far."""
+    """Counts of a camera's frames so far."""
 
     frames: int = 0
-    """Those that were delivered."""
+    """Frames delivered."""
     lost: int = 0
-    """Those whose numbers were left out: the camera took them, and they never came."""
+    """Frames that the camera took and that did not arrive: gaps in the frame numbers."""
     incomplete: int = 0
-    """Those that came with parts missing, or damaged, and were dropped."""
+    """Frames dropped because they arrived incomplete or damaged."""
     reconnects: int = 0
-    """How often the camera was opened again."""
+    """Number of times that the camera was opened again."""
     uncertainty: float = float("nan")
-    """s, how well exposure times are known on the computer's clock; NaN where nobody can say: the
-    camera tells no times, or those of another computer's clock."""
+    """Uncertainty (s) of exposure times on the computer's clock. NaN if unknown: the camera reports
+    no times, or those of another computer's clock."""
     trouble: str = ""
-    """What is wrong with it now, in a sentence; empty where nothing is."""
+    """Sentence that describes the present fault; empty if there is none."""
 
 
 class LabCamera(Camera, Protocol):
-    """A camera that is open."""
+    """Camera that is open."""
 
     def account(self) -> CameraAccount:
-        """What became of its frames so far."""
+        """Return the counts of frames so far."""
         ...
 
     def close(self) -> None:
-        """Let it go."""
+        """Release the camera."""
         ...
 
 
 class Person(Protocol):
-    """Somebody at the arm, who answers what is asked."""
+    """Operator at the arm, who answers questions."""
 
     def tell(self, words: str) -> None:
-        """Say something that needs no answer."""
+        """Report something that needs no answer."""
         ...
 
     def ask(self, question: str) -> str:
-        """What the person answers, without spaces about it. Lines that were typed before the
-        question was asked are no answer. It raises :class:`Stopped` where the person ends it
-        (Ctrl-C, Ctrl-D), and whoever else ends the program."""
+        """Return the operator's answer without surrounding spaces. Lines typed before the question
+        do not count.
+
+        Raises
+        ------
+        Stopped
+            If the operator ends the program (Ctrl-C, Ctrl-D) or another process does.
+        """
         ...

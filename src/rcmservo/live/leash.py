@@ -1,8 +1,8 @@
-"""STOP for an arm that nobody can switch off but the servo's own process.
+"""STOP from another process, for an arm that only the servo process can disable.
 
-supervisor ── pulls ──► servo process     the next command switches the drive off
-           ◄── on ─────                   what the arm tells then
-           ── kills ──►                   where it does not: then the arm's own watchdog acts
+supervisor ── request ──► servo process   the next command disables the drive
+           ◄── is on ────                 state of the drive as the arm reports it
+           ── kill ─────►                 after a time-out; the arm's own watchdog then acts
 """
 
 import os
@@ -20,17 +20,22 @@ from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.live.lab import LabArm
 from rcmservo.live.supervisor import left_to_its_watchdog
 
-QUICK = 80_000_000
-"""ns within which the servo's process must have switched the drive off: some ticks, and the arm's
-answer."""
+STOP_TIMEOUT_NS = 80_000_000
+"""Time in ns within which the servo process must disable the drive: some ticks, and the arm's
+report."""
 
-LOOK = 0.001
-"""s between looks at whether it has."""
+POLL_S = 0.001
+"""Interval in s at which the state of the drive is read meanwhile."""
 
 
 class Leash:
-    """What the servo's process and whoever stops it share. It is handed to a process when that is
-    started."""
+    """Stop request and drive state in shared memory. A process receives it when it is started.
+
+    Parameters
+    ----------
+    context : BaseContext
+        Start method of the processes that share it.
+    """
 
     def __init__(self, context: BaseContext) -> None:
         self._pulled: Any = context.RawValue("b", 0)
@@ -39,29 +44,29 @@ class Leash:
 
     @property
     def pulled(self) -> bool:
-        """Whether the drive is to be off, and to stay so."""
+        """True if the drive must be off and stay off."""
         return bool(self._pulled.value)
 
     def renew(self) -> None:
-        """Another session begins, with the drive off."""
+        """Reset the request for a new session, which begins with the drive off."""
         self._pulled.value = self._on.value = self._process.value = 0
 
     def hold(self) -> None:
-        """This process has the arm."""
+        """Record that this process controls the arm."""
         self._process.value = os.getpid()
 
     def tell(self, on: bool) -> None:
-        """Whether the drive is on, or may be."""
+        """Record that the drive is on, or may be."""
         self._on.value = on
 
     def off(self, began: bool) -> str:
-        """Have the drive switched off, and say in words how the arm stands."""
+        """Have the drive disabled, and return a sentence on the state of the arm."""
         self._pulled.value = 1
         since = time.monotonic_ns()
         if not self._on.value:
             return "the arm's drive is off"
-        while time.monotonic_ns() - since < QUICK:
-            time.sleep(LOOK)
+        while time.monotonic_ns() - since < STOP_TIMEOUT_NS:
+            time.sleep(POLL_S)
             if not self._on.value:
                 after = (time.monotonic_ns() - since) * 1e-6
                 return f"the servo has switched the arm's drive off within {after:.0f} ms"
@@ -74,8 +79,17 @@ class Leash:
 
 
 class LeashedArm:
-    """An arm that is switched off with its next command once its leash is pulled. Why its drive
-    went off by itself is ``told`` as soon as it is known."""
+    """Arm whose next command disables the drive once a stop is requested.
+
+    Parameters
+    ----------
+    arm : LabArm
+        Arm of the lab.
+    leash : Leash
+        Stop request.
+    told : Callable
+        Function that receives the reason as soon as the drive goes off by itself.
+    """
 
     def __init__(self, arm: LabArm, leash: Leash, told: Callable[[str], object]) -> None:
         self._arm, self._leash, self._told = arm, leash, told
@@ -93,7 +107,7 @@ class LeashedArm:
         self._arm.define(q)
 
     def enable(self) -> None:
-        """Switch the drive on, unless the leash is pulled. From here on it may be on."""
+        """Enable the drive, unless a stop is requested. From here on it may be on."""
         self._coming = True
         self._leash.tell(True)
         if self._leash.pulled:
@@ -116,7 +130,7 @@ class LeashedArm:
         return self._arm.apply(command)
 
     def close(self) -> None:
-        """Bring it to rest, switch it off, and hang up."""
+        """Stop the arm, disable its drive and disconnect."""
         self._arm.close()
         if not self._arm.why_off:
             self._leash.tell(False)

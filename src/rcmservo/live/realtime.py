@@ -1,18 +1,18 @@
-"""What a process asks of the computer while it moves an arm: that nothing interrupts it for long.
+"""Real-time settings of a process that moves an arm, so that nothing delays its loop for long.
 
-Python's garbage collector pauses a large program for 0.1 s: while an arm moves it is off, and what
-was there before is not looked at again. A Python thread that works beside the loop would keep it
-waiting for 5 ms: the interpreter is told to switch sooner. The operating system is asked to let
-this thread go first, to keep its memory at hand, and to leave it as it is.
+Python's garbage collector can pause a large program for 0.1 s. It is off while an arm moves, and
+objects made before are excluded from collection. Another Python thread could hold the interpreter's
+lock for 5 ms, so the switch interval is shortened. The operating system gives this thread a
+real-time priority and keeps its memory in RAM.
 
-The process's other threads come next, before all other work of the computer: they share the
-interpreter's lock, and one that holds it while it waits for a processor keeps the loop waiting too.
-A thread that takes commands to a device asks to go before them: `urgent`.
+The other threads of the process come next, before all other work of the computer: a thread that
+holds the interpreter's lock while it waits for a processor delays the loop too. A thread that sends
+commands to a device requests a priority above theirs: `urgent`.
 
-NumPy asks that its large arrays be gathered into huge pages. Linux does that later, each 10 s, in a
-thread of its own: where the kernel is not preemptible, that thread keeps a processor for 6 ms at a
-time, several times in a row, whatever goes first (42 ms were measured: a controller that waits for
-40 ms then stops the arm). A process that must not wait for it uses no huge pages.
+NumPy requests huge pages for large arrays. Linux assembles them later, every 10 s, in a kernel
+thread. On a kernel without preemption that thread occupies a processor for 6 ms at a time, several
+times in a row, whatever the priorities (42 ms were measured; a controller with a time-out of 40 ms
+then stops the arm). The process therefore uses no huge pages.
 """
 
 import ctypes
@@ -26,36 +26,35 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-SWITCH = 0.0005
-"""s after which a thread beside the loop must let it go on."""
+SWITCH_INTERVAL_S = 0.0005
+"""Time in s after which another Python thread must release the interpreter's lock."""
 
-PRIORITY = 20
-"""Of 1 to 99: above all ordinary work, below what the kernel does for its devices."""
+LOOP_PRIORITY = 20
+"""Real-time priority of the loop (1 to 99): above ordinary work, below the kernel's device work."""
 
-NEXT = 10
-"""That of the other threads."""
+OTHER_PRIORITY = 10
+"""Real-time priority of the other threads."""
 
-URGENT = 15
-"""That of a thread which takes the loop's commands to a device."""
+URGENT_PRIORITY = 15
+"""Real-time priority of a thread that sends the loop's commands to a device."""
 
 REFUSED = "real-time scheduling was refused"
 
 CURRENT, ON_FAULT = 1, 4
-"""mlockall: of what is mapped by then, what is in memory stays there, and what comes to be used
-stays too."""
+"""Flags of mlockall: lock the pages that are mapped and in memory, and others on first use."""
 
 SET_NO_HUGE_PAGES, GET_NO_HUGE_PAGES = 41, 42
-"""PR_SET_THP_DISABLE and PR_GET_THP_DISABLE, of prctl."""
+"""PR_SET_THP_DISABLE and PR_GET_THP_DISABLE of prctl."""
 
 
 @dataclass
 class Realtime:
-    """What became of it."""
+    """Result of the requests to the operating system."""
 
     refused: list[str] = field(default_factory=list[str])
-    """One sentence for each thing that was asked of the system and refused."""
+    """One sentence for each refused request."""
     collections: int = 0
-    """How often the collection of garbage stopped the process nevertheless."""
+    """Number of garbage collections that paused the process nevertheless."""
 
     def _count(self, moment: str, about: object) -> None:
         self.collections += moment == "start"
@@ -63,10 +62,10 @@ class Realtime:
 
 @contextmanager
 def realtime() -> Generator[Realtime]:
-    """Make the calling thread the one that goes first, and those there are next, for as long as the
+    """Give the calling thread the first priority and the existing threads the next one while the
     context is open.
 
-    Threads that are started in it keep the ordinary priority.
+    Threads that are started inside keep the ordinary priority.
     """
     got = Realtime()
     interval, collecting = sys.getswitchinterval(), gc.isenabled()
@@ -74,9 +73,9 @@ def realtime() -> Generator[Realtime]:
     gc.freeze()
     gc.disable()
     gc.callbacks.append(got._count)  # pyright: ignore[reportPrivateUsage]
-    sys.setswitchinterval(SWITCH)
-    before = _ahead(got)
-    locked = _locked(got)
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    before = _raise_priorities(got)
+    locked = _lock_memory(got)
     try:
         with without_huge_pages():
             yield got
@@ -95,8 +94,8 @@ def realtime() -> Generator[Realtime]:
 
 @contextmanager
 def without_huge_pages() -> Generator[None]:
-    """Have the kernel make no huge pages of this process's memory while the context is open, and
-    never of that of processes that are started in it. Other systems do nothing."""
+    """Disable huge pages for this process while the context is open, and permanently for processes
+    that are started inside. Does nothing on systems other than Linux."""
     system: Any = ctypes.CDLL(None)
     if not hasattr(system, "prctl"):
         yield
@@ -110,10 +109,15 @@ def without_huge_pages() -> Generator[None]:
 
 
 def urgent() -> str:
-    """Have the calling thread go before all others but the loop, until it ends; why that was
-    refused, in a sentence, which is noted: it works all the same."""
+    """Give the calling thread a priority just below that of the loop, until it ends.
+
+    Returns
+    -------
+    str
+        Empty, or a sentence that says why the system refused. The refusal is logged.
+    """
     try:
-        _schedule(threading.get_native_id(), os.SCHED_FIFO, URGENT)
+        _schedule(threading.get_native_id(), os.SCHED_FIFO, URGENT_PRIORITY)
     except (AttributeError, OSError) as error:
         why = f"{REFUSED} ({_why(error)}): other work may delay what goes to the device"
         logging.getLogger(__name__).info(why)
@@ -121,18 +125,19 @@ def urgent() -> str:
     return ""
 
 
-def _ahead(got: Realtime) -> list[tuple[int, int, int]]:
-    """Ask for real-time scheduling; each thread changed, with the policy and priority to go back
-    to."""
+def _raise_priorities(got: Realtime) -> list[tuple[int, int, int]]:
+    """Request real-time scheduling; return each changed thread with its former policy and
+    priority."""
     this = threading.get_native_id()
     others = [thread.native_id for thread in threading.enumerate()]
     before: list[tuple[int, int, int]] = []
     try:
         for thread in (this, *(other for other in others if other is not None and other != this)):
             was = os.sched_getscheduler(thread), os.sched_getparam(thread).sched_priority
-            if thread != this and was[1] > NEXT:
-                continue  # it has asked for more itself
-            _schedule(thread, os.SCHED_FIFO, PRIORITY if thread == this else NEXT)
+            if thread != this and was[1] > OTHER_PRIORITY:
+                continue  # an urgent thread keeps its own priority
+            priority = LOOP_PRIORITY if thread == this else OTHER_PRIORITY
+            _schedule(thread, os.SCHED_FIFO, priority)
             before.append((thread, *was))
     except (AttributeError, OSError) as error:
         got.refused.append(f"{REFUSED} ({_why(error)}): other work may delay the loop")
@@ -140,12 +145,12 @@ def _ahead(got: Realtime) -> list[tuple[int, int, int]]:
 
 
 def _schedule(thread: int, policy: int, priority: int) -> None:
-    """Threads that this one starts do not inherit its priority."""
+    """Set a thread's scheduling, which threads that it starts do not inherit."""
     os.sched_setscheduler(thread, policy | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
 
 
-def _locked(got: Realtime) -> bool:
-    """Ask for memory that stays; whether it was granted."""
+def _lock_memory(got: Realtime) -> bool:
+    """Lock the memory of the process in RAM; return False if the system refuses."""
     try:
         system = _system()
         if system.mlockall(CURRENT | ON_FAULT) == 0:

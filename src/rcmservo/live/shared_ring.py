@@ -2,8 +2,7 @@
 
 The writer fills the oldest slot and only then publishes its number. A reader copies a slot and
 checks its head again: an entry that changed meanwhile is not used, and a checksum reveals any other
-damage. The memory has no name, so nothing of it remains when its processes are gone, however they
-end.
+damage. The memory has no name, so the system frees it when its processes end in any way.
 """
 
 import struct
@@ -27,7 +26,7 @@ class Entry(NamedTuple):
 
 
 class SharedRing:
-    """The newest entries of one writer, numbered from 0. It is handed to a process when that is
+    """Newest entries of one writer, numbered from 0. A process receives the ring when it is
     started, not later.
 
     Parameters

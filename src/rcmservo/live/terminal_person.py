@@ -1,8 +1,8 @@
-"""The person at the terminal that a program was started from.
+"""Operator at the terminal from which the program was started.
 
-The terminal itself is asked (/dev/tty), never the standard input, so that no file and no other
-program's output can answer. What was typed before a question is thrown away, and each answer comes
-with the time before which it was not typed.
+Questions go to the terminal itself (/dev/tty), never to the standard input, so that no file and no
+other program's output can answer. Input typed before a question is discarded, and each answer comes
+with the earliest time at which it can have been typed.
 """
 
 import os
@@ -16,21 +16,32 @@ from rcmservo.errors import Stopped
 from rcmservo.live.lab import NotReady
 
 TERMINAL = Path("/dev/tty")
-"""The terminal of whoever opens it."""
+"""Terminal of the process that opens it."""
 
-LOOK = 0.1
-"""s between two looks whether the program was told to end."""
+POLL_S = 0.1
+"""Interval in s at which a request to end is read."""
 
-LINE = 4096
-"""Bytes that a terminal hands over at most of one line."""
+MAX_LINE_BYTES = 4096
+"""Largest line in bytes that a terminal returns."""
 
 
 class Terminal:
-    """A person at this program's terminal; `close` it at the end."""
+    """Operator at this program's terminal. Close it at the end.
+
+    Parameters
+    ----------
+    told_to_end : Callable
+        Function that returns True once the program must end.
+
+    Raises
+    ------
+    NotReady
+        If the program has no terminal.
+    """
 
     def __init__(self, told_to_end: Callable[[], bool] = lambda: False) -> None:
         self.typed = 0
-        """ns of the wall clock: the last answer was not typed before."""
+        """Earliest time (ns of the wall clock) at which the last answer can have been typed."""
         self._told_to_end = told_to_end
         try:
             self._file = os.open(TERMINAL, os.O_RDWR | os.O_NOCTTY | os.O_CLOEXEC)
@@ -43,34 +54,42 @@ class Terminal:
         os.close(self._file)
 
     def tell(self, words: str) -> None:
-        """Say something that needs no answer."""
+        """Print something that needs no answer."""
         self._write(f"{words}\n")
 
     def ask(self, question: str) -> str:
-        """What the person answers to this question. :class:`Stopped` by Ctrl-D, where the terminal
-        is gone, and where the program is told to end."""
-        self._forget_typed()
+        """Return the operator's answer to a question.
+
+        Raises
+        ------
+        Stopped
+            After Ctrl-D, if the terminal is closed, or if the program must end.
+        NotReady
+            If the program runs in the background.
+        """
+        self._discard_input()
         self._write(f"{question} ")
         return self._line()
 
-    def _forget_typed(self) -> None:
-        """Throw away what was typed, and what a script goes on to type at once."""
+    def _discard_input(self) -> None:
+        """Discard what was typed before, and what a script types at once."""
         if os.tcgetpgrp(self._file) != os.getpgrp():
-            raise NotReady(
-                "this program runs in the background: a person must bring it to the front"
-            )
+            raise NotReady("this program runs in the background: bring it to the foreground (fg)")
         termios.tcflush(self._file, termios.TCIFLUSH)
         if self._told_to_end():
             raise Stopped("stopped before the drive was on")
-        select.select([], [], [], LOOK)
+        select.select([], [], [], POLL_S)
         self.typed = time.monotonic_ns()
         termios.tcflush(self._file, termios.TCIFLUSH)
 
     def _line(self) -> str:
-        """The next line. Nothing waited when a look that found nothing began: however long this
-        process is kept from looking, ``typed`` is not too late."""
+        """Return the next line.
+
+        A poll that finds nothing proves that nothing was typed before it began, so ``typed`` is
+        never too late, however long the process was suspended.
+        """
         began = self.typed
-        while not select.select([self._file], [], [], LOOK)[0]:
+        while not select.select([self._file], [], [], POLL_S)[0]:
             if self._told_to_end():
                 raise Stopped("stopped before the drive was on")
             self.typed, began = began, time.monotonic_ns()
@@ -80,10 +99,10 @@ class Terminal:
         return line.decode(errors="replace").strip()
 
     def _read(self) -> bytes:
-        """A whole line, or what there is of one that is ended by Ctrl-D; nothing where the terminal
-        is gone."""
+        """Return a whole line, or a part of one that Ctrl-D ends; nothing if the terminal is
+        closed."""
         try:
-            return os.read(self._file, LINE)
+            return os.read(self._file, MAX_LINE_BYTES)
         except OSError:
             return b""
 
@@ -93,4 +112,4 @@ class Terminal:
             while data:
                 data = data[os.write(self._file, data) :]
         except OSError as error:
-            raise Stopped("the terminal is gone") from error
+            raise Stopped("the terminal was closed") from error

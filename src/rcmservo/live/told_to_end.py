@@ -1,7 +1,7 @@
-"""Whether a process was told to end.
+"""Requests to end a process in order.
 
-A signal changes a note and nothing else: what the process is about is finished first. The
-supervisor speaks by its wire, or is gone; a terminal that is closed speaks by a signal.
+A signal only sets a flag, so the process completes its present work first. The supervisor requests
+the end through its pipe, or by closing it. A closed terminal sends a signal.
 """
 
 import contextlib
@@ -13,20 +13,26 @@ from multiprocessing.connection import Connection
 from rcmservo.errors import Stopped
 
 ORDERLY = (signal.SIGTERM, signal.SIGHUP)
-"""Signals that ask a program to end in order. The second comes of a terminal that is closed."""
+"""Signals that request an orderly end. A terminal that is closed sends the second."""
 
 
 class ToldToEnd:
-    """Whether the servo process was told to end, by its supervisor or by a signal. Ctrl-C is its
-    supervisor's."""
+    """Request to end the servo process, from its supervisor or by a signal. The supervisor handles
+    Ctrl-C.
+
+    Parameters
+    ----------
+    supervisor : Connection
+        Pipe to the supervisor.
+    """
 
     def __init__(self, supervisor: Connection) -> None:
         self.signal = ""
-        """The name of the signal that told it; empty while none has."""
+        """Name of the received signal; empty before the first."""
         self._supervisor = supervisor
 
     def heed(self) -> None:
-        """From now on signals are noted: in the main thread of a process of its own."""
+        """Handle signals from now on. Call it in the main thread of a separate process."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         for number in ORDERLY:
             signal.signal(number, self._note)
@@ -40,8 +46,8 @@ class ToldToEnd:
 
 @contextlib.contextmanager
 def stopped_by_signals() -> Generator[None]:
-    """The first orderly signal raises :class:`Stopped` in here, and the others nothing any more:
-    what is ended in order is not interrupted by being told so again."""
+    """Raise :class:`Stopped` inside at the first orderly signal, and ignore further ones, so that
+    nothing interrupts the orderly end."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -53,7 +59,7 @@ def stopped_by_signals() -> Generator[None]:
         raise Stopped(f"stopped by {signal.Signals(number).name}, in order")
 
     for number, before in usual.items():
-        if before is not signal.SIG_IGN:  # as of a program that goes on without its terminal
+        if before is not signal.SIG_IGN:  # nohup: the program survives its terminal
             signal.signal(number, stop)
     try:
         yield

@@ -1,8 +1,7 @@
-"""Detection beside the loop: a thread tracks the markers in each new frame, and the loop takes what
-is ready.
+"""Marker detection in a thread next to the loop.
 
-A tick never waits for a picture. The thread is camera and tracker in one for the plant: a frame is
-offered once its markers are found, and counts as arrived at that moment.
+A tick never waits for an image. To the plant the thread is camera and tracker in one: it offers a
+frame once its markers are detected, and the frame counts as arrived at that moment.
 """
 
 import threading
@@ -14,20 +13,29 @@ from rcmservo.interfaces import Camera, Clock, Explains, Frame, Markers, Tracker
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.first_answer import look_at
 
-POLL = 0.001
-"""s between looks at the camera."""
+POLL_S = 0.001
+"""Interval in s at which the camera is polled."""
 
-PATIENCE = 2.0
-"""s that a thread has to end in."""
+EXIT_TIMEOUT_S = 2.0
+"""Time in s within which the thread must end."""
 
 
 class TrackingThread:
-    """A camera and a tracker that work in a thread of their own while the context is open.
+    """Camera and tracker that run in a thread while the context is open.
 
-    A frame that the tracker refuses is offered as it is and refused again by `find`. If camera or
+    A frame that the tracker refuses is offered unchanged, and `find` refuses it again. If camera or
     tracker fail before the first frame is offered, `latest` raises the error. If they fail later,
-    no more frames are offered, so that the servo stops in order, and the error is raised where the
-    context ends.
+    no more frames are offered, so the servo stops in order, and the error is raised at the end of
+    the context.
+
+    Parameters
+    ----------
+    camera : Camera
+        Source of the frames.
+    tracker : Tracker
+        Detector of the markers.
+    clock : Clock
+        Clock of the plant.
     """
 
     def __init__(self, camera: Camera, tracker: Tracker, clock: Clock) -> None:
@@ -52,19 +60,25 @@ class TrackingThread:
         trace: TracebackType | None,
     ) -> None:
         self._ended.set()
-        self._thread.join(PATIENCE)
+        self._thread.join(EXIT_TIMEOUT_S)
         if self._error is not None and error is None:
             raise self._error
 
     def latest(self) -> Frame | None:
-        """The newest frame whose markers have been looked for, at once."""
+        """Return the newest frame that the tracker has processed, without waiting."""
         self._taken = self._offered
         if self._taken is None and self._error is not None:
             raise self._error
         return None if self._taken is None else self._taken[0]
 
     def find(self, frame: Frame) -> Markers:
-        """The markers found in the frame that `latest` gave last."""
+        """Return the markers in the frame that `latest` returned last.
+
+        Raises
+        ------
+        BadInput
+            If the tracker refuses the frame.
+        """
         assert self._taken is not None and frame is self._taken[0]
         found = self._taken[1]
         if isinstance(found, BadInput):
@@ -72,18 +86,18 @@ class TrackingThread:
         return found
 
     def why(self, frame: Frame) -> str:
-        """What the tracker says of a frame, if it can tell why it did not find the markers."""
+        """Return the tracker's reason for not detecting the markers, or an empty string."""
         return self._tracker.why(frame) if isinstance(self._tracker, Explains) else ""
 
     def reset(self) -> None:
-        """Forget where the markers were, before the next frame."""
+        """Reset the tracker before the next frame."""
         self._forget.set()
 
     def wait_for(self, frames: int, patience: float) -> None:
-        """Return when so many frames have been tracked, however long the tracker takes, as it is
-        compiled for the first ones; or when the camera has given none for ``patience`` s."""
+        """Wait until a number of frames are tracked, or until the camera delivers none for
+        ``patience`` s. The first frames take long: the tracker is compiled for them."""
         tracked, since = 0, self._clock.now()
-        for _ in ticks(self._clock, 1.0 / POLL):
+        for _ in ticks(self._clock, 1.0 / POLL_S):
             if self._at_work or self._tracked > tracked:
                 tracked, since = self._tracked, self._clock.now()
             silent = not self._clock.now() - since <= patience * 1e9
@@ -91,8 +105,7 @@ class TrackingThread:
                 return
 
     def look(self) -> None:
-        """Track the markers in the camera's newest frame, if it is new: what the thread does all
-        the time."""
+        """Track the markers in the camera's newest frame, if it is new."""
         frame = self._camera.latest()
         if frame is None or frame is self._newest:
             return
@@ -107,7 +120,7 @@ class TrackingThread:
         self._at_work = False
 
     def _found(self, frame: Frame) -> Markers | BadInput:
-        """The markers in a frame, or why it is refused."""
+        """Return the markers in a frame, or the reason for refusing it."""
         try:
             found = self._tracker.find(frame)
         except BadInput as error:
@@ -117,7 +130,7 @@ class TrackingThread:
 
     def _work(self) -> None:
         try:
-            while not self._ended.wait(POLL):
+            while not self._ended.wait(POLL_S):
                 self.look()
         except Exception as error:
             self._error = error

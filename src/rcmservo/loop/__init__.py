@@ -1,1 +1,1 @@
-"""The only code that makes anything move: the plant put together, a target taught, the loop run."""
+"""Plant, teaching and loop: the only code that makes the arm move."""

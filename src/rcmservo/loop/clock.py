@@ -1,5 +1,4 @@
-"""Ticks on an absolute schedule: the k-th tick is due at start + k/rate, however long the one
-before took."""
+"""Ticks on an absolute schedule: tick k is due at start + k/rate, independent of earlier ticks."""
 
 import time
 from array import array
@@ -10,10 +9,24 @@ from rcmservo.interfaces import Clock
 
 
 def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> Iterator[int]:
-    """Wait for each tick and yield its time in ns since the first, at `rate` Hz for `duration` s.
+    """Wait for each tick and yield its time.
 
-    A tick that is due when the one before is not done yet is skipped: there is never a burst to
-    catch up.
+    A tick that is due while the previous one still runs is skipped, so that ticks never come in a
+    burst.
+
+    Parameters
+    ----------
+    clock : Clock
+        Clock of the plant.
+    rate : float
+        Ticks per second, Hz.
+    duration : float
+        Length of the schedule in s.
+
+    Yields
+    ------
+    int
+        Time in ns since the first tick.
     """
     positive("frequency in Hz").require("rate", rate)
     Limit(lambda s: s > 0.0, "a positive time in s").require("duration", duration)
@@ -27,8 +40,8 @@ def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> 
 
 
 class WallClock:
-    """The time of this computer since it was started, which nobody sets: ns, the same for all of
-    its processes."""
+    """Time in ns since the computer was started. It is the same in all processes and cannot be
+    set."""
 
     def now(self) -> int:
         return time.monotonic_ns()
@@ -38,14 +51,14 @@ class WallClock:
 
 
 def sleep_until(moment: int) -> None:
-    """Sleep until a `moment` in ns of the wall clock; not at all if it is past."""
+    """Sleep until a `moment` in ns of the wall clock; return at once if it is past."""
     left = moment - time.monotonic_ns()
     if left > 0:
         time.sleep(left * 1e-9)
 
 
 class Punctuality:
-    """A clock that is asked through this one, and a note of how late (ns) each wait ended."""
+    """Clock that records how late (ns) each wait of another clock ended."""
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock

@@ -1,4 +1,5 @@
-"""What a device answers at its first call, looked at before a motion relies on it."""
+"""Checks of the first values that the methods of a device return, before a motion depends on
+them."""
 
 from collections.abc import Callable
 from numbers import Integral
@@ -11,18 +12,18 @@ from rcmservo.errors import require
 from rcmservo.interfaces import Frame, Markers
 
 
-class Right(NamedTuple):
-    """What a method should answer."""
+class Contract(NamedTuple):
+    """Values that a method may return."""
 
-    good: Callable[[Any], bool]
-    """Whether an answer is right."""
-    words: str
-    """The same in words: what an answer must be."""
+    is_met: Callable[[Any], bool]
+    """Test of a value."""
+    expected: str
+    """Noun phrase for the values that pass the test."""
 
 
 def _array(value: Any, *shape: int) -> bool:
-    """Whether it is an array that compiled code takes as it is: any other kind would make it
-    compile anew, in motion."""
+    """Return True for an array that compiled code accepts unchanged. Any other kind would start
+    another compilation, in motion."""
     if not isinstance(value, np.ndarray):
         return False
     array = cast(NDArray[Any], value)
@@ -54,18 +55,21 @@ def _markers(answer: Any) -> bool:
 
 
 ARRAY = "a writable float64 array of shape"
-RIGHT = {
-    "measure": Right(
+CONTRACTS = {
+    "measure": Contract(
         _measured, f"Measured(time in whole ns, q as {ARRAY} (3,), enabled as True or False)"
     ),
-    "apply": Right(_rates, f"the joint rates it takes, {ARRAY} (3,)"),
-    "latest": Right(_frame, "a Frame with its number and times as whole numbers, or None"),
-    "find": Right(_markers, f"Markers with points as {ARRAY} (2, 2) and radius as one of (2,)"),
+    "apply": Contract(_rates, f"the joint rates that it applies, {ARRAY} (3,)"),
+    "latest": Contract(_frame, "a Frame with its number and times as whole numbers, or None"),
+    "find": Contract(_markers, f"Markers with points as {ARRAY} (2, 2) and radius as one of (2,)"),
 }
-"""By the method's name."""
+"""Contract of each method, by its name."""
 
 
 def look_at(device: object, method: str, answer: object) -> None:
-    """Raise BadInput, in a sentence that names device and method, where an answer is not right."""
-    right = RIGHT[method]
-    require(right.good(answer), f"{type(device).__name__}.{method}()", answer, right.words)
+    """Raise `BadInput` with the names of device and method if a returned value breaks the
+    contract."""
+    contract = CONTRACTS[method]
+    require(
+        contract.is_met(answer), f"{type(device).__name__}.{method}()", answer, contract.expected
+    )

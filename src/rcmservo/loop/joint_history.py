@@ -1,4 +1,4 @@
-"""Recent joints of an arm, interpolated at the moment at which a camera saw it."""
+"""Recent joint values of an arm, interpolated at the exposure of a frame."""
 
 from bisect import bisect_right
 from collections import deque
@@ -9,11 +9,11 @@ from rcmservo.interfaces import Floats
 
 
 class JointHistory:
-    """The newest `size` measurements of an arm's joints, in order of time.
+    """Newest `size` measurements of an arm's joints, in order of time.
 
-    Plant, simulated arm and simulated camera ask it for the joints at an exposure. Two other
-    interpolations are not this one: the compiled arm of a study keeps its joints in a ring that its
-    kernels index by the step, and `rig check` shifts a whole motion by one lag, with `np.interp`.
+    Plant, simulated arm and simulated camera interpolate the joints at an exposure in it. Two other
+    places interpolate differently: the compiled arm of a study stores its joints in a ring that its
+    kernels index by the step, and `rig check` shifts a whole motion by one lag with `np.interp`.
     """
 
     def __init__(self, size: int) -> None:
@@ -21,24 +21,24 @@ class JointHistory:
         self._joints: deque[Floats] = deque(maxlen=size)
 
     def add(self, time: int, q: Floats) -> None:
-        """Store the joints q (3,) at `time` ns, unless that is not later than the newest."""
+        """Store the joints q (3,) at `time` ns if that is later than the newest measurement."""
         if not self._times or time > self._times[-1]:
             self._times.append(time)
             self._joints.append(q)
 
     def clear(self) -> None:
-        """Forget all measurements."""
+        """Remove all measurements."""
         self._times.clear()
         self._joints.clear()
 
     @property
     def oldest(self) -> float:
-        """Time (ns) of the oldest measurement; inf where there is none."""
+        """Time (ns) of the oldest measurement; inf if there is none."""
         return self._times[0] if self._times else np.inf
 
     def at(self, time: int) -> Floats:
-        """Return the joints (3,) at `time` ns, linear between two measurements; the oldest or the
-        newest measurement outside of them."""
+        """Return the joints (3,) at `time` ns by linear interpolation; outside the measurements
+        return the oldest or the newest one."""
         after = bisect_right(self._times, time)
         earlier = self._joints[max(after - 1, 0)]
         if after in (0, len(self._times)):

@@ -1,8 +1,7 @@
-"""The person beside the loop: what may be wanted between two ticks, and what the next tick then
-goes by.
+"""Requests of an operator between two ticks, and the servo, target and request of the next tick.
 
-Nothing of it restarts the drive. A changed target or setting holds from the next tick on, and
-begins a new stage in the record.
+No request restarts the drive. A changed target or setting applies from the next tick on and begins
+a new stage in the record.
 """
 
 from collections.abc import Callable
@@ -19,35 +18,36 @@ from rcmservo.loop.shown import FRAMES, TEACHING_FRAMES, TargetFrames
 from rcmservo.loop.tick import Tick
 from rcmservo.servo.servo import Servo
 
-SETTLE = 200_000_000
-"""ns after the first command to stand still from which on a frame shows a tool that does."""
+REST_TIME_NS = 200_000_000
+"""Time in ns from the first command of zero rates until the tool counts as at rest."""
 
-FIXED = ("mechanism", "tool", "estimator", "imaged_rcm", "rate")
-"""What a servo keeps through a run: what was learnt belongs to these."""
+FIXED_PARTS = ("mechanism", "tool", "estimator", "imaged_rcm", "rate")
+"""Parts of a servo that cannot change during a run, as the estimate depends on them."""
 
 
 @dataclass(frozen=True)
 class Teach(Checked):
-    """Wanted: the tool pauses, and what the camera then sees becomes the target.
+    """Request to pause and teach the present pose as the target.
 
-    The tool stands still until enough frames have shown both markers, or until the person wants
-    something else. Then it stays paused until the person resumes.
+    The tool stands still until enough frames show both markers, or until the next request. It then
+    stays paused until the operator resumes.
     """
 
     frames: Annotated[int, FRAMES] = TEACHING_FRAMES
-    """Frames to take the mean of."""
+    """Number of frames whose mean becomes the target."""
 
 
 STILL = np.zeros(3)
+"""Joint rates of an arm at rest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Jog(Checked, section="jog"):
-    """Wanted: that the joints go at these rates until the next tick, each at a fifth of its bound
-    at most, from IDLE or PAUSED.
+    """Request to move the joints at given rates until the next tick, in IDLE or PAUSED, each at no
+    more than a fifth of its limit.
 
-    It must be wanted again after every tick. Once it is not, the arm comes to rest and the servo is
-    paused.
+    The request must be repeated after every tick. Otherwise the arm comes to rest and the servo
+    pauses.
     """
 
     rates: Annotated[Floats, array(3)]
@@ -59,28 +59,28 @@ class Jog(Checked, section="jog"):
 
 
 Want = Request | Target | Servo | Teach | Jog
-"""What a person may want between two ticks: to pause, resume or clear; another target; other
-settings; that the target be taught now; or to move the joints by hand."""
+"""Request between two ticks: pause, resume or clear; another target; other settings; teaching of
+the present pose; jogging."""
 
 Operator = Callable[[Tick], Want]
-"""A person beside the loop. It is called after every tick and must answer at once."""
+"""Function that the loop calls after every tick for the operator's request. It must not wait."""
 
 
 @dataclass
 class Showing:
-    """The frames of a target that is being taught in mid-run."""
+    """Teaching of a target during a run."""
 
     frames: int
-    """How many are wanted."""
+    """Number of frames requested."""
     since: int | None = None
-    """When the tool was told to stand still, ns; None while it moves."""
+    """Time of the first command of zero rates, ns; None while the tool moves."""
     shown: TargetFrames = field(default_factory=TargetFrames)
-    """Those so far."""
+    """Frames so far."""
     last: int = -1
-    """Number of the newest frame looked at."""
+    """Number of the newest frame examined."""
 
     def add(self, seen: Observation, command: Command) -> Target | None:
-        """Take what a tick has seen; the target once there are enough frames that agree on it."""
+        """Add the frame of a tick; return the target once enough frames agree."""
         if command.rates.any():
             self.since = None
         elif self.since is None:
@@ -88,7 +88,7 @@ class Showing:
         if self.since is None or seen.frame == self.last:
             return None
         self.last = seen.frame
-        if seen.exposure >= self.since + SETTLE and np.isfinite(seen.points).all():
+        if seen.exposure >= self.since + REST_TIME_NS and np.isfinite(seen.points).all():
             self.shown.add(seen)
         if len(self.shown.points) < self.frames:
             return None
@@ -99,10 +99,16 @@ class Showing:
 
 
 class Agenda:
-    """What the loop goes by: a ``servo``, a ``target``, and what a person asks for (``request``,
-    and the joint rates ``jog`` of one who moves the arm by hand).
+    """Servo, target and request of the next tick, which an operator may change between two ticks.
 
-    An ``operator`` may change it between two ticks.
+    Parameters
+    ----------
+    servo : Servo
+        Settings at the start.
+    target : Target
+        Target at the start.
+    operator : Operator or None
+        Source of the requests.
     """
 
     def __init__(self, servo: Servo, target: Target, operator: Operator | None) -> None:
@@ -111,7 +117,7 @@ class Agenda:
         self._showing: Showing | None = None
 
     def steer(self, tick: Tick) -> None:
-        """Ask the operator after a tick, and set what the next one goes by."""
+        """Request the operator's input after a tick and prepare the next tick."""
         self.request, self.jog = Request.NONE, STILL
         if self._operator is None:
             return
@@ -133,7 +139,7 @@ class Agenda:
                 self._aim(want)
             case Servo():
                 want.demand(self.target)
-                self.servo = goes_on(self.servo, want)
+                self.servo = changed_servo(self.servo, want)
             case Teach():
                 self.request, self._showing = Request.PAUSE, Showing(want.frames)
             case _:
@@ -146,14 +152,14 @@ class Agenda:
             self._aim(target)
 
     def _aim(self, target: Target) -> None:
-        """Aim at another target; at the same numbers it aims already."""
+        """Set another target. The same numbers change nothing."""
         if not same(target, self.target):
             self.servo.demand(target)
             self.target = target
 
 
 def same(one: Target, other: Target) -> bool:
-    """Whether two targets are the same, down to the bits."""
+    """Return True if two targets are equal to the last bit."""
     return (
         one.points.tobytes() == other.points.tobytes()
         and one.q.tobytes() == other.q.tobytes()
@@ -162,13 +168,19 @@ def same(one: Target, other: Target) -> bool:
     )
 
 
-def goes_on(before: Servo, after: Servo) -> Servo:
-    """The servo with other settings, where what was learnt stays of use; BadInput where not."""
-    for name in FIXED:
+def changed_servo(before: Servo, after: Servo) -> Servo:
+    """Return a servo with changed settings if the present estimate remains valid for it.
+
+    Raises
+    ------
+    BadInput
+        If a part differs that cannot change during a run.
+    """
+    for name in FIXED_PARTS:
         value = getattr(after, name)
-        kept = getattr(before, name)
+        present = getattr(before, name)
         require(
-            value is kept or value == kept,
+            value is present or value == present,
             f"servo.{name}",
             value,
             "the same through a run: begin another run for that",

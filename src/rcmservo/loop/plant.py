@@ -1,4 +1,4 @@
-"""An arm, a camera, a tracker and a clock as one thing that is read and sent to."""
+"""Plant: arm, camera, tracker and clock behind one interface to read from and send to."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,30 +24,47 @@ from rcmservo.loop.first_answer import look_at
 from rcmservo.loop.joint_history import JointHistory
 
 JOINT_HISTORY = 256
-"""Measurements of the joints that are stored."""
+"""Number of joint measurements that the plant stores."""
 
-OLDEST = 2_000_000_000
-"""ns after its exposure within which a frame must arrive, or its time cannot be right."""
+MAX_FRAME_AGE_NS = 2_000_000_000
+"""Largest plausible time in ns from a frame's exposure to its arrival, and from there to now."""
 
 
-ENABLE_TIME = 2.0
-"""s after an arm's first `enable` within which it must tell that its drive is on."""
+ENABLE_TIMEOUT_S = 2.0
+"""Time in s after `Arm.enable` within which the arm must report that its drive is on."""
 
-ENABLE_POLL = 5_000_000
-"""ns from asking to asking meanwhile."""
+ENABLE_POLL_NS = 5_000_000
+"""Interval in ns at which the state of the drive is read meanwhile."""
 
 
 class NotEnabled(RcmServoError):
-    """An arm whose drive does not come on."""
+    """Report an arm whose drive does not come on."""
 
 
 class Plant:
-    """An arm, a camera and a tracker as one thing that is read and sent to.
+    """Arm, camera and tracker behind one interface.
 
-    It keeps the joints' recent past, to tell where they were when a frame was exposed, and drops
-    frames that are not new, that bear impossible times or that are damaged. What a device answers
-    first is looked at: one that answers something else is told so in one sentence. ``recorded``
-    tells whether a record that was asked for is still written.
+    The plant stores recent joint values to interpolate them at the exposure of a frame. It drops
+    frames that are not new, damaged or have impossible times. It checks the first value that each
+    method of a device returns.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with velocity drives.
+    camera : Camera
+        Source of the frames.
+    tracker : Tracker
+        Detector of the markers.
+    clock : Clock
+        Clock of all times.
+    recorded : Callable
+        Function that returns False once a requested record is no longer written.
+
+    Raises
+    ------
+    BadInput
+        At the first call, if a device returns a value of another type or shape than its protocol.
     """
 
     def __init__(
@@ -72,12 +89,18 @@ class Plant:
         self._applied = np.zeros(3)
 
     def enable(self) -> None:
-        """Switch the arm's drive on: a person's act. Wait until it is on."""
+        """Enable the arm's drive and wait until it is on. A user's action causes it.
+
+        Raises
+        ------
+        NotEnabled
+            If the arm does not report the drive as on within 2 s.
+        """
         self.arm.enable()
         self._await_drive()
 
     def read(self) -> Observation:
-        """Measure the joints, and track the markers where a new frame has arrived."""
+        """Return an observation: read the joints, and track the markers if a new frame arrived."""
         time, q, enabled = self._measure()
         q = q.copy()  # a device may fill one array again and again
         self._joints.add(time, q)
@@ -103,11 +126,10 @@ class Plant:
         )
 
     def reset(self) -> None:
-        """Forget where markers and joints were: a person may have moved the tool since they were
-        last read.
+        """Discard markers and joint history, as the tool may have been moved since.
 
-        Frames exposed before the joints are read again count for nothing, and their numbers may
-        begin anew.
+        Frames that were exposed before the next reading of the joints are ignored, and frame
+        numbers may restart.
         """
         self.tracker.reset()
         self._joints.clear()
@@ -118,7 +140,7 @@ class Plant:
         self._q_exposure = np.full(3, np.nan)
 
     def send(self, command: Command) -> Floats:
-        """Pass a command on to the arm; the joint rates (3,) that the arm took."""
+        """Send a command to the arm and return the joint rates (3,) that it applies."""
         self._applied = self.arm.apply(command)
         if "apply" in self._new:
             self._meet(self.arm, "apply", self._applied)
@@ -138,30 +160,30 @@ class Plant:
         return frame
 
     def _meet(self, device: object, method: str, answer: object) -> None:
-        """Look at a device's first answer; the next ones are taken as they are."""
+        """Check the first value that a method returns; later ones are not checked."""
         look_at(device, method, answer)
         self._new.remove(method)
 
     def _await_drive(self) -> None:
-        end = self.clock.now() + round(ENABLE_TIME * 1e9)
+        end = self.clock.now() + round(ENABLE_TIMEOUT_S * 1e9)
         while not self._measure().enabled:
             if self.clock.now() >= end:
                 raise self._not_enabled()
-            self.clock.wait_until(self.clock.now() + ENABLE_POLL)
+            self.clock.wait_until(self.clock.now() + ENABLE_POLL_NS)
 
     def _not_enabled(self) -> NotEnabled:
         name = type(self.arm).__name__
         return NotEnabled(
-            f"{name}.measure() must tell enabled = True within {ENABLE_TIME:g} s after "
+            f"{name}.measure() must report enabled = True within {ENABLE_TIMEOUT_S:g} s after "
             f"{name}.enable(), got False: the drive does not come on"
         )
 
     def _look(self, frame: Frame | None) -> None:
-        """Track the markers in a frame that was not offered before, or say why not."""
+        """Track the markers in a frame that is new, or record why it is dropped."""
         if frame is None or frame is self._offered:
             return
         self._offered = frame
-        self._dropped = self._wrong(frame)
+        self._dropped = self._defect(frame)
         if self._dropped is not Dropped.NONE or frame.exposure < self._began:
             return
         try:
@@ -176,10 +198,11 @@ class Plant:
         known = frame.exposure >= self._joints.oldest
         self._q_exposure = self._joints.at(frame.exposure) if known else np.full(3, np.nan)
 
-    def _wrong(self, frame: Frame) -> Dropped:
+    def _defect(self, frame: Frame) -> Dropped:
+        """Return the reason for not using a frame; NONE if it is usable."""
         if (
-            not 0 <= frame.arrival - frame.exposure <= OLDEST
-            or not 0 <= self.clock.now() - frame.arrival <= OLDEST
+            not 0 <= frame.arrival - frame.exposure <= MAX_FRAME_AGE_NS
+            or not 0 <= self.clock.now() - frame.arrival <= MAX_FRAME_AGE_NS
         ):
             return Dropped.CLOCK
         last = self.frame
@@ -191,24 +214,23 @@ class Plant:
 
 
 def _points(markers: Markers) -> Floats:
-    """The markers (2, 2) raw px, NaN for one that is where no camera has a pixel: what is learnt
-    from would take any other number for a place."""
-    seen = (np.abs(markers.points) < NO_PIXEL).all(axis=1, keepdims=True)
-    return np.where(seen, markers.points, np.nan)
+    """Return the raw markers (2, 2) in px, NaN for one outside any possible image: estimators would
+    use every finite number."""
+    possible = (np.abs(markers.points) < NO_PIXEL).all(axis=1, keepdims=True)
+    return np.where(possible, markers.points, np.nan)
 
 
 def _sizes(markers: Markers) -> Floats:
-    """The markers' apparent radii (2,) px, NaN for one that is lost."""
-    seen = np.isfinite(markers.points).all(axis=1)
-    return np.where(seen, markers.radius, np.nan)
+    """Return the apparent radii (2,) in px, NaN for a lost marker."""
+    detected = np.isfinite(markers.points).all(axis=1)
+    return np.where(detected, markers.radius, np.nan)
 
 
 def _quality(markers: Markers) -> Floats:
-    """How well the markers were seen (2,), 0 for one that is lost; NaN of a tracker that tells none
-    of use."""
-    seen = np.isfinite(markers.points).all(axis=1)
-    told = np.asarray(markers.quality, dtype=np.float64)
-    return np.where(seen, told, 0.0) if told.shape == (2,) else np.full(2, np.nan)
+    """Return the detection quality (2,), 0 for a lost marker; NaN if the tracker reports none."""
+    detected = np.isfinite(markers.points).all(axis=1)
+    quality = np.asarray(markers.quality, dtype=np.float64)
+    return np.where(detected, quality, 0.0) if quality.shape == (2,) else np.full(2, np.nan)
 
 
 def _shape(frame: Frame) -> tuple[int, ...] | None:

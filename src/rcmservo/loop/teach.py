@@ -1,4 +1,4 @@
-"""Learning by showing: what the camera sees now becomes the target."""
+"""Teaching by showing: the present view of the tool becomes the target."""
 
 import numpy as np
 
@@ -10,16 +10,35 @@ from rcmservo.loop.shown import TEACHING_FRAMES, TargetFrames, require_frames
 from rcmservo.loop.unseen import unseen
 
 TEACH_TIMEOUT = 2.0
-"""s without a frame that shows both markers after which teaching gives up."""
+"""Time in s without a frame that shows both markers after which teaching fails."""
 
 
 class NotShown(RcmServoError):
-    """A target that could not be taught, and why."""
+    """Target that could not be taught, with the reason."""
 
 
 def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
-    """Take what the camera sees from now on as the target: the mean over `frames` frames. It never
-    moves anything."""
+    """Teach a target from the next frames. Nothing moves.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant whose tool stands at the target.
+    frames : int
+        Number of frames whose mean becomes the target, 1 to 100 000.
+
+    Returns
+    -------
+    Target
+        Mean raw markers, radii and joint values.
+
+    Raises
+    ------
+    BadInput
+        If the number of frames is out of range.
+    NotShown
+        If no frame shows both markers for 2 s, or if the frames do not agree.
+    """
     require_frames(frames)
     plant.reset()
     shown = TargetFrames()

@@ -1,16 +1,16 @@
-"""Why the markers are not seen, in words for a person."""
+"""Sentence for the operator on why the markers are not detected."""
 
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Dropped, Explains, Observation
 from rcmservo.loop.plant import Plant
 
 SILENCE = 0.5
-"""s without a frame after which it is the camera that is to blame."""
+"""Time in s without a frame after which the camera is the reason."""
 
 
 def unseen(plant: Plant, seen: Observation, began: int) -> str:
-    """What has kept the markers from being seen since `began` ns: frames that do not come or cannot
-    be used, or what the tracker says of the newest one."""
+    """Return the reason why no markers were detected since `began` ns: missing or unusable frames,
+    or the tracker's reason for the newest frame."""
     silent = (seen.now - max(seen.arrival, began)) * 1e-9
     if seen.dropped is not Dropped.NONE:
         return _why_dropped(plant, seen.dropped)
@@ -21,7 +21,7 @@ def unseen(plant: Plant, seen: Observation, began: int) -> str:
 
 
 def _why_dropped(plant: Plant, dropped: Dropped) -> str:
-    """Why frames came but were not used."""
+    """Return the reason why frames arrived but were not used."""
     frame = plant.camera.latest()
     if dropped is Dropped.CLOCK and frame is not None:
         age = (plant.clock.now() - frame.exposure) * 1e-9

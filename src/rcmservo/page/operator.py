@@ -15,7 +15,7 @@ import numpy as np
 from rcmservo.errors import BadInput
 from rcmservo.guard.states import SLOW_SHARE, Phase, Request
 from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.operator import Jog, Teach, Want, goes_on
+from rcmservo.loop.operator import Jog, Teach, Want, changed_servo
 from rcmservo.loop.shown import TEACHING_FRAMES
 from rcmservo.loop.tick import Tick
 from rcmservo.method.kinematics import joint_rates
@@ -157,7 +157,7 @@ class PageOperator:
             return
         try:
             chosen = self._chosen.with_change(change)
-            servo = goes_on(tick.servo, chosen.limited)
+            servo = changed_servo(tick.servo, chosen.limited)
             assert tick.state.target is not None
             servo.demand(self._next(Target, tick.state.target))
         except BadInput as error:

@@ -19,16 +19,16 @@ from typing import Any
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Command
 from rcmservo.live.arm_link import (
-    Answer,
-    Ask,
+    Action,
+    ArmState,
     Done,
     Message,
-    Order,
-    Wish,
-    arm_in,
-    opened,
-    packed,
-    received,
+    Request,
+    Setpoint,
+    arm_socket_path,
+    encode,
+    open_socket,
+    receive,
 )
 from rcmservo.live.child import heard
 from rcmservo.live.realtime import realtime
@@ -68,7 +68,7 @@ class ArmDevice:
 
     def turn(self, now: int) -> None:
         """Hear what has come, let time pass until now, and answer."""
-        for message, sender in received(self.wire):
+        for message, sender in receive(self.wire):
             if not self.front.silent:
                 self._hear(message, sender, now)
         self.advance(now)
@@ -101,14 +101,14 @@ class ArmDevice:
 
     def _hear(self, message: Message, sender: str, now: int) -> None:
         match message:
-            case Order(session, command):
+            case Setpoint(session, command):
                 if session == self.session or not command.enabled:
                     self._obey(command, now)
-            case Ask(number, session, wish):
+            case Request(number, session, action):
                 if not (self._asked < number <= now and now - number <= FRESH):
                     return
                 self._asked = number
-                self._due.append((self._do(wish, session, now), sender, number))
+                self._due.append((self._do(action, session, now), sender, number))
             case _:
                 return
         self._callers[sender] = now
@@ -117,16 +117,16 @@ class ArmDevice:
         self.advance(min(command.time, now))
         self.front.apply(command)
 
-    def _do(self, wish: Wish, session: int, now: int) -> int:
+    def _do(self, action: Action, session: int, now: int) -> int:
         """Do what a person wants; when it will be done, ns."""
         self.advance(now)
-        if wish is Wish.ENABLE:
+        if action is Action.ENABLE:
             self.off()
             self.session = session
             self.front.enable()
-        elif wish in (Wish.SHOW, Wish.HOME):
+        elif action in (Action.HOLD_AT_TARGET, Action.RETURN_TO_START):
             scene = self.rig.scene
-            self.arm.place(scene.target if wish is Wish.SHOW else scene.start)
+            self.arm.place(scene.target if action is Action.HOLD_AT_TARGET else scene.start)
             return now + SETTLE
         return now
 
@@ -137,13 +137,13 @@ class ArmDevice:
         }
         at, q, enabled = self.front.measure()
         dog = self.arm.watchdog
-        answer = Answer(self.session, at, q, enabled, dog.rates, dog.number)
+        answer = ArmState(self.session, at, q, enabled, dog.rates, dog.number)
         for caller in self._callers:
             self._send(answer, caller)
 
     def _send(self, message: Message, caller: str) -> None:
         with contextlib.suppress(OSError):
-            self.wire.sendto(packed(message), caller)
+            self.wire.sendto(encode(message), caller)
 
 
 def emulate(
@@ -156,7 +156,7 @@ def emulate(
     there is no arm. The folder goes with it, also where nobody is left to tidy up.
     """
     try:
-        rig, wire = Rig(seed, settings, pictures=False), opened(arm_in(folder))
+        rig, wire = Rig(seed, settings, pictures=False), open_socket(arm_socket_path(folder))
     except RcmServoError as error:
         control.send(RcmServoError(str(error)))
         return

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rcmservo.errors import UnusableFile
-from rcmservo.live.arm_link import RemoteArm, shown_and_brought_back
+from rcmservo.live.arm_link import RemoteArm, teach_and_return
 from rcmservo.live.child import END, Child
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.servo_process import Session
@@ -81,7 +81,7 @@ class Bench:
             camera=partial(RingCamera, self.ring),
             tracker=partial(ColourMarkers, markers),
             recorder=partial(Recorder, record, about or {}),
-            target=partial(shown_and_brought_back, frames=frames),
+            target=partial(teach_and_return, frames=frames),
         )
 
     def off(self, began: bool) -> str:
