@@ -154,7 +154,7 @@ def _on_hardware(options: LiveOptions, rig: Path, lab: Lab, digest: str, out: Co
 def _run(options: LiveOptions, lab: Lab, folder: Path, out: Console) -> LiveMetrics:
     """Run on the simulated bench, and keep what came of it."""
     from rcmservo.app.simulated_run.job import Job, about
-    from rcmservo.sim.processes.bench import Bench
+    from rcmservo.sim.processes.lab_processes import Bench
     from rcmservo.sim.rig_file import rig_settings
 
     with told_with(options.rig) if options.rig else nullcontext():

@@ -115,7 +115,7 @@ def serve(options: ServeOptions) -> int:
 
         return _kept(options, token, "serve-hardware", servo, hardware(job))
     with needing("serve", "sim"):
-        import_module("rcmservo.sim.processes.bench")
+        import_module("rcmservo.sim.processes.lab_processes")
     devices = _bench(options, lab, servo)
     return _kept(options, token, f"serve-seed{options.seed}", servo, devices)
 
@@ -142,10 +142,10 @@ def _bench(options: ServeOptions, lab: Lab, servo: Servo) -> Generator[Behind]:
     """The simulated arm and its camera."""
     from rcmservo.app.simulated_run.target import setup_of
     from rcmservo.page.settings import Chosen
-    from rcmservo.sim.processes.bench import Bench
-    from rcmservo.sim.processes.trouble import Mischief, menu
-    from rcmservo.sim.processes.trouble import chosen as trouble_of
-    from rcmservo.sim.processes.true_error import TrueError
+    from rcmservo.sim.processes.lab_processes import Bench
+    from rcmservo.sim.processes.live_disturbances import Mischief, menu
+    from rcmservo.sim.processes.live_disturbances import chosen as trouble_of
+    from rcmservo.sim.processes.motion_log import TrueError
     from rcmservo.sim.rig import Rig
     from rcmservo.sim.rig_file import rig_settings
 
