@@ -34,7 +34,7 @@ from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, RigSettings
 from rcmservo.sim.disturbances import KINDS, causes_of, random_disturbances
 from rcmservo.sim.disturbances.oracle import Oracle, Unnoticed
-from rcmservo.sim.person import ScriptedPerson, attended
+from rcmservo.sim.scripted_operator import ScriptedPerson, attended
 from rcmservo.tracking import PointMarkers
 
 DURATION = 30.0

@@ -33,8 +33,8 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import teach
 from rcmservo.servo.servo import Servo
-from rcmservo.sim.body import Body
 from rcmservo.sim.rig import Rig
+from rcmservo.sim.tool_body import Body
 from rcmservo.tracking import ColourMarkers
 
 DOMAIN = 70

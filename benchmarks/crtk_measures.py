@@ -28,7 +28,7 @@ from rcmservo.live.realtime import realtime
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.sim.arm import Drive
-from rcmservo.sim.rate_joints import SimulatedJoints
+from rcmservo.sim.motor_interface import SimulatedJoints
 from rcmservo.sim.rig import Rig
 
 NAME = "PSM1"

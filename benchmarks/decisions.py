@@ -140,7 +140,7 @@ def recorded(
     """Teach the target, run under a person who acts `patience` times, and return the run."""
     from rcmservo.loop.plant import NotEnabled
     from rcmservo.sim import Killed
-    from rcmservo.sim.person import ScriptedPerson, attended
+    from rcmservo.sim.scripted_operator import ScriptedPerson, attended
 
     plant.recorded = lambda: not rig.disk_full()
     rig.show_target()

@@ -26,8 +26,8 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import teach
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
-from rcmservo.sim.body import Body
 from rcmservo.sim.rig import Rig
+from rcmservo.sim.tool_body import Body
 from rcmservo.tracking import ColourMarkers
 
 COUNTS = np.array([50000.0, 50000.0, 500.0])

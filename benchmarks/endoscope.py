@@ -30,10 +30,10 @@ from rcmservo.interfaces import Floats
 from rcmservo.loop.teach import NotShown
 from rcmservo.loop.tick import Tick
 from rcmservo.sim import Disturbance
-from rcmservo.sim.body import Body
-from rcmservo.sim.optics import Optics, look_at
+from rcmservo.sim.camera_model import Optics, look_at
 from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.scene import Scene
+from rcmservo.sim.tool_body import Body
 from rcmservo.study import Study, StudyRun
 from rcmservo.study.closed_loop import Goal
 from rcmservo.study.told import statistics

@@ -30,7 +30,7 @@ from rcmservo.live.reports import LiveResult
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import ServoProcess, supervise
 from rcmservo.record import reader
-from rcmservo.sim.processes.bench import Bench
+from rcmservo.sim.processes.lab_processes import Bench
 from rcmservo.sim.processes.motion_log import stopped
 from rcmservo.sim.rig_file import rig_settings
 from rcmservo.tracking import ColourMarkers

@@ -20,7 +20,7 @@ from rcmservo.config.rig_file import default_markers
 from rcmservo.guard.plausible import lost
 from rcmservo.interfaces import Floats
 from rcmservo.sim import Disturbance
-from rcmservo.sim.person import ScriptedPerson, attended
+from rcmservo.sim.scripted_operator import ScriptedPerson, attended
 from rcmservo.tracking import ColourMarkers
 
 DURATION = 20.0

@@ -46,7 +46,7 @@ from rcmservo.live.servo_process import Session
 from rcmservo.loop.clock import sleep_until
 from rcmservo.loop.operator import Operator
 from rcmservo.page.desk import Desk
-from rcmservo.sim.processes.bench import Bench
+from rcmservo.sim.processes.lab_processes import Bench
 
 RATE = 60.0  # frames/s that are played
 FRAMES = 60  # that are recorded

@@ -28,7 +28,7 @@ from rcmservo.guard.states import Mode, ModeStruct, Phase, Signs, transition
 from rcmservo.live.reports import LiveResult, Report
 from rcmservo.live.supervisor import run_live
 from rcmservo.rows import as_row
-from rcmservo.sim.processes.bench import Bench
+from rcmservo.sim.processes.lab_processes import Bench
 from rcmservo.sim.rig_file import rig_settings
 
 CALLS = 20_000

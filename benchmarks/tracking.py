@@ -30,7 +30,7 @@ from tracking_measures import (
 )
 
 from rcmservo.interfaces import Floats, Frame, Image
-from rcmservo.sim.optics import Optics, look_at
+from rcmservo.sim.camera_model import Optics, look_at
 from rcmservo.sim.rendering import Look, Renderer, Tissue
 from rcmservo.tracking import ColourMarkers, MarkerLook
 

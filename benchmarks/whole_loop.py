@@ -27,7 +27,7 @@ from rcmservo.config.rig_file import Lab
 from rcmservo.live.realtime import urgent
 from rcmservo.live.reports import LiveResult
 from rcmservo.live.supervisor import run_live
-from rcmservo.sim.processes.bench import Bench
+from rcmservo.sim.processes.lab_processes import Bench
 from rcmservo.sim.rig_file import rig_settings
 
 DURATION = 15.0

@@ -10,7 +10,7 @@ import pytest
 
 from conftest import ROOT
 from rcmservo.app.cli import main
-from rcmservo.sim.scenes import drawing
+from rcmservo.sim.scenes import sampling
 
 RIGS = {
     "negative spacing": ('[tool]\nkind = "rigid"\nspacing = -3.0', "spacing", "-3"),
@@ -183,7 +183,7 @@ def test_a_bad_rig_file_is_refused_and_nothing_is_written(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(drawing, "MAX_DRAWS", 100)
+    monkeypatch.setattr(sampling, "MAX_DRAWS", 100)
     text, *names = RIGS[case]
     rig, out = tmp_path / "rig.toml", tmp_path / "out"
     rig.write_text(text)

@@ -42,7 +42,7 @@ def test_the_import_contracts_hold():
 @pytest.mark.parametrize(
     "module,line,contract",
     [
-        ("method/features.py", "import rcmservo.sim.truth", "Uncalibrated"),
+        ("method/features.py", "import rcmservo.sim.ground_truth", "Uncalibrated"),
         *(
             pytest.param(*row, marks=pytest.mark.slow)
             for row in [
@@ -50,7 +50,7 @@ def test_the_import_contracts_hold():
                 ("guard/gate.py", "import rcmservo.paper.stability", "Uncalibrated"),
                 ("offline/score.py", "from rcmservo.record import reader", "siblings"),
                 ("method/kinematics.py", "from rcmservo.servo.servo import Servo", "siblings"),
-                ("tracking/search.py", "from rcmservo.sim.optics import Optics", "siblings"),
+                ("tracking/search.py", "from rcmservo.sim.camera_model import Optics", "siblings"),
                 ("servo/servo.py", "import cv2", "OpenCV"),
                 ("sim/rendering/renderer.py", "import cv2", "OpenCV"),
                 ("tracking/ball.py", "import mujoco", "MuJoCo"),

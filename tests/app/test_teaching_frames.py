@@ -21,8 +21,8 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.shown import TEACHING_FRAMES
 from rcmservo.page.operator import PageOperator
 from rcmservo.sim import Rig, RigSettings
-from rcmservo.sim.person import ScriptedPerson
-from rcmservo.sim.processes.bench import Bench
+from rcmservo.sim.processes.lab_processes import Bench
+from rcmservo.sim.scripted_operator import ScriptedPerson
 from rcmservo.study.batch import Study
 from rcmservo.study.laboratory import Laboratory
 from rcmservo.study.plan.plan import StudyPlan

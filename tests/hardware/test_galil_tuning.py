@@ -5,7 +5,7 @@ import numpy as np
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, TCP, Controller
 from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.sim.arm import Drive, SimulatedArm
-from rcmservo.sim.motors import ArmMotors
+from rcmservo.sim.motor_interface import ArmMotors
 
 COUNTS = np.array([50000.0, 50000.0, 500.0])
 

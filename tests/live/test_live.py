@@ -48,8 +48,8 @@ from rcmservo.record.reader import read
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.sim.processes.arm_process import ArmDevice
-from rcmservo.sim.processes.bench import Bench
 from rcmservo.sim.processes.camera_process import Elsewhere
+from rcmservo.sim.processes.lab_processes import Bench
 from rcmservo.sim.processes.motion_log import MotionLog, stopped
 from rcmservo.sim.rig_file import rig_settings
 from stalls import undisturbed

@@ -46,9 +46,9 @@ from rcmservo.method.tool import (
     second_marker,
     second_marker_jacobian,
 )
-from rcmservo.sim.body import Body
-from rcmservo.sim.optics import Optics, look_at
-from rcmservo.sim.truth import feature_jacobian as true_feature_jacobian
+from rcmservo.sim.camera_model import Optics, look_at
+from rcmservo.sim.ground_truth import feature_jacobian as true_feature_jacobian
+from rcmservo.sim.tool_body import Body
 
 angles = st.one_of(
     st.floats(-np.pi, np.pi), st.sampled_from([0.0, 1e-9, 1e-4, np.pi / 2, np.pi / 2 - 1e-6])

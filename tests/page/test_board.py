@@ -18,9 +18,8 @@ from rcmservo.page.desk import Desk
 from rcmservo.page.seen.curves import NAMES
 from rcmservo.page.seen.shape import Shape
 from rcmservo.sim import RigSettings
-from rcmservo.sim.body import Body
-from rcmservo.sim.processes.motion_log import MotionLog
-from rcmservo.sim.processes.true_error import TrueError
+from rcmservo.sim.processes.motion_log import MotionLog, TrueError
+from rcmservo.sim.tool_body import Body
 
 
 def seen(

@@ -6,8 +6,7 @@ import pytest
 from rcmservo.interfaces import Clock, Command
 from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.sim import Drive
-from rcmservo.sim.arm import PAST, STEP, SimulatedArm
-from rcmservo.sim.clock import SimulatedClock
+from rcmservo.sim.arm import PAST, STEP, SimulatedArm, SimulatedClock
 
 START = np.array([0.2, -0.3, 100.0])
 RATES = np.array([0.1, -0.2, 5.0])

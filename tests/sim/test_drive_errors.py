@@ -10,7 +10,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.loop.teach import teach
 from rcmservo.sim import Disturbance, Drive, Rig, RigSettings
 from rcmservo.sim.arm import HARD_STOP, SimulatedArm
-from rcmservo.sim.processes.true_error import TrueError
+from rcmservo.sim.processes.motion_log import TrueError
 from rcmservo.tracking import PointMarkers
 
 OFFSET, ERROR = (0.02, -0.03, 1.5), (0.1, -0.2, 0.3)

@@ -8,7 +8,7 @@ import pytest
 
 from rcmservo.interfaces import Command, Floats, Frame
 from rcmservo.sim import Disturbance, Rig, RigSettings
-from rcmservo.sim.optics import Optics
+from rcmservo.sim.camera_model import Optics
 from rcmservo.tracking import ColourMarkers
 
 AT, OVER = 0.2, 0.7

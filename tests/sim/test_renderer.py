@@ -10,7 +10,7 @@ import pytest
 
 from conftest import with_tests
 from rcmservo.errors import BadInput
-from rcmservo.sim.optics import Optics, look_at
+from rcmservo.sim.camera_model import Optics, look_at
 from rcmservo.sim.rendering import Look, Renderer, Tissue
 
 POSITION = np.array([-70.0, -60.0, 20.0])

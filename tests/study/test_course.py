@@ -9,9 +9,9 @@ from studies import small
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import PHASES, Phase
 from rcmservo.method.features import SCALE
+from rcmservo.sim.ground_truth import feature_jacobian
 from rcmservo.sim.scene import Scene
-from rcmservo.sim.scenes.ways import imaged_rcm
-from rcmservo.sim.truth import feature_jacobian
+from rcmservo.sim.scenes.joint_paths import imaged_rcm
 from rcmservo.study.batch import Study
 from rcmservo.study.course import StudyRun
 from rcmservo.study.laboratory import Laboratory

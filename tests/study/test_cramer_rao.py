@@ -14,7 +14,7 @@ from rcmservo.method.tool import RigidTool, ScaledTool, Tool
 from rcmservo.sim import RigSettings
 from rcmservo.sim.rig import drawn
 from rcmservo.sim.scene import Scene
-from rcmservo.sim.scenes.ways import imaged_rcm
+from rcmservo.sim.scenes.joint_paths import imaged_rcm
 from rcmservo.study.cramer_rao import pixels_jacobian
 
 NOISE, SEEN, SHOWN = 0.3, 60, 30

@@ -194,7 +194,7 @@ def test_what_cannot_be_studied_is_one_sentence(tmp_path: Path, text: str, words
 def test_scenes_that_cannot_be_drawn_are_told_with_their_name_and_seed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("rcmservo.sim.scenes.drawing.MAX_DRAWS", 10)
+    monkeypatch.setattr("rcmservo.sim.scenes.sampling.MAX_DRAWS", 10)
     nowhere = Distribution("nowhere", texts.toml(b"[scene]\ntravel = [900.0, 901.0]"))
     cell = StudyPlan(methods=plan_of(StudyFile(), {}).methods, scenes=(nowhere,)).cells[0]
     with pytest.raises(NoScene, match="scenes nowhere, seed 3: no scene in"):

@@ -18,11 +18,11 @@ from rcmservo.method.tool import RigidTool, ScaledTool
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Drive, Rig, RigSettings
 from rcmservo.sim.arm import HARD_STOP
-from rcmservo.sim.body import Body
-from rcmservo.sim.optics import Optics, look_at
+from rcmservo.sim.camera_model import Optics, look_at
 from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.rig import drawn
 from rcmservo.sim.scene import Scene
+from rcmservo.sim.tool_body import Body
 from rcmservo.study import Study, StudyRun
 from rcmservo.study.batch import BEGIN
 from rcmservo.study.closed_loop import Goal

@@ -8,8 +8,8 @@ import pytest
 from endoscope import Options, draw, settings_of
 
 from rcmservo.interfaces import Floats, Frame
-from rcmservo.sim.body import Body
 from rcmservo.sim.rig import Rig
+from rcmservo.sim.tool_body import Body
 from rcmservo.tracking import ColourMarkers
 
 

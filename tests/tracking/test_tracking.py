@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from conftest import DATA
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Floats, Frame, Image
-from rcmservo.sim.optics import Optics, look_at
+from rcmservo.sim.camera_model import Optics, look_at
 from rcmservo.sim.rendering import Look, Renderer, Tissue
 from rcmservo.tracking import ColourMarkers, MarkerLook, PointMarkers, read_image
 

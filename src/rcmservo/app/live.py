@@ -83,7 +83,7 @@ def live(options: LiveOptions) -> int:
 def _run(options: LiveOptions, folder: Path, out: Console) -> LiveMetrics:
     """Run on the simulated bench, and keep what came of it."""
     from rcmservo.app.simulated_run.about import about
-    from rcmservo.sim.processes.bench import Bench
+    from rcmservo.sim.processes.lab_processes import Bench
 
     settings, servo, seconds = options.rig_settings, options.servo, options.duration
     with live_line(out) as line, Bench(options.seed, settings) as bench:

@@ -11,9 +11,9 @@ from rcmservo.constraints import Checked, between, not_negative
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Frame
 from rcmservo.sim.arm import SimulatedArm
-from rcmservo.sim.body import Body
-from rcmservo.sim.optics import Optics
+from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.rendering import Between, Renderer
+from rcmservo.sim.tool_body import Body
 
 BLUR = 4
 """Moments per exposure at which the tool is drawn."""

@@ -12,10 +12,8 @@ from rcmservo.errors import BadInput, require
 from rcmservo.interfaces import Camera, Floats, Image
 from rcmservo.method.kinematics import Kinematics, SphericalRcm
 from rcmservo.method.tool import RigidTool, Tool
-from rcmservo.sim.arm import Drive, SimulatedArm
-from rcmservo.sim.body import Body
+from rcmservo.sim.arm import Drive, SimulatedArm, SimulatedClock
 from rcmservo.sim.cameras import PictureCamera, PointCamera, Timing, by_chance, in_order
-from rcmservo.sim.clock import SimulatedClock
 from rcmservo.sim.disturbances.arm_faults import DisturbedArm
 from rcmservo.sim.disturbances.camera_moves import Hands
 from rcmservo.sim.disturbances.camera_view import View
@@ -24,10 +22,11 @@ from rcmservo.sim.disturbances.disturbance import Disturbance
 from rcmservo.sim.disturbances.frame_delivery import Delivery
 from rcmservo.sim.disturbances.kinds import KINDS
 from rcmservo.sim.disturbances.schedule import Event, Schedule
+from rcmservo.sim.ground_truth import Truth
 from rcmservo.sim.rendering import Look, Renderer
 from rcmservo.sim.scene import Scene, SceneSettings
-from rcmservo.sim.scenes.drawing import Draws, draw, relocated
-from rcmservo.sim.truth import Truth
+from rcmservo.sim.scenes.sampling import Draws, draw, relocated
+from rcmservo.sim.tool_body import Body
 
 SETTLE = 100_000_000
 """ns that pass after the tool was placed by hand, so that every frame in flight shows it there."""

@@ -9,9 +9,9 @@ from rcmservo.constraints import Checked, Limit, Triple, angles, each, finite, n
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Floats
 from rcmservo.method.kinematics import FULL_TURN
-from rcmservo.sim.body import Body
-from rcmservo.sim.optics import Optics
+from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.rendering import Tissue
+from rcmservo.sim.tool_body import Body
 
 Range = tuple[float, float]
 LEAST_FIRST = Limit(

@@ -23,7 +23,7 @@ from rcmservo.servo.kernel_parameters import (
 )
 from rcmservo.servo.state import Stored
 from rcmservo.servo.tick import step
-from rcmservo.sim.lens import Lens, picture
+from rcmservo.sim.camera_kernels import Lens, picture
 from rcmservo.study.twin import (
     PAST,
     Twin,

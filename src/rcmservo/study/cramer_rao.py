@@ -26,7 +26,7 @@ import numpy as np
 from rcmservo.constraints import Limit, not_negative
 from rcmservo.interfaces import Floats
 from rcmservo.method.tool import second_marker_jacobian
-from rcmservo.sim.lens import markers_jacobian
+from rcmservo.sim.camera_kernels import markers_jacobian
 from rcmservo.sim.scene import Scene
 
 

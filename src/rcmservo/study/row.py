@@ -13,9 +13,9 @@ from rcmservo.interfaces import Floats
 from rcmservo.method.controller import scaled
 from rcmservo.numerics.small_svd import condition
 from rcmservo.sim import RigSettings
+from rcmservo.sim.ground_truth import feature_jacobian
 from rcmservo.sim.scene import Scene
-from rcmservo.sim.scenes.ways import imaged_rcm
-from rcmservo.sim.truth import feature_jacobian
+from rcmservo.sim.scenes.joint_paths import imaged_rcm
 from rcmservo.study.course import StudyRun
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.conditions import PICTURES

@@ -17,7 +17,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.loops import fill, put
 from rcmservo.method.kinematics import Point
 from rcmservo.rows import Row, Rows, flag, part, real, reals, whole
-from rcmservo.sim.lens import Lens
+from rcmservo.sim.camera_kernels import Lens
 from rcmservo.study.inertia import Inertia, Near, near
 
 STEP = 1_000_000

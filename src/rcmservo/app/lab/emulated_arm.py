@@ -61,14 +61,14 @@ class EmulatedArm:
     def joints(self) -> RateJoints:
         """The arm as joints with velocity drives and brakes, in the wall clock's time from now
         on."""
-        from rcmservo.sim.rate_joints import SimulatedJoints
+        from rcmservo.sim.motor_interface import SimulatedJoints
 
         self._begin()
         return SimulatedJoints(self._arm)
 
     def motors(self, counts: tuple[float, float, float], axes: int) -> Motors:
         """The arm as motors. Its time is the wall clock's from now on."""
-        from rcmservo.sim.motors import ArmMotors
+        from rcmservo.sim.motor_interface import ArmMotors
 
         self._begin()
         return ArmMotors(self._arm, np.array(counts), axes)

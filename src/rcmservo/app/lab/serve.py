@@ -77,7 +77,7 @@ def serve(options: ServeOptions) -> int:
         name, devices = "serve-hardware", hardware(options)
     else:
         with needing("serve", "sim"):
-            import_module("rcmservo.sim.processes.bench")
+            import_module("rcmservo.sim.processes.lab_processes")
         name, devices = f"serve-seed{options.seed}", _bench(options)
     servo = options.servo
     with new_folder(options.out, name) as folder:
@@ -94,10 +94,10 @@ def _bench(options: ServeOptions) -> Generator[Behind]:
     from rcmservo.app.simulated_run.about import about
     from rcmservo.app.simulated_run.target import setup_of
     from rcmservo.page.settings import Chosen
-    from rcmservo.sim.processes.bench import Bench
-    from rcmservo.sim.processes.trouble import Mischief, menu
-    from rcmservo.sim.processes.trouble import chosen as trouble_of
-    from rcmservo.sim.processes.true_error import TrueError
+    from rcmservo.sim.processes.lab_processes import Bench
+    from rcmservo.sim.processes.live_disturbances import Mischief, menu
+    from rcmservo.sim.processes.live_disturbances import chosen as trouble_of
+    from rcmservo.sim.processes.motion_log import TrueError
     from rcmservo.sim.rig import Rig
 
     chosen, lab = Chosen(options.servo), options.lab

@@ -32,7 +32,7 @@ from rcmservo.record.verdict import held
 from rcmservo.record.writer import Recorder
 from rcmservo.sim import Killed, Rig
 from rcmservo.sim.disturbances.computer_faults import disk
-from rcmservo.sim.person import ScriptedPerson, attended
+from rcmservo.sim.scripted_operator import ScriptedPerson, attended
 from rcmservo.tracking import ColourMarkers
 
 

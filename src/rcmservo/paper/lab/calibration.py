@@ -17,7 +17,7 @@ from rcmservo.method.estimators.projection import jacobian_at, markers_jacobian,
 from rcmservo.method.features import about
 from rcmservo.method.projection import parameters
 from rcmservo.method.tool import Tool
-from rcmservo.sim.optics import Optics
+from rcmservo.sim.camera_model import Optics
 
 SCIPY: Any = optimize
 """SciPy's optimisers without types."""

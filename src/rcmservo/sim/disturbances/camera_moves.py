@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from rcmservo.interfaces import Floats
+from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.disturbances.schedule import Event
-from rcmservo.sim.optics import Optics
 
 MOVES = "camera_pan", "camera_roll", "camera_dolly", "camera_zoom", "relocate"
 """The kinds that move it, at once or slowly. It stays where it is then."""

@@ -14,7 +14,7 @@ from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats, Observation
 from rcmservo.loop.tick import Tick
-from rcmservo.sim.truth import Truth
+from rcmservo.sim.ground_truth import Truth
 
 LOUD = 5.0
 """The largest normalised coordinate of an innovation from which on a frame is not noise."""

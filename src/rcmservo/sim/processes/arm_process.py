@@ -34,8 +34,8 @@ from rcmservo.live.child import heard
 from rcmservo.live.realtime import realtime
 from rcmservo.sim.arm import STEP
 from rcmservo.sim.disturbances.arm_faults import DisturbedArm
+from rcmservo.sim.processes.live_disturbances import Mischief
 from rcmservo.sim.processes.motion_log import MotionLog
-from rcmservo.sim.processes.trouble import Mischief
 from rcmservo.sim.rig import SETTLE, Rig, RigSettings
 
 PACE = 2_000_000

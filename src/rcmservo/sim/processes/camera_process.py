@@ -13,8 +13,8 @@ from rcmservo.loop.clock import sleep_until
 from rcmservo.loop.joint_history import JointHistory
 from rcmservo.sim.arm import PAST
 from rcmservo.sim.disturbances.frame_delivery import Delivery
+from rcmservo.sim.processes.live_disturbances import Mischief
 from rcmservo.sim.processes.motion_log import MotionLog
-from rcmservo.sim.processes.trouble import Mischief
 from rcmservo.sim.rig import Rig, RigSettings
 
 BEHIND = 2_000_000

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rcmservo.interfaces import Floats
+from rcmservo.sim.rig import RigSettings
+from rcmservo.sim.tool_body import Body
 
 ROWS = 1 << 15
 
@@ -78,3 +80,19 @@ class MotionLog:
         """The rows from the `count`-th on, as far as they are still there."""
         end = self.count
         return self.rows[np.arange(max(count, end - ROWS + 1), end) % ROWS]
+
+
+class TrueError:
+    """‖p₂ − p_d‖ mm for the joints (3,) that the arm told while a target was shown. It is handed to
+    a process when that is started."""
+
+    def __init__(self, settings: RigSettings, log: MotionLog) -> None:
+        self._body, self._log = Body(settings.mechanism, settings.tool), log
+        self._drive = settings.drive
+
+    def __call__(self, shown: Floats) -> float:
+        now, there = (
+            self._body.points(q)[1] for q in (self._log.last()["q"], self._drive.true(shown))
+        )
+        away: Floats = now - there
+        return float(np.linalg.norm(away))

@@ -8,11 +8,10 @@ Inside, everything is in camera axes, in mm. A ray is (x, y, 1) t, so t is depth
 in grey levels (255 saturates). Colours are blue, green, red as in OpenCV.
 """
 
-from rcmservo.sim.rendering.look import Colour, Look
+from rcmservo.sim.rendering.look import Colour, Light, Look
 from rcmservo.sim.rendering.random_fields import random_field, sampled
 from rcmservo.sim.rendering.renderer import Between, Renderer
 from rcmservo.sim.rendering.tissue import Tissue
-from rcmservo.sim.rendering.vectors import Light
 
 __all__ = [
     "Between",

@@ -10,14 +10,15 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
-from rcmservo.sim.optics import Optics
+from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.rendering.look import Look
-from rcmservo.sim.rendering.vectors import Vector, clip, dot, minus, times
 
 NEAR = 1.0
 """mm before the camera at which capsules are cut off."""
 
 Capsules = Floats
+
+Vector = tuple[float, float, float]
 
 
 class Capsule(NamedTuple):
@@ -153,3 +154,29 @@ def gap(p: Vector, u: Vector, capsule: Capsule) -> tuple[float, float]:
     on_u = clip((un * on_n - ur) / uu)
     d = minus(minus(r, times(-on_u, u)), times(on_n, n))
     return np.sqrt(dot(d, d)), on_u
+
+
+@compiled
+def dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def plus(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@compiled
+def minus(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@compiled
+def times(s: float, a: Vector) -> Vector:
+    return s * a[0], s * a[1], s * a[2]
+
+
+@compiled
+def clip(share: float) -> float:
+    """The share, brought between 0 and 1."""
+    return min(max(share, 0.0), 1.0)

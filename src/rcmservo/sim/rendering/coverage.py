@@ -8,9 +8,18 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats, Image
-from rcmservo.sim.optics import Optics
-from rcmservo.sim.rendering.capsules import Capsule, Capsules, capsule_in, gap, nearest
-from rcmservo.sim.rendering.vectors import dot, minus, plus, times
+from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.rendering.capsules import (
+    Capsule,
+    Capsules,
+    capsule_in,
+    dot,
+    gap,
+    minus,
+    nearest,
+    plus,
+    times,
+)
 
 TILE = 16
 """px, the side of a tile."""

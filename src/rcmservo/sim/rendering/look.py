@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from typing import Annotated
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rcmservo.constraints import (
     Checked,
     Limit,
@@ -15,6 +18,9 @@ from rcmservo.constraints import (
 )
 
 Colour = tuple[float, float, float]
+
+Light = NDArray[np.float32]
+"""Light (H, W, 3) in grey levels, or a share of it (H, W)."""
 
 NOT_NEGATIVE = not_negative()
 FINITE_COLOUR = each(finite(), "three finite numbers (blue, green, red)")

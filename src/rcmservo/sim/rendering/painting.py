@@ -10,10 +10,10 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats, Image
-from rcmservo.sim.rendering.capsules import Capsules, capsule_in, hit, nearest
+from rcmservo.sim.rendering.capsules import Capsules, capsule_in, hit, nearest, times
 from rcmservo.sim.rendering.coverage import TILE, uniform
-from rcmservo.sim.rendering.light import Lamp, shade
-from rcmservo.sim.rendering.vectors import Light, times
+from rcmservo.sim.rendering.lighting import Lamp, shade
+from rcmservo.sim.rendering.look import Light
 
 SAMPLES = 32
 """On a pixel at an outline."""

@@ -7,10 +7,9 @@ import numpy as np
 
 from rcmservo.constraints import Checked, Limit, array
 from rcmservo.interfaces import Floats
-from rcmservo.sim.optics import Optics
-from rcmservo.sim.rendering.look import Look
+from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.rendering.look import Light, Look
 from rcmservo.sim.rendering.random_fields import random_field, sampled
-from rcmservo.sim.rendering.vectors import Light
 
 TEXELS = 512
 """Places across a random field."""

@@ -12,10 +12,10 @@ from rcmservo.method.kinematics import Rcm, position
 from rcmservo.method.tool import Shaft, second_marker
 from rcmservo.numerics.small_svd import condition
 from rcmservo.rows import Rows
-from rcmservo.sim.body import Body
-from rcmservo.sim.lens import Lens, in_camera, markers, project, true_jacobian
-from rcmservo.sim.optics import Optics
+from rcmservo.sim.camera_kernels import Lens, in_camera, markers, project, true_jacobian
+from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.scene import Scene, SceneSettings
+from rcmservo.sim.tool_body import Body
 
 BORDER = 12.0
 """px that both imaged balls keep from the picture's border."""

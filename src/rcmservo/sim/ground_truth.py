@@ -8,9 +8,9 @@ from rcmservo.loop.tick import Tick
 from rcmservo.method.controller import scaled
 from rcmservo.record.writer import Recorder
 from rcmservo.sim.arm import SimulatedArm
-from rcmservo.sim.body import Body
-from rcmservo.sim.lens import true_jacobian
-from rcmservo.sim.optics import Optics
+from rcmservo.sim.camera_kernels import true_jacobian
+from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.tool_body import Body
 
 
 class Truth:

@@ -5,7 +5,7 @@ import pytest
 
 from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.sim.arm import Drive, SimulatedArm
-from rcmservo.sim.motors import ArmMotors
+from rcmservo.sim.motor_interface import ArmMotors
 
 COUNTS = np.array([50000.0, -40000.0, 500.0])
 SAMPLE = 1.0 / 1024.0

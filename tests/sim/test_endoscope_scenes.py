@@ -14,7 +14,7 @@ from rcmservo.sim import Rig, RigSettings, SceneSettings
 from rcmservo.sim.rig import drawn
 from rcmservo.sim.rig_file import rig_settings
 from rcmservo.sim.scene import NoScene, Scene
-from rcmservo.sim.scenes.ports import INSIDE, SLOPE
+from rcmservo.sim.scenes.endoscope import INSIDE, SLOPE
 from rcmservo.tracking import ColourMarkers
 
 PORTS = 70.0, 130.0

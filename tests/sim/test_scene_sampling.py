@@ -9,12 +9,12 @@ from conftest import ROOT
 from rcmservo.errors import BadInput
 from rcmservo.method.features import SCALE
 from rcmservo.sim import RigSettings, SceneSettings
-from rcmservo.sim.body import Body
+from rcmservo.sim.ground_truth import feature_jacobian
 from rcmservo.sim.rig import drawn
 from rcmservo.sim.scene import Scene
-from rcmservo.sim.scenes.fitness import Fitness
-from rcmservo.sim.scenes.ways import imaged_rcm
-from rcmservo.sim.truth import feature_jacobian
+from rcmservo.sim.scenes.feasibility import Fitness
+from rcmservo.sim.scenes.joint_paths import imaged_rcm
+from rcmservo.sim.tool_body import Body
 
 SETTINGS = RigSettings()
 BODY = Body(SETTINGS.mechanism, SETTINGS.tool)

@@ -23,9 +23,8 @@ from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.processes.arm_process import emulate
 from rcmservo.sim.processes.camera_process import film
-from rcmservo.sim.processes.motion_log import MotionLog, stopped
-from rcmservo.sim.processes.trouble import Mischief
-from rcmservo.sim.processes.true_error import TrueError
+from rcmservo.sim.processes.live_disturbances import Mischief
+from rcmservo.sim.processes.motion_log import MotionLog, TrueError, stopped
 from rcmservo.sim.rig import RigSettings
 from rcmservo.tracking import ColourMarkers, MarkerLook
 

@@ -48,3 +48,17 @@ class ArmMotors:
         reverse = [u if c > 0 else o for o, u, c in zip(over, under, self.counts, strict=True)]
         free = [(False, False)] * (self.axes - 3)
         return [*zip(forward, reverse, strict=True), *free]
+
+
+class SimulatedJoints:
+    """The joints of a simulated arm, whose time passes in `step` alone."""
+
+    def __init__(self, arm: SimulatedArm) -> None:
+        self.arm = arm
+
+    def step(self, rates: Floats, on: bool, time: int) -> Floats:
+        """Let time pass until `time` ns with these joint rates (3,), or with the brakes on; where
+        the encoders say that the joints (3,) are then."""
+        self.arm.control(rates.tolist(), on)
+        self.arm.advance_until(time)
+        return self.arm.measure().q

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from conftest import random_from, seeds
 from rcmservo.errors import BadInput
-from rcmservo.sim.lens import project
-from rcmservo.sim.optics import Optics, look_at
+from rcmservo.sim.camera_kernels import project
+from rcmservo.sim.camera_model import Optics, look_at
 
 POSITION = np.array([-70.0, -60.0, 20.0])
 TARGET = np.array([0.0, 0.0, -110.0])

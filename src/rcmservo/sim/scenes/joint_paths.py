@@ -8,9 +8,9 @@ from rcmservo.loops import put
 from rcmservo.method.controller import scaled
 from rcmservo.method.features import SCALE, about, difference, features
 from rcmservo.method.kinematics import Rcm, joints, position
-from rcmservo.sim.body import Body
-from rcmservo.sim.optics import Optics
-from rcmservo.sim.truth import feature_jacobian
+from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.ground_truth import feature_jacobian
+from rcmservo.sim.tool_body import Body
 
 WAY = 9
 """Places on the way from start to target at which a scene is judged."""

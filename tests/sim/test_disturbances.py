@@ -29,7 +29,7 @@ from rcmservo.sim import Disturbance, Killed, Rig
 from rcmservo.sim.disturbances import KINDS, causes_of, describe, random_disturbances
 from rcmservo.sim.disturbances.old_names import OLD
 from rcmservo.sim.disturbances.smoke_and_blood import Smoke
-from rcmservo.sim.person import ScriptedPerson, attended
+from rcmservo.sim.scripted_operator import ScriptedPerson, attended
 from rcmservo.tracking import ColourMarkers, PointMarkers
 
 ONSET = 1.3

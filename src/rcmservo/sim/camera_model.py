@@ -19,7 +19,7 @@ from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.loops import cross
 from rcmservo.rows import Rows
-from rcmservo.sim.lens import Lens, project_jacobian
+from rcmservo.sim.camera_kernels import Lens, project_jacobian
 
 WIDEST = 100.0
 """The slope beyond which no lens looks aside."""

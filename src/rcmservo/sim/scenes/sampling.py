@@ -6,13 +6,13 @@ import numpy as np
 
 from rcmservo.interfaces import Floats
 from rcmservo.method.features import features, wrapped
-from rcmservo.sim.body import Body
-from rcmservo.sim.optics import Optics, look_at
+from rcmservo.sim.camera_model import Optics, look_at
 from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.scene import NoScene, Scene, SceneSettings
-from rcmservo.sim.scenes.fitness import Fitness
-from rcmservo.sim.scenes.ports import through_port
-from rcmservo.sim.scenes.ways import straight, with_errors
+from rcmservo.sim.scenes.endoscope import through_port
+from rcmservo.sim.scenes.feasibility import Fitness
+from rcmservo.sim.scenes.joint_paths import straight, with_errors
+from rcmservo.sim.tool_body import Body
 
 MAX_DRAWS = 20_000
 
