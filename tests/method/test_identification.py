@@ -8,7 +8,7 @@ from rcmservo.method.identification import (
     ZERO,
     MarkerViews,
     corrected_markers,
-    fit_residual,
+    fit_residuals,
     identify,
 )
 from rcmservo.method.kinematics import SphericalRcm
@@ -54,7 +54,7 @@ def test_several_corrections_are_identified_within_their_covariance(
 def test_the_covariance_of_a_linear_fit_is_that_of_the_normal_equations() -> None:
     rng = np.random.default_rng(0)
     A, b = rng.normal(size=(20, 3)), rng.normal(size=20)
-    fit = fit_residual(lambda x: A @ x - b, np.zeros(3))
+    fit = fit_residuals(lambda x: x @ A.T - b, np.zeros(3))
     assert np.allclose(fit.x, np.linalg.lstsq(A, b)[0])
     assert np.allclose(fit.covariance, np.linalg.inv(A.T @ A), rtol=1e-5)
     assert np.isclose(fit.misfit, ((A @ fit.x - b) ** 2).sum())

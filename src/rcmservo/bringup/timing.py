@@ -14,7 +14,7 @@ from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.observations import MotionTrace
 from rcmservo.interfaces import Floats
 from rcmservo.method.drive_lag import DriveLag, begin_lag, follow_drives, measure_lag
-from rcmservo.method.identification import fit_residual
+from rcmservo.method.identification import fit_residuals
 
 MAX_TIME_ERROR = 0.3
 """Largest error (s) of reported exposure times."""
@@ -70,13 +70,15 @@ def identify_latency(trace: MotionTrace, joint: int) -> CameraLatency | None:
     points = np.array([frame[2].ravel() for frame in frames])
     M = points - points.mean(axis=0)
 
-    def residual(shift: Floats) -> Floats:
-        """Return what m = B q(t + δ) + c leaves of the markers with the best B and c."""
-        Q: Floats = np.asarray(np.interp(exposed + shift[0], times, q), np.float64)
-        Q = Q - Q.mean()
-        return (M - np.outer(Q, Q @ M / max(float(Q @ Q), 1e-30))).ravel()
+    def residuals(shifts: Floats) -> Floats:
+        """Return what m = B q(t + δ) + c leaves of the markers with the best B and c, for every δ
+        of some (n, 1)."""
+        Q: Floats = np.asarray(np.interp(exposed + shifts, times, q), np.float64)
+        Q = Q - Q.mean(axis=1, keepdims=True)
+        B = Q @ M / np.maximum((Q**2).sum(axis=1, keepdims=True), 1e-30)
+        return (M - Q[:, :, None] * B[:, None]).reshape(len(Q), -1)
 
-    fit = fit_residual(residual, np.zeros(1))
+    fit = fit_residuals(residuals, np.zeros(1))
     freedom = M.size - 2 * M.shape[1] - 1
     deviation = float(np.sqrt(fit.covariance[0, 0] * fit.misfit / freedom))
     reported = float(np.median(arrived - exposed))

@@ -13,6 +13,7 @@ Prior knowledge of f, c, k and of the corrections counts as a measurement.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, cast
 
 import numpy as np
@@ -41,6 +42,10 @@ takes several times fewer steps.
 WITHOUT_PRIOR = 6
 """Number of leading unknowns of the camera without a prior."""
 
+CROSS_PRODUCTS = np.cross(np.eye(3), np.eye(3)[:, None]).reshape(3, 9)
+"""Matrices K₁, K₂, K₃ (3, 9) with ω × x = (ω₁ K₁ + ω₂ K₂ + ω₃ K₃) x."""
+RELATIVE_STEP = float(np.sqrt(np.finfo(float).eps))
+"""Change of an unknown, relative to its size or to 1, for a difference of the residual."""
 MAX_STEPS = 40
 """Steps of a fit at most."""
 MIN_RELATIVE_GAIN = 1e-5
@@ -61,12 +66,30 @@ class LeastSquaresFit:
     """Sum of the squared residuals."""
 
 
-def fit_residual(residual: Callable[[Floats], Floats], x: Floats) -> LeastSquaresFit:
-    """Minimise the squares of a residual within a trust region from `x` (n,)."""
+def fit_residuals(residuals: Callable[[Floats], Floats], x: Floats) -> LeastSquaresFit:
+    """Minimise the squares of residuals within a trust region from `x` (n,).
+
+    `residuals` takes m sets of unknowns (m, n) and returns (m, r): forward differences by all
+    unknowns cost one call.
+    """
     from scipy import optimize  # takes 0.1 s, which only a fit needs
 
+    @lru_cache(maxsize=1)
+    def differentiated(x: tuple[float, ...]) -> tuple[Floats, Floats]:
+        """Return the residuals (r,) and their derivative (r, n)."""
+        at = np.array(x)
+        away = at + RELATIVE_STEP * np.maximum(1.0, np.abs(at)) * np.where(at < 0.0, -1.0, 1.0)
+        here, *others = residuals(np.vstack([at, np.where(np.eye(len(at)), away, at)]))
+        return here, (np.array(others) - here).T / (away - at)
+
+    def residual(x: Floats) -> Floats:
+        return differentiated(tuple(x))[0]
+
+    def jacobian(x: Floats) -> Floats:
+        return differentiated(tuple(x))[1]
+
     least_squares = cast(Any, optimize).least_squares
-    fit: Any = least_squares(residual, x, ftol=MIN_RELATIVE_GAIN, max_nfev=MAX_STEPS)
+    fit: Any = least_squares(residual, x, jacobian, ftol=MIN_RELATIVE_GAIN, max_nfev=MAX_STEPS)
     J: Floats = fit.jac
     covariance = np.asarray(np.linalg.pinv(J.T @ J), np.float64)
     return LeastSquaresFit(fit.x, covariance, 2.0 * float(fit.cost))
@@ -126,24 +149,29 @@ def identify(
 
     def correction(x: Floats) -> Floats:
         full = np.zeros(5)
-        full[index] = x[known:] * units
+        full[index] = x * units
         return full
 
+    @lru_cache(maxsize=1 + len(index))
+    def markers(x: tuple[float, ...]) -> Floats:
+        return corrected_markers(mechanism, tool, views.q, correction(np.array(x)))
+
     x = np.concatenate([np.zeros(known), begin / units])
-    camera = _Camera.about(corrected_markers(mechanism, tool, views.q, correction(x)), views)
-    noise = np.repeat(views.noise, 2)[:, None]
+    camera = _Camera.about(markers(tuple(x[known:])), views)
+    points, noise = views.points.reshape(-1, 2), np.repeat(views.noise, 2)[:, None]
 
-    def residual(x: Floats) -> Floats:
-        x = np.clip(x, -50.0, 50.0)
-        markers = corrected_markers(mechanism, tool, views.q, correction(x))
-        error = camera.project(x[:known] * CAMERA_UNITS, markers) - views.points.reshape(-1, 2)
+    def residuals(unknowns: Floats) -> Floats:
+        """Return the residuals (m, r) of m sets of unknowns (m, n)."""
+        x = np.clip(unknowns, -50.0, 50.0)
+        P = np.array([markers(tuple(row)) for row in x[:, known:]]).reshape(len(x), -1, 3)
+        error = camera.project(x[:, :known] * CAMERA_UNITS, P) - points
         error = np.where(np.abs(error) < MAX_RESIDUAL_PX, error, MAX_RESIDUAL_PX) / noise
-        return np.concatenate([error.ravel(), x[WITHOUT_PRIOR:]])
+        return np.concatenate([error.reshape(len(x), -1), x[:, WITHOUT_PRIOR:]], axis=1)
 
-    fit = fit_residual(residual, x)
+    fit = fit_residuals(residuals, x)
     covariance = np.zeros((5, 5))
     covariance[np.ix_(index, index)] = fit.covariance[known:, known:] * np.outer(units, units)
-    return LeastSquaresFit(correction(fit.x), covariance, fit.misfit)
+    return LeastSquaresFit(correction(fit.x[known:]), covariance, fit.misfit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,23 +208,24 @@ class _Camera:
         return cls(rotation, centre, pixel, float(px_per_mm.mean()), size)
 
     def project(self, change: Floats, markers: Floats) -> Floats:
-        """Return the picture (2 n, 2) px of markers (n, 2, 3) mm after a change of the camera (10,)
-        in the order of `CAMERA_UNITS`; NaN for a marker behind it."""
-        R = _rotation(change[:3]) @ self.rotation
-        focal = FOCAL_WIDTHS * self.size[0] * np.exp(change[6])
-        depth = focal / (self.scale * np.exp(change[5]))
-        axis = (self.size - 1.0) / 2.0 + self.size[0] * change[7:9]
-        aside = (self.pixel + self.size[0] * change[3:5] - axis) / focal
-        X = (markers.reshape(-1, 3) - self.centre) @ R.T + depth * np.append(aside, 1.0)
-        slope = X[:, :2] / np.where(X[:, 2:] > 1e-2 * depth, X[:, 2:], np.nan)
-        return axis + focal * slope * (1.0 + change[9] * (slope**2).sum(axis=1, keepdims=True))
+        """Return the picture (..., n, 2) px of markers (..., n, 3) mm after changes of the camera
+        (..., 10) in the order of `CAMERA_UNITS`; NaN for a marker behind it."""
+        R = _rotation(change[..., :3]) @ self.rotation
+        focal = FOCAL_WIDTHS * self.size[0] * np.exp(change[..., None, 6:7])
+        depth = focal / (self.scale * np.exp(change[..., None, 5:6]))
+        axis = (self.size - 1.0) / 2.0 + self.size[0] * change[..., None, 7:9]
+        aside = (self.pixel + self.size[0] * change[..., None, 3:5] - axis) / focal
+        X = (markers - self.centre) @ R.swapaxes(-1, -2)
+        X += depth * np.concatenate([aside, np.ones_like(focal)], axis=-1)
+        slope = X[..., :2] / np.where(X[..., 2:] > 1e-2 * depth, X[..., 2:], np.nan)
+        square = (slope**2).sum(axis=-1, keepdims=True)
+        return axis + focal * slope * (1.0 + change[..., None, 9:] * square)
 
 
 def _rotation(half_turns: Floats) -> Floats:
-    """Return the rotation (3, 3) of a Rodrigues vector (3,): its axis times tan(angle / 2)."""
-    x, y, z = half_turns
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.linalg.solve(np.eye(3) - K, np.eye(3) + K), np.float64)
+    """Return the rotations (..., 3, 3) of Rodrigues vectors (..., 3): axis times tan(angle / 2)."""
+    K = (half_turns @ CROSS_PRODUCTS).reshape(*half_turns.shape[:-1], 3, 3)
+    return np.eye(3) + 2.0 / (1.0 + (half_turns**2).sum(axis=-1)[..., None, None]) * (K + K @ K)
 
 
 def corrected_markers(mechanism: Kinematics, tool: Tool, q: Floats, correction: Floats) -> Floats:
