@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from small_tasks import count, counted, fail, not_measured, settled
 
 import rcmservo
 from rcmservo.paper import potential
+from rcmservo.paper import run as running
 from rcmservo.paper.experiment import Experiment
 from rcmservo.paper.plan import Measurement, NotMeasured, Results, Settings, Task
 from rcmservo.paper.run import chosen, run, run_all
@@ -26,6 +28,13 @@ def nothing(task: Task) -> None:
     del task
 
 
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tasks run in a thread: new processes take a second of imports each."""
+    monkeypatch.setattr(running, "ProcessPoolExecutor", lambda *_, **__: ThreadPoolExecutor(1))
+
+
+@pytest.mark.usefixtures("in_this_process")
 def test_what_is_done_is_not_repeated_and_what_changed_is(tmp_path: Path) -> None:
     log, out = tmp_path / "log", tmp_path / "out"
     first, _ = run_all(counted(log, "a", "b"), out, nothing)
@@ -39,7 +48,10 @@ def test_what_is_done_is_not_repeated_and_what_changed_is(tmp_path: Path) -> Non
     assert runs(log) == ["a", "b", "c", "other"]
 
 
-def test_a_run_that_is_stopped_goes_on_where_it_stopped(tmp_path: Path) -> None:
+def test_a_run_that_is_stopped_goes_on_where_it_stopped(
+    tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    """Tasks run in processes until it is stopped."""
     log, out = tmp_path / "log", tmp_path / "out"
 
     def stop(task: Task) -> None:
@@ -59,17 +71,20 @@ def test_a_run_that_is_stopped_goes_on_where_it_stopped(tmp_path: Path) -> None:
         for name in kept
     )
     before = runs(log)
+    request.getfixturevalue("in_this_process")
     results, _ = run_all(counted(log, *names), out, nothing)
     assert set(results["some"].found) == set(names)
     assert all(runs(log).count(name) == before.count(name) for name in kept)
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_task_that_fails_leaves_no_result(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="this task fails"):
         run_all({"some": [Task("bad", partial(fail), in_folder=True)]}, tmp_path, nothing)
     assert not (tmp_path / "some" / "bad").exists()
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_damaged_result_is_made_again_and_no_other(tmp_path: Path) -> None:
     log = tmp_path / "log"
     damage = dict(zip("abcde", ["", "{", "[]", '{"fingerprint": 3}', "null"], strict=True))
@@ -130,6 +145,7 @@ def test_a_series_with_gaps_is_an_array() -> None:
     np.testing.assert_array_equal(got, [[1.0, np.nan], [0.5, 3.0]])
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_tasks_of_two_experiments_that_do_the_same_work_do_it_once(tmp_path: Path) -> None:
     log = tmp_path / "log"
     plans = {"one": counted(log, "a")["some"], "two": counted(log, "a")["some"]}
@@ -161,6 +177,7 @@ def test_a_number_that_is_not_finite_is_an_error_that_names_it(value: float) -> 
         plain({"series": np.full(1, np.nan), "inner": [{"number": 1.0}, {"number": value}]})
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_task_that_measured_nothing_fails_its_experiment_and_no_other(tmp_path: Path) -> None:
     log = tmp_path / "log"
     bad = [Task("bad", partial(not_measured)), *counted(log, "c")["some"]]
