@@ -17,6 +17,8 @@ from rcmservo.record import reader
 from rcmservo.record.timeline import RunSummary, summary
 from rcmservo.sim import Disturbance
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 ENDINGS = {
     "settles": (5.5, "", ""),
     "holds": (3.0, "occlusion:at=2.5,for=9", rs.Cause.MARKERS_LOST.value),
