@@ -17,6 +17,8 @@ PYTEST := $(BIN)/pytest --hypothesis-profile=$(PROFILE)
 IN_WALL_TIME := $(addprefix tests/, cameras crtk hardware live page)
 PARALLEL := --dist loadfile --no-loadscope-reorder
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile
+# Tests start many processes: each would compile all Python files that it imports.
+test test-all: export PYTHONDONTWRITEBYTECODE :=
 
 run: $(RUNNING)
 	$(BIN)/rcmservo run

@@ -20,6 +20,7 @@ import rcmservo.guard
 import rcmservo.method
 import rcmservo.servo
 from rcmservo import loops
+from rcmservo.figures import charts
 from rcmservo.guard.checks.facts import TickFacts
 from rcmservo.interfaces import Floats, Observation, Target
 from rcmservo.loop.clock import ticks
@@ -324,3 +325,12 @@ def frozen(value: Any) -> list[Any]:
 @pytest.fixture
 def lab() -> Laboratory:
     return laboratory()
+
+
+@pytest.fixture
+def blank_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are saved without anything in them, where the test is of something else: to draw one
+    takes 0.3 s."""
+    from matplotlib.figure import Figure
+
+    monkeypatch.setattr(charts, "_canvas", lambda figure: Figure(figsize=(1.0, 1.0)))

@@ -166,6 +166,7 @@ def test_the_verdict_names_what_stopped_it_and_nothing_else(
 
 
 @pytest.mark.parametrize("at", ["0", "0.02"])
+@pytest.mark.usefixtures("blank_figures")
 def test_a_run_that_ends_before_anything_was_seen_says_why(
     at: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

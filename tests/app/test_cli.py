@@ -20,6 +20,8 @@ from rcmservo.figures.video import Video
 from rcmservo.record import reader
 from rcmservo.record.reader import RECORD
 
+pytestmark = pytest.mark.usefixtures("blank_figures")  # but not in the run that all tests read
+
 KEYS = {
     "seed",
     "estimator",

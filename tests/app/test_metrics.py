@@ -15,6 +15,8 @@ from rcmservo.app.simulated_run.simulate import simulate
 from rcmservo.record import reader
 from rcmservo.record.timeline import RunSummary, summary
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 ENDINGS = {
     "settles": (5.5, "", ""),
     "holds": (3.0, "occlusion:at=2.5,for=9", rs.Cause.MARKERS_LOST.value),

@@ -106,6 +106,7 @@ def test_a_tick_is_late_by_the_threshold_of_the_recorded_servo(
     assert summary(reader.read(tmp_path)).late == late
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_every_request_of_a_person_is_shown_also_one_that_is_refused_once_more(
     told: Told, tmp_path: Path
 ) -> None:
@@ -179,6 +180,7 @@ def test_show_tells_causes_and_ways_out_in_words_and_draws(
     assert len(lines) == 1 + len(spans(reader.read(told.path)))
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_a_cut_record_is_shown_with_what_is_missing(
     told: Told, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

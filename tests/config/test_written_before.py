@@ -45,6 +45,7 @@ def test_its_target_loads_for_the_setup_that_it_was_shown_by() -> None:
     assert target.q.tolist() == [0.48719999999999974, -0.19787999999999992, 110.50599999999996]
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_its_record_shows_and_exports(tmp_path: Path) -> None:
     shutil.copy(OLD / "record.mcap", tmp_path / "record.mcap")
     assert main(["show", str(tmp_path / "record.mcap"), "--out", str(tmp_path / "shown")]) == 0

@@ -48,6 +48,14 @@ def test_punctuality_notes_how_late_each_wait_ended():
     assert list(clock.lateness) == [7] * 5
 
 
+@pytest.fixture
+def frozen_heap():
+    """What earlier tests left is not searched for garbage, which takes a second."""
+    gc.freeze()
+    yield
+    gc.unfreeze()
+
+
 def state_of_the_process():
     policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
     return gc.isenabled(), gc.get_freeze_count(), sys.getswitchinterval(), policy, len(gc.callbacks)
@@ -63,6 +71,7 @@ def test_realtime_leaves_the_process_as_it_found_it_even_after_an_error():
     assert state_of_the_process() == before
 
 
+@pytest.mark.usefixtures("frozen_heap")
 def test_no_collection_happens_in_it_and_one_that_does_is_counted():
     with realtime() as got:
         heap = [[] for _ in range(100_000)]
@@ -73,6 +82,7 @@ def test_no_collection_happens_in_it_and_one_that_does_is_counted():
         assert got.collections == 1
 
 
+@pytest.mark.usefixtures("frozen_heap")
 @pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
 def test_what_the_system_refuses_is_told_in_words_and_everything_else_is_done(monkeypatch):
     def refuse(*_):
@@ -86,6 +96,7 @@ def test_what_the_system_refuses_is_told_in_words_and_everything_else_is_done(mo
     assert all("Operation not permitted" in sentence for sentence in got.refused)
 
 
+@pytest.mark.usefixtures("frozen_heap")
 @pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
 def test_the_loop_goes_first_then_the_threads_there_are_and_then_all_else():
     def policy(thread=0):
@@ -112,6 +123,7 @@ def test_the_loop_goes_first_then_the_threads_there_are_and_then_all_else():
         thread.join(PATIENCE)
 
 
+@pytest.mark.usefixtures("frozen_heap")
 @pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="no real-time scheduling here")
 def test_a_thread_that_takes_commands_to_a_device_goes_behind_the_loop_and_before_the_others():
     def priority(thread):

@@ -115,6 +115,7 @@ def test_the_law_on_a_users_feature_vector_comes_to_the_target(outside: Any) -> 
         assert used.tolist() == [True] * 5 + [False] * (len(used) - 5)
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_it_is_an_option_of_a_run_whose_record_replays_bit_for_bit(
     outside: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -21,8 +21,8 @@ from rcmservo.study.told.statistics import (
 TIMES = st.one_of(st.floats(0.0, 15.0), st.just(np.inf))
 """s until something came, or never."""
 
-SAMPLES = 2000
-"""The share of intervals that hold the truth is known to 0.5 %."""
+SAMPLES = 1000
+"""The share of intervals that hold the truth is known to 0.7 %."""
 
 
 def held(truth: float, sample: Callable[[np.random.Generator], Interval], count: int) -> float:

@@ -4,18 +4,30 @@ import errno
 import json
 import os
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import Alone, made, small
+from studies import Alone, made
+from studies import small as usual_study
 
 from rcmservo.errors import RcmServoError, UnusableFile
+from rcmservo.study.plan import plan
+from rcmservo.study.plan.cell import COMPILED
 from rcmservo.study.row import StudyRow
 from rcmservo.study.work import note, store
 from rcmservo.study.work.chunk import OtherPackage, done
 from rcmservo.study.work.go import Work
 from rcmservo.study.work.store import REPORT, RUNS, SCHEMA, SUMMARY, TUNED, key_of, runs_in
+
+small = partial(usual_study, count=25)
+
+
+@pytest.fixture(autouse=True)
+def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten runs each, so that two methods over 25 scenes are three chunks each."""
+    monkeypatch.setitem(plan.SIZES, COMPILED, 10)
 
 
 def test_a_study_that_was_stopped_ends_with_the_same_bytes(tmp_path: Path) -> None:
@@ -23,7 +35,7 @@ def test_a_study_that_was_stopped_ends_with_the_same_bytes(tmp_path: Path) -> No
     stopped.left = dict(list(stopped.left.items())[:2])
     stopped.go(Alone(), lambda _: None)  # pyright: ignore[reportArgumentType]
     after = Work(small(), tmp_path / "b")
-    assert not after.changed and after.runs_left == 500 - 200
+    assert not after.changed and after.runs_left == 50 - 20
     after.go(Alone(), lambda _: None)  # pyright: ignore[reportArgumentType]
     for work in (whole, after):
         work.gather()
@@ -33,17 +45,17 @@ def test_a_study_that_was_stopped_ends_with_the_same_bytes(tmp_path: Path) -> No
 def test_progress_counts_every_run_once(tmp_path: Path) -> None:
     counted: list[int] = []
     Work(small(), tmp_path).go(Alone(), counted.append)  # pyright: ignore[reportArgumentType]
-    assert sum(counted) == 500
+    assert sum(counted) == 50
 
 
 def test_a_changed_setting_makes_anew_what_depends_on_it_and_is_told(tmp_path: Path) -> None:
     made(small(), tmp_path)
-    more = Work(small(count=300), tmp_path)
-    assert more.changed == ["count"] and more.runs_left == 2 * 100
+    more = Work(small(count=30), tmp_path)
+    assert more.changed == ["count"] and more.runs_left == 2 * 10
     other = Work(small(methods=("dlt", "projection-printed")), tmp_path)
-    assert other.changed == ["method"] and other.runs_left == 250
+    assert other.changed == ["method"] and other.runs_left == 25
     longer = made(small(duration=3.0), tmp_path)
-    assert "duration" in longer.changed and longer.runs_left == 500
+    assert "duration" in longer.changed and longer.runs_left == 50
     again = Work(small(), tmp_path)
     assert again.changed == ["duration"] and again.runs_left == 0
 
@@ -81,7 +93,7 @@ def test_rows_of_another_rcmservo_are_not_taken_for_its_own(
     monkeypatch.setattr(store, "package", lambda: "0.0.1 abc")
     monkeypatch.setattr(note, "package", lambda: "0.0.1 abc")
     work = Work(small(), tmp_path)
-    assert work.changed == ["rcmservo"] and work.runs_left == 500
+    assert work.changed == ["rcmservo"] and work.runs_left == 50
 
 
 def test_a_worker_with_another_rcmservo_refuses(tmp_path: Path) -> None:
@@ -117,13 +129,13 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing(
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             usual(table, path, **options)
 
-    monkeypatch.setattr(store, "PQ", Full)
-    with pytest.raises(UnusableFile, match="cannot be written: No space left on device"):
+    words = "cannot be written: No space left on device"
+    with monkeypatch.context() as full, pytest.raises(UnusableFile, match=words):
+        full.setattr(store, "PQ", Full)
         work.go(Alone(), lambda _: None)  # pyright: ignore[reportArgumentType]
         work.gather()
-    monkeypatch.undo()
     left = Work(small(), tmp_path)
-    assert left.runs_left == (500 - 200 if when == "part" else 0)
+    assert left.runs_left == (50 - 20 if when == "part" else 0)
     assert not list(tmp_path.rglob("*.part"))
 
 
@@ -133,7 +145,7 @@ def test_a_part_that_was_damaged_is_told_and_made_again(tmp_path: Path) -> None:
     part.write_bytes(part.read_bytes()[:-20])
     with pytest.raises(UnusableFile, match="the same command makes it again"):
         work.gather()
-    assert made(small(), tmp_path).gather().num_rows == 500
+    assert made(small(), tmp_path).gather().num_rows == 50
 
 
 def test_a_folder_that_holds_something_else_is_refused(tmp_path: Path) -> None:
