@@ -21,8 +21,8 @@ import numpy as np
 
 from rcmservo.app.lab.emulated_arm import send_gige, send_mjpeg
 from rcmservo.config.rig_file import Lab
-from rcmservo.hardware.cameras.aravis import aravis_camera
-from rcmservo.hardware.cameras.opencv import opencv_camera
+from rcmservo.hardware.cameras.aravis import open_aravis_camera
+from rcmservo.hardware.cameras.opencv import open_opencv_camera
 from rcmservo.hardware.cameras.settings import AravisSettings, OpencvSettings
 from rcmservo.interfaces import Camera, Frame, Image
 from rcmservo.live.child import Child
@@ -108,8 +108,8 @@ def main(seconds: float) -> int:
         web, gige = child(send_mjpeg, ring, 0), child(send_gige, ring)
         ways: dict[str, Callable[[], Camera]] = {
             "shared memory": partial(RingCamera, ring),
-            "Motion JPEG": partial(opencv_camera, OpencvSettings(web)),
-            "GigE Vision": partial(aravis_camera, AravisSettings(gige, frame_rate=RATE)),
+            "Motion JPEG": partial(open_opencv_camera, OpencvSettings(web)),
+            "GigE Vision": partial(open_aravis_camera, AravisSettings(gige, frame_rate=RATE)),
         }
         told = {way: ([], 0, 0) for way in ways}
         for _ in range(ROUNDS):

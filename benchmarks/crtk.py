@@ -22,7 +22,7 @@ from crtk_measures import NAME, PATIENCE, RunningDevice, client_arm, killed, str
 from rcmservo.config.rig_file import default_markers
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.hardware.cameras.settings import TopicSettings
-from rcmservo.hardware.cameras.topic import topic_camera
+from rcmservo.hardware.cameras.topic import open_topic_camera
 from rcmservo.hardware.crtk.arm import CrtkArm
 from rcmservo.hardware.crtk.messages import PICTURES
 from rcmservo.interfaces import Command, Floats
@@ -85,7 +85,7 @@ def servoed(ros: int, seed: int) -> tuple[float, str]:
     with (
         emulated(ros, seed),
         closing(client_arm(ros, DOMAIN)) as arm,
-        closing(topic_camera(settings)) as camera,
+        closing(open_topic_camera(settings)) as camera,
         TrackingThread(camera, ColourMarkers(default_markers()), clock) as eye,
         realtime(),
     ):

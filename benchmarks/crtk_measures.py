@@ -19,16 +19,16 @@ import numpy as np
 
 from rcmservo.hardware.crtk import messages as m
 from rcmservo.hardware.crtk.arm import CrtkArm
-from rcmservo.hardware.crtk.connection import open_transport
 from rcmservo.hardware.crtk.device import STEP, CrtkDevice
+from rcmservo.hardware.crtk.messages import MessageHandler, Transport
 from rcmservo.hardware.crtk.settings import CrtkSettings, RosConnection
-from rcmservo.hardware.crtk.transport import Heard, Transport
+from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.interfaces import Command, Floats
 from rcmservo.live.realtime import realtime
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.sim.arm import Drive
-from rcmservo.sim.motor_interface import SimulatedJoints
+from rcmservo.sim.rate_joints import SimulatedJoints
 from rcmservo.sim.rig import Rig
 
 NAME = "PSM1"
@@ -61,10 +61,10 @@ class Counted:
     def listeners(self, topic: m.Topic[Any]) -> int:
         return self.inner.listeners(topic)
 
-    def subscribe(self, topic: m.Topic[Any], heard: Heard[Any]) -> None:
+    def subscribe(self, topic: m.Topic[Any], handler: MessageHandler[Any]) -> None:
         def counted(said: Any, writer: str) -> None:
             self.heard[topic.name] = self.heard.get(topic.name, 0) + 1
-            heard(said, writer)
+            handler(said, writer)
 
         self.inner.subscribe(topic, counted)
 
@@ -118,9 +118,7 @@ class RunningDevice:
 def client_arm(ros: int, domain: int) -> CrtkArm:
     """A client of it."""
     settings = CrtkSettings(NAME, ros=ros, domain=domain)
-    return CrtkArm(
-        settings, SphericalRcm().limits, open_transport(RosConnection(ros=ros, domain=domain))
-    )
+    return CrtkArm(settings, SphericalRcm().limits, open_transport(RosConnection(ros=ros, domain=domain)))
 
 
 def swing(seconds: float) -> Floats:
@@ -146,7 +144,7 @@ def driven(ros: int, domain: int, seconds: float) -> dict[str, Any]:
             if number == 50:
                 print("moving", flush=True)
     time.sleep(0.02)
-    account, told = arm.account(), arm.measure()
+    account, told = arm.command_counts(), arm.measure()
     arm.close()
     return account.__dict__ | {"commands": number, "on": told.enabled}
 

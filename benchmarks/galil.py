@@ -1,10 +1,10 @@
-"""The Galil driver at length: answers that make no sense, and exchanges with the emulator.
+"""Long runs of the Galil driver: senseless replies, and exchanges with the emulator.
 
-    python benchmarks/galil.py fuzz [COUNT]         conversations: nine of ten with noise, the tenth
-                                                    with the emulator's answers garbled (100,000)
-    python benchmarks/galil.py exchanges [SECONDS]  of speeds and record, 500 a second (60)
+    python benchmarks/galil.py fuzz [COUNT]         sessions, nine of ten with random bytes and one
+                                                    with garbled replies (100,000)
+    python benchmarks/galil.py exchanges [SECONDS]  of speeds and record, 500 per second (60)
 
-Both say at once what went wrong. The emulator runs in a process of its own, on loopback.
+Both print errors at once. The emulator runs in a separate process, on the loopback interface.
 """
 
 import platform
@@ -14,46 +14,46 @@ import time
 from contextlib import closing
 
 import numpy as np
-from galil_measures import ASKED, Emulated, fuzzed, garbled
+from galil_measures import SESSION_STEPS, Emulated, run_with_garbling, run_with_packets
 
 from rcmservo.errors import RcmServoError
+from rcmservo.hardware.galil.connection import GalilConnection, TcpStream
 from rcmservo.hardware.galil.session import GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.hardware.galil.wire import Conversation, TcpStream
 from rcmservo.method.kinematics import SphericalRcm
 
 RATE = 500.0
-"""Exchanges a second."""
+"""Exchanges per second."""
 
 
 def fuzz(count: int) -> int:
-    """How many conversations took too long, ended otherwise than in a sentence, or left an axis
+    """Return the number of sessions that took too long, ended without a sentence, or left an axis
     moving or a motor on."""
     chance, wrong, begun = random.Random(0), 0, 0
     for number in range(count):
         try:
             if number % 10:
                 noise = [chance.randbytes(chance.randrange(60)) for _ in range(20)]
-                good = fuzzed(noise, chance.choice(list(ASKED))).time < 6.0
+                good = run_with_packets(noise, chance.choice(list(SESSION_STEPS))).time < 6.0
             else:
-                longest, began, off = garbled(chance)
+                longest, began, off = run_with_garbling(chance)
                 good, begun = longest < 2.0 and off, begun + began
-        except Exception as error:  # what must not be
-            print(f"conversation {number}: {error!r}")
+        except Exception as error:  # any other error is a failure
+            print(f"session {number}: {error!r}")
             good = False
         wrong += not good
         print(f"\r{number + 1} of {count}", end="", file=sys.stderr, flush=True)
-    print(f"{count} conversations, {begun} of them had begun the axes: {wrong} wrong")
+    print(f"{count} sessions, {begun} of them moved the axes: {wrong} failed")
     return wrong
 
 
 def exchanges(seconds: float) -> int:
-    """Speeds and record, again and again on an absolute schedule; how many came too late."""
+    """Exchange speeds and record on an absolute schedule; return the number of late exchanges."""
     with closing(Emulated()) as emulated:
         settings = GalilSettings("127.0.0.1", (50000.0, 50000.0, 500.0), emulated.port)
         streams = [TcpStream("127.0.0.1", emulated.port, 1.0) for _ in range(2)]
         limits = SphericalRcm().limits
-        session = GalilSession(*(Conversation(one, 0.25) for one in streams), settings, limits)
+        session = GalilSession(*(GalilConnection(one, 0.25) for one in streams), settings, limits)
         session.set_up()
         session.define(np.mean(limits.arrays, axis=0))
         session.start()
@@ -64,8 +64,8 @@ def exchanges(seconds: float) -> int:
                 time.sleep(max(due - time.perf_counter(), 0.0))
                 begin = time.perf_counter()
                 rates = 0.05 * np.sin(number / RATE) * np.array([1.0, -1.0, 100.0])
-                if not session.exchange(rates).on:
-                    print(f"after {number} exchanges: {session.why_off}; begun again")
+                if not session.exchange(rates).all_on:
+                    print(f"after {number} exchanges: {session.why_off}; restarted")
                     session.start()
                 took.append(time.perf_counter() - begin)
                 late += begin - due > 1.0 / RATE

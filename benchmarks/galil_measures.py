@@ -1,4 +1,4 @@
-"""What the Galil driver and the emulated controller are measured with; tests ask a part."""
+"""Test bench of the Galil driver and the emulated controller, for benchmarks and tests."""
 
 import os
 import random
@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from rcmservo.errors import RcmServoError
+from rcmservo.hardware.galil.connection import GalilConnection
 from rcmservo.hardware.galil.driver import GalilArm
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
 from rcmservo.hardware.galil.session import GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.hardware.galil.wire import Conversation
 from rcmservo.method.kinematics import JointLimits, SphericalRcm
 
 SETTINGS = GalilSettings(address="nowhere", counts=(50000.0, -50000.0, 500.0))
@@ -26,7 +26,7 @@ RATES = np.array([0.2, 0.3, -20.0])
 
 
 class IdealMotors:
-    """Motors that do at once what they are asked for."""
+    """Motors that follow their commanded speed without a lag."""
 
     lag = 0.0
 
@@ -43,8 +43,8 @@ class IdealMotors:
         return self.tripped
 
 
-class EmulatedWire:
-    """A host's stream to an emulated controller, whose time passes while the host waits."""
+class EmulatedStream:
+    """Stream of a host to an emulated controller, whose time advances while the host waits."""
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
@@ -52,19 +52,19 @@ class EmulatedWire:
         self.deaf = False
 
     def send(self, data: bytes) -> None:
-        if self.handle not in self.controller.lines:
+        if self.handle not in self.controller.connections:
             raise BrokenPipeError("gone")
         if not self.deaf:
             assert self.handle is not None
-            self.controller.hear(self.handle, data)
-        self.controller.sample()  # what the way there takes
+            self.controller.receive(self.handle, data)
+        self.controller.sample()  # the transmission takes one sample
 
     def receive(self, seconds: float) -> bytes:
         end = self.controller.state.samples * SAMPLE + seconds
-        while self.handle in self.controller.lines:
-            told = self.controller.answers(self.handle)
-            if told or self.controller.state.samples * SAMPLE >= end:
-                return told
+        while self.handle in self.controller.connections:
+            output = self.controller.take_output(self.handle)
+            if output or self.controller.state.samples * SAMPLE >= end:
+                return output
             self.controller.sample()
         raise ConnectionResetError("gone")
 
@@ -73,37 +73,36 @@ class EmulatedWire:
         self.controller.disconnect(self.handle)
 
 
-class GarbledWire(EmulatedWire):
-    """One on which an answer is cut, changed, doubled or lost by chance."""
+class GarblingStream(EmulatedStream):
+    """Stream that randomly cuts, changes, doubles or drops replies."""
 
-    def __init__(self, controller: Controller, chance: random.Random, share: float) -> None:
+    def __init__(self, controller: Controller, chance: random.Random, probability: float) -> None:
         super().__init__(controller)
-        self.chance, self.share, self.sent = chance, share, b""
+        self.chance, self.probability, self.sent = chance, probability, b""
 
     def send(self, data: bytes) -> None:
         self.sent += data
         super().send(data)
 
     def receive(self, seconds: float) -> bytes:
-        told = super().receive(seconds)
-        if not told or self.chance.random() >= self.share:
-            return told
-        at = self.chance.randrange(len(told))
+        output = super().receive(seconds)
+        if not output or self.chance.random() >= self.probability:
+            return output
+        at = self.chance.randrange(len(output))
         return self.chance.choice(
             [
-                told[:at],
-                told[:at] + self.chance.randbytes(1) + told[at + 1 :],
-                told + told,
-                told[at:],
+                output[:at],
+                output[:at] + self.chance.randbytes(1) + output[at + 1 :],
+                output + output,
+                output[at:],
                 self.chance.randbytes(at),
                 b"",
             ]
         )
 
 
-class Typed:
-    """A stream that answers each line with the next of some packets, and whose time passes while
-    one waits."""
+class ScriptedStream:
+    """Stream that receives some packets in turn. Its time advances during waits."""
 
     def __init__(self, *packets: bytes) -> None:
         self.packets, self.sent, self.time = list(packets), b"", 0.0
@@ -124,46 +123,50 @@ class Typed:
         pass
 
 
-ASKED: dict[str, Callable[[GalilSession], Any]] = {
+SESSION_STEPS: dict[str, Callable[[GalilSession], Any]] = {
     "set_up": lambda session: session.set_up(),
     "define": lambda session: session.define(HOME),
     "start": lambda session: session.start(),
     "exchange": lambda session: session.exchange(RATES),
-    "look": lambda session: session.look(),
+    "read": lambda session: session.read(),
     "switch_off": lambda session: session.switch_off(),
 }
 
 
-def fuzzed(packets: Iterable[bytes], asked: str) -> Typed:
-    """What is asked for, answered with these packets: one sentence at most, and soon."""
-    streams = Typed(*packets), Typed(b":")
-    talks = [Conversation(stream, 0.25, streams[0].now) for stream in streams]
-    session = GalilSession(*talks, SETTINGS, LIMITS)
+def run_with_packets(packets: Iterable[bytes], step: str) -> ScriptedStream:
+    """Run one step of a session against some packets; an error must be one short sentence."""
+    streams = ScriptedStream(*packets), ScriptedStream(b":")
+    connections = [GalilConnection(stream, 0.25, streams[0].now) for stream in streams]
+    session = GalilSession(*connections, SETTINGS, LIMITS)
     try:
-        ASKED[asked](session)
+        SESSION_STEPS[step](session)
     except RcmServoError as error:
         assert "\n" not in str(error) and len(str(error)) < 500
     return streams[0]
 
 
-def garbled(chance: random.Random) -> tuple[float, bool, bool]:
-    """A whole use of a controller on a wire that garbles answers: s that its longest step took,
-    whether axes were begun, and whether they stand 0.2 s after the end, with the motors off, if
-    they have ever been: after a reset of the controller they are on."""
-    controller, share = Controller(IdealMotors()), chance.choice([0.003, 0.01, 0.03, 0.1])
-    wires = [GarbledWire(controller, chance, share) for _ in range(2)]
+def run_with_garbling(chance: random.Random) -> tuple[float, bool, bool]:
+    """Run a whole session on a stream that garbles replies.
+
+    Returns the duration of the longest step in s, whether an axis moved, and whether all axes are
+    at rest with the motors off 0.2 s after the end. The motors are on after a reset of the
+    controller, so they count only if the first step has succeeded.
+    """
+    controller = Controller(IdealMotors())
+    probability = chance.choice([0.003, 0.01, 0.03, 0.1])
+    streams = [GarblingStream(controller, chance, probability) for _ in range(2)]
 
     def now() -> float:
         return controller.state.samples * SAMPLE
 
-    talks = [Conversation(wire, 0.25, now) for wire in wires]
-    session = GalilSession(*talks, SETTINGS, LIMITS)
+    connections = [GalilConnection(stream, 0.25, now) for stream in streams]
+    session = GalilSession(*connections, SETTINGS, LIMITS)
     longest, began, ready = 0.0, False, False
     try:
-        for asked in ("set_up", "define", "start", *["exchange"] * 50, "switch_off"):
+        for step in ("set_up", "define", "start", *["exchange"] * 50, "switch_off"):
             begin = now()
-            ASKED[asked](session)
-            assert ready or b"SH" not in wires[0].sent
+            SESSION_STEPS[step](session)
+            assert ready or b"SH" not in streams[0].sent
             longest, ready = max(longest, now() - begin), True
             began = began or any(axis.moving for axis in controller.state.axes)
     except RcmServoError as error:
@@ -173,23 +176,23 @@ def garbled(chance: random.Random) -> tuple[float, bool, bool]:
     for _ in range(205):
         controller.sample()
     still = not any(axis.moving or axis.speed for axis in controller.state.axes)
-    off = all(axis.off for axis in controller.state.axes[:3])
+    off = all(axis.motor_off for axis in controller.state.axes[:3])
     return longest, began, still and (off or not ready)
 
 
 class Emulated:
-    """`rcmservo emulate galil`, on a port that is free; `close` it at the end."""
+    """Process that runs `rcmservo emulate galil` on a free port."""
 
     def __init__(self, *options: str) -> None:
         command = [sys.executable, "-m", "rcmservo", "emulate", "galil", "--port", "0", *options]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
-        said = re.search(r"127\.0\.0\.1:(\d+)(?: and (\S+),)?", self.process.stdout.readline())
-        assert said is not None
-        self.port, self.serial = int(said[1]), said[2]
+        match = re.search(r"127\.0\.0\.1:(\d+)(?: and (\S+),)?", self.process.stdout.readline())
+        assert match is not None
+        self.port, self.serial = int(match[1]), match[2]
 
     def arm(self) -> GalilArm:
-        """The driver of the arm behind it, by its serial port where it has one."""
+        """Connect the driver, over the serial port if there is one."""
         settings = GalilSettings(self.serial or "127.0.0.1", (50000.0, 50000.0, 500.0), self.port)
         return GalilArm(settings, SphericalRcm().limits)
 

@@ -1,5 +1,4 @@
-"""A camera's own times on the computer's clock: what is told of them is true, to within the
-uncertainty that is told with it."""
+"""Camera stamps on the computer's clock: errors stay within the reported uncertainty."""
 
 import math
 
@@ -19,7 +18,7 @@ delays = st.sampled_from(["steady", "exponential", "uniform", "long tail"])
 
 
 def jitter(random: np.random.Generator, kind: str, count: int) -> np.ndarray:
-    """ns by which frames are later than the least delayed."""
+    """Return the delays (ns) of frames relative to the smallest possible delay."""
     least = 20e3 * random.random(count)
     match kind:
         case "exponential":
@@ -33,7 +32,7 @@ def jitter(random: np.random.Generator, kind: str, count: int) -> np.ndarray:
 
 
 class Device:
-    """A camera with a clock: stamps and arrivals of its frames, and the arrivals without jitter."""
+    """Stamps and arrivals of a camera's frames, and the arrivals without jitter."""
 
     def __init__(self, seed: int, kind: str, count: int = 1500) -> None:
         random = random_from(seed)
@@ -46,9 +45,12 @@ class Device:
         self.arrivals = [least + round(by) for least, by in zip(self.least, late, strict=True)]
 
     def errors(self, clock: ClockMap) -> list[tuple[float, float]]:
-        """s, of every answer: how far off it is, and how far it says it may be."""
+        """Return error and reported uncertainty (s) for every frame."""
         frames = zip(self.stamps, self.arrivals, self.least, strict=True)
-        return [(1e-9 * (clock.take(s, a) - least), clock.uncertainty) for s, a, least in frames]
+        return [
+            (1e-9 * (clock.undelayed_arrival(s, a) - least), clock.uncertainty)
+            for s, a, least in frames
+        ]
 
 
 @given(seeds, delays)
@@ -58,8 +60,10 @@ def test_the_error_stays_below_the_uncertainty(seed: int, kind: str) -> None:
 
 
 @given(seeds, delays, st.data())
-def test_a_clock_that_jumps_begins_anew(seed: int, kind: str, data: st.DataObject) -> None:
-    """Back by more than a frame, or forth by more than frames are late."""
+def test_a_jump_of_the_clock_restarts_the_estimate(
+    seed: int, kind: str, data: st.DataObject
+) -> None:
+    """Back by more than a frame period, or forward by more than the largest delay."""
     device = Device(seed, kind)
     at = data.draw(st.integers(300, 1200))
     by = data.draw(st.sampled_from([-DAYS, -5 * 10**9, -20_000_000, 500_000_000, DAYS]))
@@ -78,7 +82,7 @@ def test_after_ten_seconds_the_uncertainty_is_far_below_the_jitter(seed: int) ->
 
 
 @given(seeds)
-def test_frames_that_were_lost_change_nothing(seed: int) -> None:
+def test_lost_frames_do_not_increase_the_error_beyond_the_uncertainty(seed: int) -> None:
     device = Device(seed, "exponential")
     kept = sorted(set(random_from(seed).integers(0, 1500, 400).tolist()))
     for name in ("stamps", "arrivals", "least"):
@@ -87,21 +91,21 @@ def test_frames_that_were_lost_change_nothing(seed: int) -> None:
         assert abs(error) <= uncertainty
 
 
-def test_the_first_frame_is_taken_to_be_punctual_and_told_to_be_uncertain() -> None:
+def test_the_first_frame_counts_as_undelayed_with_a_large_uncertainty() -> None:
     clock = ClockMap()
-    assert clock.take(7, 10**12) == 10**12
+    assert clock.undelayed_arrival(7, 10**12) == 10**12
     assert clock.uncertainty == pytest.approx(0.2)
 
 
 def test_no_time_is_later_than_the_arrival() -> None:
     device, clock = Device(3, "uniform"), ClockMap()
     for stamp, arrival in zip(device.stamps, device.arrivals, strict=True):
-        assert clock.take(stamp, arrival) <= arrival
+        assert clock.undelayed_arrival(stamp, arrival) <= arrival
 
 
-def test_a_frame_that_comes_again_is_as_old_as_it_was() -> None:
+def test_a_repeated_stamp_returns_the_same_time() -> None:
     clock = ClockMap()
-    told = clock.take(1_000_000_000, 5_000_000_000)
-    assert clock.take(1_000_000_000, 8_000_000_000) == told
-    clock.take(1_016_000_000, 5_016_000_000)
+    first = clock.undelayed_arrival(1_000_000_000, 5_000_000_000)
+    assert clock.undelayed_arrival(1_000_000_000, 8_000_000_000) == first
+    clock.undelayed_arrival(1_016_000_000, 5_016_000_000)
     assert clock.uncertainty < 0.11

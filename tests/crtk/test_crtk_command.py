@@ -1,4 +1,4 @@
-"""`rcmservo emulate crtk`, as a person runs it, and a rig file that names its arm and camera."""
+"""Command `rcmservo emulate crtk`, run as a user runs it, with a rig file of its arm and camera."""
 
 import contextlib
 import re
@@ -26,15 +26,15 @@ height = 240
 """
 
 
-def blocks(form: str) -> list[str]:
-    """The page's blocks of code."""
-    return re.findall(rf"```{form}\n(.*?)```", PAGE, re.DOTALL)
+def code_blocks(language: str) -> list[str]:
+    """Return the code blocks of the document."""
+    return re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
 
 
-def reached(what: Callable[[], bool]) -> bool:
-    """Whether something comes to be in time."""
+def reached(condition: Callable[[], bool]) -> bool:
+    """Wait for a condition; return False after 30 s."""
     end = time.monotonic() + 30.0
-    while not what():
+    while not condition():
         if time.monotonic() > end:
             return False
     return True
@@ -42,13 +42,15 @@ def reached(what: Callable[[], bool]) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.alone
-def test_it_says_where_it_is_and_the_page_s_rig_file_opens_arm_and_camera(tmp_path: Path) -> None:
-    (command,) = (line for line in blocks("sh")[0].splitlines() if "emulate crtk" in line)
+def test_the_command_prints_its_address_and_the_documents_rig_file_opens_arm_and_camera(
+    tmp_path: Path,
+) -> None:
+    (command,) = (line for line in code_blocks("sh")[0].splitlines() if "emulate crtk" in line)
     arguments = command.split()[1:]
     small, lab = tmp_path / "small.toml", tmp_path / "lab.toml"
     small.write_text(SMALL)
     lab.write_text(
-        blocks("toml")[0]
+        code_blocks("toml")[0]
         .replace("[camera]", "[camera]\ndomain = 96")
         .replace("[arm]", "[arm]\ndomain = 96")
     )
@@ -57,10 +59,10 @@ def test_it_says_where_it_is_and_the_page_s_rig_file_opens_arm_and_camera(tmp_pa
     with subprocess.Popen(start, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as it:
         try:
             assert it.stdout is not None and it.stdout.readline() == WORDS
-            told = load_lab(lab)
+            rig_file = load_lab(lab)
             with (
-                contextlib.closing(open_arm(told)) as arm,
-                contextlib.closing(open_camera(told)) as camera,
+                contextlib.closing(open_arm(rig_file)) as arm,
+                contextlib.closing(open_camera(rig_file)) as camera,
             ):
                 assert arm.homed() and not arm.measure().enabled
                 assert reached(lambda: camera.latest() is not None), camera.account()
@@ -80,11 +82,11 @@ def test_it_says_where_it_is_and_the_page_s_rig_file_opens_arm_and_camera(tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["--namespace", "PSM 1"], "--namespace must be letters, digits and _"),
         (["--domain", "300"], "--domain must be a whole number from 0 to 232, got 300"),
-        (["--interface", "nowhere0", "--domain", "97"], "cannot be spoken on nowhere0"),
+        (["--interface", "nowhere0", "--domain", "97"], "cannot use nowhere0"),
         (["--mjpeg", "0"], "--mjpeg must be left out: emulate crtk has no such thing, got 0"),
         (["--gige"], "--gige must be left out: emulate crtk has no such thing, got True"),
         (["--serial"], "--serial must be left out"),
@@ -93,9 +95,9 @@ def test_it_says_where_it_is_and_the_page_s_rig_file_opens_arm_and_camera(tmp_pa
         (["--seed", "-1"], "--seed must be a whole number that is not negative, got -1"),
     ],
 )
-def test_what_it_cannot_do_is_one_sentence(
-    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+def test_invalid_options_are_reported_in_one_sentence(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["emulate", "crtk", *arguments]) == 2
-    told = capsys.readouterr()
-    assert said in told.err and told.err.count("\n") == 1 and not told.out
+    output = capsys.readouterr()
+    assert message in output.err and output.err.count("\n") == 1 and not output.out

@@ -1,159 +1,167 @@
-"""The simulated lab's arm as anybody's client meets it, on an injected clock."""
+"""Emulated CRTK arm as any client sees it, on a simulated clock."""
 
 import numpy as np
 import pytest
-from simulated_wire import START, TICK, CrtkLab
+from simulated_transport import START, TICK, CrtkLab
 
-from rcmservo.hardware.crtk import messages as m
-from rcmservo.hardware.crtk.device import NAMES
+from rcmservo.hardware.crtk import messages
+from rcmservo.hardware.crtk.device import JOINT_NAMES
 
 MS = 1_000_000
-THERE = (0.15, -0.1, 0.11, 0.0, 0.2, 0.0)
+GOAL = (0.15, -0.1, 0.11, 0.0, 0.2, 0.0)
 
 
 def enabled() -> CrtkLab:
     lab = CrtkLab()
-    tell(lab, "enable")
+    send_command(lab, "enable")
     return lab
 
 
-def tell(lab: CrtkLab, word: str, age: int = 0) -> None:
-    lab.device.hear_command(m.StringStamped(lab.real() - age, word), "console")
+def send_command(lab: CrtkLab, command: str, age: int = 0) -> None:
+    lab.device.receive_command(messages.StringStamped(lab.real() - age, command), "console")
 
 
-def ask(lab: CrtkLab, writer: str = "one", ticks: int = 1, **parts: object) -> None:
-    """Positions every 10 ms, as a writer sends them: by default without stamp and names."""
-    topic, end = m.SERVO_JP.under("PSM1"), lab.wire.end(writer)
+def send_position(lab: CrtkLab, writer: str = "one", ticks: int = 1, **fields: object) -> None:
+    """Send positions every 10 ms, by default without stamp and names."""
+    topic, endpoint = messages.SERVO_JP.under("PSM1"), lab.network.endpoint(writer)
     for _ in range(ticks):
-        end.publish(topic, m.JointState(**({"stamp": 0, "position": THERE} | parts)))  # type: ignore[arg-type]
-        lab.let_pass(TICK)
+        endpoint.publish(topic, messages.JointState(**({"stamp": 0, "position": GOAL} | fields)))  # type: ignore[arg-type]
+        lab.advance(TICK)
 
 
-def here(lab: CrtkLab) -> tuple[float, ...]:
-    return [said for topic, said in lab.wire.said if topic == "PSM1/measured_js"][-1].position
+def measured_position(lab: CrtkLab) -> tuple[float, ...]:
+    return [message for topic, message in lab.network.sent if topic == "PSM1/measured_js"][
+        -1
+    ].position
 
 
-def test_it_starts_disabled_and_homed_and_goes_where_it_is_asked_to_be() -> None:
+def test_the_arm_starts_disabled_and_homed_and_moves_to_a_commanded_position() -> None:
     lab = CrtkLab()
     assert lab.device.state == "DISABLED" and lab.device.homed
-    tell(lab, "enable")
-    ask(lab, ticks=100)
-    assert here(lab) == pytest.approx(THERE, abs=1e-4)
-    assert not lab.wire.words("PSM1/warning")
+    send_command(lab, "enable")
+    send_position(lab, ticks=100)
+    assert measured_position(lab) == pytest.approx(GOAL, abs=1e-4)
+    assert not lab.network.texts("PSM1/warning")
 
 
-@pytest.mark.parametrize("names", [NAMES, tuple("012345"), (*NAMES[::-1],)])
-def test_joints_are_found_by_name(names: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("names", [JOINT_NAMES, tuple("012345"), (*JOINT_NAMES[::-1],)])
+def test_joints_are_assigned_by_name(names: tuple[str, ...]) -> None:
     lab = enabled()
-    position = THERE[::-1] if names[0] == NAMES[-1] else THERE
-    ask(lab, ticks=100, name=names, position=position)
-    assert here(lab) == pytest.approx(THERE, abs=1e-4)
+    position = GOAL[::-1] if names[0] == JOINT_NAMES[-1] else GOAL
+    send_position(lab, ticks=100, name=names, position=position)
+    assert measured_position(lab) == pytest.approx(GOAL, abs=1e-4)
 
 
 @pytest.mark.parametrize(
-    ("parts", "words"),
+    ("fields", "text"),
     [
         ({"position": (0.15, -0.1, 0.21, 0.0, 0.0, 0.0)}, "beyond its limit"),
         ({"position": (0.15, -0.1, 0.11, 0.0, 2.0, 0.0)}, "beyond its limit"),
-        ({"position": THERE[:3]}, "six joints are wanted"),
-        ({"position": (*THERE[:5], float("nan"))}, "six joints are wanted"),
-        ({"name": ("a", *NAMES[1:])}, "six joints are wanted"),
-        ({"name": (NAMES[1], *NAMES[1:])}, "six joints are wanted"),
+        ({"position": GOAL[:3]}, "expected six joints"),
+        ({"position": (*GOAL[:5], float("nan"))}, "expected six joints"),
+        ({"name": ("a", *JOINT_NAMES[1:])}, "expected six joints"),
+        ({"name": (JOINT_NAMES[1], *JOINT_NAMES[1:])}, "expected six joints"),
         ({"stamp": 1}, "s old"),
     ],
 )
-def test_a_position_that_is_wrong_is_refused_whole_and_it_stays(
-    parts: dict[str, object], words: str
+def test_an_invalid_position_is_refused_as_a_whole_and_the_arm_stays(
+    fields: dict[str, object], text: str
 ) -> None:
     lab = enabled()
-    ask(lab, ticks=10, **parts)
-    assert here(lab)[:3] == pytest.approx(START * [1.0, 1.0, 1e-3])
-    assert words in lab.wire.words("PSM1/warning")[0]
+    send_position(lab, ticks=10, **fields)
+    assert measured_position(lab)[:3] == pytest.approx(START * [1.0, 1.0, 1e-3])
+    assert text in lab.network.texts("PSM1/warning")[0]
 
 
-@pytest.mark.parametrize("word", ["", "unhome", "pause", "disable", "fault"])
-def test_nothing_moves_unless_it_is_enabled_and_homed(word: str) -> None:
+@pytest.mark.parametrize("command", ["", "unhome", "pause", "disable", "fault"])
+def test_the_arm_moves_only_while_it_is_enabled_and_homed(command: str) -> None:
     lab = CrtkLab()
-    if word:
-        tell(lab, "enable")
-        tell(lab, word)
-    ask(lab, ticks=10)
-    assert here(lab)[:3] == pytest.approx(START * [1.0, 1.0, 1e-3])
-    assert "rejected servo_jp: the arm is" in lab.wire.words("PSM1/warning")[0]
+    if command:
+        send_command(lab, "enable")
+        send_command(lab, command)
+    send_position(lab, ticks=10)
+    assert measured_position(lab)[:3] == pytest.approx(START * [1.0, 1.0, 1e-3])
+    assert "rejected servo_jp: the arm is" in lab.network.texts("PSM1/warning")[0]
 
 
-def test_where_its_writer_falls_silent_it_stands_still_within_80_ms() -> None:
+def test_the_arm_of_a_silent_writer_stops_within_80_ms() -> None:
     lab = enabled()
-    ask(lab, ticks=10)
-    lab.let_pass(72 * MS)
-    stood = lab.joints.q
-    lab.let_pass(200 * MS)
-    assert lab.joints.q.tolist() == stood.tolist() and lab.device.state == "ENABLED"
-    assert "nothing more was heard" in lab.wire.words("PSM1/warning")[0]
+    send_position(lab, ticks=10)
+    lab.advance(72 * MS)
+    stopped = lab.joints.q
+    lab.advance(200 * MS)
+    assert lab.joints.q.tolist() == stopped.tolist() and lab.device.state == "ENABLED"
+    assert "no further position command arrived" in lab.network.texts("PSM1/warning")[0]
 
 
-def test_one_writer_has_it_until_it_is_disabled() -> None:
-    """Pausing it or falling silent makes it nobody else's."""
+def test_one_writer_controls_the_arm_until_it_is_disabled() -> None:
+    """A pause or a silent writer does not end the control."""
     lab = enabled()
-    ask(lab, "one", ticks=5)
-    lab.let_pass(200 * MS)
-    tell(lab, "pause")
-    tell(lab, "resume")
-    stood = here(lab)
-    ask(lab, "two", ticks=5, position=(0.0,) * 2 + THERE[2:])
-    assert here(lab) == pytest.approx(stood)
-    assert "somebody else moves this arm" in lab.wire.words("PSM1/warning")[-1]
-    tell(lab, "disable")
-    tell(lab, "enable")
-    ask(lab, "two", ticks=5)
-    assert here(lab) != pytest.approx(stood)
+    send_position(lab, "one", ticks=5)
+    lab.advance(200 * MS)
+    send_command(lab, "pause")
+    send_command(lab, "resume")
+    stopped = measured_position(lab)
+    send_position(lab, "two", ticks=5, position=(0.0,) * 2 + GOAL[2:])
+    assert measured_position(lab) == pytest.approx(stopped)
+    assert "another client controls this arm" in lab.network.texts("PSM1/warning")[-1]
+    send_command(lab, "disable")
+    send_command(lab, "enable")
+    send_position(lab, "two", ticks=5)
+    assert measured_position(lab) != pytest.approx(stopped)
 
 
 def test_an_old_latched_enable_is_refused_and_so_is_one_without_stamp_soon_after_the_start() -> (
     None
 ):
     lab = CrtkLab()
-    tell(lab, "enable", age=2000 * MS)
-    lab.device.hear_command(m.StringStamped(0, "enable"), "latched")
-    assert lab.device.state == "DISABLED" and len(lab.wire.words("PSM1/warning")) == 2
-    lab.let_pass(2100 * MS)
-    lab.device.hear_command(m.StringStamped(0, "enable"), "public client")
+    send_command(lab, "enable", age=2000 * MS)
+    lab.device.receive_command(messages.StringStamped(0, "enable"), "latched")
+    assert lab.device.state == "DISABLED" and len(lab.network.texts("PSM1/warning")) == 2
+    lab.advance(2100 * MS)
+    lab.device.receive_command(messages.StringStamped(0, "enable"), "public client")
     assert lab.device.state == "ENABLED"
 
 
 @pytest.mark.parametrize(
-    ("word", "state"), [("disable", "DISABLED"), ("pause", "PAUSED"), ("fault", "FAULT")]
+    ("command", "state"), [("disable", "DISABLED"), ("pause", "PAUSED"), ("fault", "FAULT")]
 )
 @pytest.mark.parametrize("age", [3600_000 * MS, -3600_000 * MS, None])
-def test_what_calms_it_is_taken_however_old_it_is(word: str, state: str, age: int | None) -> None:
+def test_stopping_commands_are_accepted_at_any_age(
+    command: str, state: str, age: int | None
+) -> None:
     lab = enabled()
     stamp = 0 if age is None else lab.real() - age
-    lab.device.hear_command(m.StringStamped(stamp, word), "console")
+    lab.device.receive_command(messages.StringStamped(stamp, command), "console")
     assert lab.device.state == state
 
 
-@pytest.mark.parametrize("word", ["resume", "home", "clear_fault"])
-def test_what_may_lead_to_motion_is_not_taken_when_it_is_old(word: str) -> None:
+@pytest.mark.parametrize("command", ["resume", "home", "clear_fault"])
+def test_old_commands_that_may_lead_to_motion_are_refused(command: str) -> None:
     lab = enabled()
-    tell(lab, "pause" if word == "resume" else "fault" if word == "clear_fault" else "unhome")
+    send_command(
+        lab, "pause" if command == "resume" else "fault" if command == "clear_fault" else "unhome"
+    )
     before = lab.device.state, lab.device.homed
-    tell(lab, word, age=2000 * MS)
+    send_command(lab, command, age=2000 * MS)
     assert (lab.device.state, lab.device.homed) == before
 
 
 def test_enable_in_fault_is_refused_until_the_fault_is_cleared() -> None:
     lab = enabled()
-    tell(lab, "fault")
-    tell(lab, "enable")
+    send_command(lab, "fault")
+    send_command(lab, "enable")
     assert lab.device.state == "FAULT"
-    assert lab.wire.words("PSM1/warning") == ["rejected enable: the arm is FAULT"]
-    tell(lab, "clear_fault")
+    assert lab.network.texts("PSM1/warning") == ["rejected enable: the arm is FAULT"]
+    send_command(lab, "clear_fault")
     assert lab.device.state == "DISABLED"
 
 
-def test_stamps_of_its_states_rise() -> None:
+def test_stamps_of_the_operating_states_rise() -> None:
     lab = enabled()
-    for word in ("pause", "resume", "disable", "enable"):
-        tell(lab, word)
-    stamps = [said.stamp for topic, said in lab.wire.said if topic == "PSM1/operating_state"]
+    for command in ("pause", "resume", "disable", "enable"):
+        send_command(lab, command)
+    stamps = [
+        message.stamp for topic, message in lab.network.sent if topic == "PSM1/operating_state"
+    ]
     assert len(stamps) == 6 and (np.diff(stamps) > 0).all()

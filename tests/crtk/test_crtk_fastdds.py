@@ -1,5 +1,8 @@
-"""Another vendor's DDS drives the simulated arm: a small client on eProsima Fast DDS, from Debian,
-with message types that its own generator makes of their definitions."""
+"""A client on another vendor's DDS drives the emulated arm.
+
+The client uses eProsima Fast DDS from Debian, whose generator makes the message types from their
+definitions.
+"""
 
 import contextlib
 import json
@@ -28,32 +31,34 @@ pytestmark = [
 ]
 
 
-def built(folder: Path) -> Path:
-    """The client's program."""
+def build(folder: Path) -> Path:
+    """Build the client and return its path."""
     shutil.copytree(HERE, folder, dirs_exist_ok=True)
-    done(folder, "fastddsgen", "-replace", "crtk.idl")
+    run(folder, "fastddsgen", "-replace", "crtk.idl")
     sources = ["client.cpp", "crtk.cxx", "crtkPubSubTypes.cxx"]
-    done(folder, "g++", "-O1", "-o", "client", *sources, "-lfastrtps", "-lfastcdr", "-lpthread")
+    run(folder, "g++", "-O1", "-o", "client", *sources, "-lfastrtps", "-lfastcdr", "-lpthread")
     return folder / "client"
 
 
-def done(folder: Path, *command: str) -> None:
-    made = subprocess.run(
+def run(folder: Path, *command: str) -> None:
+    result = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, timeout=300.0, check=False
     )
-    assert made.returncode == 0, made.stdout + made.stderr
+    assert result.returncode == 0, result.stdout + result.stderr
 
 
-def test_it_enables_sends_a_thousand_positions_and_reads_the_joints(tmp_path: Path) -> None:
-    client = built(tmp_path)
+def test_the_client_enables_the_arm_sends_1000_positions_and_reads_the_joints(
+    tmp_path: Path,
+) -> None:
+    client = build(tmp_path)
     with contextlib.closing(RunningDevice(2, DOMAIN)) as device:
         ran = subprocess.run(
             [client, str(DOMAIN)], capture_output=True, text=True, timeout=60.0, check=False
         )
-        told = json.loads(ran.stdout)
-        assert "failed" not in told
-        assert told["sent"] == device.transport.heard[f"{NAME}/servo_jp"] == 1000
-        assert told["warnings"] == 0 and told["names"] == 6 and told["off"]
-        assert told["there"] == pytest.approx(told["wanted"], abs=1e-3)
-        assert told["measured"] > 300
+        report = json.loads(ran.stdout)
+        assert "failed" not in report
+        assert report["sent"] == device.transport.heard[f"{NAME}/servo_jp"] == 1000
+        assert report["warnings"] == 0 and report["names"] == 6 and report["off"]
+        assert report["there"] == pytest.approx(report["wanted"], abs=1e-3)
+        assert report["measured"] > 300
         assert device.device.state == "DISABLED"

@@ -1,7 +1,6 @@
-"""ROS 1 from Debian's packages, with a real master: our client and device, and ROS's own tools.
+"""Driver, emulated arm and ROS's own tools over ROS 1 from Debian's packages, with a real master.
 
-A process is one node for as long as it lives, so that all that speaks ROS 1 runs in processes of
-its own.
+A process stays one node for its lifetime, so everything that uses ROS 1 runs in separate processes.
 """
 
 import json
@@ -25,8 +24,8 @@ PACKAGES = (
     "ros-core python3-rospy python3-std-msgs python3-sensor-msgs python3-geometry-msgs "
     "python3-rostopic"
 )
-AT_ONCE, STILL_AFTER = -20.0, 100.0
-"""ms after its client was killed."""
+EARLIEST_STOP_MS, LATEST_STOP_MS = -20.0, 100.0
+"""Time of the stop after the client was killed."""
 
 pytestmark = [
     pytest.mark.slow,
@@ -38,16 +37,16 @@ pytestmark = [
     ),
 ]
 
-STORY = """
+STREAM_AND_KILL = """
 import json
 from crtk_measures import RunningDevice, killed, streamed
 device = RunningDevice(1, 0)
-told = streamed(1, 0, device, 3.0)
-print(json.dumps([told, killed(1, 0, device, 0.13)]))
+report = streamed(1, 0, device, 3.0)
+print(json.dumps([report, killed(1, 0, device, 0.13)]))
 device.close()
 """
 
-LATCHED = """
+LATCHED_ENABLE = """
 import time
 from rcmservo.hardware.crtk.messages import OPERATING_STATE, STATE_COMMAND, StringStamped
 from rcmservo.hardware.crtk.ros1 import Ros1
@@ -88,7 +87,7 @@ POSE = "geometry_msgs/PoseStamped"
 
 @pytest.fixture(scope="module")
 def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
-    """The environment in which a master is found."""
+    """Run a master and return the environment of its clients."""
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         port = one.getsockname()[1]
@@ -102,7 +101,7 @@ def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
     }
     log = (folder / "roscore.txt").open("w")
     master = subprocess.Popen(
-        ["roscore", "-p", str(port)], env=plain(environment), stdout=log, stderr=log
+        ["roscore", "-p", str(port)], env=without_pythonpath(environment), stdout=log, stderr=log
     )
     try:
         end = time.monotonic() + 60.0
@@ -115,8 +114,8 @@ def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
         log.close()
 
 
-def plain(environment: dict[str, str]) -> dict[str, str]:
-    """The environment of Debian's own programs."""
+def without_pythonpath(environment: dict[str, str]) -> dict[str, str]:
+    """Return the environment of Debian's own programs."""
     return {key: value for key, value in environment.items() if key != "PYTHONPATH"}
 
 
@@ -128,7 +127,7 @@ def listening(port: int) -> bool:
 
 @contextmanager
 def running(code: str, ros: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
-    """A process that has said its first line."""
+    """Run a process that has printed its first line."""
     with subprocess.Popen(
         [sys.executable, "-c", code],
         env=ros,
@@ -143,16 +142,21 @@ def running(code: str, ros: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
             one.kill()
 
 
-def told_by(device: subprocess.Popen[str]) -> Any:
-    """What it has heard how often, and how it is."""
-    told, _ = device.communicate("\n", timeout=30.0)
-    return json.loads(told)
+def report_of(process: subprocess.Popen[str]) -> Any:
+    """End a process and return its report."""
+    report, _ = process.communicate("\n", timeout=30.0)
+    return json.loads(report)
 
 
-def tool(ros: dict[str, str], *command: str) -> str:
-    """What a tool of ROS's own says."""
+def run_tool(ros: dict[str, str], *command: str) -> str:
+    """Run a tool of ROS and return its output."""
     ran = subprocess.run(
-        command, env=plain(ros), capture_output=True, text=True, timeout=60.0, check=False
+        command,
+        env=without_pythonpath(ros),
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
     )
     assert ran.returncode == 0, ran.stderr
     return ran.stdout
@@ -160,7 +164,7 @@ def tool(ros: dict[str, str], *command: str) -> str:
 
 def test_every_command_arrives_and_a_killed_client_stops_it(ros: dict[str, str]) -> None:
     ran = subprocess.run(
-        [sys.executable, "-c", STORY],
+        [sys.executable, "-c", STREAM_AND_KILL],
         env=ros,
         capture_output=True,
         text=True,
@@ -168,46 +172,46 @@ def test_every_command_arrives_and_a_killed_client_stops_it(ros: dict[str, str])
         check=False,
     )
     assert ran.returncode == 0, ran.stderr
-    told, still = json.loads(ran.stdout.splitlines()[-1])
-    assert told["on"] and told["commands"] > 200
-    assert told["sent"] + told["withheld"] + told["refused"] == told["commands"]
-    assert told["heard"] == told["sent"] > 200
-    assert AT_ONCE < still <= STILL_AFTER
+    report, still = json.loads(ran.stdout.splitlines()[-1])
+    assert report["on"] and report["commands"] > 200
+    assert report["sent"] + report["withheld"] + report["refused"] == report["commands"]
+    assert report["heard"] == report["sent"] > 200
+    assert EARLIEST_STOP_MS < still <= LATEST_STOP_MS
 
 
 @pytest.mark.parametrize("age", [5_000_000_000, 0])
 def test_an_old_latched_enable_moves_nothing(ros: dict[str, str], age: int) -> None:
-    """Neither with its old stamp, nor without one."""
-    with running(f"AGE = {age}\n{LATCHED}", ros), running(DEVICE, ros) as device:
-        tool(ros, "rostopic", "echo", "-n", "30", "/PSM1/measured_js/header/seq")
-        assert told_by(device) == [{"PSM1/state_command": 1}, "DISABLED"]
+    """With an old stamp and without one."""
+    with running(f"AGE = {age}\n{LATCHED_ENABLE}", ros), running(DEVICE, ros) as device:
+        run_tool(ros, "rostopic", "echo", "-n", "30", "/PSM1/measured_js/header/seq")
+        assert report_of(device) == [{"PSM1/state_command": 1}, "DISABLED"]
 
 
-def test_ros_own_tools_read_and_write_the_same_messages(ros: dict[str, str]) -> None:
+def test_tools_of_ros_read_and_write_the_same_messages(ros: dict[str, str]) -> None:
     with running(DEVICE, ros) as device:
-        told = tool(ros, "rostopic", "echo", "-n", "1", "/PSM1/measured_js")
-        assert "name: \n  - yaw\n  - pitch\n  - insertion\n  - roll\n" in told
+        report = run_tool(ros, "rostopic", "echo", "-n", "1", "/PSM1/measured_js")
+        assert "name: \n  - yaw\n  - pitch\n  - insertion\n  - roll\n" in report
         kinds = {
             "measured_js": "sensor_msgs/JointState",
             "operating_state": "crtk_msgs/OperatingState",
             "warning": "crtk_msgs/StringStamped",
         }
         for topic, kind in kinds.items():
-            assert tool(ros, "rostopic", "type", f"/PSM1/{topic}").strip() == kind
-        said = "{position: [0, 0, 0.1, 0, 0, 0]}"
-        tool(ros, "rostopic", "pub", "-1", "/PSM1/servo_jp", "sensor_msgs/JointState", said)
-        assert told_by(device) == [{"PSM1/servo_jp": 1}, "DISABLED"]
+            assert run_tool(ros, "rostopic", "type", f"/PSM1/{topic}").strip() == kind
+        message = "{position: [0, 0, 0.1, 0, 0, 0]}"
+        run_tool(ros, "rostopic", "pub", "-1", "/PSM1/servo_jp", "sensor_msgs/JointState", message)
+        assert report_of(device) == [{"PSM1/servo_jp": 1}, "DISABLED"]
 
 
-def test_a_tool_of_ros_own_that_moves_it_is_heard(ros: dict[str, str]) -> None:
+def test_a_motion_command_of_a_tool_of_ros_is_detected(ros: dict[str, str]) -> None:
     with running(DEVICE, ros), running(CLIENT, ros) as client:
-        assert tool(ros, "rostopic", "type", "/PSM1/servo_cp").strip() == POSE
-        said = "{pose: {position: {x: 0.1}, orientation: {w: 1.0}}}"
-        tool(ros, "rostopic", "pub", "-1", "/PSM1/servo_cp", POSE, said)
-        assert "somebody else sends PSM1 where to go" in told_by(client)
+        assert run_tool(ros, "rostopic", "type", "/PSM1/servo_cp").strip() == POSE
+        message = "{pose: {position: {x: 0.1}, orientation: {w: 1.0}}}"
+        run_tool(ros, "rostopic", "pub", "-1", "/PSM1/servo_cp", POSE, message)
+        assert "another client sends motion commands to PSM1" in report_of(client)
 
 
-def test_where_there_is_no_master_it_says_so(tmp_path: Path) -> None:
+def test_a_missing_master_is_reported(tmp_path: Path) -> None:
     code = "from rcmservo.app.cli import main; main(['emulate', 'crtk', '--ros', '1'])"
     environment = os.environ | {
         "ROS_MASTER_URI": "http://127.0.0.1:1",

@@ -1,5 +1,7 @@
-"""Client and device over ROS 2 as it is spoken without ROS, in wall time; the client that is killed
-in a process of its own."""
+"""Driver and emulated arm over ROS 2 without an installation of ROS, in wall time.
+
+The client that is killed runs in a separate process.
+"""
 
 import contextlib
 import time
@@ -11,17 +13,17 @@ import pytest
 from crtk_measures import NAME, RunningDevice, client_arm, driven, killed
 from test_crtk_command import reached
 
-from rcmservo.hardware.crtk import messages as m
-from rcmservo.hardware.crtk.connection import open_transport
+from rcmservo.hardware.crtk import messages
+from rcmservo.hardware.crtk.messages import NoTransport
 from rcmservo.hardware.crtk.settings import RosConnection
-from rcmservo.hardware.crtk.transport import NoTransport
+from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.live.lab import NotReady
 
 pytestmark = pytest.mark.alone
 
 DOMAIN = 91
-AT_ONCE, STILL_AFTER = -20.0, 100.0
-"""ms after its client was killed."""
+EARLIEST_STOP_MS, LATEST_STOP_MS = -20.0, 100.0
+"""Time of the stop after the client was killed."""
 
 
 @pytest.fixture(scope="module")
@@ -30,38 +32,39 @@ def device() -> Iterator[RunningDevice]:
         yield one
 
 
-@pytest.mark.parametrize("topic", [m.MOTIONS[0], m.MOTIONS[-1]], ids=lambda topic: topic.name)
-def test_somebody_else_who_moves_it_is_heard(device: RunningDevice, topic: m.Topic[Any]) -> None:
-    """By joints or by the tool's place; a program of ROS's own sends surely."""
-    other, sure = (
-        open_transport(RosConnection(domain=DOMAIN)),
-        replace(topic.under(NAME), lossy=False),
-    )
-    hearing = 2 if topic.name == "servo_jp" else 1
+@pytest.mark.parametrize(
+    "topic", [messages.MOTION_TOPICS[0], messages.MOTION_TOPICS[-1]], ids=lambda topic: topic.name
+)
+def test_motion_commands_of_another_client_are_detected(
+    device: RunningDevice, topic: messages.Topic[Any]
+) -> None:
+    """For joints and for the tool pose. ROS's own programs publish reliably."""
+    other, reliable = open_transport(RosConnection(domain=DOMAIN)), replace(topic.under(NAME), lossy=False)
+    subscribers = 2 if topic.name == "servo_jp" else 1
     with contextlib.closing(other), contextlib.closing(client_arm(2, DOMAIN)) as arm:
-        other.offer(sure)
-        assert reached(lambda: other.listeners(sure) == hearing)
+        other.offer(reliable)
+        assert reached(lambda: other.listeners(reliable) == subscribers)
         arm.enable()
-        other.publish(sure, topic.kind(time.time_ns()))
+        other.publish(reliable, topic.kind(time.time_ns()))
         assert reached(lambda: arm.why_off != "")
-        assert "somebody else sends PSM1 where to go" in arm.why_off
+        assert "another client sends motion commands to PSM1" in arm.why_off
 
 
-def test_every_command_is_accounted_for_and_arrives(device: RunningDevice) -> None:
+def test_every_command_is_counted_and_arrives(device: RunningDevice) -> None:
     before = device.transport.heard.get(f"{NAME}/servo_jp", 0)
-    told = driven(2, DOMAIN, 1.0)
-    assert told["on"] and told["commands"] > 60
-    assert told["sent"] + told["withheld"] + told["refused"] == told["commands"]
+    counts = driven(2, DOMAIN, 1.0)
+    assert counts["on"] and counts["commands"] > 60
+    assert counts["sent"] + counts["withheld"] + counts["refused"] == counts["commands"]
     heard = device.transport.heard[f"{NAME}/servo_jp"] - before
-    assert heard == told["sent"] > 60 and told["warned"] == 0
+    assert heard == counts["sent"] > 60 and counts["warned"] == 0
 
 
-def test_it_stands_still_100_ms_after_its_client_was_killed(device: RunningDevice) -> None:
-    assert AT_ONCE < killed(2, DOMAIN, device, 0.13) <= STILL_AFTER
+def test_the_arm_stops_within_100_ms_after_its_client_was_killed(device: RunningDevice) -> None:
+    assert EARLIEST_STOP_MS < killed(2, DOMAIN, device, 0.13) <= LATEST_STOP_MS
     assert device.device.state == "ENABLED"
 
 
-def test_the_next_client_finds_it_on_and_makes_it_its_own(device: RunningDevice) -> None:
+def test_the_next_client_can_enable_an_arm_that_is_on(device: RunningDevice) -> None:
     with contextlib.closing(client_arm(2, DOMAIN)) as arm:
         assert arm.homed()
         arm.enable()
@@ -69,25 +72,27 @@ def test_the_next_client_finds_it_on_and_makes_it_its_own(device: RunningDevice)
     assert device.device.state == "DISABLED"
 
 
-def test_who_comes_later_hears_how_it_is(device: RunningDevice) -> None:
-    """Maybe more than once, and the last words last."""
-    heard: list[m.OperatingState] = []
+def test_a_late_subscriber_gets_the_operating_state(device: RunningDevice) -> None:
+    """It may get several reports, the newest last."""
+    received: list[messages.OperatingState] = []
     with contextlib.closing(client_arm(2, DOMAIN)) as arm:
         arm.enable()
     with contextlib.closing(open_transport(RosConnection(domain=DOMAIN))) as later:
-        topic = m.OPERATING_STATE.under(NAME)
-        later.subscribe(topic, lambda said, writer: heard.append(said))
-        assert reached(lambda: bool(heard) and heard[-1].state == "DISABLED")
-    stamps = [said.stamp for said in heard]
+        topic = messages.OPERATING_STATE.under(NAME)
+        later.subscribe(topic, lambda message, writer: received.append(message))
+        assert reached(lambda: bool(received) and received[-1].state == "DISABLED")
+    stamps = [message.stamp for message in received]
     assert stamps == sorted(stamps)
 
 
-def test_where_nobody_is_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rcmservo.hardware.crtk.arm.FOUND_WITHIN", 0.2)
-    with pytest.raises(NotReady, match="nobody tells PSM1/measured_js by ROS 2, domain 92 on lo"):
+def test_a_missing_arm_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rcmservo.hardware.crtk.arm.CONNECT_TIMEOUT_S", 0.2)
+    with pytest.raises(
+        NotReady, match="nothing publishes PSM1/measured_js by ROS 2, domain 92 on lo"
+    ):
         client_arm(2, 92)
 
 
-def test_an_interface_that_is_not_there_is_one_sentence() -> None:
-    with pytest.raises(NoTransport, match="ROS 2 cannot be spoken on nowhere0, domain 93"):
+def test_a_missing_interface_is_reported_in_one_sentence() -> None:
+    with pytest.raises(NoTransport, match="ROS 2 cannot use nowhere0, domain 93"):
         open_transport(RosConnection(domain=93, interface="nowhere0"))

@@ -1,5 +1,7 @@
-"""A camera on a ROS topic: what it makes of pictures, on an injected clock. Those of the emulated
-arm over ROS 2 are another file's."""
+"""Camera on a ROS topic, on a simulated clock.
+
+test_crtk_command.py reads the images of the emulated arm over ROS 2.
+"""
 
 import contextlib
 import time
@@ -8,78 +10,78 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from simulated_wire import EPOCH, Wire
+from simulated_transport import EPOCH, SimulatedNetwork
 
 from rcmservo.errors import BadInput
 from rcmservo.hardware.cameras.settings import TopicSettings
-from rcmservo.hardware.cameras.streamed import CameraLost, StreamedCamera
+from rcmservo.hardware.cameras.streamed_camera import CameraLost, StreamedCamera
 from rcmservo.hardware.cameras.topic import TopicStream
-from rcmservo.hardware.crtk import messages as m
+from rcmservo.hardware.crtk import messages
 
 MS = 1_000_000
-TOPIC = m.PICTURES.under("PSM1")
+TOPIC = messages.PICTURES.under("PSM1")
 COLOUR = np.arange(6 * 8 * 3, dtype=np.uint8).reshape(6, 8, 3)
 
 
-class Filmed:
-    """A stream, its sender, and the clock of both."""
+class TopicBench:
+    """Topic stream with a sender and a simulated clock."""
 
     def __init__(self, **settings: Any) -> None:
         self.now = 1000 * MS
-        wire = Wire()
-        self.sender = wire.end("sender")
+        network = SimulatedNetwork()
+        self.sender = network.endpoint("sender")
         given = TopicSettings(**({"topic": TOPIC.name} | settings))
-        self.stream = TopicStream(given, wire.end("camera"), self.read, self.real)
-        self.reading = 0
+        self.stream = TopicStream(given, network.endpoint("camera"), self.read, self.real)
+        self.reading_time = 0
 
     def read(self) -> int:
-        """The clock, whose reading takes its time."""
-        self.now += self.reading
+        """Read the clock, which takes `reading_time` ns."""
+        self.now += self.reading_time
         return self.now
 
     def real(self) -> int:
         return EPOCH + self.now
 
     def send(
-        self, image: Any = COLOUR, encoding: str = "bgr8", age: int = 20 * MS, **parts: Any
+        self, image: Any = COLOUR, encoding: str = "bgr8", age: int = 20 * MS, **fields: Any
     ) -> None:
         height, width = image.shape[:2]
         step = image.strides[0]
         stamp = self.real() - age
-        said = m.PlainImage(stamp, height, width, encoding, 0, step, image.tobytes())
-        self.sender.publish(TOPIC, m.PlainImage(**(said.__dict__ | parts)))
+        message = messages.PlainImage(stamp, height, width, encoding, 0, step, image.tobytes())
+        self.sender.publish(TOPIC, messages.PlainImage(**(message.__dict__ | fields)))
 
 
-def test_the_newest_wins_and_its_exposure_is_its_stamp_on_our_clock() -> None:
-    filmed = Filmed()
-    filmed.send(age=30 * MS)
-    filmed.send(age=12 * MS)
-    shot = filmed.stream.next()
-    assert shot is not None and shot.passed == 1
-    assert shot.arrival == filmed.now and shot.exposure == filmed.now - 12 * MS
-    assert np.array_equal(shot.image, COLOUR) and shot.uncertainty == 0.0
-    assert filmed.stream.next() is None
+def test_the_newest_image_is_returned_with_its_stamp_on_the_computers_clock() -> None:
+    bench = TopicBench()
+    bench.send(age=30 * MS)
+    bench.send(age=12 * MS)
+    snapshot = bench.stream.read()
+    assert snapshot is not None and snapshot.skipped == 1
+    assert snapshot.arrival == bench.now and snapshot.exposure == bench.now - 12 * MS
+    assert np.array_equal(snapshot.image, COLOUR) and snapshot.uncertainty == 0.0
+    assert bench.stream.read() is None
 
 
 @pytest.mark.parametrize(
-    ("where", "known"),
+    ("connection", "uncertainty"),
     [({}, 3e-3), ({"ros": 1}, np.nan), ({"interface": "eth0"}, np.nan)],
 )
-def test_how_well_its_times_are_known_is_told_of_this_computer_alone(
-    where: dict[str, Any], known: float
+def test_the_uncertainty_is_known_on_this_computer_only(
+    connection: dict[str, Any], uncertainty: float
 ) -> None:
-    filmed = Filmed(**where)
-    filmed.reading = 3 * MS
-    filmed.send()
-    shot = filmed.stream.next()
-    assert shot is not None and shot.uncertainty == pytest.approx(known, nan_ok=True)
+    bench = TopicBench(**connection)
+    bench.reading_time = 3 * MS
+    bench.send()
+    snapshot = bench.stream.read()
+    assert snapshot is not None and snapshot.uncertainty == pytest.approx(uncertainty, nan_ok=True)
 
 
-def test_a_latency_is_what_the_stamp_comes_after_the_exposure() -> None:
-    filmed = Filmed(latency=0.01)
-    filmed.send()
-    shot = filmed.stream.next()
-    assert shot is not None and shot.exposure == filmed.now - 30 * MS
+def test_the_latency_is_subtracted_from_the_stamp() -> None:
+    bench = TopicBench(latency=0.01)
+    bench.send()
+    snapshot = bench.stream.read()
+    assert snapshot is not None and snapshot.exposure == bench.now - 30 * MS
 
 
 ENCODED = {
@@ -91,108 +93,106 @@ ENCODED = {
 
 
 @pytest.mark.parametrize("encoding", ENCODED)
-def test_colours_come_blue_green_red(encoding: str) -> None:
-    filmed = Filmed()
-    filmed.send(np.ascontiguousarray(ENCODED[encoding]), encoding)
-    shot = filmed.stream.next()
-    assert shot is not None and np.array_equal(shot.image, COLOUR)
+def test_all_colour_encodings_become_blue_green_red(encoding: str) -> None:
+    bench = TopicBench()
+    bench.send(np.ascontiguousarray(ENCODED[encoding]), encoding)
+    snapshot = bench.stream.read()
+    assert snapshot is not None and np.array_equal(snapshot.image, COLOUR)
 
 
-def test_rows_may_be_padded_and_grey_is_three_times_grey() -> None:
-    filmed = Filmed()
+def test_padded_grey_rows_become_three_equal_channels() -> None:
+    bench = TopicBench()
     grey = np.ascontiguousarray(COLOUR[:, :, 0])
     padded = np.pad(grey, ((0, 0), (0, 5)))
-    filmed.send(grey, "mono8", step=13, data=padded.tobytes())
-    shot = filmed.stream.next()
-    assert shot is not None and shot.image is not None
-    assert all(np.array_equal(shot.image[:, :, i], grey) for i in range(3))
+    bench.send(grey, "mono8", step=13, data=padded.tobytes())
+    snapshot = bench.stream.read()
+    assert snapshot is not None and snapshot.image is not None
+    assert all(np.array_equal(snapshot.image[:, :, i], grey) for i in range(3))
 
 
-def test_files_are_unpacked() -> None:
-    filmed = Filmed(compressed=True)
+def test_image_files_are_decoded() -> None:
+    bench = TopicBench(compressed=True)
     _, file = cv2.imencode(".png", COLOUR)
-    topic = m.Topic(TOPIC.name, m.CompressedImage)
+    topic = messages.Topic(TOPIC.name, messages.CompressedImage)
     for data in (file.tobytes(), file.tobytes()[:40], b""):
-        filmed.now += MS
-        filmed.sender.publish(topic, m.CompressedImage(filmed.real(), "png", data))
-        shot = filmed.stream.next()
-        assert shot is not None
-        assert (shot.image is not None) == (len(data) > 40)
+        bench.now += MS
+        bench.sender.publish(topic, messages.CompressedImage(bench.real(), "png", data))
+        snapshot = bench.stream.read()
+        assert snapshot is not None
+        assert (snapshot.image is not None) == (len(data) > 40)
 
 
-def test_a_picture_that_says_it_was_taken_lying_is_not_turned() -> None:
+def test_the_exif_orientation_is_ignored() -> None:
     """Its Exif orientation (tag 274, of type SHORT) is 6, a quarter of a turn."""
-    filmed = Filmed(compressed=True)
-    lying = b"II*\x00\x08\x00\x00\x00\x01\x00\x12\x01\x03\x00\x01\x00\x00\x00\x06" + bytes(7)
-    exif = b"Exif\x00\x00" + lying
+    bench = TopicBench(compressed=True)
+    orientation = b"II*\x00\x08\x00\x00\x00\x01\x00\x12\x01\x03\x00\x01\x00\x00\x00\x06" + bytes(7)
+    exif = b"Exif\x00\x00" + orientation
     _, file = cv2.imencode(".jpg", COLOUR)
-    said = b"\xff\xd8\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif
-    topic = m.Topic(TOPIC.name, m.CompressedImage)
-    jpeg = said + file.tobytes()[2:]
-    filmed.sender.publish(topic, m.CompressedImage(filmed.real(), "jpeg", jpeg))
-    shot = filmed.stream.next()
-    assert shot is not None and shot.image is not None
-    assert shot.image.shape == COLOUR.shape
+    message = b"\xff\xd8\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif
+    topic = messages.Topic(TOPIC.name, messages.CompressedImage)
+    jpeg = message + file.tobytes()[2:]
+    bench.sender.publish(topic, messages.CompressedImage(bench.real(), "jpeg", jpeg))
+    snapshot = bench.stream.read()
+    assert snapshot is not None and snapshot.image is not None
+    assert snapshot.image.shape == COLOUR.shape
 
 
 @pytest.mark.parametrize("progressive", [0, 1])
-@pytest.mark.parametrize(("share", "whole"), [(1.0, True), (0.999, False), (0.6, False)])
-def test_of_half_a_file_no_picture_is_made(
-    share: float, whole: bool, progressive: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("fraction", "complete"), [(1.0, True), (0.999, False), (0.6, False)])
+def test_a_truncated_file_gives_no_image(
+    fraction: float, complete: bool, progressive: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also by an OpenCV that makes a picture of whatever it is given."""
+    """This holds even if OpenCV decodes any bytes to an image."""
     monkeypatch.setattr("rcmservo.hardware.cameras.topic.cv2.imdecode", lambda *_: COLOUR)
-    filmed, image = Filmed(compressed=True), np.kron(COLOUR, np.ones((40, 40, 1), np.uint8))
+    bench, image = TopicBench(compressed=True), np.kron(COLOUR, np.ones((40, 40, 1), np.uint8))
     _, file = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive])
     data = file.tobytes()
-    data = data + bytes(8) if whole else data[: round(share * len(data))]
-    topic = m.Topic(TOPIC.name, m.CompressedImage)
-    filmed.sender.publish(topic, m.CompressedImage(filmed.real(), "jpeg", data))
-    shot = filmed.stream.next()
-    assert shot is not None and (shot.image is not None) == whole
+    data = data + bytes(8) if complete else data[: round(fraction * len(data))]
+    topic = messages.Topic(TOPIC.name, messages.CompressedImage)
+    bench.sender.publish(topic, messages.CompressedImage(bench.real(), "jpeg", data))
+    snapshot = bench.stream.read()
+    assert snapshot is not None and (snapshot.image is not None) == complete
 
 
 @pytest.mark.parametrize(
-    "parts",
+    "fields",
     [{"data": COLOUR.tobytes()[:-1]}, {"step": 23}, {"height": 0}, {"width": 0}, {"height": 2**31}],
 )
-def test_a_picture_that_does_not_fit_is_no_picture(parts: dict[str, Any]) -> None:
-    filmed = Filmed()
-    filmed.send(**parts)
-    shot = filmed.stream.next()
-    assert shot is not None and shot.image is None
+def test_an_image_of_inconsistent_size_is_dropped(fields: dict[str, Any]) -> None:
+    bench = TopicBench()
+    bench.send(**fields)
+    snapshot = bench.stream.read()
+    assert snapshot is not None and snapshot.image is None
 
 
-def test_a_picture_that_comes_again_or_late_is_no_picture() -> None:
-    filmed = Filmed()
-    for age, good in ((20, True), (20, False), (30, False), (10, True)):
-        filmed.send(age=age * MS)
-        shot = filmed.stream.next()
-        assert shot is not None and (shot.image is not None) == good
+def test_repeated_and_late_images_are_dropped() -> None:
+    bench = TopicBench()
+    for age, accepted in ((20, True), (20, False), (30, False), (10, True)):
+        bench.send(age=age * MS)
+        snapshot = bench.stream.read()
+        assert snapshot is not None and (snapshot.image is not None) == accepted
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "text"),
     [
         ({"age": 1500 * MS}, "1.500 s old"),
         ({"age": -100 * MS}, "-0.100 s old"),
-        ({"stamp": 0}, "bear no stamp"),
-        ({"encoding": "16UC1"}, "come as '16UC1'"),
+        ({"stamp": 0}, "have no stamp"),
+        ({"encoding": "16UC1"}, "have the encoding '16UC1'"),
     ],
 )
-def test_what_can_be_no_camera_s_time_or_picture_is_told(
-    change: dict[str, Any], words: str
-) -> None:
-    filmed = Filmed()
-    filmed.send(**change)
-    with pytest.raises(CameraLost, match=words):
-        filmed.stream.next()
+def test_invalid_stamps_and_encodings_are_reported(change: dict[str, Any], text: str) -> None:
+    bench = TopicBench()
+    bench.send(**change)
+    with pytest.raises(CameraLost, match=text):
+        bench.stream.read()
 
 
-def test_its_trouble_is_in_the_account() -> None:
-    filmed = Filmed()
-    with contextlib.closing(StreamedCamera(lambda: filmed.stream, again=60.0)) as camera:
-        filmed.send(age=1500 * MS)
+def test_the_problem_is_in_the_account() -> None:
+    bench = TopicBench()
+    with contextlib.closing(StreamedCamera(lambda: bench.stream, reopen_period=60.0)) as camera:
+        bench.send(age=1500 * MS)
         end = time.monotonic() + 20.0
         while not camera.account().trouble and time.monotonic() < end:
             pass

@@ -1,4 +1,4 @@
-"""`rcmservo emulate`, as a person runs it."""
+"""Command `rcmservo emulate galil`, run as a user runs it."""
 
 import re
 import signal
@@ -20,7 +20,9 @@ MEASURED = (
 )
 
 
-def test_it_says_where_it_and_its_arm_are_moves_the_arm_and_ends_in_order() -> None:
+def test_the_command_prints_its_address_and_the_arms_position_moves_the_arm_and_ends_cleanly() -> (
+    None
+):
     command = [
         sys.executable,
         "-c",
@@ -35,15 +37,15 @@ def test_it_says_where_it_and_its_arm_are_moves_the_arm_and_ends_in_order() -> N
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as it:
         try:
             assert it.stdout is not None
-            said = re.fullmatch(WORDS, it.stdout.readline())
-            assert said is not None
+            printed = re.fullmatch(WORDS, it.stdout.readline())
+            assert printed is not None
             measured = re.fullmatch(MEASURED, it.stdout.readline())
             assert measured is not None
             q = Rig(3, pictures=False).scene.start
             assert [float(word) for word in measured[1].split()] == pytest.approx(q, abs=0.005)
             assert [float(measured[2]), float(measured[3])] == pytest.approx([30.0, q[2]], abs=0.05)
-            with socket.create_connection(("127.0.0.1", int(said[1])), timeout=10.0) as wire:
-                assert moved(wire) > 100
+            with socket.create_connection(("127.0.0.1", int(printed[1])), timeout=10.0) as stream:
+                assert jog_distance(stream) > 100
             it.send_signal(signal.SIGINT)
             assert it.communicate(timeout=30.0) == ("", "")
         finally:
@@ -51,24 +53,24 @@ def test_it_says_where_it_and_its_arm_are_moves_the_arm_and_ends_in_order() -> N
         assert it.returncode == 0
 
 
-def moved(wire: socket.socket) -> float:
-    """The counts that axis A goes in a jog that is stopped again."""
+def jog_distance(stream: socket.socket) -> float:
+    """Jog axis A, stop it, and return the distance in counts."""
 
-    def ask(text: bytes) -> bytes:
-        wire.sendall(text)
-        return wire.recv(4096)
+    def send(text: bytes) -> bytes:
+        stream.sendall(text)
+        return stream.recv(4096)
 
-    begin = float(ask(b"TP A\r").split(b"\r")[0])
-    assert ask(b"SH ABC;JG 2000,0,0;BG ABC\r") == b":::"
+    begin = float(send(b"TP A\r").split(b"\r")[0])
+    assert send(b"SH ABC;JG 2000,0,0;BG ABC\r") == b":::"
     end, now = time.monotonic() + 20.0, begin
     while now - begin <= 100 and time.monotonic() < end:
-        now = float(ask(b"TP A\r").split(b"\r")[0])
-    assert ask(b"ST ABC\r") == b":"
+        now = float(send(b"TP A\r").split(b"\r")[0])
+    assert send(b"ST ABC\r") == b":"
     return now - begin
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["--port", "70000"], "--port must be a whole number from 0 to 65535, got 70000"),
         (["--seed", "-1"], "--seed must be a whole number that is not negative, got -1"),
@@ -80,20 +82,20 @@ def moved(wire: socket.socket) -> float:
         (["--interface", "eth0"], "--interface must be left out"),
     ],
 )
-def test_what_it_cannot_do_is_one_sentence(
-    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+def test_invalid_options_are_reported_in_one_sentence(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["emulate", "galil", *arguments]) == 2
-    told = capsys.readouterr()
-    assert said in told.err and told.err.count("\n") == 1 and not told.out
+    output = capsys.readouterr()
+    assert message in output.err and output.err.count("\n") == 1 and not output.out
 
 
-def test_its_faults_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_kinds_of_fault_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["emulate", "galil", "--fault", "help"]) == 0
     assert "silence" in capsys.readouterr().out
 
 
-def test_its_page_shows_a_command_that_can_be_parsed() -> None:
-    """The command itself is what the first test runs, on a port that is free."""
+def test_the_document_shows_the_command() -> None:
+    """The first test runs the command, on a free port."""
     page = (ROOT / "docs/galil.md").read_text()
     assert ".venv/bin/rcmservo emulate galil --port 2323\n" in page

@@ -1,6 +1,8 @@
-"""The driver as the loop meets it, in wall time, over TCP and a serial port, with the emulated
-controller in a thread. Its talk is tested in simulated time in test_galil_session.py, and the
-emulator in a process of its own in tests/live/test_live_rig.py."""
+"""Driver in wall time, over TCP and a serial port, with the emulated controller in a thread.
+
+test_galil_session.py tests the session in simulated time, and tests/live/test_live_rig.py the
+emulator in a separate process.
+"""
 
 import contextlib
 import os
@@ -12,13 +14,13 @@ import numpy as np
 import pytest
 from galil_measures import IdealMotors
 
+from rcmservo.hardware.galil.connection import ConnectionLost, GalilConnection, SerialStream
 from rcmservo.hardware.galil.driver import GalilArm
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
 from rcmservo.hardware.galil.emulator.faults import Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 from rcmservo.hardware.galil.emulator.server import Server
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.hardware.galil.wire import Conversation, Lost, SerialStream
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.live.lab import NotReady
 from rcmservo.live.realtime import urgent
@@ -34,43 +36,43 @@ COUNTS = 50000.0, 50000.0, 500.0
 TICK, PATIENCE = 10_000_000, 50_000_000
 
 
-class Emulated:
-    """A controller with ideal motors that lives in wall time, in a thread, unless it is `held`."""
+class WallTimeEmulator:
+    """Emulated controller with ideal motors in wall time, in a thread, unless it is `frozen`."""
 
     def __init__(self, *faults: str) -> None:
         self.serial = SerialPort()
-        told = [Fault.parse(one) for one in faults]
-        self._server = Server(Controller(IdealMotors()), 0, told, self.serial)
-        self._over, self._free = threading.Event(), threading.Event()
-        self._free.set()
-        self._thread = threading.Thread(target=self._live, daemon=True)
+        parsed = [Fault.parse(one) for one in faults]
+        self._server = Server(Controller(IdealMotors()), 0, parsed, self.serial)
+        self._closing, self._unfrozen = threading.Event(), threading.Event()
+        self._unfrozen.set()
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def _live(self) -> None:
+    def _run(self) -> None:
         start = time.monotonic()
         urgent()
-        while not self._over.is_set():
-            self._free.wait()
+        while not self._closing.is_set():
+            self._unfrozen.wait()
             self._server.turn(time.monotonic() - start)
             self._server.wait(SAMPLE)
 
     @contextlib.contextmanager
-    def held(self) -> Iterator[None]:
-        """In here it stands still."""
-        self._free.clear()
+    def frozen(self) -> Iterator[None]:
+        """Freeze the emulator."""
+        self._unfrozen.clear()
         try:
             yield
         finally:
-            self._free.set()
+            self._unfrozen.set()
 
     def arm(self, serial: bool, baud: int = 115200) -> GalilArm:
-        """The driver of the arm behind it."""
+        """Connect the driver."""
         address = self.serial.path if serial else "127.0.0.1"
         settings = GalilSettings(address, COUNTS, self._server.port, baud)
         return GalilArm(settings, SphericalRcm().limits)
 
     def close(self) -> None:
-        self._over.set()
+        self._closing.set()
         self._thread.join()
         self._server.close()
 
@@ -81,13 +83,13 @@ def serial(request: pytest.FixtureRequest) -> bool:
 
 
 @pytest.fixture
-def emulated() -> Iterator[Emulated]:
-    with contextlib.closing(Emulated()) as one:
+def emulator() -> Iterator[WallTimeEmulator]:
+    with contextlib.closing(WallTimeEmulator()) as one:
         yield one
 
 
-def sent(arm: GalilArm, rates: Floats, ticks: int) -> Measured:
-    """Commands every 10 ms, as the loop sends them; how the arm is after the last."""
+def drive(arm: GalilArm, rates: Floats, ticks: int) -> Measured:
+    """Send commands every 10 ms, as the loop does; return the measurement after the last."""
     clock = WallClock()
     start = clock.now()
     for number in range(ticks):
@@ -98,35 +100,35 @@ def sent(arm: GalilArm, rates: Floats, ticks: int) -> Measured:
     return arm.measure()
 
 
-def test_it_moves_an_arm_whose_place_a_person_has_told_and_leaves_it_off(
-    emulated: Emulated, serial: bool
+def test_the_driver_moves_an_arm_whose_position_is_set_and_leaves_it_off(
+    emulator: WallTimeEmulator, serial: bool
 ) -> None:
-    with contextlib.closing(emulated.arm(serial)) as arm:
+    with contextlib.closing(emulator.arm(serial)) as arm:
         assert not arm.measure().enabled
         assert not arm.homed()
-        with pytest.raises(NotReady, match="nobody has said where the arm stands"):
+        with pytest.raises(NotReady, match="the arm's position is not set"):
             arm.enable()
         arm.define(HOME)
         assert arm.measure().q == pytest.approx(HOME, abs=2e-3)
 
-        def moved() -> tuple[Measured, Measured]:
+        def move() -> tuple[Measured, Measured]:
             arm.enable()
-            return sent(arm, RATES, 10), sent(arm, RATES, 30)
+            return drive(arm, RATES, 10), drive(arm, RATES, 30)
 
-        first, last = undisturbed(moved, lambda run: run[1].enabled)
+        first, last = undisturbed(move, lambda run: run[1].enabled)
         assert last.enabled, arm.why_off
         rates = (last.q - first.q) / ((last.time - first.time) * 1e-9)
         assert rates == pytest.approx(RATES, rel=0.1)
         assert WallClock().now() - last.time < 50_000_000
-    with contextlib.closing(emulated.arm(serial)) as arm:
+    with contextlib.closing(emulator.arm(serial)) as arm:
         assert arm.homed() and not arm.measure().enabled
 
 
-def test_a_command_that_is_not_enabled_switches_the_motors_off(emulated: Emulated) -> None:
-    with contextlib.closing(emulated.arm(serial=False)) as arm:
+def test_a_disabled_command_switches_the_motors_off(emulator: WallTimeEmulator) -> None:
+    with contextlib.closing(emulator.arm(serial=False)) as arm:
         arm.define(HOME)
         arm.enable()
-        sent(arm, RATES, 10)
+        drive(arm, RATES, 10)
         clock = WallClock()
         arm.apply(Command(10, clock.now(), clock.now() + PATIENCE, np.zeros(3), False))
         end = clock.now() + 2_000_000_000
@@ -136,49 +138,51 @@ def test_a_command_that_is_not_enabled_switches_the_motors_off(emulated: Emulate
         assert arm.apply(Command(11, 0, 0, RATES, True)).tolist() == [0.0, 0.0, 0.0]
 
 
-def test_a_controller_that_stands_still_is_told_by_the_age_of_its_answer(
-    emulated: Emulated, serial: bool
+def test_the_age_of_the_measurement_shows_a_frozen_controller(
+    emulator: WallTimeEmulator, serial: bool
 ) -> None:
-    """And it is off when it goes on, though nobody tells it to."""
-    with contextlib.closing(emulated.arm(serial)) as arm:
+    """A controller that continues switches the motors off by itself."""
+    with contextlib.closing(emulator.arm(serial)) as arm:
         arm.define(HOME)
         arm.enable()
-        sent(arm, RATES, 10)
-        with emulated.held():
-            told = sent(arm, RATES, 40)
-            assert WallClock().now() - told.time > 300_000_000
+        drive(arm, RATES, 10)
+        with emulator.frozen():
+            measured = drive(arm, RATES, 40)
+            assert WallClock().now() - measured.time > 300_000_000
         with pytest.raises(NotReady, match="has not answered"):
             arm.enable()
-    with contextlib.closing(emulated.arm(serial)) as arm:
+    with contextlib.closing(emulator.arm(serial)) as arm:
         assert not arm.measure().enabled
 
 
-def test_where_there_is_no_controller_it_says_so() -> None:
-    with pytest.raises(Lost, match=r"127\.0\.0\.1:1 cannot be reached"):
+def test_an_unreachable_controller_is_reported() -> None:
+    with pytest.raises(ConnectionLost, match=r"127\.0\.0\.1:1 cannot be reached"):
         GalilArm(GalilSettings("127.0.0.1", (1e5, 1e5, 1e3), 1), SphericalRcm().limits)
 
 
-def test_a_serial_port_begins_anew_behind_what_somebody_else_asked_and_left() -> None:
-    """Answers that come later than a moment of silence would wait for."""
-    with contextlib.closing(Emulated("slow:at=0")) as emulated:
-        other = os.open(emulated.serial.path, os.O_RDWR | os.O_NOCTTY)
+def test_a_serial_port_discards_replies_to_an_earlier_client() -> None:
+    """The replies are so late that a pause would not separate them."""
+    with contextlib.closing(WallTimeEmulator("slow:at=0")) as emulator:
+        other = os.open(emulator.serial.path, os.O_RDWR | os.O_NOCTTY)
         os.write(other, b"MG 111\rMG 222;TP;ST;JG 50")
-        stream = SerialStream(emulated.serial.path, 115200, 1.0)
-        with contextlib.closing(Conversation(stream, 1.0)) as talk:
-            assert talk.numbers("MG 333") == [333.0]
-            assert talk.numbers("MG 444") == [444.0]
+        stream = SerialStream(emulator.serial.path, 115200, 1.0)
+        with contextlib.closing(GalilConnection(stream, 1.0)) as connection:
+            assert connection.read_numbers("MG 333") == [333.0]
+            assert connection.read_numbers("MG 444") == [444.0]
         os.close(other)
 
 
-def test_a_serial_port_behind_which_nothing_answers_is_told_in_a_sentence() -> None:
+def test_a_serial_port_without_a_controller_is_reported_in_a_sentence() -> None:
     port = SerialPort()
-    with pytest.raises(Lost, match=r"no Galil controller answers there"):
+    with pytest.raises(ConnectionLost, match=r"no Galil controller answers there"):
         SerialStream(port.path, 115200, 0.25)
     port.close()
 
 
-def test_by_a_slow_serial_port_an_arm_is_set_up_but_not_enabled(emulated: Emulated) -> None:
-    with contextlib.closing(emulated.arm(serial=True, baud=19200)) as arm:
+def test_an_arm_on_a_slow_serial_port_can_be_set_up_but_not_enabled(
+    emulator: WallTimeEmulator,
+) -> None:
+    with contextlib.closing(emulator.arm(serial=True, baud=19200)) as arm:
         arm.define(HOME)
         assert arm.homed()
         with pytest.raises(NotReady, match="at 19200 bits/s a command takes longer"):

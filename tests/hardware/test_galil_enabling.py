@@ -1,5 +1,7 @@
-"""How the driver enables an arm: what stands in the way, and what a host leaves that is lost
-meanwhile. In simulated time."""
+"""Start of a session: conditions that prevent it, and hosts that are lost meanwhile.
+
+All in simulated time.
+"""
 
 import contextlib
 from collections.abc import Callable
@@ -8,71 +10,73 @@ from typing import Any
 
 import numpy as np
 import pytest
-from galil_measures import HOME, RATES, SETTINGS, EmulatedWire
+from galil_measures import HOME, RATES, SETTINGS, EmulatedStream
 
 from hardware.test_galil_session import Rig
 from rcmservo.hardware.galil import watchdog_program as program
+from rcmservo.hardware.galil.connection import CommandRejected, ConnectionLost
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
-from rcmservo.hardware.galil.wire import Lost, Rejected
 from rcmservo.live.lab import NotReady
 from rcmservo.method.kinematics import JointLimits
 
 
-class CutWire(EmulatedWire):
-    """One by which only so many lines are heard, from the last `cut` on."""
+class CutStream(EmulatedStream):
+    """Stream that transmits only a number of lines after the last `cut`."""
 
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller)
         self.lines: list[bytes] = []
-        self.left = 10_000
+        self.max_lines = 10_000
 
-    def cut(self, left: int) -> None:
-        self.lines, self.left = [], left
+    def cut(self, max_lines: int) -> None:
+        self.lines, self.max_lines = [], max_lines
 
     def send(self, data: bytes) -> None:
-        self.deaf = len(self.lines) >= self.left
+        self.deaf = len(self.lines) >= self.max_lines
         super().send(data)
         self.lines.append(data)
 
 
 def cut_off_after(lines: int) -> Rig:
-    """A rig a while after it was enabled by a host that nothing was heard of after so many lines,
-    but where it came to the end."""
-    rig = Rig(wire=CutWire)
+    """Return a rig whose host was cut off during its start, after a number of lines.
+
+    If the start succeeded, the rig is returned at once, otherwise 0.2 s later and at rest.
+    """
+    rig = Rig(stream_type=CutStream)
     rig.session.define(HOME)
-    cut_of(rig).cut(lines)
-    with contextlib.suppress(Lost):
+    cut_stream(rig).cut(lines)
+    with contextlib.suppress(ConnectionLost):
         rig.session.start()
         return rig
     rig.wait(0.2)
-    assert rig.still
+    assert rig.at_rest
     return rig
 
 
-def cut_of(rig: Rig) -> CutWire:
-    wire = rig.wires[0]
-    assert isinstance(wire, CutWire)
-    return wire
+def cut_stream(rig: Rig) -> CutStream:
+    stream = rig.streams[0]
+    assert isinstance(stream, CutStream)
+    return stream
 
 
-def just_before_the_program_starts(rig: Rig, happen: Callable[[], Any]) -> None:
-    """Let something happen in that moment."""
-    wire, send = rig.wires[0], rig.wires[0].send
+def run_before_program_start(rig: Rig, action: Callable[[], Any]) -> None:
+    """Run an action just before the driver starts the watchdog program."""
+    stream, send = rig.streams[0], rig.streams[0].send
 
-    def beaten(data: bytes) -> None:
+    def send_after_action(data: bytes) -> None:
         if data.startswith(b"XQ #RCMWD"):
-            happen()
+            action()
         send(data)
 
-    wire.send = beaten  # type: ignore[method-assign]
+    stream.send = send_after_action  # type: ignore[method-assign]
 
 
-def test_enabling_puts_its_own_settings_and_program_in_the_place_of_others() -> None:
-    """Somebody has connected meanwhile, with a file in which these were edited."""
+def test_a_start_replaces_the_settings_and_program_of_others() -> None:
+    """Another host has connected meanwhile, with changed settings."""
     rig = Rig()
     rig.session.define(HOME)
-    asked = "MG _ACA,_DCB,_SDC,_ERA,_OEB,_FLC,_BLC"
-    before, lines = rig.talk().numbers(asked), rig.controller.state.program.lines
+    query = "MG _ACA,_DCB,_SDC,_ERA,_OEB,_FLC,_BLC"
+    before, lines = rig.connect().read_numbers(query), rig.controller.state.program.lines
     edited = replace(
         SETTINGS,
         acceleration=(1.0, 1.0, 100.0),
@@ -81,198 +85,198 @@ def test_enabling_puts_its_own_settings_and_program_in_the_place_of_others() -> 
         patience=0.05,
     )
     limits = JointLimits((-2.0, -2.0, -10.0), (2.0, 2.0, 300.0))
-    rig.connected(edited, limits).define(HOME)
-    rig.talk().ask("OEB=0")
+    rig.new_session(edited, limits).define(HOME)
+    rig.connect().execute("OEB=0")
     assert rig.controller.state.program.lines != lines
     rig.session.start()
-    assert rig.talk().numbers(asked) == before
+    assert rig.connect().read_numbers(query) == before
     assert rig.controller.state.program.lines == lines
-    assert rig.controller.state.messages_to == "B"
-    assert rig.jog(RATES, 0.1).on
+    assert rig.controller.state.message_destination == "B"
+    assert rig.jog(RATES, 0.1).all_on
 
 
 @pytest.mark.parametrize(
-    ("lines", "said"),
+    ("lines", "message"),
     [(["#OTHER", "EN"], "refused 'XQ #RCMWD,1'"), (["#RCMWD", "EN"], "the axes do not begin")],
 )
-def test_a_program_that_somebody_puts_in_its_place_at_that_moment_begins_nothing(
-    lines: list[str], said: str
+def test_a_program_that_replaces_the_watchdog_at_the_start_moves_nothing(
+    lines: list[str], message: str
 ) -> None:
     rig = Rig()
     rig.session.define(HOME)
-    just_before_the_program_starts(rig, lambda: rig.talk().download(lines))
-    with pytest.raises((Rejected, NotReady), match=said):
+    run_before_program_start(rig, lambda: rig.connect().download_program(lines))
+    with pytest.raises((CommandRejected, NotReady), match=message):
         rig.session.start()
-    assert rig.off and rig.still
+    assert rig.motors_off and rig.at_rest
 
 
-def test_a_beginning_that_is_refused_is_told_by_its_own_reason_and_not_by_an_earlier_stop() -> None:
-    rig = Rig().started()
+def test_a_failed_start_reports_its_own_reason_and_not_an_earlier_stop() -> None:
+    rig = Rig().start()
     rig.jog(np.array([0.0, 0.0, -40.0]), 2.7)
     assert "axis C was stopped by its reverse limit" in rig.session.why_off
-    other = rig.talk()
-    other.ask("DPC=0")
-    just_before_the_program_starts(rig, lambda: other.ask("JG 500", "FLA=-2000000"))
+    other = rig.connect()
+    other.execute("DPC=0")
+    run_before_program_start(rig, lambda: other.execute("JG 500", "FLA=-2000000"))
     with pytest.raises(NotReady) as refused:
         rig.session.start()
     assert "do not begin: Begin not possible due to Limit Switch" in str(refused.value)
     assert "reverse limit" not in str(refused.value)
-    assert rig.off and rig.still
+    assert rig.motors_off and rig.at_rest
 
 
-def test_a_beginning_that_fails_is_not_told_by_what_was_refused_to_somebody_before() -> None:
-    rig = Rig().started()
+def test_a_failed_start_does_not_report_an_earlier_command_error() -> None:
+    rig = Rig().start()
     rig.session.switch_off()
     rig.controller.state.error = 1
-    just_before_the_program_starts(rig, lambda: setattr(rig.controller, "unpowered", True))
+    run_before_program_start(rig, lambda: setattr(rig.controller, "unpowered", True))
     with pytest.raises(NotReady) as refused:
         rig.session.start()
     assert "do not begin: axis A was switched off by a fault of its amp" in str(refused.value)
-    assert rig.off and rig.still
+    assert rig.motors_off and rig.at_rest
 
 
-def test_an_enabling_that_is_cut_off_at_whatever_line_leaves_the_motors_off() -> None:
+def test_a_start_that_is_cut_off_at_any_line_leaves_the_motors_off() -> None:
     whole = cut_off_after(1000)
-    assert not whole.off
-    lines = len(cut_of(whole).lines)
+    assert not whole.motors_off
+    lines = len(cut_stream(whole).lines)
     assert lines > 10
     for after in range(lines):
-        assert cut_off_after(after).off, after
+        assert cut_off_after(after).motors_off, after
 
 
-def test_a_line_that_is_held_up_and_arrives_when_the_host_is_gone_leaves_the_motors_off() -> None:
-    """As when the cable is plugged in again: what was sent before is sent again."""
-    for before in range(len(cut_of(cut_off_after(1000)).lines)):
+def test_a_delayed_line_that_arrives_after_the_host_is_gone_leaves_the_motors_off() -> None:
+    """A reconnected cable retransmits lines that were sent before."""
+    for before in range(len(cut_stream(cut_off_after(1000)).lines)):
         rig = cut_off_after(before)
         late = rig.controller.connect()
         assert late is not None
-        rig.controller.hear(late, cut_of(rig).lines[before])
+        rig.controller.receive(late, cut_stream(rig).lines[before])
         rig.wait(0.2)
-        assert rig.off and rig.still, before
+        assert rig.motors_off and rig.at_rest, before
 
 
-def test_motors_are_switched_on_by_one_line_behind_the_start_of_the_program_alone() -> None:
-    """Or a line that is held up on its way would switch them on when the program has ended."""
-    rig = Rig(wire=CutWire)
-    assert not any(b"SH" in line for line in cut_of(rig).lines)
-    rig.started()
-    on = [line for line in cut_of(rig).lines if b"SH" in line]
+def test_only_the_line_that_starts_the_program_switches_motors_on() -> None:
+    """A delayed line of its own could switch them on after the program has ended."""
+    rig = Rig(stream_type=CutStream)
+    assert not any(b"SH" in line for line in cut_stream(rig).lines)
+    rig.start()
+    on = [line for line in cut_stream(rig).lines if b"SH" in line]
     assert on == [b"XQ #RCMWD,1;SH ABC\r"]
 
 
-def test_what_follows_a_refused_line_of_a_program_is_not_sent() -> None:
-    """The emulator takes it for commands, as a controller may."""
+def test_no_line_is_sent_after_a_refused_line_of_a_program() -> None:
+    """The emulator executes such lines as commands, as a controller may."""
     rig = Rig()
-    with pytest.raises(Rejected, match="refused '#A': 61 Duplicate or bad label"):
-        rig.talk().download(["#A", "#A", "JG 500"])
+    with pytest.raises(CommandRejected, match="refused '#A': 61 Duplicate or bad label"):
+        rig.connect().download_program(["#A", "#A", "JG 500"])
     assert rig.controller.state.axes[0].settings.JG != 500.0
-    assert rig.session.look().q[0] == 0.0
+    assert rig.session.read().q[0] == 0.0
 
 
-def occupied(rig: Rig, thread: int = 3) -> None:
-    """Somebody's program runs in another thread."""
-    other = rig.talk()
-    other.download(["#OTHER", "WT 2", "JP #OTHER"])
-    other.ask(f"XQ #OTHER,{thread}")
+def start_other_program(rig: Rig, thread: int = 3) -> None:
+    """Run a program of another host in a thread."""
+    other = rig.connect()
+    other.download_program(["#OTHER", "WT 2", "JP #OTHER"])
+    other.execute(f"XQ #OTHER,{thread}")
 
 
 @pytest.mark.parametrize("thread", [0, 3, 7])
-def test_a_controller_on_which_somebodys_program_runs_is_left_alone(thread: int) -> None:
+def test_a_controller_that_runs_another_program_is_refused(thread: int) -> None:
     rig = Rig()
     rig.session.define(HOME)
-    occupied(rig, thread)
-    said = f"a program runs on the controller, in thread {thread}"
-    with pytest.raises(NotReady, match=said):
-        rig.connected()
-    with pytest.raises(NotReady, match=said):
+    start_other_program(rig, thread)
+    message = f"a program runs on the controller, in thread {thread}"
+    with pytest.raises(NotReady, match=message):
+        rig.new_session()
+    with pytest.raises(NotReady, match=message):
         rig.session.start()
-    assert rig.off and rig.still
+    assert rig.motors_off and rig.at_rest
 
 
 @pytest.mark.parametrize("microseconds", [500, 2000])
-def test_a_controller_with_other_samples_is_refused_as_its_patience_would_be_another(
+def test_a_controller_with_another_sample_time_is_refused(
     microseconds: int,
 ) -> None:
     rig = Rig()
     rig.session.define(HOME)
-    other = rig.talk()
-    other.ask(f"TM {microseconds}")
-    assert other.numbers("TM ?") == [microseconds] and other.number("_TM") == microseconds
-    said = f"TM is {microseconds} on the controller: set it to 1000"
-    with pytest.raises(NotReady, match=said):
-        rig.connected()
-    with pytest.raises(NotReady, match=said):
+    other = rig.connect()
+    other.execute(f"TM {microseconds}")
+    assert other.read_numbers("TM ?") == [microseconds] and other.read_number("_TM") == microseconds
+    message = f"TM is {microseconds} on the controller: set it to 1000"
+    with pytest.raises(NotReady, match=message):
+        rig.new_session()
+    with pytest.raises(NotReady, match=message):
         rig.session.start()
-    assert rig.off
-    other.ask("TM 1000")
+    assert rig.motors_off
+    other.execute("TM 1000")
     rig.session.start()
 
 
-@pytest.mark.parametrize("wrong", [0, 124, 20001, -1000])
-def test_samples_that_a_controller_of_four_axes_cannot_have_are_refused(wrong: int) -> None:
-    """DMC-40x0 command reference, TM; the emulator does not switch its samples off."""
-    with pytest.raises(Rejected, match="6 Number out of range"):
-        Rig().talk().ask(f"TM {wrong}")
+@pytest.mark.parametrize("microseconds", [0, 124, 20001, -1000])
+def test_a_sample_time_outside_the_range_of_four_axes_is_refused(microseconds: int) -> None:
+    """DMC-40x0 command reference, TM; the emulator cannot stop its samples."""
+    with pytest.raises(CommandRejected, match="6 Number out of range"):
+        Rig().connect().execute(f"TM {microseconds}")
 
 
-class LateWire(EmulatedWire):
-    """One on which answers come `late` s later."""
+class LateStream(EmulatedStream):
+    """Stream with replies that arrive `delay` s late."""
 
-    late = 0.0
+    delay = 0.0
 
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller)
-        self.under_way: list[tuple[float, bytes]] = []
+        self.in_transit: list[tuple[float, bytes]] = []
 
     def receive(self, seconds: float) -> bytes:
         end = self.controller.state.samples * SAMPLE + seconds
-        while self.handle in self.controller.lines:
+        while self.handle in self.controller.connections:
             now = self.controller.state.samples * SAMPLE
-            self.under_way.append((now + self.late, self.controller.answers(self.handle)))
-            told = b"".join(data for due, data in self.under_way if due <= now)
-            self.under_way = [(due, data) for due, data in self.under_way if due > now]
-            if told or now >= end:
-                return told
+            self.in_transit.append((now + self.delay, self.controller.take_output(self.handle)))
+            arrived = b"".join(data for due, data in self.in_transit if due <= now)
+            self.in_transit = [(due, data) for due, data in self.in_transit if due > now]
+            if arrived or now >= end:
+                return arrived
             self.controller.sample()
         raise ConnectionResetError("gone")
 
 
-@pytest.mark.parametrize("late", [0.0, 0.03, 0.09])
-def test_of_a_program_that_is_refused_from_the_start_no_line_is_sent(late: float) -> None:
-    """The emulator would take them for commands, as a controller may."""
-    rig = Rig(wire=LateWire)
-    occupied(rig)
-    rig.talk().ask("SH ABC", "JG 500,500,500")
-    talk = rig.talk()
-    wire = rig.wires[-1]
-    assert isinstance(wire, LateWire)
-    wire.late = late
-    with pytest.raises(Rejected, match="refused 'DL': 17 ED, BN and DL not valid"):
-        talk.download(program.lines("ABC", 40))
-    assert talk.number("1") == 1.0
-    assert rig.still
+@pytest.mark.parametrize("delay", [0.0, 0.03, 0.09])
+def test_no_line_is_sent_after_a_refused_DL(delay: float) -> None:
+    """The emulator would execute the lines as commands, as a controller may."""
+    rig = Rig(stream_type=LateStream)
+    start_other_program(rig)
+    rig.connect().execute("SH ABC", "JG 500,500,500")
+    connection = rig.connect()
+    stream = rig.streams[-1]
+    assert isinstance(stream, LateStream)
+    stream.delay = delay
+    with pytest.raises(CommandRejected, match="refused 'DL': 17 ED, BN and DL not valid"):
+        connection.download_program(program.program_lines("ABC", 40))
+    assert connection.read_number("1") == 1.0
+    assert rig.at_rest
 
 
-@pytest.mark.parametrize("late", [0.11, 0.15, 0.24])
-def test_lines_that_the_controller_takes_for_commands_move_nothing(late: float) -> None:
-    """Where it says too late that it takes no program, as somebody has started one meanwhile."""
-    rig = Rig(wire=LateWire)
+@pytest.mark.parametrize("delay", [0.11, 0.15, 0.24])
+def test_lines_that_the_controller_executes_as_commands_move_nothing(delay: float) -> None:
+    """The controller refuses the download too late, because another program has just started."""
+    rig = Rig(stream_type=LateStream)
     rig.session.define(HOME)
-    rig.talk().ask("JG 500,500,500")
-    other, wire = rig.talk(), rig.wires[0]
-    assert isinstance(wire, LateWire)
-    wire.late, send, armed = late, wire.send, list[bool]()
+    rig.connect().execute("JG 500,500,500")
+    other, stream = rig.connect(), rig.streams[0]
+    assert isinstance(stream, LateStream)
+    stream.delay, send, armed = delay, stream.send, list[bool]()
 
-    def beaten(data: bytes) -> None:
+    def send_after_program_start(data: bytes) -> None:
         if data == b"DL\r":
-            occupied(rig)
+            start_other_program(rig)
             armed.append(True)
         send(data)
-        assert rig.off or not armed
+        assert rig.motors_off or not armed
 
-    wire.send = beaten  # type: ignore[method-assign]
-    with pytest.raises(Rejected, match=r"refused '(DL|#RCM|WT)"):
+    stream.send = send_after_program_start  # type: ignore[method-assign]
+    with pytest.raises(CommandRejected, match=r"refused '(DL|#RCM|WT)"):
         rig.session.set_up()
     rig.wait(0.2)
-    assert rig.off and rig.still
-    assert other.numbers("MG _JGA,_JGB,_JGC") == [0.0] * 3
+    assert rig.motors_off and rig.at_rest
+    assert other.read_numbers("MG _JGA,_JGB,_JGC") == [0.0] * 3

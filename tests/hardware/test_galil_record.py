@@ -1,9 +1,9 @@
-"""The data record: bytes typed from public sources are read, field by field, as those say.
+"""Decoding of the data record, compared with public sources field by field.
 
 EP   motorapp/Galil, GalilController.cpp, Init4000: the table of offsets
 CR   Galil's command reference, QR, QZ, TA
 M2   Galil DMC-2x00 user manual, page 68: header, status and switches bit by bit
-DR   a note on a DMC-4040's record, measured: 226 bytes
+DR   a measured record of a DMC-4040: 226 bytes
 """
 
 import struct
@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hardware.talk import Talk
+from hardware.emulated_host import EmulatedHost
 from rcmservo.hardware.galil import data_record as record
 
 HEADER = bytes.fromhex("87 0F E2 00")
@@ -35,7 +35,8 @@ AXIS_B = bytes.fromhex(
 )
 
 
-def typed() -> bytes:
+def reference_record() -> bytes:
+    """Return a record as the sources describe it."""
     data = bytearray(226)
     data[0:4] = HEADER
     data[4:6] = bytes.fromhex("D2 6D")  # EP 4: sample counter, 28114
@@ -47,54 +48,58 @@ def typed() -> bytes:
     return bytes(data)
 
 
-def test_a_typed_record_is_read_field_by_field() -> None:
-    general, axes = record.unpacked(typed(), 4)
+def test_the_fields_of_the_reference_record_are_decoded() -> None:
+    general, axes = record.decode_record(reference_record(), 4)
     assert (general["sample"], general["error"], general["threads"]) == (28114, 22, 0b101)
     assert general["handles"].tolist() == [2, 1, 0, 0, 0, 0, 0, 255]
     assert general["amplifier"] >> 24 == 0b1000
     b = axes[1]
-    bits = record.MOVING | record.NEGATIVE | record.SLEWING | record.OFF
+    bits = record.MOVING | record.NEGATIVE | record.SLEWING | record.MOTOR_OFF
     assert b["status"] == bits
-    assert b["switches"] == record.FORWARD | record.REVERSE
-    told = [int(b[name]) for name in ("stop", "reference", "position", "error", "auxiliary")]
-    assert told == [4, -1000, -1008, 8, 7]
-    assert b["velocity"] / record.VELOCITY == -100.0
-    assert b["torque"] / record.TORQUE == 1.0
+    assert b["switches"] == record.FORWARD_SWITCH | record.REVERSE_SWITCH
+    values = [int(b[name]) for name in ("stop", "reference", "position", "error", "auxiliary")]
+    assert values == [4, -1000, -1008, 8, 7]
+    assert b["velocity"] / record.VELOCITY_SCALE == -100.0
+    assert b["torque"] / record.TORQUE_UNITS_PER_VOLT == 1.0
     assert [int(b[name]) for name in ("analog", "hall", "user")] == [-2, 5, 42]
     assert not axes[[0, 2, 3]].tobytes().strip(b"\0")
 
 
 @pytest.mark.parametrize("axes", range(1, 9))
-def test_its_size_is_what_QZ_says(axes: int) -> None:
+def test_the_record_size_matches_QZ(axes: int) -> None:
     """CR QZ " 4, 52, 26, 36" and DR: 226 for four; gclib's record of eight axes has 370."""
-    count, *blocks = (int(n) for n in Talk(axes)(b"QZ\r").split(b"\r")[0].split(b","))
+    count, *blocks = (int(n) for n in EmulatedHost(axes)(b"QZ\r").split(b"\r")[0].split(b","))
     assert count == axes
-    assert record.size_of(axes) == 4 + blocks[0] + blocks[1] + blocks[2] * axes
-    assert {4: 226, 8: 370}.get(axes, record.size_of(axes)) == record.size_of(axes)
+    assert record.record_size(axes) == 4 + blocks[0] + blocks[1] + blocks[2] * axes
+    assert {4: 226, 8: 370}.get(axes, record.record_size(axes)) == record.record_size(axes)
 
 
 @given(data=st.binary(min_size=226, max_size=226), cut=st.integers(0, 225))
-def test_what_is_no_record_is_never_read(data: bytes, cut: int) -> None:
-    for bad in (typed()[:cut], typed() + b":", b"\x07" + typed()[1:]):
-        with pytest.raises(record.Damaged):
-            record.unpacked(bad, 4)
+def test_invalid_bytes_are_never_decoded(data: bytes, cut: int) -> None:
+    for invalid in (
+        reference_record()[:cut],
+        reference_record() + b":",
+        b"\x07" + reference_record()[1:],
+    ):
+        with pytest.raises(record.InvalidRecord):
+            record.decode_record(invalid, 4)
     if data[:4] != HEADER:
-        with pytest.raises(record.Damaged):
-            record.unpacked(data, 4)
+        with pytest.raises(record.InvalidRecord):
+            record.decode_record(data, 4)
 
 
-def test_the_emulated_one_stands_at_the_places_of_the_table() -> None:
-    """EP's offsets, read here with struct alone."""
-    talk = Talk()
-    talk(b"DP 5000,-300;JG -6400,100;ZAA=42;BG A;MO B\r")
-    talk.after(1.5)
-    data = talk(b"QR\r")
+def test_the_fields_of_an_emulated_record_have_the_offsets_of_the_table() -> None:
+    """The test reads EP's offsets with struct alone."""
+    host = EmulatedHost()
+    host(b"DP 5000,-300;JG -6400,100;ZAA=42;BG A;MO B\r")
+    host.after(1.5)
+    data = host(b"QR\r")
     assert len(data) == 227 and data[:4] == HEADER and data[226:] == b":"
     status, switches, stop = struct.unpack_from("<HBB", data, 82)
     assert status == 0x80A0 and stop == 0 and switches & 0b1100 == 0b1100
     reference, position, error = struct.unpack_from("<iii", data, 86)
     assert error == reference - position
-    assert position == talk.number("_TPA")
+    assert position == host.number("_TPA")
     (velocity,) = struct.unpack_from("<i", data, 102)
     assert velocity / 64 == pytest.approx(-6400, rel=0.01)
     assert struct.unpack_from("<i", data, 114) == (42,)

@@ -1,17 +1,17 @@
-"""The driver's side of the talk with a controller, against the emulated one, in simulated time."""
+"""Session of the driver with an emulated controller, in simulated time."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from galil_measures import HOME, LIMITS, RATES, SETTINGS, EmulatedWire, IdealMotors
+from galil_measures import HOME, LIMITS, RATES, SETTINGS, EmulatedStream, IdealMotors
 
-from rcmservo.hardware.galil.amplifier import errors
+from rcmservo.hardware.galil.connection import ConnectionLost, GalilConnection
 from rcmservo.hardware.galil.emulator.axis import StopCode
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
 from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.hardware.galil.wire import Conversation, Lost
+from rcmservo.hardware.galil.stop_reasons import decode_amplifier_errors
 from rcmservo.interfaces import Floats
 from rcmservo.live.lab import NotReady
 from rcmservo.method.kinematics import JointLimits
@@ -20,27 +20,27 @@ TICK = 0.01
 
 
 class Rig:
-    """A session with an emulated controller, and whoever else talks with that."""
+    """Session with an emulated controller, and further hosts."""
 
     def __init__(
-        self, settings: GalilSettings = SETTINGS, wire: type[EmulatedWire] = EmulatedWire
+        self, settings: GalilSettings = SETTINGS, stream_type: type[EmulatedStream] = EmulatedStream
     ) -> None:
         self.motors = IdealMotors()
         self.controller = Controller(self.motors)
-        self.wire, self.wires = wire, list[EmulatedWire]()
-        self.session = self.connected(settings)
+        self.stream_type, self.streams = stream_type, list[EmulatedStream]()
+        self.session = self.new_session(settings)
 
-    def connected(
+    def new_session(
         self, settings: GalilSettings = SETTINGS, limits: JointLimits = LIMITS
     ) -> GalilSession:
-        talks = [self.talk(settings.answer_within) for _ in range(2)]
-        session = GalilSession(*talks, settings, limits)
+        connections = [self.connect(settings.answer_within) for _ in range(2)]
+        session = GalilSession(*connections, settings, limits)
         session.set_up()
         return session
 
-    def talk(self, within: float = 0.25) -> Conversation:
-        self.wires.append(self.wire(self.controller))
-        return Conversation(self.wires[-1], within, self.now)
+    def connect(self, timeout: float = 0.25) -> GalilConnection:
+        self.streams.append(self.stream_type(self.controller))
+        return GalilConnection(self.streams[-1], timeout, self.now)
 
     def now(self) -> float:
         return self.controller.state.samples * SAMPLE
@@ -49,152 +49,152 @@ class Rig:
         for _ in range(round(seconds / SAMPLE)):
             self.controller.sample()
 
-    def started(self) -> "Rig":
+    def start(self) -> "Rig":
         self.session.define(HOME)
         self.session.start()
         return self
 
     def jog(self, rates: Floats, seconds: float) -> ArmReading:
-        """Speeds every 10 ms, as the loop sends them."""
-        told = self.session.exchange(rates)
+        """Send speeds every 10 ms, as the loop does."""
+        reading = self.session.exchange(rates)
         for _ in range(round(seconds / TICK)):
             self.wait(TICK)
-            told = self.session.exchange(rates)
-        return told
+            reading = self.session.exchange(rates)
+        return reading
 
     @property
-    def still(self) -> bool:
+    def at_rest(self) -> bool:
         return not any(axis.moving or axis.speed for axis in self.controller.state.axes)
 
     @property
-    def off(self) -> bool:
-        return all(axis.off for axis in self.controller.state.axes[:3])
+    def motors_off(self) -> bool:
+        return all(axis.motor_off for axis in self.controller.state.axes[:3])
 
 
-def test_joints_go_at_their_rates_by_the_signs_and_units_of_the_settings() -> None:
-    rig = Rig().started()
+def test_joints_move_at_their_rates_with_the_signs_and_units_of_the_settings() -> None:
+    rig = Rig().start()
     begin, since = rig.jog(RATES, 0.3), rig.now()
     end = rig.jog(RATES, 0.5)
     assert (end.q - begin.q) / (rig.now() - since) == pytest.approx(RATES, rel=0.01)
-    assert begin.on and end.on
+    assert begin.all_on and end.all_on
     counts = rig.motors.counts
     assert counts[0] > 0 and counts[1] < 0 and counts[2] < 0
 
 
-def test_where_a_person_says_it_stands_is_where_it_is() -> None:
+def test_the_position_that_an_operator_sets_is_reported() -> None:
     rig = Rig()
     rig.session.define(HOME)
-    assert rig.session.look().q == pytest.approx(HOME, abs=1e-3)
+    assert rig.session.read().q == pytest.approx(HOME, abs=1e-3)
 
 
-def test_until_a_person_says_where_it_stands_nobody_enables_and_a_reset_forgets() -> None:
+def test_the_arm_cannot_start_before_its_position_is_set_and_a_reset_clears_it() -> None:
     rig = Rig()
-    with pytest.raises(NotReady, match="nobody has said where the arm stands"):
+    with pytest.raises(NotReady, match="the arm's position is not set"):
         rig.session.start()
-    rig.started()
+    rig.start()
     rig.controller.reset()
-    with pytest.raises(Lost):
-        rig.session.look()
-    again = rig.connected()
-    assert not again.homed()
-    with pytest.raises(NotReady, match="nobody has said"):
-        again.start()
+    with pytest.raises(ConnectionLost):
+        rig.session.read()
+    other = rig.new_session()
+    assert not other.homed()
+    with pytest.raises(NotReady, match="position is not set"):
+        other.start()
 
 
-def silent_for(rig: Rig, seconds: float) -> tuple[float, float]:
-    """s until the axes stand, and until the motors are off, from now on."""
-    begin, stood, off = rig.now(), np.inf, np.inf
+def stopping_times(rig: Rig, seconds: float) -> tuple[float, float]:
+    """Return the times (s) without commands until the axes are at rest and the motors are off."""
+    begin, rest, off = rig.now(), np.inf, np.inf
     while rig.now() - begin < seconds:
         rig.wait(SAMPLE)
-        stood = min(stood, rig.now() - begin) if rig.still else np.inf
-        off = min(off, rig.now() - begin) if rig.off else np.inf
-    return stood, off
+        rest = min(rest, rig.now() - begin) if rig.at_rest else np.inf
+        off = min(off, rig.now() - begin) if rig.motors_off else np.inf
+    return rest, off
 
 
-def test_a_host_that_falls_silent_is_noticed_by_the_controller_alone() -> None:
-    rig = Rig().started()
+def test_the_controller_alone_stops_the_arm_of_a_silent_host() -> None:
+    rig = Rig().start()
     rig.jog(RATES, 0.5)
-    stood, off = silent_for(rig, 0.5)
-    fall = max(0.3 / 10.0, 20.0 / 1000.0)
-    assert 0.03 < stood < SETTINGS.patience + fall + 0.01
-    assert off < stood + 0.01
+    rest, off = stopping_times(rig, 0.5)
+    ramp = max(0.3 / 10.0, 20.0 / 1000.0)
+    assert 0.03 < rest < SETTINGS.patience + ramp + 0.01
+    assert off < rest + 0.01
 
 
-def test_what_comes_after_the_controller_stopped_moves_nothing_until_somebody_enables() -> None:
-    rig = Rig().started()
+def test_commands_after_a_stop_by_the_controller_move_nothing_until_the_next_start() -> None:
+    rig = Rig().start()
     rig.jog(RATES, 0.5)
-    silent_for(rig, 0.2)
-    told = rig.session.exchange(RATES)
-    assert not told.on and not rig.session.watched
-    assert "heard nothing from the servo" in rig.session.why_off
-    rig.talk().ask("JG 5000,5000,5000")
+    stopping_times(rig, 0.2)
+    reading = rig.session.exchange(RATES)
+    assert not reading.all_on and not rig.session.is_active
+    assert "received no command from the servo" in rig.session.why_off
+    rig.connect().execute("JG 5000,5000,5000")
     rig.jog(RATES, 0.1)
-    assert rig.off and rig.still
+    assert rig.motors_off and rig.at_rest
     rig.session.start()
-    assert rig.jog(RATES, 0.1).on and not rig.still
+    assert rig.jog(RATES, 0.1).all_on and not rig.at_rest
 
 
 @pytest.mark.parametrize("phase", range(11))
-def test_somebody_else_who_jogs_once_stops_the_arm_whenever_that_is(phase: int) -> None:
-    rig = Rig().started()
+def test_a_single_jog_of_another_host_stops_the_arm_at_any_time(phase: int) -> None:
+    rig = Rig().start()
     rig.jog(RATES, 0.5)
-    other = rig.talk()
+    other = rig.connect()
     rig.wait(phase * SAMPLE)
-    other.ask("JG 700")
+    other.execute("JG 700")
     rig.wait((10 - phase) * SAMPLE)
     for _ in range(10):
-        told = rig.session.exchange(RATES)
+        reading = rig.session.exchange(RATES)
         rig.wait(TICK)
-    assert not told.on and rig.still and rig.off
-    assert "somebody else sent speeds" in rig.session.why_off
+    assert not reading.all_on and rig.at_rest and rig.motors_off
+    assert "another host sent speeds" in rig.session.why_off
 
 
-def test_an_earlier_session_that_goes_on_stops_the_arm() -> None:
-    rig = Rig().started()
+def test_a_command_of_an_earlier_session_stops_the_arm() -> None:
+    rig = Rig().start()
     earlier = rig.session
-    silent_for(rig, 0.2)
-    rig.session = rig.connected()
+    stopping_times(rig, 0.2)
+    rig.session = rig.new_session()
     rig.session.start()
     rig.jog(RATES, 0.1)
     earlier.exchange(RATES)
     rig.wait(0.1)
-    rig.session.look()
-    assert rig.off and rig.still
-    assert "earlier session" in rig.session.why_off or "somebody else" in rig.session.why_off
+    rig.session.read()
+    assert rig.motors_off and rig.at_rest
+    assert "earlier session" in rig.session.why_off or "another host" in rig.session.why_off
 
 
-def test_another_host_is_refused_while_one_has_the_arm_and_moves_nothing() -> None:
-    rig = Rig().started()
+def test_a_second_host_is_refused_and_the_first_continues() -> None:
+    rig = Rig().start()
     rig.jog(RATES, 0.1)
-    with pytest.raises(NotReady, match="another host has the arm"):
-        rig.connected()
-    assert rig.jog(RATES, 0.1).on
+    with pytest.raises(NotReady, match="another host uses the arm"):
+        rig.new_session()
+    assert rig.jog(RATES, 0.1).all_on
 
 
-def test_enabling_does_not_take_the_arm_from_a_host_that_has_it_by_now() -> None:
-    """Both were connected while it was free."""
+def test_a_session_cannot_start_while_another_one_uses_the_arm() -> None:
+    """Both connected while the arm was free."""
     rig = Rig()
-    other = rig.connected()
-    rig.started().jog(RATES, 0.1)
-    with pytest.raises(NotReady, match="another host has the arm"):
+    other = rig.new_session()
+    rig.start().jog(RATES, 0.1)
+    with pytest.raises(NotReady, match="another host uses the arm"):
         other.start()
-    assert rig.jog(RATES, 0.1).on and not rig.still
+    assert rig.jog(RATES, 0.1).all_on and not rig.at_rest
 
 
-def test_enabling_does_not_stop_axes_that_somebody_moves_without_a_program() -> None:
+def test_a_start_does_not_stop_axes_that_another_host_moves() -> None:
     rig = Rig()
     rig.session.define(HOME)
-    rig.talk().ask("SH B", "JG ,500", "BG B")
+    rig.connect().execute("SH B", "JG ,500", "BG B")
     with pytest.raises(NotReady, match="the axes ABC move"):
         rig.session.start()
     assert rig.controller.state.axes[1].moving
 
 
-def test_who_has_it_may_enable_it_again_and_begins_at_rest() -> None:
-    rig = Rig().started()
+def test_a_restart_begins_at_rest() -> None:
+    rig = Rig().start()
     rig.jog(RATES, 0.2)
     rig.session.start()
-    assert rig.session.look().on and rig.jog(np.zeros(3), 0.1).on
+    assert rig.session.read().all_on and rig.jog(np.zeros(3), 0.1).all_on
     assert not any(axis.speed for axis in rig.controller.state.axes)
 
 
@@ -206,13 +206,13 @@ def test_who_has_it_may_enable_it_again_and_begins_at_rest() -> None:
         ((50000.0, -50000.0, 500.0), "BAC"),
     ],
 )
-def test_whoever_edits_counts_or_axes_must_say_anew_where_the_arm_stands(
+def test_changed_counts_or_axes_require_a_new_position(
     counts: tuple[float, float, float], axes: str
 ) -> None:
     rig = Rig()
     rig.session.define(HOME)
-    assert rig.session.homed() and rig.connected().homed()
-    edited = rig.connected(replace(SETTINGS, counts=counts, axes=axes))
+    assert rig.session.homed() and rig.new_session().homed()
+    edited = rig.new_session(replace(SETTINGS, counts=counts, axes=axes))
     assert not edited.homed()
     with pytest.raises(NotReady, match="counts and axes were changed"):
         edited.start()
@@ -220,139 +220,143 @@ def test_whoever_edits_counts_or_axes_must_say_anew_where_the_arm_stands(
     assert edited.homed() and not rig.session.homed()
 
 
-def test_axes_that_somebody_moves_are_left_alone() -> None:
+def test_set_up_does_not_stop_axes_that_another_host_moves() -> None:
     rig = Rig()
-    rig.talk().ask("SH B", "JG ,500", "BG B")
+    rig.connect().execute("SH B", "JG ,500", "BG B")
     with pytest.raises(NotReady, match="the axes ABC move"):
-        rig.connected()
+        rig.new_session()
     assert rig.controller.state.axes[1].moving
 
 
-def test_a_program_that_somebody_ends_is_noticed_within_a_moment_and_stops_the_arm() -> None:
+def test_an_ended_watchdog_program_stops_the_arm() -> None:
     for text in ("HX", "ST"):
-        rig = Rig().started()
+        rig = Rig().start()
         rig.jog(RATES, 0.1)
-        rig.talk().ask(text)
+        rig.connect().execute(text)
         rig.jog(RATES, 0.1)
         rig.jog(RATES, 0.2)
-        assert rig.off and rig.still
+        assert rig.motors_off and rig.at_rest
         assert rig.session.why_off
 
 
-def test_a_joint_that_does_not_follow_is_told_by_its_axis() -> None:
-    rig = Rig().started()
+def test_a_following_error_is_reported_with_its_axis() -> None:
+    rig = Rig().start()
     rig.controller.stuck = 1
     rig.jog(RATES, 0.4)
-    assert rig.off and rig.still
-    assert "axis B was switched off because it did not follow" in rig.session.why_off
+    assert rig.motors_off and rig.at_rest
+    assert "axis B was switched off by a following error" in rig.session.why_off
 
 
-def tripped_without_program() -> Rig:
-    """An arm of which the second motor has gone off after somebody ended the program: nobody stops
-    the others."""
-    rig = Rig().started()
+def rig_with_one_motor_off() -> Rig:
+    """Return an arm whose second motor is off after another host ended the program.
+
+    Nothing on the controller stops the other axes.
+    """
+    rig = Rig().start()
     rig.jog(RATES, 0.1)
-    rig.talk().ask("HX")
+    rig.connect().execute("HX")
     rig.controller.state.axes[1].switch_off(StopCode.OFF_ON_ERROR)
     assert rig.controller.state.axes[0].moving
     return rig
 
 
-def test_where_one_motor_goes_off_and_no_program_runs_the_others_are_switched_off() -> None:
-    rig = tripped_without_program()
-    told = rig.session.look()
-    assert not told.on
-    assert rig.off and rig.still
-    assert "axis B was switched off because it did not follow" in rig.session.why_off
-    assert not rig.session.watched and rig.session.look().off
+def test_the_driver_switches_all_motors_off_after_one_tripped_without_a_program() -> None:
+    rig = rig_with_one_motor_off()
+    reading = rig.session.read()
+    assert not reading.all_on
+    assert rig.motors_off and rig.at_rest
+    assert "axis B was switched off by a following error" in rig.session.why_off
+    assert not rig.session.is_active and rig.session.read().all_off
 
 
-def test_until_all_motors_are_off_an_arm_counts_as_watched_over_and_can_be_switched_off() -> None:
-    """The program runs and stops the others, but is ended before it has."""
-    rig = Rig(replace(SETTINGS, deceleration=(2.0, 2.0, 10.0))).started()
+def test_an_arm_can_be_switched_off_until_all_its_motors_are_off() -> None:
+    """The program is ended while it stops the other axes."""
+    rig = Rig(replace(SETTINGS, deceleration=(2.0, 2.0, 10.0))).start()
     rig.jog(RATES, 0.2)
     rig.controller.state.axes[1].switch_off(StopCode.OFF_ON_ERROR)
     rig.wait(0.02)
-    told = rig.session.look()
-    assert not told.on and not told.off
+    reading = rig.session.read()
+    assert not reading.all_on and not reading.all_off
     why = rig.session.why_off
-    assert "axis B was switched off because it did not follow" in why
-    rig.talk().ask("HX")
-    assert rig.session.watched
+    assert "axis B was switched off by a following error" in why
+    rig.connect().execute("HX")
+    assert rig.session.is_active
     rig.session.switch_off()
-    assert rig.off and rig.still
-    assert not rig.session.watched and rig.session.why_off == why
+    assert rig.motors_off and rig.at_rest
+    assert not rig.session.is_active and rig.session.why_off == why
 
 
-def test_where_one_motor_is_off_no_speeds_are_sent() -> None:
-    rig = Rig(replace(SETTINGS, deceleration=(2.0, 2.0, 10.0))).started()
+def test_no_speeds_are_sent_while_one_motor_is_off() -> None:
+    rig = Rig(replace(SETTINGS, deceleration=(2.0, 2.0, 10.0))).start()
     rig.jog(RATES, 0.2)
     rig.controller.state.axes[1].switch_off(StopCode.OFF_ON_ERROR)
-    rig.session.look()
+    rig.session.read()
     speeds = [axis.settings.JG for axis in rig.controller.state.axes]
     rig.session.exchange(-0.5 * RATES)
     assert [axis.settings.JG for axis in rig.controller.state.axes] == speeds
 
 
-def test_a_limit_of_the_mechanism_is_the_controllers_too() -> None:
-    rig = Rig().started()
+def test_the_joint_limits_are_soft_limits_of_the_controller() -> None:
+    rig = Rig().start()
     rig.jog(np.array([0.0, 0.0, -40.0]), 2.7)
-    assert rig.off and rig.still
+    assert rig.motors_off and rig.at_rest
     assert "axis C was stopped by its reverse limit" in rig.session.why_off
-    assert rig.session.look().q[2] > -2.0
+    assert rig.session.read().q[2] > -2.0
 
 
-def test_switching_off_comes_to_rest_with_the_settings_deceleration() -> None:
-    rig = Rig().started()
-    told = rig.jog(RATES, 0.5)
+def test_a_switch_off_decelerates_as_set() -> None:
+    rig = Rig().start()
+    before = rig.jog(RATES, 0.5)
     rig.session.switch_off()
-    assert rig.off and rig.still
-    way = np.abs(rig.session.look().q - told.q)
-    assert (way <= RATES**2 / (2 * np.array([10.0, 10.0, 1000.0])) + np.abs(RATES) * 0.02).all()
+    assert rig.motors_off and rig.at_rest
+    distance = np.abs(rig.session.read().q - before.q)
+    assert (
+        distance <= RATES**2 / (2 * np.array([10.0, 10.0, 1000.0])) + np.abs(RATES) * 0.02
+    ).all()
 
 
-@pytest.mark.parametrize("before", ["nothing", "rest is asked for", "the program is ended"])
-def test_a_gentle_deceleration_is_waited_for_and_not_cut_short_by_an_abort(before: str) -> None:
-    """It takes half a second. DC is taken in steps of 1024 counts/s²."""
-    gentle = np.array([2.0, 2.0, 10.0])
-    rig = Rig(replace(SETTINGS, deceleration=tuple(gentle))).started()
+@pytest.mark.parametrize("case", ["moving", "zero speed sent", "program ended"])
+def test_a_switch_off_waits_for_a_slow_deceleration_without_an_abort(case: str) -> None:
+    """The deceleration takes half a second. DC has steps of 1024 counts/s²."""
+    deceleration = np.array([2.0, 2.0, 10.0])
+    rig = Rig(replace(SETTINGS, deceleration=tuple(deceleration))).start()
     rates = np.array([0.2, 1.0, -5.0])
     rig.jog(rates, 0.2)
-    told = rig.jog(np.zeros(3), 0.0) if before == "rest is asked for" else rig.session.look()
-    if before == "the program is ended":
-        rig.talk().ask("HX")
+    start = rig.jog(np.zeros(3), 0.0) if case == "zero speed sent" else rig.session.read()
+    if case == "program ended":
+        rig.connect().execute("HX")
     rig.session.switch_off()
-    assert rig.off and rig.still
+    assert rig.motors_off and rig.at_rest
     stops = [axis.stop_code for axis in rig.controller.state.axes[:3]]
     assert stops == [StopCode.COMMAND] * 3
-    way = np.abs(rig.session.look().q - told.q)
-    assert way[1] == pytest.approx(0.25, abs=0.03)
+    distance = np.abs(rig.session.read().q - start.q)
+    assert distance[1] == pytest.approx(0.25, abs=0.03)
 
 
-def test_a_controller_of_another_kind_is_refused() -> None:
+def test_a_controller_without_the_axes_is_refused() -> None:
     rig = Rig()
     rig.controller.disconnect(0)
     with pytest.raises(NotReady, match="QZ of a DMC-40x0"):
         Rig(GalilSettings(address="x", counts=(1e5, 1e5, 1e3), axes="ABH"))
 
 
-def test_a_controller_that_is_deaf_is_lost_for_good() -> None:
-    rig = Rig().started()
-    for wire in rig.wires:
-        wire.deaf = True
-    with pytest.raises(Lost, match=r"has not answered for 0\.25 s"):
+def test_a_controller_that_does_not_answer_is_lost_for_good() -> None:
+    rig = Rig().start()
+    for stream in rig.streams:
+        stream.deaf = True
+    with pytest.raises(ConnectionLost, match=r"has not answered for 0\.25 s"):
         rig.session.exchange(RATES)
-    assert rig.off and rig.still
-    with pytest.raises(Lost):
-        rig.session.look()
+    assert rig.motors_off and rig.at_rest
+    with pytest.raises(ConnectionLost):
+        rig.session.read()
 
 
-def test_an_amplifier_that_fails_is_told_in_words_and_refuses_to_start() -> None:
-    rig = Rig().started()
+def test_an_amplifier_error_is_described_and_prevents_a_start() -> None:
+    rig = Rig().start()
     rig.jog(RATES, 0.1)
     rig.controller.unpowered = True
     rig.jog(RATES, 0.1)
-    assert rig.off and rig.still
+    assert rig.motors_off and rig.at_rest
     why = rig.session.why_off
     assert "axis A was switched off by a fault of its amplifier" in why
     assert "under-voltage on axes A-D" in why
@@ -361,19 +365,19 @@ def test_an_amplifier_that_fails_is_told_in_words_and_refuses_to_start() -> None
     rig.controller.unpowered = False
     rig.wait(0.01)
     rig.session.start()
-    assert rig.jog(RATES, 0.1).on
+    assert rig.jog(RATES, 0.1).all_on
 
 
-def test_amplifiers_and_sensors_of_other_axes_count_for_nothing() -> None:
+def test_amplifiers_and_sensors_of_other_axes_are_ignored() -> None:
     rig = Rig()
     rig.session.define(HOME)
     rig.controller.state.amplifier = [0b01110000, 0b11111000, 0xFF, 0b10]
     rig.session.start()
-    assert rig.jog(RATES, 0.1).on
+    assert rig.jog(RATES, 0.1).all_on
 
 
 @pytest.mark.parametrize(
-    ("told", "axes", "said"),
+    ("values", "axes", "errors"),
     [
         ((0b0001, 0, 0), "ABC", ["over-current on axes A-D"]),
         ((0b0110, 0, 0), "ABC", ["over-voltage on axes A-D", "over-temperature on axes A-D"]),
@@ -384,52 +388,52 @@ def test_amplifiers_and_sensors_of_other_axes_count_for_nothing() -> None:
         ((0, 0, 0), "ABC", []),
     ],
 )
-def test_bits_of_the_amplifiers_are_what_the_manual_says(
-    told: tuple[int, int, int], axes: str, said: list[str]
+def test_amplifier_bits_are_decoded_as_in_the_manual(
+    values: tuple[int, int, int], axes: str, errors: list[str]
 ) -> None:
     """DMC-40x0 user manual, Amplifier Status: TA0 is bits 0 to 7, TA1 8 to 15, TA3 24 and 25."""
-    assert errors(told, axes) == said
+    assert decode_amplifier_errors(values, axes) == errors
 
 
-@pytest.mark.parametrize("told", [(0, 0), (0, -1, 0), (256, 0, 0), (0, 0, 1e9)])
-def test_what_are_no_amplifier_bits_is_refused(told: tuple[float, ...]) -> None:
-    with pytest.raises(NotReady, match="must tell three bytes"):
-        errors(told, "ABC")
+@pytest.mark.parametrize("values", [(0, 0), (0, -1, 0), (256, 0, 0), (0, 0, 1e9)])
+def test_invalid_amplifier_bits_are_refused(values: tuple[float, ...]) -> None:
+    with pytest.raises(NotReady, match="must return three bytes"):
+        decode_amplifier_errors(values, "ABC")
 
 
-def test_what_the_controller_says_of_its_own_accord_is_read_and_told() -> None:
-    rig = Rig().started()
-    messages = rig.wires[1].handle
+def test_unsolicited_messages_are_read_and_added_to_the_reason() -> None:
+    rig = Rig().start()
+    messages = rig.streams[1].handle
     assert messages is not None
     for number in range(100):
-        rig.controller.state.tell(f"hello {number}")
-        rig.controller.state.tell("oven is hot" if number == 99 else "")
+        rig.controller.state.send_message(f"hello {number}")
+        rig.controller.state.send_message("oven is hot" if number == 99 else "")
         rig.jog(RATES, 0.01)
-    assert rig.controller.answers(messages) == b"" and not rig.session.why_off
+    assert rig.controller.take_output(messages) == b"" and not rig.session.why_off
     rig.controller.stuck = 1
     rig.jog(RATES, 0.4)
-    assert "did not follow" in rig.session.why_off
-    assert "it said 'oven is hot'" in rig.session.why_off
+    assert "following error" in rig.session.why_off
+    assert "its last message was 'oven is hot'" in rig.session.why_off
     rig.controller.stuck = None
     rig.session.start()
-    assert not rig.session.said
+    assert not rig.session.last_message
 
 
-def test_joints_of_an_answer_that_is_held_up_bear_the_time_at_which_they_were_read() -> None:
-    rig = Rig().started()
+def test_joints_of_a_delayed_reply_have_the_time_of_their_sample() -> None:
+    rig = Rig().start()
     rig.jog(RATES, 0.2)
-    wire, before = rig.wires[0], rig.now()
-    receive = wire.receive
+    stream, before = rig.streams[0], rig.now()
+    receive = stream.receive
 
-    def held_up(seconds: float) -> bytes:
-        told = receive(seconds)
+    def receive_late(seconds: float) -> bytes:
+        data = receive(seconds)
         rig.wait(0.015)
-        return told
+        return data
 
-    wire.receive = held_up  # type: ignore[method-assign]
+    stream.receive = receive_late  # type: ignore[method-assign]
     for _ in range(5):
-        told = rig.session.look()
-        sample = int(told.rows.general["sample"]) * SAMPLE
-        assert told.time == pytest.approx(sample, abs=2e-3)
-        assert before - 2e-3 < told.time <= rig.now() - 0.01
+        reading = rig.session.read()
+        sample = int(reading.record.general["sample"]) * SAMPLE
+        assert reading.time == pytest.approx(sample, abs=2e-3)
+        assert before - 2e-3 < reading.time <= rig.now() - 0.01
         before = rig.now()

@@ -1,4 +1,4 @@
-"""The emulated controller answers what public sources say that the real one answers.
+"""Replies of the emulated controller, compared with replies in public sources.
 
 Sources:
 CR   Galil's command reference, as quoted in rmcdowell-acertaralabs/galil_setup_tool_enhanced,
@@ -13,7 +13,7 @@ SO   simonsobs/socs 0.6.4, agents/galil_axis/drivers.py
 
 import pytest
 
-from hardware.talk import Talk
+from hardware.emulated_host import EmulatedHost
 
 EXCHANGES = [
     # framing and prompts
@@ -22,14 +22,17 @@ EXCHANGES = [
     ("TMT", [(b"a=1;BADCMD\r\n", b":?")]),
     ("TMT", [(b"\r\n", b":")]),
     (
-        "EP: one for each semicolon, and one",
+        "EP: one prompt per semicolon, and one",
         [(b"SH;MG 1;XX;MG 2\r", b": 1.0000\r\n:? 2.0000\r\n:")],
     ),
     ("BL: a semicolon alone ends a command", [(b"MG 1+3;", b" 4.0000\r\n:")]),
     ("M17", [(b"bg\r", b"?"), (b"TC1\r", b"1 Unrecognized command\r\n:")]),
     ("BL", [(b"BLA;", b"?")]),
-    ("TMT: TC forgets", [(b"BADCMD\r", b"?"), (b"TC0\r", b"1\r\n:"), (b"TC1\r", b"0\r\n:")]),
-    ("CR TC: _TC does not forget", [(b"QQ\r", b"?"), (b"MG _TC;TC\r", b" 1.0000\r\n:1\r\n:")]),
+    (
+        "TMT: TC clears the error",
+        [(b"BADCMD\r", b"?"), (b"TC0\r", b"1\r\n:"), (b"TC1\r", b"0\r\n:")],
+    ),
+    ("CR TC: _TC does not clear it", [(b"QQ\r", b"?"), (b"MG _TC;TC\r", b" 1.0000\r\n:1\r\n:")]),
     # numbers
     ("CR: left to right", [(b"MG 1+2*3\r", b" 9.0000\r\n:"), (b"MG 1+(2*3)\r", b" 7.0000\r\n:")]),
     ("CR @ABS", [(b"MG @ABS[-2147483647]\r", b" 2147483647.0000\r\n:")]),
@@ -50,8 +53,8 @@ EXCHANGES = [
     ),
     ("CR LZ", [(b"var1=10;var1=?\r", b": 10.0000\r\n:")]),
     ("CR DM", [(b"DM?\r", b"16000\r\n:")]),
-    ("TMT: an array that is not there", [(b"MG ae[0]\r", b"?"), (b"TC\r", b"57\r\n:")]),
-    ("EP: a variable that is not there", [(b"MG homedA\r", b"?")]),
+    ("TMT: an unknown array", [(b"MG ae[0]\r", b"?"), (b"TC\r", b"57\r\n:")]),
+    ("EP: an unknown variable", [(b"MG homedA\r", b"?")]),
     # reports
     (
         "CR TP",
@@ -136,65 +139,65 @@ EXCHANGES = [
 
 
 @pytest.mark.parametrize(("source", "exchanges"), EXCHANGES)
-def test_it_answers_as_the_source_says(source: str, exchanges: list[tuple[bytes, bytes]]) -> None:
-    talk = Talk()
+def test_replies_match_the_source(source: str, exchanges: list[tuple[bytes, bytes]]) -> None:
+    host = EmulatedHost()
     for sent, answer in exchanges:
-        assert talk(sent) == answer, (source, sent)
+        assert host(sent) == answer, (source, sent)
 
 
-def test_the_model_is_told_with_its_number_of_axes_sixth() -> None:
+def test_the_sixth_character_of_the_model_is_the_number_of_axes() -> None:
     """EP: model[3:5] is the family, model[5] the number of axes; BL: "DMC4010 Rev 1.3c-SER"."""
     for axes in (2, 4):
-        told = Talk(axes)(b"\x12\x16\r")
-        assert told.startswith(f"DMC40{axes}0 Rev".encode())
-        assert told.endswith(b"\r\n:")
+        reply = EmulatedHost(axes)(b"\x12\x16\r")
+        assert reply.startswith(f"DMC40{axes}0 Rev".encode())
+        assert reply.endswith(b"\r\n:")
 
 
 def test_a_line_is_cut_after_80_characters() -> None:
     """TMT: "The Galil DMC parser silently truncates lines >80 chars"."""
-    talk = Talk()
+    host = EmulatedHost()
     fits = b"a=1;" * 19 + b"b=23"
-    assert talk(fits + b"456\r") == b":" * 20
-    assert talk.number("b") == 23.0
+    assert host(fits + b"456\r") == b":" * 20
+    assert host.number("b") == 23.0
 
 
-def test_who_is_stopped_by_a_host_without_an_axis_stops_its_program_too() -> None:
+def test_a_stop_without_axes_also_ends_the_program() -> None:
     """CR ST: "program execution will stop in addition to motion"."""
-    talk = Talk()
-    talk(b"DL\r#A\rWT 2\rJP #A\r\\")
-    talk(b"XQ #A\r")
-    assert talk(b"ST A;MG _NO\r") == b": 1.0000\r\n:"
-    assert talk(b"ST;MG _NO\r") == b": 0.0000\r\n:"
+    host = EmulatedHost()
+    host(b"DL\r#A\rWT 2\rJP #A\r\\")
+    host(b"XQ #A\r")
+    assert host(b"ST A;MG _NO\r") == b": 1.0000\r\n:"
+    assert host(b"ST;MG _NO\r") == b": 0.0000\r\n:"
 
 
-def test_with_the_motor_off_the_error_grows_and_servoing_begins_where_it_is() -> None:
+def test_with_the_motor_off_the_error_grows_and_SH_holds_the_present_position() -> None:
     """CR SH: MOA, TEA -12435, TPA 12435, SHA, TEA 0, TPA 12435."""
-    talk = Talk()
-    talk(b"MOA\r")
-    talk.motors.counts[0] = 12435.0
-    talk.after(0.01)
-    assert talk(b"TEA;TPA\r") == b" -12435\r\n: 12435\r\n:"
-    assert talk(b"SHA;TEA;TPA\r") == b": 0\r\n: 12435\r\n:"
+    host = EmulatedHost()
+    host(b"MOA\r")
+    host.motors.counts[0] = 12435.0
+    host.after(0.01)
+    assert host(b"TEA;TPA\r") == b" -12435\r\n: 12435\r\n:"
+    assert host(b"SHA;TEA;TPA\r") == b": 0\r\n: 12435\r\n:"
 
 
-def test_a_message_of_a_program_has_its_high_bits_set_and_goes_where_CF_says() -> None:
+def test_a_message_of_a_program_has_its_high_bits_set_and_goes_to_the_host_of_CF() -> None:
     """CR CW and CF; EP: complete at the byte 0x8A."""
-    talk = Talk()
-    talk(b'DL\r#A\rMG "hot",7\rEN\r\\')
-    talk(b"CF I;CW 1;XQ #A\r")
-    told = talk.after(0.01)
-    assert all(byte & 0x80 for byte in told)
-    assert bytes(byte & 0x7F for byte in told) == b"hot 7.0000\r\n"
+    host = EmulatedHost()
+    host(b'DL\r#A\rMG "hot",7\rEN\r\\')
+    host(b"CF I;CW 1;XQ #A\r")
+    received = host.after(0.01)
+    assert all(byte & 0x80 for byte in received)
+    assert bytes(byte & 0x7F for byte in received) == b"hot 7.0000\r\n"
 
 
-def test_an_error_of_a_program_ends_all_of_it_unless_it_looks_after_errors() -> None:
+def test_an_error_ends_all_threads_of_a_program_without_an_error_handler() -> None:
     """CR #CMDERR."""
-    for handler, left in ((b"", 0.0), (b"#CMDERR\rerrs=errs+1\rEN1\r", 4.0)):
-        talk = Talk()
-        talk(b"errs=0\r")
-        talk(b"DL\r#BAD\rWT 4\rMG nothing\rEN\r#GOOD\rWT 2\rJP #GOOD\r" + handler + b"\\")
-        talk(b"XQ #BAD,1;XQ #GOOD,2\r")
-        talk.after(0.05)
-        assert talk.number("_NO") == left
-        assert talk.number("errs") == (1.0 if handler else 0.0)
-        assert talk.number("_XQ1") == -1.0
+    for handler, threads in ((b"", 0.0), (b"#CMDERR\rerrs=errs+1\rEN1\r", 4.0)):
+        host = EmulatedHost()
+        host(b"errs=0\r")
+        host(b"DL\r#BAD\rWT 4\rMG nothing\rEN\r#GOOD\rWT 2\rJP #GOOD\r" + handler + b"\\")
+        host(b"XQ #BAD,1;XQ #GOOD,2\r")
+        host.after(0.05)
+        assert host.number("_NO") == threads
+        assert host.number("errs") == (1.0 if handler else 0.0)
+        assert host.number("_XQ1") == -1.0

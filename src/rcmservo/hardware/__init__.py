@@ -1,1 +1,1 @@
-"""Real devices: a driver in a folder of its own for each kind, and emulators of some of them."""
+"""Drivers of arms and cameras, in one folder per kind, and emulators of some of them."""

@@ -1,5 +1,7 @@
-"""Registry of the arms and cameras that a rig file can name. A driver is imported only when a
-device of its kind is opened."""
+"""Registry of the arms and cameras that a rig file can name.
+
+A driver is imported only when a device of its kind is opened.
+"""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -19,42 +21,65 @@ from rcmservo.live.lab import LabArm, LabCamera
 
 DRIVERS: Mapping[type[Any], str] = {
     GalilSettings: "galil.driver:GalilArm",
-    CrtkSettings: "crtk.arm:crtk_arm",
-    OpencvSettings: "cameras.opencv:opencv_camera",
-    AravisSettings: "cameras.aravis:aravis_camera",
-    TopicSettings: "cameras.topic:topic_camera",
+    CrtkSettings: "crtk.arm:open_crtk_arm",
+    OpencvSettings: "cameras.opencv:open_opencv_camera",
+    AravisSettings: "cameras.aravis:open_aravis_camera",
+    TopicSettings: "cameras.topic:open_topic_camera",
 }
-"""By the settings of a device, the driver below rcmservo.hardware that opens it, one a line. The
-driver of an arm takes the joints' limits too."""
+"""Function that opens a device, by the class of its settings. Paths are relative to
+rcmservo.hardware. The function of an arm also takes the joint limits."""
 
 ARMS = {kind.name: kind for kind in DRIVERS if hasattr(kind, "wiring")}
-"""The settings of every arm, by its kind in a rig file."""
+"""Settings classes of the arms, by kind."""
 
 CAMERAS = {kind.name: kind for kind in DRIVERS if kind not in ARMS.values()}
-"""The settings of every camera, by its kind in a rig file."""
+"""Settings classes of the cameras, by kind."""
 
 
-def _driver(settings: object) -> Callable[..., Any]:
-    """Import the driver of a device."""
+def _import_driver(settings: object) -> Callable[..., Any]:
+    """Import the function that opens a device."""
     module, _, name = DRIVERS[type(settings)].partition(":")
     return getattr(import_module(f"rcmservo.hardware.{module}"), name)
 
 
 def open_arm(lab: Lab) -> LabArm:
-    """Connect to the arm of a rig file, with its drive off."""
+    """Connect to the arm of a rig file, with its drive off.
+
+    Raises
+    ------
+    BadInput
+        If the section [arm] is missing or invalid.
+    RcmServoError
+        If the arm cannot be reached or used.
+    """
     settings = lab.device("arm", ARMS)
-    return _driver(settings)(settings, lab.mechanism.limits)
+    return _import_driver(settings)(settings, lab.mechanism.limits)
 
 
 def wiring_of(lab: Lab) -> Wiring:
-    """Return what the rig file says of its arm's motors."""
+    """Return the assignment of joints to motors in a rig file."""
     return lab.device("arm", ARMS).wiring
 
 
 def open_camera(lab: Lab, unmeasured: bool = False) -> LabCamera:
-    """Open the camera of a rig file. One whose latency nobody has measured is refused unless
-    ``unmeasured``: its exposures are reported as if they were the arrivals."""
+    """Open the camera of a rig file.
+
+    Parameters
+    ----------
+    lab : Lab
+        Rig file.
+    unmeasured : bool
+        True to accept a camera without a measured latency. Its exposure times then equal the
+        arrivals.
+
+    Raises
+    ------
+    BadInput
+        If the section [camera] is missing or invalid, or the latency is not measured.
+    CameraLost
+        If the camera cannot be opened.
+    """
     settings = lab.device("camera", CAMERAS)
     if not unmeasured:
         require_latency(settings)
-    return _driver(settings)(settings)
+    return _import_driver(settings)(settings)

@@ -1,5 +1,5 @@
-// A client of a CRTK arm on another vendor's DDS: it enables the arm, sends it 1000 positions, and
-// tells what it heard, as one line of JSON.
+// Client of a CRTK arm on another vendor's DDS: it enables the arm, sends 1000 positions, and prints
+// a report of the received messages as one line of JSON.
 
 #include <atomic>
 #include <chrono>

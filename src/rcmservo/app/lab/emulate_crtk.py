@@ -10,10 +10,10 @@ from rcmservo.app.lab.emulated_arm import EmulatedArm
 from rcmservo.app.terminal import console
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import RcmServoError, needing
-from rcmservo.hardware.crtk.connection import open_transport
 from rcmservo.hardware.crtk.device import STEP, CrtkDevice
 from rcmservo.hardware.crtk.messages import PICTURES, PlainImage
 from rcmservo.hardware.crtk.settings import NAMESPACE, RosConnection
+from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.realtime import realtime
 

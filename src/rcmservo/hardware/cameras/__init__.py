@@ -1,1 +1,1 @@
-"""Cameras of a laboratory: drivers, and emulated ones to try them on."""
+"""Camera drivers, and emulated cameras for tests without hardware."""

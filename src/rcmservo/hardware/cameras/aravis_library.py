@@ -1,7 +1,7 @@
-"""The functions of the Aravis library that are used here, called through ctypes: so any Python
-serves, and nothing but Debian's package is needed.
+"""Binding of the Aravis library through ctypes, for any Python with Debian's package alone.
 
-Written against Aravis 0.8.26. A function that can fail raises :class:`AravisError` in its words.
+Written for Aravis 0.8.26. A function that fails raises :class:`AravisError` with the
+library's text.
 """
 
 import ctypes
@@ -13,19 +13,19 @@ from typing import Any
 from rcmservo.errors import RcmServoError, one_line
 
 LIBRARY = "libaravis-0.8.so.0"
-MISSING = (
+NOT_INSTALLED = (
     "cameras of the kind aravis need the Aravis library, and it is not installed: "
     "sudo apt-get install libaravis-0.8-0"
 )
 
-CONTINUOUS = 0
+ACQUISITION_CONTINUOUS = 0
 """Acquisition mode."""
-OFF = 0
-"""Of what a camera would choose by itself."""
-CHECKED = 1
-"""Of a setting: that it lies within the camera's own bounds."""
-SUCCESS = 0
-"""Status of a buffer whose frame is whole."""
+AUTO_OFF = 0
+"""Automatic exposure or gain switched off."""
+RANGE_CHECK_ENABLED = 1
+"""Range check of settings against the camera's bounds."""
+BUFFER_COMPLETE = 0
+"""Status of a buffer with a complete frame."""
 
 INT, LONG, TEXT, POINTER_, REAL = c_int, ctypes.c_uint64, c_char_p, c_void_p, c_double
 
@@ -53,7 +53,7 @@ CAN_FAIL: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "camera_gv_set_packet_size": (None, (POINTER_, INT)),
     "camera_gv_get_packet_size": (c_uint, (POINTER_,)),
 }
-"""Result and arguments, without the last one: where to leave an error."""
+"""Functions with an error argument: types of the result and of the arguments before it."""
 
 CANNOT_FAIL: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "camera_set_range_check_policy": (None, (POINTER_, INT)),
@@ -76,13 +76,15 @@ CANNOT_FAIL: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "fake_camera_set_fill_pattern": (None, (POINTER_, POINTER_, POINTER_)),
     "fake_camera_write_register": (c_bool, (POINTER_, ctypes.c_uint32, ctypes.c_uint32)),
 }
+"""Functions without an error argument: types of the result and the arguments."""
 
-FILL = ctypes.CFUNCTYPE(None, c_void_p, c_void_p, ctypes.c_uint32, ctypes.c_uint32, c_uint)
-"""What fills a fake camera's buffer: buffer, its own data, exposure µs, gain, pixel format."""
+FILL_CALLBACK = ctypes.CFUNCTYPE(None, c_void_p, c_void_p, ctypes.c_uint32, ctypes.c_uint32, c_uint)
+"""Type of the callback that fills a fake camera's buffer. Arguments: buffer, user data, exposure in
+µs, gain, pixel format."""
 
 
 class AravisError(RcmServoError):
-    """Something that the library could not do, in its words."""
+    """Error that the library reports, with its text."""
 
 
 class _Error(ctypes.Structure):
@@ -90,45 +92,56 @@ class _Error(ctypes.Structure):
 
 
 class Aravis:
-    """The library; its functions are called by their names without `arv_`."""
+    """Loaded library. `call` calls its functions by their names without `arv_`.
+
+    Parameters
+    ----------
+    load : callable
+        Loader of a shared library by name.
+
+    Raises
+    ------
+    AravisError
+        If the library is not installed.
+    """
 
     def __init__(self, load: Callable[[str], Any] = ctypes.CDLL) -> None:
         try:
             self._aravis = load(LIBRARY)
             self._objects, self._base = load("libgobject-2.0.so.0"), load("libglib-2.0.so.0")
         except OSError as error:
-            raise AravisError(MISSING) from error
-        for table, more in ((CAN_FAIL, (c_void_p,)), (CANNOT_FAIL, ())):
+            raise AravisError(NOT_INSTALLED) from error
+        for table, error_type in ((CAN_FAIL, (c_void_p,)), (CANNOT_FAIL, ())):
             for name, (result, arguments) in table.items():
                 function = getattr(self._aravis, f"arv_{name}")
-                function.restype, function.argtypes = result, (*arguments, *more)
+                function.restype, function.argtypes = result, (*arguments, *error_type)
         self._objects.g_object_unref.argtypes = (c_void_p,)
         self._base.g_error_free.argtypes = (c_void_p,)
 
     def call(self, name: str, *arguments: Any) -> Any:
-        """Call one of its functions."""
+        """Call a function of the library."""
         function = getattr(self._aravis, f"arv_{name}")
         if name not in CAN_FAIL:
             return function(*arguments)
         error = POINTER(_Error)()
         result = function(*arguments, byref(error))
         if error:
-            words = one_line((error.contents.message or b"").decode(errors="replace"))
+            text = one_line((error.contents.message or b"").decode(errors="replace"))
             self._base.g_error_free(error)
-            raise AravisError(words)
+            raise AravisError(text)
         return result
 
     def data(self, buffer: int) -> tuple[int, int]:
-        """Where the content of a buffer is, and how many bytes it has room for."""
+        """Return address and size (bytes) of a buffer's content."""
         size = c_size_t()
         return self.call("buffer_get_data", buffer, byref(size)) or 0, size.value
 
-    def release(self, thing: int) -> None:
-        """Let one of its objects go."""
-        self._objects.g_object_unref(thing)
+    def release(self, instance: int) -> None:
+        """Release an object of the library."""
+        self._objects.g_object_unref(instance)
 
 
 @functools.cache
-def aravis() -> Aravis:
-    """The library, loaded once."""
+def load_aravis() -> Aravis:
+    """Return the library, loaded once per process."""
     return Aravis()

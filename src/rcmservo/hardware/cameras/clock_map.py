@@ -1,68 +1,80 @@
-"""What a camera's own times are on the computer's clock.
+"""Conversion of a camera's time stamps to the computer's clock.
 
-A camera stamps its frames by a clock of its own, which began at any time and runs a little fast or
-slow. A frame never arrives early: the lateness of arrivals against stamps lies above a straight
-line, which the least delayed frames touch, and whose slope is the drift. Of all lines below the
-lateness of the last seconds the one is taken that lies closest to all of it: an edge of their lower
-convex hull.
+A camera stamps its frames with its own clock, which has an arbitrary origin and a small drift. A
+frame never arrives early, so the differences of arrivals and stamps lie above a straight line. The
+least delayed frames touch this line, and its slope is the drift. The estimate is the line below all
+differences of the last seconds that lies closest to them: an edge of their lower convex hull.
 
 Reference: L. Zhang, Z. Liu, C. H. Xia: Clock synchronization algorithms for network measurements,
-INFOCOM 2002. How far off the line may be is our own estimate: if delays vary by m s on average, the
-least of n frames is hardly ever more than a few m/n s above what is possible. Where all frames of
-the last seconds were delayed alike, no computer can tell.
+INFOCOM 2002. The uncertainty is this project's own estimate: if delays vary by m s on average, the
+smallest of n delays rarely exceeds the smallest possible one by more than a few m/n s. A delay
+common to all frames of the last seconds cannot be detected.
 """
 
 from collections import deque
 from itertools import pairwise
 
-WINDOW = 10.0
-"""s of frames that are looked at."""
-TIDY = 1.0
-"""s after which those that are older are left out, all at once."""
-MOST_DRIFT = 500e-6
-"""By how much the camera's clock may run fast or slow: crystals keep a fifth of that."""
-MARGIN = 160.0
-"""Of the mean delay, over the number of frames: how sure the uncertainty is."""
-UNKNOWN = 0.2
-"""s, the same for what nobody knows yet of the delays."""
-EARLY = 0.001
-"""s beyond the uncertainty by which no frame is early, unless the camera's clock was set."""
-LATE = 1.0
-"""s by which a frame is late only where the camera's clock was set or stood still."""
+WINDOW_S = 10.0
+"""Duration of the frames that determine the line."""
+WINDOW_OVERRUN_S = 1.0
+"""Time beyond the window after which all older frames are removed together."""
+MAX_DRIFT = 500e-6
+"""Largest relative drift of the camera's clock. Crystals stay within a fifth of it."""
+DELAY_MARGIN = 160.0
+"""Uncertainty per mean delay, times the number of frames."""
+INITIAL_UNCERTAINTY_S = 0.2
+"""Additional uncertainty for still unknown delays, times the number of frames."""
+MAX_EARLINESS_S = 0.001
+"""Earliness beyond the uncertainty that shows that the camera's clock was set."""
+MAX_LATENESS_S = 1.0
+"""Lateness that shows that the camera's clock was set or stopped."""
 
 Point = tuple[float, float]
 
 
 class ClockMap:
-    """Learns from frame after frame. A clock that jumps begins anew."""
+    """Estimate of a camera's clock, updated with each frame. A jump of the clock restarts it."""
 
     uncertainty: float
-    """s, how far off the last answer may be."""
+    """Largest error of the last result in s."""
 
     def __init__(self) -> None:
-        self._newest, self._told = 0, 0
-        self._begin(0, 0)
+        self._newest_stamp, self._result = 0, 0
+        self._restart(0, 0)
 
-    def take(self, stamp: int, arrival: int) -> int:
-        """The next frame's stamp (ns on the camera's clock) and arrival (ns on the computer's);
-        when it would have arrived if nothing had delayed it. A frame that comes again tells
-        nothing."""
-        if self._points and stamp == self._newest:
-            return self._told
-        self._newest = stamp
-        if not self._goes_on(stamp, arrival):
-            self._begin(stamp, arrival)
+    def undelayed_arrival(self, stamp: int, arrival: int) -> int:
+        """Return the time at which a frame would have arrived without a delay.
+
+        A repeated stamp changes nothing and returns the last result.
+
+        Parameters
+        ----------
+        stamp : int
+            Time stamp of the frame, ns on the camera's clock.
+        arrival : int
+            Arrival of the frame, ns on the computer's clock.
+
+        Returns
+        -------
+        int
+            Time in ns on the computer's clock.
+        """
+        if self._points and stamp == self._newest_stamp:
+            return self._result
+        self._newest_stamp = stamp
+        if not self._is_continuous(stamp, arrival):
+            self._restart(stamp, arrival)
         x, y = self._point(stamp, arrival)
-        self._keep(x, y)
-        slope, height = self._line = self._lowest()
+        self._add_point(x, y)
+        slope, height = self._line = self._fit_line()
         count = len(self._points)
         delay = (self._sums[1] - slope * self._sums[0]) / count - height
-        self.uncertainty = (MARGIN * delay + UNKNOWN) / count
-        self._told = arrival - round((y - height - slope * x) * 1e9)
-        return self._told
+        self.uncertainty = (DELAY_MARGIN * delay + INITIAL_UNCERTAINTY_S) / count
+        self._result = arrival - round((y - height - slope * x) * 1e9)
+        return self._result
 
-    def _begin(self, stamp: int, arrival: int) -> None:
-        """Know nothing of the clock."""
+    def _restart(self, stamp: int, arrival: int) -> None:
+        """Discard all frames and take the origins of both clocks from a frame."""
         self._origin = stamp, arrival
         self._points: deque[Point] = deque()
         self._hull: list[Point] = []
@@ -70,54 +82,55 @@ class ClockMap:
         self.uncertainty = float("inf")
 
     def _point(self, stamp: int, arrival: int) -> Point:
-        """Stamp and lateness since the beginning, s."""
-        passed = stamp - self._origin[0]
-        return passed * 1e-9, (arrival - self._origin[1] - passed) * 1e-9
+        """Return stamp and lateness in s, relative to the origin."""
+        elapsed = stamp - self._origin[0]
+        return elapsed * 1e-9, (arrival - self._origin[1] - elapsed) * 1e-9
 
-    def _goes_on(self, stamp: int, arrival: int) -> bool:
-        """Whether the camera's clock runs on as it did."""
+    def _is_continuous(self, stamp: int, arrival: int) -> bool:
+        """Return True if the frame agrees with the present line."""
         if not self._points:
             return False
         x, y = self._point(stamp, arrival)
         slope, height = self._line
-        late = y - height - slope * x
-        return x > self._points[-1][0] and -self.uncertainty - EARLY <= late <= LATE
+        lateness = y - height - slope * x
+        earliest = -self.uncertainty - MAX_EARLINESS_S
+        return x > self._points[-1][0] and earliest <= lateness <= MAX_LATENESS_S
 
-    def _keep(self, x: float, y: float) -> None:
+    def _add_point(self, x: float, y: float) -> None:
         self._points.append((x, y))
         self._sums[0] += x
         self._sums[1] += y
-        _extend(self._hull, (x, y))
-        if self._points[0][0] < x - WINDOW - TIDY:
-            self._tidy(x - WINDOW)
+        _extend_hull(self._hull, (x, y))
+        if self._points[0][0] < x - WINDOW_S - WINDOW_OVERRUN_S:
+            self._remove_before(x - WINDOW_S)
 
-    def _tidy(self, since: float) -> None:
+    def _remove_before(self, since: float) -> None:
         while self._points[0][0] < since:
             self._points.popleft()
         self._hull = []
         for point in self._points:
-            _extend(self._hull, point)
+            _extend_hull(self._hull, point)
         self._sums = [sum(point[i] for point in self._points) for i in (0, 1)]
 
-    def _lowest(self) -> Point:
-        """Slope and height of the line below all points that lies closest to them."""
+    def _fit_line(self) -> Point:
+        """Return slope and height of the closest line below all points."""
         hull, middle, slope = self._hull, self._sums[0] / len(self._points), 0.0
-        for (x, y), (after, then) in pairwise(hull):
-            slope = (then - y) / (after - x)
-            if after >= middle:
+        for (x, y), (next_x, next_y) in pairwise(hull):
+            slope = (next_y - y) / (next_x - x)
+            if next_x >= middle:
                 break
-        slope = min(max(slope, -MOST_DRIFT), MOST_DRIFT)
+        slope = min(max(slope, -MAX_DRIFT), MAX_DRIFT)
         return slope, min(y - slope * x for x, y in hull)
 
 
-def _extend(hull: list[Point], new: Point) -> None:
-    """Take a point, to the right of all, into a lower convex hull."""
-    while len(hull) > 1 and _above(hull[-2], hull[-1], new):
+def _extend_hull(hull: list[Point], new: Point) -> None:
+    """Add a point to the right of all others to a lower convex hull."""
+    while len(hull) > 1 and _is_above(hull[-2], hull[-1], new):
         hull.pop()
     hull.append(new)
 
 
-def _above(one: Point, between: Point, other: Point) -> bool:
-    """Whether a point lies on or above the straight line from one to the other."""
-    rise = (other[1] - one[1]) * (between[0] - one[0])
-    return (between[1] - one[1]) * (other[0] - one[0]) >= rise
+def _is_above(left: Point, middle: Point, right: Point) -> bool:
+    """Return True if the middle point lies on or above the line through the other two."""
+    rise = (right[1] - left[1]) * (middle[0] - left[0])
+    return (middle[1] - left[1]) * (right[0] - left[0]) >= rise

@@ -1,8 +1,8 @@
-"""Cameras that OpenCV reads. They tell no times: a frame's exposure lies `latency` before its
-arrival.
+"""Driver of cameras that OpenCV reads: video devices, files, image sequences and network streams.
 
-A device's buffer holds one frame, and the network's pictures are not kept back, so that what is
-read is new; files play at their own pace, and never faster to catch up.
+They have no time stamps: the exposure of a frame is `latency` before its arrival. A device buffers
+one frame and network streams are not buffered, so frames are recent. Files play at their own rate,
+and never faster to catch up.
 """
 
 import os
@@ -14,76 +14,77 @@ from typing import Any, cast
 import cv2
 import numpy as np
 
-from rcmservo.hardware.cameras.packed import unpacked
-from rcmservo.hardware.cameras.settings import OpencvSettings, require_taken
-from rcmservo.hardware.cameras.streamed import CameraLost, Snapshot, StreamedCamera
+from rcmservo.hardware.cameras.pixel_formats import decode_image_file
+from rcmservo.hardware.cameras.settings import OpencvSettings, require_accepted
+from rcmservo.hardware.cameras.streamed_camera import CameraLost, Snapshot, StreamedCamera
 from rcmservo.interfaces import Image
 from rcmservo.loop.clock import sleep_until
 
-OPEN_WITHIN = 3000
-"""ms within which an address must answer."""
-READ_WITHIN = 2000
-"""ms within which its next picture must come."""
-DEVICE_WITHIN = "2"
-"""s within which a device's next picture must come; OpenCV reads it once in a process."""
-LOOK = 100_000_000
-"""ns after which somebody may want to close a file whose next frame is not due."""
-MANUAL = 1
-"""V4L2's word for an exposure that the camera does not choose."""
-UNITS = 1e4
-"""V4L2 counts exposures in 100 µs."""
+OPEN_TIMEOUT_MS = 3000
+"""Time limit for a network address to answer."""
+READ_TIMEOUT_MS = 2000
+"""Time limit for the next image from a network address."""
+DEVICE_TIMEOUT_S = "2"
+"""Time limit for the next image of a device. OpenCV reads this variable once per process."""
+MAX_WAIT_NS = 100_000_000
+"""Longest wait for a file's next frame, short enough to close the file soon."""
+MANUAL_EXPOSURE = 1
+"""V4L2 value of a manual exposure."""
+EXPOSURE_UNITS_PER_S = 1e4
+"""V4L2 measures exposures in 100 µs."""
 MOTION_JPEG = cv2.VideoWriter.fourcc(*"MJPG")
-PACKED = -1
-"""Format in which FFmpeg gives each picture's file as it came."""
-UNBUFFERED = "fflags;nobuffer|flags;low_delay"
-"""What FFmpeg is told of the network, so that it keeps no frames back; a file's first ones would be
-lost by it."""
+ENCODED_FORMAT = -1
+"""Format in which FFmpeg returns the encoded image."""
+UNBUFFERED_OPTIONS = "fflags;nobuffer|flags;low_delay"
+"""FFmpeg options against buffering of network streams. A file would lose its first frames."""
 
 
-def opencv_camera(settings: OpencvSettings) -> StreamedCamera:
-    """The camera, open. A file or a sequence that has ended stays so."""
-    lasting = settings.device or settings.remote
-    return StreamedCamera(partial(OpencvStream, settings), lasting)
+def open_opencv_camera(settings: OpencvSettings) -> StreamedCamera:
+    """Open the camera. A file or sequence that has ended is not reopened."""
+    reopens = settings.is_device or settings.is_remote
+    return StreamedCamera(partial(OpencvStream, settings), reopens)
 
 
 class OpencvStream:
-    """One connection to it."""
+    """Connection to one camera or file."""
 
     def __init__(self, settings: OpencvSettings) -> None:
         self._settings = settings
-        os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = UNBUFFERED if settings.remote else ""
+        os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = (
+            UNBUFFERED_OPTIONS if settings.is_remote else ""
+        )
         os.environ["OPENCV_FFMPEG_LOGLEVEL"] = "-8"
-        os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", DEVICE_WITHIN)
+        os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", DEVICE_TIMEOUT_S)
         cv2.utils.logging.setLogLevel(0)
-        self._capture: Any = _capture(settings)
+        self._capture: Any = _open_capture(settings)
         if not self._capture.isOpened():
-            raise CameraLost(f"camera {settings.source}: cannot be opened{_why(settings)}")
+            raise CameraLost(f"camera {settings.source}: cannot be opened{_open_error(settings)}")
         try:
-            self._packed = not settings.device and _packed(self._capture)
+            self._is_encoded = not settings.is_device and _request_encoded(self._capture)
             self._period = self._set_up()
         except BaseException:
             self._capture.release()
             raise
         self._due = time.monotonic_ns()
 
-    def next(self) -> Snapshot | None:
+    def read(self) -> Snapshot | None:
         if self._period:
-            sleep_until(min(self._due, time.monotonic_ns() + LOOK))
+            sleep_until(min(self._due, time.monotonic_ns() + MAX_WAIT_NS))
             if time.monotonic_ns() < self._due:
                 return None
             self._due = max(self._due + self._period, time.monotonic_ns())
         if not self._capture.grab():
-            raise CameraLost(f"camera {self._settings.source}: {_ended(self._settings)}")
+            raise CameraLost(f"camera {self._settings.source}: {_end_reason(self._settings)}")
         arrival = time.monotonic_ns()
         exposure = arrival - round(self._settings.latency * 1e9)
-        return Snapshot(self._image(), exposure, arrival)
+        return Snapshot(self._retrieve(), exposure, arrival)
 
-    def _image(self) -> Image | None:
+    def _retrieve(self) -> Image | None:
         try:
-            whole, image = self._capture.retrieve()
-            if whole and self._packed:
-                return unpacked(image.tobytes())
-            return _colour(image) if whole else None
+            complete, image = self._capture.retrieve()
+            if complete and self._is_encoded:
+                return decode_image_file(image.tobytes())
+            return _to_colour(image) if complete else None
         except cv2.error:
             return None
 
@@ -91,60 +92,66 @@ class OpencvStream:
         self._capture.release()
 
     def _set_up(self) -> int:
-        """Set what is given; ns between two frames of a file, 0 where they come by themselves."""
-        s = self._settings
-        if s.device:
+        """Set the given settings; return the frame period of a file in ns, 0 for a live camera."""
+        settings = self._settings
+        if settings.is_device:
             self._set_device()
             return 0
-        if s.remote:
+        if settings.is_remote:
             return 0
-        rate = s.frame_rate or float(self._capture.get(cv2.CAP_PROP_FPS))
+        rate = settings.frame_rate or float(self._capture.get(cv2.CAP_PROP_FPS))
         if not 0.1 <= rate <= 1000.0:
-            raise CameraLost(f"camera {s.source}: does not say its pace: set camera.frame_rate")
+            raise CameraLost(
+                f"camera {settings.source}: the file has no frame rate: set camera.frame_rate"
+            )
         return round(1e9 / rate)
 
     def _set_device(self) -> None:
-        s = self._settings
+        """Set the given settings of a device and read them back."""
+        settings = self._settings
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-        if s.exposure is not None:
-            self._capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, MANUAL)
-        wanted = (
-            ("width", cv2.CAP_PROP_FRAME_WIDTH, s.width, 1.0, 0.0),
-            ("height", cv2.CAP_PROP_FRAME_HEIGHT, s.height, 1.0, 0.0),
-            ("frame_rate", cv2.CAP_PROP_FPS, s.frame_rate, 1.0, 0.01),
-            ("exposure", cv2.CAP_PROP_EXPOSURE, s.exposure, UNITS, 0.05),
-            ("gain", cv2.CAP_PROP_GAIN, s.gain, 1.0, 0.05),
-        )
-        given = [(name, key, v, unit, near) for name, key, v, unit, near in wanted if v is not None]
-        for _, key, value, unit, _ in given:
-            self._capture.set(key, value * unit)
-        for name, key, value, unit, near in given:
-            require_taken(name, value, float(self._capture.get(key)) / unit, near)
+        if settings.exposure is not None:
+            self._capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, MANUAL_EXPOSURE)
+        parameters = [
+            (name, key, value, scale, tolerance)
+            for name, key, value, scale, tolerance in (
+                ("width", cv2.CAP_PROP_FRAME_WIDTH, settings.width, 1.0, 0.0),
+                ("height", cv2.CAP_PROP_FRAME_HEIGHT, settings.height, 1.0, 0.0),
+                ("frame_rate", cv2.CAP_PROP_FPS, settings.frame_rate, 1.0, 0.01),
+                ("exposure", cv2.CAP_PROP_EXPOSURE, settings.exposure, EXPOSURE_UNITS_PER_S, 0.05),
+                ("gain", cv2.CAP_PROP_GAIN, settings.gain, 1.0, 0.05),
+            )
+            if value is not None
+        ]
+        for _, key, value, scale, _ in parameters:
+            self._capture.set(key, value * scale)
+        for name, key, value, scale, tolerance in parameters:
+            actual = float(self._capture.get(key)) / scale
+            require_accepted(name, value, actual, tolerance)
 
 
-def _capture(s: OpencvSettings) -> Any:
-    if s.device:
-        device = int(s.source) if s.source.isdecimal() else s.source
+def _open_capture(settings: OpencvSettings) -> Any:
+    if settings.is_device:
+        device = int(settings.source) if settings.source.isdecimal() else settings.source
         return cv2.VideoCapture(cast(Any, device), cv2.CAP_V4L2)
-    if s.remote:
-        waits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_WITHIN]
-        waits += [cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_WITHIN, cv2.CAP_PROP_N_THREADS, 1]
-        return cv2.VideoCapture(s.source, cv2.CAP_FFMPEG, waits)
-    if "%" in s.source:
-        return cv2.VideoCapture(s.source, cv2.CAP_IMAGES)
-    return cv2.VideoCapture(s.source, cv2.CAP_FFMPEG)
+    if settings.is_remote:
+        timeouts = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_TIMEOUT_MS]
+        timeouts += [cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_TIMEOUT_MS, cv2.CAP_PROP_N_THREADS, 1]
+        return cv2.VideoCapture(settings.source, cv2.CAP_FFMPEG, timeouts)
+    if "%" in settings.source:
+        return cv2.VideoCapture(settings.source, cv2.CAP_IMAGES)
+    return cv2.VideoCapture(settings.source, cv2.CAP_FFMPEG)
 
 
-def _packed(capture: Any) -> bool:
-    """Whether it gives JPEG files, as it is told to where it has them, and not what FFmpeg makes of
-    them."""
+def _request_encoded(capture: Any) -> bool:
+    """Request JPEG files instead of decoded images; return True if the source has them."""
     if int(capture.get(cv2.CAP_PROP_FOURCC)) != MOTION_JPEG:
         return False
-    return bool(capture.set(cv2.CAP_PROP_FORMAT, PACKED))
+    return bool(capture.set(cv2.CAP_PROP_FORMAT, ENCODED_FORMAT))
 
 
-def _colour(image: Any) -> Image | None:
-    """A picture blue-green-red; None of what is none."""
+def _to_colour(image: Any) -> Image | None:
+    """Return an image as blue-green-red, None if it is not an 8-bit image."""
     if image is None or image.dtype != np.uint8:
         return None
     if image.ndim == 2:
@@ -152,18 +159,20 @@ def _colour(image: Any) -> Image | None:
     return cast(Image, image) if image.shape[2] == 3 else None
 
 
-def _why(s: OpencvSettings) -> str:
-    path = Path(f"/dev/video{s.source}" if s.source.isdecimal() else s.source)
-    if s.remote:
-        return ": nothing sends pictures there"
-    if not s.device:
-        return ": no video or no picture that can be read"
+def _open_error(settings: OpencvSettings) -> str:
+    path = Path(f"/dev/video{settings.source}" if settings.source.isdecimal() else settings.source)
+    if settings.is_remote:
+        return ": no images come from there"
+    if not settings.is_device:
+        return ": not a readable video or image"
     if not path.exists():
         return f": there is no {path}"
     if not os.access(path, os.R_OK | os.W_OK):
-        return f": {path} is not yours to read (sudo usermod -aG video $USER, and log in again)"
-    return ": it is in use, or no camera"
+        return f": no permission to read {path} (sudo usermod -aG video $USER, and log in again)"
+    return ": it is in use, or not a camera"
 
 
-def _ended(s: OpencvSettings) -> str:
-    return "no more pictures come" if s.device or s.remote else "the file has ended"
+def _end_reason(settings: OpencvSettings) -> str:
+    return (
+        "no more images come" if settings.is_device or settings.is_remote else "the file has ended"
+    )

@@ -1,7 +1,7 @@
-"""Which camera it is and how it is set: a rig file's section [camera] with a kind.
+"""Settings of cameras: the section [camera] with a kind of a rig file.
 
-What is left out is left as the camera has it; what is given is read back from the camera, which is
-refused where it has taken something else.
+A setting that is left out stays as the camera has it. A given setting is read back from the camera,
+and refused if the camera has a different value.
 """
 
 import ipaddress
@@ -10,140 +10,143 @@ from typing import Annotated, ClassVar
 
 from rcmservo.constraints import Checked, Limit, between, matching, not_empty
 from rcmservo.errors import require
-from rcmservo.hardware.crtk.settings import TOPIC, RosConnection
+from rcmservo.hardware.crtk.settings import TOPIC_PATTERN, RosConnection
 
 LATENCY = Limit(
-    lambda latency: 0.0 <= latency <= 1.0, "a time from 0 to 1 s (0 where it was never measured)"
+    lambda latency: 0.0 <= latency <= 1.0, "a time from 0 to 1 s (0 if it is not measured)"
 )
-"""A camera that is later than 1 s is of no use."""
+"""Range of a latency. A camera with more than 1 s is useless for the servo."""
 
-PIXELS = between(64, 8192, "a whole number of px")
+IMAGE_SIZE = between(64, 8192, "a whole number of px")
 FRAME_RATE = between(1.0, 1000.0, "a rate", "frames/s")
-EXPOSURE = Limit(lambda exposure: 1e-5 <= exposure <= 1.0, "a time from 0.00001 to 1 s")
+EXPOSURE_TIME = Limit(lambda exposure: 1e-5 <= exposure <= 1.0, "a time from 0.00001 to 1 s")
 
 
 @dataclass(frozen=True)
 class OpencvSettings(Checked, section="camera"):
-    """A camera that OpenCV reads: a video device, a file, a numbered sequence of pictures, or an
-    address on the network. It tells no times."""
+    """Video device, video file, numbered image sequence or network address, read with OpenCV. It
+    has no time stamps."""
 
     name: ClassVar[str] = "opencv"
-    """Its kind in rig files."""
+    """Kind of the camera in rig files."""
 
     source: Annotated[str, not_empty("a device, a file, a sequence of pictures, or an address")]
-    """/dev/video0 or its number, a file, a sequence such as frames/%04d.png, or an address such as
-    http://..."""
+    """Device such as /dev/video0 or its number, file, sequence such as frames/%04d.png, or address
+    such as http://..."""
     latency: Annotated[float, LATENCY] = 0.0
-    """s from the middle of an exposure to the frame's arrival; 0 where nobody has measured it."""
-    width: Annotated[int | None, PIXELS] = None
-    """px of the picture of a device."""
-    height: Annotated[int | None, PIXELS] = None
-    """px of the picture of a device."""
+    """Time from the middle of the exposure to the frame's arrival, s; 0 if it is not measured."""
+    width: Annotated[int | None, IMAGE_SIZE] = None
+    """Image width of a device, px."""
+    height: Annotated[int | None, IMAGE_SIZE] = None
+    """Image height of a device, px."""
     frame_rate: Annotated[float | None, FRAME_RATE] = None
-    """Frames per s of a device; with which a file or sequence is played."""
-    exposure: Annotated[float | None, EXPOSURE] = None
-    """s for which a device exposes a frame."""
+    """Frame rate of a device, or playback rate of a file or sequence, frames/s."""
+    exposure: Annotated[float | None, EXPOSURE_TIME] = None
+    """Exposure time of a device, s."""
     gain: float | None = None
-    """Of a device, in its own units."""
+    """Gain of a device, in its own units."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.device:
+        if not self.is_device:
             for name in ("width", "height", "exposure", "gain"):
-                right = "left out: it can be set of a video device only"
-                self.require(getattr(self, name) is None, name, right)
-        if self.remote:
-            right = "left out: what sends the pictures decides it"
-            self.require(self.frame_rate is None, "frame_rate", right)
+                expected = "left out: only a video device has this setting"
+                self.require(getattr(self, name) is None, name, expected)
+        if self.is_remote:
+            expected = "left out: the sender of the images sets it"
+            self.require(self.frame_rate is None, "frame_rate", expected)
 
     @property
-    def device(self) -> bool:
-        """Whether it is a video device of this computer."""
+    def is_device(self) -> bool:
+        """True for a video device of this computer."""
         return self.source.isdecimal() or self.source.startswith("/dev/")
 
     @property
-    def remote(self) -> bool:
-        """Whether it is an address on the network."""
+    def is_remote(self) -> bool:
+        """True for a network address."""
         return "://" in self.source
 
 
 @dataclass(frozen=True)
 class AravisSettings(Checked, section="camera"):
-    """A GigE Vision or USB3 Vision camera, by the Aravis library."""
+    """GigE Vision or USB3 Vision camera, read with the Aravis library."""
 
     name: ClassVar[str] = "aravis"
-    """Its kind in rig files."""
+    """Kind of the camera in rig files."""
 
     address: Annotated[str, not_empty("an address or a name")]
-    """Its address on the network, or its name as `arv-tool-0.8` lists it."""
+    """IP address, or name as `arv-tool-0.8` lists it."""
     latency: Annotated[float, LATENCY] = 0.0
-    """s from the middle of an exposure to the arrival of a frame that nothing delays; 0 where
-    nobody has measured it. The camera's own times say how much later the others are."""
-    width: Annotated[int | None, PIXELS] = None
-    """px of the picture."""
-    height: Annotated[int | None, PIXELS] = None
-    """px of the picture."""
+    """Time from the middle of the exposure to the arrival of an undelayed frame, s; 0 if it is not
+    measured. The camera's time stamps give the delays of the other frames."""
+    width: Annotated[int | None, IMAGE_SIZE] = None
+    """Image width, px."""
+    height: Annotated[int | None, IMAGE_SIZE] = None
+    """Image height, px."""
     frame_rate: Annotated[float | None, FRAME_RATE] = None
-    """Frames per s."""
-    exposure: Annotated[float | None, EXPOSURE] = None
-    """s for which a frame is exposed."""
+    """Frame rate, frames/s."""
+    exposure: Annotated[float | None, EXPOSURE_TIME] = None
+    """Exposure time, s."""
     gain: float | None = None
-    """In the camera's own units."""
+    """Gain in the camera's own units."""
     packet_size: Annotated[int | None, between(576, 16000, "a whole number of bytes")] = None
-    """Bytes of a packet on the network, as many as all of the way there carries; 1400 goes
-    anywhere, and 9000 is taken where the camera is emulated on this computer."""
+    """Packet size in bytes that the whole network path supports. By default 1400, which every
+    network supports, or 9000 for an emulated camera on this computer."""
 
     @property
-    def bytes_of_packet(self) -> int:
-        """The packet size that is asked for."""
+    def effective_packet_size(self) -> int:
+        """Requested packet size in bytes."""
         if self.packet_size is not None:
             return self.packet_size
-        return 9000 if _is_this_computer(self.address) else 1400
+        return 9000 if _is_loopback(self.address) else 1400
 
 
 @dataclass(frozen=True)
 class TopicSettings(RosConnection, section="camera"):
-    """A camera whose pictures come on a ROS topic, stamped when they were exposed."""
+    """Camera that publishes images on a ROS topic, stamped with their exposure times."""
 
     name: ClassVar[str] = "topic"
-    """Its kind in rig files."""
+    """Kind of the camera in rig files."""
 
     topic: Annotated[
         str,
-        matching(TOPIC, "a topic's name without a slash before it, such as PSM1/camera/image_raw"),
+        matching(
+            TOPIC_PATTERN, "a topic's name without a slash before it, such as PSM1/camera/image_raw"
+        ),
     ]
-    """The topic's name, such as PSM1/camera/image_raw."""
+    """Name of the topic, such as PSM1/camera/image_raw."""
     compressed: bool = False
-    """Whether they come as the files of sensor_msgs/CompressedImage, not as sensor_msgs/Image."""
+    """True for sensor_msgs/CompressedImage, false for sensor_msgs/Image."""
     latency: Annotated[float, LATENCY] = 0.0
-    """s from the middle of an exposure to the stamp."""
+    """Time from the middle of the exposure to the stamp, s."""
 
 
 CameraSettings = OpencvSettings | AravisSettings | TopicSettings
 
 
 def known_latency(settings: CameraSettings) -> float | None:
-    """s by which its frames are late, as its section says; None where nobody has measured it and no
-    stamp of an exposure tells it."""
+    """Return the latency of a camera in s, None if it is neither measured nor stamped."""
     stamped = isinstance(settings, TopicSettings)
     return settings.latency if stamped or settings.latency > 0.0 else None
 
 
 def require_latency(settings: CameraSettings) -> None:
-    """Refuse a camera whose latency nobody has measured."""
-    right = "more than 0 s: `rcmservo rig check` measures it"
+    """Raise `BadInput` if the latency of a camera is not known."""
+    expected = "more than 0 s: `rcmservo rig check` measures it"
     known = known_latency(settings) is not None
-    require(known, "camera.latency", settings.latency, right)
+    require(known, "camera.latency", settings.latency, expected)
 
 
-def _is_this_computer(address: str) -> bool:
+def _is_loopback(address: str) -> bool:
     try:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:
         return False
 
 
-def require_taken(name: str, wanted: float, taken: float, within: float) -> None:
-    """Refuse a setting that the camera has not taken as it was given, to so large a share."""
-    good = abs(taken - wanted) <= within * abs(wanted)
-    require(good, f"camera.{name}", wanted, f"one that the camera takes (it makes {taken:g} of it)")
+def require_accepted(name: str, value: float, actual: float, tolerance: float) -> None:
+    """Raise `BadInput` if a camera's actual value differs from a setting by more than a relative
+    tolerance."""
+    accepted = abs(actual - value) <= tolerance * abs(value)
+    expected = f"a value that the camera accepts (it has set {actual:g})"
+    require(accepted, f"camera.{name}", value, expected)

@@ -1,8 +1,8 @@
-"""A camera whose pictures come on a ROS topic. Their stamps are when they were exposed, in calendar
-time: within one computer it differs from the clock here by what is read in one go; by how much two
-computers' clocks differ nobody measures.
+"""Driver of a camera that publishes on a ROS topic.
 
-Pictures are not sent again where they were lost, and bear no numbers: what never came is not known.
+Image stamps are exposure times in calendar time. Within one computer they convert to its monotonic
+clock with the uncertainty of reading both clocks. The offset between two computers' clocks is not
+measured. Lost images are not sent again and have no numbers, so their count is unknown.
 """
 
 import time
@@ -14,43 +14,52 @@ from typing import Any, cast
 import cv2
 import numpy as np
 
-from rcmservo.hardware.cameras.packed import unpacked
+from rcmservo.hardware.cameras.pixel_formats import decode_image_file
 from rcmservo.hardware.cameras.settings import TopicSettings
-from rcmservo.hardware.cameras.streamed import CameraLost, Snapshot, StreamedCamera
-from rcmservo.hardware.crtk.connection import open_transport
-from rcmservo.hardware.crtk.messages import CompressedImage, PlainImage, Topic
-from rcmservo.hardware.crtk.transport import Transport
+from rcmservo.hardware.cameras.streamed_camera import CameraLost, Snapshot, StreamedCamera
+from rcmservo.hardware.crtk.messages import CompressedImage, PlainImage, Topic, Transport
+from rcmservo.hardware.crtk.received_state import MAX_STAMP_LEAD_NS
+from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.interfaces import Image
 
-WAIT = 0.1
-"""s that are waited for a picture in one go."""
-OLD = 1_000_000_000
-"""ns after which a picture is no news."""
-AHEAD = 5_000_000
-"""ns by which a stamp may be ahead of the clock here."""
+READ_TIMEOUT_S = 0.1
+"""Wait for an image in one call."""
+MAX_IMAGE_AGE_NS = 1_000_000_000
+"""Age above which an image is refused."""
 CHANNELS = {"bgr8": 3, "rgb8": 3, "bgra8": 4, "rgba8": 4, "mono8": 1, "8UC3": 3, "8UC1": 1}
-"""Bytes of a pixel in each encoding that is read."""
-CONVERT = {
+"""Bytes per pixel of each supported encoding."""
+CONVERSIONS = {
     "rgb8": cv2.COLOR_RGB2BGR,
     "bgra8": cv2.COLOR_BGRA2BGR,
     "rgba8": cv2.COLOR_RGBA2BGR,
     "mono8": cv2.COLOR_GRAY2BGR,
     "8UC1": cv2.COLOR_GRAY2BGR,
 }
+"""OpenCV conversion of each encoding to blue-green-red."""
 
 
-def topic_camera(settings: TopicSettings) -> StreamedCamera:
-    """The camera, open; whether pictures come is seen later."""
-    return StreamedCamera(partial(_stream, settings))
+def open_topic_camera(settings: TopicSettings) -> StreamedCamera:
+    """Subscribe to the camera's topic. The camera need not publish yet."""
+    return StreamedCamera(partial(_open_stream, settings))
 
 
-def _stream(settings: TopicSettings) -> "TopicStream":
+def _open_stream(settings: TopicSettings) -> "TopicStream":
     transport = open_transport(settings)
     return TopicStream(settings, transport)
 
 
 class TopicStream:
-    """One subscription, whose transport it closes in the end."""
+    """Subscription to one topic.
+
+    Parameters
+    ----------
+    settings : TopicSettings
+        Topic and latency.
+    transport : Transport
+        Open transport, which `close` closes.
+    now, real : callable
+        Monotonic clock and calendar time, ns.
+    """
 
     def __init__(
         self,
@@ -60,67 +69,69 @@ class TopicStream:
         real: Callable[[], int] = time.time_ns,
     ) -> None:
         self._settings, self._transport, self._now, self._real = settings, transport, now, real
-        self._told = Condition()
-        self._waiting: tuple[PlainImage | CompressedImage, int, int, float] | None = None
-        self._passed = self._newest = 0
+        self._arrived = Condition()
+        self._newest: tuple[PlainImage | CompressedImage, int, int, float] | None = None
+        self._skipped = self._newest_stamp = 0
         if settings.compressed:
             topic = Topic(settings.topic, CompressedImage, lossy=True)
-            transport.subscribe(topic, self._hear)
+            transport.subscribe(topic, self._receive)
         else:
-            transport.subscribe(Topic(settings.topic, PlainImage, lossy=True), self._hear)
+            transport.subscribe(Topic(settings.topic, PlainImage, lossy=True), self._receive)
 
-    def next(self) -> Snapshot | None:
-        with self._told:
-            self._told.wait_for(lambda: self._waiting is not None, WAIT)
-            if self._waiting is None:
+    def read(self) -> Snapshot | None:
+        with self._arrived:
+            self._arrived.wait_for(lambda: self._newest is not None, READ_TIMEOUT_S)
+            if self._newest is None:
                 return None
-            (said, arrival, real, uncertainty), self._waiting = self._waiting, None
-            passed, self._passed = self._passed, 0
-        age = real - said.stamp
-        if not -AHEAD <= age <= OLD:
-            words = "bear no stamp" if not said.stamp else f"are {age * 1e-9:.3f} s old"
-            raise CameraLost(f"camera {self._settings.topic}: by its stamps pictures {words}")
-        newer, self._newest = said.stamp > self._newest, max(said.stamp, self._newest)
+            (message, arrival, real, uncertainty), self._newest = self._newest, None
+            skipped, self._skipped = self._skipped, 0
+        age = real - message.stamp
+        if not -MAX_STAMP_LEAD_NS <= age <= MAX_IMAGE_AGE_NS:
+            stamped = f"images are {age * 1e-9:.3f} s old by their stamps"
+            problem = stamped if message.stamp else "images have no stamp"
+            raise CameraLost(f"camera {self._settings.topic}: {problem}")
+        newer = message.stamp > self._newest_stamp
+        self._newest_stamp = max(message.stamp, self._newest_stamp)
         exposure = arrival - max(age, 0) - round(self._settings.latency * 1e9)
-        image = self._image(said) if newer else None
-        return Snapshot(image, exposure, arrival, passed=passed, uncertainty=uncertainty)
+        image = self._decode(message) if newer else None
+        return Snapshot(image, exposure, arrival, skipped=skipped, uncertainty=uncertainty)
 
     def close(self) -> None:
         self._transport.close()
 
-    def _hear(self, said: PlainImage | CompressedImage, writer: str) -> None:
+    def _receive(self, message: PlainImage | CompressedImage, writer: str) -> None:
         before = self._now()
         real, after = self._real(), self._now()
-        with self._told:
-            self._passed += self._waiting is not None
-            self._waiting = said, after, real, self._known((after - before) * 1e-9)
-            self._told.notify_all()
+        with self._arrived:
+            self._skipped += self._newest is not None
+            self._newest = message, after, real, self._uncertainty((after - before) * 1e-9)
+            self._arrived.notify_all()
 
-    def _known(self, read: float) -> float:
-        """s, how well the stamp is known on the clock here, which was read in so many s."""
-        here = self._settings.ros == 2 and self._settings.interface == "lo"
-        return read if here else float("nan")
+    def _uncertainty(self, reading_time: float) -> float:
+        """Return the uncertainty (s) of a stamp, NaN if another computer may have set it."""
+        local = self._settings.ros == 2 and self._settings.interface == "lo"
+        return reading_time if local else float("nan")
 
-    def _image(self, said: PlainImage | CompressedImage) -> Image | None:
-        """Blue-green-red; None of what is damaged."""
+    def _decode(self, message: PlainImage | CompressedImage) -> Image | None:
+        """Return the image as blue-green-red, None if it is damaged."""
         try:
-            if isinstance(said, CompressedImage):
-                return unpacked(said.data)
-            return self._plain(said)
+            if isinstance(message, CompressedImage):
+                return decode_image_file(message.data)
+            return self._decode_plain(message)
         except cv2.error:
             return None
 
-    def _plain(self, said: PlainImage) -> Image | None:
-        channels = CHANNELS.get(said.encoding)
+    def _decode_plain(self, message: PlainImage) -> Image | None:
+        channels = CHANNELS.get(message.encoding)
         if channels is None:
-            right = ", ".join(CHANNELS)
-            words = f"pictures come as {said.encoding[:40]!r}, and only {right} are read"
-            raise CameraLost(f"camera {self._settings.topic}: {words}")
-        line = channels * said.width
-        sound = 0 < line <= said.step and len(said.data) == said.step * said.height > 0
-        if not sound:
+            supported = ", ".join(CHANNELS)
+            problem = f"images have the encoding {message.encoding[:40]!r}; expected {supported}"
+            raise CameraLost(f"camera {self._settings.topic}: {problem}")
+        row_bytes = channels * message.width
+        complete = len(message.data) == message.step * message.height > 0
+        if not 0 < row_bytes <= message.step or not complete:
             return None
-        rows = np.frombuffer(said.data, np.uint8).reshape(said.height, said.step)[:, :line]
-        pixels = rows.reshape(said.height, said.width, channels)
-        code = CONVERT.get(said.encoding)
+        rows = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
+        pixels = rows[:, :row_bytes].reshape(message.height, message.width, channels)
+        code = CONVERSIONS.get(message.encoding)
         return pixels if code is None else cast(Any, cv2.cvtColor(pixels, code))

@@ -1,1 +1,1 @@
-"""Arms that speak CRTK, the collaborative robotics toolkit, over ROS 2 or ROS 1."""
+"""Driver and emulator of CRTK arms (collaborative robotics toolkit) over ROS 2 or ROS 1."""

@@ -1,51 +1,106 @@
-"""An arm that speaks CRTK, as the loop has it: rates become positions that it is asked to be at.
+"""Driver of an arm that speaks CRTK (collaborative robotics toolkit).
 
-Its drive is on or off by its own word alone. Whatever ends our having it (a command that is not
-enabled, none before the last one's deadline, somebody else who moves it, words that cannot be
-believed) is followed by "disable", again and again until it says that it is off. Many such arms
-have no watchdog: one goes to where it was asked to be last, within its lead, and stands there.
+Joint rates become position setpoints, or with ``jv`` speeds. Only the arm's own reports determine
+whether its drive is on. The driver gives up control when a command is not enabled, when none
+arrives before the deadline, when another client moves the arm, or when its reports are invalid.
+Then it sends "disable" repeatedly until the arm reports that it is off. Many such arms have no
+watchdog: they go to their last setpoint, which is within the lead, and stand there.
 """
 
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from rcmservo.errors import one_line
-from rcmservo.hardware.crtk import messages as m
-from rcmservo.hardware.crtk.account import CommandAccount
-from rcmservo.hardware.crtk.connection import open_transport
-from rcmservo.hardware.crtk.hearsay import ENABLED, FRESH, Hearsay, ToldJoints
-from rcmservo.hardware.crtk.lead import Lead
+from rcmservo.hardware.crtk.bounded_lead import BoundedLead
+from rcmservo.hardware.crtk.messages import (
+    ERROR,
+    MEASURED_JS,
+    MOTION_TOPICS,
+    OPERATING_STATE,
+    SERVO_JP,
+    SERVO_JV,
+    STATE_COMMAND,
+    WARNING,
+    JointState,
+    OperatingState,
+    RosMessage,
+    StringStamped,
+    Topic,
+    Transport,
+    to_rad_m,
+    to_rad_mm,
+)
+from rcmservo.hardware.crtk.received_state import (
+    ENABLED,
+    MAX_JOINT_AGE_NS,
+    ReceivedState,
+    ReportedJoints,
+)
 from rcmservo.hardware.crtk.settings import CrtkSettings
-from rcmservo.hardware.crtk.transport import Transport
+from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.live.lab import NotReady
 from rcmservo.method.kinematics import JointLimits
 
-BEGIN = 1_000_000_000
-"""ns after it was enabled within which commands must begin."""
-FOUND_WITHIN = 10.0
-"""s within which its topics must be heard."""
-AGAIN = 100_000_000
-"""ns after which an arm that is to be off is told so again,"""
-OVERDUE = 2_000_000_000
-"""ns, and after which a person is to see to it."""
-WATCH = 0.005
-"""s between two looks at the deadline."""
-FOREIGN = 500_000_000
-"""ns after which what somebody else sent counts no more."""
+FIRST_COMMAND_NS = 1_000_000_000
+"""Time after enabling in which the first command must arrive."""
+CONNECT_TIMEOUT_S = 10.0
+"""Time in which all topics must be found."""
+DISABLE_PERIOD_NS = 100_000_000
+"""Period of "disable" until the arm reports that it is off."""
+DISABLE_OVERDUE_NS = 2_000_000_000
+"""Time without that report after which the operator is alerted."""
+CHECK_PERIOD_S = 0.005
+"""Period of the deadline checks."""
+FOREIGN_MOTION_NS = 500_000_000
+"""Time for which a motion command of another client prevents enabling."""
 
-HOMES_ITSELF = "knows where it stands from its own homing: home it there"
-JUMPED = "told a place far from where it was asked to be, or stands beyond a limit"
-"""Of an arm whose next setpoint would be a jump."""
+HOMES_ITSELF = "takes its position from its own homing: home it with its own software"
+JUMPED = "reported a position far from its setpoint, or is beyond a limit"
+"""Reason of a refused setpoint jump."""
+
+
+@dataclass(frozen=True)
+class CommandCounts:
+    """Numbers of commands by outcome, and of the arm's reports."""
+
+    sent: int = 0
+    """Commands sent to the arm."""
+    withheld: int = 0
+    """Valid commands that were not sent: the arm reported no recent or no plausible position, or
+    the transport failed."""
+    refused: int = 0
+    """Void commands: late, repeated, not finite, or with the drive off."""
+    warned: int = 0
+    """Warnings of the arm. It refuses a command as a whole."""
+    stale: int = 0
+    """Reports of the arm that were rejected."""
 
 
 class CrtkArm:
-    """An arm reached by a transport, which it closes in the end."""
+    """CRTK arm over a transport. The constructor connects; it does not enable.
+
+    Parameters
+    ----------
+    settings : CrtkSettings
+        Namespace, signs, lead and time limits.
+    limits : JointLimits
+        Joint limits of the setpoints.
+    transport : Transport
+        Open transport, which `close` closes.
+    now, real : callable
+        Monotonic clock and calendar time, ns.
+
+    Raises
+    ------
+    NotReady
+        If a topic has no publisher or subscriber, or the reports are invalid.
+    """
 
     def __init__(
         self,
@@ -58,19 +113,22 @@ class CrtkArm:
         self.settings = settings
         self._transport, self._now, self._real = transport, now, real
         self._signs = np.array(settings.signs)
-        self._motion = m.SERVO_JV if settings.jv else m.SERVO_JP
-        self._told = threading.Condition()
-        self._hearsay = Hearsay(settings.namespace)
-        self._lead = Lead(np.array(settings.lead), limits)
+        self._motion_topic = SERVO_JV if settings.jv else SERVO_JP
+        self._changed = threading.Condition()
+        """Lock of all state, notified after each report."""
+        self._received = ReceivedState(settings.namespace)
+        self._setpoint = BoundedLead(np.array(settings.lead), limits)
         self._wrist: tuple[float, ...] = ()
-        self._account, self._why = CommandAccount(), ""
-        self._having, self._number, self._deadline, self._silent = False, -1, 0, False
-        self._off_since = self._off_said = self._foreign = 0
-        self._insisting = self._overdue = False
-        self._over = threading.Event()
+        self._counts: CommandCounts = CommandCounts()
+        self._off_reason = ""
+        self._in_control, self._number, self._deadline = False, -1, 0
+        self._silent = False
+        self._off_since = self._disable_sent = self._foreign_motion = 0
+        self._switching_off = self._overdue = False
+        self._closing = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="crtk", daemon=True)
         try:
-            self._listen()
+            self._connect()
         except BaseException:
             self._transport.close()
             raise
@@ -78,94 +136,98 @@ class CrtkArm:
 
     @property
     def why_off(self) -> str:
-        """Why the drive went off by itself, in a sentence; empty where it did not."""
-        on = f"{self._name} does not say that it is off: use its emergency stop"
-        return "; ".join(
-            filter(None, (self._hearsay.trouble or self._why, on if self._overdue else ""))
-        )
+        """Reason why the drive went off by itself, in a sentence; empty if it did not."""
+        reason = self._received.problem or self._off_reason
+        on = f"{self._name} does not report that it is off: use its emergency stop"
+        return "; ".join(filter(None, (reason, on if self._overdue else "")))
 
-    def account(self) -> CommandAccount:
-        """What became of all commands so far."""
-        with self._told:
-            return replace(self._account, warned=self._hearsay.warnings, stale=self._hearsay.stale)
+    def command_counts(self) -> CommandCounts:
+        """Return the numbers of commands by outcome so far."""
+        received = self._received
+        with self._changed:
+            return replace(self._counts, warned=received.warnings, stale=received.rejected)
 
     def homed(self) -> bool:
-        """Whether the arm says that it knows where it stands: if not, :class:`NotReady`, for no
-        person can say it."""
-        state = self._hearsay.state
+        """Return True if the arm reports that it is homed; otherwise raise `NotReady`, because an
+        operator cannot set its position."""
+        state = self._received.state
         if state is not None and not state.is_homed:
             raise NotReady(f"{self._name} {HOMES_ITSELF}")
         return state is not None
 
     def define(self, q: Floats) -> None:
-        """No: the arm homes itself."""
+        """Raise `NotReady`: the arm homes itself."""
         raise NotReady(f"{self._name} {HOMES_ITSELF}")
 
     def enable(self) -> None:
-        """Switch the drive on, at rest; if that fails, off again."""
-        with self._told:
-            self._ready()
-            self._why, self._silent = "", False
-            self._insisting = self._overdue = False
+        """Switch the drive on, at rest. If that fails, switch it off again."""
+        with self._changed:
+            self._require_ready()
+            self._off_reason, self._silent = "", False
+            self._switching_off = self._overdue = False
+            received = self._received
             try:
-                if self._hearsay.state is not None and self._hearsay.state.state == ENABLED:
-                    self._say("disable")
-                    self._await(lambda: not self._hearsay.powered, "does not switch off")
-                self._say("enable")
-                self._await(lambda: self._hearsay.on, "does not switch on")
-                here = self._awaited()
+                if received.state is not None and received.state.state == ENABLED:
+                    self._send_state_command("disable")
+                    self._wait_for(lambda: not received.is_powered, "does not switch off")
+                self._send_state_command("enable")
+                self._wait_for(lambda: received.is_ready, "does not switch on")
+                joints = self._wait_for_joints()
             except BaseException:
-                self._off("")
+                self._give_up_control("")
                 raise
             now = self._now()
-            self._lead.anchor(m.in_rad_and_mm(here.position, self._signs), now)
-            self._wrist = here.position[3:]
-            self._having, self._number, self._deadline = True, -1, now + BEGIN
+            self._setpoint.start(to_rad_mm(joints.position, self._signs), now)
+            self._wrist = joints.position[3:]
+            self._in_control, self._number = True, -1
+            self._deadline = now + FIRST_COMMAND_NS
 
     def measure(self) -> Measured:
-        """What the arm told last."""
-        told = self._hearsay.joints
-        assert told is not None
-        q = m.in_rad_and_mm(told.position, self._signs)
-        return Measured(told.time, q, self._hearsay.on)
+        """Return the last reported joint position and drive state."""
+        joints = self._received.joints
+        assert joints is not None
+        q = to_rad_mm(joints.position, self._signs)
+        return Measured(joints.time, q, self._received.is_ready)
 
     def apply(self, command: Command) -> Floats:
-        """Pass a command on; the joint rates (3,) that are taken of it."""
-        with self._told:
+        """Send a command; return the joint rates (3,) that the setpoint really has."""
+        with self._changed:
+            counts = self._counts
             if not command.enabled:
-                if self._having:
-                    self._off("")
+                if self._in_control:
+                    self._give_up_control("")
                 return np.zeros(3)
-            if not self._valid(command):
-                self._account = replace(self._account, refused=self._account.refused + 1)
+            if not self._is_valid(command):
+                self._counts = replace(counts, refused=counts.refused + 1)
                 return np.zeros(3)
             self._number, self._deadline = command.number, command.deadline
-            took = self._moved(command.rates)
-            if took is None:
-                self._account = replace(self._account, withheld=self._account.withheld + 1)
+            rates = self._send_rates(command.rates)
+            if rates is None:
+                self._counts = replace(counts, withheld=counts.withheld + 1)
                 return np.zeros(3)
-            self._account = replace(self._account, sent=self._account.sent + 1)
-            return took
+            self._counts = replace(counts, sent=counts.sent + 1)
+            return rates
 
     @property
     def by_speeds(self) -> bool:
-        """Whether it is sent speeds."""
+        """True if the arm gets speeds instead of positions."""
         return self.settings.jv
 
     def fall_silent(self) -> None:
-        """Say nothing, as if this program were dead, until it is to be switched off or on."""
-        with self._told:
+        """Send nothing, as if this program had died, until the arm is switched off or on."""
+        with self._changed:
             self._silent = True
 
     def close(self) -> None:
-        """Switch off what we have, and hang up."""
-        with self._told:
-            if self._having:
-                self._off("")
-            if self._insisting:
-                within = self.settings.answer_within
-                self._overdue = not self._told.wait_for(lambda: not self._hearsay.powered, within)
-        self._over.set()
+        """Switch the arm off if this client controls it, and disconnect."""
+        with self._changed:
+            if self._in_control:
+                self._give_up_control("")
+            if self._switching_off:
+                timeout = self.settings.answer_within
+                off = self._changed.wait_for(lambda: not self._received.is_powered, timeout)
+                self._overdue = not off
+        self._closing.set()
         self._thread.join()
         self._transport.close()
 
@@ -174,107 +236,113 @@ class CrtkArm:
         return self.settings.namespace
 
     @property
-    def _last_words(self) -> str:
-        """What it warned of last, to be added to a sentence."""
-        warned = self._hearsay.warning
-        return f"; it said last: {one_line(warned)}" if warned else ""
+    def _last_warning(self) -> str:
+        """The arm's last warning, as the end of a sentence."""
+        warning = self._received.warning
+        return f"; its last warning: {one_line(warning)}" if warning else ""
 
-    def _listen(self) -> None:
-        """Hear the arm until it has said where and how it is, and hears us."""
-        mine: list[m.Topic[Any]] = [
-            self._motion.under(self._name),
-            m.STATE_COMMAND.under(self._name),
+    def _connect(self) -> None:
+        """Subscribe to the arm's topics and wait until both sides have found each other."""
+        outgoing: list[Topic[Any]] = [
+            self._motion_topic.under(self._name),
+            STATE_COMMAND.under(self._name),
         ]
-        for topic in mine:
+        for topic in outgoing:
             self._transport.offer(topic)
-        self._transport.subscribe(m.MEASURED_JS.under(self._name), self._hear_joints)
-        self._transport.subscribe(m.OPERATING_STATE.under(self._name), self._hear_state)
-        for topic in (m.WARNING, m.ERROR):
-            self._transport.subscribe(topic.under(self._name), self._hear_warning)
-        with self._told:
-            self._told.wait_for(lambda: not self._missing(mine), FOUND_WITHIN)
-            missing = self._missing(mine)
+        self._transport.subscribe(MEASURED_JS.under(self._name), self._receive_joints)
+        self._transport.subscribe(OPERATING_STATE.under(self._name), self._receive_state)
+        for topic in (WARNING, ERROR):
+            self._transport.subscribe(topic.under(self._name), self._receive_warning)
+        with self._changed:
+            self._changed.wait_for(lambda: not self._missing(outgoing), CONNECT_TIMEOUT_S)
+            missing = self._missing(outgoing)
             if missing:
                 s = self.settings
                 where = f"ROS 2, domain {s.domain} on {s.interface}" if s.ros == 2 else "ROS 1"
-                raise NotReady(self._hearsay.trouble or f"{missing} by {where}")
-        for topic in m.MOTIONS:
-            self._transport.subscribe(topic.under(self._name), self._hear_motion)
+                raise NotReady(self._received.problem or f"{missing} by {where}")
+        for topic in MOTION_TOPICS:
+            self._transport.subscribe(topic.under(self._name), self._receive_foreign_motion)
 
-    def _missing(self, mine: list[m.Topic[Any]]) -> str:
-        """What has not been found yet, in words; empty where all was."""
-        deaf = [topic.name for topic in mine if not self._transport.listeners(topic)]
-        return self._hearsay.missing or (f"nobody hears {deaf[0]}" if deaf else "")
+    def _missing(self, outgoing: list[Topic[Any]]) -> str:
+        """Return a phrase about the first topic without a partner, empty if there is none."""
+        without = [topic.name for topic in outgoing if not self._transport.listeners(topic)]
+        return self._received.missing or (f"nothing subscribes to {without[0]}" if without else "")
 
-    def _hear_joints(self, said: m.JointState, writer: str) -> None:
-        with self._told:
-            self._hearsay.hear_joints(said, writer, self._now(), self._real())
-            self._believe()
+    def _receive_joints(self, message: JointState, writer: str) -> None:
+        with self._changed:
+            self._received.receive_joints(message, writer, self._now(), self._real())
+            self._check_reports()
 
-    def _hear_state(self, said: m.OperatingState, writer: str) -> None:
-        with self._told:
-            self._hearsay.hear_state(said, writer, self._real())
-            if self._having and self._hearsay.powered and not self._hearsay.on:
-                self._off(f"{self._name} is no longer homed, and it was switched off")
-            elif self._having and not self._hearsay.on:
-                self._having = False
-                self._why = f"{self._name} went {said.state} by itself{self._last_words}"
-            self._believe()
+    def _receive_state(self, message: OperatingState, writer: str) -> None:
+        with self._changed:
+            self._received.receive_state(message, writer, self._real())
+            if self._in_control and self._received.is_powered and not self._received.is_ready:
+                self._give_up_control(f"{self._name} is no longer homed, and it was switched off")
+            elif self._in_control and not self._received.is_ready:
+                self._in_control = False
+                cause = f"{self._name} changed to {message.state} by itself"
+                self._off_reason = cause + self._last_warning
+            self._check_reports()
 
-    def _hear_warning(self, said: m.StringStamped, writer: str) -> None:
-        with self._told:
-            self._hearsay.hear_warning(said, writer)
+    def _receive_warning(self, message: StringStamped, writer: str) -> None:
+        with self._changed:
+            self._received.receive_warning(message, writer)
 
-    def _hear_motion(self, said: m.RosMessage, writer: str) -> None:
-        """Somebody else would move the arm."""
-        with self._told:
-            self._foreign = self._now()
-            if self._having:
-                self._off(f"somebody else sends {self._name} where to go, and it was switched off")
+    def _receive_foreign_motion(self, message: RosMessage, writer: str) -> None:
+        """Give up control, because another client sends motion commands."""
+        with self._changed:
+            self._foreign_motion = self._now()
+            if self._in_control:
+                self._give_up_control(
+                    f"another client sends motion commands to {self._name}, and it was switched off"
+                )
 
-    def _believe(self) -> None:
-        if self._having and self._hearsay.trouble:
-            self._off(self._hearsay.trouble)
-        self._told.notify_all()
+    def _check_reports(self) -> None:
+        """Give up control if the arm's reports are invalid, and wake waiting threads."""
+        if self._in_control and self._received.problem:
+            self._give_up_control(self._received.problem)
+        self._changed.notify_all()
 
-    def _ready(self) -> None:
-        """Whether it may be enabled at all."""
-        hearsay = self._hearsay
-        if hearsay.trouble:
-            raise NotReady(hearsay.trouble)
-        if self._over.is_set():
-            raise NotReady(f"{self._name} was hung up: connect again")
-        self._awaited()
-        state = hearsay.state
+    def _require_ready(self) -> None:
+        """Raise `NotReady` if the arm cannot be enabled."""
+        received = self._received
+        if received.problem:
+            raise NotReady(received.problem)
+        if self._closing.is_set():
+            raise NotReady(f"{self._name} was disconnected: connect again")
+        self._wait_for_joints()
+        state = received.state
         if state is None or not state.is_homed:
             raise NotReady(f"{self._name} is not homed: home it with its own software")
         if state.state not in ("DISABLED", ENABLED):
-            words = f"{self._name} is {state.state}: a person must clear that first"
-            raise NotReady(words + self._last_words)
-        if self._foreign and self._now() - self._foreign < FOREIGN:
-            raise NotReady(f"somebody else moves {self._name}: end that first")
+            sentence = f"{self._name} is {state.state}: an operator must clear that first"
+            raise NotReady(sentence + self._last_warning)
+        if self._foreign_motion and self._now() - self._foreign_motion < FOREIGN_MOTION_NS:
+            raise NotReady(f"another client moves {self._name}: end that first")
 
-    def _here(self) -> ToldJoints | None:
-        """Where it is, if it has just said so."""
-        told = self._hearsay.joints
-        return told if told is not None and self._now() - told.time <= FRESH else None
+    def _recent_joints(self) -> ReportedJoints | None:
+        """Return the reported joints if they are recent enough for motion."""
+        joints = self._received.joints
+        recent = joints is not None and self._now() - joints.time <= MAX_JOINT_AGE_NS
+        return joints if recent else None
 
-    def _awaited(self) -> ToldJoints:
-        """Where it is, as soon as it says so."""
-        doubt = self._hearsay.doubts.get(m.MEASURED_JS.name)
-        words = "does not say where it is" + (f": {doubt}" if doubt else "")
-        self._await(lambda: self._here() is not None, words)
-        told = self._hearsay.joints
-        assert told is not None
-        return told
+    def _wait_for_joints(self) -> ReportedJoints:
+        """Wait for a recent joint position."""
+        invalid = self._received.invalid_stamps.get(MEASURED_JS.name)
+        problem = "does not report its position" + (f": {invalid}" if invalid else "")
+        self._wait_for(lambda: self._recent_joints() is not None, problem)
+        joints = self._received.joints
+        assert joints is not None
+        return joints
 
-    def _await(self, reached: Callable[[], bool], otherwise: str) -> None:
-        if not self._told.wait_for(reached, self.settings.answer_within):
-            raise NotReady(f"{self._name} {otherwise}{self._last_words}")
+    def _wait_for(self, condition: Callable[[], bool], problem: str) -> None:
+        """Wait for a condition, or raise `NotReady` with the problem."""
+        if not self._changed.wait_for(condition, self.settings.answer_within):
+            raise NotReady(f"{self._name} {problem}{self._last_warning}")
 
-    def _valid(self, command: Command) -> bool:
+    def _is_valid(self, command: Command) -> bool:
         return (
-            self._having
+            self._in_control
             and not self._silent
             and command.number > self._number
             and self._now() <= min(command.deadline, self._deadline)
@@ -282,72 +350,72 @@ class CrtkArm:
             and bool(np.isfinite(command.rates).all())
         )
 
-    def _moved(self, rates: Floats) -> Floats | None:
-        """Send what these rates come to; what is taken of them, None where nothing went out."""
-        told = self._here()
+    def _send_rates(self, rates: Floats) -> Floats | None:
+        """Send joint rates as speeds or as a setpoint; return the real rates, None if not sent."""
+        joints = self._recent_joints()
         if self.settings.jv:
-            sent = self._sent_speeds(np.zeros(3) if told is None else rates)
-            return rates.copy() if sent and told is not None else None
-        if told is None:
+            sent = self._send_speeds(np.zeros(3) if joints is None else rates)
+            return rates.copy() if sent and joints is not None else None
+        if joints is None:
             return None
         now, stamp = self._now(), self._real()
-        measured = m.in_rad_and_mm(told.position, self._signs)
-        step = self._lead.step(rates, measured, now)
+        measured = to_rad_mm(joints.position, self._signs)
+        step = self._setpoint.step(rates, measured, now)
         if step is None:
-            self._off(f"{self._name} {JUMPED}, and it was switched off")
+            self._give_up_control(f"{self._name} {JUMPED}, and it was switched off")
             return None
-        setpoint, took = step
-        position = (*m.in_rad_and_m(setpoint, self._signs), *self._wrist)
-        return took if self._publish(m.JointState(stamp, told.name, position)) else None
+        setpoint, real_rates = step
+        position = (*to_rad_m(setpoint, self._signs), *self._wrist)
+        return real_rates if self._publish(JointState(stamp, joints.name, position)) else None
 
-    def _sent_speeds(self, rates: Floats) -> bool:
-        """Whether these rates went out."""
-        told = self._hearsay.joints
-        names = () if told is None else told.name
-        velocity = (*m.in_rad_and_m(rates, self._signs), *(0.0 for _ in self._wrist))
-        return self._publish(m.JointState(self._real(), names, velocity=velocity))
+    def _send_speeds(self, rates: Floats) -> bool:
+        """Send joint rates as speeds; return True if they were sent."""
+        joints = self._received.joints
+        names = () if joints is None else joints.name
+        velocity = (*to_rad_m(rates, self._signs), *(0.0 for _ in self._wrist))
+        return self._publish(JointState(self._real(), names, velocity=velocity))
 
-    def _publish(self, said: m.JointState) -> bool:
-        return self._transport.publish(self._motion.under(self._name), said)
+    def _publish(self, message: JointState) -> bool:
+        return self._transport.publish(self._motion_topic.under(self._name), message)
 
-    def _say(self, word: str) -> None:
-        said = m.StringStamped(self._real(), word)
-        self._transport.publish(m.STATE_COMMAND.under(self._name), said)
+    def _send_state_command(self, command: str) -> None:
+        message = StringStamped(self._real(), command)
+        self._transport.publish(STATE_COMMAND.under(self._name), message)
 
-    def _off(self, why: str) -> None:
-        """Have it no more, and have it switched off: one that goes on by its last speed first comes
-        to rest."""
-        if self._having and self.settings.jv:
-            self._sent_speeds(np.zeros(3))
-        self._having, self._silent, self._why = False, False, why or self._why
-        self._insisting, self._off_since = True, self._now()
-        self._say_off()
+    def _give_up_control(self, reason: str) -> None:
+        """End this client's control and switch the arm off; with ``jv`` send zero speed first."""
+        if self._in_control and self.settings.jv:
+            self._send_speeds(np.zeros(3))
+        self._in_control, self._silent = False, False
+        self._off_reason = reason or self._off_reason
+        self._switching_off, self._off_since = True, self._now()
+        self._send_disable()
 
-    def _say_off(self) -> None:
-        self._off_said = self._now()
-        self._say("disable")
+    def _send_disable(self) -> None:
+        self._disable_sent = self._now()
+        self._send_state_command("disable")
 
     def _watch(self) -> None:
-        """Switch off what no command came for in time, and see to it that it goes off."""
-        while not self._over.wait(WATCH):
-            with self._told:
-                self.look_after()
+        while not self._closing.wait(CHECK_PERIOD_S):
+            with self._changed:
+                self.check_deadlines()
 
-    def look_after(self) -> None:
-        """One look at the deadline, and at an arm that is to be off."""
+    def check_deadlines(self) -> None:
+        """Switch the arm off after the deadline, and repeat "disable" until it is off."""
         now = self._now()
         if self._silent:
             return
-        if self._having and not now <= self._deadline:
-            self._off(f"no command came in time, and {self._name} was switched off")
-        elif self._insisting and now - self._off_said >= AGAIN:
-            self._insisting = self._hearsay.powered
-            self._overdue = self._insisting and now - self._off_since >= OVERDUE
-            if self._insisting:
-                self._say_off()
+        if self._in_control and not now <= self._deadline:
+            self._give_up_control(f"no command came in time, and {self._name} was switched off")
+        elif self._switching_off and now - self._disable_sent >= DISABLE_PERIOD_NS:
+            self._switching_off = self._received.is_powered
+            overdue = now - self._off_since >= DISABLE_OVERDUE_NS
+            self._overdue = self._switching_off and overdue
+            if self._switching_off:
+                self._send_disable()
 
 
-def crtk_arm(settings: CrtkSettings, limits: JointLimits) -> CrtkArm:
-    """Connect to the arm by the ROS that its settings name."""
+def open_crtk_arm(settings: CrtkSettings, limits: JointLimits) -> CrtkArm:
+    """Connect to the arm over the transport in its settings."""
     transport = open_transport(settings)
     return CrtkArm(settings, limits, transport)

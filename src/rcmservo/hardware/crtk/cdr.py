@@ -1,65 +1,79 @@
-"""Messages of CRTK as the bytes that DDS carries, by the codec that records use."""
+"""Encoding of CRTK messages as CDR bytes for DDS, with the codec of recordings."""
 
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from rcmservo.hardware.crtk.messages import NESTED, RosMessage, Said, lines_of, parts_of
+from rcmservo.hardware.crtk.messages import (
+    NESTED_TYPES,
+    MessageT,
+    RosMessage,
+    message_fields,
+    parse_fields,
+)
 from rcmservo.record.cdr import MessageCodec, time_of
 from rcmservo.record.ros2_messages import LINE, STAMPED
 
-WORD = 4
-"""Bytes to whose multiple Cyclone fills a message up."""
+ALIGNMENT_BYTES = 4
+"""Cyclone pads messages to a multiple of this size."""
 
 
 @cache
 def _codec(kind: type[RosMessage]) -> MessageCodec:
-    """Return the codec of one type of messages."""
-    nested = "".join(f"{LINE}MSG: {name}\n{parts}\n" for name, parts in NESTED.items())
+    """Return the codec of one message type."""
+    nested = "".join(
+        f"{LINE}MSG: {name}\n{definition}\n" for name, definition in NESTED_TYPES.items()
+    )
+    header = "std_msgs/Header header"
     return MessageCodec(
-        {_name(kind.ros): f"std_msgs/Header header\n{kind.parts}\n{STAMPED}{nested}"}
+        {_ros2_name(kind.ros_type): f"{header}\n{kind.definition}\n{STAMPED}{nested}"}
     )
 
 
-def _name(ros: str) -> str:
-    """Return the name of a type in ROS 2."""
-    return ros.replace("/", "/msg/")
+def _ros2_name(ros_type: str) -> str:
+    return ros_type.replace("/", "/msg/")
 
 
-def packed(message: RosMessage) -> bytes:
-    """Return a message as bytes."""
+def encode_message(message: RosMessage) -> bytes:
+    """Encode a message."""
     kind = type(message)
     codec = _codec(kind)
-    parts = (_encodable(codec, form, getattr(message, name)) for form, name in parts_of(kind))
-    data = codec.encode(_name(kind.ros), codec.header(message.stamp), *parts)
-    return data + bytes(-len(data) % WORD)
+    values = (
+        _to_codec_value(codec, field_type, getattr(message, name))
+        for field_type, name in message_fields(kind)
+    )
+    data = codec.encode(_ros2_name(kind.ros_type), codec.header(message.stamp), *values)
+    return data + bytes(-len(data) % ALIGNMENT_BYTES)
 
 
-def _encodable(codec: MessageCodec, form: str, value: Any) -> Any:
-    """Return a value as the codec takes it."""
-    if form in NESTED:
-        parts = zip(lines_of(NESTED[form]), value, strict=True)
-        return codec.make(_name(form), *(_encodable(codec, part, one) for (part, _), one in parts))
-    if form == "uint8[]":
+def _to_codec_value(codec: MessageCodec, field_type: str, value: Any) -> Any:
+    if field_type in NESTED_TYPES:
+        fields = zip(parse_fields(NESTED_TYPES[field_type]), value, strict=True)
+        values = (_to_codec_value(codec, inner, one) for (inner, _), one in fields)
+        return codec.make(_ros2_name(field_type), *values)
+    if field_type == "uint8[]":
         return np.frombuffer(value, np.uint8)
-    return np.array(value, np.float64) if form == "float64[]" else value
+    return np.array(value, np.float64) if field_type == "float64[]" else value
 
 
-def unpacked(kind: type[Said], data: bytes) -> Said:
-    """Return the message in some bytes; `MalformedMessage` if they are none."""
-    message = _codec(kind).decode(_name(kind.ros), data)
-    values = {name: _plain(form, getattr(message, name)) for form, name in parts_of(kind)}
-    made: Any = kind
-    return made(stamp=time_of(message.header), **values)
+def decode_message(kind: type[MessageT], data: bytes) -> MessageT:
+    """Decode a message, or raise `MalformedMessage`."""
+    decoded = _codec(kind).decode(_ros2_name(kind.ros_type), data)
+    values = {
+        name: _to_plain_value(field_type, getattr(decoded, name))
+        for field_type, name in message_fields(kind)
+    }
+    create: Any = kind
+    return create(stamp=time_of(decoded.header), **values)
 
 
-def _plain(form: str, value: Any) -> Any:
-    """Return a value of the codec as plain data."""
-    if form in NESTED:
-        return tuple(_plain(part, getattr(value, name)) for part, name in lines_of(NESTED[form]))
-    if form == "uint8[]":
+def _to_plain_value(field_type: str, value: Any) -> Any:
+    if field_type in NESTED_TYPES:
+        fields = parse_fields(NESTED_TYPES[field_type])
+        return tuple(_to_plain_value(inner, getattr(value, name)) for inner, name in fields)
+    if field_type == "uint8[]":
         return value.tobytes()
-    if form == "float64[]":
+    if field_type == "float64[]":
         return tuple(value.tolist())
-    return tuple(value) if form == "string[]" else value
+    return tuple(value) if field_type == "string[]" else value

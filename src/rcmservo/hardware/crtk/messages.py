@@ -1,177 +1,181 @@
-"""What is said to and by an arm that speaks CRTK, as plain data, and the topics it is said on.
+"""Messages and topics of CRTK as plain data, and the protocol of the transports that carry them.
 
-Every message begins with ROS's header, of which the stamp alone is kept: ns of the
-sender's calendar time, 0 where it is not valid. What follows the header stands in `parts`, in the
-words of ROS's own definitions, of which both transports make their wire form. Joints are in rad
-and m as CRTK has them; `rcmservo`'s own rad and mm are made of them, and they of those, here.
+Every message begins with ROS's header. Only its stamp is used: the sender's calendar time in ns,
+0 if invalid. `definition` holds the fields after the header as ROS defines them, and both
+transports derive their encoding from it. CRTK has joints in rad and m; the functions at the end
+convert them to and from rcmservo's rad and mm.
 
-Source: sensor_msgs and std_msgs of ROS; crtk_msgs of collaborative-robotics.
+Sources: sensor_msgs and std_msgs of ROS; crtk_msgs of collaborative-robotics.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Floats
 
-UNIT = np.array([1.0, 1.0, 1e-3])
-"""rad, rad, m in one rad, rad, mm."""
-NESTED = {
+CRTK_UNITS = np.array([1.0, 1.0, 1e-3])
+"""Factors from rad, rad, mm to rad, rad, m."""
+NESTED_TYPES = {
     "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
     "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
     "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
 }
-"""What the types have that are parts of messages: a value of one is a tuple of theirs."""
+"""Definitions of the types of nested fields. A value of such a type is a tuple of its fields."""
 
 
 class RosMessage(Protocol):
-    """Something said."""
+    """Message with a header."""
 
-    ros: ClassVar[str]
-    """Its type's name in ROS, as package/Type."""
-    parts: ClassVar[str]
-    """Its parts behind the header, one a line: type and name."""
+    ros_type: ClassVar[str]
+    """Name of the ROS type, as package/Type."""
+    definition: ClassVar[str]
+    """Fields after the header, one line each with type and name."""
 
     @property
     def stamp(self) -> int:
-        """ns of calendar time, 0 where it is not valid."""
+        """Calendar time in ns, 0 if invalid."""
         ...
 
 
-Said = TypeVar("Said", bound=RosMessage)
+MessageT = TypeVar("MessageT", bound=RosMessage)
 
 
 @dataclass(frozen=True)
 class JointState:
-    """Where joints are, or shall be; what is not told is empty."""
+    """Measured or commanded joints. A quantity that is not given is empty."""
 
-    ros: ClassVar[str] = "sensor_msgs/JointState"
-    """Its type."""
-    parts: ClassVar[str] = "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
-    """What it has."""
+    ros_type: ClassVar[str] = "sensor_msgs/JointState"
+    """Name of the ROS type."""
+    definition: ClassVar[str] = (
+        "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
+    )
+    """Fields after the header."""
 
     stamp: int
-    """ns of calendar time."""
+    """Calendar time in ns."""
     name: tuple[str, ...] = ()
-    """The joints' names."""
+    """Names of the joints."""
     position: tuple[float, ...] = ()
-    """rad or m of each."""
+    """Position of each joint in rad or m."""
     velocity: tuple[float, ...] = ()
-    """rad/s or m/s of each."""
+    """Velocity of each joint in rad/s or m/s."""
     effort: tuple[float, ...] = ()
-    """N m or N of each."""
+    """Torque or force of each joint in N m or N."""
 
 
 @dataclass(frozen=True)
 class PoseStamped:
-    """Where a tool shall be."""
+    """Commanded pose of a tool."""
 
-    ros: ClassVar[str] = "geometry_msgs/PoseStamped"
-    """Its type."""
-    parts: ClassVar[str] = "geometry_msgs/Pose pose"
-    """What it has."""
+    ros_type: ClassVar[str] = "geometry_msgs/PoseStamped"
+    """Name of the ROS type."""
+    definition: ClassVar[str] = "geometry_msgs/Pose pose"
+    """Fields after the header."""
 
     stamp: int
-    """ns of calendar time."""
+    """Calendar time in ns."""
     pose: Any = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    """Position and quaternion, as the parts of `NESTED` are."""
+    """Position and quaternion, as in ``NESTED_TYPES``."""
 
 
 @dataclass(frozen=True)
 class OperatingState:
-    """How an arm is."""
+    """Operating state of an arm."""
 
-    ros: ClassVar[str] = "crtk_msgs/OperatingState"
-    """Its type."""
-    parts: ClassVar[str] = "string state\nbool is_homed\nbool is_busy"
-    """What it has."""
+    ros_type: ClassVar[str] = "crtk_msgs/OperatingState"
+    """Name of the ROS type."""
+    definition: ClassVar[str] = "string state\nbool is_homed\nbool is_busy"
+    """Fields after the header."""
 
     stamp: int
-    """ns of calendar time."""
+    """Calendar time in ns."""
     state: str
-    """DISABLED, ENABLED, PAUSED or FAULT."""
+    """State: DISABLED, ENABLED, PAUSED or FAULT."""
     is_homed: bool = False
-    """Whether it knows where it stands."""
+    """True if the arm knows its position."""
     is_busy: bool = False
-    """Whether it moves, or is about to."""
+    """True if the arm moves or is about to move."""
 
 
 @dataclass(frozen=True)
 class StringStamped:
-    """Words."""
+    """Command, warning or error as text."""
 
-    ros: ClassVar[str] = "crtk_msgs/StringStamped"
-    """Its type."""
-    parts: ClassVar[str] = "string string"
-    """What it has."""
+    ros_type: ClassVar[str] = "crtk_msgs/StringStamped"
+    """Name of the ROS type."""
+    definition: ClassVar[str] = "string string"
+    """Fields after the header."""
 
     stamp: int
-    """ns of calendar time."""
+    """Calendar time in ns."""
     string: str
-    """The words."""
+    """Text."""
 
 
 @dataclass(frozen=True)
 class PlainImage:
-    """A picture, row after row."""
+    """Uncompressed image."""
 
-    ros: ClassVar[str] = "sensor_msgs/Image"
-    """Its type."""
-    parts: ClassVar[str] = (
+    ros_type: ClassVar[str] = "sensor_msgs/Image"
+    """Name of the ROS type."""
+    definition: ClassVar[str] = (
         "uint32 height\nuint32 width\nstring encoding\n"
         "uint8 is_bigendian\nuint32 step\nuint8[] data"
     )
-    """What it has."""
+    """Fields after the header."""
 
     stamp: int
-    """ns of calendar time: when it was exposed."""
+    """Calendar time of the exposure in ns."""
     height: int
-    """px."""
+    """Number of rows."""
     width: int
-    """px."""
+    """Pixels per row."""
     encoding: str
-    """What its bytes are, such as bgr8."""
+    """Pixel format, such as bgr8."""
     is_bigendian: int
-    """Whether numbers of several bytes begin with the greatest."""
+    """Byte order of numbers of several bytes: 1 for big-endian."""
     step: int
-    """Bytes of a row."""
+    """Bytes per row."""
     data: bytes
     """All rows."""
 
 
 @dataclass(frozen=True)
 class CompressedImage:
-    """A picture as the bytes of an image file."""
+    """Image as the content of an image file."""
 
-    ros: ClassVar[str] = "sensor_msgs/CompressedImage"
-    """Its type."""
-    parts: ClassVar[str] = "string format\nuint8[] data"
-    """What it has."""
+    ros_type: ClassVar[str] = "sensor_msgs/CompressedImage"
+    """Name of the ROS type."""
+    definition: ClassVar[str] = "string format\nuint8[] data"
+    """Fields after the header."""
 
     stamp: int
-    """ns of calendar time: when it was exposed."""
+    """Calendar time of the exposure in ns."""
     format: str
-    """jpeg or png, maybe with more words about it."""
+    """File format, jpeg or png; more words may follow."""
     data: bytes
-    """The file's."""
+    """Content of the file."""
 
 
 @dataclass(frozen=True)
-class Topic(Generic[Said]):
-    """A name under which messages of one kind are sent."""
+class Topic(Generic[MessageT]):
+    """Topic with the type of its messages and its quality of service."""
 
     name: str
-    """Without a slash before it."""
-    kind: type[Said]
-    """The class of its messages."""
+    """Name without a leading slash."""
+    kind: type[MessageT]
+    """Class of its messages."""
     latched: bool = False
-    """Whether who comes later is told the last ones too."""
+    """True if a new subscriber gets the last messages."""
     lossy: bool = False
-    """Whether one that is lost on the way is not sent again."""
+    """True if lost messages are not sent again (best effort)."""
 
-    def under(self, namespace: str) -> "Topic[Said]":
-        """The same of one arm."""
+    def under(self, namespace: str) -> "Topic[MessageT]":
+        """Return the topic of the arm with this namespace."""
         return replace(self, name=f"{namespace}/{self.name}")
 
 
@@ -179,12 +183,13 @@ MEASURED_JS = Topic("measured_js", JointState)
 SETPOINT_JS = Topic("setpoint_js", JointState)
 SERVO_JP = Topic("servo_jp", JointState)
 SERVO_JV = Topic("servo_jv", JointState)
-MOTIONS: list[Topic[Any]] = [
-    *(Topic(f"{what}_j{of}", JointState, lossy=True) for what in ("servo", "move") for of in "pr"),
+MOTION_TOPICS: list[Topic[Any]] = [
+    *(Topic(f"{verb}_j{of}", JointState, lossy=True) for verb in ("servo", "move") for of in "pr"),
     *(Topic(f"servo_j{of}", JointState, lossy=True) for of in "vf"),
-    *(Topic(f"{what}_cp", PoseStamped, lossy=True) for what in ("servo", "move")),
+    *(Topic(f"{verb}_cp", PoseStamped, lossy=True) for verb in ("servo", "move")),
 ]
-"""On which somebody may move an arm, heard whether it is sent again where it was lost or not."""
+"""Topics that move an arm. A best-effort subscriber receives from reliable and best-effort
+publishers."""
 OPERATING_STATE = Topic("operating_state", OperatingState, latched=True)
 STATE_COMMAND = Topic("state_command", StringStamped)
 WARNING = Topic("warning", StringStamped)
@@ -192,26 +197,60 @@ ERROR = Topic("error", StringStamped)
 PICTURES = Topic("camera/image_raw", PlainImage, lossy=True)
 
 
-def parts_of(kind: type[RosMessage]) -> list[tuple[str, str]]:
-    """Type and name of a message's parts behind the header."""
-    return lines_of(kind.parts)
+MessageHandler = Callable[[MessageT, str], None]
+"""Function that gets each message with a name of its writer, in a thread of the transport. It must
+return soon and raise nothing."""
 
 
-def lines_of(parts: str) -> list[tuple[str, str]]:
-    """Type and name in each line."""
-    found: list[tuple[str, str]] = []
-    for line in parts.splitlines():
-        form, name = line.split()
-        found.append((form, name))
-    return found
+class NoTransport(RcmServoError):
+    """Error of a missing ROS package or an unusable network."""
 
 
-def in_rad_and_mm(position: tuple[float, ...], signs: Floats) -> Floats:
-    """An arm's first three joints as q (3,) rad, rad, mm."""
-    return np.array(position[:3]) * signs / UNIT
+class Transport(Protocol):
+    """Publishers and subscribers of topics. A transport does not receive its own messages."""
+
+    def publish(self, topic: Topic[MessageT], message: MessageT) -> bool:
+        """Send a message at once; return True if it was sent. The first message of a topic also
+        offers it."""
+        ...
+
+    def subscribe(self, topic: Topic[MessageT], handler: MessageHandler[MessageT]) -> None:
+        """Pass every message on a topic to a handler. Malformed messages are dropped."""
+        ...
+
+    def offer(self, topic: Topic[Any]) -> None:
+        """Advertise a topic before its first message: subscribers need a moment to find it."""
+        ...
+
+    def listeners(self, topic: Topic[Any]) -> int:
+        """Return the number of subscribers to a topic."""
+        ...
+
+    def close(self) -> None:
+        """Close all publishers and subscribers."""
+        ...
 
 
-def in_rad_and_m(q: Floats, signs: Floats) -> tuple[float, ...]:
-    """Joints or joint rates q (3,) rad, rad, mm as an arm has them."""
-    values: Any = (q * signs * UNIT).tolist()
+def message_fields(kind: type[RosMessage]) -> list[tuple[str, str]]:
+    """Return type and name of the fields after the header."""
+    return parse_fields(kind.definition)
+
+
+def parse_fields(definition: str) -> list[tuple[str, str]]:
+    """Return type and name in each line of a definition."""
+    fields: list[tuple[str, str]] = []
+    for line in definition.splitlines():
+        field_type, name = line.split()
+        fields.append((field_type, name))
+    return fields
+
+
+def to_rad_mm(position: tuple[float, ...], signs: Floats) -> Floats:
+    """Convert an arm's first three joints (rad, rad, m) to q (3,) in rad, rad, mm."""
+    return np.array(position[:3]) * signs / CRTK_UNITS
+
+
+def to_rad_m(q: Floats, signs: Floats) -> tuple[float, ...]:
+    """Convert joints or joint rates (3,) from rad, rad, mm to the arm's rad, rad, m."""
+    values: Any = (q * signs * CRTK_UNITS).tolist()
     return tuple(values)

@@ -1,7 +1,7 @@
-"""ROS 1, by the rospy of Debian's packages and a master that runs somewhere.
+"""ROS 1 transport over rospy from Debian's packages, with a running master.
 
-rospy is plain Python, so that any Python of the computer can use it where Debian put it. Messages
-are made from their definitions: nothing has to be built. One process is one node.
+rospy is plain Python, so any Python of the computer can import it from Debian's folder. Message
+classes are generated from their definitions, without a build. A process is one node.
 """
 
 import contextlib
@@ -14,30 +14,38 @@ from importlib.util import find_spec
 from typing import Any
 
 from rcmservo.errors import one_line
-from rcmservo.hardware.crtk.messages import NESTED, RosMessage, Said, Topic, lines_of, parts_of
-from rcmservo.hardware.crtk.transport import Heard, NoTransport
+from rcmservo.hardware.crtk.messages import (
+    NESTED_TYPES,
+    MessageHandler,
+    MessageT,
+    NoTransport,
+    RosMessage,
+    Topic,
+    message_fields,
+    parse_fields,
+)
 
-DEBIAN = "/usr/lib/python3/dist-packages"
-PACKAGES = "ros-core python3-rospy"
-SECOND = 1_000_000_000
-DEPTH = 10
-"""Messages that wait to be sent."""
-SEQUENCES = "string[]", "float64[]"
-LINE = "=" * 80 + "\n"
-HEADER = LINE + "MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+DEBIAN_PACKAGES_PATH = "/usr/lib/python3/dist-packages"
+DEBIAN_PACKAGES = "ros-core python3-rospy"
+NS_PER_S = 1_000_000_000
+QUEUE_SIZE = 10
+"""Messages that wait for a publisher or subscriber."""
+SEQUENCE_TYPES = "string[]", "float64[]"
+SEPARATOR = "=" * 80 + "\n"
+HEADER_DEFINITION = SEPARATOR + "MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
 
 
 @functools.cache
 def rospy() -> Any:
-    """rospy, with this process as a node."""
-    if find_spec("rospy") is None and DEBIAN not in sys.path:
-        sys.path.append(DEBIAN)
+    """Import rospy and make this process a node."""
+    if find_spec("rospy") is None and DEBIAN_PACKAGES_PATH not in sys.path:
+        sys.path.append(DEBIAN_PACKAGES_PATH)
     try:
         ros: Any = import_module("rospy")
         rosgraph: Any = import_module("rosgraph")
     except ImportError as error:
-        words = f"ROS 1 needs rospy, which is not installed: apt-get install {PACKAGES}"
-        raise NoTransport(words) from error
+        text = f"ROS 1 needs rospy, which is not installed: apt-get install {DEBIAN_PACKAGES}"
+        raise NoTransport(text) from error
     if not rosgraph.is_master_online():
         where = os.environ.get("ROS_MASTER_URI", "http://localhost:11311")
         raise NoTransport(
@@ -48,88 +56,108 @@ def rospy() -> Any:
 
 
 @functools.cache
-def made(kind: type[RosMessage]) -> Any:
-    """rospy's class for messages of a kind."""
+def message_class(kind: type[RosMessage]) -> Any:
+    """Return the generated rospy class of a message type."""
     dynamic: Any = import_module("genpy.dynamic")
-    inner = "".join(f"{LINE}MSG: {ros}\n{parts}\n" for ros, parts in NESTED.items())
-    text = f"std_msgs/Header header\n{kind.parts}\n{HEADER}{inner}"
-    return dynamic.generate_dynamic(kind.ros, text)[kind.ros]
+    nested = "".join(
+        f"{SEPARATOR}MSG: {name}\n{definition}\n" for name, definition in NESTED_TYPES.items()
+    )
+    text = f"std_msgs/Header header\n{kind.definition}\n{HEADER_DEFINITION}{nested}"
+    return dynamic.generate_dynamic(kind.ros_type, text)[kind.ros_type]
 
 
 class Ros1:
-    """Topics of this process' node."""
+    """Topics of this process's node.
+
+    Raises
+    ------
+    NoTransport
+        If rospy is not installed or no master answers.
+    """
 
     def __init__(self) -> None:
         self._ros = rospy()
-        self._writers: dict[str, Any] = {}
-        self._readers: list[Any] = []
+        self._publishers: dict[str, Any] = {}
+        self._subscribers: list[Any] = []
 
-    def publish(self, topic: Topic[Said], message: Said) -> bool:
-        out: Any = made(topic.kind)()
-        out.header.stamp = self._ros.Time(*divmod(message.stamp, SECOND))
-        for form, name in parts_of(topic.kind):
-            _fill(out, form, name, getattr(message, name))
+    def publish(self, topic: Topic[MessageT], message: MessageT) -> bool:
+        ros_message: Any = message_class(topic.kind)()
+        ros_message.header.stamp = self._ros.Time(*divmod(message.stamp, NS_PER_S))
+        for field_type, name in message_fields(topic.kind):
+            _set_field(ros_message, field_type, name, getattr(message, name))
         try:
-            self._writer(topic).publish(out)
+            self._publisher(topic).publish(ros_message)
         except self._ros.ROSException:
             return False
         return True
 
     def offer(self, topic: Topic[Any]) -> None:
-        self._writer(topic)
+        self._publisher(topic)
 
     def listeners(self, topic: Topic[Any]) -> int:
-        return self._writer(topic).get_num_connections()
+        return self._publisher(topic).get_num_connections()
 
-    def subscribe(self, topic: Topic[Said], heard: Heard[Said]) -> None:
-        own: str = self._ros.get_name()
+    def subscribe(self, topic: Topic[MessageT], handler: MessageHandler[MessageT]) -> None:
+        own_name: str = self._ros.get_name()
 
-        def take(came: Any) -> None:
-            writer: str = came._connection_header["callerid"]
-            if writer != own:
-                heard(_told(topic.kind, came), writer)
+        def receive(ros_message: Any) -> None:
+            writer: str = ros_message._connection_header["callerid"]
+            if writer != own_name:
+                handler(_from_ros(topic.kind, ros_message), writer)
 
-        reader = self._ros.Subscriber(
-            f"/{topic.name}", made(topic.kind), take, queue_size=DEPTH, tcp_nodelay=True
+        subscriber = self._ros.Subscriber(
+            f"/{topic.name}",
+            message_class(topic.kind),
+            receive,
+            queue_size=QUEUE_SIZE,
+            tcp_nodelay=True,
         )
-        self._readers.append(reader)
+        self._subscribers.append(subscriber)
 
     def close(self) -> None:
         with contextlib.suppress(self._ros.ROSException):
-            for one in (*self._readers, *self._writers.values()):
+            for one in (*self._subscribers, *self._publishers.values()):
                 one.unregister()
 
-    def _writer(self, topic: Topic[Any]) -> Any:
-        if topic.name not in self._writers:
+    def _publisher(self, topic: Topic[Any]) -> Any:
+        if topic.name not in self._publishers:
             try:
-                self._writers[topic.name] = self._ros.Publisher(
+                self._publishers[topic.name] = self._ros.Publisher(
                     f"/{topic.name}",
-                    made(topic.kind),
-                    queue_size=DEPTH,
+                    message_class(topic.kind),
+                    queue_size=QUEUE_SIZE,
                     latch=topic.latched,
                     tcp_nodelay=True,
                 )
             except self._ros.ROSException as error:
-                raise NoTransport(f"{topic.name} cannot be offered: {one_line(error)}") from error
-        return self._writers[topic.name]
+                raise NoTransport(
+                    f"{topic.name} cannot be advertised: {one_line(error)}"
+                ) from error
+        return self._publishers[topic.name]
 
 
-def _told(kind: type[Said], came: Any) -> Said:
-    """A message of rospy's as plain data."""
-    values = {name: _plain(form, getattr(came, name)) for form, name in parts_of(kind)}
-    build: Any = kind
-    return build(stamp=came.header.stamp.to_nsec(), **values)
+def _from_ros(kind: type[MessageT], ros_message: Any) -> MessageT:
+    """Convert a message of rospy to plain data."""
+    values = {
+        name: _to_plain_value(field_type, getattr(ros_message, name))
+        for field_type, name in message_fields(kind)
+    }
+    create: Any = kind
+    return create(stamp=ros_message.header.stamp.to_nsec(), **values)
 
 
-def _plain(form: str, came: Any) -> Any:
-    if form in NESTED:
-        return tuple(_plain(part, getattr(came, name)) for part, name in lines_of(NESTED[form]))
-    return tuple(came) if form in SEQUENCES else came
+def _to_plain_value(field_type: str, value: Any) -> Any:
+    if field_type in NESTED_TYPES:
+        fields = parse_fields(NESTED_TYPES[field_type])
+        return tuple(_to_plain_value(inner, getattr(value, name)) for inner, name in fields)
+    return tuple(value) if field_type in SEQUENCE_TYPES else value
 
 
-def _fill(out: Any, form: str, name: str, value: Any) -> None:
-    if form not in NESTED:
-        setattr(out, name, value)
+def _set_field(ros_message: Any, field_type: str, name: str, value: Any) -> None:
+    """Set a field of a rospy message, field by field for nested types."""
+    if field_type not in NESTED_TYPES:
+        setattr(ros_message, name, value)
         return
-    for (part, inner), one in zip(lines_of(NESTED[form]), value, strict=True):
-        _fill(getattr(out, name), part, inner, one)
+    fields = parse_fields(NESTED_TYPES[field_type])
+    for (inner_type, inner_name), one in zip(fields, value, strict=True):
+        _set_field(getattr(ros_message, name), inner_type, inner_name, one)

@@ -1,4 +1,4 @@
-"""[arm] kind = "crtk": how an arm that speaks CRTK is reached, and how it may be moved."""
+"""Settings of a CRTK arm: the section [arm] with kind = "crtk" of a rig file."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
@@ -6,51 +6,53 @@ from typing import Annotated, ClassVar
 from rcmservo.bringup.axis_wiring import Wiring
 from rcmservo.constraints import Checked, Limit, Triple, between, each, matching
 
+MAX_LEAD = 0.5, 0.5, 50.0
+"""Largest lead in rad, rad, mm."""
 LEAD = Limit(
-    lambda lead: all(0.0 < x <= most for x, most in zip(lead, (0.5, 0.5, 50.0), strict=True)),
+    lambda lead: all(0.0 < x <= most for x, most in zip(lead, MAX_LEAD, strict=True)),
     "positive, at most 0.5 rad, 0.5 rad and 50 mm",
 )
 SIGNS = each(Limit((1.0, -1.0).__contains__, ""), "three numbers, each 1 or -1")
-ROS = Limit((1, 2).__contains__, "1 or 2")
-TOPIC = r"\w+(/\w+)*"
-NAMESPACE = matching(TOPIC, "letters, digits and _, such as PSM1")
+ROS_VERSION = Limit((1, 2).__contains__, "1 or 2")
+TOPIC_PATTERN = r"\w+(/\w+)*"
 DOMAIN = between(0, 232, "a whole number")
+NAMESPACE = matching(TOPIC_PATTERN, "letters, digits and _, such as PSM1")
 INTERFACE = matching(r"[\w.:-]{1,15}", "a network interface's name, such as lo")
 
 
 @dataclass(frozen=True, kw_only=True)
 class RosConnection(Checked):
-    """Version of ROS, and the network that it is spoken on."""
+    """Version of ROS, and the network that it uses."""
 
-    ros: Annotated[int, ROS] = 2
-    """Version of ROS: 2, or 1 by the master that ROS_MASTER_URI names."""
+    ros: Annotated[int, ROS_VERSION] = 2
+    """ROS version: 2, or 1 with the master in ROS_MASTER_URI."""
     domain: Annotated[int, DOMAIN] = 0
-    """ROS 2's domain (ROS_DOMAIN_ID)."""
+    """Domain of ROS 2 (ROS_DOMAIN_ID)."""
     interface: Annotated[str, INTERFACE] = "lo"
-    """Network interface on which ROS 2 is spoken; lo is within this computer."""
+    """Network interface of ROS 2; lo is within this computer."""
 
 
 @dataclass(frozen=True)
 class CrtkSettings(RosConnection, section="arm"):
-    """An arm that speaks CRTK, whose first three joints are those of the mechanism."""
+    """Connection of a CRTK arm whose first three joints are those of the mechanism."""
 
     name: ClassVar[str] = "crtk"
-    """Its kind in rig files."""
+    """Kind of the arm in rig files."""
 
     namespace: Annotated[str, NAMESPACE]
-    """Its name before all of its topics, such as PSM1."""
+    """Namespace of the arm's topics, such as PSM1."""
     signs: Annotated[Triple, SIGNS] = (1.0, 1.0, 1.0)
-    """1 or -1 for each joint: which way it counts, beside the mechanism's."""
+    """Direction of each joint relative to the mechanism's, 1 or -1."""
     lead: Annotated[Triple, LEAD] = (0.1, 0.1, 10.0)
-    """rad, rad, mm by which what is asked for may run ahead of where the arm is. It is as far as
-    the arm goes on when this program dies."""
+    """Largest distance of the setpoint from the measured position, rad, rad, mm. When this program
+    dies, the arm moves by this distance at most."""
     jv: bool = False
-    """Whether the arm is sent speeds (servo_jv) in place of positions: only where `rig check` has
-    seen it come to rest by itself when nothing was sent."""
+    """True to send speeds (servo_jv) instead of positions. Only for an arm that `rig check` has
+    observed to stop by itself without commands."""
     answer_within: Annotated[float, between(0.1, 30.0, "a time", "s")] = 2.0
-    """s within which it does what its state commands say."""
+    """Time limit for the arm to execute a state command, s."""
 
     @property
     def wiring(self) -> Wiring:
-        """How the joints count."""
+        """Directions of the joints."""
         return Wiring(self.signs, "signs")

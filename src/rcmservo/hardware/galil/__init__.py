@@ -1,1 +1,1 @@
-"""Galil DMC-40x0 motion controllers."""
+"""Driver and emulator of Galil DMC-40x0 motion controllers."""

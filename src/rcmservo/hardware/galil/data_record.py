@@ -1,9 +1,11 @@
-"""The data record (QR, DR): all that the controller tells of itself, in one block of bytes.
+"""Data record (QR, DR) of a Galil controller: its whole state in one block of bytes.
 
-    header 4 | general 52 | coordinated motion 26 | 36 for each axis
+    header 4 | general 52 | coordinated motion 26 | 36 per axis
 
-Little-endian. The four sizes are what QZ tells; a DMC-4040 has four axes and sends 226 bytes.
-Source: command reference (QR, QZ) and the EPICS driver's table for the DMC-4000 (motorapp/Galil,
+The layout is little-endian. QZ reports the axis count and the three block sizes. The record of a
+DMC-4040 (four axes) has 226 bytes.
+
+Sources: command reference (QR, QZ); the EPICS driver's table for the DMC-4000 (motorapp/Galil,
 GalilController.cpp, Init4000).
 """
 
@@ -14,13 +16,13 @@ from numpy.typing import NDArray
 
 from rcmservo.errors import RcmServoError
 
-LETTERS = "ABCDEFGH"
-"""The axes' names, and the handles'."""
+AXIS_LETTERS = "ABCDEFGH"
+"""Names of the axes. The Ethernet handles have the same names."""
 
-SIZES = 52, 26, 36
-"""Bytes of general part, coordinated motion and one axis."""
+BLOCK_SIZES = 52, 26, 36
+"""Bytes of the general block, the coordinated motion block and one axis block."""
 
-GENERAL = np.dtype(
+GENERAL_DTYPE = np.dtype(
     {
         "names": [
             "flags",
@@ -39,11 +41,11 @@ GENERAL = np.dtype(
         "itemsize": 82,
     }
 )
-"""Of the whole controller: flags of blocks, which axes, bytes in all, servo samples since it was
-reset, inputs, outputs, how its Ethernet handles stand, TC, a bit for each running thread, errors of
-the amplifier."""
+"""Controller part: block flags, one bit per axis, record size in bytes, servo samples since the
+reset, inputs, outputs, state of each Ethernet handle, error code (TC), one bit per running thread,
+amplifier errors."""
 
-AXIS = np.dtype(
+AXIS_DTYPE = np.dtype(
     [
         ("status", "<u2"),
         ("switches", "u1"),
@@ -60,65 +62,69 @@ AXIS = np.dtype(
         ("user", "<i4"),
     ]
 )
-"""Of one axis: bits below, SC, RP, TP, TE, TD in counts, 64 times TV in counts/s, TT in 1/3255 V,
-an analog input, hall sensors, and ZA."""
+"""Axis part: status bits and switch bits (below), stop code (SC); RP, TP, TE and TD in counts; 64
+times TV in counts/s; TT in 1/3255 V; analog input, Hall sensors, and the user variable ZA."""
 
-VELOCITY = 64.0
-"""How much more than TV the record tells."""
-TORQUE = 3255.0
-"""Of its units in a volt."""
+VELOCITY_SCALE = 64.0
+"""Ratio of the recorded velocity to TV."""
+TORQUE_UNITS_PER_VOLT = 3255.0
 
-MOVING, POSITIONING, NEGATIVE, SLEWING, STOPPING, FINAL, OFF = (
+MOVING, POSITIONING, NEGATIVE, SLEWING, STOPPING, FINAL, MOTOR_OFF = (
     1 << bit for bit in (15, 14, 7, 5, 4, 3, 0)
 )
-"""Bits of an axis' status: its profile is under way; that of PA or PR; it heads backward; it has
-its speed; it comes to rest by ST or a limit; it comes to rest at its end; its motor is off."""
+"""Status bits of an axis: its profile runs; that profile is a PA or PR move; it moves backward; it
+has reached its slew speed; it decelerates after ST or at a limit; it decelerates to the end of its
+move; its motor is off."""
 
-FORWARD, REVERSE, HOME = 1 << 3, 1 << 2, 1 << 1
-"""Bits of an axis' switches, as they stand raw: what a tripped one shows depends on its wiring."""
+FORWARD_SWITCH, REVERSE_SWITCH, HOME_SWITCH = 1 << 3, 1 << 2, 1 << 1
+"""Switch bits of an axis as raw input levels. The level of a tripped switch depends on its
+wiring."""
 
-BLOCKS = 0x87
-"""Flags of a whole record: the mark, and the blocks I, T and S."""
+HEADER_FLAGS = 0x87
+"""Flags of a complete record: the marker bit and the blocks I, T and S."""
 
 
-class Damaged(RcmServoError):
-    """Bytes that are no data record."""
+class InvalidRecord(RcmServoError):
+    """Error of bytes that are not a data record."""
 
 
 class DataRecord(NamedTuple):
-    """A data record."""
+    """Decoded data record."""
 
     general: Any
-    """One row of GENERAL."""
+    """Controller part, one row of ``GENERAL_DTYPE``."""
     axes: NDArray[Any]
-    """A row of AXIS for each."""
+    """Axis parts, one row of ``AXIS_DTYPE`` per axis."""
 
 
-def size_of(axes: int) -> int:
-    """Bytes of a whole record."""
-    return GENERAL.itemsize + axes * AXIS.itemsize
+def record_size(axis_count: int) -> int:
+    """Return the size of a complete record in bytes."""
+    return GENERAL_DTYPE.itemsize + axis_count * AXIS_DTYPE.itemsize
 
 
-def blank(axes: int) -> DataRecord:
-    """A record in which all but the header is 0."""
-    general, rows = np.zeros((), GENERAL), np.zeros(axes, AXIS)
-    general["flags"], general["axes"], general["size"] = BLOCKS, (1 << axes) - 1, size_of(axes)
+def empty_record(axis_count: int) -> DataRecord:
+    """Return a record with a valid header and zeros elsewhere."""
+    general, rows = np.zeros((), GENERAL_DTYPE), np.zeros(axis_count, AXIS_DTYPE)
+    general["flags"], general["axes"] = HEADER_FLAGS, (1 << axis_count) - 1
+    general["size"] = record_size(axis_count)
     return DataRecord(general, rows)
 
 
-def packed(record: DataRecord) -> bytes:
-    """A record as bytes."""
+def encode_record(record: DataRecord) -> bytes:
+    """Encode a record as bytes."""
     return record.general.tobytes() + record.axes.tobytes()
 
 
-def unpacked(data: bytes, axes: int) -> DataRecord:
-    """The record of a controller with so many axes, or :class:`Damaged`."""
-    expected = bytes([BLOCKS, (1 << axes) - 1]) + size_of(axes).to_bytes(2, "little")
-    if len(data) != size_of(axes) or data[:4] != expected:
-        raise Damaged(
-            f"a data record of {axes} axes must have {size_of(axes)} bytes and begin with "
-            f"{expected.hex(' ')}, got {len(data)} that begin with {data[:4].hex(' ')}"
+def decode_record(data: bytes, axis_count: int) -> DataRecord:
+    """Decode the record of a controller, or raise :class:`InvalidRecord`."""
+    size = record_size(axis_count)
+    header = bytes([HEADER_FLAGS, (1 << axis_count) - 1]) + size.to_bytes(2, "little")
+    if len(data) != size or data[:4] != header:
+        raise InvalidRecord(
+            f"a data record of {axis_count} axes must have {size} bytes and begin with "
+            f"{header.hex(' ')}, got {len(data)} bytes that begin with {data[:4].hex(' ')}"
         )
     return DataRecord(
-        np.frombuffer(data, GENERAL, 1)[0], np.frombuffer(data, AXIS, axes, GENERAL.itemsize)
+        np.frombuffer(data, GENERAL_DTYPE, 1)[0],
+        np.frombuffer(data, AXIS_DTYPE, axis_count, GENERAL_DTYPE.itemsize),
     )

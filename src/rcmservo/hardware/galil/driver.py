@@ -1,8 +1,8 @@
-"""An arm whose joints hang on three axes of a Galil controller.
+"""Driver of an arm whose three joints are axes of a Galil controller.
 
-A thread of its own talks with the controller, so that the loop never waits for it. What it hears
-last is what `measure` tells: where the controller does not answer, that grows old, and the servo
-stops. A connection that is lost is not made again by itself.
+A separate thread exchanges commands and data records with the controller, so the servo loop never
+waits for it. `measure` returns the last data record. If the controller stops answering, that record
+grows old and the servo stops. The driver does not reconnect by itself.
 """
 
 import contextlib
@@ -13,149 +13,170 @@ from collections.abc import Generator
 import numpy as np
 
 from rcmservo.errors import RcmServoError
+from rcmservo.hardware.galil.connection import (
+    ByteStream,
+    GalilConnection,
+    SerialStream,
+    TcpStream,
+)
 from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.hardware.galil.wire import ByteStream, Conversation, SerialStream, TcpStream
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.live.lab import NotReady
 from rcmservo.live.realtime import urgent
 from rcmservo.method.kinematics import JointLimits
 
-LOOK = 0.004
-"""s between two data records where no command comes."""
+POLL_PERIOD_S = 0.004
+"""Period of the data records while no command arrives."""
 
-SERVOING = 115200
-"""bits/s of a serial port at least: some 350 bytes a command then take 30 ms."""
+MIN_SERVO_BAUD = 115200
+"""Lowest bit rate of a serial port for servoing: a command of about 350 bytes then takes 30 ms."""
 
 
 class GalilArm:
-    """An arm on a Galil controller, set up with its motors off; `close` it at the end."""
+    """Arm on a Galil controller. The constructor connects and leaves the motors off.
+
+    Parameters
+    ----------
+    settings : GalilSettings
+        Connection, axes and scales.
+    limits : JointLimits
+        Joint limits, which become the soft limits of the axes.
+
+    Raises
+    ------
+    ConnectionLost
+        If the controller does not answer.
+    NotReady
+        If another host or program uses the arm, or the controller is of another kind.
+    """
 
     def __init__(self, settings: GalilSettings, limits: JointLimits) -> None:
         self.settings = settings
-        self._talks: list[Conversation] = []
-        self._lock, self._wake, self._over = threading.Lock(), threading.Event(), False
-        self._handing = threading.Lock()
-        """Held while a command passes from the loop to the thread, and never for long."""
+        self._connections: list[GalilConnection] = []
+        self._lock, self._wake, self._closing = threading.Lock(), threading.Event(), False
+        self._command_lock = threading.Lock()
+        """Lock of `_next`, held only while a command passes from the loop to the thread."""
         self._next: Command | None = None
-        self._lost = ""
+        self._connection_error = ""
         self._measured = Measured(0, np.zeros(3), False)
         try:
-            talk = self._connected()
-            messages = None if settings.serial else self._connected()
-            self._session = GalilSession(talk, messages, settings, limits)
+            connection = self._connect()
+            message_connection = None if settings.is_serial else self._connect()
+            self._session = GalilSession(connection, message_connection, settings, limits)
             self._session.set_up()
-            self._measured = self._told(self._session.look())
+            self._measured = self._as_measured(self._session.read())
         except BaseException:
-            self._hang_up()
+            self._disconnect()
             raise
         self._thread = threading.Thread(target=self._run, name="galil", daemon=True)
         self._thread.start()
 
     @property
     def why_off(self) -> str:
-        """Why the drive went off by itself, in a sentence; empty where it did not."""
-        return self._lost or self._session.why_off
+        """Reason why the drive went off by itself, in a sentence; empty if it did not."""
+        return self._connection_error or self._session.why_off
 
     def enable(self) -> None:
-        """Switch the motors on, at rest, watched over by the controller."""
-        if self.settings.serial and self.settings.baud < SERVOING:
+        """Switch the motors on, at rest and under the controller's watchdog."""
+        if self.settings.is_serial and self.settings.baud < MIN_SERVO_BAUD:
             raise NotReady(
                 f"at {self.settings.baud} bits/s a command takes longer than the controller waits "
-                f"for the next: servo by network, or at {SERVOING} bits/s"
+                f"for the next: connect by network, or at {MIN_SERVO_BAUD} bits/s"
             )
-        with self._in_use():
-            self._taken()
+        with self._exclusive_session():
+            self._take_command()
             self._session.start()
-            self._measured = self._told(self._session.look())
+            self._measured = self._as_measured(self._session.read())
 
     def define(self, q: Floats) -> None:
-        """A person says that the joints (3,) stand at q, at rest and with the drive off."""
-        with self._in_use():
+        """Set the joint position (3,) in rad, rad, mm, at rest and with the drive off."""
+        with self._exclusive_session():
             self._session.define(q)
-            self._measured = self._told(self._session.look())
+            self._measured = self._as_measured(self._session.read())
 
     def homed(self) -> bool:
-        """Whether a person has said where the arm stands since the controller was reset."""
-        with self._in_use():
+        """Return True if an operator has set the joint position since the controller's reset."""
+        with self._exclusive_session():
             return self._session.homed()
 
     def measure(self) -> Measured:
-        """What the controller told last."""
+        """Return the last measurement of the joints."""
         return self._measured
 
     def apply(self, command: Command) -> Floats:
-        """Pass a command on; the joint rates (3,) as the controller's steps have them."""
-        with self._handing:
-            if self._next is None or self._next.enabled:  # nothing replaces switching off
+        """Send a command; return the joint rates (3,) as rounded by the controller."""
+        with self._command_lock:
+            if self._next is None or self._next.enabled:  # nothing replaces a switch-off
                 self._next = command
         self._wake.set()
-        if not (command.enabled and self._measured.enabled):
-            return np.zeros(3)
-        return self._session.steps(command.rates) / np.array(self.settings.counts)
+        return self._session.in_counts_per_s(command.rates) / np.array(self.settings.counts)
 
     def close(self) -> None:
-        """Stop, switch off, and hang up."""
-        self._over = True
+        """Stop the arm, switch its motors off and disconnect."""
+        self._closing = True
         self._wake.set()
         self._thread.join()
-        if self._session.watched:  # else it is off, and maybe somebody else's by now
+        if self._session.is_active:  # otherwise the motors are off or belong to another host
             try:
                 self._session.switch_off()
             except RcmServoError as error:
-                self._lost = self._lost or str(error)
-        self._hang_up()
+                self._connection_error = self._connection_error or str(error)
+        self._disconnect()
 
-    def _connected(self) -> Conversation:
-        s = self.settings
+    def _connect(self) -> GalilConnection:
+        settings = self.settings
         stream: ByteStream = (
-            SerialStream(s.address, s.baud, s.answer_within)
-            if s.serial
-            else TcpStream(s.address, s.port, s.answer_within)
+            SerialStream(settings.address, settings.baud, settings.answer_within)
+            if settings.is_serial
+            else TcpStream(settings.address, settings.port, settings.answer_within)
         )
-        self._talks.append(Conversation(stream, s.answer_within))
-        return self._talks[-1]
+        self._connections.append(GalilConnection(stream, settings.answer_within))
+        return self._connections[-1]
 
     def _run(self) -> None:
         urgent()
-        while not self._over:
-            self._wake.wait(LOOK)
+        while not self._closing:
+            self._wake.wait(POLL_PERIOD_S)
             self._wake.clear()
             with self._lock:
                 try:
-                    self._turn()
+                    self._exchange()
                 except RcmServoError as error:
-                    self._lost = str(error)
-                    self._hang_up()
+                    self._connection_error = str(error)
+                    self._disconnect()
                     return
 
-    def _turn(self) -> None:
-        command, session = self._taken(), self._session
-        if command is not None and session.watched:
+    def _exchange(self) -> None:
+        """Execute the pending command, if any, and read the arm."""
+        command, session = self._take_command(), self._session
+        if command is not None and session.is_active:
             if not command.enabled:
                 session.switch_off()
             elif time.monotonic_ns() <= command.deadline:
-                self._measured = self._told(session.exchange(command.rates))
+                self._measured = self._as_measured(session.exchange(command.rates))
                 return
-        self._measured = self._told(session.look())
+        self._measured = self._as_measured(session.read())
 
-    def _taken(self) -> Command | None:
-        """The newest command, which is not there any more."""
-        with self._handing:
+    def _take_command(self) -> Command | None:
+        """Return the pending command and clear it."""
+        with self._command_lock:
             command, self._next = self._next, None
         return command
 
-    def _told(self, told: ArmReading) -> Measured:
-        """What the controller tells, when its samples say; time never goes back."""
-        return Measured(max(round(1e9 * told.time), self._measured.time), told.q, told.on)
+    def _as_measured(self, reading: ArmReading) -> Measured:
+        """Convert a reading. Its time never decreases."""
+        time_ns = max(round(1e9 * reading.time), self._measured.time)
+        return Measured(time_ns, reading.q, reading.all_on)
 
     @contextlib.contextmanager
-    def _in_use(self) -> Generator[None]:
+    def _exclusive_session(self) -> Generator[None]:
         with self._lock:
             if not self._thread.is_alive():
-                raise NotReady(f"{self._lost or 'the controller is lost'}; connect again")
+                error = self._connection_error or "the controller is lost"
+                raise NotReady(f"{error}; connect again")
             yield
 
-    def _hang_up(self) -> None:
-        for talk in self._talks:
-            talk.close()
+    def _disconnect(self) -> None:
+        for connection in self._connections:
+            connection.close()

@@ -1,55 +1,65 @@
-"""When the controller read the joints, on this computer's clock.
+"""Conversion of a controller's sample counter to this computer's clock.
 
-A record tells the controller's sample, and came between asking and hearing: an answer that was held
-up would give its joints a wrong time if that alone counted. But samples follow each other evenly.
-So of all exchanges those count that took the least time there and back:
+A data record carries the number of the controller's sample. The sample lies between the request and
+the reply, but a delayed reply says little about when the joints were read. The controller samples
+at an even rate, so the exchanges with the shortest round trip determine the time of all samples:
 
-    latest     the least of (heard − sample): no sample was later than that
-    earliest   the greatest of (asked − sample): none was earlier, but for the sample under way
+    latest     minimum of (received - sample time): no sample was read later
+    earliest   maximum of (requested - sample time): no sample was read earlier, except for the
+               sample under way
 
-Between the two lies the offset of the clocks. Both widen with time by DRIFT, by which the clocks
-may run apart. What contradicts them (the controller was reset) begins anew.
+The offset between the clocks lies between these bounds. Both bounds widen with time by
+``MAX_CLOCK_DRIFT``. An exchange that contradicts them (after a reset of the controller) restarts
+the estimate.
 """
 
-DRIFT = 300e-6
-"""By which the clocks run apart at most: each by 100 ppm, and something to spare."""
+MAX_CLOCK_DRIFT = 300e-6
+"""Largest relative drift between the clocks: 100 ppm for each, and a margin."""
 
-MICROSECONDS = 0.9765625e-6
-"""s of a sample for each of TM: TM 1000 is 976.5625 us."""
+SAMPLE_TIME_PER_TM_S = 0.9765625e-6
+"""Sample time in s per unit of TM: TM 1000 gives 976.5625 us."""
 
-COUNTS = 1 << 16
-"""Samples after which the record's counter begins anew, a minute."""
+COUNTER_MODULUS = 1 << 16
+"""Samples after which the record's counter wraps, about a minute."""
 
 
 class SampleClock:
-    """The offset of a controller's sample counter, learnt from exchange to exchange."""
+    """Offset of a controller's sample counter from this computer's clock, updated per exchange.
+
+    Parameters
+    ----------
+    period : float
+        Sample time of the controller in s.
+    """
 
     def __init__(self, period: float) -> None:
         self.period = period
-        """s of a sample."""
-        self._count, self._heard = 0, 0.0
+        self._count, self._received = 0, 0.0
         self._earliest = self._latest = 0.0
-        self._begun = False
+        self._started = False
 
-    def time_of(self, sample: int, asked: float, heard: float) -> float:
-        """When a sample was, s, that came with an answer between `asked` and `heard`: never
-        later."""
-        count = self._unwrapped(sample, heard)
-        here = count * self.period
-        earliest, latest = asked - self.period - here, heard - here
-        if self._begun:
-            apart = DRIFT * max(heard - self._heard, 0.0)
-            earliest = max(earliest, self._earliest - apart)
-            latest = min(latest, self._latest + apart)
+    def time_of(self, sample: int, requested: float, received: float) -> float:
+        """Return the time (s) of a sample from a reply between `requested` and `received`.
+
+        The result is never later than `received`.
+        """
+        count = self._unwrap(sample, received)
+        sample_time = count * self.period
+        earliest, latest = requested - self.period - sample_time, received - sample_time
+        if self._started:
+            drift = MAX_CLOCK_DRIFT * max(received - self._received, 0.0)
+            earliest = max(earliest, self._earliest - drift)
+            latest = min(latest, self._latest + drift)
         if earliest > latest:
-            earliest, latest = asked - self.period - here, heard - here
-        self._count, self._heard, self._begun = count, heard, True
+            earliest, latest = requested - self.period - sample_time, received - sample_time
+        self._count, self._received, self._started = count, received, True
         self._earliest, self._latest = earliest, latest
-        return min(here + 0.5 * (earliest + latest), heard)
+        return min(sample_time + 0.5 * (earliest + latest), received)
 
-    def _unwrapped(self, sample: int, heard: float) -> int:
-        """The sample's number in all, by the time that has passed since the last."""
-        passed = round((heard - self._heard) / self.period) if self._begun else 0
-        expected = self._count + passed
-        half = COUNTS // 2
-        return expected + (sample - expected + half) % COUNTS - half if self._begun else sample
+    def _unwrap(self, sample: int, received: float) -> int:
+        """Return the total sample count, from the counter and the time since the last exchange."""
+        if not self._started:
+            return sample
+        expected = self._count + round((received - self._received) / self.period)
+        half = COUNTER_MODULUS // 2
+        return expected + (sample - expected + half) % COUNTER_MODULUS - half

@@ -1,14 +1,14 @@
-"""What an arm's driver says to a Galil controller, in which order.
+"""Use of a Galil controller by an arm's driver, from set-up to switch-off.
 
-    set up      whoever has the arm already is left alone; the motors go off, settings and the
-                watchdog program are sent
-    define      a person says where the arm stands, after each reset of the controller
-    start       settings and program are sent anew; it runs, the motors go on, and it has the axes
-                servo at rest
-    exchange    speeds, counted for the watchdog, and the data record behind them
-    switch off  the axes come to rest by their own deceleration, then the motors go off
+    set up      require that no other host or program uses the arm; switch the motors off; send
+                settings and watchdog program
+    define      set the joint position; an operator does it after each reset of the controller
+    start       send settings and program again; start the program and switch the motors on; the
+                program begins a jog at zero speed
+    exchange    send speeds and the watchdog's count, and read the data record
+    switch off  decelerate the axes, then switch the motors off
 
-It waits for every answer. Source: command reference; docs/galil.md tells what was tried.
+Each step waits for all replies. Sources: command reference; docs/galil.md lists what was tested.
 """
 
 import contextlib
@@ -16,305 +16,360 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.errors import RcmServoError, require
-from rcmservo.errors import told as words
-from rcmservo.hardware.galil import amplifier, reasons
-from rcmservo.hardware.galil import data_record as record
-from rcmservo.hardware.galil import watchdog_program as program
-from rcmservo.hardware.galil.sample_clock import MICROSECONDS, SampleClock
+from rcmservo.errors import RcmServoError, require, told
+from rcmservo.hardware.galil.connection import CommandRejected, GalilConnection
+from rcmservo.hardware.galil.data_record import (
+    AXIS_LETTERS,
+    BLOCK_SIZES,
+    MOTOR_OFF,
+    DataRecord,
+)
+from rcmservo.hardware.galil.sample_clock import SAMPLE_TIME_PER_TM_S, SampleClock
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.hardware.galil.wire import Conversation, Rejected
+from rcmservo.hardware.galil.stop_reasons import (
+    append_device_reports,
+    describe_stop,
+    last_command_error,
+    read_amplifier_errors,
+)
+from rcmservo.hardware.galil.watchdog_program import (
+    FOREIGN_SPEED,
+    STOP_CAUSES,
+    THREAD_COUNT,
+    WATCHDOG_THREAD,
+    program_lines,
+)
 from rcmservo.interfaces import Floats
 from rcmservo.live.lab import NotReady
 from rcmservo.method.kinematics import JointLimits
 
-HOMED = "rcmhome"
-"""A variable in the controller's memory: by which counts and axes somebody has said where the arm
-stands. It is gone after a reset."""
+HOMED_VARIABLE = "rcmhome"
+"""Controller variable with the checksum of axes and counts for which an operator has set the
+position. A reset deletes it."""
 
-LATEST = "rcmsess"
-"""Another, the number of the newest session."""
+SESSION_VARIABLE = "rcmsess"
+"""Controller variable with the number of the newest session."""
 
-BEATS = 1_000_000
-"""So far apart the counts of two sessions begin,"""
-SESSIONS = 2000
-"""of which there are so many until they begin anew."""
+COUNTS_PER_SESSION = 1_000_000
+"""Distance between the first watchdog counts of two sessions."""
+SESSION_MODULUS = 2000
+"""Sessions after which the numbers restart."""
 
-USUAL = 1000.0
-"""TM as it must be, and is where it is not told."""
+REQUIRED_TM = 1000.0
+"""Required value of TM, and the value of a controller that does not report it."""
 
-CHECK = 0.05
-"""s between two looks at the watchdog program."""
-BEGUN_WITHIN = 0.02
-"""s within which the axes are begun after the program was started."""
-OFF_WITHIN = 0.2
-"""s within which the motors are off once the axes have had the time to come to rest."""
+PROGRAM_CHECK_PERIOD_S = 0.05
+"""Period of the checks that the watchdog program runs."""
+MOTION_START_TIMEOUT_S = 0.02
+"""Time from the start of the watchdog program to the start of the axes."""
+SWITCH_OFF_TIMEOUT_S = 0.2
+"""Time, in addition to the deceleration, in which the motors must go off."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmReading:
-    """What the controller told of the arm."""
+    """State of the arm from one data record."""
 
     q: Floats
-    """The joints (3,) rad, rad, mm."""
-    on: bool
-    """Whether all its motors are on."""
-    off: bool
-    """Whether all are off."""
+    """Joint position (3,) in rad, rad, mm."""
+    all_on: bool
+    """True if all three motors are on."""
+    all_off: bool
+    """True if all three motors are off."""
     time: float
-    """When that was, s on the conversation's clock."""
-    rows: record.DataRecord
-    """All of it."""
+    """Time of the measurement, s on the connection's clock."""
+    record: DataRecord
+    """The complete record."""
 
 
 class GalilSession:
-    """The arm's use of a controller."""
+    """Exclusive use of a controller's three axes by one arm.
+
+    Parameters
+    ----------
+    connection : GalilConnection
+        Connection for commands.
+    message_connection : GalilConnection or None
+        Connection that receives unsolicited messages; None over a serial port.
+    settings : GalilSettings
+        Axes and scales.
+    limits : JointLimits
+        Joint limits, which become the soft limits of the axes.
+    """
 
     def __init__(
         self,
-        talk: Conversation,
-        messages: Conversation | None,
+        connection: GalilConnection,
+        message_connection: GalilConnection | None,
         settings: GalilSettings,
         limits: JointLimits,
     ) -> None:
         self.settings, self.limits = settings, limits
         self.why_off = ""
-        """Why the controller switched the motors off, in a sentence; empty where it did not."""
-        self.said = ""
-        """What the controller said last of its own accord; empty where nothing since it was
-        enabled."""
-        self.watched = False
-        """Whether this session has switched motors on that are not known to be off again."""
-        self._talk, self._messages = talk, messages
-        self._places = [record.LETTERS.index(axis) for axis in settings.axes]
-        self._axes = self._beat = 0
-        self._checked, self._sent, self._fastest = 0.0, np.zeros(3), np.zeros(3)
-        self._clock = SampleClock(USUAL * MICROSECONDS)
+        """Reason why the controller switched the motors off, in a sentence; empty if it did not."""
+        self.last_message = ""
+        """Last unsolicited message since the motors were enabled; empty if there was none."""
+        self.is_active = False
+        """True if this session has switched motors on that are not known to be off again."""
+        self._connection, self._message_connection = connection, message_connection
+        self._indices = [AXIS_LETTERS.index(axis) for axis in settings.axes]
+        self._axis_count = self._watchdog_count = 0
+        self._program_checked = 0.0
+        self._sent_speeds, self._top_speeds = np.zeros(3), np.zeros(3)
+        self._clock = SampleClock(REQUIRED_TM * SAMPLE_TIME_PER_TM_S)
 
     def set_up(self) -> None:
-        """Look who it is, and make it ready, with the motors off."""
-        self._talk.ask("CW 1")
-        self._axes = self._know()
+        """Identify the controller and prepare it, with the motors off."""
+        self._connection.execute("CW 1")
+        self._axis_count = self._read_axis_count()
         self._require_free()
-        self._require_usual_samples()
-        self._make_ready()
+        self._require_sample_time()
+        self._prepare()
 
-    def _make_ready(self) -> None:
-        """Motors off, and all that the controller must know, in the place of what others have left
-        there."""
-        if self._messages is not None:
-            self._messages.ask("CF I")
-        self._talk.ask(f"MO {self.settings.axes}")
+    def _prepare(self) -> None:
+        """Switch the motors off and send all settings and the program.
+
+        They replace those of earlier hosts.
+        """
+        if self._message_connection is not None:
+            self._message_connection.execute("CF I")
+        self._connection.execute(f"MO {self.settings.axes}")
         self._configure()
-        self._talk.ask(*self._speeds(np.zeros(3)))
-        self._download()
+        self._connection.execute(*self._speed_commands(np.zeros(3)))
+        self._download_watchdog()
 
-    def _require_usual_samples(self) -> None:
-        """The watchdog program and the joints' times reckon by them."""
-        told = self._talk.known("_TM") or USUAL
-        if told != USUAL:
+    def _require_sample_time(self) -> None:
+        """Raise `NotReady` unless TM has the value that timeout and sample clock assume."""
+        tm = self._connection.read_variable("_TM") or REQUIRED_TM
+        if tm != REQUIRED_TM:
             raise NotReady(
-                f"TM is {told:g} on the controller: set it to {USUAL:g}, by which the watchdog "
-                "program reckons its patience"
+                f"TM is {tm:g} on the controller: set it to {REQUIRED_TM:g}, the value on which "
+                "the timeout of the watchdog program is based"
             )
 
-    def _download(self) -> None:
-        """Put the watchdog program in its place."""
-        names = self.settings.axes
+    def _download_watchdog(self) -> None:
+        axes = self.settings.axes
         try:
-            self._talk.download(program.lines(names, round(1e3 * self.settings.patience)))
-        except Rejected:
-            self._talk.ask("AB 1")  # its lines may have been taken for commands
-            self._talk.ask(f"MO {names}")
+            self._connection.download_program(
+                program_lines(axes, round(1e3 * self.settings.patience))
+            )
+        except CommandRejected:
+            self._connection.execute("AB 1")  # it may have executed lines as commands
+            self._connection.execute(f"MO {axes}")
             raise
 
     def _require_free(self) -> None:
-        """Leave the arm to whoever has it."""
-        names = self.settings.axes
-        asked = f"MG {','.join(f'_XQ{thread}' for thread in range(program.THREADS))}"
-        lines = self._talk.numbers(asked)
-        if len(lines) != program.THREADS:
-            raise NotReady(f"{asked} must tell {program.THREADS} numbers, got {words(lines)}")
-        if lines[program.THREAD] >= 0.0:
-            raise NotReady("another host has the arm: end it there, or its program with HX")
+        """Raise `NotReady` if another host or a program uses the controller."""
+        axes = self.settings.axes
+        query = f"MG {','.join(f'_XQ{thread}' for thread in range(THREAD_COUNT))}"
+        lines = self._connection.read_numbers(query)
+        if len(lines) != THREAD_COUNT:
+            raise NotReady(f"{query} must return {THREAD_COUNT} numbers, got {told(lines)}")
+        if lines[WATCHDOG_THREAD] >= 0.0:
+            raise NotReady("another host uses the arm: end it there, or end its program with HX")
         for thread, line in enumerate(lines):
             if line >= 0.0:
                 raise NotReady(
                     f"a program runs on the controller, in thread {thread}: it must end before the "
-                    "watchdog program can be put in its place"
+                    "watchdog program can replace it"
                 )
-        if any(self._talk.number(f"_BG{axis}") for axis in names):
-            raise NotReady(f"the axes {names} move: whoever moves them must stop them first")
+        if any(self._connection.read_number(f"_BG{axis}") for axis in axes):
+            raise NotReady(f"the axes {axes} move: the host that moves them must stop them first")
 
     def homed(self) -> bool:
-        """Whether a person has said where the arm stands since the controller was reset, and by
-        these counts and axes: by others it stands elsewhere."""
-        return self._talk.known(HOMED) == self.settings.scale_number
+        """Return True if an operator has set the position since the controller's reset.
+
+        The position must have been set with the present counts and axes: with other scales the same
+        counts are another position.
+        """
+        return self._connection.read_variable(HOMED_VARIABLE) == self.settings.scale_checksum
 
     def define(self, q: Floats) -> None:
-        """A person says that the joints (3,) stand at q, at rest and with the drive off."""
+        """Set the joint position (3,) in rad, rad, mm, at rest and with the drive off."""
         require(bool(np.isfinite(q).all()), "q", q.tolist(), "three numbers")
         counts = np.round(q * np.array(self.settings.counts)).astype(int).tolist()
-        self._talk.ask(*self._each("DP", counts))
-        self._talk.ask(f"{HOMED}={self.settings.scale_number}")
+        self._connection.execute(*self._axis_commands("DP", counts))
+        self._connection.execute(f"{HOMED_VARIABLE}={self.settings.scale_checksum}")
 
     def start(self) -> None:
-        """Servo at rest, and be watched over."""
+        """Start the watchdog program and switch the motors on, at rest.
+
+        Raises
+        ------
+        NotReady
+            If the position is not set, another host uses the arm, an amplifier has an error, or the
+            axes do not begin. The motors are off then.
+        """
         if not self.homed():
             raise NotReady(
-                "nobody has said where the arm stands since the controller was reset or its counts "
-                "and axes were changed: bring it to a mark and define its position"
+                "the arm's position is not set since the controller was reset or its counts and "
+                "axes were changed: bring the arm to a mark and define its position"
             )
-        if self.watched:
+        if self.is_active:
             self.switch_off()
         self._require_free()
-        self._require_usual_samples()
-        wrong = amplifier.asked(self._talk, self.settings.axes)
-        if wrong:
-            raise NotReady(f"the amplifiers are not ready: {', '.join(wrong)}")
-        names, talk = self.settings.axes, self._talk
-        if not all(talk.number(f"_MO{axis}") for axis in names):
-            raise NotReady("somebody else has switched the motors on since: the arm is theirs")
-        self._make_ready()
-        session = int(self._talk.known(LATEST)) % SESSIONS + 1
-        self._beat, self.why_off, self.said = session * BEATS, "", ""
-        self._fastest = np.zeros(3)
-        talk.ask(f"{LATEST}={session}", f"hb={self._beat}", "TC")
-        self.watched, self._checked = True, talk.now()
+        self._require_sample_time()
+        errors = read_amplifier_errors(self._connection, self.settings.axes)
+        if errors:
+            raise NotReady(f"the amplifiers are not ready: {', '.join(errors)}")
+        axes, connection = self.settings.axes, self._connection
+        if not all(connection.read_number(f"_MO{axis}") for axis in axes):
+            raise NotReady("another host has switched the motors on: end its use of the arm first")
+        self._prepare()
+        session = int(connection.read_variable(SESSION_VARIABLE)) % SESSION_MODULUS + 1
+        self._watchdog_count = session * COUNTS_PER_SESSION
+        self.why_off, self.last_message = "", ""
+        self._top_speeds = np.zeros(3)
+        connection.execute(f"{SESSION_VARIABLE}={session}", f"hb={self._watchdog_count}", "TC")
+        self.is_active, self._program_checked = True, connection.now()
         try:
-            # in one line: SH that is held up on its way would come when the program has ended
-            talk.ask(f"XQ #RCMWD,{program.THREAD}", f"SH {names}")
-            self._await_begun()
-            self._beat += 1
-            talk.ask(f"hb={self._beat}")  # its patience counts from here, not from what that took
+            # One line: a delayed SH on a line of its own could arrive after the program has ended.
+            connection.execute(f"XQ #RCMWD,{WATCHDOG_THREAD}", f"SH {axes}")
+            self._wait_for_motion()
+            self._watchdog_count += 1
+            connection.execute(f"hb={self._watchdog_count}")  # restart the timeout from here
         except RcmServoError:
             with contextlib.suppress(RcmServoError):
                 self.switch_off()
             raise
 
-    def _await_begun(self) -> None:
+    def _wait_for_motion(self) -> None:
         """Wait until the watchdog program has begun the jog."""
-        end = self._talk.now() + BEGUN_WITHIN
-        while not all(self._talk.number(f"_BG{axis}") for axis in self.settings.axes):
-            if self._talk.now() > end:
-                cause = reasons.refused(self._talk) or self._stopped(self.look())
-                raise NotReady(f"the axes do not begin: {self._reason(cause)}")
+        end = self._connection.now() + MOTION_START_TIMEOUT_S
+        while not all(self._connection.read_number(f"_BG{axis}") for axis in self.settings.axes):
+            if self._connection.now() > end:
+                cause = last_command_error(self._connection) or self._stop_cause(self.read())
+                raise NotReady(f"the axes do not begin: {self._explain(cause)}")
 
-    def look(self, *commands: str) -> ArmReading:
-        """Send some commands, and read how the arm is."""
-        asked = self._talk.now()
-        rows = self._talk.record(self._axes, *commands)
-        time = self._clock.time_of(int(rows.general["sample"]), asked, self._talk.now())
-        self._overhear()
-        axes = rows.axes[self._places]
+    def read(self, *commands: str) -> ArmReading:
+        """Send some commands and read the state of the arm."""
+        requested = self._connection.now()
+        record = self._connection.read_data_record(self._axis_count, *commands)
+        sample = int(record.general["sample"])
+        time = self._clock.time_of(sample, requested, self._connection.now())
+        self._read_messages()
+        axes = record.axes[self._indices]
         q = axes["position"] / np.array(self.settings.counts)
-        off = axes["status"] & record.OFF != 0
-        told = ArmReading(q, not off.any(), bool(off.all()), time, rows)
-        self._watch(told)
-        return told
+        off = axes["status"] & MOTOR_OFF != 0
+        reading = ArmReading(q, not off.any(), bool(off.all()), time, record)
+        self._check_motors(reading)
+        return reading
 
-    def _overhear(self) -> None:
-        """Note what the controller says of its own accord; unread it would fill its buffers."""
-        if self._messages is not None:
-            self.said = [self.said, *self._messages.overheard()][-1]
+    def _read_messages(self) -> None:
+        """Store the last unsolicited message. Unread messages would fill the controller's
+        buffers."""
+        if self._message_connection is not None:
+            self.last_message = [self.last_message, *self._message_connection.read_messages()][-1]
 
     def exchange(self, rates: Floats) -> ArmReading:
-        """Jog with these joint rates (3,), and read how the arm is.
+        """Jog with these joint rates (3,) and read the state of the arm.
 
-        Before that the speeds are asked for: who else has sent some is told, though these take
-        their place at once. JG tells sizes alone: others of the same size go unnoticed, for 10 ms.
-        Where the controller has switched a motor off, none are sent.
+        The method first compares the controller's speeds with those sent last, to detect another
+        host before overwriting its speeds. _JG reports sizes only, so speeds of the same size from
+        another host stay undetected, for 10 ms. If the controller has switched a motor off, the
+        method sends no speeds.
         """
         if self.why_off:
-            return self.look()
-        if self.watched and self._foreign():
+            return self.read()
+        if self.is_active and self._has_foreign_speeds():
             self.switch_off()
-            self.why_off = program.WHYS[program.FOREIGN]
-            return self.look()
-        self._beat += 1
-        return self.look(*self._speeds(self.steps(rates)), f"hb={self._beat}")
+            self.why_off = STOP_CAUSES[FOREIGN_SPEED]
+            return self.read()
+        self._watchdog_count += 1
+        speeds = self._speed_commands(self.in_counts_per_s(rates))
+        return self.read(*speeds, f"hb={self._watchdog_count}")
 
-    def _foreign(self) -> bool:
-        """Whether the controller has other speeds than were sent last."""
-        told = self._talk.numbers("MG " + ",".join(f"_JG{axis}" for axis in self.settings.axes))
-        return told != np.abs(self._sent).tolist()
+    def _has_foreign_speeds(self) -> bool:
+        """Return True if the controller's speeds differ from those sent last."""
+        query = "MG " + ",".join(f"_JG{axis}" for axis in self.settings.axes)
+        return self._connection.read_numbers(query) != np.abs(self._sent_speeds).tolist()
 
-    def steps(self, rates: Floats) -> Floats:
-        """Joint rates (3,) in counts/s as the controller can jog: even, and never faster."""
+    def in_counts_per_s(self, rates: Floats) -> Floats:
+        """Convert joint rates (3,) to counts/s, rounded towards zero to even numbers for JG."""
         return 2.0 * np.trunc(rates * np.array(self.settings.counts) / 2.0)
 
     def switch_off(self) -> None:
-        """Come to rest, then the motors off: the watchdog program does it, or else an abort."""
-        names, talk = self.settings.axes, self._talk
-        talk.ask(f"ST {names}", "hb=-1")
-        end = talk.now() + self.settings.rest_time(self._fastest) + OFF_WITHIN
-        while not all(talk.number(f"_MO{axis}") for axis in names):
-            if talk.now() > end:
-                talk.ask(f"HX {program.THREAD}", "AB 1")
-                talk.ask(f"MO {names}")
-        self.watched = False
+        """Stop the axes and switch the motors off.
 
-    def _know(self) -> int:
-        """How many axes it has, if it is a DMC-40x0."""
-        told = self._talk.ask("QZ")[0]
+        The watchdog program does it. If it does not in time, an abort does.
+        """
+        axes, connection = self.settings.axes, self._connection
+        connection.execute(f"ST {axes}", "hb=-1")
+        stopping = self.settings.stopping_time(self._top_speeds)
+        end = connection.now() + stopping + SWITCH_OFF_TIMEOUT_S
+        while not all(connection.read_number(f"_MO{axis}") for axis in axes):
+            if connection.now() > end:
+                connection.execute(f"HX {WATCHDOG_THREAD}", "AB 1")
+                connection.execute(f"MO {axes}")
+        self.is_active = False
+
+    def _read_axis_count(self) -> int:
+        """Return the number of axes, or raise `NotReady` if it is no suitable DMC-40x0."""
+        reply = self._connection.execute("QZ")[0]
         try:
-            axes, *sizes = (int(part) for part in told.split(","))
+            count, *sizes = (int(part) for part in reply.split(","))
         except ValueError:
-            axes, sizes = 0, []
-        if tuple(sizes) != record.SIZES or not max(self._places) < axes <= len(record.LETTERS):
-            model = self._talk.ask("\x12\x16")[0]
-            right = f"?, {', '.join(map(str, record.SIZES))} with axes {self.settings.axes}"
-            raise NotReady(f"QZ of a DMC-40x0 must be {right}, got {words(told)} of {words(model)}")
-        return axes
+            count, sizes = 0, []
+        if tuple(sizes) != BLOCK_SIZES or not max(self._indices) < count <= len(AXIS_LETTERS):
+            model = self._connection.execute("\x12\x16")[0]
+            expected = f"?, {', '.join(map(str, BLOCK_SIZES))} with axes {self.settings.axes}"
+            raise NotReady(
+                f"QZ of a DMC-40x0 must be {expected}, got {told(reply)} of {told(model)}"
+            )
+        return count
 
     def _configure(self) -> None:
-        s = self.settings
-        ends = np.array([self.limits.lower, self.limits.upper]) * np.array(s.counts)
+        """Send the settings of the axes."""
+        settings = self.settings
+        ends = np.array([self.limits.lower, self.limits.upper]) * np.array(settings.counts)
         lower, upper = np.sort(ends, axis=0).round()
         for name, values in (
-            ("AC", s.in_counts(s.acceleration)),
-            ("DC", s.in_counts(s.deceleration)),
-            ("SD", s.in_counts(s.deceleration)),
-            ("ER", s.in_counts(s.following_error)),
+            ("AC", settings.to_counts(settings.acceleration)),
+            ("DC", settings.to_counts(settings.deceleration)),
+            ("SD", settings.to_counts(settings.deceleration)),
+            ("ER", settings.to_counts(settings.following_error)),
             ("OE", np.ones(3)),
             ("BL", lower),
             ("FL", upper),
         ):
-            self._talk.ask(*self._each(name, [int(value) for value in values]))
+            self._connection.execute(*self._axis_commands(name, [int(v) for v in values]))
 
-    def _each(self, name: str, values: list[int]) -> list[str]:
+    def _axis_commands(self, name: str, values: list[int]) -> list[str]:
         return [f"{name}{axis}={v}" for axis, v in zip(self.settings.axes, values, strict=True)]
 
-    def _speeds(self, counts: Floats) -> list[str]:
-        """Commands that jog with these counts/s (3,), noted for the watchdog program."""
-        self._sent, self._fastest = counts, np.maximum(self._fastest, np.abs(counts))
+    def _speed_commands(self, counts: Floats) -> list[str]:
+        """Return commands that jog with these counts/s (3,) and store them for the watchdog."""
+        self._sent_speeds, self._top_speeds = counts, np.maximum(self._top_speeds, np.abs(counts))
         letters = [axis.lower() for axis in self.settings.axes]
-        noted = [f"v{a}={int(n)}" for a, n in zip(letters, counts, strict=True)]
-        fields = [""] * (max(self._places) + 1)
-        for place, letter in zip(self._places, letters, strict=True):
-            fields[place] = f"v{letter}"
-        return ["up=1", *noted, "JG " + ",".join(fields), "up=0"]
+        stored = [f"v{a}={int(n)}" for a, n in zip(letters, counts, strict=True)]
+        fields = [""] * (max(self._indices) + 1)
+        for i, letter in zip(self._indices, letters, strict=True):
+            fields[i] = f"v{letter}"
+        return ["up=1", *stored, "JG " + ",".join(fields), "up=0"]
 
-    def _watch(self, told: ArmReading) -> None:
-        """Notice that the controller switched motors off, or that its program has ended: where
-        some are on and it does not run, nobody else stops them."""
-        if not self.watched:
+    def _check_motors(self, reading: ArmReading) -> None:
+        """Detect motors that the controller has switched off, and an ended watchdog program.
+
+        If some motors are on without the program, nothing else would stop them.
+        """
+        if not self.is_active:
             return
-        if not told.on:
-            self.why_off = self.why_off or self._reason(self._stopped(told))
-        if told.off:
-            self.watched = False
-        elif not told.on or self._talk.now() - self._checked > CHECK:
-            self._checked = self._talk.now()
-            if self._talk.number(f"_XQ{program.THREAD}") < 0.0:
+        if not reading.all_on:
+            self.why_off = self.why_off or self._explain(self._stop_cause(reading))
+        due = self._connection.now() - self._program_checked > PROGRAM_CHECK_PERIOD_S
+        if reading.all_off:
+            self.is_active = False
+        elif not reading.all_on or due:
+            self._program_checked = self._connection.now()
+            if self._connection.read_number(f"_XQ{WATCHDOG_THREAD}") < 0.0:
                 self.switch_off()
                 self.why_off = self.why_off or "the watchdog program on the controller has ended"
 
-    def _stopped(self, told: ArmReading) -> str:
-        """Why the axes stand."""
-        stops = told.rows.axes[self._places]["stop"].tolist()
-        return reasons.stopped(self._talk, self.settings.axes, stops)
+    def _stop_cause(self, reading: ArmReading) -> str:
+        """Return the reason why the axes are at rest."""
+        codes = reading.record.axes[self._indices]["stop"].tolist()
+        return describe_stop(self._connection, self.settings.axes, codes)
 
-    def _reason(self, cause: str) -> str:
-        self._overhear()
-        return reasons.told(cause, self._talk, self.settings.axes, self.said)
+    def _explain(self, cause: str) -> str:
+        self._read_messages()
+        return append_device_reports(cause, self._connection, self.settings.axes, self.last_message)

@@ -1,67 +1,68 @@
-"""The program that stops the axes when its host falls silent, in the controller's own memory.
+"""Watchdog program in the controller's memory: it stops the axes when its host falls silent.
 
-A host's every line that moves ends by counting `hb` up. The program looks each 2 ms:
+Every line from the host that commands motion ends by increasing ``hb``. The program checks every
+2 ms:
 
-    hb has risen               the host lives, for its patience more
-    that has passed without    it is silent: stop (why 1)
-    hb has fallen              a host from before speaks: stop (why 2)
-    a speed is not the one     somebody else jogs: stop (why 3); not looked at while `up` is 1,
-    that came with it          as a line is not executed all at once
-    an axis has come to rest   a limit or somebody has stopped it: stop the others (why 4)
+    ``hb`` has risen              the host is alive: restart the timeout
+    the timeout has elapsed       the host is silent: stop (why = 1)
+    ``hb`` has fallen             an earlier session sends commands: stop (why = 2)
+    a speed differs from the one  another host jogs: stop (why = 3). The check pauses while ``up``
+    sent with ``hb``              is 1, because the controller executes a line in several steps.
+    an axis is at rest            a limit or another host has stopped it: stop the others (why = 4)
 
-Before that it waits for the motors, which the host switches on once the program runs, and begins
-the jog: nothing holds or moves that it does not watch over. It does not switch them on itself: of a
-download that is refused the lines are taken for commands, and BG is refused while they are off.
+The program first waits for the motors, which the host switches on after the program has started.
+Then the program itself begins the jog, so nothing holds or moves an axis without supervision. The
+program contains no SH: the controller may execute the lines of a refused download as commands, and
+it refuses BG while the motors are off.
 
-Stopping is by the axes' own deceleration (DC), then the motors go off; what a host sends then moves
-nothing, until a person has it start the program and enable them. An error in the program begins its
-stop too.
+To stop, the axes decelerate (DC) and the motors go off. Later commands of the host move nothing
+until an operator has it start the program and enable the motors. An error in the program also
+triggers the stop.
 """
 
-THREADS, THREAD = 8, 1
-"""So many the controller has, and in this it runs; thread 0 is where errors are looked after."""
+THREAD_COUNT, WATCHDOG_THREAD = 8, 1
+"""Threads of the controller, and the watchdog's thread. Thread 0 handles errors."""
 
-PERIOD = 2
-"""ms between its looks."""
+CHECK_PERIOD_MS = 2
 
-SAMPLES = 1.024
-"""Of the controller's TIME in a ms: TM 1000 is 976 us."""
+SAMPLES_PER_MS = 1.024
+"""Increase of the controller's TIME per ms: a sample takes 976 us at TM 1000."""
 
-FOREIGN, RESTING = 3, 4
-WHYS = {
-    1: "the controller heard nothing from the servo and stopped the arm",
-    2: "an earlier session spoke to the controller, which stopped the arm",
-    FOREIGN: "somebody else sent speeds to the controller, which stopped the arm",
-    RESTING: "an axis came to rest by itself, and the controller stopped the others",
+FOREIGN_SPEED, AXIS_AT_REST = 3, 4
+STOP_CAUSES = {
+    1: "the controller received no command from the servo in time and stopped the arm",
+    2: "an earlier session sent commands to the controller, which stopped the arm",
+    FOREIGN_SPEED: "another host sent speeds to the controller, which stopped the arm",
+    AXIS_AT_REST: "an axis came to rest by itself, and the controller stopped the others",
 }
-"""What the variable `why` says."""
+"""Causes of a stop, by the value of the program's variable ``why``."""
 
 
-def lines(axes: str, patience: int) -> list[str]:
-    """The program for axes such as "ABC", that waits so many ms."""
-    wrong = "|".join(f"(@ABS[v{axis.lower()}]<>_JG{axis})" for axis in axes)
+def program_lines(axes: str, timeout_ms: int) -> list[str]:
+    """Return the program's lines for axes such as "ABC"."""
+    foreign = "|".join(f"(@ABS[v{axis.lower()}]<>_JG{axis})" for axis in axes)
     resting = "|".join(f"(_BG{axis}=0)" for axis in axes)
     off = "+".join(f"_MO{axis}" for axis in axes)
-    silent = f"IF ((TIME-at>{round(patience * SAMPLES)})|(TIME<at));why=1;ENDIF"
+    silent = f"IF ((TIME-at>{round(timeout_ms * SAMPLES_PER_MS)})|(TIME<at));why=1;ENDIF"
     return [
         "#RCMWD",
         "seen=hb;at=TIME;why=0",
         "#RCMON",
-        f"WT {PERIOD}",
+        f"WT {CHECK_PERIOD_MS}",
         silent,
         "IF (hb<seen);why=2;ENDIF",
         "JP #RCMSTOP,(why>0)",
         f"JP #RCMON,({off}>0)",
         f"BG {axes}",
         "#RCMLOOK",
-        f"WT {PERIOD}",
+        f"WT {CHECK_PERIOD_MS}",
         "IF (hb>seen)",
         "seen=hb;at=TIME",
         "ENDIF",
         silent,
         "IF (hb<seen);why=2;ENDIF",
-        f"IF (({wrong})&(up=0));why={FOREIGN};ENDIF",
-        f"IF ({resting});why=4;ENDIF",
+        f"IF (({foreign})&(up=0));why={FOREIGN_SPEED};ENDIF",
+        f"IF ({resting});why={AXIS_AT_REST};ENDIF",
         "JP #RCMLOOK,(why=0)",
         "#RCMSTOP",
         f"ST {axes}",
@@ -70,6 +71,6 @@ def lines(axes: str, patience: int) -> list[str]:
         f"JP #RCMSTOP,({off}<{len(axes)})",
         "EN",
         "#CMDERR",
-        f"XQ #RCMSTOP,{THREAD}",
+        f"XQ #RCMSTOP,{WATCHDOG_THREAD}",
         "EN",
     ]

@@ -1,1 +1,1 @@
-"""Cameras that are not there: they send frames of somebody else's as a device would."""
+"""Emulated cameras that send the frames of another camera over a real camera protocol."""

@@ -1,58 +1,74 @@
-"""A GigE Vision camera on this computer's own network, whose frames are somebody else's: Aravis'
-fake camera, with its picture replaced.
+"""Emulated GigE Vision camera on the loopback interface: Aravis' fake camera with replaced images.
 
-It speaks the real protocol, registers and packets and all, to any client. A frame is sent as soon
-as there is a new one, if the camera's own pace allows, and is stamped with the middle of its
-exposure.
+Any client can use it: protocol, registers and packets are those of GigE Vision. The camera sends
+each new frame at once, as far as its frame period allows, stamped with the middle of the exposure.
 """
 
 import ctypes
 import socket
 import threading
 import time
-from typing import Any
 
 import cv2
 import numpy as np
 
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.cameras.aravis import FORMATS
-from rcmservo.hardware.cameras.aravis_library import FILL, aravis
+from rcmservo.hardware.cameras.aravis_library import FILL_CALLBACK, load_aravis
+from rcmservo.hardware.cameras.pixel_formats import PIXEL_FORMATS
 from rcmservo.interfaces import Camera, Frame, Image
 from rcmservo.ports import refusal
 
-HOST = "127.0.0.1"
-PORT = 3956
-"""That of the GigE Vision Control Protocol."""
+LOOPBACK = "127.0.0.1"
+CONTROL_PORT = 3956
+"""Port of the GigE Vision Control Protocol."""
 WIDTH, HEIGHT, SENSOR_WIDTH, SENSOR_HEIGHT = 0x100, 0x104, 0x11C, 0x118
-PIXEL_FORMAT, PERIOD = 0x128, 0x138
-"""The fake camera's registers (arvfakecamera.h); the last is in µs."""
+PIXEL_FORMAT, FRAME_PERIOD_US = 0x128, 0x138
+"""Addresses of the fake camera's registers (arvfakecamera.h)."""
 RGB8 = 0x02180014
-RATE = 60.0
-"""Frames/s, where the client does not choose."""
-WAIT = 0.25
-"""s after which it sends the last frame again, so that it has time to answer its client."""
-LOOK = 0.0005
-"""s between looks whether there is a new frame."""
+DEFAULT_RATE = 60.0
+"""Frame rate in frames/s unless the client sets one."""
+REPEAT_AFTER_S = 0.25
+"""Time without a new frame after which the last one is sent again, so that the camera can answer
+its client."""
+POLL_PERIOD_S = 0.0005
+"""Period of the checks for a new frame."""
 DISCOVERY = bytes((0x42, 0x11, 0, 2, 0, 0, 0xFF, 0xFF))
-"""What asks a GigE Vision device who it is."""
-NUDGE = 0.004
-"""s between two of them: Aravis 0.8.26 oversleeps by several frames where its next one comes due
-just as it looks at the clock, and what it hears wakes it."""
+"""Discovery request of GigE Vision."""
+WAKE_PERIOD_S = 0.004
+"""Period of the requests that wake the fake camera: Aravis 0.8.26 oversleeps by several frames if
+the next frame becomes due just as it reads the clock."""
 
 
 class GigeCamera:
-    """Offers the frames of a camera, of this size, to one client after the other."""
+    """Emulated camera for one client at a time.
+
+    Parameters
+    ----------
+    camera : Camera
+        Source of the frames.
+    width, height : int
+        Sensor size in px.
+    serial : str
+        Serial number.
+
+    Raises
+    ------
+    RcmServoError
+        If the control port is in use.
+    """
 
     def __init__(self, camera: Camera, width: int, height: int, serial: str = "RCM1") -> None:
-        self._camera, self._last, self._over = camera, -1, threading.Event()
-        self._library = aravis()
-        self._fill = FILL(self._filled)  # kept: the library calls it
-        _require_free()
+        self._camera, self._last_number = camera, -1
+        self._closing = threading.Event()
+        self._library = load_aravis()
+        self._fill = FILL_CALLBACK(self._fill_buffer)  # a reference, because the library calls it
+        _require_free_port()
         call = self._library.call
-        self._device = call("gv_fake_camera_new", HOST.encode(), serial.encode())
+        self._device = call("gv_fake_camera_new", LOOPBACK.encode(), serial.encode())
         if not self._device or not call("gv_fake_camera_is_running", self._device):
-            raise RcmServoError(f"the emulated camera cannot listen on {HOST}, port {PORT}")
+            raise RcmServoError(
+                f"the emulated camera cannot listen on {LOOPBACK}, port {CONTROL_PORT}"
+            )
         inside = call("gv_fake_camera_get_fake_camera", self._device)
         for register, value in (
             (SENSOR_WIDTH, width),
@@ -60,65 +76,80 @@ class GigeCamera:
             (WIDTH, width),
             (HEIGHT, height),
             (PIXEL_FORMAT, RGB8),
-            (PERIOD, round(1e6 / RATE)),
+            (FRAME_PERIOD_US, round(1e6 / DEFAULT_RATE)),
         ):
             call("fake_camera_write_register", inside, register, value)
         fill = ctypes.cast(self._fill, ctypes.c_void_p)
         call("fake_camera_set_fill_pattern", inside, fill, None)
-        self._nudging = threading.Thread(target=self._nudge, daemon=True)
-        self._nudging.start()
+        self._wake_thread = threading.Thread(target=self._keep_awake, daemon=True)
+        self._wake_thread.start()
 
     @property
     def address(self) -> str:
-        """Where it is, for an Aravis client."""
-        return HOST
+        """Address for an Aravis client."""
+        return LOOPBACK
 
     def close(self) -> None:
-        """Be gone."""
-        self._over.set()
-        self._nudging.join()
+        """Stop the camera."""
+        self._closing.set()
+        self._wake_thread.join()
         self._library.release(self._device)
 
-    def _filled(self, buffer: int, _: int, exposure: int, gain: int, number: int) -> None:
-        """Put the next frame in a buffer: the library calls it when one is due."""
+    def _fill_buffer(self, buffer: int, _: int, exposure: int, gain: int, code: int) -> None:
+        """Copy the next frame into a buffer. The library calls this when a frame is due."""
         del exposure, gain
         call = self._library.call
-        frame = self._next()
+        frame = self._wait_for_frame()
         if frame is None or frame.image is None:
             return
         size = [call(f"buffer_get_image_{name}", buffer) for name in ("height", "width")]
-        place, _ = self._library.data(buffer)
-        content = sent(frame.image, size[0], size[1], number)
-        ctypes.memmove(place, content.ctypes.data, content.nbytes)  # as long as the payload or less
+        address, _ = self._library.data(buffer)
+        content = encode_image(frame.image, size[0], size[1], code)
+        ctypes.memmove(address, content.ctypes.data, content.nbytes)  # at most the payload
         call("buffer_set_timestamp", buffer, frame.exposure)
 
-    def _next(self) -> Frame | None:
-        """The newest frame, once it is new or has been waited for long enough."""
-        until = time.monotonic() + WAIT
+    def _wait_for_frame(self) -> Frame | None:
+        """Return the newest frame, once it is new or no new one has come for a while."""
+        end = time.monotonic() + REPEAT_AFTER_S
         while True:
             frame = self._camera.latest()
-            new = frame is not None and frame.number != self._last
-            if new or time.monotonic() > until or self._over.is_set():
-                self._last = -1 if frame is None else frame.number
+            new = frame is not None and frame.number != self._last_number
+            if new or time.monotonic() > end or self._closing.is_set():
+                self._last_number = -1 if frame is None else frame.number
                 return frame
-            time.sleep(LOOK)
+            time.sleep(POLL_PERIOD_S)
 
-    def _nudge(self) -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
-            wire.setblocking(False)
-            while not self._over.wait(NUDGE):
-                wire.sendto(DISCOVERY, (HOST, PORT))
-                _emptied(wire)
+    def _keep_awake(self) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp_socket:
+            udp_socket.setblocking(False)
+            while not self._closing.wait(WAKE_PERIOD_S):
+                udp_socket.sendto(DISCOVERY, (LOOPBACK, CONTROL_PORT))
+                _discard_input(udp_socket)
 
 
-def sent(image: Image, height: int, width: int, number: int) -> Image:
-    """The upper left part of a picture, of this size, in a pixel format: as its bytes are sent."""
+def encode_image(image: Image, height: int, width: int, code: int) -> Image:
+    """Encode the upper left part of an image in a pixel format.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns, 3), uint8
+        Blue-green-red image.
+    height, width : int
+        Size of the part in px.
+    code : int
+        GenICam pixel format; an unknown one is encoded as Mono8.
+
+    Returns
+    -------
+    ndarray, uint8
+        Pixels with the bytes of the format.
+    """
     part = image
     if image.shape[:2] != (height, width):
         part = np.zeros((height, width, 3), np.uint8)
         rows, columns = min(height, image.shape[0]), min(width, image.shape[1])
         part[:rows, :columns] = image[:rows, :columns]
-    name = FORMATS[number][0] if number in FORMATS else "Mono8"
+    name = PIXEL_FORMATS[code][0] if code in PIXEL_FORMATS else "Mono8"
     match name:
         case "RGB8":
             return np.asarray(cv2.cvtColor(part, cv2.COLOR_BGR2RGB), np.uint8)
@@ -127,34 +158,34 @@ def sent(image: Image, height: int, width: int, number: int) -> Image:
         case "Mono8":
             return np.asarray(cv2.cvtColor(part, cv2.COLOR_BGR2GRAY), np.uint8)
         case _:
-            return _mosaic(part, name)
+            return _encode_bayer(part, name)
 
 
-def _mosaic(image: Image, name: str) -> Image:
-    """What a sensor with colour filters sees, such as BayerRG8: R G over G B."""
+def _encode_bayer(image: Image, name: str) -> Image:
+    """Sample an image with a colour filter array, such as BayerRG8: R G over G B."""
     first, second = name[5], name[6]
-    rows = {"R": "RG", "B": "BG", "G": "GR" if second == "R" else "GB"}[first]
-    below = {"RG": "GB", "BG": "GR", "GR": "BG", "GB": "RG"}[rows]
-    seen = np.empty(image.shape[:2], np.uint8)
-    for i, line in enumerate((rows, below)):
-        for j, colour in enumerate(line):
-            seen[i::2, j::2] = image[i::2, j::2, "BGR".index(colour)]
-    return seen
+    upper = {"R": "RG", "B": "BG", "G": "GR" if second == "R" else "GB"}[first]
+    lower = {"RG": "GB", "BG": "GR", "GR": "BG", "GB": "RG"}[upper]
+    mosaic = np.empty(image.shape[:2], np.uint8)
+    for i, filters in enumerate((upper, lower)):
+        for j, colour in enumerate(filters):
+            mosaic[i::2, j::2] = image[i::2, j::2, "BGR".index(colour)]
+    return mosaic
 
 
-def _require_free() -> None:
-    """The library does not say that somebody else has the port."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
+def _require_free_port() -> None:
+    """Raise `RcmServoError` if the control port is in use, which the library does not report."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp_socket:
         try:
-            wire.bind((HOST, PORT))
+            udp_socket.bind((LOOPBACK, CONTROL_PORT))
         except OSError as error:
-            raise RcmServoError(refusal(PORT, error)) from error
+            raise RcmServoError(refusal(CONTROL_PORT, error)) from error
 
 
-def _emptied(wire: Any) -> None:
-    """Read what a socket has heard, and forget it."""
+def _discard_input(udp_socket: socket.socket) -> None:
+    """Discard the received datagrams of a socket."""
     try:
-        while wire.recv(2048):
+        while udp_socket.recv(2048):
             pass
     except (BlockingIOError, ConnectionError):
         return

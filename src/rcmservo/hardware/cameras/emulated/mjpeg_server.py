@@ -1,8 +1,7 @@
-"""A camera on the network that sends one JPEG after the other (Motion JPEG over HTTP), as many
-cheap ones do.
+"""Emulated network camera that sends Motion JPEG over HTTP, like many inexpensive cameras.
 
-Each client gets the newest frame when it has taken the one before: a client that stalls misses
-frames, keeps nobody waiting, and is sent away after a while.
+Each client gets the newest frame after it has received the previous one. A client that stalls
+misses frames without delaying the others, and is disconnected after a while.
 """
 
 import socket
@@ -19,82 +18,95 @@ from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Camera, Frame
 from rcmservo.ports import refusal
 
-HOST = "127.0.0.1"
-QUALITY = 92
-"""Of the JPEGs, up to 100."""
+LOOPBACK = "127.0.0.1"
+JPEG_QUALITY = 92
+"""JPEG quality, 0 to 100."""
 BOUNDARY = "frame"
-LOOK = 0.001
-"""s between looks at the camera."""
-WAIT = 0.5
-"""s for which a client's thread waits for a frame before it looks whether all is over."""
-STALLED = 5.0
-"""s after which a client that takes nothing is sent away."""
-KEPT = 1 << 18
-"""Bytes on their way to a client: a few frames, so that it is not sent old ones."""
+POLL_PERIOD_S = 0.001
+"""Period of the checks for a new frame."""
+FRAME_TIMEOUT_S = 0.5
+"""Wait of a client's thread for a frame, after which it checks for the end of the server."""
+STALL_TIMEOUT_S = 5.0
+"""Time without progress after which a client is disconnected."""
+SEND_BUFFER_BYTES = 1 << 18
+"""Bytes in transit to a client: a few frames, so that it does not get old ones."""
 
 
 class MjpegServer:
-    """Offers the frames of a camera on a port of this computer (0: one that is free)."""
+    """HTTP server of a camera's frames.
+
+    Parameters
+    ----------
+    camera : Camera
+        Source of the frames.
+    port : int
+        TCP port on the loopback interface; 0 selects a free one.
+
+    Raises
+    ------
+    RcmServoError
+        If the port is in use or not permitted.
+    """
 
     def __init__(self, camera: Camera, port: int) -> None:
         self._camera = camera
-        self._new = threading.Condition()
-        self._count, self._jpeg, self._waiting, self._over = 0, b"", 0, False
+        self._new_frame = threading.Condition()
+        self._count, self._jpeg, self._waiting, self._closing = 0, b"", 0, False
         try:
-            self._http = _Server((HOST, port), partial(_Client, self))
+            self._server = _Server((LOOPBACK, port), partial(_ClientHandler, self))
         except OSError as error:
             raise RcmServoError(refusal(port, error)) from error
-        self.port = int(self._http.server_address[1])
-        works = self._http.serve_forever, self._encode
-        self._threads = [threading.Thread(target=work, daemon=True) for work in works]
+        self.port = int(self._server.server_address[1])
+        targets = self._server.serve_forever, self._encode_frames
+        self._threads = [threading.Thread(target=target, daemon=True) for target in targets]
         for thread in self._threads:
             thread.start()
 
     @property
     def address(self) -> str:
-        """Where it is."""
-        return f"http://{HOST}:{self.port}/"
+        """URL of the stream."""
+        return f"http://{LOOPBACK}:{self.port}/"
 
-    def newer(self, count: int) -> tuple[int, bytes]:
-        """Count and JPEG of the newest frame, once it is newer than that count; without one where
-        none comes."""
-        with self._new:
+    def wait_for_newer(self, count: int) -> tuple[int, bytes]:
+        """Wait for a frame after the one with a count; return its count and JPEG, empty if none
+        comes."""
+        with self._new_frame:
             self._waiting += 1
-            self._new.wait_for(lambda: self._count > count or self._over, WAIT)
+            self._new_frame.wait_for(lambda: self._count > count or self._closing, FRAME_TIMEOUT_S)
             self._waiting -= 1
             return (self._count, self._jpeg) if self._count > count else (count, b"")
 
     @property
-    def over(self) -> bool:
-        """Whether clients are to be sent away."""
-        return self._over
+    def is_closing(self) -> bool:
+        """True after `close`."""
+        return self._closing
 
     def close(self) -> None:
-        """Send all clients away."""
-        self._over = True
-        self._http.shutdown()
-        self._http.server_close()
+        """Disconnect all clients and stop the server."""
+        self._closing = True
+        self._server.shutdown()
+        self._server.server_close()
         for thread in self._threads:
             thread.join()
 
-    def _encode(self) -> None:
-        """Encode each new frame for which somebody waits."""
+    def _encode_frames(self) -> None:
+        """Encode each new frame for which a client waits."""
         last: Frame | None = None
-        while not self._over:
+        while not self._closing:
             frame = self._camera.latest() if self._waiting else None
             if frame is None or frame is last or frame.image is None:
-                time.sleep(LOOK)
+                time.sleep(POLL_PERIOD_S)
                 continue
             last = frame
-            jpeg = encoded(frame.image)
-            with self._new:
+            jpeg = encode_jpeg(frame.image)
+            with self._new_frame:
                 self._count, self._jpeg = self._count + 1, jpeg
-                self._new.notify_all()
+                self._new_frame.notify_all()
 
 
-def encoded(image: Any) -> bytes:
-    """A picture as JPEG."""
-    _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+def encode_jpeg(image: Any) -> bytes:
+    """Encode an image as JPEG."""
+    _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     return np.asarray(jpeg).tobytes()
 
 
@@ -103,20 +115,20 @@ class _Server(ThreadingHTTPServer):
     block_on_close = False
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that is gone is nothing to tell."""
+        """Ignore a client that has disconnected."""
 
 
-class _Client(BaseHTTPRequestHandler):
-    """One that asks for the frames, on a thread of its own."""
+class _ClientHandler(BaseHTTPRequestHandler):
+    """Handler of one client, in a separate thread."""
 
     def __init__(self, server: MjpegServer, *arguments: Any) -> None:
         self._frames = server
         super().__init__(*arguments)
 
     def setup(self) -> None:
-        self.request.settimeout(STALLED)
+        self.request.settimeout(STALL_TIMEOUT_S)
         self.request.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.request.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KEPT)
+        self.request.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         super().setup()
 
     def do_GET(self) -> None:
@@ -125,12 +137,12 @@ class _Client(BaseHTTPRequestHandler):
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
         count = 0
-        while not self._frames.over:
-            count, jpeg = self._frames.newer(count)
+        while not self._frames.is_closing:
+            count, jpeg = self._frames.wait_for_newer(count)
             if jpeg:
                 head = f"Content-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
                 start = f"--{BOUNDARY}\r\n{head}".encode()
                 self.wfile.write(start + jpeg + b"\r\n")
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Nobody reads it."""
+        """Log nothing."""

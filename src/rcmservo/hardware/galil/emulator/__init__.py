@@ -1,1 +1,1 @@
-"""An emulator of the controller, for developing without one. It is a simulation, and says so."""
+"""Emulator of a Galil controller, for development without a real one."""

@@ -1,24 +1,25 @@
-"""One axis: how its commanded speed goes up and down, and what stops it.
+"""Motion profile of one emulated axis, its limits and its stops.
 
-A jogging axis follows its speed with the acceleration AC and the deceleration DC; a positioning one
-turns back in time to end where it was to go. The reference goes where this leads, and the motor
-follows it. Units are counts and seconds. Source: command reference, JG, PR, PA, AC, DC, SD, FL, BL,
-OE, SC.
+In jog mode the profile's speed follows JG with the acceleration AC and the deceleration DC. In a
+positioning move it slows down in time to end at the target. The reference position integrates this
+speed, and the motor follows the reference. Units are counts and seconds.
+
+Source: command reference, JG, PR, PA, AC, DC, SD, FL, BL, OE, SC.
 """
 
 import math
 from dataclasses import dataclass, field
 from enum import Enum
 
-FAR = 2147483647
-"""Counts: a soft limit that is off."""
+NO_SOFT_LIMIT = 2147483647
+"""Value of a disabled soft limit in counts, the largest position."""
 
-STIFF = 20.0
-"""1/s. With so much of its position error a motor's speed is corrected."""
+POSITION_GAIN = 20.0
+"""Gain of the position loop in 1/s: speed correction per position error."""
 
 
 class MoveMode(Enum):
-    """What BG begins."""
+    """Kind of motion that BG begins."""
 
     JOG = "JG"
     RELATIVE = "PR"
@@ -26,15 +27,15 @@ class MoveMode(Enum):
 
 
 class StopCode:
-    """Why an axis stands or comes to rest (SC)."""
+    """Reason why an axis has stopped or decelerates (SC)."""
 
     RUNNING, DONE, FORWARD, REVERSE, COMMAND, ABORTED = 0, 1, 2, 3, 4, 7
     OFF_ON_ERROR, AMPLIFIER = 8, 15
 
 
 @dataclass
-class Settings:
-    """What is set for one axis, in counts and seconds; each is named as its command."""
+class AxisSettings:
+    """Settings of one axis in counts and seconds, named like the commands that set them."""
 
     AC: float = 256000.0
     """Acceleration."""
@@ -45,57 +46,57 @@ class Settings:
     SP: float = 25000.0
     """Speed of a positioning move."""
     JG: float = 25000.0
-    """Speed of a jog, with its sign."""
+    """Signed speed of a jog."""
     PR: float = 0.0
-    """Way of a relative move."""
+    """Distance of a relative move."""
     PA: float = 0.0
-    """End of an absolute move."""
-    FL: float = FAR
+    """Target of an absolute move."""
+    FL: float = NO_SOFT_LIMIT
     """Forward soft limit."""
-    BL: float = -FAR - 1
+    BL: float = -NO_SOFT_LIMIT - 1
     """Reverse soft limit."""
     ER: float = 16384.0
-    """Position error that is too large."""
+    """Limit of the position error."""
     OE: float = 0.0
-    """1 and 3: the motor goes off where the error is too large."""
+    """1 and 3 switch the motor off when the position error exceeds ER."""
     LD: float = 0.0
-    """1 disables the forward limit switch, 2 the reverse one, 3 both."""
+    """Disabled limit switches: 1 the forward one, 2 the reverse one, 3 both."""
     ZA: float = 0.0
-    """A number of the user's in the data record."""
+    """User variable in the data record."""
     MT: float = 1.0
     """Motor type."""
 
 
 @dataclass
 class Axis:
-    """One axis; `step` lets a sample pass."""
+    """State of one axis. `step` advances it by one sample."""
 
-    settings: Settings = field(default_factory=Settings)
-    """What is set."""
+    settings: AxisSettings = field(default_factory=AxisSettings)
+    """Settings of the axis."""
     mode: MoveMode = MoveMode.JOG
-    """What BG begins, or began."""
-    off: bool = False
-    """Whether its motor is off (MO)."""
+    """Kind of motion that BG begins or has begun."""
+    motor_off: bool = False
+    """True if the motor is off (MO)."""
     moving: bool = False
-    """Whether its profile is under way (_BG)."""
+    """True while the profile runs (_BG)."""
     stop_code: int = StopCode.DONE
-    """Why it stands, or is coming to rest."""
+    """Reason of the last or present stop (SC)."""
     stopping: bool = False
-    """Whether it comes to rest before it was to."""
+    """True while the axis decelerates before the end of its move."""
     speed: float = 0.0
-    """Of the profile."""
+    """Speed of the profile."""
     reference: float = 0.0
-    """Where the profile is (RP)."""
+    """Reference position (RP)."""
     position: float = 0.0
-    """Where the encoder is (TP)."""
-    end: float = 0.0
-    """Where a positioning move ends."""
-    forward: bool = False
-    """Whether the forward limit switch is tripped."""
-    reverse: bool = False
-    """Whether the reverse limit switch is tripped."""
+    """Encoder position (TP)."""
+    target: float = 0.0
+    """End of a positioning move."""
+    forward_tripped: bool = False
+    """True if the forward limit switch is tripped."""
+    reverse_tripped: bool = False
+    """True if the reverse limit switch is tripped."""
     velocity: float = 0.0
-    """Of the encoder, filtered (TV)."""
+    """Filtered encoder velocity (TV)."""
 
     @property
     def error(self) -> float:
@@ -103,19 +104,19 @@ class Axis:
         return self.reference - self.position
 
     @property
-    def may_forward(self) -> bool:
-        """Whether no limit forbids it to go forward."""
-        switched = self.forward and self.settings.LD not in (1.0, 3.0)
-        return not switched and self.position <= self.settings.FL
+    def can_move_forward(self) -> bool:
+        """True if no limit prohibits forward motion."""
+        stopped = self.forward_tripped and self.settings.LD not in (1.0, 3.0)
+        return not stopped and self.position <= self.settings.FL
 
     @property
-    def may_reverse(self) -> bool:
-        """Whether no limit forbids it to go backward."""
-        switched = self.reverse and self.settings.LD not in (2.0, 3.0)
-        return not switched and self.position >= self.settings.BL
+    def can_move_reverse(self) -> bool:
+        """True if no limit prohibits reverse motion."""
+        stopped = self.reverse_tripped and self.settings.LD not in (2.0, 3.0)
+        return not stopped and self.position >= self.settings.BL
 
-    def heads(self) -> float:
-        """Which way BG would send it: its sign."""
+    def commanded_motion(self) -> float:
+        """Return the jog speed or the distance that BG would begin; its sign is the direction."""
         if self.mode is MoveMode.JOG:
             return self.settings.JG
         if self.mode is MoveMode.RELATIVE:
@@ -123,85 +124,93 @@ class Axis:
         return self.settings.PA - self.reference
 
     def begin(self) -> None:
-        """Set out."""
+        """Start the motion (BG)."""
         self.moving, self.stopping, self.stop_code = True, False, StopCode.RUNNING
-        self.end = self.reference + self.heads()
+        self.target = self.reference + self.commanded_motion()
 
     def stop(self, code: int) -> None:
-        """Come to rest, decelerating."""
+        """Decelerate to rest."""
         if self.moving:
             self.stopping, self.stop_code = True, code
 
     def abort(self, code: int) -> None:
-        """Stand still at once."""
+        """Stop at once, without deceleration."""
         if self.moving:
             self.stop_code = code
         self.moving, self.stopping, self.speed = False, False, 0.0
 
     def switch_off(self, code: int | None = None) -> None:
-        """Let the motor go."""
+        """Switch the motor off."""
         self.abort(self.stop_code)
-        self.off, self.stop_code = True, self.stop_code if code is None else code
+        self.motor_off, self.stop_code = True, self.stop_code if code is None else code
 
     def switch_on(self) -> None:
-        """Hold the motor where it is."""
-        self.off, self.reference = False, self.position
+        """Switch the motor on and hold the present position."""
+        self.motor_off, self.reference = False, self.position
 
-    def define(self, position: float) -> None:
-        """Call the present place `position`."""
+    def define_position(self, position: float) -> None:
+        """Set the value of the present position (DP)."""
         self.reference = self.position = position
 
     def step(self, seconds: float, lag: float) -> float:
-        """A sample passes; the speed that the motor is then asked for. It is tuned to a motor that
-        lags by so many s: what that would lose while the speed changes is added."""
-        if self.off:
+        """Advance by one sample and return the speed command for the motor.
+
+        A feedforward of the acceleration compensates for the time constant `lag` (s) of the motor.
+        """
+        if self.motor_off:
             return 0.0
         before = self.speed
         if self.moving:
-            self._look_at_limits()
-            self._change_speed(seconds)
+            self._check_limits()
+            self._update_speed(seconds)
             self.reference += self.speed * seconds
             if self.stopping and self.speed == 0.0:
                 self.moving = self.stopping = False
-        lost = lag * (self.speed - before) / seconds
-        return self.speed + lost + STIFF * self.error
+        feedforward = lag * (self.speed - before) / seconds
+        return self.speed + feedforward + POSITION_GAIN * self.error
 
-    def watch(self) -> None:
-        """Switch off on an error that is too large (OE, ER)."""
-        if not self.off and self.settings.OE in (1.0, 3.0) and abs(self.error) > self.settings.ER:
+    def check_following_error(self) -> None:
+        """Switch the motor off if the position error exceeds its limit (OE, ER)."""
+        enabled = not self.motor_off and self.settings.OE in (1.0, 3.0)
+        if enabled and abs(self.error) > self.settings.ER:
             self.switch_off(StopCode.OFF_ON_ERROR)
 
-    def _look_at_limits(self) -> None:
+    def _check_limits(self) -> None:
         if self.stopping and self.stop_code in (StopCode.FORWARD, StopCode.REVERSE):
             return
-        if self.speed > 0.0 and not self.may_forward:
+        if self.speed > 0.0 and not self.can_move_forward:
             self.stop(StopCode.FORWARD)
-        elif self.speed < 0.0 and not self.may_reverse:
+        elif self.speed < 0.0 and not self.can_move_reverse:
             self.stop(StopCode.REVERSE)
 
-    def _change_speed(self, seconds: float) -> None:
+    def _update_speed(self, seconds: float) -> None:
         if self.stopping:
-            limited = self.stop_code in (StopCode.FORWARD, StopCode.REVERSE)
-            self._towards(0.0, seconds, self.settings.SD if limited else self.settings.DC)
+            at_limit = self.stop_code in (StopCode.FORWARD, StopCode.REVERSE)
+            self._change_speed_towards(
+                0.0, seconds, self.settings.SD if at_limit else self.settings.DC
+            )
         elif self.mode is MoveMode.JOG:
-            self._towards(self.settings.JG, seconds, self.settings.DC)
+            self._change_speed_towards(self.settings.JG, seconds, self.settings.DC)
         else:
             self._approach(seconds)
 
-    def _towards(self, wanted: float, seconds: float, deceleration: float) -> None:
-        """Nearer to a speed: slower by the deceleration, and once it stands, faster by AC."""
-        faster = self.speed * wanted >= 0.0 and abs(wanted) > abs(self.speed)
-        most = (self.settings.AC if faster else deceleration) * seconds
-        through = self.speed * wanted < 0.0
-        aim = 0.0 if through else wanted
-        self.speed += min(max(aim - self.speed, -most), most)
+    def _change_speed_towards(self, speed: float, seconds: float, deceleration: float) -> None:
+        """Change the profile's speed towards another, by AC or the deceleration at most.
+
+        A reversal first decelerates to zero.
+        """
+        accelerates = self.speed * speed >= 0.0 and abs(speed) > abs(self.speed)
+        max_change = (self.settings.AC if accelerates else deceleration) * seconds
+        reverses = self.speed * speed < 0.0
+        change = (0.0 if reverses else speed) - self.speed
+        self.speed += min(max(change, -max_change), max_change)
 
     def _approach(self, seconds: float) -> None:
-        """Along a positioning move, slow enough to end where it was to."""
-        left = self.end - self.reference
-        slow = math.sqrt(2.0 * self.settings.DC * abs(left))
-        wanted = math.copysign(min(self.settings.SP, slow), left)
-        self._towards(wanted, seconds, self.settings.DC)
-        if abs(left) <= max(abs(self.speed) * seconds, 0.5):
-            self.reference, self.speed = self.end, 0.0
+        """Update the speed of a positioning move, slow enough to stop at its target."""
+        remaining = self.target - self.reference
+        max_speed = math.sqrt(2.0 * self.settings.DC * abs(remaining))
+        speed = math.copysign(min(self.settings.SP, max_speed), remaining)
+        self._change_speed_towards(speed, seconds, self.settings.DC)
+        if abs(remaining) <= max(abs(self.speed) * seconds, 0.5):
+            self.reference, self.speed = self.target, 0.0
             self.moving, self.stop_code = False, StopCode.DONE

@@ -1,16 +1,55 @@
-"""Expressions of the controller's language: strictly from left to right, with no precedence.
+"""Numbers and expressions of the controller's language.
+
+Numbers have one type, with 32 bits before the point and 16 after it. Expressions have no operator
+precedence and are evaluated from left to right:
 
     1+2*3 is 9        1+(2*3) is 7        a=5 as a comparison is 1 or 0
 
-Source: command reference, Mathematical operations and Operands.
+Sources: command reference, Mathematical operations and Operands; MG, PF, VF.
 """
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from rcmservo.hardware.galil.emulator.numbers import Refusal, kept
+FRACTION_STEPS = 65536
+"""Steps per unit: a number has 16 bits after the point."""
+
+MAX_INTEGER = 2147483647
+"""Largest integer: a number has 32 bits before the point."""
+
+
+class CommandError(Exception):
+    """Error of a command that the controller refuses.
+
+    Parameters
+    ----------
+    code : int
+        Error code that TC reports.
+    """
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+def stored_number(value: float) -> float:
+    """Round a number to the controller's resolution, or raise :class:`CommandError`."""
+    if not -MAX_INTEGER - 1 <= value < MAX_INTEGER + 1:
+        raise CommandError(6)
+    return math.floor(value * FRACTION_STEPS) / FRACTION_STEPS
+
+
+def format_number(value: float) -> str:
+    """Format one number like MG and the question mark of a variable (VF 10.4)."""
+    return f" {value:.4f}"
+
+
+def format_list(values: Sequence[float], digits: int = 0) -> str:
+    """Format several numbers like TP and similar commands (PF 10.0)."""
+    return " " + ", ".join(f"{value:.{digits}f}" for value in values)
+
 
 TOKEN = re.compile(
     r"\s*(?:(?P<hex>\$[0-9A-F]+)|(?P<number>\d+\.?\d*|\.\d+)|(?P<function>@[A-Z]+)"
@@ -21,15 +60,15 @@ TOKEN = re.compile(
 Operation = Callable[[float, float], float]
 
 
-def _divided(a: float, b: float) -> float:
+def _divide(a: float, b: float) -> float:
     if b == 0.0:
-        raise Refusal(6)
+        raise CommandError(6)
     return a / b
 
 
-def _rest(a: float, b: float) -> float:
+def _remainder(a: float, b: float) -> float:
     if b == 0.0:
-        raise Refusal(6)
+        raise CommandError(6)
     return math.fmod(a, b)
 
 
@@ -37,8 +76,8 @@ OPERATIONS: dict[str, Operation] = {
     "+": lambda a, b: a + b,
     "-": lambda a, b: a - b,
     "*": lambda a, b: a * b,
-    "/": _divided,
-    "%": _rest,
+    "/": _divide,
+    "%": _remainder,
     "&": lambda a, b: float(int(a) & int(b)),
     "|": lambda a, b: float(int(a) | int(b)),
     "=": lambda a, b: float(a == b),
@@ -59,121 +98,122 @@ FUNCTIONS: dict[str, Callable[[float], float]] = {
     "@COS": lambda a: math.cos(math.radians(a)),
     "@COM": lambda a: float(~int(a)),
 }
-"""Of one number; angles in degrees."""
+"""Functions of one number. Angles are in degrees."""
 
 
-class Names(Protocol):
-    """What the names in an expression stand for. Unknown ones are refused."""
+class Symbols(Protocol):
+    """Values of the names in an expression. An unknown name raises :class:`CommandError`."""
 
     def variable(self, name: str) -> float:
-        """A variable's value."""
+        """Return the value of a variable."""
         ...
 
     def element(self, name: str, index: float) -> float:
-        """An array's element."""
+        """Return an element of an array."""
         ...
 
     def operand(self, name: str) -> float:
-        """What an operand such as _TPA tells."""
+        """Return the value of an operand such as _TPA."""
         ...
 
     def input(self, function: str, number: float) -> float:
-        """What @IN, @OUT or @AN tells of an input or output."""
+        """Return the value of @IN, @OUT or @AN for an input or output."""
         ...
 
 
-def value_of(text: str, names: Names) -> float:
-    """The value of an expression."""
-    reader = _Reader(_tokens(text), names)
-    value = reader.chain()
-    if not reader.done:
-        raise Refusal(4 if reader.next_is(")") else 1)
-    return kept(value)
+def evaluate(text: str, symbols: Symbols) -> float:
+    """Evaluate an expression."""
+    parser = _Parser(_tokenise(text), symbols)
+    value = parser.evaluate_chain()
+    if not parser.at_end:
+        raise CommandError(4 if parser.next_is(")") else 1)
+    return stored_number(value)
 
 
-def _tokens(text: str) -> list[tuple[str, str]]:
-    """Kind and text of every word of an expression."""
-    found: list[tuple[str, str]] = []
+def _tokenise(text: str) -> list[tuple[str, str]]:
+    """Split an expression into tokens, each with its kind and text."""
+    tokens: list[tuple[str, str]] = []
     at, text = 0, text.rstrip()
     while at < len(text):
         match = TOKEN.match(text, at)
         if match is None or match.lastgroup is None:
-            raise Refusal(1)
-        found.append((match.lastgroup, match.group(match.lastgroup)))
+            raise CommandError(1)
+        tokens.append((match.lastgroup, match.group(match.lastgroup)))
         at = match.end()
-    return found
+    return tokens
 
 
-class _Reader:
-    """Reads an expression's words one after the other."""
+class _Parser:
+    """Parser of a token list that evaluates the expression while it reads."""
 
-    def __init__(self, tokens: list[tuple[str, str]], names: Names) -> None:
-        self._tokens, self._at, self._names = tokens, 0, names
+    def __init__(self, tokens: list[tuple[str, str]], symbols: Symbols) -> None:
+        self._tokens, self._at, self._symbols = tokens, 0, symbols
 
     @property
-    def done(self) -> bool:
+    def at_end(self) -> bool:
         return self._at == len(self._tokens)
 
     def next_is(self, sign: str) -> bool:
-        return not self.done and self._tokens[self._at] == ("sign", sign)
+        return not self.at_end and self._tokens[self._at] == ("sign", sign)
 
-    def chain(self) -> float:
-        """Terms and what stands between them, from left to right."""
-        value = self._term()
-        while not self.done and self._tokens[self._at][1] in OPERATIONS:
-            operation = OPERATIONS[self._take()[1]]
-            value = kept(operation(value, self._term()))
+    def evaluate_chain(self) -> float:
+        """Evaluate terms and operators from left to right."""
+        value = self._evaluate_term()
+        while not self.at_end and self._tokens[self._at][1] in OPERATIONS:
+            operation = OPERATIONS[self._take_token()[1]]
+            value = stored_number(operation(value, self._evaluate_term()))
         return value
 
-    def _take(self) -> tuple[str, str]:
-        if self.done:
-            raise Refusal(50)
+    def _take_token(self) -> tuple[str, str]:
+        if self.at_end:
+            raise CommandError(50)
         self._at += 1
         return self._tokens[self._at - 1]
 
-    def _term(self) -> float:
-        kind, text = self._take()
+    def _evaluate_term(self) -> float:
+        kind, text = self._take_token()
         match kind:
             case "hex":
                 return float(int(text[1:], 16))
             case "number":
-                return kept(float(text))
+                return stored_number(float(text))
             case "operand":
-                return self._names.operand(text)
+                return self._symbols.operand(text)
             case "function":
-                return self._function(text)
+                return self._apply_function(text)
             case "name":
-                return self._named(text)
+                return self._evaluate_name(text)
             case _:
-                return self._signed(text)
+                return self._evaluate_signed(text)
 
-    def _named(self, name: str) -> float:
+    def _evaluate_name(self, name: str) -> float:
         if self.next_is("["):
-            return self._names.element(name, self._within("[", "]", 55))
-        return self._names.variable(name)
+            return self._symbols.element(name, self._evaluate_enclosed("[", "]", 55))
+        return self._symbols.variable(name)
 
-    def _signed(self, sign: str) -> float:
+    def _evaluate_signed(self, sign: str) -> float:
         if sign in "+-":
-            return self._term() if sign == "+" else -self._term()
+            return self._evaluate_term() if sign == "+" else -self._evaluate_term()
         if sign != "(":
-            raise Refusal(1)
+            raise CommandError(1)
         self._at -= 1
-        return self._within("(", ")", 59)
+        return self._evaluate_enclosed("(", ")", 59)
 
-    def _function(self, name: str) -> float:
-        argument = self._within("[", "]", 55)
+    def _apply_function(self, name: str) -> float:
+        argument = self._evaluate_enclosed("[", "]", 55)
         if name in ("@IN", "@OUT", "@AN"):
-            return self._names.input(name, argument)
+            return self._symbols.input(name, argument)
         if name not in FUNCTIONS:
-            raise Refusal(57)
+            raise CommandError(57)
         return FUNCTIONS[name](argument)
 
-    def _within(self, opening: str, closing: str, code: int) -> float:
+    def _evaluate_enclosed(self, opening: str, closing: str, code: int) -> float:
+        """Evaluate an expression in brackets; a missing bracket raises the error of `code`."""
         if not self.next_is(opening):
-            raise Refusal(code)
+            raise CommandError(code)
         self._at += 1
-        value = self.chain()
+        value = self.evaluate_chain()
         if not self.next_is(closing):
-            raise Refusal(code)
+            raise CommandError(code)
         self._at += 1
         return value

@@ -1,7 +1,7 @@
-"""What goes wrong with the emulated controller and its wire, on request.
+"""Faults of the emulated controller and its connection, on request.
 
-It is written `kind:at=5,for=0.5`: from `at` s after the emulator's start for `for` s, or to the
-end.
+A fault is written as `kind:at=5,for=0.5`: it begins `at` s after the start of the emulator and
+lasts `for` s, or without `for` until the end.
 """
 
 import math
@@ -11,41 +11,41 @@ from rcmservo.constraints import one_of
 from rcmservo.errors import require
 
 KINDS = {
-    "silence": "it hears nothing and answers nothing, its program goes on",
-    "garbage": "it answers with random bytes",
-    "half": "it sends only the first half of each answer",
-    "slow": "each of its answers comes 0.2 s late",
-    "reset": "it is reset, as if its power had failed for a moment",
-    "stuck": "its first axis does not move, whatever the motor does",
-    "amplifier": "its amplifiers are short of voltage, and let the motors go",
+    "silence": "receives and sends nothing while its program continues",
+    "garbage": "replies with random bytes",
+    "half": "sends only the first half of each reply",
+    "slow": "sends each reply 0.2 s late",
+    "reset": "resets, as after a short power failure",
+    "stuck": "the first axis does not move while its motor is driven",
+    "amplifier": "under-voltage of the amplifiers switches the motors off",
 }
-"""The kinds, in words."""
+"""Kinds of fault with their descriptions."""
 
-LATE = 0.2
-"""s by which slow answers come late."""
-LONGEST = 1e6
+SLOW_REPLY_DELAY_S = 0.2
+MAX_START_TIME_S = 1e6
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that goes wrong."""
+    """One fault with its start and duration."""
 
     kind: str
-    """Its name in KINDS."""
+    """Kind of the fault, a key of ``KINDS``."""
     at: float = 0.0
-    """s after the emulator's start."""
+    """Start in s after the start of the emulator."""
     duration: float = math.inf
-    """s for which it lasts."""
+    """Duration in s."""
 
     def __post_init__(self) -> None:
         one_of(KINDS).require("--fault", self.kind)
-        right = f"a time in s from 0 to {LONGEST:g}"
-        require(0.0 <= self.at <= LONGEST, f"--fault {self.kind}: at", self.at, right)
+        expected = f"a time in s from 0 to {MAX_START_TIME_S:g}"
+        in_range = 0.0 <= self.at <= MAX_START_TIME_S
+        require(in_range, f"--fault {self.kind}: at", self.at, expected)
         require(self.duration > 0.0, f"--fault {self.kind}: for", self.duration, "a time above 0 s")
 
     @classmethod
     def parse(cls, text: str) -> "Fault":
-        """The fault written as `kind:at=5,for=0.5`."""
+        """Parse a fault written as `kind:at=5,for=0.5`."""
         kind, _, rest = text.partition(":")
         times = {"at": 0.0, "for": math.inf}
         for item in rest.split(",") if rest else []:
@@ -57,6 +57,6 @@ class Fault:
                 require(False, f"--fault {kind}: {key}", value, "a number of s")
         return cls(kind.strip(), times["at"], times["for"])
 
-    def acts(self, seconds: float) -> bool:
-        """Whether it acts at a moment."""
+    def is_active(self, seconds: float) -> bool:
+        """Return True if the fault is active at a time (s after the start of the emulator)."""
         return self.at <= seconds < self.at + self.duration

@@ -1,88 +1,91 @@
-"""Which command a text is, and what it does."""
+"""Command table of the emulated controller, and dispatch of a command text to its handler."""
 
 import re
 
 from rcmservo.hardware.galil.emulator.commands import motion, reports, settings, threads
-from rcmservo.hardware.galil.emulator.numbers import Refusal
-from rcmservo.hardware.galil.emulator.state import Caller, ControllerState, Execute
+from rcmservo.hardware.galil.emulator.expressions import CommandError
+from rcmservo.hardware.galil.emulator.state import Caller, CommandHandler, ControllerState
 
-COMMANDS: dict[str, Execute] = {
-    **{name: settings.set_axes(name) for name in (*settings.RANGES, *settings.KEPT)},
+COMMANDS: dict[str, CommandHandler] = {
+    **{
+        name: settings.axis_setting(name)
+        for name in (*settings.SETTING_RANGES, *settings.STORED_SETTINGS)
+    },
     **dict.fromkeys(
         ("BA", "BI", "BN", "BP", "BV", "CB", "DV", "IH", "LZ", "NO", "PF", "SB", "VF"),
         settings.accept,
     ),
     "AB": motion.abort,
-    "AM": motion.after_motion,
+    "AM": motion.wait_for_motion_end,
     "BG": motion.begin,
-    "CN": settings.set_polarity,
+    "CN": settings.set_switch_polarity,
     "CW": settings.mark_messages,
-    "DL": threads.load,
+    "DL": threads.download,
     "DM": settings.dimension,
     "DP": settings.define_position,
     "ELSE": threads.else_,
     "EN": threads.end,
     "ENDIF": threads.end_if,
     "HX": threads.halt,
-    "ID": reports.identity,
+    "ID": reports.report_identity,
     "IF": threads.if_,
     "JP": threads.jump,
     "JS": threads.jump_subroutine,
-    "MC": motion.after_motion,
-    "MG": reports.message,
-    "MO": motion.motor_off,
-    "QZ": reports.sizes,
+    "MC": motion.wait_for_motion_end,
+    "MG": reports.send_message,
+    "MO": motion.switch_motors_off,
+    "QZ": reports.report_block_sizes,
     "RE": threads.end,
-    "RP": reports.of_axes(lambda axis: round(axis.reference)),
-    "SC": reports.of_axes(lambda axis: axis.stop_code),
+    "RP": reports.axis_report(lambda axis: round(axis.reference)),
+    "SC": reports.axis_report(lambda axis: axis.stop_code),
     "SH": motion.servo_here,
     "ST": motion.stop,
-    "TC": reports.tell_code,
-    "TD": reports.of_axes(lambda _: 0.0),
-    "TE": reports.of_axes(lambda axis: round(axis.reference) - round(axis.position)),
-    "TH": reports.all_handles,
+    "TC": reports.report_error,
+    "TD": reports.axis_report(lambda _: 0.0),
+    "TE": reports.axis_report(lambda axis: round(axis.reference) - round(axis.position)),
+    "TH": reports.report_handles,
     "TM": settings.set_sample_time,
-    "TP": reports.of_axes(lambda axis: round(axis.position)),
-    "TS": reports.tell_switches,
-    "TT": reports.of_axes(lambda _: 0.0, 4),
-    "TV": reports.of_axes(lambda axis: round(axis.velocity)),
-    "WH": reports.own_handle,
+    "TP": reports.axis_report(lambda axis: round(axis.position)),
+    "TS": reports.report_switches,
+    "TT": reports.axis_report(lambda _: 0.0, 4),
+    "TV": reports.axis_report(lambda axis: round(axis.velocity)),
+    "WH": reports.report_own_handle,
     "WT": threads.wait,
     "XQ": threads.execute_program,
 }
-"""All but those that need the wire or the power: BZ, CF, DR, EO, QR, RS and UL are the
-controller's."""
+"""Handlers by command. :mod:`rcmservo.hardware.galil.emulator.controller` executes BZ, CF, DR, EO,
+QR, RS and UL, which need the host connections or the amplifiers."""
 
-MODEL = "\x12\x16"
+MODEL_QUERY = "\x12\x16"
 
 ASSIGNMENT = re.compile(r"([A-Za-z][A-Za-z0-9]{0,7})\s*(\[.*\])?\s*=")
 
 
-def word_of(text: str) -> str:
-    """The command that a text begins with; empty where it begins with none, or assigns."""
+def command_name(text: str) -> str:
+    """Return the command at the start of a text, empty for an assignment or an unknown text."""
     match = re.match(r"(ELSE|ENDIF|[A-Z]{2})", text)
-    return match.group(1) if match is not None and not _assigns(text, match.group(1)) else ""
+    return match.group(1) if match is not None and not _is_assignment(text, match.group(1)) else ""
 
 
-def _assigns(text: str, word: str) -> bool:
-    """Whether a text that begins like a command gives a variable a value."""
+def _is_assignment(text: str, name: str) -> bool:
+    """Return True if a text that starts with a command's name assigns to a variable."""
     match = ASSIGNMENT.match(text)
     if match is None:
         return False
-    axes = match.group(1)[len(word) :]
+    axes = match.group(1)[len(name) :]
     return match.group(2) is not None or re.fullmatch(r"[A-HW-Z]*", axes) is None
 
 
 def execute(state: ControllerState, text: str, caller: Caller) -> str:
-    """Do what a command says; what it answers. Refused where it cannot be done."""
+    """Execute a command and return its reply data, or raise :class:`CommandError`."""
     text = text.strip()
-    if text == MODEL:
-        return reports.model(state)
+    if text == MODEL_QUERY:
+        return reports.model_text(state)
     if not text or text.startswith("'"):
         return ""
-    word = word_of(text)
-    if word in COMMANDS:
-        return COMMANDS[word](state, text[len(word) :], caller)
+    name = command_name(text)
+    if name in COMMANDS:
+        return COMMANDS[name](state, text[len(name) :], caller)
     if ASSIGNMENT.match(text):
         return settings.assign(state, text)
-    raise Refusal(1)
+    raise CommandError(1)

@@ -1,54 +1,53 @@
-"""A program in the controller's memory: lines of commands, and labels at which threads begin.
+"""Program in the controller's memory: lines of commands, with labels where threads can start.
 
-Source: command reference, DL, labels and XQ; motorapp/Galil, programValidate and programDownload.
+Sources: command reference, DL, labels and XQ; motorapp/Galil, programValidate and programDownload.
 """
 
 import re
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from rcmservo.hardware.galil.emulator.numbers import Refusal
+from rcmservo.hardware.galil.connection import MAX_LINE_LENGTH
+from rcmservo.hardware.galil.emulator.expressions import CommandError
 
-LINES = 2000
-"""Lines of a program at most."""
-WIDTH = 80
-"""Characters of a line at most."""
+MAX_LINES = 2000
+"""Lines of a program."""
 
-LABEL = re.compile(r"#([A-Za-z][A-Za-z0-9]{0,6})$")
+LABEL_PATTERN = re.compile(r"#([A-Za-z][A-Za-z0-9]{0,6})$")
 
 
 class Instruction(NamedTuple):
     """One command of a program."""
 
     line: int
-    """The line that it stands in, counted from 0."""
+    """Number of its line, counted from 0."""
     text: str
-    """The command."""
+    """Text of the command."""
 
 
-def commands_of(line: str) -> list[str]:
-    """What stands between the semicolons of a line, those in quotes left alone."""
+def split_line(line: str) -> list[str]:
+    """Split a line at its semicolons, except for those in quotes."""
     return [part.strip() for part in re.split(r';(?=(?:[^"]*"[^"]*")*[^"]*$)', line)]
 
 
 @dataclass
 class Program:
-    """A program, line after line."""
+    """Lines of a program, with its instructions and labels."""
 
     lines: list[str] = field(default_factory=list[str])
-    """As they were sent."""
+    """Lines as received."""
     instructions: list[Instruction] = field(default_factory=list[Instruction])
-    """The commands in them."""
+    """Commands of the lines."""
     labels: dict[str, int] = field(default_factory=dict[str, int])
-    """Of every label, the instruction behind it."""
+    """Index of the instruction that follows each label."""
 
     def add(self, line: str) -> None:
-        """One more line, or Refusal."""
-        if len(line) > WIDTH or len(self.lines) == LINES:
-            raise Refusal(60)
+        """Append a line, or raise :class:`CommandError`."""
+        if len(line) > MAX_LINE_LENGTH or len(self.lines) == MAX_LINES:
+            raise CommandError(60)
         number = len(self.lines)
         self.lines.append(line)
-        for i, text in enumerate(commands_of(line)):
+        for i, text in enumerate(split_line(line)):
             if text.startswith("#"):
                 self._add_label(text, i)
             elif text and not text.startswith(("'", "REM")):
@@ -56,32 +55,35 @@ class Program:
             if text.startswith(("'", "REM")):
                 return
 
-    def _add_label(self, text: str, place: int) -> None:
-        match = LABEL.match(text)
-        if match is None or place or match.group(1) in self.labels:
-            raise Refusal(61)
+    def _add_label(self, text: str, index_in_line: int) -> None:
+        match = LABEL_PATTERN.match(text)
+        if match is None or index_in_line or match.group(1) in self.labels:
+            raise CommandError(61)
         self.labels[match.group(1)] = len(self.instructions)
 
-    def at(self, label: str) -> int:
-        """The instruction at a label, or Refusal."""
+    def index_of_label(self, label: str) -> int:
+        """Return the index of the instruction after a label, or raise :class:`CommandError`."""
         if label not in self.labels:
-            raise Refusal(10)
+            raise CommandError(10)
         return self.labels[label]
 
-    def at_line(self, line: int) -> int:
-        """The first instruction from a line on, or Refusal."""
+    def index_of_line(self, line: int) -> int:
+        """Return the index of the first instruction in a line or after it, or raise
+        :class:`CommandError`."""
         if not 0 <= line < len(self.lines):
-            raise Refusal(11)
-        behind = (i for i, one in enumerate(self.instructions) if one.line >= line)
-        return next(behind, len(self.instructions))
+            raise CommandError(11)
+        following = (i for i, one in enumerate(self.instructions) if one.line >= line)
+        return next(following, len(self.instructions))
 
-    def behind(self, at: int, ends: tuple[str, ...]) -> int:
-        """The instruction behind the first of `ends` that belongs to the IF whose branch begins at
-        `at`."""
+    def index_after(self, start: int, ends: tuple[str, ...]) -> int:
+        """Return the index after the end of an IF branch that begins at `start`.
+
+        The end is the first of the commands `ends` that does not belong to a nested IF.
+        """
         depth = 0
-        for i in range(at, len(self.instructions)):
+        for i in range(start, len(self.instructions)):
             word = self.instructions[i].text.split("(")[0].strip()
             if depth == 0 and word in ends:
                 return i + 1
             depth += (word == "IF" or word.startswith("IF ")) - (word == "ENDIF")
-        raise Refusal(63)
+        raise CommandError(63)

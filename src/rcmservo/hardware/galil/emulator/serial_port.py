@@ -1,32 +1,34 @@
-"""The emulated controller's serial port: one end of a pseudo-terminal, of which a client opens the
-other as it would open a real port."""
+"""Serial port of the emulated controller: a pseudo-terminal that clients open as a port."""
 
 import os
 import tty
 
 
 class SerialPort:
-    """What a server reads and writes like a socket; ``path`` is for the client."""
+    """Server end of a pseudo-terminal, with the socket methods that the server needs.
+
+    ``path`` is the device that a client opens.
+    """
 
     def __init__(self) -> None:
-        self._ours, self._theirs = os.openpty()
-        tty.setraw(self._theirs)
-        os.set_blocking(self._ours, False)
-        self.path = os.ttyname(self._theirs)
+        self._server_end, self._client_end = os.openpty()
+        tty.setraw(self._client_end)
+        os.set_blocking(self._server_end, False)
+        self.path = os.ttyname(self._client_end)
 
     def fileno(self) -> int:
-        """What `select` waits for."""
-        return self._ours
+        """Return the file descriptor for `select`."""
+        return self._server_end
 
     def recv(self, count: int) -> bytes:
-        """What a client has sent; BlockingIOError where it has sent nothing."""
-        return os.read(self._ours, count)
+        """Return bytes from the client, or raise BlockingIOError if there are none."""
+        return os.read(self._server_end, count)
 
     def sendall(self, data: bytes) -> None:
-        """Send to whoever has the other end open."""
-        os.write(self._ours, data)
+        """Send bytes to the client."""
+        os.write(self._server_end, data)
 
     def close(self) -> None:
-        """No more of it."""
-        os.close(self._ours)
-        os.close(self._theirs)
+        """Close both ends."""
+        os.close(self._server_end)
+        os.close(self._client_end)

@@ -1,7 +1,7 @@
-"""The emulated controller on the network: eight handles on one port, by TCP or UDP, and a serial
-port where that is asked for.
+"""Network server of the emulated controller: eight handles over TCP or UDP on one port, and an
+optional serial port.
 
-A ninth host is sent away. Source: command reference, TH and IH.
+A ninth host is disconnected. Source: command reference, TH and IH.
 """
 
 import contextlib
@@ -15,35 +15,52 @@ from dataclasses import dataclass, field
 
 from rcmservo.errors import RcmServoError
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, SERIAL, TCP, UDP, Controller
-from rcmservo.hardware.galil.emulator.faults import LATE, Fault
+from rcmservo.hardware.galil.emulator.faults import SLOW_REPLY_DELAY_S, Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 from rcmservo.ports import refusal
 
-PACKET = 1024
-"""Bytes that are read in one go."""
-HOST = "127.0.0.1"
-MOST_AT_ONCE = 512
-"""Samples that are made up for in one go."""
+MAX_READ_BYTES = 1024
+"""Bytes of one read from a host."""
+LOOPBACK = "127.0.0.1"
+MAX_CATCH_UP_SAMPLES = 512
+"""Samples that one update makes up for after a delay."""
 
 
 class NoPort(RcmServoError):
-    """A port that cannot be listened on."""
+    """Error of a port on which the server cannot listen."""
 
 
 @dataclass
 class Peer:
-    """A host that is connected."""
+    """Connected host."""
 
-    wire: socket.socket | SerialPort
-    """Its connection; the common one of UDP."""
+    stream: socket.socket | SerialPort
+    """Its connection; for UDP the server's common socket."""
     address: tuple[str, int] | None = None
-    """Where to send to by UDP."""
-    late: deque[tuple[float, bytes]] = field(default_factory=deque[tuple[float, bytes]])
-    """Answers, and when they go out."""
+    """UDP address of the host; None for TCP and the serial port."""
+    delayed: deque[tuple[float, bytes]] = field(default_factory=deque[tuple[float, bytes]])
+    """Replies with the times (s) at which they are sent."""
 
 
 class Server:
-    """Offers a controller to hosts; `turn` does all that is due."""
+    """Server that connects hosts to an emulated controller. `turn` does all work that is due.
+
+    Parameters
+    ----------
+    controller : Controller
+        Emulated controller.
+    port : int
+        Port for TCP and UDP; 0 selects a free one.
+    faults : sequence of Fault
+        Faults with their times.
+    serial : SerialPort or None
+        Additional serial port.
+
+    Raises
+    ------
+    NoPort
+        If the port is in use or not permitted.
+    """
 
     def __init__(
         self,
@@ -56,134 +73,134 @@ class Server:
         self._peers: dict[int, Peer] = {}
         self._random = random.Random(0)
         self._seconds, self._samples, self._was_reset = 0.0, 0, False
-        self._listening = _bound(socket.SOCK_STREAM, port)
-        self.port = int(self._listening.getsockname()[1])
-        self._datagrams = _bound(socket.SOCK_DGRAM, self.port)
-        self._listening.listen(16)
-        self._listening.setblocking(False)
-        self._datagrams.setblocking(False)
-        self._plug_in()
+        self._listener = _bind(socket.SOCK_STREAM, port)
+        self.port = int(self._listener.getsockname()[1])
+        self._udp_socket = _bind(socket.SOCK_DGRAM, self.port)
+        self._listener.listen(16)
+        self._listener.setblocking(False)
+        self._udp_socket.setblocking(False)
+        self._connect_serial()
 
     def close(self) -> None:
-        """Let all hosts go."""
+        """Disconnect all hosts."""
         for peer in self._peers.values():
-            peer.wire.close()
-        self._listening.close()
-        self._datagrams.close()
+            peer.stream.close()
+        self._listener.close()
+        self._udp_socket.close()
 
     def wait(self, seconds: float) -> None:
-        """Until a host says something, at most so long."""
-        wires = [peer.wire for peer in self._peers.values()]
-        heard = [self._listening, self._datagrams, *wires]
-        select.select([] if self._acting("silence") else heard, [], [], max(seconds, 0.0))
+        """Wait until a host sends something, at most some seconds."""
+        streams = [self._listener, self._udp_socket, *(p.stream for p in self._peers.values())]
+        select.select([] if self._has_fault("silence") else streams, [], [], max(seconds, 0.0))
 
     def turn(self, seconds: float) -> None:
-        """Let time pass up to `seconds` after the start, and hear and answer all hosts."""
+        """Advance to a time (s after the start), read from all hosts and reply to them."""
         self._seconds = seconds
-        self.controller.stuck = 0 if self._acting("stuck") else None
-        self.controller.unpowered = self._acting("amplifier")
-        self._catch_up(int(seconds / SAMPLE))
+        self.controller.stuck = 0 if self._has_fault("stuck") else None
+        self.controller.unpowered = self._has_fault("amplifier")
+        self._advance_to_sample(int(seconds / SAMPLE))
         self._reset_if_due()
-        if not self._acting("silence"):
-            self._accept()
-            self._hear_datagrams()
+        if not self._has_fault("silence"):
+            self._accept_hosts()
+            self._receive_datagrams()
             for handle in list(self._peers):
-                self._hear(handle)
+                self._receive(handle)
         for handle in list(self._peers):
-            self._answer(handle)
+            self._send_output(handle)
 
-    def _acting(self, kind: str) -> bool:
-        return any(fault.kind == kind and fault.acts(self._seconds) for fault in self.faults)
+    def _has_fault(self, kind: str) -> bool:
+        return any(fault.kind == kind and fault.is_active(self._seconds) for fault in self.faults)
 
-    def _catch_up(self, due: int) -> None:
-        self._samples = max(self._samples, due - MOST_AT_ONCE)
+    def _advance_to_sample(self, due: int) -> None:
+        self._samples = max(self._samples, due - MAX_CATCH_UP_SAMPLES)
         while self._samples < due:
             self._samples += 1
             self.controller.sample()
 
     def _reset_if_due(self) -> None:
-        acts = self._acting("reset")
-        if acts and not self._was_reset:
+        active = self._has_fault("reset")
+        if active and not self._was_reset:
             self.controller.reset()
-        self._was_reset = acts
+        self._was_reset = active
 
-    def _plug_in(self) -> None:
-        """The serial cable is always there, also behind a reset."""
-        if self._serial is not None and SERIAL not in self.controller.lines:
+    def _connect_serial(self) -> None:
+        """Connect the serial port, at the start and after each reset."""
+        if self._serial is not None and SERIAL not in self.controller.connections:
             self.controller.connect_serial()
             self._peers[SERIAL] = Peer(self._serial)
 
-    def _accept(self) -> None:
+    def _accept_hosts(self) -> None:
         with contextlib.suppress(BlockingIOError):
             while True:
-                wire, _ = self._listening.accept()
+                stream, _ = self._listener.accept()
                 handle = self.controller.connect(TCP)
                 if handle is None:
                     linger = struct.pack("ii", 1, 0)
-                    wire.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
-                    wire.close()
+                    stream.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
+                    stream.close()
                     continue
-                wire.setblocking(False)
-                wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                self._peers[handle] = Peer(wire)
+                stream.setblocking(False)
+                stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._peers[handle] = Peer(stream)
 
-    def _hear_datagrams(self) -> None:
+    def _receive_datagrams(self) -> None:
         with contextlib.suppress(BlockingIOError, ConnectionError):
             while True:
-                data, address = self._datagrams.recvfrom(PACKET)
-                handle = self._of(address)
+                data, address = self._udp_socket.recvfrom(MAX_READ_BYTES)
+                handle = self._handle_of(address)
                 if handle is not None:
-                    self.controller.hear(handle, data)
+                    self.controller.receive(handle, data)
 
-    def _of(self, address: tuple[str, int]) -> int | None:
+    def _handle_of(self, address: tuple[str, int]) -> int | None:
+        """Return the handle of a UDP host, which a new host gets here; None if all are in use."""
         for handle, peer in self._peers.items():
             if peer.address == address:
                 return handle
         handle = self.controller.connect(UDP)
         if handle is not None:
-            self._peers[handle] = Peer(self._datagrams, address)
+            self._peers[handle] = Peer(self._udp_socket, address)
         return handle
 
-    def _hear(self, handle: int) -> None:
+    def _receive(self, handle: int) -> None:
         peer = self._peers[handle]
-        if peer.address is not None or handle not in self.controller.lines:
+        if peer.address is not None or handle not in self.controller.connections:
             return
         try:
-            data = peer.wire.recv(PACKET)
+            data = peer.stream.recv(MAX_READ_BYTES)
         except BlockingIOError:
             return
         except OSError:
             data = b""
         if data:
-            self.controller.hear(handle, data)
+            self.controller.receive(handle, data)
         else:
             self._drop(handle)
 
-    def _answer(self, handle: int) -> None:
-        if handle not in self.controller.lines:
+    def _send_output(self, handle: int) -> None:
+        if handle not in self.controller.connections:
             self._drop(handle)
-            self._plug_in()
+            self._connect_serial()
             return
         peer = self._peers[handle]
-        told = self._damaged(self.controller.answers(handle))
-        if told:
-            after = LATE if self._acting("slow") else 0.0
-            peer.late.append((self._seconds + after, told))
-        while peer.late and peer.late[0][0] <= self._seconds:
-            self._send(handle, peer, peer.late.popleft()[1])
+        output = self._apply_faults(self.controller.take_output(handle))
+        if output:
+            delay = SLOW_REPLY_DELAY_S if self._has_fault("slow") else 0.0
+            peer.delayed.append((self._seconds + delay, output))
+        while peer.delayed and peer.delayed[0][0] <= self._seconds:
+            self._send(handle, peer, peer.delayed.popleft()[1])
 
-    def _damaged(self, told: bytes) -> bytes:
-        if told and self._acting("garbage"):
+    def _apply_faults(self, output: bytes) -> bytes:
+        if output and self._has_fault("garbage"):
             return self._random.randbytes(self._random.randint(1, 64))
-        return told[: len(told) // 2] if self._acting("half") else told
+        return output[: len(output) // 2] if self._has_fault("half") else output
 
-    def _send(self, handle: int, peer: Peer, told: bytes) -> None:
+    def _send(self, handle: int, peer: Peer, data: bytes) -> None:
         try:
             if peer.address is not None:
-                self._datagrams.sendto(told, peer.address)
+                self._udp_socket.sendto(data, peer.address)
             else:
-                peer.wire.sendall(told)
-        except BlockingIOError:  # a host that reads nothing: what it misses is lost
+                peer.stream.sendall(data)
+        except BlockingIOError:  # a host that does not read loses these bytes
             return
         except OSError:
             self._drop(handle)
@@ -192,16 +209,17 @@ class Server:
         peer = self._peers.pop(handle)
         self.controller.disconnect(handle)
         if peer.address is None and handle != SERIAL:
-            peer.wire.close()
+            peer.stream.close()
 
 
-def _bound(kind: socket.SocketKind, port: int) -> socket.socket:
-    wire = socket.socket(socket.AF_INET, kind)
+def _bind(kind: socket.SocketKind, port: int) -> socket.socket:
+    """Return a socket that is bound to a port of the loopback interface."""
+    bound = socket.socket(socket.AF_INET, kind)
     if kind is socket.SOCK_STREAM:
-        wire.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        wire.bind((HOST, port))
+        bound.bind((LOOPBACK, port))
     except OSError as error:
-        wire.close()
+        bound.close()
         raise NoPort(refusal(port, error)) from error
-    return wire
+    return bound

@@ -1,1 +1,1 @@
-"""What each command of the emulated controller does, by theme."""
+"""Commands of the emulated controller, grouped by subject."""

@@ -1,54 +1,55 @@
-"""How the arguments of a command are written.
+"""Parsing of command arguments.
 
-BG ABC   BGXY   ST A      some axes; none means all
-JG 100,,-200   AC ?,?     a value for each axis in turn, or a question
-JGA=100   SPB=x*2   KP*=5  a value for the axes that are named
+BG ABC   BGXY   ST A       axes; none means all
+JG 100,,-200   AC ?,?      one value or question mark per axis, in order
+JGA=100   SPB=x*2   KP*=5  a value for the named axes
 """
 
 import re
 from typing import NamedTuple
 
-from rcmservo.hardware.galil.emulator.numbers import Refusal
-from rcmservo.hardware.galil.emulator.state import LETTERS, OTHER_LETTERS
+from rcmservo.hardware.galil.data_record import AXIS_LETTERS
+from rcmservo.hardware.galil.emulator.expressions import CommandError
+from rcmservo.hardware.galil.emulator.state import OLD_TO_NEW_LETTERS
 
-NAMED = re.compile(r"\s*([A-HW-Z]+|\*)\s*=\s*(.+)$")
+NAMED_AXES = re.compile(r"\s*([A-HW-Z]+|\*)\s*=\s*(.+)$")
 
 
-class Assigned(NamedTuple):
-    """What a command gives one axis."""
+class Assignment(NamedTuple):
+    """Value that a command assigns to one axis."""
 
     axis: int
-    """Its place."""
+    """Index of the axis."""
     text: str
-    """An expression, or "?"."""
+    """Expression, or "?" as a query."""
 
 
-def axes_in(text: str, count: int) -> list[int]:
-    """The places of the axes that a command names, all where it names none."""
-    letters = text.replace(" ", "").replace(",", "").translate(OTHER_LETTERS)
-    places = [LETTERS.find(letter) for letter in letters] or list(range(count))
-    if not all(0 <= place < count for place in places):
-        raise Refusal(4)
-    return places
+def parse_axes(text: str, count: int) -> list[int]:
+    """Return the indices of the named axes, or of all `count` axes if none is named."""
+    letters = text.replace(" ", "").replace(",", "").translate(OLD_TO_NEW_LETTERS)
+    indices = [AXIS_LETTERS.find(letter) for letter in letters] or list(range(count))
+    if not all(0 <= index < count for index in indices):
+        raise CommandError(4)
+    return indices
 
 
-def assigned(text: str, count: int) -> list[Assigned]:
-    """What a command gives each axis that it names."""
-    match = NAMED.match(text)
+def parse_assignments(text: str, count: int) -> list[Assignment]:
+    """Return the assignments of a command for a controller with `count` axes."""
+    match = NAMED_AXES.match(text)
     if match is not None:
-        named = range(count) if match.group(1) == "*" else axes_in(match.group(1), count)
-        return [Assigned(axis, match.group(2).strip()) for axis in named]
-    parts = split(text)
+        axes = range(count) if match.group(1) == "*" else parse_axes(match.group(1), count)
+        return [Assignment(axis, match.group(2).strip()) for axis in axes]
+    parts = split_arguments(text)
     if len(parts) > count:
-        raise Refusal(4)
-    given = [Assigned(i, part) for i, part in enumerate(parts) if part]
-    if not given:
-        raise Refusal(50)
-    return given
+        raise CommandError(4)
+    assignments = [Assignment(i, part) for i, part in enumerate(parts) if part]
+    if not assignments:
+        raise CommandError(50)
+    return assignments
 
 
-def split(text: str) -> list[str]:
-    """What stands between commas, but for those within brackets, braces and quotes."""
+def split_arguments(text: str) -> list[str]:
+    """Split a text at its commas, except for those in brackets, braces and quotes."""
     parts, depth, quoted = [""], 0, False
     for character in text:
         quoted ^= character == '"'

@@ -1,82 +1,83 @@
-"""Commands that move, stop and switch axes."""
+"""Commands that move and stop axes and switch motors."""
 
 from rcmservo.hardware.galil.emulator.axis import Axis, StopCode
-from rcmservo.hardware.galil.emulator.commands.arguments import axes_in
-from rcmservo.hardware.galil.emulator.expressions import value_of
-from rcmservo.hardware.galil.emulator.numbers import Refusal
+from rcmservo.hardware.galil.emulator.commands.arguments import parse_axes
+from rcmservo.hardware.galil.emulator.expressions import CommandError, evaluate
 from rcmservo.hardware.galil.emulator.state import Caller, ControllerState, Host
 
 
 def begin(state: ControllerState, rest: str, _: Caller) -> str:
-    """BG: set out. All of the axes that it names can, or none does."""
-    axes = named(state, rest)
+    """BG: start the motion of all named axes, or of none if one of them cannot move."""
+    axes = select_axes(state, rest)
     for axis in axes:
-        heads = axis.heads()
-        if axis.off:
-            raise Refusal(20)
+        motion = axis.commanded_motion()
+        if axis.motor_off:
+            raise CommandError(20)
         if axis.moving:
-            raise Refusal(21)
-        if (heads > 0.0 and not axis.may_forward) or (heads < 0.0 and not axis.may_reverse):
-            raise Refusal(22)
+            raise CommandError(21)
+        if motion > 0.0 and not axis.can_move_forward:
+            raise CommandError(22)
+        if motion < 0.0 and not axis.can_move_reverse:
+            raise CommandError(22)
     for axis in axes:
         axis.begin()
     return ""
 
 
 def stop(state: ControllerState, rest: str, caller: Caller) -> str:
-    """ST: come to rest. From a host that names no axis, the program ends too."""
-    for axis in named(state, rest):
+    """ST: decelerate to rest. A host's ST without axes also ends the program."""
+    for axis in select_axes(state, rest):
         axis.stop(StopCode.COMMAND)
     if not rest.strip() and isinstance(caller, Host):
-        halt_all(state)
+        halt_all_threads(state)
     return ""
 
 
 def abort(state: ControllerState, rest: str, _: Caller) -> str:
-    """AB: stand still at once; AB and AB 0 end the program too."""
+    """AB: stop all axes at once. AB and AB 0 also end the program."""
     for axis in state.axes:
         axis.abort(StopCode.ABORTED)
         if axis.settings.OE in (1.0, 3.0):
             axis.switch_off()
-    if not rest.strip() or value_of(rest, state) == 0.0:
-        halt_all(state)
+    if not rest.strip() or evaluate(rest, state) == 0.0:
+        halt_all_threads(state)
     return ""
 
 
-def motor_off(state: ControllerState, rest: str, _: Caller) -> str:
-    """MO: let the motors go; at rest alone."""
-    for axis in _resting(state, rest):
+def switch_motors_off(state: ControllerState, rest: str, _: Caller) -> str:
+    """MO: switch motors off. Refused while an axis moves."""
+    for axis in _select_resting_axes(state, rest):
         axis.switch_off()
     return ""
 
 
 def servo_here(state: ControllerState, rest: str, _: Caller) -> str:
-    """SH: hold the motors where they are; at rest alone."""
-    for axis in _resting(state, rest):
+    """SH: switch motors on and hold their positions. Refused while an axis moves."""
+    for axis in _select_resting_axes(state, rest):
         axis.switch_on()
     return ""
 
 
-def after_motion(state: ControllerState, rest: str, caller: Caller) -> str:
-    """AM, MC: go on when these axes have come to rest."""
-    axes = named(state, rest)
+def wait_for_motion_end(state: ControllerState, rest: str, caller: Caller) -> str:
+    """AM, MC: wait until the axes are at rest."""
+    axes = select_axes(state, rest)
     caller.wait = lambda: not any(axis.moving for axis in axes)
     return ""
 
 
-def named(state: ControllerState, rest: str) -> list[Axis]:
-    """The axes that a command names, all where it names none."""
-    return [state.axes[place] for place in axes_in(rest, len(state.axes))]
+def select_axes(state: ControllerState, rest: str) -> list[Axis]:
+    """Return the named axes, or all axes if none is named."""
+    return [state.axes[index] for index in parse_axes(rest, len(state.axes))]
 
 
-def _resting(state: ControllerState, rest: str) -> list[Axis]:
-    axes = named(state, rest)
+def _select_resting_axes(state: ControllerState, rest: str) -> list[Axis]:
+    axes = select_axes(state, rest)
     if any(axis.moving for axis in axes):
-        raise Refusal(7)
+        raise CommandError(7)
     return axes
 
 
-def halt_all(state: ControllerState) -> None:
+def halt_all_threads(state: ControllerState) -> None:
     """End every thread of the program."""
     for thread in state.threads:
         thread.halt()

@@ -1,5 +1,6 @@
-"""A public client that was not written here drives the emulated controller unchanged: the one of
-the Simons Observatory, socs 0.6.4, which speaks raw TCP to DMC-40x0 controllers.
+"""An unchanged public client drives the emulated controller.
+
+The client is that of the Simons Observatory, socs 0.6.4, which uses raw TCP.
 """
 
 import contextlib
@@ -25,16 +26,16 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def client() -> Any:
-    """Their module."""
+    """Return the client's module."""
     sys.path.append(str(PEERS))
     return importlib.import_module("socs.agents.galil_axis.drivers")
 
 
-def test_it_is_the_version_that_was_read(client: Any) -> None:
+def test_the_client_has_the_version_whose_source_was_read(client: Any) -> None:
     assert importlib.metadata.version("socs") == "0.6.4"
 
 
-def test_it_moves_queries_stops_and_reads_errors_out(
+def test_the_client_moves_queries_stops_and_reads_errors(
     client: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with contextlib.closing(Emulated()) as emulated:

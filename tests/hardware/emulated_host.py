@@ -1,12 +1,12 @@
-"""A host that talks with an emulated controller in simulated time."""
+"""Host of an emulated controller in simulated time."""
 
 from galil_measures import IdealMotors
 
 from rcmservo.hardware.galil.emulator.controller import Controller
 
 
-class Talk:
-    """One host that is connected to an emulated controller, in simulated time."""
+class EmulatedHost:
+    """Host that is connected to an emulated controller. Calling it sends bytes."""
 
     def __init__(self, axes: int = 4) -> None:
         self.motors = IdealMotors(axes)
@@ -15,18 +15,18 @@ class Talk:
         assert self.handle is not None
 
     def __call__(self, sent: bytes) -> bytes:
-        """What is answered at once."""
+        """Send bytes and return the immediate reply."""
         assert self.handle is not None
-        self.controller.hear(self.handle, sent)
-        return self.controller.answers(self.handle)
+        self.controller.receive(self.handle, sent)
+        return self.controller.take_output(self.handle)
 
     def after(self, seconds: float) -> bytes:
-        """What comes while so many s pass."""
+        """Advance the time and return the bytes received meanwhile."""
         assert self.handle is not None
         for _ in range(round(seconds * 1024)):
             self.controller.sample()
-        return self.controller.answers(self.handle)
+        return self.controller.take_output(self.handle)
 
     def number(self, expression: str) -> float:
-        """What MG tells of an expression."""
+        """Return the value of an expression (MG)."""
         return float(self(f"MG {expression}\r".encode()).split(b"\r")[0])

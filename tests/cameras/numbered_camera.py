@@ -1,4 +1,4 @@
-"""Pictures that bear a number, so that a test knows what it was sent."""
+"""Images with a number, so that a test can identify each frame."""
 
 import threading
 import time
@@ -9,12 +9,12 @@ import numpy as np
 from rcmservo.interfaces import Frame, Image
 
 BITS, LIGHT, DARK = 16, 220, 30
-TIME_OUT = 60.0
-"""s in which whatever a test waits for has happened."""
+TIMEOUT_S = 60.0
+"""Time limit of all waits."""
 
 
-def picture(number: int, width: int = 320, height: int = 240) -> Image:
-    """The number in stripes of light and dark, from the left, over a red ground."""
+def numbered_image(number: int, width: int = 320, height: int = 240) -> Image:
+    """Return an image with the bits of a number as light and dark stripes above a red ground."""
     image = np.full((height, width, 3), (20, 40, 160), np.uint8)
     stripe = width // BITS
     for bit in range(BITS):
@@ -24,8 +24,8 @@ def picture(number: int, width: int = 320, height: int = 240) -> Image:
     return image
 
 
-def number_in(image: Image | None) -> int:
-    """The number that a picture bears; its ground must be red."""
+def read_number(image: Image | None) -> int:
+    """Return the number in an image; its ground must be red."""
     assert image is not None
     height, width, _ = image.shape
     blue, green, red = image[3 * height // 4, width // 2].tolist()
@@ -36,7 +36,7 @@ def number_in(image: Image | None) -> int:
 
 
 class NumberedCamera:
-    """A camera whose frame k, exposed at its k/rate s, bears the number k."""
+    """Camera whose frame k, exposed at k/rate s, contains the number k."""
 
     def __init__(self, rate: float = 60.0) -> None:
         self.rate, self.start = rate, time.monotonic_ns()
@@ -49,28 +49,28 @@ class NumberedCamera:
         now = time.monotonic_ns()
         number = int((now - self.start) * self.rate / 1e9)
         if self._frame is None or number > self._frame.number:
-            image = picture(number)
+            image = numbered_image(number)
             self._frame = Frame(number, self.exposure(number), now, image=image)
         return self._frame
 
 
-def wait_for(reached: Callable[[], bool]) -> None:
-    """Wait until something has happened."""
-    end, never = time.monotonic() + TIME_OUT, threading.Event()
-    while not reached():
-        assert time.monotonic() < end, "it has not happened"
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Wait for a condition."""
+    end, never = time.monotonic() + TIMEOUT_S, threading.Event()
+    while not condition():
+        assert time.monotonic() < end, "the condition did not become true"
         never.wait(0.002)
 
 
 def frames_of(camera: object, count: int) -> list[Frame]:
-    """So many different frames of a camera, as its user gets them."""
-    seen: list[Frame] = []
+    """Return a number of different frames of a camera."""
+    frames: list[Frame] = []
 
     def enough() -> bool:
         frame = camera.latest()  # type: ignore[attr-defined]
-        if frame is not None and (not seen or frame is not seen[-1]):
-            seen.append(frame)
-        return len(seen) >= count
+        if frame is not None and (not frames or frame is not frames[-1]):
+            frames.append(frame)
+        return len(frames) >= count
 
     wait_for(enough)
-    return seen
+    return frames
