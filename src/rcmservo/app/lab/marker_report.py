@@ -9,7 +9,7 @@ from rich.table import Table
 
 from rcmservo.interfaces import Image
 from rcmservo.tracking.candidates import SAME, UNSEEN, Candidate, TakenPair
-from rcmservo.tracking.look import MarkerLook
+from rcmservo.tracking.appearance import MarkerLook
 
 if TYPE_CHECKING:
     from rcmservo.figures.overlay import Ring
