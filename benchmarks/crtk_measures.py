@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from rcmservo.sim.rate_joints import SimulatedJoints
 
 from rcmservo.hardware.crtk import messages as m
 from rcmservo.hardware.crtk.arm import CrtkArm
@@ -28,7 +29,6 @@ from rcmservo.live.realtime import realtime
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.sim.arm import Drive
-from rcmservo.sim.rate_joints import SimulatedJoints
 from rcmservo.sim.rig import Rig
 
 NAME = "PSM1"

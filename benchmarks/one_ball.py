@@ -24,8 +24,8 @@ from rcmservo.method.estimators.base import Sample
 from rcmservo.method.tool import Tool
 from rcmservo.offline.frames_folder import frames, load
 from rcmservo.tracking import ColourMarkers
-from rcmservo.tracking.colours import COLOURS, weights
-from rcmservo.tracking.outline import disc_centre, fit_outline
+from rcmservo.tracking.circle_fit import find_colour_centroid, fit_outline
+from rcmservo.tracking.colours import COLOURS, colour_response
 
 SPLITS, LEARNT = 100, 20
 AFFINE = AffineEstimator()
@@ -57,8 +57,8 @@ def outlines(frame: Frame, markers: Markers, lab: Lab) -> Floats:
     image, sizes = np.array(frame.image), np.empty(2)
     for k, colour in enumerate((lab.markers.colour_1, lab.markers.colour_2)):
         (u, v), radius = markers.points[k], markers.radius[k]
-        amounts = weights(image, COLOURS.index(colour))
-        start = disc_centre(amounts, u, v, 1.2 * radius)
+        amounts = colour_response(image, COLOURS.index(colour))
+        start = find_colour_centroid(amounts, u, v, 1.2 * radius)
         sizes[k] = fit_outline(amounts, start, radius, 1.45 * radius)[0][2]
     return sizes
 

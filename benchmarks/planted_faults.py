@@ -89,7 +89,7 @@ FAULTS = (
     ),
     Fault(
         "marker centre, shifted by 0.3 px",
-        "tracking/ball.py",
+        "tracking/ball_fit.py",
         "return replace(self, u=self.u + du,",
         "return replace(self, u=self.u + du + 0.3,",
         "tracking",

@@ -50,10 +50,10 @@ def test_the_import_contracts_hold():
                 ("guard/gate.py", "import rcmservo.paper.stability", "Uncalibrated"),
                 ("offline/score.py", "from rcmservo.record import reader", "siblings"),
                 ("method/kinematics.py", "from rcmservo.servo.servo import Servo", "siblings"),
-                ("tracking/search.py", "from rcmservo.sim.camera_model import Optics", "siblings"),
+                ("tracking/full_search.py", "from rcmservo.sim.camera_model import Optics", "siblings"),
                 ("servo/servo.py", "import cv2", "OpenCV"),
                 ("sim/rendering/renderer.py", "import cv2", "OpenCV"),
-                ("tracking/ball.py", "import mujoco", "MuJoCo"),
+                ("tracking/ball_fit.py", "import mujoco", "MuJoCo"),
                 ("sim/scene.py", "from matplotlib import pyplot", "Matplotlib"),
                 ("new_room.py", "", "siblings"),
             ]

@@ -126,7 +126,7 @@ def test_every_request_of_a_person_is_shown_also_one_that_is_refused_once_more(
         lane
         for panel in plots.timeline(rows).panels
         for lane in panel.lanes
-        if "a person pauses" in lane.label
+        if "operator requests" in lane.label
     ]
     assert len(asked.bars) == 3
 

@@ -1,5 +1,4 @@
-"""Figures as data: the same figure gives the same drawing, and nothing is drawn that was not
-there."""
+"""Charts as data: the same figure gives the same drawing, and gaps stay gaps."""
 
 import json
 from dataclasses import asdict
@@ -51,32 +50,32 @@ def test_the_same_figure_gives_the_same_drawing() -> None:
     assert "<image" not in text
 
 
-def test_a_curve_is_thinned_and_what_is_not_finite_is_a_gap() -> None:
-    one = example().panels[0].curves[0]
-    assert 100 < len(one.x) <= MAX_POINTS
-    assert one.y[0] == 0.0
-    assert one.y[-1] is None
+def test_a_curve_is_thinned_and_non_finite_values_are_gaps() -> None:
+    first_curve = example().panels[0].curves[0]
+    assert 100 < len(first_curve.x) <= MAX_POINTS
+    assert first_curve.y[0] == 0.0
+    assert first_curve.y[-1] is None
     json.dumps(asdict(example()), allow_nan=False)
 
 
-def test_curves_can_be_told_apart_without_colour() -> None:
+def test_curves_are_distinguishable_without_colour() -> None:
     assert len({str(style.dashes) for style in STYLES}) == len(STYLES)
     assert len({style.marker for style in STYLES}) == len(STYLES)
 
 
-def test_a_figure_can_be_saved_as_a_picture(tmp_path: Path) -> None:
+def test_a_figure_is_saved_as_png(tmp_path: Path) -> None:
     save(example(), tmp_path / "figure.png")
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_figure_that_cannot_be_saved_leaves_nothing(tmp_path: Path) -> None:
+def test_a_figure_that_cannot_be_saved_leaves_no_file(tmp_path: Path) -> None:
     (tmp_path / "figure.png.part").mkdir()
     with pytest.raises(UnusableFile, match=r"figure.png: cannot be written"):
         save(example(), tmp_path / "figure.png")
     assert not (tmp_path / "figure.png").exists()
 
 
-def test_a_map_has_one_scale_for_both_axes_and_a_picture_grows_downwards() -> None:
+def test_a_map_has_one_scale_for_both_axes_and_can_grow_downwards() -> None:
     panel = Panel("u [px]", "v [px]", [curve("", [0, 400], [0, 100])], map=True, downward=True)
     (axis,) = _canvas(Figure("", [panel])).axes
     assert axis.get_aspect() == 1.0 and axis.yaxis_inverted()

@@ -1,4 +1,4 @@
-"""A recording is read as others write it, or refused in one sentence that says what is wrong."""
+"""Recordings are read in any common format, or refused in one sentence with the reason."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ COUNT = 12
 
 @dataclass
 class Recording:
-    """A recording of points on its way to a file: cells by title, and how they are written."""
+    """Recording of points as cells by title, with the format of its file."""
 
     folder: Path
     table: dict[str, list[str]] = field(default_factory=dict)
@@ -40,12 +40,12 @@ class Recording:
     def change(self, title: str, change: Callable[[float], float]) -> None:
         self.table[title] = [str(float(change(float(cell)))) for cell in self.table[title]]
 
-    def without(self, *titles: str) -> None:
+    def remove(self, *titles: str) -> None:
         for title in titles:
             del self.table[title]
 
-    def with_pictures(self, name: str) -> None:
-        self.without(*POINT_COLUMNS)
+    def write_images(self, name: str) -> None:
+        self.remove(*POINT_COLUMNS)
         (self.folder / "frames").mkdir()
         for frame in self.table["frame"]:
             _, data = cv2.imencode(Path(name).suffix, np.full((12, 16, 3), 90, dtype=np.uint8))
@@ -58,7 +58,7 @@ class Recording:
         (self.folder / "poses.csv").write_bytes(text.encode(self.encoding))
         return load(self.folder, MECHANISM, TOOL)
 
-    def refused(self) -> str:
+    def error_sentence(self) -> str:
         with pytest.raises(RcmServoError) as caught:
             self.load()
         sentence = str(caught.value)
@@ -71,7 +71,7 @@ def recording(tmp_path: Path) -> Recording:
     return Recording(tmp_path)
 
 
-def same(poses: list[Pose], others: list[Pose]) -> bool:
+def are_equal(poses: list[Pose], others: list[Pose]) -> bool:
     def numbers(pose: Pose) -> list[float]:
         assert pose.points is not None and pose.time is not None
         return [*pose.q, *pose.p1, *pose.points.ravel(), pose.time]
@@ -81,7 +81,7 @@ def same(poses: list[Pose], others: list[Pose]) -> bool:
     ]
 
 
-# ---------------------------------------------------------------- as others write it
+# ---------------------------------------------------------------- accepted formats
 
 
 def test_points_alone_are_a_recording(recording: Recording) -> None:
@@ -93,13 +93,13 @@ def test_points_alone_are_a_recording(recording: Recording) -> None:
     assert poses[1].time == 0.1
 
 
-def test_of_a_marker_that_was_not_seen_both_cells_are_empty(recording: Recording) -> None:
+def test_both_cells_of_an_undetected_marker_are_empty(recording: Recording) -> None:
     recording.table["m1_u_px"][3] = recording.table["m1_v_px"][3] = ""
     points = recording.load()[3].points
     assert points is not None
     np.testing.assert_array_equal(np.isfinite(points).all(axis=1), [False, True])
     recording.table["m2_v_px"][5] = ""
-    assert "frame 05: m2_v_px must be a finite number" in recording.refused()
+    assert "frame 05: m2_v_px must be a finite number" in recording.error_sentence()
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
@@ -107,18 +107,18 @@ def test_of_a_marker_that_was_not_seen_both_cells_are_empty(recording: Recording
 @pytest.mark.parametrize(
     ("separator", "decimal"), [(",", "."), (", ", "."), (";", "."), (";", ","), ("\t", ",")]
 )
-def test_a_table_is_the_same_however_it_is_written(
+def test_the_format_of_a_table_does_not_change_its_content(
     encoding: str, end: str, separator: str, decimal: str, recording: Recording
 ) -> None:
-    usual = recording.load()
+    expected = recording.load()
     recording.encoding, recording.end = encoding, end
     recording.separator, recording.decimal = separator, decimal
-    assert same(recording.load(), usual)
+    assert are_equal(recording.load(), expected)
 
 
 @pytest.mark.parametrize("name", ["{}.jpg", "{}.JPG", "{}.jpeg", "{}.png", "{}.PNG"])
-def test_pictures_are_found_by_any_usual_ending(name: str, recording: Recording) -> None:
-    recording.with_pictures(name)
+def test_images_are_found_with_any_common_suffix(name: str, recording: Recording) -> None:
+    recording.write_images(name)
     (recording.folder / "frames" / f".{name}").write_bytes(b"left by another system")
     poses = recording.load()
     assert [pose.picture and pose.picture.name for pose in poses] == [
@@ -129,22 +129,22 @@ def test_pictures_are_found_by_any_usual_ending(name: str, recording: Recording)
 # ---------------------------------------------------------------- refused
 
 
-def test_joints_in_another_unit_are_refused_with_the_likely_one(recording: Recording) -> None:
-    recording.without("x_m", "y_m", "z_m")
+def test_joints_in_another_unit_are_refused_with_the_likely_unit(recording: Recording) -> None:
+    recording.remove("x_m", "y_m", "z_m")
     recording.change("theta_rad", np.degrees)
-    sentence = recording.refused()
+    sentence = recording.error_sentence()
     assert "frame 00: theta_rad must be within the rig's limits" in sentence
     assert "(this looks like degrees)" in sentence and "got 34.3" in sentence
     recording.change("theta_rad", np.radians)
     recording.change("rho_m", lambda rho: 1e3 * rho)
-    assert "rho_m must be" in (sentence := recording.refused())
+    assert "rho_m must be" in (sentence := recording.error_sentence())
     assert "0.04 to 0.22 m (this looks like mm), got 100.0" in sentence
 
 
-def test_joints_a_little_beyond_the_limits_are_in_no_other_unit(recording: Recording) -> None:
-    recording.without("x_m", "y_m", "z_m")
+def test_joints_slightly_outside_the_limits_get_no_unit_hint(recording: Recording) -> None:
+    recording.remove("x_m", "y_m", "z_m")
     recording.table["theta_rad"][7] = "1.6"
-    sentence = recording.refused()
+    sentence = recording.error_sentence()
     assert "frame 07: theta_rad" in sentence and "1.484 rad, got 1.6" in sentence
     recording.table["theta_rad"][7] = "1.49"
     assert len(recording.load()) == COUNT
@@ -153,13 +153,13 @@ def test_joints_a_little_beyond_the_limits_are_in_no_other_unit(recording: Recor
 def test_positions_in_mm_are_refused_with_their_likely_unit(recording: Recording) -> None:
     for title in ("x_m", "y_m", "z_m"):
         recording.change(title, lambda x: 1e3 * x)
-    assert "what the joints give (this looks like mm)" in recording.refused()
+    assert "the position by the joints (this looks like mm)" in recording.error_sentence()
     recording.change("x_m", lambda x: x + 5.0)
-    assert "this looks like" not in recording.refused()
+    assert "this looks like" not in recording.error_sentence()
 
 
 @pytest.mark.parametrize(
-    ("title", "needs"),
+    ("title", "purpose"),
     [
         ("frame", "frame, which a spherical mechanism"),
         ("rho_m", "rho_m, which a spherical mechanism"),
@@ -167,24 +167,24 @@ def test_positions_in_mm_are_refused_with_their_likely_unit(recording: Recording
         ("z_m", "z_m, which a position"),
     ],
 )
-def test_a_column_that_is_missing_is_named(title: str, needs: str, recording: Recording) -> None:
-    recording.without(title)
-    assert f"has no column {needs} needs" in recording.refused()
+def test_a_missing_column_is_named(title: str, purpose: str, recording: Recording) -> None:
+    recording.remove(title)
+    assert f"has no column {purpose} needs" in recording.error_sentence()
 
 
-def test_decimal_commas_between_commas_are_told(recording: Recording) -> None:
+def test_decimal_commas_between_commas_are_reported(recording: Recording) -> None:
     recording.decimal = ","
-    assert "frame 00: has more cells than there are titles; decimal" in recording.refused()
+    assert "frame 00: has more cells than there are titles; decimal" in recording.error_sentence()
 
 
-def test_two_columns_of_one_title_and_other_encodings_are_told(recording: Recording) -> None:
+def test_duplicate_columns_and_other_encodings_are_reported(recording: Recording) -> None:
     recording.table["rho_m "] = recording.table["rho_m"]
-    assert "has two columns rho_m" in recording.refused()
+    assert "has two columns rho_m" in recording.error_sentence()
     recording.encoding = "utf-16"
-    assert "is not a table of text in UTF-8" in recording.refused()
+    assert "is not a table of text in UTF-8" in recording.error_sentence()
 
 
-def test_without_pictures_and_points_both_are_told(recording: Recording) -> None:
-    recording.without(*POINT_COLUMNS)
-    assert "holds no frames" in (sentence := recording.refused())
+def test_missing_images_and_points_are_both_reported(recording: Recording) -> None:
+    recording.remove(*POINT_COLUMNS)
+    assert "holds no images" in (sentence := recording.error_sentence())
     assert "m1_u_px, m1_v_px, m2_u_px, m2_v_px" in sentence

@@ -1,4 +1,4 @@
-"""One ball of a recorded real arm tells the tool's place, once its size is that of one edge."""
+"""One ball of a recorded real arm gives the tool's position, if its size follows one edge."""
 
 import numpy as np
 import pytest
@@ -14,18 +14,18 @@ def lab() -> Lab:
 
 
 @pytest.fixture(scope="module")
-def seen(lab: Lab) -> list[Still]:
+def observations(lab: Lab) -> list[Still]:
     if not DATA.exists():
         pytest.skip("../shared/data/dvrk_two_balls is not here")
     return stills(DATA, lab)
 
 
-@pytest.mark.parametrize(("k", "bar"), [(0, 1.5), (1, 2.0)])
-def test_one_ball_tells_the_place_by_its_size(
-    k: int, bar: float, seen: list[Still], lab: Lab
+@pytest.mark.parametrize(("k", "limit"), [(0, 1.5), (1, 2.0)])
+def test_the_size_of_one_ball_gives_the_position(
+    k: int, limit: float, observations: list[Still], lab: Lab
 ) -> None:
-    """Ball 2 is smaller and farther away: the same error of its size is 1.5 times as far."""
-    assert len(seen) == 30
-    for sizes in ([one.tracked for one in seen], [one.outlined for one in seen]):
-        off = errors(seen, sizes, k, lab.tool)
-        assert np.median(off) <= bar and np.quantile(off, 0.975) <= 2.0 * bar
+    """Ball 2 is smaller and farther away: the same size error causes 1.5 times the error."""
+    assert len(observations) == 30
+    for sizes in ([one.tracked for one in observations], [one.outlined for one in observations]):
+        error_mm = errors(observations, sizes, k, lab.tool)
+        assert np.median(error_mm) <= limit and np.quantile(error_mm, 0.975) <= 2.0 * limit

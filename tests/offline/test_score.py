@@ -1,4 +1,4 @@
-"""Replay of a recording of a real arm reaches what the project promises of it."""
+"""Scores of the recording of a real arm meet the requirements."""
 
 import json
 from typing import Any
@@ -43,7 +43,7 @@ def test_one_fit_reprojects_both_balls_to_two_pixels(report: Any) -> None:
     assert max(report["reprojection_rms_px"].values()) <= 2.0
 
 
-def test_the_imaged_rcm_is_where_three_independent_estimates_put_it(report: Any) -> None:
+def test_the_imaged_rcm_agrees_with_three_independent_estimates(report: Any) -> None:
     assert np.linalg.norm(np.array(report["imaged_rcm_px"]) - (-110.0, -252.0)) < 30.0
     assert 100.0 < report["imaged_rcm_condition"] < 2000.0
 
@@ -55,11 +55,11 @@ def test_the_next_frame_is_predicted_over_the_finite_step(report: Any) -> None:
     assert row["d_px"] <= 1.0
 
 
-def test_every_estimator_has_a_linear_row_that_beats_predicting_no_motion(report: Any) -> None:
-    still = report["one_step_rms"]["no_motion"]
+def test_the_linear_step_of_every_estimator_beats_predicting_no_motion(report: Any) -> None:
+    no_motion = report["one_step_rms"]["no_motion"]
     for name in ("projection", "projection-printed", "flow"):
         row = report["one_step_rms"][f"{name}_linear"]
-        assert all(row[key] < still[key] for key in still)
+        assert all(row[key] < no_motion[key] for key in no_motion)
 
 
 def test_the_finite_step_beats_the_linear_one(report: Any) -> None:

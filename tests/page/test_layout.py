@@ -13,7 +13,7 @@ from conftest import ROOT, laboratory
 from rcmservo.page.seen.shape import Shape
 from rcmservo.page.web.doors import Doors
 from rcmservo.page.web.layout import lay_out
-from rcmservo.sim.processes.trouble import menu
+from rcmservo.sim.processes.live_disturbances import menu
 
 PAGE = ROOT / "src/rcmservo/page"
 STATIC = PAGE / "web/static"

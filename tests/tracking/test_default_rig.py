@@ -1,4 +1,4 @@
-"""What the tracker promises at the default rig, in small: benchmarks/tracking.py asks more."""
+"""Accuracy of the tracker at the default rig, on a small sample of benchmarks/tracking.py."""
 
 import numpy as np
 import pytest
@@ -20,32 +20,36 @@ from rcmservo.tracking import ColourMarkers, PointMarkers
 
 
 @pytest.mark.slow
-def test_the_error_hardly_changes_with_the_place_on_the_grid_of_pixels() -> None:
-    """In scenes 6, 8, 13 and 14 it jumped: the fit to the pixels stood in one picture and not in
-    the next."""
+def test_the_error_hardly_depends_on_the_position_on_the_pixel_grid() -> None:
+    """Regression: in scenes 6, 8, 13 and 14 the error jumped from image to image.
+
+    The edge fit succeeded in one image and failed in the next.
+    """
     errors = np.array([errors_on_path(seed, length=2.0) for seed in (0, 2, 6, 8, 13, 14)])[..., :2]
     assert rms(np.linalg.norm(errors, axis=-1)) < 0.10
     assert rms(np.array([about_trend(one) for one in errors])) < 0.02
 
 
 @pytest.mark.slow
-def test_the_covariance_that_is_told_explains_the_scatter_over_noise() -> None:
-    """In scene 6 the ball was not looked at from where it was, and in one picture of eight no
-    covariance was told."""
-    told = np.array([surprise(seed, 16) for seed in (0, 1, 3, 4, 6, 13)])
-    assert 0.5 < told.mean() < 1.6
+def test_the_reported_covariance_explains_the_scatter_caused_by_noise() -> None:
+    """Regression: in scene 6 one image of eight gave no covariance.
+
+    The fit did not start from the ball's last position.
+    """
+    covariance_ratio = np.array([surprise(seed, 16) for seed in (0, 1, 3, 4, 6, 13)])
+    assert 0.5 < covariance_ratio.mean() < 1.6
 
 
 def test_the_covariance_is_unknown_where_a_marker_is_lost_or_only_a_point() -> None:
     lost = ColourMarkers().find(Frame(0, 0, 0, np.zeros((60, 80, 3), np.uint8)))
     point = PointMarkers().find(Frame(0, 0, 0, points=np.ones((2, 2))))
-    for seen in (lost, point):
-        assert seen.covariance.shape == (2, 3, 3)
-        assert np.isnan(seen.covariance).all()
+    for markers in (lost, point):
+        assert markers.covariance.shape == (2, 3, 3)
+        assert np.isnan(markers.covariance).all()
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_third_ball_of_a_markers_colour_is_told_and_not_chosen(seed: int) -> None:
+def test_a_third_ball_of_a_markers_colour_is_reported_and_not_chosen(seed: int) -> None:
     frame = third_ball(seed)
     assert np.isnan(ColourMarkers().find(frame).points).any()
     assert "two pairs of balls can be the markers" in ColourMarkers().why(frame)
@@ -65,27 +69,28 @@ def test_a_tool_that_moves_by_fifteen_pixels_a_frame_is_followed() -> None:
 
 
 @pytest.mark.slow
-def test_a_tool_that_gains_speed_is_followed_though_it_is_smeared() -> None:
-    """By up to 13.5 px, more than most balls' radius. By sharp outlines alone more than half of
-    these are lost or wrong, by the smeared one alone a sixth; what is left is found, 3 to 4 px
-    off, and its covariance says so."""
+def test_an_accelerating_tool_is_followed_despite_motion_blur() -> None:
+    """The blur reaches 13.5 px, more than the radius of most balls.
+
+    Sharp outlines alone lose or misplace more than half of these markers, blurred outlines alone a
+    sixth. The remaining errors of 3 to 4 px agree with the reported covariance.
+    """
     found = [one for seed in range(10) for one in from_rest(seed, 15.0, 12, 0.015)]
     bad, due = bad_of(found)
     assert due > 100
     assert bad <= 0.08 * due
-    off = np.array([seen.points - balls[:, :2] for seen, balls in found])
-    told = np.array([seen.covariance[:, 0, 0] for seen, _ in found])
-    assert 0.5 < np.nanmean(off**2 / told[:, :, None]) < 1.5
+    error = np.array([markers.points - balls[:, :2] for markers, balls in found])
+    variance = np.array([markers.covariance[:, 0, 0] for markers, _ in found])
+    assert 0.5 < np.nanmean(error**2 / variance[:, :, None]) < 1.5
 
 
-def test_a_ball_of_which_half_is_seen_is_followed_when_it_begins_to_be_smeared() -> None:
-    """In scene 306 the shaft hides half of it, and it was lost as soon as no sharp look found
-    it."""
+def test_a_half_visible_ball_is_followed_when_motion_blur_begins() -> None:
+    """Regression: in scene 306 the tracker lost the ball as soon as the sharp fit failed."""
     bad, due = bad_of(from_rest(306, 15.0, 12, 1.0 / 60.0))
     assert bad == 0 and due >= 10
 
 
-def test_a_ball_that_comes_into_the_picture_smeared_is_followed_by_the_way_of_the_other() -> None:
-    """Scene 406."""
+def test_a_ball_that_enters_the_image_blurred_is_followed_by_the_motion_of_the_other() -> None:
+    """Regression: scene 406."""
     bad, due = bad_of(from_rest(406, 15.0, 12, 1.0 / 60.0))
     assert bad == 0 and due >= 10

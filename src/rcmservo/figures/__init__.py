@@ -1,1 +1,1 @@
-"""Figures and pictures of a run."""
+"""Charts, annotated images and videos of a run."""

@@ -1,6 +1,6 @@
-"""Figures as data, and how they are drawn: in one style, for colour-blind eyes and in grey too.
+"""Charts as data, and their drawing in one style that works for colour-blind readers and in grey.
 
-A figure is plain numbers and words. It can be kept, compared bit for bit and drawn again.
+A figure holds plain numbers and words. It can be stored, compared bit for bit and drawn later.
 """
 
 import io
@@ -17,26 +17,26 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
 MAX_POINTS = 500
-"""Points of a curve beyond which it is thinned: more cannot be seen."""
+"""Largest number of points of a curve. Longer curves are thinned: a chart resolves no more."""
 
 Dashes = str | tuple[int, tuple[int, ...]]
-"""A line's dashes, in Matplotlib's words."""
+"""Dash pattern of a line, as Matplotlib takes it."""
 
 
 class Style(NamedTuple):
-    """How a curve is drawn."""
+    """Style of a curve."""
 
     colour: str
-    """Its colour."""
+    """Colour, as a hexadecimal RGB code."""
 
     dashes: Dashes
-    """The dashes of its line."""
+    """Dash pattern of the line."""
 
     width: float
-    """Points, that of its line."""
+    """Width of the line in points."""
 
     marker: str
-    """The mark at its points, where it has no line."""
+    """Marker at the points of a curve without a line."""
 
 
 STYLES = (
@@ -48,13 +48,13 @@ STYLES = (
     Style("#e69f00", (0, (8, 2)), 1.5, "P"),
     Style("#56b4e9", (0, (2, 1)), 1.5, "X"),
 )
-"""Colours after Okabe and Ito. Every style has its own dashes and its own marker too."""
+"""Styles of curves, with the colours of Okabe and Ito. Dashes and markers differ as well."""
 
 MEASURED = Style("#999999", "-", 2.6, ".")
-"""Of the measured curve, on which an estimate is laid."""
+"""Style of a measured curve, under an estimated one."""
 
 TONES = ("#999999", "#d0d0d0", "#56b4e9", "#009e73", "#f0e442", "#e69f00", "#d55e00", "#cc79a7")
-"""Colours of bands and bars, from harmless to grave, and that of a person's own motion."""
+"""Colours of bands and bars, from harmless to severe; the last one marks manual motion."""
 
 RC: Any = {
     "font.size": 9,
@@ -69,47 +69,47 @@ RC: Any = {
 
 @dataclass(frozen=True)
 class Curve:
-    """A line, or points."""
+    """Line or points."""
 
     label: str
-    """What the legend calls it; empty where it does not."""
+    """Entry in the legend; empty for no entry."""
 
     x: list[float]
-    """Of each point."""
+    """x of each point."""
 
     y: list[float | None]
-    """Of each point; None is a gap."""
+    """y of each point; None is a gap."""
 
     style: int = 0
-    """A place in STYLES; -1 for what was measured."""
+    """Index in `STYLES`; -1 selects `MEASURED`."""
 
     marks: bool = False
-    """Whether its points are marked instead of joined."""
+    """True for markers at the points instead of a line."""
 
 
 @dataclass(frozen=True)
 class Bar:
-    """A span of x in one of the TONES."""
+    """Span of x in one of the `TONES`."""
 
     start: float
-    """The least x."""
+    """Smallest x."""
 
     end: float
-    """The greatest x."""
+    """Largest x."""
 
     tone: int
-    """A place in TONES."""
+    """Index in `TONES`."""
 
 
 @dataclass(frozen=True)
 class Lane:
-    """Bars in one line."""
+    """Row of bars."""
 
     label: str
-    """What stands beside them, in one line or more."""
+    """Label next to the row, of one or more lines."""
 
     bars: list[Bar]
-    """They may overlap."""
+    """Bars, which may overlap."""
 
 
 @dataclass(frozen=True)
@@ -117,79 +117,79 @@ class Panel:
     """One pair of axes."""
 
     x: str
-    """The label with its unit."""
+    """Label of the x axis, with its unit."""
 
     y: str
-    """The label with its unit."""
+    """Label of the y axis, with its unit."""
 
     curves: list[Curve]
-    """All that are drawn."""
+    """Curves of the panel."""
 
     levels: list[tuple[str, float]] = field(default_factory=list[tuple[str, float]])
-    """Dashed lines: a label and its y."""
+    """Dashed horizontal lines, each with a label and its y."""
 
     shaded: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
-    """Spans of x."""
+    """Shaded spans of x."""
 
     log_x: bool = False
-    """Whether x is logarithmic."""
+    """True for a logarithmic x axis."""
 
     log_y: bool = False
-    """Whether y is logarithmic."""
+    """True for a logarithmic y axis."""
 
     y_limits: tuple[float, float] | None = None
-    """The least and the greatest y that are shown; None for all."""
+    """Smallest and largest visible y; None for all."""
 
     categories: list[str] = field(default_factory=list[str])
-    """Words along x, which then counts them from 0."""
+    """Words along x; x then counts them from 0."""
 
     lanes: list[Lane] = field(default_factory=list[Lane])
-    """Lines of bars, the first on top."""
+    """Rows of bars, the first on top."""
 
     bands: list[Bar] = field(default_factory=list[Bar])
-    """They lie behind the curves, as high as the panel."""
+    """Bars behind the curves, over the full height of the panel."""
 
     map: bool = False
-    """Whether x and y have one scale."""
+    """True for the same scale of x and y."""
 
     downward: bool = False
-    """Whether y grows down, as in a picture."""
+    """True for y that grows downwards, as in an image."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """Panels in rows, under one title."""
+    """Panels in rows under one title."""
 
     title: str
-    """Above all panels."""
+    """Title above all panels."""
 
     panels: list[Panel]
-    """Row by row."""
+    """Panels, row by row."""
 
     columns: int = 1
-    """Panels in a row."""
+    """Panels per row."""
 
 
 def curve(label: str, x: Any, y: Any, style: int = 0, marks: bool = False) -> Curve:
-    """A curve of two arrays, thinned to what can be seen and rounded to six digits.
+    """Return a curve of two arrays, thinned to `MAX_POINTS` and rounded to six digits.
 
-    What is not finite is a gap.
+    A value that is not finite becomes a gap.
     """
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     step = max(1, -(-len(x) // MAX_POINTS))
     rounded = [[float(f"{value:.6g}") for value in values[::step]] for values in (x, y)]
-    known = [value if np.isfinite(value) else None for value in rounded[1]]
-    return Curve(label, rounded[0], known, style, marks)
+    gaps = [value if np.isfinite(value) else None for value in rounded[1]]
+    return Curve(label, rounded[0], gaps, style, marks)
 
 
 def save(figure: Figure, path: Path) -> None:
     """Draw a figure into a PNG file."""
-    with whole(path) as part:
-        _canvas(figure).savefig(part, format="png", dpi=130)
+    with whole(path) as partial_file:
+        _canvas(figure).savefig(partial_file, format="png", dpi=130)
 
 
 def svg(figure: Figure) -> str:
-    """Draw a figure as SVG, the same text for the same figure."""
+    """Return a figure as SVG; the same figure gives the same text."""
     import matplotlib as mpl
 
     text = io.StringIO()
@@ -199,50 +199,54 @@ def svg(figure: Figure) -> str:
 
 
 def _canvas(figure: Figure) -> "Canvas":
-    """The figure as Matplotlib has it, which is loaded only now: it takes a second."""
+    """Return the figure as a Matplotlib figure.
+
+    Matplotlib takes a second to import, so it is imported here.
+    """
     import matplotlib as mpl
     from matplotlib.figure import Figure as Canvas
 
     heights = _row_heights(figure)
     width = 9.6 if any(panel.lanes or panel.map for panel in figure.panels) else 7.2
-    share = figure.columns == 1 and len({panel.x for panel in figure.panels}) == 1
+    share_x = figure.columns == 1 and len({panel.x for panel in figure.panels}) == 1
     with mpl.rc_context(RC):
         canvas = Canvas(figsize=(width, 0.7 + sum(heights)), layout="constrained")
         canvas.suptitle(figure.title, fontsize=10)
         axes = canvas.subplots(
-            len(heights), figure.columns, squeeze=False, sharex=share, height_ratios=heights
+            len(heights), figure.columns, squeeze=False, sharex=share_x, height_ratios=heights
         )
         for i, axis in enumerate(axes.ravel()):
             if i < len(figure.panels):
-                lowest = i >= len(figure.panels) - figure.columns
-                _draw(figure.panels[i], axis, label_x=lowest or not share)
+                is_lowest = i >= len(figure.panels) - figure.columns
+                _draw(figure.panels[i], axis, label_x=is_lowest or not share_x)
             else:
                 axis.set_axis_off()
     return canvas
 
 
 def _row_heights(figure: Figure) -> list[float]:
-    """Inches of each row of panels: as many as its highest panel needs."""
+    """Return the height of each row of panels (inches): that of its tallest panel."""
     rows = -(-len(figure.panels) // figure.columns)
     usual = 1.6 if rows > 1 and figure.columns == 1 else 2.6
-    first = range(0, rows * figure.columns, figure.columns)
-    return [max(_height(p, usual) for p in figure.panels[i : i + figure.columns]) for i in first]
+    row_starts = range(0, rows * figure.columns, figure.columns)
+    return [
+        max(_height(p, usual) for p in figure.panels[i : i + figure.columns]) for i in row_starts
+    ]
 
 
 def _height(panel: Panel, usual: float) -> float:
-    """Inches that a panel needs."""
+    """Return the height of a panel (inches)."""
     if panel.lanes:
         return 0.25 + 0.15 * sum(_lines(lane) for lane in panel.lanes)
     return 3.4 if panel.map else 2.6 if panel.bands else usual
 
 
 def _lines(lane: Lane) -> float:
-    """Lines of text that a lane is high: those of its label, and half a one between labels."""
+    """Return the height of a lane in lines of text: its label and half a line of space."""
     return 1.5 + lane.label.count("\n")
 
 
 def _draw(panel: Panel, axis: Any, label_x: bool) -> None:
-    """Draw a panel on a pair of axes."""
     for one in panel.curves:
         _draw_curve(one, axis)
     for start, end in panel.shaded:
@@ -265,19 +269,19 @@ def _draw_curve(one: Curve, axis: Any) -> None:
     y = [np.nan if value is None else value for value in one.y]
     marks = {"marker": style.marker, "ms": 4} if one.marks else {}
     dashes = "" if one.marks else style.dashes
-    look = {"color": style.colour, "ls": dashes, "lw": style.width, **marks}
-    axis.plot(one.x, y, label=one.label or None, **look)
+    style_arguments = {"color": style.colour, "ls": dashes, "lw": style.width, **marks}
+    axis.plot(one.x, y, label=one.label or None, **style_arguments)
 
 
 def _draw_level(label: str, level: float, axis: Any) -> None:
-    """A dashed line, with its label at its right end."""
+    """Draw a dashed line with its label at the right end."""
     axis.axhline(level, color="#555555", ls=(0, (4, 3)), lw=1)
-    place, coordinates = (0.995, level), ("axes fraction", "data")
-    axis.annotate(label, place, xycoords=coordinates, ha="right", va="bottom", fontsize=8)
+    position, coordinates = (0.995, level), ("axes fraction", "data")
+    axis.annotate(label, position, xycoords=coordinates, ha="right", va="bottom", fontsize=8)
 
 
 def _draw_scales(panel: Panel, axis: Any) -> None:
-    """Logarithmic or linear, how far they reach, and the words along x."""
+    """Set the scales, the limits and the words along x."""
     axis.set_xscale("log" if panel.log_x else "linear")
     axis.set_yscale("log" if panel.log_y else "linear")
     if panel.y_limits is not None:
@@ -293,26 +297,26 @@ def _draw_scales(panel: Panel, axis: Any) -> None:
 
 
 def _draw_lanes(lanes: Sequence[Lane], axis: Any) -> None:
-    """Draw each lane's bars in a line, the first lane on top.
+    """Draw the bars of each lane in a row, the first lane on top.
 
-    A short bar is drawn wide enough to be seen.
+    The line width keeps short bars visible.
     """
     if not lanes:
         return
-    places: list[float] = []
+    rows: list[float] = []
     depth = 0.0
     for lane in lanes:
-        places.append(depth + _lines(lane) / 2.0)
+        rows.append(depth + _lines(lane) / 2.0)
         depth += _lines(lane)
         for bar in lane.bars:
-            span, height = (bar.start, bar.end - bar.start), (places[-1] - 0.45, 0.9)
+            span, height = (bar.start, bar.end - bar.start), (rows[-1] - 0.45, 0.9)
             axis.broken_barh([span], height, color=TONES[bar.tone], lw=1.2)
-    axis.set_yticks(places, [lane.label for lane in lanes], fontsize=7.5)
+    axis.set_yticks(rows, [lane.label for lane in lanes], fontsize=7.5)
     axis.set_ylim(depth, 0.0)
     axis.tick_params(axis="y", length=0)
     axis.grid(visible=False, axis="y")
 
 
 def _tilt(words: Sequence[str]) -> float:
-    """Degrees by which words along x are turned, so that long ones fit."""
+    """Return the rotation (degrees) of words along x that lets long ones fit."""
     return 25.0 if max(map(len, words)) * len(words) > 70 else 0.0

@@ -1,5 +1,4 @@
-"""The camera's picture with what the servo sees in it: the tool blue, the target black, as in Fig.
-7."""
+"""Drawing on camera images: tool (blue) and target (black) as in Fig. 7, and rings around balls."""
 
 import itertools
 import textwrap
@@ -14,14 +13,20 @@ from rcmservo.errors import UnusableFile
 from rcmservo.interfaces import Floats, Image
 
 BLUE, BLACK, WHITE, YELLOW = (255, 90, 0), (0, 0, 0), (255, 255, 255), (0, 220, 255)
-SHIFT = 4
-"""Bits of sub-pixel position in OpenCV's drawing."""
+SUBPIXEL_BITS = 4
+"""Fractional bits of pixel positions in OpenCV's drawing functions."""
 
 DARK = (45, 35, 30)
+"""Colour of label backgrounds, blue-green-red."""
+
+Colour = tuple[int, int, int]
+"""Blue, green and red, 0 to 255."""
+
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 
-FAR = 20_000.0
-"""px. Of an imaged RCM further away than this only the direction is drawn."""
+MAX_POINT_DISTANCE_PX = 20_000.0
+"""Largest coordinate (px) of an imaged RCM that is drawn as a point. Only the direction of a
+farther one is drawn."""
 
 
 def draw(
@@ -32,127 +37,158 @@ def draw(
     words: str,
     others: Sequence[Floats] = (),
 ) -> Image:
-    """A copy of the picture with the markers m₁ m₂ (2, 2), the imaged RCM o_c (2,), the target (2,
-    2), all in px, and lines of words.
+    """Return a copy of the image with the tool, the target and lines of text.
 
-    The lines run from o_c to m₁ (r) and on to m₂ (d); their direction is s. What is NaN is left
-    out. Further targets, `others`, are drawn in thin black.
+    Lines run from o_c to m1 (length r) and on to m2 (length d); their direction is s. NaN entries
+    are left out.
+
+    Parameters
+    ----------
+    image : array (height, width, 3)
+        Camera image, uint8, blue-green-red.
+    points : array (2, 2)
+        Markers m1 and m2 (px), drawn in blue.
+    o_c : array (2,)
+        Imaged RCM (px), drawn as a cross.
+    target : array (2, 2)
+        Markers at the target (px), drawn in black.
+    words : str
+        Lines of text at the lower left.
+    others : sequence of array (2, 2)
+        Further targets (px), drawn in thin black.
+
+    Returns
+    -------
+    array (height, width, 3)
+        Annotated image.
     """
-    picture = image.copy()
+    result = image.copy()
     for other in others:
-        _tool(picture, other, o_c, BLACK, 1)
-    _tool(picture, target, o_c, BLACK, 2)
-    _tool(picture, points, o_c, BLUE, 2)
-    if np.isfinite(o_c).all() and bool(np.max(np.abs(o_c)) < FAR):
+        _draw_tool(result, other, o_c, BLACK, 1)
+    _draw_tool(result, target, o_c, BLACK, 2)
+    _draw_tool(result, points, o_c, BLUE, 2)
+    if np.isfinite(o_c).all() and bool(np.max(np.abs(o_c)) < MAX_POINT_DISTANCE_PX):
         cv2.drawMarker(
-            picture, (round(o_c[0]), round(o_c[1])), YELLOW, cv2.MARKER_TILTED_CROSS, 16, 2
+            result, (round(o_c[0]), round(o_c[1])), YELLOW, cv2.MARKER_TILTED_CROSS, 16, 2
         )
     height = image.shape[0]
     for row, line in enumerate(reversed(words.splitlines())):
         for colour, shift in ((BLACK, 1), (WHITE, 0)):
-            place = 10 + shift, height - 12 - 20 * row + shift
-            cv2.putText(picture, line, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
-    return picture
+            position = 10 + shift, height - 12 - 20 * row + shift
+            cv2.putText(result, line, position, FONT, 0.5, colour, 1, cv2.LINE_AA)
+    return result
 
 
 class Ring(NamedTuple):
-    """A ball of a picture, as it is drawn there."""
+    """Circle with a label around a ball in an image."""
 
     u: float
-    """px, of the centre."""
+    """Column of the centre (px)."""
     v: float
-    """px, of the centre."""
+    """Row of the centre (px)."""
     radius: float
-    """px."""
+    """Radius of the ball (px)."""
     words: str
-    """Beside it."""
+    """Label next to the ring."""
     strong: bool
-    """Whether it is one of those that the picture is about."""
+    """True to highlight the ball."""
 
 
 def draw_balls(image: Image, rings: Sequence[Ring], words: str) -> Image:
-    """A copy of the picture with its balls ringed and named, those that are strong joined by a
-    line, and a strip with words below it."""
-    picture, size = image.copy(), max(image.shape[0] / 960.0, 0.45)
-    strong = [ring for ring in rings if ring.strong]
-    for a, b in itertools.pairwise(strong):
+    """Return a copy of the image with rings and labels around balls, and a caption below it.
+
+    A line connects the highlighted balls.
+    """
+    result, size = image.copy(), max(image.shape[0] / 960.0, 0.45)
+    marked = [ring for ring in rings if ring.strong]
+    for a, b in itertools.pairwise(marked):
         for colour, width in ((DARK, 3), (YELLOW, 1)):
-            ends = _fixed(np.array(a[:2])), _fixed(np.array(b[:2]))
-            cv2.line(picture, ends[0], ends[1], colour, width, cv2.LINE_AA, SHIFT)
+            ends = _to_subpixels(np.array(a[:2])), _to_subpixels(np.array(b[:2]))
+            cv2.line(result, ends[0], ends[1], colour, width, cv2.LINE_AA, SUBPIXEL_BITS)
     for ring in sorted(rings, key=lambda ring: ring.strong):
-        place, radius = _fixed(np.array(ring[:2])), round(ring.radius * (1 << SHIFT))
+        position, radius = _to_subpixels(np.array(ring[:2])), ring.radius + 2.0
         for colour, width in ((DARK, 4), (YELLOW if ring.strong else WHITE, 2)):
-            cv2.circle(picture, place, radius + (2 << SHIFT), colour, width, cv2.LINE_AA, SHIFT)
+            _draw_circle(result, position, radius, colour, width)
         if ring.strong:
-            cv2.circle(picture, place, 2 << SHIFT, YELLOW, -1, cv2.LINE_AA, SHIFT)
-    _labels(picture, rings, size)
-    return np.vstack([picture, _strip(words, picture.shape[1], size)])
+            _draw_circle(result, position, 2.0, YELLOW, -1)
+    _draw_labels(result, rings, size)
+    return np.vstack([result, _caption(words, result.shape[1], size)])
 
 
 Box = tuple[int, int, int, int]
-"""Left, top, right, bottom px."""
+"""Left, top, right and bottom (px)."""
 
 
-def _labels(picture: Image, rings: Sequence[Ring], size: float) -> None:
-    """Words beside the rings, on the side away from the others, none upon another."""
-    height, width = picture.shape[:2]
-    middle = np.mean([ring.u for ring in rings]) if rings else 0.0
+def _draw_labels(result: Image, rings: Sequence[Ring], size: float) -> None:
+    """Draw the labels of the rings, away from the other rings and without overlap."""
+    height, width = result.shape[:2]
+    centre_u = np.mean([ring.u for ring in rings]) if rings else 0.0
     boxes: list[Box] = []
     for ring in sorted(rings, key=lambda ring: -ring.strong):
-        (long, high), _ = cv2.getTextSize(ring.words, FONT, size, 1)
-        long, high = long + 12, high + 12
-        right = ring.u >= middle
-        left = ring.u + ring.radius + 8 if right else ring.u - ring.radius - 8 - long
-        x = round(min(max(left, 0.0), width - long))
-        y = round(min(max(ring.v - high / 2, 0.0), height - high))
-        while y + high < height and any(_over((x, y, x + long, y + high), box) for box in boxes):
-            y += 2
-        boxes.append((x, y, x + long, y + high))
+        (label_width, label_height), _ = cv2.getTextSize(ring.words, FONT, size, 1)
+        label_width, label_height = label_width + 12, label_height + 12
+        right = ring.u >= centre_u
+        left = ring.u + ring.radius + 8 if right else ring.u - ring.radius - 8 - label_width
+        x = round(min(max(left, 0.0), width - label_width))
+        y = round(min(max(ring.v - label_height / 2, 0.0), height - label_height))
+        box = x, y, x + label_width, y + label_height
+        while box[3] < height and any(_overlap(box, other) for other in boxes):
+            box = x, box[1] + 2, box[2], box[3] + 2
+        boxes.append(box)
         colour = YELLOW if ring.strong else WHITE
-        cv2.rectangle(picture, (x, y), (x + long, y + high), DARK, -1)
-        cv2.rectangle(picture, (x, y), (x + long, y + high), colour, 1, cv2.LINE_AA)
-        cv2.putText(picture, ring.words, (x + 6, y + high - 6), FONT, size, colour, 1, cv2.LINE_AA)
+        cv2.rectangle(result, box[:2], box[2:], DARK, -1)
+        cv2.rectangle(result, box[:2], box[2:], colour, 1, cv2.LINE_AA)
+        start = x + 6, box[3] - 6
+        cv2.putText(result, ring.words, start, FONT, size, colour, 1, cv2.LINE_AA)
 
 
-def _over(a: Box, b: Box) -> bool:
+def _overlap(a: Box, b: Box) -> bool:
     return a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3]
 
 
-def _strip(words: str, width: int, size: float) -> Image:
-    """Words on a dark strip as wide as the picture."""
-    (long, high), _ = cv2.getTextSize(words or "n", FONT, size, 1)
-    fit = int(0.95 * (width - 24) * len(words) / long)
-    lines = textwrap.wrap(words, max(fit, 10)) or [""]
-    step = round(1.9 * high)
-    strip = np.full((step * len(lines) + high, width, 3), DARK, np.uint8)
+def _caption(words: str, width: int, size: float) -> Image:
+    """Return the words on a dark strip as wide as the image."""
+    (label_width, label_height), _ = cv2.getTextSize(words or "n", FONT, size, 1)
+    characters = int(0.95 * (width - 24) * len(words) / label_width)
+    lines = textwrap.wrap(words, max(characters, 10)) or [""]
+    line_height = round(1.9 * label_height)
+    caption = np.full((line_height * len(lines) + label_height, width, 3), DARK, np.uint8)
     for row, line in enumerate(lines):
-        place = 12, round(high * 0.5) + step * row + round(1.4 * high)
-        cv2.putText(strip, line, place, FONT, size, WHITE, 1, cv2.LINE_AA)
-    return strip
+        position = 12, round(label_height * 0.5) + line_height * row + round(1.4 * label_height)
+        cv2.putText(caption, line, position, FONT, size, WHITE, 1, cv2.LINE_AA)
+    return caption
 
 
-def _tool(
-    picture: Image, points: Floats, o_c: Floats, colour: tuple[int, int, int], width: int
-) -> None:
+def _draw_tool(result: Image, points: Floats, o_c: Floats, colour: Colour, width: int) -> None:
     if not np.isfinite(points).all():
         return
     path = [points[0], points[1]]
     if np.isfinite(o_c).all():
-        away: Floats = o_c - points[0]
-        path.insert(
-            0, points[0] + away * min(1.0, FAR / 10.0 / max(float(np.linalg.norm(away)), 1.0))
-        )
+        direction: Floats = o_c - points[0]
+        length = max(float(np.linalg.norm(direction)), 1.0)
+        path.insert(0, points[0] + direction * min(1.0, MAX_POINT_DISTANCE_PX / 10.0 / length))
     for a, b in itertools.pairwise(path):
-        cv2.line(picture, _fixed(a), _fixed(b), colour, width, cv2.LINE_AA, SHIFT)
+        cv2.line(
+            result, _to_subpixels(a), _to_subpixels(b), colour, width, cv2.LINE_AA, SUBPIXEL_BITS
+        )
     for point in points:
-        cv2.circle(picture, _fixed(point), 8 << SHIFT, colour, width, cv2.LINE_AA, SHIFT)
+        _draw_circle(result, _to_subpixels(point), 8.0, colour, width)
 
 
-def _fixed(point: Floats) -> tuple[int, int]:
-    return round(float(point[0]) * (1 << SHIFT)), round(float(point[1]) * (1 << SHIFT))
+def _to_subpixels(point: Floats) -> tuple[int, int]:
+    u, v = (round(float(x) * (1 << SUBPIXEL_BITS)) for x in point)
+    return u, v
+
+
+def _draw_circle(
+    image: Image, subpixels: tuple[int, int], radius: float, colour: Colour, width: int
+) -> None:
+    """Draw a circle with a radius in px about a centre in subpixels."""
+    scaled = round(radius * (1 << SUBPIXEL_BITS))
+    cv2.circle(image, subpixels, scaled, colour, width, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
 def write_picture(path: Path, image: Image) -> None:
-    """Write a picture to a file; its format is that of the file's name."""
+    """Write an image to a file in the format of the file's suffix."""
     if not cv2.imwrite(str(path), image):
-        raise UnusableFile(path, "cannot be written as a picture")
+        raise UnusableFile(path, "cannot be written as an image")

@@ -1,4 +1,4 @@
-"""Figures from a record, with the paper's symbols: the errors, the phases, the estimate."""
+"""Figures of a recorded run, with the paper's symbols: errors, phases, path and estimate."""
 
 from textwrap import fill
 
@@ -14,17 +14,17 @@ from rcmservo.record.timeline import Span, shown_place, spans
 from rcmservo.record.verdict import TOLERANCE
 
 DEGREES = np.array([180.0 / np.pi, 1.0, 1.0])
-TIME = "time [s] (shaded: exploration)"
+"""Factors that convert (s, r, d) from rad, px, px to deg, px, px."""
+TIME_LABEL = "time [s] (shaded: exploration)"
 ERRORS = ("$|\\Delta s|$ [deg]", "$|\\Delta r|$ [px]", "$|\\Delta d|$ [px]")
-LEAST = 1e-3
-"""Where the logarithmic axis of the errors ends. What is less is drawn there, and the figure says
-so."""
+MIN_PLOTTED_ERROR = 1e-3
+"""Lower end of the logarithmic error axes. Smaller errors are drawn there."""
 
-SYMBOLS = ("$|\\Delta s|$", "$|\\Delta r|$", "$|\\Delta d|$")
-LABEL = 48
-"""Characters in a line of a cause's label."""
+ERROR_SYMBOLS = ("$|\\Delta s|$", "$|\\Delta r|$", "$|\\Delta d|$")
+CAUSE_LABEL_WIDTH = 48
+"""Largest number of characters in a line of a cause's label."""
 
-TONE = {
+PHASE_TONES = {
     Phase.DISABLED: 0,
     Phase.IDLE: 1,
     Phase.ACQUIRE: 2,
@@ -34,7 +34,8 @@ TONE = {
     Phase.JOG: 7,
     Phase.FAULT: 6,
 }
-ASKED = {
+"""Tone of each phase, an index in `charts.TONES`."""
+ACTION_TONES = {
     Action.NONE: 0,
     Action.WARN: 0,
     Action.SLOW: 2,
@@ -42,15 +43,15 @@ ASKED = {
     Action.PAUSE: 5,
     Action.FAULT: 6,
 }
-"""Colours of phases, and of causes by what they ask for."""
+"""Tone of a cause, by the action that it requests."""
 
 
 def errors(record: Record) -> Figure:
-    """|Δs|, |Δr| and |Δd| over time, with tolerances and exploration: Fig. 9 and 10."""
-    deltas = np.maximum(np.abs(record.ticks["delta"]) * DEGREES, LEAST)
+    """Return |Δs|, |Δr| and |Δd| over time, with tolerances and exploration: Fig. 9 and 10."""
+    deltas = np.maximum(np.abs(record.ticks["delta"]) * DEGREES, MIN_PLOTTED_ERROR)
     panels = [
         Panel(
-            TIME,
+            TIME_LABEL,
             name,
             [curve("", record.time, deltas[:, i])],
             levels=[("tolerance", float(TOLERANCE[i] * DEGREES[i]))],
@@ -59,44 +60,47 @@ def errors(record: Record) -> Figure:
         )
         for i, name in enumerate(ERRORS)
     ]
-    return Figure(f"Feature errors (less than {LEAST} is drawn there)", panels)
+    return Figure(f"Feature errors (values below {MIN_PLOTTED_ERROR} are drawn there)", panels)
 
 
 def timeline(record: Record) -> Figure:
-    """The phases as bands behind the errors, and every cause in a line of its own.
+    """Return the phases as bands behind the errors, and a row for each cause.
 
-    The errors are in units of their tolerances.
+    The errors are divided by their tolerances.
     """
     found = spans(record)
-    ratios = np.maximum(np.abs(record.ticks["delta"]) / TOLERANCE, LEAST)
+    ratios = np.maximum(np.abs(record.ticks["delta"]) / TOLERANCE, MIN_PLOTTED_ERROR)
     errors = Panel(
         "time [s]",
-        f"error / tolerance, ≥ {LEAST}",
-        [curve(name, record.time, ratios[:, i], style=i) for i, name in enumerate(SYMBOLS)],
+        f"error / tolerance, ≥ {MIN_PLOTTED_ERROR}",
+        [curve(name, record.time, ratios[:, i], style=i) for i, name in enumerate(ERROR_SYMBOLS)],
         levels=[("tolerance", 1.0)],
         log_y=True,
-        bands=[Bar(span.start, span.end, TONE[span.phase]) for span in found],
+        bands=[Bar(span.start, span.end, PHASE_TONES[span.phase]) for span in found],
     )
     groups = _phase_lanes(found), _cause_lanes(found) + _request_lanes(found)
-    lanes = [Panel("time [s]", "", [], lanes=some) for some in groups if some]
+    lanes = [Panel("time [s]", "", [], lanes=group) for group in groups if group]
     return Figure("Phases and causes", [errors, *lanes])
 
 
 def _phase_lanes(found: list[Span]) -> list[Lane]:
-    """When the servo was in each phase that occurred."""
+    """Return one row for each phase that occurred."""
     return [
-        Lane(phase.value, [Bar(s.start, s.end, TONE[phase]) for s in found if s.phase is phase])
+        Lane(
+            phase.value,
+            [Bar(s.start, s.end, PHASE_TONES[phase]) for s in found if s.phase is phase],
+        )
         for phase in Phase
         if any(span.phase is phase for span in found)
     ]
 
 
 def _cause_lanes(found: list[Span]) -> list[Lane]:
-    """When each cause that occurred was there."""
+    """Return one row for each cause that occurred."""
     return [
         Lane(
-            fill(cause.value, LABEL),
-            [Bar(s.start, s.end, ASKED[s.asks]) for s in found if s.cause is cause],
+            fill(cause.value, CAUSE_LABEL_WIDTH),
+            [Bar(s.start, s.end, ACTION_TONES[s.asks]) for s in found if s.cause is cause],
         )
         for cause in Cause
         if cause is not Cause.NONE and any(span.cause is cause for span in found)
@@ -104,39 +108,41 @@ def _cause_lanes(found: list[Span]) -> list[Lane]:
 
 
 def _request_lanes(found: list[Span]) -> list[Lane]:
-    """When a person asked for something, if ever."""
-    asked = [Bar(s.start, s.start, 0) for s in found if s.request is not Request.NONE]
-    return [Lane("a person pauses, resumes, clears, jogs", asked)] if asked else []
+    """Return a row with the operator's requests, if there are any."""
+    requests = [Bar(s.start, s.start, 0) for s in found if s.request is not Request.NONE]
+    return [Lane("operator requests: pause, resume, clear, jog", requests)] if requests else []
 
 
 def path(record: Record) -> Figure:
-    """The way of marker 1 through space, seen along two axes, and that of both markers through the
-    picture, with where they were shown."""
-    panels = [_in_space(record, axes) for axes in ((0, 1), (0, 2))]
-    return Figure("Path", [*panels, _in_picture(record)], columns=3)
+    """Return the path of marker 1 in two views of space, and of both markers in the image.
+
+    The target is marked in each panel.
+    """
+    panels = [_space_panel(record, axes) for axes in ((0, 1), (0, 2))]
+    return Figure("Path", [*panels, _image_panel(record)], columns=3)
 
 
-def _in_space(record: Record, axes: tuple[int, int]) -> Panel:
-    """p₁ along two of the axes x, y, z."""
+def _space_panel(record: Record, axes: tuple[int, int]) -> Panel:
+    """Return p₁ along two of the axes x, y, z."""
     i, j = axes
-    p1, shown = record.ticks["p1"], shown_place(record)
+    p1, target = record.ticks["p1"], shown_place(record)
     exploring = (record.ticks["explored"][:, 0] == 0)[:, None]
     curves = [
-        curve("exploration", *_two(np.where(exploring, p1, np.nan), i, j), style=1),
-        curve("then", *_two(np.where(exploring, np.nan, p1), i, j)),
+        curve("exploration", *_columns(np.where(exploring, p1, np.nan), i, j), style=1),
+        curve("servoing", *_columns(np.where(exploring, np.nan, p1), i, j)),
     ]
-    if shown is not None:
-        curves.append(curve("shown", [shown[i]], [shown[j]], style=3, marks=True))
+    if target is not None:
+        curves.append(curve("target", [target[i]], [target[j]], style=3, marks=True))
     names = "xyz"
     return Panel(f"${names[i]}$ of $\\mathbf{{p}}_1$ [mm]", f"${names[j]}$ [mm]", curves, map=True)
 
 
-def _two(rows: Floats, i: int, j: int) -> tuple[Floats, Floats]:
+def _columns(rows: Floats, i: int, j: int) -> tuple[Floats, Floats]:
     return rows[:, i], rows[:, j]
 
 
-def _in_picture(record: Record) -> Panel:
-    """m₁ and m₂ in pixels."""
+def _image_panel(record: Record) -> Panel:
+    """Return m₁ and m₂ in pixels."""
     points = record.ticks["points"][record.new_frames()]
     curves = [
         curve("$\\mathbf{m}_1$", points[:, 0], points[:, 1]),
@@ -144,32 +150,35 @@ def _in_picture(record: Record) -> Panel:
     ]
     if record.stages:
         target = record.stages[-1].target.points
-        curves.append(curve("shown", target[:, 0], target[:, 1], style=3, marks=True))
+        curves.append(curve("target", target[:, 0], target[:, 1], style=3, marks=True))
     return Panel("$u$ [px]", "$v$ [px]", curves, map=True, downward=True)
 
 
 def estimate(record: Record) -> Figure:
-    """What the estimate says beside what was measured.
+    """Return the estimate and the measurement over time.
 
-    That is m₁ and π (34), Fig. 11, for an estimator with a model of the projection; ẏ and ω = Ĵ ṗ₁
-    (35), Fig. 12, for others.
+    An estimator with a projection model gives m₁ and π (34), Fig. 11; any other gives ẏ and ω = Ĵ
+    ṗ₁ (35), Fig. 12.
     """
     return projection(record) if np.isfinite(record.ticks["model"]).any() else flow(record)
 
 
 def projection(record: Record, since: float = 0.0) -> Figure:
-    """The measured m₁ and π (34), both from o_c, over the time from `since` s on: Fig. 11."""
+    """Return the measured m₁ and the estimate π (34), both relative to o_c: Fig. 11.
+
+    Time starts at `since` (s).
+    """
     new = record.new_frames(since)
     m1 = record.ticks["points"][new, :2] - record.ticks["o_c"][new]
     names = ("$u_1, \\pi_u$ [px]", "$v_1, \\pi_v$ [px]")
     legend = "measured $\\mathbf{m}_1$", "estimate $\\mathbf{\\pi}$ (34)"
-    return _compared(
+    return _comparison(
         "Projection model", record, new, m1, record.ticks["model"][new, :2], names, legend, since
     )
 
 
 def flow(record: Record) -> Figure:
-    """The measured ẏ and ω = Ĵ ṗ₁ (35): Fig. 12."""
+    """Return the measured ẏ and the estimate ω = Ĵ ṗ₁ (35): Fig. 12."""
     new = record.new_frames()
     y_dot, omega = flows(record, new)
     names = (
@@ -178,15 +187,25 @@ def flow(record: Record) -> Figure:
         "$\\dot d, \\omega_3$ [px/s]",
     )
     legend = "measured $\\dot{\\mathbf{y}}$", "estimate $\\mathbf{\\omega}$ (35)"
-    return _compared(
+    return _comparison(
         "Output flow", record, new[1:], y_dot * DEGREES, omega * DEGREES, names, legend
     )
 
 
 def flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
-    """ẏ by differences between new frames, and ω = Ĵ ṗ₁ with the Ĵ before each of them.
+    """Return ẏ by differences between new frames, and ω = Ĵ ṗ₁ with the Ĵ before each of them.
 
-    Both are (N - 1, 3), in rad/s, px/s, px/s.
+    Parameters
+    ----------
+    record : Record
+        Recorded run.
+    new : array (N,)
+        Rows of ticks with a new frame.
+
+    Returns
+    -------
+    y_dot, omega : array (N - 1, 3)
+        Measured and estimated rates of (s, r, d) in rad/s, px/s and px/s.
     """
     dt = np.diff(record.ticks["exposure"][new], axis=0) * 1e-9
     steps = np.diff(record.ticks["y"][new], axis=0)
@@ -197,7 +216,7 @@ def flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
 
 
 def exploration(record: Record) -> list[tuple[float, float]]:
-    """When the servo explored, as spans of time s: it acquired and had not yet learnt enough."""
+    """Return the time spans (s) of exploration, from ACQUIRE to a sufficient estimate."""
     acquiring = np.array([phase == Phase.ACQUIRE.name for phase in record.phase], dtype=bool)
     exploring = acquiring & (record.ticks["explored"][:, 0] == 0)
     turns = np.flatnonzero(np.diff(exploring, prepend=False, append=False))
@@ -207,7 +226,7 @@ def exploration(record: Record) -> list[tuple[float, float]]:
     ]
 
 
-def _compared(
+def _comparison(
     title: str,
     record: Record,
     rows: NDArray[np.intp],
@@ -220,8 +239,8 @@ def _compared(
     panels: list[Panel] = []
     time, shaded = record.time[rows] - since, [] if since else exploration(record)
     for i, name in enumerate(names):
-        known = measured[np.isfinite(measured[:, i]), i]
-        low, high = np.percentile(known, [0.5, 99.5]) if len(known) else (0.0, 0.0)
+        finite = measured[np.isfinite(measured[:, i]), i]
+        low, high = np.percentile(finite, [0.5, 99.5]) if len(finite) else (0.0, 0.0)
         margin = 0.15 * max(high - low, 1e-6)
         labels = legend if i == 0 else ("", "")
         curves = [
@@ -230,6 +249,8 @@ def _compared(
         ]
         limits = float(low - margin), float(high + margin)
         panels.append(
-            Panel(TIME if shaded else "time [s]", name, curves, shaded=shaded, y_limits=limits)
+            Panel(
+                TIME_LABEL if shaded else "time [s]", name, curves, shaded=shaded, y_limits=limits
+            )
         )
     return Figure(title, panels)

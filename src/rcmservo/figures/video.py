@@ -1,4 +1,4 @@
-"""A film that every browser plays: VP8 in a WebM file, written by OpenCV, which has no H.264."""
+"""Writer of videos that every browser plays: VP8 in a WebM file, since OpenCV has no H.264."""
 
 import os
 import sys
@@ -16,26 +16,34 @@ from rcmservo.interfaces import Image
 
 CODEC = cv2.VideoWriter.fourcc(*"VP80")
 
-UNWANTED = b"OpenCV: FFMPEG: tag 0x30385056/'VP80' is not supported"
-"""Beginning of the line that OpenCV prints to stderr for every WebM file, although it writes it:
-WebM names its codecs by words, and OpenCV looks for a four-letter tag."""
+OPENCV_TAG_WARNING = b"OpenCV: FFMPEG: tag 0x30385056/'VP80' is not supported"
+"""Start of the line that OpenCV prints to stderr for every WebM file, although it writes the file.
+WebM names its codecs by words; OpenCV looks for a four-letter tag."""
 
 LOGGING: Any = getattr(cv2.utils, "logging", cv2)
-"""Module of OpenCV that holds `setLogLevel`; it is cv2 itself before OpenCV 5."""
+"""OpenCV's module with `setLogLevel`: cv2 itself before OpenCV 5."""
 
-ONLY_ERRORS = 2
-"""OpenCV's log level that leaves out warnings."""
+ERROR_LOG_LEVEL = 2
+"""OpenCV's log level without warnings."""
 
 PROBE_BYTES = 1 << 16
-"""Appended to an incomplete film, to hear the system's reason. Twice FFmpeg's buffer, which is what
-a file can lack."""
+"""Bytes appended to an incomplete video to obtain the system's error. Twice FFmpeg's buffer, which
+is the most that a file can lack."""
 
 
 class Video:
-    """A film that grows picture by picture; `close` ends it.
+    """Video file that grows frame by frame until `close`.
 
-    It never stops a run. On failure ``failed``, which is empty otherwise, holds the reason, and no
-    file is left.
+    A failure does not stop the run: `failed` then holds the reason, and the file is removed.
+
+    Parameters
+    ----------
+    path : Path
+        File to write, with the suffix .webm.
+    size : tuple of int
+        Width and height (px). An odd size loses its last line.
+    frame_rate : float
+        Frames per second.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], frame_rate: float) -> None:
@@ -44,51 +52,51 @@ class Video:
         self._width, self._height = (side // 2 * 2 for side in size)
         self._writer: cv2.VideoWriter | None = None
         self._count = 0
-        self._try(partial(self._open, frame_rate))
+        self._attempt(partial(self._open, frame_rate))
 
     def write(self, image: Image) -> None:
-        """Add a picture (height, width, 3), blue-green-red, at most as large as the film."""
+        """Add an image (height, width, 3), uint8, blue-green-red, of the size of the video."""
         if self._writer is not None:
-            self._try(partial(self._add, self._writer, image))
+            self._attempt(partial(self._add, self._writer, image))
 
     def close(self) -> None:
-        """End the film: from now on the file is complete, or absent."""
+        """Finish the video: from then on the file is complete or absent."""
         if self._writer is not None:
-            self._try(partial(self._end, self._writer))
+            self._attempt(partial(self._end, self._writer))
 
     def _open(self, frame_rate: float) -> None:
         self._part.touch()
         size = self._width, self._height
-        with _without_line(UNWANTED):
+        with _without_stderr_line(OPENCV_TAG_WARNING):
             writer = cv2.VideoWriter(str(self._part), cv2.CAP_FFMPEG, CODEC, frame_rate, size)
         if not writer.isOpened():
             raise OSError("this OpenCV cannot write VP8 in WebM")
         self._writer = writer
 
     def _add(self, writer: cv2.VideoWriter, image: Image) -> None:
-        even = np.ascontiguousarray(image[: self._height, : self._width])
+        cropped = np.ascontiguousarray(image[: self._height, : self._width])
         with _without_warnings():
-            is_written: bool | None = writer.write(even)  # None before OpenCV 5
+            is_written: bool | None = writer.write(cropped)  # None before OpenCV 5
         if is_written is False:
             raise _reason_of_incomplete(self._part)
         self._count += 1
 
     def _end(self, writer: cv2.VideoWriter) -> None:
         if not self._count:
-            raise OSError("no picture came")
+            raise OSError("it received no frame")
         writer.release()
         if not _is_complete(self._part):
             raise _reason_of_incomplete(self._part)
         self._part.replace(self._path)
         self._writer = None
 
-    def _try(self, act: Callable[[], None]) -> None:
-        """Do something with the film; on failure give the film up."""
+    def _attempt(self, action: Callable[[], None]) -> None:
+        """Run an action on the video; remove the video on failure."""
         try:
-            act()
+            action()
         except (cv2.error, OSError) as error:
-            why = getattr(error, "strerror", None) or error
-            self.failed = f"{self._path.name} could not be written and was removed: {why}"
+            reason = getattr(error, "strerror", None) or error
+            self.failed = f"{self._path.name} could not be written and was removed: {reason}"
             if self._writer is not None:
                 self._writer.release()
                 self._writer = None
@@ -96,14 +104,13 @@ class Video:
 
 
 def _is_complete(path: Path) -> bool:
-    """Return whether the header holds the film's duration: it is written after all the rest, and
-    not at all after a failure."""
-    film = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-    return film.get(cv2.CAP_PROP_FRAME_COUNT) > 0
+    """Report whether the header holds the duration, which the writer adds last."""
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    return video.get(cv2.CAP_PROP_FRAME_COUNT) > 0
 
 
 def _reason_of_incomplete(path: Path) -> OSError:
-    """Return the system's reason to refuse more bytes of this file; OpenCV reports none."""
+    """Return the system's error for further bytes of this file, which OpenCV does not report."""
     try:
         with path.open("ab") as file:
             file.write(bytes(PROBE_BYTES))
@@ -117,28 +124,30 @@ def _reason_of_incomplete(path: Path) -> OSError:
 @contextmanager
 def _without_warnings() -> Generator[None]:
     """Let OpenCV log errors only."""
-    before = LOGGING.setLogLevel(ONLY_ERRORS)
+    previous = LOGGING.setLogLevel(ERROR_LOG_LEVEL)
     try:
         yield
     finally:
-        LOGGING.setLogLevel(before)
+        LOGGING.setLogLevel(previous)
 
 
 @contextmanager
-def _without_line(unwanted: bytes) -> Generator[None]:
-    """Drop the lines on stderr that begin like this, which C code prints; pass on all others when
-    the block ends."""
+def _without_stderr_line(prefix: bytes) -> Generator[None]:
+    """Drop the lines that C code prints to stderr with this prefix.
+
+    All other lines are printed when the block ends.
+    """
     sys.stderr.flush()
-    with tempfile.TemporaryFile() as caught:
+    with tempfile.TemporaryFile() as captured:
         stderr = os.dup(2)
-        os.dup2(caught.fileno(), 2)
+        os.dup2(captured.fileno(), 2)
         try:
             yield
         finally:
             sys.stderr.flush()
             os.dup2(stderr, 2)
             os.close(stderr)
-            caught.seek(0)
-            for line in caught:
-                if not line.startswith(unwanted):
+            captured.seek(0)
+            for line in captured:
+                if not line.startswith(prefix):
                     os.write(2, line)

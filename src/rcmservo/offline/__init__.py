@@ -1,1 +1,1 @@
-"""Recorded frames of others: how such a folder is read, and how the method is scored on it."""
+"""Recordings by other software: reading them, and scoring the estimators on them."""

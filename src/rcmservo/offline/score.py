@@ -1,9 +1,9 @@
-"""Recorded frames through tracking, features, imaged RCM and the estimators, and a score for each.
+"""Scores of the estimators on a recording, by one-step prediction.
 
-The score is one-step prediction. From everything up to frame t each estimator predicts y at t + 1,
-given only where the joints then were, and the errors' root mean square is set beside that of
-predicting no motion at all. An estimator with a projection model predicts ŷ(t+1) = y(t) + h(p(t+1))
-− h(p(t)); every one predicts linearly, Ĵ Δp.
+The recorded frames pass through tracking, features, imaged RCM and estimators. From all frames up
+to t each estimator predicts y at t + 1 for the recorded joints. The score is the root mean square
+of the errors, next to that of the prediction of no motion. An estimator with a projection model
+predicts ŷ(t+1) = y(t) + h(p(t+1)) − h(p(t)). Every estimator also predicts linearly, with Ĵ Δp.
 """
 
 from collections.abc import Callable
@@ -23,38 +23,37 @@ from rcmservo.method.tool import Tool
 from rcmservo.offline.frames_folder import Pose, frames, load
 from rcmservo.tracking import PointMarkers
 
-FIRST = 9
+FIRST_PREDICTED_INDEX = 9
 """Index of the first frame from which a step is predicted: the tenth."""
 
-ENOUGH = FIRST + 2
-"""Frames with both markers from which one step at least can be predicted."""
+MIN_FRAMES = FIRST_PREDICTED_INDEX + 2
+"""Smallest number of frames with both markers: one step can be predicted."""
 
-STILL_SPEED = 10.0
-"""mm/s at which the tool is taken to have gone from one still to the next, where a recording has no
-times."""
+ASSUMED_SPEED_MM_S = 10.0
+"""Assumed speed of the tool (mm/s) between stills, for a recording without times."""
 
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What a recording gave."""
+    """Scores and intermediate results of a recording."""
 
     poses: list[Pose]
-    """All rows of the recording, in their order."""
+    """All rows of the recording, in order."""
     markers: list[Markers]
-    """Those of every frame."""
+    """Markers of each frame."""
     o_c: Floats
-    """The imaged RCM (2,) px, NaN where it was not observable."""
+    """Imaged RCM (2,) px after the last frame; NaN if it is not observable."""
     condition: float
-    """Condition number of (16), however large; infinite where (16) is singular."""
+    """Condition number of (16); infinite if (16) is singular."""
     reprojection: Floats
-    """(2,) px: the root mean square of each marker's 2-D error under the final fit."""
+    """Root mean square (2,) px of each marker's 2-D error under the final fit."""
     one_step: dict[str, Floats]
-    """By name, (3,) rad, px, px: NaN where no step could be predicted."""
+    """Root mean square error (3,) in rad, px, px of each predictor; NaN if it predicted no step."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
-    """A frame in which both markers were found."""
+class _Observation:
+    """Frame with both markers."""
 
     p1: Floats
     points: Floats
@@ -70,8 +69,33 @@ def replay(
     imaged_rcm: ImagedRcm,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Replay:
-    """Score a recording. `estimators` by name; the first one with a projection model gives the
-    reprojection. A recording of points needs no `tracker`."""
+    """Score estimators on a recording.
+
+    Parameters
+    ----------
+    folder : Path
+        Recording.
+    lab : Lab
+        Mechanism and tool.
+    tracker : Tracker
+        Tracker of the images; a recording of points does not use it.
+    estimators : dict of str to Estimator
+        Estimators by name. The first one with a projection model gives the reprojection.
+    imaged_rcm : ImagedRcm
+        Settings of (16).
+    progress : callable, optional
+        Called with the number of tracked frames and their total.
+
+    Returns
+    -------
+    Replay
+        Scores by estimator name.
+
+    Raises
+    ------
+    UnusableFile
+        If fewer than `MIN_FRAMES` frames show both markers, or if the recording cannot be read.
+    """
     poses = load(folder, lab.mechanism, lab.tool)
     if poses and poses[0].points is not None:
         tracker = PointMarkers()
@@ -79,115 +103,134 @@ def replay(
     for frame in frames(poses):
         markers.append(tracker.find(frame))
         progress(len(markers), len(poses))
-    seen = _found(poses, markers)
-    if len(seen) < ENOUGH:
-        raise UnusableFile(folder, _too_few(len(seen), poses, markers, tracker))
-    origins = _origins(seen, imaged_rcm)
-    one_step = {"no_motion": _no_motion(seen, origins)}
+    observations = _select_observations(poses, markers)
+    if len(observations) < MIN_FRAMES:
+        raise UnusableFile(folder, _shortage_sentence(len(observations), poses, markers, tracker))
+    origins = _imaged_rcms(observations, imaged_rcm)
+    one_step = {"no_motion": _score_no_motion(observations, origins)}
     reprojection = np.full(2, np.nan)
     for name, estimator in estimators.items():
-        finite, linear, memory = _score(estimator, lab.tool, seen, origins)
+        finite, linear, memory = _score_estimator(estimator, lab.tool, observations, origins)
         if finite is not None:
             one_step[name] = finite
         one_step[f"{name}_linear"] = linear
         if finite is not None and np.isnan(reprojection).any():
-            reprojection = _reprojection(estimator, memory, lab.tool, seen, origins[-1][0])
+            o_c = origins[-1][0]
+            reprojection = _reprojection_error(estimator, memory, lab.tool, observations, o_c)
     o_c, condition = origins[-1]
     return Replay(poses, markers, o_c, condition, reprojection, one_step)
 
 
-def _found(poses: list[Pose], markers: list[Markers]) -> list[_Seen]:
-    seen: list[_Seen] = []
-    before: Pose | None = None
-    for pose, found in zip(poses, markers, strict=True):
-        if np.isfinite(found.points).all():
-            seen.append(_Seen(pose.p1, found.points, _since(before, pose), found.radius))
-            before = pose
-    return seen
+def _select_observations(poses: list[Pose], markers: list[Markers]) -> list[_Observation]:
+    observations: list[_Observation] = []
+    previous: Pose | None = None
+    for pose, detected in zip(poses, markers, strict=True):
+        if np.isfinite(detected.points).all():
+            dt = _interval(previous, pose)
+            observations.append(_Observation(pose.p1, detected.points, dt, detected.radius))
+            previous = pose
+    return observations
 
 
-def _too_few(count: int, poses: list[Pose], markers: list[Markers], tracker: Tracker) -> str:
-    """How many frames show both markers, and why the first of the others does not."""
-    how_many = f"only {count} show both markers" if count else "no frame shows both markers"
-    words = f"{len(poses)} frames, {how_many}, and a score takes {ENOUGH}"
-    for frame, pose, found in zip(frames(poses), poses, markers, strict=True):
-        if not np.isfinite(found.points).all():
-            why = tracker.why(frame) if isinstance(tracker, Explains) else ""
-            return f"{words} (frame {pose.name}: {why})" if why else words
-    return words
+def _shortage_sentence(
+    count: int, poses: list[Pose], markers: list[Markers], tracker: Tracker
+) -> str:
+    """Return the number of frames with both markers, and why the first other frame lacks one."""
+    shortage = f"only {count} show both markers" if count else "no frame shows both markers"
+    sentence = f"{len(poses)} frames, {shortage}, and a score needs {MIN_FRAMES}"
+
+    for frame, pose, detected in zip(frames(poses), poses, markers, strict=True):
+        if not np.isfinite(detected.points).all():
+            reason = tracker.why(frame) if isinstance(tracker, Explains) else ""
+            return f"{sentence} (frame {pose.name}: {reason})" if reason else sentence
+    return sentence
 
 
-def _since(before: Pose | None, pose: Pose) -> float:
-    """Seconds between two poses: as recorded, or as long as the way takes at STILL_SPEED."""
-    if before is None:
+def _interval(previous: Pose | None, pose: Pose) -> float:
+    """Return the seconds between two poses: recorded, or the distance at the assumed speed."""
+    if previous is None:
         return 0.0
-    if before.time is not None and pose.time is not None:
-        return max(pose.time - before.time, 0.0)
-    return float(np.linalg.norm(pose.p1 - before.p1)) / STILL_SPEED
+    if previous.time is not None and pose.time is not None:
+        return max(pose.time - previous.time, 0.0)
+    return float(np.linalg.norm(pose.p1 - previous.p1)) / ASSUMED_SPEED_MM_S
 
 
-def _origins(seen: list[_Seen], imaged_rcm: ImagedRcm) -> list[tuple[Floats, float]]:
-    """o_c (2,) and its condition as known after each frame; NaN while it is not observable."""
+def _imaged_rcms(
+    observations: list[_Observation], imaged_rcm: ImagedRcm
+) -> list[tuple[Floats, float]]:
+    """Return o_c (2,) and its condition after each frame; NaN while it is not observable."""
     (lines, count), printed = imaged_rcm.init(), imaged_rcm.printed
     origins: list[tuple[Floats, float]] = []
-    for one in seen:
-        lines, count = remember(lines, count, one.points, printed)
+    for current in observations:
+        lines, count = remember(lines, count, current.points, printed)
         o_c, condition = solve(lines, count, imaged_rcm.refinements, printed)
-        known = condition <= imaged_rcm.max_condition
-        origins.append((o_c, condition) if known else (np.full(2, np.nan), condition))
+        is_observable = condition <= imaged_rcm.max_condition
+        origins.append((o_c, condition) if is_observable else (np.full(2, np.nan), condition))
     return origins
 
 
-def _no_motion(seen: list[_Seen], origins: list[tuple[Floats, float]]) -> Floats:
-    steps = [t for t in range(FIRST, len(seen) - 1) if np.isfinite(origins[t][0]).all()]
-    return _rms([_change(seen[t], seen[t + 1], origins[t][0]) for t in steps])
+def _score_no_motion(
+    observations: list[_Observation], origins: list[tuple[Floats, float]]
+) -> Floats:
+    errors = [
+        _feature_change(observations[t], observations[t + 1], origins[t][0])
+        for t in range(FIRST_PREDICTED_INDEX, len(observations) - 1)
+        if np.isfinite(origins[t][0]).all()
+    ]
+    return _rms(errors)
 
 
-def _score(
-    estimator: Estimator, tool: Tool, seen: list[_Seen], origins: list[tuple[Floats, float]]
+def _score_estimator(
+    estimator: Estimator,
+    tool: Tool,
+    observations: list[_Observation],
+    origins: list[tuple[Floats, float]],
 ) -> tuple[Floats | None, Floats, Any]:
-    """Errors over the finite step (None without a projection model) and of the linear step, and the
-    last memory."""
+    """Return the errors of the finite and of the linear step, and the last memory.
+
+    The errors of the finite step are None without a projection model.
+    """
     memory = estimator.init()
     finite: list[Floats] = []
     linear: list[Floats] = []
-    since_learnt: float | None = None
-    for t, (one, (o_c, _)) in enumerate(zip(seen, origins, strict=True)):
-        since_learnt = None if since_learnt is None else since_learnt + one.dt
+    since_update: float | None = None
+    for t, (current, (o_c, _)) in enumerate(zip(observations, origins, strict=True)):
+        since_update = None if since_update is None else since_update + current.dt
         if not np.isfinite(o_c).all():
             continue
-        sample = Sample(one.p1, one.points, o_c, since_learnt or 0.0, one.sizes)
-        memory, since_learnt = estimator.update(memory, tool, sample), 0.0
-        if t < FIRST or t + 1 == len(seen):
+        sample = Sample(current.p1, current.points, o_c, since_update or 0.0, current.sizes)
+        memory, since_update = estimator.update(memory, tool, sample), 0.0
+        if t < FIRST_PREDICTED_INDEX or t + 1 == len(observations):
             continue
-        after = seen[t + 1]
-        change = _change(one, after, o_c)
-        linear.append(
-            difference(change, estimator.jacobian(memory, tool, sample) @ (after.p1 - one.p1))
+        following = observations[t + 1]
+        change = _feature_change(current, following, o_c)
+        J_hat = estimator.jacobian(memory, tool, sample)
+        linear.append(difference(change, J_hat @ (following.p1 - current.p1)))
+        predicted_now, predicted_next = (
+            estimator.predict(memory, tool, p1) for p1 in (current.p1, following.p1)
         )
-        here, there = (estimator.predict(memory, tool, p1) for p1 in (one.p1, after.p1))
-        if here is not None and there is not None:
-            finite.append(difference(change, difference(features(there), features(here))))
+        if predicted_now is not None and predicted_next is not None:
+            predicted_change = difference(features(predicted_next), features(predicted_now))
+            finite.append(difference(change, predicted_change))
     return (_rms(finite) if estimator.models else None), _rms(linear), memory
 
 
-def _change(one: _Seen, after: _Seen, o_c: Floats) -> Floats:
-    """Δy (3,) from one frame to the next, about the same origin."""
-    return difference(features(about(after.points, o_c)), features(about(one.points, o_c)))
+def _feature_change(current: _Observation, following: _Observation, o_c: Floats) -> Floats:
+    """Return Δy (3,) from one frame to the next, about the same origin."""
+    return difference(features(about(following.points, o_c)), features(about(current.points, o_c)))
 
 
 def _rms(errors: list[Floats]) -> Floats:
     return np.sqrt(np.mean(np.array(errors) ** 2, axis=0)) if errors else np.full(3, np.nan)
 
 
-def _reprojection(
-    estimator: Estimator, memory: Any, tool: Tool, seen: list[_Seen], o_c: Floats
+def _reprojection_error(
+    estimator: Estimator, memory: Any, tool: Tool, observations: list[_Observation], o_c: Floats
 ) -> Floats:
-    """Root mean square (2,) px of the length of each marker's error under one fit, over all
-    frames."""
+    """Return the root mean square (2,) px of each marker's error under one fit, over all frames."""
     squares: list[Floats] = []
-    for one in seen:
-        model = estimator.predict(memory, tool, one.p1)
+    for current in observations:
+        model = estimator.predict(memory, tool, current.p1)
         assert model is not None
-        squares.append(np.sum((model - about(one.points, o_c)).reshape(2, 2) ** 2, axis=1))
+        squares.append(np.sum((model - about(current.points, o_c)).reshape(2, 2) ** 2, axis=1))
     return np.sqrt(np.mean(squares, axis=0))

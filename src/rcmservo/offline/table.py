@@ -1,5 +1,7 @@
-"""A table of text as others write it: commas, semicolons or tabs between its columns, and decimal
-commas where the columns leave the comma free."""
+"""Reader of text tables with commas, semicolons or tabs between the columns.
+
+Numbers may have decimal commas if the comma does not separate columns.
+"""
 
 import csv
 from dataclasses import dataclass
@@ -15,21 +17,21 @@ SEPARATORS = ",;\t"
 
 @dataclass(frozen=True)
 class TableRow:
-    """One row of a table."""
+    """Row of a table."""
 
-    place: str
-    """Where it stands, as messages tell it."""
+    location: str
+    """File and row, for messages."""
     cells: dict[str, str]
-    """Its texts by the titles of their columns."""
+    """Texts by column title."""
     decimal: str
-    """What stands before the decimals of its numbers."""
+    """Decimal separator of the numbers."""
 
     def numbers(self, columns: tuple[str, ...]) -> Floats:
-        """The finite numbers in these columns."""
+        """Return the finite numbers of these columns, or raise ``BadInput``."""
         return np.array([self._number(column) for column in columns])
 
     def numbers_or_none(self, columns: tuple[str, ...]) -> Floats:
-        """The finite numbers in these columns, or NaN where all of them are empty."""
+        """Return the finite numbers of these columns, or NaN if all cells are empty."""
         if not any(self.cells[column] for column in columns):
             return np.full(len(columns), np.nan)
         return self.numbers(columns)
@@ -41,50 +43,50 @@ class TableRow:
         except ValueError:
             value = np.nan
         if not np.isfinite(value):
-            raise BadInput(f"{self.place}: {column}", text, "a finite number")
+            raise BadInput(f"{self.location}: {column}", text, "a finite number")
         return value
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table as it was read."""
+    """Table of a file."""
 
     path: Path
-    """Its file."""
+    """File of the table."""
     titles: list[str]
-    """Those of its columns, from left to right."""
+    """Column titles from left to right."""
     rows: list[TableRow]
-    """Every row below the titles that is not empty."""
+    """Rows below the titles, without empty ones."""
 
-    def require(self, columns: tuple[str, ...], needs: str) -> None:
-        """Refuse a table without one of the columns; `needs` says who needs them."""
+    def require(self, columns: tuple[str, ...], purpose: str) -> None:
+        """Raise ``UnusableFile`` if a column is missing; `purpose` is its use, for the message."""
         for column in columns:
             if column not in self.titles:
-                raise UnusableFile(self.path, f"has no column {column}, which {needs} needs")
+                raise UnusableFile(self.path, f"has no column {column}, which {purpose} needs")
 
 
 def read_table(path: Path, key: str) -> Table:
-    """Read the table in a file. Messages tell its rows apart by the column `key`."""
-    lines, separator = _lines(path)
+    """Read a table. Messages identify its rows by the column `key`."""
+    lines, separator = _read_lines(path)
     titles = lines[0] if lines else []
     for title in titles:
         if titles.count(title) > 1:
             raise UnusableFile(path, f"has two columns {title}")
     decimal = "." if separator == "," else ","
-    return Table(path, titles, [_row(path, key, titles, line, decimal) for line in lines[1:]])
+    return Table(path, titles, [_make_row(path, key, titles, line, decimal) for line in lines[1:]])
 
 
-def _row(path: Path, key: str, titles: list[str], line: list[str], decimal: str) -> TableRow:
+def _make_row(path: Path, key: str, titles: list[str], line: list[str], decimal: str) -> TableRow:
     cells = dict(zip(titles, line + [""] * len(titles), strict=False))
-    place = f"{path}: {key} {cells.get(key, '')}"
+    location = f"{path}: {key} {cells.get(key, '')}"
     if len(line) > len(titles):
-        why = "has more cells than there are titles; decimal commas need semicolons between columns"
-        raise UnusableFile(place, why)
-    return TableRow(place, cells, decimal)
+        hint = "decimal commas need semicolons between columns"
+        raise UnusableFile(location, f"has more cells than there are titles; {hint}")
+    return TableRow(location, cells, decimal)
 
 
-def _lines(path: Path) -> tuple[list[list[str]], str]:
-    """The cells of all lines that are not empty, and what separates them."""
+def _read_lines(path: Path) -> tuple[list[list[str]], str]:
+    """Return the cells of all lines that are not empty, and the separator."""
     try:
         text = path.read_text("utf-8-sig").splitlines()
         separator = max(SEPARATORS, key=text[0].count) if text else ","

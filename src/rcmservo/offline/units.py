@@ -1,5 +1,7 @@
-"""Joints of a recording, each within the rig's limits: what is far beyond was recorded in another
-unit."""
+"""Check of recorded joints against the rig's limits and for confused units.
+
+A value far outside the limits of any arm was recorded in another unit.
+"""
 
 import numpy as np
 
@@ -8,36 +10,45 @@ from rcmservo.interfaces import Floats
 from rcmservo.method.kinematics import FULL_TURN, LONGEST_TRAVEL, JointLimits
 from rcmservo.offline.table import Table
 
-METRES = np.array([1.0, 1.0, 1e-3])
-"""Joints in rad, rad, mm times this are those of a recording, in rad, rad, m."""
+TO_RECORDED_UNITS = np.array([1.0, 1.0, 1e-3])
+"""Factors from rad, rad, mm to the units of a recording: rad, rad, m."""
 
-UNITS = ("rad", "rad", "m")
-MISTAKEN = ("degrees", "degrees", "mm")
-"""The units in which joints are recorded by mistake."""
+RECORDED_UNITS = ("rad", "rad", "m")
+"""Units of a recording."""
+CONFUSED_UNITS = ("degrees", "degrees", "mm")
+"""Units that are often recorded by mistake."""
 
-POSSIBLE = (FULL_TURN, FULL_TURN, LONGEST_TRAVEL)
-"""What no joint of any arm is beyond, in rad, rad, mm."""
+MAX_JOINT_VALUES = (FULL_TURN, FULL_TURN, LONGEST_TRAVEL)
+"""Largest joint values of any arm, in rad, rad, mm."""
 
-SLACK = (0.01, 0.01, 1.0)
-"""rad, rad, mm by which a real arm may stand beyond its limits."""
+LIMIT_TOLERANCES = (0.01, 0.01, 1.0)
+"""Largest excess over the limits of a real arm, in rad, rad, mm."""
 
 
-def joints(table: Table, columns: tuple[str, ...], limits: JointLimits) -> Floats:
-    """The joints (n, 3) rad, rad, mm of all rows."""
-    q = np.array([row.numbers(columns) for row in table.rows]).reshape(-1, 3) / METRES
+def read_joints(table: Table, columns: tuple[str, ...], limits: JointLimits) -> Floats:
+    """Return the joints (n, 3) of all rows in rad, rad, mm.
+
+    Raises
+    ------
+    BadInput
+        If a joint is outside the limits; the message names the likely unit.
+    """
+    q = np.array([row.numbers(columns) for row in table.rows]).reshape(-1, 3) / TO_RECORDED_UNITS
     lower, upper = limits.arrays
     for i, column in enumerate(columns):
-        beyond = (q[:, i] < lower[i] - SLACK[i]) | (q[:, i] > upper[i] + SLACK[i])
-        if beyond.any():
-            first = int(np.argmax(beyond))
-            value = float(f"{q[first, i] * METRES[i]:.9g}")
-            raise BadInput(f"{table.rows[first].place}: {column}", value, _right(q, limits, i))
+        low, high = lower[i] - LIMIT_TOLERANCES[i], upper[i] + LIMIT_TOLERANCES[i]
+        is_outside = (q[:, i] < low) | (q[:, i] > high)
+        if is_outside.any():
+            first = int(np.argmax(is_outside))
+            value = float(f"{q[first, i] * TO_RECORDED_UNITS[i]:.9g}")
+            name = f"{table.rows[first].location}: {column}"
+            raise BadInput(name, value, _expected_range(q, limits, i))
     return q
 
 
-def _right(q: Floats, limits: JointLimits, i: int) -> str:
-    """What joint i should be, and in which unit its column seems to be."""
-    low, high = limits.lower[i] * METRES[i], limits.upper[i] * METRES[i]
-    far = np.abs(q[:, i]).max() > POSSIBLE[i]
-    hint = f" (this looks like {MISTAKEN[i]})" if far else ""
-    return f"within the rig's limits, {low:.4g} to {high:.4g} {UNITS[i]}{hint}"
+def _expected_range(q: Floats, limits: JointLimits, i: int) -> str:
+    """Return the range of joint i, and the unit that its column seems to have."""
+    low, high = limits.lower[i] * TO_RECORDED_UNITS[i], limits.upper[i] * TO_RECORDED_UNITS[i]
+    is_implausible = np.abs(q[:, i]).max() > MAX_JOINT_VALUES[i]
+    hint = f" (this looks like {CONFUSED_UNITS[i]})" if is_implausible else ""
+    return f"within the rig's limits, {low:.4g} to {high:.4g} {RECORDED_UNITS[i]}{hint}"

@@ -1,9 +1,9 @@
-"""From frames to marker centres."""
+"""Detection of the two markers in camera images."""
 
+from rcmservo.tracking.appearance import MarkerLook
+from rcmservo.tracking.colour_markers import ColourMarkers, PointMarkers
 from rcmservo.tracking.colours import COLOURS
-from rcmservo.tracking.images import decode_image, encode_image, read_image
-from rcmservo.tracking.look import MarkerLook
-from rcmservo.tracking.markers import ColourMarkers, PointMarkers
+from rcmservo.tracking.image_files import decode_image, encode_image, read_image
 
 __all__ = [
     "COLOURS",

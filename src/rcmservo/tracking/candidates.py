@@ -1,4 +1,4 @@
-"""Which balls of a picture could be markers, and which two the tracker takes."""
+"""Candidate balls of an image, and the marker pair that the tracker selects from them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,94 +7,105 @@ from itertools import combinations
 import numpy as np
 
 from rcmservo.interfaces import Floats, Frame, Image
-from rcmservo.tracking.ball import Ball
-from rcmservo.tracking.close import balls_seen
+from rcmservo.tracking.appearance import MIN_RADIUS_RATIO, MarkerLook
+from rcmservo.tracking.ball_fit import Ball
+from rcmservo.tracking.colour_markers import ColourMarkers
 from rcmservo.tracking.colours import COLOURS
-from rcmservo.tracking.look import APART, MarkerLook
-from rcmservo.tracking.markers import ColourMarkers
+from rcmservo.tracking.local_search import detect_balls
 
 SAME = 0.7
-"""Of the larger radius: balls nearer to each other are one, seen by several colours."""
+"""Distance, as a fraction of the larger radius, below which two detections are the same ball."""
 
 UNSEEN = "the picture shows no ball of a colour that the tracker knows"
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A ball of a picture, by the colour that shows it best."""
+    """Ball of an image with the colour that shows it best."""
 
     colour: str
-    """One of COLOURS."""
+    """One of `COLOURS`."""
     ball: Ball
-    """Where it is, how large, and how well it is seen."""
+    """Position, size and quality."""
 
 
 @dataclass(frozen=True, eq=False)
 class TakenPair:
-    """What the tracker makes of a picture, of markers that look like this."""
+    """Markers that the tracker finds in one image for a given appearance."""
 
     look: MarkerLook
-    """How the markers are to look."""
+    """Appearance of the markers."""
     points: Floats
-    """Markers 1 and 2 (2, 2) px; NaN for one that is not found."""
+    """Markers 1 and 2, (2, 2) px; NaN for a marker that is not found."""
     radius: Floats
-    """Theirs (2,) px."""
+    """Radii of the markers in the image, (2,) px."""
     why: str
-    """Why it does not take two, in a sentence; empty where it does."""
+    """Reason why the tracker does not find both markers, a sentence; empty if it does."""
 
 
 def candidates(image: Image) -> list[Candidate]:
-    """The balls of a picture, best seen first. Brightness counts where no colour shows a ball."""
+    """Return the balls of an image, best quality first.
+
+    A detection by brightness counts only if no colour detects the same ball.
+    """
     found: list[Candidate] = []
     for colour in COLOURS:
-        for ball in balls_seen(image, COLOURS.index(colour)):
-            same = [one for one in found if _same(one.ball, ball)]
-            if any(one.ball.quality >= ball.quality or colour == "bright" for one in same):
+        for ball in detect_balls(image, COLOURS.index(colour)):
+            same = [other for other in found if _is_same(other.ball, ball)]
+            if any(other.ball.quality >= ball.quality or colour == "bright" for other in same):
                 continue
-            found = [one for one in found if one not in same] + [Candidate(colour, ball)]
-    return sorted(found, key=lambda one: -one.ball.quality)
+            found = [other for other in found if other not in same] + [Candidate(colour, ball)]
+    return sorted(found, key=lambda candidate: -candidate.ball.quality)
 
 
-def taken(image: Image, look: MarkerLook) -> TakenPair:
-    """What the tracker takes for markers that look like this."""
-    tracker, frame = ColourMarkers(look), Frame(0, 0, 0, image)
-    seen, why = tracker.find(frame), tracker.why(frame)
-    if not why and not np.isfinite(seen.points).all():
-        why = "the tracker does not find both markers"
-    return TakenPair(look, seen.points, seen.radius, why)
+def taken(image: Image, appearance: MarkerLook) -> TakenPair:
+    """Return the markers that the tracker finds for a given appearance."""
+    tracker, frame = ColourMarkers(appearance), Frame(0, 0, 0, image)
+    markers, reason = tracker.find(frame), tracker.why(frame)
+    if not reason and not np.isfinite(markers.points).all():
+        reason = "the tracker does not find both markers"
+    return TakenPair(appearance, markers.points, markers.radius, reason)
 
 
-def chosen(image: Image, colours: tuple[str, str], first: float) -> MarkerLook | None:
-    """How markers of these two different colours look in a picture, the first `first` mm in radius;
-    None where it does not show both."""
-    best = [balls_seen(image, COLOURS.index(colour))[:1] for colour in colours]
+def chosen(image: Image, colours: tuple[str, str], radius_1: float) -> MarkerLook | None:
+    """Return the appearance of markers of two different colours, measured in an image.
+
+    `radius_1` is the radius of marker 1 in mm. None if the image does not show a ball of each
+    colour.
+    """
+    best = [detect_balls(image, COLOURS.index(colour))[:1] for colour in colours]
     if not all(best):
         return None
     ratio = best[1][0].radius / best[0][0].radius
-    return MarkerLook(*colours, first, round(first * ratio, 2))
+    return MarkerLook(*colours, radius_1, round(radius_1 * ratio, 2))
 
 
-def proposed(image: Image, found: list[Candidate], first: float) -> TakenPair | None:
-    """The best seen pair that the tracker would take, as of markers of its colours; of two colours
-    before one. Which of them is nearer the RCM no picture tells."""
-    for look in _looks(image, found, first):
-        pair = taken(image, look)
+def proposed(image: Image, found: list[Candidate], radius_1: float) -> TakenPair | None:
+    """Return the best pair of candidates that the tracker can find as markers, or None.
+
+    Pairs of two colours precede pairs of one colour. No image shows which ball is nearer the RCM,
+    so the order of the two is a guess.
+    """
+    for appearance in _possible_appearances(image, found, radius_1):
+        pair = taken(image, appearance)
         if not pair.why:
             return pair
     return None
 
 
-def _looks(image: Image, found: list[Candidate], first: float) -> Iterator[MarkerLook]:
+def _possible_appearances(
+    image: Image, found: list[Candidate], radius_1: float
+) -> Iterator[MarkerLook]:
     pairs = list(combinations(found, 2))
     for colours in dict.fromkeys((a.colour, b.colour) for a, b in pairs if a.colour != b.colour):
-        look = chosen(image, colours, first)
-        if look is not None:
-            yield look
+        appearance = chosen(image, colours, radius_1)
+        if appearance is not None:
+            yield appearance
     for a, b in pairs:
         ratio = b.ball.radius / a.ball.radius
-        if a.colour == b.colour and max(ratio, 1.0 / ratio) > APART:
-            yield MarkerLook(a.colour, b.colour, first, first * ratio)
+        if a.colour == b.colour and max(ratio, 1.0 / ratio) > MIN_RADIUS_RATIO:
+            yield MarkerLook(a.colour, b.colour, radius_1, radius_1 * ratio)
 
 
-def _same(a: Ball, b: Ball) -> bool:
+def _is_same(a: Ball, b: Ball) -> bool:
     return a.distance(b) < SAME * max(a.radius, b.radius)

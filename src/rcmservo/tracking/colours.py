@@ -1,12 +1,13 @@
-"""How much of a marker's colour is in a pixel: a signed weight.
+"""Colour response of the pixels: a signed measure of a marker's colour.
 
-The weight of a primary colour is its channel minus the larger of the other two. The weight of a
-mixed colour is the smaller of its two channels minus the third. "bright" is the plain mean. In
-colours, grey weighs 0 however bright it is. So balls are found among other colours.
+The response to a primary colour is its channel minus the larger of the other two. The response to a
+mixed colour is the smaller of its two channels minus the third. Grey of any brightness has the
+response 0 to these colours, so balls stand out from it. The response to "bright" is the mean of the
+channels.
 
-A pixel that a ball covers by half does not weigh half as much before a background in which another
-channel is the larger one. Where fractions of a pixel count, MIXES are taken: linear, and grey is 0
-in them too.
+This response is not linear: a pixel half covered by a ball may show less than half of the ball's
+response, if another channel dominates the background. Where fractions of a pixel count, the linear
+`CHANNEL_MIXES` replace it; grey has the response 0 to their colours too.
 """
 
 import numpy as np
@@ -15,8 +16,9 @@ from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats, Image
 
 COLOURS = ("red", "green", "blue", "yellow", "cyan", "magenta", "bright")
+"""Names of the marker colours. Kernels use their index."""
 
-MIXES: Floats = np.array(
+CHANNEL_MIXES: Floats = np.array(
     [
         [-0.5, -0.5, 1.0],
         [-0.5, 1.0, -0.5],
@@ -27,12 +29,12 @@ MIXES: Floats = np.array(
         [1 / 3, 1 / 3, 1 / 3],
     ]
 )
-"""What each of COLOURS makes of blue, green and red."""
+"""Linear mix of blue, green and red for each of `COLOURS`, (7, 3)."""
 
 
 @compiled
-def weight(blue: float, green: float, red: float, colour: int) -> float:
-    """The amount of colour number `colour` of COLOURS in one pixel, -255 to 255."""
+def pixel_response(blue: float, green: float, red: float, colour: int) -> float:
+    """Return the response of one pixel to colour number `colour` of `COLOURS`, -255 to 255."""
     result = (blue + green + red) / 3.0
     if colour == 0:
         result = red - max(green, blue)
@@ -50,28 +52,30 @@ def weight(blue: float, green: float, red: float, colour: int) -> float:
 
 
 @compiled
-def weights(image: Image, colour: int) -> Floats:
-    """The weight of every pixel of `image` (height, width, 3)."""
+def colour_response(image: Image, colour: int) -> Floats:
+    """Return the colour response (height, width) of an image (height, width, 3)."""
     height, width = image.shape[0], image.shape[1]
     result = np.empty((height, width))
     for i in range(height):
         for j in range(width):
             pixel = image[i, j]
-            result[i, j] = weight(float(pixel[0]), float(pixel[1]), float(pixel[2]), colour)
+            result[i, j] = pixel_response(float(pixel[0]), float(pixel[1]), float(pixel[2]), colour)
     return result
 
 
 @compiled
-def halved(fine: Floats) -> Image:
-    """Weights at half the resolution, in which specks and noise fade.
+def halve_resolution(fine: Floats) -> Image:
+    """Return a colour response at half the resolution, where specks and noise fade.
 
-    Each is the mean of 2 x 2 pixels, cut to 0..255.
+    Each value is the mean of 2 x 2 pixels, clipped to 0..255.
     """
     height, width = fine.shape[0] // 2, fine.shape[1] // 2
     result = np.empty((height, width), np.uint8)
     for i in range(height):
         for j in range(width):
-            k, l = 2 * i, 2 * j
-            mean = 0.25 * (fine[k, l] + fine[k, l + 1] + fine[k + 1, l] + fine[k + 1, l + 1])
+            row, column = 2 * i, 2 * j
+            upper = fine[row, column] + fine[row, column + 1]
+            lower_1, lower_2 = fine[row + 1, column], fine[row + 1, column + 1]
+            mean = 0.25 * (upper + lower_1 + lower_2)
             result[i, j] = np.uint8(min(max(mean, 0.0), 255.0))
     return result

@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.table import Table
 
 from rcmservo.interfaces import Image
+from rcmservo.tracking.appearance import MarkerLook
 from rcmservo.tracking.candidates import SAME, UNSEEN, Candidate, TakenPair
-from rcmservo.tracking.look import MarkerLook
 
 if TYPE_CHECKING:
     from rcmservo.figures.overlay import Ring

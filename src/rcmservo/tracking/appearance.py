@@ -1,0 +1,71 @@
+"""Appearance of the two markers, and the test that two balls can be the markers."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from rcmservo.constraints import Checked, between, one_of
+from rcmservo.tracking.ball_fit import Ball
+from rcmservo.tracking.colours import COLOURS
+
+MIN_RADIUS_RATIO = 1.1
+"""Smallest ratio of the radii of two markers of one colour."""
+
+RADIUS_LIMIT = between(0.01, 1000.0, "a length", "mm")
+
+
+@dataclass(frozen=True)
+class MarkerLook(Checked):
+    """Colours and sizes of the two balls. Marker 1 is the one nearer the RCM.
+
+    The tracker distinguishes two balls of one colour by their size in the image, so the larger one
+    must also look larger. This fails if the tool points its smaller ball steeply at the camera.
+
+    Raises
+    ------
+    BadInput
+        If a colour or radius is outside its range, or if markers of one colour have radii with a
+        ratio below 1.1.
+    """
+
+    colour_1: Annotated[str, one_of(COLOURS)] = "green"
+    """Colour of marker 1: red, green, blue, yellow, cyan, magenta or bright."""
+
+    colour_2: Annotated[str, one_of(COLOURS)] = "blue"
+    """Colour of marker 2: red, green, blue, yellow, cyan, magenta or bright."""
+
+    radius_1: Annotated[float, RADIUS_LIMIT] = 4.0
+    """Radius of marker 1 in mm, 0.01 to 1000. Only the ratio of the two radii matters."""
+
+    radius_2: Annotated[float, RADIUS_LIMIT] = 4.0
+    """Radius of marker 2 in mm, 0.01 to 1000."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        ratio = max(self.ratio, 1.0 / self.ratio)
+        expected = (
+            f"at least {MIN_RADIUS_RATIO} times larger or smaller than radius_1 of the same colour"
+        )
+        self.require(not self.alike or ratio >= MIN_RADIUS_RATIO, "radius_2", expected)
+
+    @property
+    def alike(self) -> bool:
+        """True if both markers have one colour, so that only their size distinguishes them."""
+        return self.colour_1 == self.colour_2
+
+    @property
+    def ratio(self) -> float:
+        """Radius of marker 1 divided by the radius of marker 2."""
+        return self.radius_1 / self.radius_2
+
+    def matches_sizes(self, a: Ball, b: Ball) -> bool:
+        """Report whether two balls can be markers 1 and 2 by their sizes in the image.
+
+        The test assumes that neither marker is twice as near to the camera as the other.
+        """
+        ratio = a.radius / b.radius
+        if not 0.5 < ratio / self.ratio < 2.0:
+            return False
+        if not self.alike:
+            return True
+        are_separate = a.distance(b) > 0.5 * (a.radius + b.radius)
+        return are_separate and (ratio > 1.04 if self.ratio > 1.0 else ratio < 1.0 / 1.04)
