@@ -86,7 +86,7 @@ def never_softer(mode, present, more, sign, request_, now):
     assert firmness(transition(mode, [*present, more], sign, request_, now)) >= firmness(answer)
 
 
-@settings(max_examples=1000)
+@settings(max_examples=300)
 @one_fault_more
 def test_adding_a_fault_never_softens_the_answer(mode, present, more, sign, request_, now):
     never_softer(mode, present, more, sign, request_, now)

@@ -460,7 +460,6 @@ def test_a_servo_process_that_is_killed_or_stopped_is_noticed_and_the_arm_stands
     servo.end()
 
 
-@pytest.mark.alone
 def test_a_laboratory_that_cannot_be_is_one_sentence_also_from_another_process():
     with pytest.raises(RcmServoError, match="seed must be"), Bench(-1, RigSettings()):
         pass

@@ -244,7 +244,6 @@ def test_a_toy_that_another_host_has_is_not_taken_from_it() -> None:
             assert not arm.measure().enabled
 
 
-@pytest.mark.alone
 def test_where_nobody_answers_it_says_so() -> None:
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as deaf:
         deaf.bind(("127.0.0.1", 0))

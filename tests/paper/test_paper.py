@@ -43,7 +43,7 @@ KEYS = {
     "trials",
 }
 COMPARED = ("baselines", "path-following")
-CHEAP = ("potential", "imaged-rcm", "relocation")
+CHEAP = ("potential", "imaged-rcm", "tool-model")
 """Experiments that are run a second time: a computation, a Monte Carlo, and closed loops."""
 
 
