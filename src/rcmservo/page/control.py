@@ -9,10 +9,11 @@ import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated
 
 from rcmservo.config.decode import decode
-from rcmservo.config.texts import is_table
+from rcmservo.config.texts import Table, is_table
+from rcmservo.constraints import Checked, Limit
 from rcmservo.errors import BadInput
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
@@ -20,7 +21,6 @@ from rcmservo.page.settings import change_of
 from rcmservo.page.tour import GoOnTour, Plan
 from rcmservo.page.wants import (
     Beat,
-    Change,
     Delete,
     Enable,
     Go,
@@ -45,6 +45,19 @@ LONGEST = 2000
 NAME = 40
 """Characters of a pose's name."""
 
+
+def _is_name(text: str) -> bool:
+    return 0 < len(text) <= NAME and text.isprintable() and text == text.strip()
+
+
+@dataclass(frozen=True)
+class Named(Checked):
+    """Arguments of a message that names a pose."""
+
+    name: Annotated[str, Limit(_is_name, f"a name of 1 to {NAME} characters")]
+    """The pose."""
+
+
 PLAIN: dict[str, Told] = {
     "beat": Beat(),
     "enable": Enable(),
@@ -53,10 +66,9 @@ PLAIN: dict[str, Told] = {
     "resume": Request.RESUME,
     "clear": Request.CLEAR,
 }
-"""What messages want that say no more,"""
+"""Messages without arguments."""
 
-NAMED: dict[str, Callable[[str], Told]] = {"teach": TeachAs, "delete": Delete}
-"""and those that name a pose."""
+FindPose = Callable[[str], Target | None]
 
 
 class Unheeded(Exception):
@@ -103,13 +115,11 @@ class Control:
         self.holder, self.asking, self.heard = name, "", now
 
 
-def heard(
-    text: str, name: str, control: Control, pose: Callable[[str], Target | None], now: int
-) -> Told | None:
+def heard(text: str, name: str, control: Control, find: FindPose, now: int) -> Told | None:
     """What a browser wants of the servo; None for what is settled between browsers, and for a sign
-    of life that comes too late: nobody pressed anything. `pose` finds a target by its name."""
+    of life that comes too late: nobody pressed anything. `find` finds a target by its name."""
     message = _message(text)
-    do = message.get("do")
+    do, at = message.pop("do", None), message.pop("at", None)
     if do == "ask":
         return control.ask(name, now)
     if do == "give":
@@ -118,32 +128,27 @@ def heard(
         raise Unheeded("another browser has control: ask for it")
     if do == "release":
         return Released()
-    at = message.get("at")
     if type(at) is not int or not 0 <= now - at <= (FRESH_JOG if do == "jog" else FRESH):
         if do == "beat":
             return None
         raise Unheeded("it came too late to count")
     control.heard = now
-    return _told(do, message, pose)
+    try:
+        return _told(do, message, find)
+    except BadInput as error:
+        raise Unheeded(str(error)) from error
 
 
-def _told(do: object, message: dict[str, Any], pose: Callable[[str], Target | None]) -> Told:
-    if not isinstance(do, str):
-        raise Unheeded(f"nobody knows what {str(do)[:NAME]!r} is")
-    if do == "go":
-        return Go(_known(_name(message.get("name")), pose))
-    if do == "tour":
-        return _tour(message, pose)
-    if do in NAMED:
-        return NAMED[do](_name(message.get("name")))
-    if do in PLAIN:
+def _told(do: object, message: Table, find: FindPose) -> Told:
+    """Return a fresh message of the browser in control. `message` holds its arguments."""
+    if isinstance(do, str) and do in PLAIN:
         return PLAIN[do]
-    if do in (read := {"jog": _held, "set": _change, "trouble": _wrong, "answer": _answer}):
-        return read[do](message)
-    raise Unheeded(f"nobody knows what {do[:NAME]!r} is")
+    if isinstance(do, str) and do in READERS:
+        return READERS[do](message, find)
+    raise Unheeded(f"nobody knows what {str(do)[:NAME]!r} is")
 
 
-def _message(text: str) -> dict[str, Any]:
+def _message(text: str) -> Table:
     if len(text) > LONGEST:
         raise Unheeded("it is too long")
     try:
@@ -155,58 +160,34 @@ def _message(text: str) -> dict[str, Any]:
     return message
 
 
-def _held(message: dict[str, Any]) -> Held | Led:
-    """The joints by their rates, or marker 1 by its velocity."""
-    table = {key: value for key, value in message.items() if key not in ("do", "at")}
-    try:
-        return decode(Led if "velocity" in table else Held, table, "jog")
-    except BadInput as error:
-        raise Unheeded(str(error)) from error
+def _name(message: Table) -> str:
+    return decode(Named, message, "pose").name
 
 
-def _change(message: dict[str, Any]) -> Change:
-    try:
-        return change_of(message.get("box"), message.get("table"))
-    except BadInput as error:
-        raise Unheeded(str(error)) from error
-
-
-def _wrong(message: dict[str, Any]) -> Wrong:
-    try:
-        return decode(Wrong, {"what": message.get("what")}, "trouble")
-    except BadInput as error:
-        raise Unheeded(str(error)) from error
-
-
-def _answer(message: dict[str, Any]) -> Reply:
-    try:
-        told = {key: message.get(key) for key in ("question", "words")}
-        return decode(Reply, told, "answer")
-    except BadInput as error:
-        raise Unheeded(str(error)) from error
-
-
-def _name(name: object) -> str:
-    good = isinstance(name, str) and 0 < len(name) <= NAME and name.isprintable()
-    if not good or str(name) != str(name).strip():
-        raise Unheeded(f"a pose's name has 1 to {NAME} characters")
-    return str(name)
-
-
-def _known(called: str, pose: Callable[[str], Target | None]) -> Target:
-    target = pose(called)
+def _known(name: str, find: FindPose) -> Target:
+    target = find(name)
     if target is None:
-        raise Unheeded(f"there is no pose {called[:NAME]!r}")
+        raise Unheeded(f"there is no pose {name[:NAME]!r}")
     return target
 
 
-def _tour(message: dict[str, Any], pose: Callable[[str], Target | None]) -> GoOnTour:
+def _tour(message: Table, find: FindPose) -> GoOnTour:
     """All its poses are known before it begins."""
-    try:
-        plan = decode(Plan, {key: message.get(key) for key in ("stops", "rounds")}, "tour")
-    except BadInput as error:
-        raise Unheeded(str(error)) from error
-    return GoOnTour(plan, tuple(_known(stop.pose, pose) for stop in plan.stops))
+    plan = decode(Plan, message, "tour")
+    return GoOnTour(plan, tuple(_known(stop.pose, find) for stop in plan.stops))
+
+
+READERS: dict[str, Callable[[Table, FindPose], Told]] = {
+    "jog": lambda message, _: decode(Led if "velocity" in message else Held, message, "jog"),
+    "teach": lambda message, _: TeachAs(_name(message)),
+    "delete": lambda message, _: Delete(_name(message)),
+    "go": lambda message, find: Go(_known(_name(message), find)),
+    "tour": _tour,
+    "set": lambda message, _: change_of(message.get("box"), message.get("table")),
+    "trouble": lambda message, _: decode(Wrong, message, "trouble"),
+    "answer": lambda message, _: decode(Reply, message, "answer"),
+}
+"""Messages with arguments."""
 
 
 def moment() -> int:

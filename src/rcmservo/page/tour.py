@@ -8,10 +8,11 @@ What stops the tool, or sends it elsewhere, ends the tour.
 
 from dataclasses import dataclass
 from math import ceil
+from typing import Annotated
 
 import numpy as np
 
-from rcmservo.errors import require
+from rcmservo.constraints import Checked, Limit, between
 from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Target
 from rcmservo.loop.operator import same
@@ -26,33 +27,25 @@ BY_ITSELF = Phase.ACQUIRE, Phase.SERVO, Phase.HOLD
 
 
 @dataclass(frozen=True)
-class Stay:
+class Stay(Checked):
     """A pose of a tour."""
 
     pose: str
     """Its name."""
-    dwell: float
+    dwell: Annotated[float, between(0.0, LONGEST, "a time", "s")]
     """s for which the errors stay small before the tool goes on."""
-
-    def __post_init__(self) -> None:
-        right = f"a time from 0 to {LONGEST:g} s"
-        require(0.0 <= self.dwell <= LONGEST, "dwell", self.dwell, right)
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(Checked, section="tour"):
     """What a person asks for."""
 
-    stops: tuple[Stay, ...]
+    stops: Annotated[
+        tuple[Stay, ...], Limit(lambda stops: 1 <= len(stops) <= STOPS, f"1 to {STOPS} poses")
+    ]
     """In the order of the visits."""
-    rounds: int = 1
+    rounds: Annotated[int, between(1, ROUNDS, "a whole number")] = 1
     """How often all are visited."""
-
-    def __post_init__(self) -> None:
-        stops = len(self.stops)
-        require(1 <= stops <= STOPS, "stops", stops, f"1 to {STOPS} poses")
-        right = f"a whole number from 1 to {ROUNDS}"
-        require(1 <= self.rounds <= ROUNDS, "rounds", self.rounds, right)
 
 
 @dataclass(frozen=True, eq=False)

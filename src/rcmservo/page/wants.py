@@ -1,16 +1,25 @@
 """What the page tells the servo: what a person wants, and that the person is still there."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
-from rcmservo.errors import require
+from rcmservo.constraints import FRACTION, Checked, Limit, Triple, at_most, each
 from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
 from rcmservo.page.tour import GoOnTour, HowFar
 from rcmservo.servo.servo import Servo
 
-LARGEST = 1e9
-"""Of a rate that a browser asks for."""
+LARGEST = at_most(1e9, "of its unit")
+"""Limit of a rate that a browser asks for."""
+
+PRESS = Limit(lambda press: 0 <= press < 2**53, "a whole number from 0 to 2⁵³ − 1")
+"""Limit of the number of a press: JavaScript holds it exactly."""
+
+
+def one_line(most: int, noun: str = "one line") -> Limit:
+    """Return the limit to a printable text of at most `most` characters."""
+    words = f"{noun} of at most {most} characters"
+    return Limit(lambda text: len(text) <= most and text.isprintable(), words)
 
 
 @dataclass(frozen=True)
@@ -44,47 +53,28 @@ class Delete:
 
 
 @dataclass(frozen=True)
-class Held:
+class Held(Checked, section="jog"):
     """A person holds a jog button down, now."""
 
-    rates: tuple[float, float, float]
+    rates: Annotated[Triple, each(LARGEST, "three numbers (rad/s, rad/s, mm/s) of at most 10⁹")]
     """Joint rates rad/s, rad/s, mm/s."""
-    press: int
+    press: Annotated[int, PRESS]
     """Which press it is: what ended one press is not gone on with before the next."""
-    share: float = 1.0
+    share: Annotated[float, FRACTION] = 1.0
     """Of the speed that a jog may have."""
-
-    def __post_init__(self) -> None:
-        _require_three("rates", self.rates, "rad/s, rad/s, mm/s")
-        _require_held(self.press, self.share)
 
 
 @dataclass(frozen=True)
-class Led:
+class Led(Checked, section="jog"):
     """A person holds a button down, now, that leads marker 1 in a direction of the arm's base
     frame."""
 
-    velocity: tuple[float, float, float]
+    velocity: Annotated[Triple, each(LARGEST, "three numbers (mm/s) of at most 10⁹")]
     """Of marker 1 along x, y, z, mm/s."""
-    press: int
+    press: Annotated[int, PRESS]
     """Which press it is, as for Held."""
-    share: float = 1.0
+    share: Annotated[float, FRACTION] = 1.0
     """Of the speed that a jog may have."""
-
-    def __post_init__(self) -> None:
-        _require_three("velocity", self.velocity, "mm/s")
-        _require_held(self.press, self.share)
-
-
-def _require_three(name: str, numbers: tuple[float, ...], unit: str) -> None:
-    good = len(numbers) == 3 and all(abs(number) <= LARGEST for number in numbers)
-    require(good, name, numbers, f"three numbers ({unit}) of at most 10⁹")
-
-
-def _require_held(press: int, share: float) -> None:
-    right = "a whole number from 0 to 2⁵³ − 1"
-    require(0 <= press < 2**53, "press", press, right)
-    require(0.0 < share <= 1.0, "share", share, "above 0 and at most 1")
 
 
 @dataclass(frozen=True)
@@ -108,30 +98,21 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Wrong:
+class Wrong(Checked, section="trouble"):
     """Wanted: that something goes wrong with a simulated laboratory."""
 
-    what: str
+    what: Annotated[str, one_line(200, "a disturbance")]
     """As `--disturb` takes it, without `at`; empty: all that goes wrong ends."""
-
-    def __post_init__(self) -> None:
-        good = len(self.what) <= 200 and self.what.isprintable()
-        require(good, "what", self.what[:40], "a disturbance of at most 200 characters")
 
 
 @dataclass(frozen=True)
-class Reply:
+class Reply(Checked, section="answer"):
     """What a person answers to a question."""
 
-    question: str
+    question: Annotated[str, one_line(400)]
     """Which one, in its words: an answer to another one counts for nothing."""
-    words: str
+    words: Annotated[str, one_line(100)]
     """The answer."""
-
-    def __post_init__(self) -> None:
-        for name, text, most in (("question", self.question, 400), ("words", self.words, 100)):
-            good = len(text) <= most and text.isprintable()
-            require(good, name, text[:40], f"one line of at most {most} characters")
 
 
 Told = (
