@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from urllib.parse import parse_qs
 
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
@@ -14,23 +15,8 @@ WRONG, WITHIN, WHOM = 5, 60.0, 1000
 LONGEST = 2048
 """Bytes of what is sent to sign in."""
 
-SHEET = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>rcmservo: sign in</title>
-<meta name="viewport" content="width=device-width">
-<style>
-:root { color-scheme: light dark; font-family: sans-serif; }
-form { max-width: 24rem; margin: 15vh auto; display: grid; gap: 0.8rem; padding: 0 1rem; }
-input, button { font: inherit; padding: 0.5rem; border: 2px solid #0072b2; border-radius: 0.4rem; }
-button { background: #0072b2; color: #ffffff; cursor: pointer; }
-p { margin: 0; min-height: 1.3em; }
-</style></head><body>
-<form method="post" action="/">
-<label for="token">Token of this rcmservo, from its token file</label>
-<input id="token" name="token" type="password" autocomplete="current-password" required autofocus>
-<button>Sign in</button>
-<p role="alert">SAID</p>
-</form></body></html>
-"""
+SHEET = (Path(__file__).parent / "static/sign_in.html").read_text()
+"""Page that asks for the token; SAID stands for the answer to the last one."""
 
 
 class Guesses:
