@@ -65,7 +65,7 @@ def clients(address: str, pictures: Any, control: Connection) -> None:
             threading.Thread(target=look, args=(turn,), daemon=True).start()
         control.send("ready")
         while not control.poll(BEAT):
-            do = "enable" if newest.get("ready") else "beat"
+            do = "enable" if "enable" in newest.get("can", ()) else "beat"
             if "at" in newest:
                 hand.send(json.dumps({"do": do, "at": newest["at"]}))
 

@@ -110,12 +110,12 @@ class Holder:
                 return awaited(lambda: self.now["phase"] == "JOG", 1.0)
 
     def enable(self) -> None:
-        awaited(lambda: self.now["ready"])
+        awaited(lambda: "enable" in self.now["can"])
         self.until({"do": "enable"}, "PAUSED")
 
     def stands(self) -> dict[str, Any]:
         """What no forged request may change."""
-        awaited(lambda: self.now["phase"] != "OFF" or self.now["ready"])
+        awaited(lambda: self.now["phase"] != "OFF" or "enable" in self.now["can"])
         told, row = self.now, self.lab.bench.log.last()
         phase = "on its way" if told["phase"] in MOVING else told["phase"]
         kept = {name: told[name] for name in ("holder", "asking", "target", "poses")}
@@ -238,10 +238,10 @@ def forged(holder: Holder, count: int) -> dict[str, list[str]]:
     found["on its way"] = forge(holder, share)
     with holder.client.open("/stop") as stop:
         stop.send("stop")
-        awaited(lambda: holder.now["clears"] and holder.now["target"] is None)
+        awaited(lambda: "clear" in holder.now["can"] and holder.now["target"] is None)
     found["after a STOP"] = forge(holder, share)
     holder.until({"do": "clear"}, "OFF")
-    awaited(lambda: holder.now["ready"])
+    awaited(lambda: "enable" in holder.now["can"])
     found["off"] = forge(holder, share)
     holder.enable()
     return found
@@ -348,7 +348,9 @@ def stop_heard(holder: Holder, count: int) -> bool:
     with holder.client.open("/stop") as wire:
         wire.send("stop")
         heard = wire.recv(20.0) == "heard"
-    awaited(lambda: holder.now["clears"] and not holder.lab.bench.log.last()["enabled"], 20.0)
+    awaited(
+        lambda: "clear" in holder.now["can"] and not holder.lab.bench.log.last()["enabled"], 20.0
+    )
     return heard
 
 

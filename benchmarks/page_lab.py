@@ -54,6 +54,7 @@ FRAMES = 60  # that are recorded
 DELAY = 20_000_000  # ns from a frame's exposure to its arrival
 NUMBERS = 1 << 16  # frames of which it is known when they arrived
 PATIENCE = 180.0  # s for what must come; the first session may compile
+CLEARS, ENABLES = (f"rcm.board.can.includes('{action}')" for action in ("clear", "enable"))
 
 
 @dataclass
@@ -256,10 +257,10 @@ def press(page: Page, name: str, leads_to: str) -> None:
 
 def enabled(page: Page) -> None:
     """Switch the drive on, after a stop if there was one."""
-    until(page, "rcm.holds && (rcm.board.ready || rcm.board.clears)")
-    if page.evaluate("rcm.board.clears"):
-        press(page, "Clear", "!rcm.board.clears")
-    until(page, "rcm.holds && rcm.board.ready")
+    until(page, f"rcm.holds && ({ENABLES} || {CLEARS})")
+    if page.evaluate(CLEARS):
+        press(page, "Clear", f"!{CLEARS}")
+    until(page, f"rcm.holds && {ENABLES}")
     press(page, "Enable", "rcm.board.phase === 'PAUSED'")
 
 

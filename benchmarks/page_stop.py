@@ -22,7 +22,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from page_lab import PageLab, awaited, chromium, enabled, machine, page_lab, spread, until
+from page_lab import CLEARS, PageLab, awaited, chromium, enabled, machine, page_lab, spread, until
 from playwright.sync_api import Page
 
 BAR = 200.0  # ms
@@ -60,7 +60,7 @@ def stopped(page: Page, lab: PageLab, kind: str, turn: int) -> Stopped:
     if kind == "page blocked":
         time.sleep(max(since + BLOCKED - time.monotonic(), 0.0))
         os.kill(struck.value, signal.SIGCONT)
-    until(page, "rcm.board.phase === 'FAULT' && rcm.board.clears")
+    until(page, f"rcm.board.phase === 'FAULT' && {CLEARS}")
     rows = lab.bench.log.since(count - 1)
     off = int(rows["wall"][np.flatnonzero(rows["enabled"] == 0)[0]])
     return Stopped(kind, (off - clicked) * 1e-6, moving, page.evaluate("rcm.board.words"))

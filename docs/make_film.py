@@ -80,7 +80,7 @@ def main() -> None:
         command = [sys.executable, *SERVE, *out, "--rig", str(rig)]
         with served(command, ROOT, dict(os.environ)) as address, chromium(address) as page:
             page.set_viewport_size({"width": 1366, "height": 900})
-            until(page, "rcm.board.ready && rcm.holds")
+            until(page, "rcm.holds && rcm.board.can.includes('enable')")
             camera = Camera(page)
             page.wait_for_timeout(2000)
             page.get_by_label("Jog speed").select_option("full")

@@ -71,11 +71,11 @@ class AtThePage(Holder):
 
     def cleared(self) -> None:
         """Clear, until the drive can be switched on."""
-        self.insist({"do": "clear"}, lambda: not self.now["clears"])
-        wait_for(lambda: self.now["ready"])
+        self.insist({"do": "clear"}, lambda: "clear" not in self.now["can"])
+        wait_for(lambda: "enable" in self.now["can"])
 
     def until_words(self, words: str) -> None:
-        wait_for(lambda: words in self.now["words"] and self.now["clears"])
+        wait_for(lambda: words in self.now["words"] and "clear" in self.now["can"])
 
     def stop(self) -> None:
         with self.client.open("/stop") as wire:
@@ -108,9 +108,9 @@ def test_a_laboratory_is_homed_enabled_jogged_and_stopped_at_the_page(
         at.say({"do": "enable"})
         at.answered("9 0 100", "the joints must be within theta")
         at.answered(words_of(lab.start), "The arm stands at theta")
-        assert lab.off and not lab.homed and not at.now["ready"]
+        assert lab.off and not lab.homed and "enable" not in at.now["can"]
         at.answered("", "the drive is off")
-        wait_for(lambda: at.now["ready"])
+        wait_for(lambda: "enable" in at.now["can"])
         assert lab.off and lab.homed and np.abs(lab.q - lab.start).max() < 0.01
         stands = lab.counts
         assert "0.1 rad/s, 0.1 rad/s and 8 mm/s, which is 10 % of the full" in at.now["intent"]
@@ -145,13 +145,13 @@ def test_a_laboratory_is_homed_enabled_jogged_and_stopped_at_the_page(
         wait_for(lambda: at.now["phase"] == "FAULT")
         wait_for(lambda: any(one.startswith("the arm: ") for one in at.now["notes"]))
         at.insist({"do": "clear"}, lambda: "the session is over: " in at.now["words"])
-        assert not at.now["ready"] and lab.off
+        assert "enable" not in at.now["can"] and lab.off
         at.cleared()
         assert lab.off and np.abs(np.subtract(lab.counts, stands)).max() < 50
 
         # somebody else has switched it on
         lab.ask("SH ABC")
-        at.insist({"do": "enable"}, lambda: at.now["clears"])
+        at.insist({"do": "enable"}, lambda: "clear" in at.now["can"])
         assert "the arm's drive is on, by somebody else" in at.now["words"]
         lab.ask("MO ABC")
         at.cleared()

@@ -17,6 +17,8 @@ from rcmservo.page.board import Board
 from rcmservo.page.desk import Desk
 from rcmservo.page.seen.curves import NAMES
 from rcmservo.page.seen.shape import Shape
+from rcmservo.page.wants import Between
+from rcmservo.page.ways import allowed
 from rcmservo.sim import RigSettings
 from rcmservo.sim.body import Body
 from rcmservo.sim.processes.motion_log import MotionLog
@@ -53,11 +55,38 @@ def test_the_board_tells_the_tick_and_its_ghost_is_where_the_servo_expects_the_m
         assert known is not None
         for ghost, m in zip(table["ghost"], np.reshape(known, (2, 2)), strict=True):
             there = m + state.o_c
-            assert ghost == (there.tolist() if np.isfinite(there).all() else None)
-            expected += ghost is not None
+            assert np.array_equal(ghost, there, equal_nan=True)
+            expected += np.isfinite(ghost).all()
     assert expected > len(ticks)
     away = np.array(tables[-1]["ghost"]) - tables[-1]["points"]
     assert np.abs(away).max() < 5.0
+
+
+def test_the_buttons_that_may_be_pressed_are_those_of_the_phase() -> None:
+    moving, jog = {"show", "teach", "go", "pause"}, {"jog"}
+    expected = {phase: moving for phase in rs.Phase} | {
+        rs.Phase.IDLE: moving | jog,
+        rs.Phase.JOG: moving | jog,
+        rs.Phase.PAUSED: moving - {"pause"} | {"resume"} | jog,
+        rs.Phase.FAULT: {"clear"},
+    }
+    assert {phase: set(allowed(phase)) for phase in rs.Phase} == expected
+
+
+@pytest.mark.parametrize(
+    ("between", "phase", "can"),
+    [
+        (Between("preparing"), "OFF", []),
+        (Between("the drive is off", ready=True), "OFF", ["enable"]),
+        (Between("STOP was pressed", latched=True), "FAULT", []),
+        (Between("STOP was pressed", latched=True, clears=True), "FAULT", ["clear"]),
+    ],
+)
+def test_without_a_loop_the_drive_can_be_enabled_or_a_stop_cleared(
+    between: Between, phase: str, can: list[str]
+) -> None:
+    table = board_at(Desk(get_context("spawn")), between=between).table()
+    assert (table["phase"], table["can"], table["ways"]) == (phase, can, can[: between.clears])
 
 
 class LateClock:

@@ -43,7 +43,7 @@ class Site:
     def until(self, wire: ClientConnection, phase: str) -> dict[str, Any]:
         for _ in range(3000):
             board = self.board(wire)
-            if board["phase"] == phase and (phase != "OFF" or board["ready"]):
+            if board["phase"] == phase and (phase != "OFF" or "enable" in board["can"]):
                 return board
         raise AssertionError(f"{phase} never came: {board}")
 

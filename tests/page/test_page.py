@@ -35,6 +35,7 @@ BUSY_AT_STOP = """() => {  // what is said where a busy browser comes to Resume 
   rcm.stop();
   return new Promise((told) => setTimeout(() => told(said), 1000));
 }"""
+CLEARS, ENABLES = (f"rcm.board.can.includes('{action}')" for action in ("clear", "enable"))
 PAUSED = "rcm.board.phase === 'PAUSED'"
 UNDER_WAY = "rcm.board.phase === 'ACQUIRE' || rcm.board.phase === 'SERVO'"
 AWAY = [0.1, 0.1, 8.0]
@@ -89,10 +90,10 @@ class Person:
 
     def enable(self) -> None:
         """Have the drive on, which may be on already."""
-        self.until(f"rcm.holds && (rcm.board.ready || rcm.board.clears || {PAUSED})")
-        if self.told("board.clears"):
-            self.leads("Clear", "!rcm.board.clears")
-            self.until("rcm.board.ready")
+        self.until(f"rcm.holds && ({ENABLES} || {CLEARS} || {PAUSED})")
+        if self.page.evaluate(CLEARS):
+            self.leads("Clear", f"!{CLEARS}")
+            self.until(ENABLES)
         if self.phase != "PAUSED":
             self.leads("Enable", PAUSED)
         self.page.get_by_label("Jog speed").select_option("full")
@@ -252,7 +253,7 @@ def test_a_person_teaches_two_poses_goes_back_and_forth_stops_and_begins_again(
         watcher.until("rcm.board.phase && !rcm.holds")
         assert watcher.page.get_by_role("button", name="Go here").is_disabled()
         target = person.told("board.target")
-        watcher.page.evaluate("rcm.go('here')")
+        watcher.page.evaluate("rcm.want('go', { name: 'here' })")
         watcher.until("document.getElementById('notes').textContent.includes('has control')")
         assert person.told("board.target") == target
         person.go("here")
@@ -313,7 +314,7 @@ def test_a_stopped_run_is_opened_looked_through_and_downloaded(site: ServedPage)
         page = person.page
         if person.phase != "OFF":  # a session of its own, which is short
             page.evaluate("rcm.stop()")
-            person.until("rcm.board.clears")
+            person.until(CLEARS)
         person.enable()
         person.jog("Jog joint 1 plus")
         said = page.evaluate(BUSY_AT_STOP)
@@ -376,7 +377,7 @@ def test_a_student_sees_a_lost_marker_a_moved_camera_and_an_emergency_stop_and_t
         person.leads("Resume", UNDER_WAY)
         assert person.arrives()
         person.trouble("drive_off")
-        person.until("rcm.board.phase === 'FAULT' && rcm.board.clears")
+        person.until(f"rcm.board.phase === 'FAULT' && {CLEARS}")
         person.press("End all trouble")
         person.page.wait_for_timeout(300)
         assert person.phase == "FAULT" and person.told("board.ways") == ["clear"]

@@ -15,7 +15,7 @@ import rcmservo as rs
 from conftest import ROOT
 from rcmservo.live.servo_process import Film
 from rcmservo.page.web.doors import Doors
-from rcmservo.page.web.runs_routes import add_runs
+from rcmservo.page.web.runs_routes import runs_routes
 from rcmservo.record import reader
 from rcmservo.record.writer import Recorder
 from rcmservo.tracking import ColourMarkers
@@ -30,7 +30,7 @@ class Browser:
 
     def __init__(self, root: Path) -> None:
         app = FastAPI()
-        add_runs(app, Doors(1, "s"), root)
+        app.include_router(runs_routes(Doors(1, "s"), root))
         self.client: Any = TestClient(app)
 
     def get(self, path: str) -> Any:

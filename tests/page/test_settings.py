@@ -23,9 +23,8 @@ from rcmservo.page.operator import PageOperator
 from rcmservo.page.sessions import Again, Sessions
 from rcmservo.page.settings import BOXES, Chosen, change_of, standing
 from rcmservo.page.wants import Beat, Between, Change, Go, InForce, Note
-from rcmservo.page.web.page_process import done
+from rcmservo.page.web.page_process import done, set_box
 from rcmservo.page.web.setting_fields import docstrings, forms
-from rcmservo.page.web.settings_routes import set_box
 from rcmservo.record import reader
 from rcmservo.record.recompute import recompute
 from rcmservo.record.writer import Recorder

@@ -3,11 +3,12 @@
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from rcmservo.config.texts import Table
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats, Target
@@ -17,9 +18,9 @@ from rcmservo.page.seen.curves import Curves
 from rcmservo.page.seen.shape import Shape
 from rcmservo.page.settings import standing
 from rcmservo.page.tick_ring import DUE
-from rcmservo.page.tour import HowFar
+from rcmservo.page.tour import BY_ITSELF, HowFar
 from rcmservo.page.wants import Aim, Between, InForce, Note, OnTour, Taught, Teaching
-from rcmservo.page.ways import ways
+from rcmservo.page.ways import allowed, ways
 from rcmservo.record import ros2_messages
 from rcmservo.record.columns import WORDS
 from rcmservo.record.ros2_messages import TICK
@@ -28,9 +29,34 @@ from rcmservo.servo.servo import Servo
 NOTES = 20
 """Sentences that are kept."""
 
-Table = dict[str, Any]
 Truth = Callable[[Floats], float]
 """The true pose error, mm, of a target by the joints (3,) at which it was shown."""
+
+
+@dataclass(frozen=True)
+class Status:
+    """State of the servo in words, and the buttons that lead on."""
+
+    phase: str
+    """Name of the phase; OFF where no loop runs."""
+    words: str
+    """The phase in words."""
+    action: str
+    """Action of the cause, which says how grave it is."""
+    can: list[str]
+    """Actions that the browser in control may ask for now."""
+    ways: list[str]
+    """Those among them that lead out of the cause, in the order in which they are pressed."""
+    way_out: str
+    """Those in words."""
+    why: str = ""
+    """The cause in words."""
+    moves: bool = False
+    """Whether the tool moves by itself."""
+    intent: str = ""
+    """What is going to happen once the drive is on."""
+    asks: str = ""
+    """What the person is asked."""
 
 
 @dataclass
@@ -118,18 +144,15 @@ class Board:
                 raise TypeError(f"{said!r} is nothing that is said to the page")
 
     def table(self) -> Table:
-        """What a browser draws, as JSON has it."""
+        """What a browser draws: `json_of` encodes it."""
         tick, target = self.tick, self.target
         return {
-            **self._state(),
+            **vars(self._status()),
             "points": pairs(tick.get("points")),
             "ghost": pairs(ghost(tick)),
-            "y": plain(tick.get("y")),
-            "quality": plain(tick.get("quality")),
-            "rcm": plain(tick.get("o_c")),
-            "delta": plain(tick.get("delta")),
-            "q": plain(tick.get("q")),
-            "target": None if target is None else pairs(target.points.ravel()),
+            **{name: tick.get(name) for name in ("y", "quality", "delta", "q")},
+            "rcm": tick.get("o_c"),
+            "target": None if target is None else target.points,
             "tool": self._tool(tick.get("q")),
             "tool_target": self._tool(None if target is None else target.q),
             "truth_mm": self._true_error(target),
@@ -137,7 +160,7 @@ class Board:
             "poses": sorted(self.poses.targets),
             "refused_poses": self.poses.refused,
             "kept": self.kept,
-            "tour": None if self.tour is None else asdict(self.tour),
+            "tour": self.tour,
             "settings": self.changes,
             "standing": self._standing(),
             "notes": list(self.notes)[-3:],
@@ -156,44 +179,37 @@ class Board:
         explored, condition = bool(tick["explored"][0]), float(tick["condition"][0])
         return standing(self.in_force, explored, condition, Phase[tick["phase"]])
 
-    def _tool(self, q: Floats | None) -> list[list[float]] | None:
-        """Markers and tip [[x, y, z], ...] mm at the joints; None where they are not known."""
+    def _tool(self, q: Floats | None) -> Floats | None:
+        """Markers and tip (3, 3) mm at the joints; None where they are not known."""
         if self.shape is None or q is None or not np.isfinite(q).all():
             return None
-        return self.shape.points(q).round(2).tolist()
+        return self.shape.points(q).round(2)
 
-    def _state(self) -> Table:
-        """Phase, cause and way out in words; `action` says how grave it is."""
+    def _status(self) -> Status:
+        """State of the servo, or of the wait for it."""
         if self.between is not None or not self.tick:
             between = self.between or Between("preparing")
-            phase = "FAULT" if between.latched else "OFF"
-            action = "FAULT" if between.latched else "NONE"
-            way = "find out why, then clear" if between.clears else ""
-            return {
-                "phase": phase,
-                "words": between.words,
-                "why": "",
-                "way_out": way,
-                "action": action,
-                "ways": [*(["clear"] if between.clears else [])],
-                "ready": between.ready,
-                "clears": between.clears,
-                "intent": between.intent,
-                "asks": between.asks,
-            }
+            return Status(
+                phase="FAULT" if between.latched else "OFF",
+                words=between.words,
+                action="FAULT" if between.latched else "NONE",
+                way_out="find out why, then clear" if between.clears else "",
+                ways=["clear"] if between.clears else [],
+                can=["enable"] * between.ready + ["clear"] * between.clears,
+                intent=between.intent,
+                asks=between.asks,
+            )
         phase, cause = Phase[self.tick["phase"]], Cause[self.tick["cause"]]
-        return {
-            "phase": phase.name,
-            "words": phase.value,
-            "why": "; ".join(filter(None, (self.teaching, cause.value))),
-            "way_out": cause.way_out,
-            "action": self.tick["asks"],
-            "ways": ways(phase, cause),
-            "ready": False,
-            "clears": phase is Phase.FAULT,
-            "intent": "",
-            "asks": "",
-        }
+        return Status(
+            phase=phase.name,
+            words=phase.value,
+            action=self.tick["asks"],
+            why="; ".join(filter(None, (self.teaching, cause.value))),
+            way_out=cause.way_out,
+            ways=ways(phase, cause),
+            can=allowed(phase),
+            moves=phase in BY_ITSELF,
+        )
 
 
 def told(data: bytes) -> Table:
@@ -211,18 +227,6 @@ def ghost(tick: Table) -> Floats | None:
     return tick["model"] + np.tile(tick["o_c"], 2) if tick else None
 
 
-def plain(numbers: Floats | None) -> list[float | None] | None:
-    """Numbers as JSON has them: None for what is not finite."""
-    if numbers is None:
-        return None
-    return [float(one) if np.isfinite(one) else None for one in numbers]
-
-
-def pairs(numbers: Floats | None) -> list[list[float] | None] | None:
-    """Points [[u, v], ...] of numbers in a row; None for one that is not known."""
-    if numbers is None:
-        return None
-    return [
-        [float(one) for one in point] if np.isfinite(point).all() else None
-        for point in np.reshape(numbers, (-1, 2))
-    ]
+def pairs(numbers: Floats | None) -> Floats | None:
+    """Points [[u, v], ...] of numbers in a row."""
+    return None if numbers is None else np.reshape(numbers, (-1, 2))

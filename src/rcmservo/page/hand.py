@@ -6,6 +6,7 @@ import struct
 from multiprocessing.context import BaseContext
 from typing import NamedTuple
 
+from rcmservo.constraints import Triple
 from rcmservo.live.shared_ring import SharedRing
 
 NONE = -1
@@ -41,13 +42,10 @@ class Hand:
         self._now = Gesture()
         self._write(self._now)
 
-    def holds(self, press: int, rates: tuple[float, float, float], share: float = 1.0) -> None:
-        """It is there, and holds a button down that moves joints."""
-        self._write(Gesture(self._now.life + 1, press, *rates, share))
-
-    def leads(self, press: int, velocity: tuple[float, float, float], share: float = 1.0) -> None:
-        """It is there, and holds a button down that leads marker 1."""
-        self._write(Gesture(self._now.life + 1, press, *velocity, share, leads=True))
+    def holds(self, press: int, motion: Triple, share: float = 1.0, leads: bool = False) -> None:
+        """It is there, and holds a button down that moves joints by their rates, or leads marker 1
+        by its velocity."""
+        self._write(Gesture(self._now.life + 1, press, *motion, share, leads))
 
     def beats(self) -> None:
         """It is there, and holds nothing."""

@@ -12,6 +12,9 @@ from rcmservo.servo.servo import Servo
 LARGEST = at_most(1e9, "of its unit")
 """Limit of a rate that a browser asks for."""
 
+ANSWER = 100
+"""Characters of an answer."""
+
 PRESS = Limit(lambda press: 0 <= press < 2**53, "a whole number from 0 to 2⁵³ − 1")
 """Limit of the number of a press: JavaScript holds it exactly."""
 
@@ -111,7 +114,7 @@ class Reply(Checked, section="answer"):
 
     question: Annotated[str, one_line(400)]
     """Which one, in its words: an answer to another one counts for nothing."""
-    words: Annotated[str, one_line(100)]
+    words: Annotated[str, one_line(ANSWER)]
     """The answer."""
 
 

@@ -1,4 +1,4 @@
-"""The way out of where the servo stands, as the buttons that take it."""
+"""The buttons that may be pressed in a phase, and those that lead out of a cause."""
 
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase
@@ -11,3 +11,11 @@ def ways(phase: Phase, cause: Cause) -> list[str]:
     if phase is not Phase.PAUSED:
         return []
     return ["show", "resume"] if cause.needs_teaching else ["resume"]
+
+
+def allowed(phase: Phase) -> list[str]:
+    """Return the actions that the browser in control may ask for in a phase of the loop."""
+    if phase is Phase.FAULT:
+        return ["clear"]
+    paused, jog = phase is Phase.PAUSED, phase in (Phase.IDLE, Phase.PAUSED, Phase.JOG)
+    return ["show", "teach", "go", "resume" if paused else "pause", *["jog"] * jog]

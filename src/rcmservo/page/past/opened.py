@@ -1,6 +1,5 @@
 """A run that is opened: what happened in words, what to draw on its pictures, and its figures."""
 
-import json
 import tempfile
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -12,7 +11,8 @@ import numpy as np
 from rcmservo.config.texts import is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.figures import charts, plots
-from rcmservo.page.board import pairs, plain
+from rcmservo.page.board import pairs
+from rcmservo.page.json_text import json_of
 from rcmservo.record import ros2_messages
 from rcmservo.record.mcap_recovery import MessageReader, read_chunk
 from rcmservo.record.reader import Record, read
@@ -25,12 +25,12 @@ EVERY = 0.1
 MOST = 20_000
 """Moments, and spans, that a browser is told of."""
 FIGURES = {
-    "timeline": plots.timeline,
-    "errors": plots.errors,
-    "path": plots.path,
-    "estimate": plots.estimate,
+    "timeline": ("Time line", plots.timeline),
+    "errors": ("Feature errors", plots.errors),
+    "path": ("Path", plots.path),
+    "estimate": ("Estimate", plots.estimate),
 }
-"""By their names, in the order in which they are shown."""
+"""Titles and plots by the names of their files, in the order in which they are shown."""
 
 Where = tuple[int, int]
 """Chunk of a picture, and its place there."""
@@ -40,7 +40,7 @@ Where = tuple[int, int]
 class OpenedRun:
     """A run as a browser gets it."""
 
-    told: str
+    told: bytes
     """JSON: all but pictures and figures."""
     pictures: list[Where]
     """Where its pictures are."""
@@ -51,17 +51,18 @@ def opened(path: Path) -> OpenedRun:
     record = read(path)
     found, exposures = _pictures(path)
     lines = spans(record)
+    titles = {name: title for name, (title, _) in FIGURES.items()}
     told = {
         "verdict": verdict_of(record, summary(record)),
         "missing": record.missing,
         "summary": rows_of(record, summary(record)),
         "spans": [_span(span) for span in lines[:MOST]],
         "moments": _moments(record, lines, exposures),
-        "targets": [pairs(stage.target.points.ravel()) for stage in record.stages],
-        "figures": list(FIGURES) if _drawable(record) else [],
+        "targets": [stage.target.points for stage in record.stages],
+        "figures": titles if _drawable(record) else {},
         "size": _size(record),
     }
-    return OpenedRun(json.dumps(told, separators=(",", ":")), found)
+    return OpenedRun(json_of(told), found)
 
 
 def figures(path: Path) -> dict[str, bytes]:
@@ -70,7 +71,7 @@ def figures(path: Path) -> dict[str, bytes]:
     if not _drawable(record):
         return files
     with tempfile.TemporaryDirectory() as folder:
-        for name, figure in FIGURES.items():
+        for name, (_, figure) in FIGURES.items():
             drawn, png = figure(record), Path(folder) / f"{name}.png"
             files[f"{name}.svg"] = charts.svg(drawn).encode()
             charts.save(drawn, png)
@@ -132,7 +133,7 @@ def _moments(record: Record, lines: list[Span], exposures: list[int]) -> list[di
             "span": bisect_right(starts, float(record.time[i])) - 1,
             "stage": of[i],
             "points": pairs(points[i].round(2)),
-            "rcm": plain(o_c[i].round(2)),
+            "rcm": o_c[i].round(2),
         }
         for i, k in both
     ]

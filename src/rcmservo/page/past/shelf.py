@@ -3,7 +3,7 @@ browser can ask for no other file."""
 
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime
 from hashlib import blake2s
 from pathlib import Path
@@ -53,13 +53,13 @@ class Shelf:
         self._places: dict[str, Path] = {}
         self._glances: dict[Path, tuple[tuple[int, int], Glance | str]] = {}
 
-    def listed(self) -> list[dict[str, object]]:
+    def listed(self) -> list[PastRun]:
         """Those that there are, the newest first."""
         with self._lock:
             found = sorted(self._records(), reverse=True)[:MOST]
             self._places = {self._name(path): path for _, path in found}
             self._glances = {p: self._glances[p] for _, p in found if p in self._glances}
-            return [asdict(self._told(path)) for _, path in found]
+            return [self._told(path) for _, path in found]
 
     def place(self, name: str) -> Path | None:
         """The record of a run that was listed, while it is there."""

@@ -16,22 +16,21 @@ from nicegui import app as pages
 from nicegui import ui
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from rcmservo.errors import BadInput
 from rcmservo.guard.states import Request
 from rcmservo.page.board import Board
 from rcmservo.page.control import Control, Unheeded, heard, moment
 from rcmservo.page.desk import Desk
 from rcmservo.page.poses import Poses
-from rcmservo.page.settings import Chosen
+from rcmservo.page.settings import AT_ONCE, Chosen
 from rcmservo.page.wants import CLEAR, Beat, Change, Delete, Held, Led, Released, Told, Wrong
-from rcmservo.page.web.curves_routes import add_curves
+from rcmservo.page.web.board_routes import board_routes
 from rcmservo.page.web.doors import said_on
 from rcmservo.page.web.ending import GRACE, until_told
+from rcmservo.page.web.layout import lay_out
 from rcmservo.page.web.pictures import Pictures, packed
 from rcmservo.page.web.porter import Porter
-from rcmservo.page.web.poses_routes import add_poses
-from rcmservo.page.web.runs_routes import add_runs
-from rcmservo.page.web.settings_routes import add_settings, set_box
-from rcmservo.page.web.sheet.layout import lay_out
+from rcmservo.page.web.runs_routes import runs_routes
 from rcmservo.page.web.sign_in import SignIn
 from rcmservo.page.web.site import Site
 
@@ -40,11 +39,8 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
     """Be the page until the other end of `control` speaks or is gone."""
     poses = Poses(site.poses)
     poses.read()
-    board, who, doors = (
-        Board(desk, poses, shape=site.shape, truth=site.truth),
-        Control(),
-        site.doors,
-    )
+    board = Board(desk, poses, shape=site.shape, truth=site.truth)
+    who, doors = Control(), site.doors
     pictures = Pictures(site.camera(), board)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     sign_in = SignIn(doors.token, doors.port) if doors.token else None
@@ -69,10 +65,8 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
             with changing_hands(who, desk):
                 who.leave(name, moment())
 
-    add_settings(app, doors, site.chosen, board)
-    add_poses(app, doors, poses)
-    add_curves(app, doors, board)
-    add_runs(app, doors, site.runs)
+    app.include_router(board_routes(doors, board, site.chosen))
+    app.include_router(runs_routes(doors, site.runs))
     lay_out(site)
     ui.run_with(
         app, title=site.title, dark=None, show_welcome_message=False, reconnect_timeout=10.0
@@ -141,7 +135,7 @@ def done(told: Told | None, desk: Desk) -> bool:
         case Held():
             desk.hand.holds(told.press, told.rates, told.share)
         case Led():
-            desk.hand.leads(told.press, told.velocity, told.share)
+            desk.hand.holds(told.press, told.velocity, told.share, leads=True)
         case Released():
             desk.hand.lets_go()
         case Wrong():
@@ -153,3 +147,18 @@ def done(told: Told | None, desk: Desk) -> bool:
                 desk.bell.put(CLEAR)
             return desk.wants.put(told)
     return True
+
+
+def set_box(change: Change, chosen: Chosen, desk: Desk, board: Board) -> str:
+    """Pass on a change; why it was refused, empty where it was not."""
+    try:
+        chosen.with_change(change)
+    except BadInput as error:
+        return str(error)
+    if not desk.changes.put(change):
+        return "the server does not listen"
+    chosen.take(change)
+    board.changes += 1
+    if change.box in AT_ONCE and board.between is None:
+        return "" if desk.wants.put(change) else "the servo does not listen"
+    return ""

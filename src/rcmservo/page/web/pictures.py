@@ -5,13 +5,14 @@ on it is where it was seen; where no servo looks, the newest.
 """
 
 import asyncio
-import json
 import struct
 from collections import OrderedDict
 from dataclasses import dataclass, field
 
+from rcmservo.config.texts import Table
 from rcmservo.interfaces import Camera, Frame
-from rcmservo.page.board import Board, Table
+from rcmservo.page.board import Board
+from rcmservo.page.json_text import json_of
 from rcmservo.tracking import encode_image
 
 LOOK = 0.006
@@ -96,5 +97,5 @@ class Pictures:
 def packed(shown: ShownPicture, about: Table) -> bytes:
     """A picture and the board as one message: the length of its JSON, that, and a JPEG."""
     table = {**shown.table, "frame": shown.number, **about}
-    text = json.dumps(table, separators=(",", ":")).encode()
+    text = json_of(table)
     return LENGTH.pack(len(text)) + text + shown.jpeg

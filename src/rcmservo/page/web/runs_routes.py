@@ -13,13 +13,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from fastapi import APIRouter, Depends, FastAPI, HTTPException
+from fastapi import APIRouter, Depends, HTTPException
 from starlette.responses import Response, StreamingResponse
 
 from rcmservo.errors import RcmServoError
 from rcmservo.page.past.aside import Aside
 from rcmservo.page.past.opened import OpenedRun, figures, opened, picture
-from rcmservo.page.past.shelf import Shelf
+from rcmservo.page.past.shelf import PastRun, Shelf
 from rcmservo.page.web.doors import Doors
 
 KEPT = 4
@@ -102,12 +102,12 @@ def file_name(path: Path) -> str:
     return "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in folders)
 
 
-def add_runs(app: FastAPI, doors: Doors, folder: Path) -> None:
-    """Have past runs answered for."""
+def runs_routes(doors: Doors, folder: Path) -> APIRouter:
+    """Return the routes that read the past runs below a folder."""
     runs = PastRuns(folder)
     router = APIRouter(prefix="/runs", dependencies=[Depends(doors.asked)])
 
-    async def listed() -> list[dict[str, object]]:
+    async def listed() -> list[PastRun]:
         return await asyncio.to_thread(runs.shelf.listed)
 
     async def one(name: str) -> Response:
@@ -144,4 +144,4 @@ def add_runs(app: FastAPI, doors: Doors, folder: Path) -> None:
         ("/{name}/record.mcap", record),
     ):
         router.add_api_route(path, answer, response_model=None)
-    app.include_router(router)
+    return router

@@ -1,5 +1,7 @@
 // What goes to the server and comes from it.
 //
+// view           what the parts of the page show; they are drawn anew as it changes
+// can(what)      whether a press may say so now
 // rcm.board      what was told last
 // rcm.told(f)    have f(board, jpeg) called with all that is told from now on
 // rcm.changed(f) have f() called when there may be something to show anew
@@ -7,11 +9,26 @@
 // rcm.want(w, m) say what a press wants, and more of it, once rcm.board is fresh
 // rcm.forget()   say no more for a press that waits
 // rcm.url(path)  where something can be fetched
-const AGAIN = 500, FRESH = 200, PRESSED = 500, SHOWN = 80, LATELY = 10000; // ms
+import { shallowReactive } from "vue";
 
-export function connect(site) {
+const AGAIN = 500, FRESH = 200, PRESSED = 500, SHOWN = 80, AT_LEAST = 250, LATELY = 10000; // ms
+export const UNHEARD = "STOP was not heard: use the emergency stop of the arm";
+
+export const view = shallowReactive({
+  board: {}, connected: false, may: false, holds: false, asked: false, refused: "", stopWords: "",
+  stopReady: false,
+});
+
+export const can = (what) => {
+  if (what === "ask") return view.connected && !view.holds;
+  if (what === "give") return view.may && view.asked;
+  return view.may && (view.board.can || []).includes(what);
+};
+
+function connect(site) {
   const listeners = [], showers = [];
-  const rcm = { drawn: 0, board: {}, name: "", holds: false, asked: false, refused: "", heard: 0 };
+  const rcm = { drawn: 0, board: {}, name: "", holds: false, asked: false, refused: "", heard: 0,
+    stopWords: "", jogs: () => false, letGo: () => {} };
   const secret = encodeURIComponent(site.secret);
   rcm.url = (path) => `${path}${path.includes("?") ? "&" : "?"}secret=${secret}`;
   rcm.told = (f) => listeners.push(f);
@@ -19,6 +36,9 @@ export function connect(site) {
   let shown = 0;
   const show = () => {
     shown = performance.now();
+    const { board, holds, asked, refused, stopWords } = rcm;
+    Object.assign(view, { board, holds, asked, refused, stopWords, connected: rcm.connected(),
+      may: rcm.may(), stopReady: rcm.stopLine.wire !== null });
     for (const f of showers) f();
   };
   rcm.show = show;
@@ -44,7 +64,7 @@ export function connect(site) {
   }
 
   rcm.stopLine = line("/stop", site.stopPort, show, (words) => {
-    rcm.stopHeard(words === "heard");
+    rcm.stopWords = words === "heard" ? "" : UNHEARD;
     show();
   });
   const operate = line("/operate", location.port, show, (words) => {
@@ -66,6 +86,7 @@ export function connect(site) {
     for (const f of listeners) f(rcm.board, jpeg);
     if (rcm.heard - shown > SHOWN) show();
   });
+  setInterval(show, AT_LEAST);
 
   // How old what was told last is now, against what came quickest of late: a board that lay in a
   // queue while the browser was busy is heard now, and tells of then.
@@ -100,3 +121,6 @@ export function connect(site) {
   rcm.may = () => rcm.connected() && rcm.holds && rcm.stopLine.wire !== null;
   return rcm;
 }
+
+export const rcm = connect(window.RCMSERVO);
+window.rcm = rcm;

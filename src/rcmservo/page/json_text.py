@@ -1,0 +1,15 @@
+"""JSON for browsers."""
+
+from typing import Any
+
+from pydantic_core import to_json
+
+
+def json_of(value: object) -> bytes:
+    """Return a value as JSON: dataclasses as tables, arrays as lists, NaN and infinity as null."""
+    return to_json(value, inf_nan_mode="null", fallback=_listed)
+
+
+def _listed(array: Any) -> Any:
+    """Return an array or a number of NumPy as plain Python."""
+    return array.tolist()

@@ -1,0 +1,40 @@
+"""Routes for a page that knows the secret, beside the websockets.
+
+/curves?after=N   samples of the curves after the N-th
+/pose?name=N      picture that was seen as a pose was taught, JPEG
+/settings         a form for each box, with what is set and what is in force
+"""
+
+from typing import Any
+
+from fastapi import APIRouter, Depends, HTTPException, Response
+
+from rcmservo.page.board import Board
+from rcmservo.page.json_text import json_of
+from rcmservo.page.seen.curves import NAMES
+from rcmservo.page.settings import Chosen
+from rcmservo.page.web.doors import Doors
+from rcmservo.page.web.setting_fields import forms
+
+
+def board_routes(doors: Doors, board: Board, chosen: Chosen) -> APIRouter:
+    """Return the routes that read a board and the servo that is chosen."""
+    router = APIRouter(dependencies=[Depends(doors.asked)])
+
+    async def curves(after: int = 0) -> Response:
+        samples = board.curves.after(after)
+        told = json_of({"count": board.curves.count, "names": NAMES, "samples": samples})
+        return Response(told, media_type="application/json")
+
+    async def pose(name: str = "") -> Response:
+        jpeg = board.poses.picture(name)
+        if not jpeg:
+            raise HTTPException(404)
+        return Response(jpeg, media_type="image/jpeg", headers={"Cache-Control": "no-store"})
+
+    async def settings() -> list[dict[str, Any]]:
+        return forms(chosen.servo, board.in_force)
+
+    for path, answer in (("/curves", curves), ("/pose", pose), ("/settings", settings)):
+        router.add_api_route(path, answer, response_model=None)
+    return router

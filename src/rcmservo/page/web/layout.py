@@ -1,0 +1,142 @@
+"""Layout of the page: STOP in the header, the picture, tabs below it, and cards beside it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from nicegui import app, ui
+
+from rcmservo.page.control import NAME
+from rcmservo.page.tour import LONGEST, ROUNDS, STOPS
+from rcmservo.page.wants import ANSWER
+from rcmservo.page.web.site import Site
+
+STATIC = Path(__file__).parent / "static"
+
+BUTTONS = {
+    "Enable": ("enable", "power_settings_new", "switch the drive on, paused, where the tool is"),
+    "Pause": ("pause", "pause", "stand still, with the drive on"),
+    "Resume": ("resume", "play_arrow", "go on to the target"),
+    "Show again": ("show", "my_location", "take what the camera sees now as the target"),
+    "Clear": ("clear", "restart_alt", "leave a stop or a fault, with the drive off"),
+}
+"""Action of each button, its icon, and its tooltip."""
+
+
+def _component(path: Path) -> type[ui.element]:
+    """Return the element of NiceGUI that shows a Vue component."""
+
+    class Part(ui.element, component=path):
+        def __init__(self, **props: Any) -> None:
+            super().__init__()
+            self._props.update(props)
+
+    return Part
+
+
+PARTS = {path.stem: _component(path) for path in sorted(STATIC.glob("parts/*.js"))}
+"""Elements of the components in ``static/parts``, by their names."""
+
+
+def part(component: str, /, **props: Any) -> ui.element:
+    """Place a component with its props on the page."""
+    return PARTS[component](**props)
+
+
+def lay_out(site: Site) -> None:
+    """Have NiceGUI make the page of a site."""
+    app.add_static_files("/rcmservo", STATIC, max_cache_age=0)
+
+    @ui.page("/")
+    def page() -> None:  # pyright: ignore[reportUnusedFunction]
+        ui.add_head_html('<link rel="stylesheet" href="/rcmservo/page.css">')
+        _told("RCMSERVO", {"secret": site.doors.secret, "stopPort": site.stop_port})
+        ui.add_body_html('<script type="module" src="/rcmservo/main.js"></script>')
+        with ui.header().classes("items-center justify-between rcm-header"):
+            ui.label(site.title).classes("text-lg")
+            part("control_bar")
+        with ui.row().classes("w-full no-wrap rcm-main"):
+            with ui.column().classes("rcm-left"):
+                canvas = ui.element("canvas")
+                canvas.props('id=picture role=img aria-label="Camera picture"')
+                _tabs(site)
+            with ui.column().classes("rcm-side"):
+                _cards()
+
+
+def _told(name: str, value: object) -> None:
+    """Have a global variable of the page hold a value."""
+    ui.add_body_html(f"<script>window.{name} = {json.dumps(value)};</script>")
+
+
+def _cards() -> None:
+    part("status_card", longest=ANSWER)
+    with ui.row().classes("rcm-tight"):
+        for name, (does, icon, words) in BUTTONS.items():
+            part("action_button", name=name, does=does, icon=icon, words=words)
+    with _card():
+        ui.label("Poses: name the present one and teach it").classes("text-sm")
+        part("poses_card", longest=NAME)
+    with _card():
+        part("tour_card", most=STOPS, longest=LONGEST, laps=ROUNDS)
+    with _card():
+        part("jog_card")
+    part("notes")
+
+
+def _card() -> ui.card:
+    return ui.card().tight().classes("w-full rcm-card")
+
+
+def _tabs(site: Site) -> None:
+    """Make the tabs below the picture; each is filled when it is looked at first."""
+    with ui.tabs().props("dense align=left no-caps") as heads:
+        curves = ui.tab("Curves", icon="show_chart")
+        space = ui.tab("3-D", icon="view_in_ar")
+        settings = ui.tab("Settings", icon="tune")
+        runs = ui.tab("Runs", icon="history")
+        trouble = ui.tab("Simulated trouble", icon="bolt") if site.troubles else None
+    with ui.tab_panels(heads, value=curves, keep_alive=True).classes("w-full rcm-panels"):
+        with ui.tab_panel(curves):
+            _curves()
+        with ui.tab_panel(space):
+            _mechanism(site)
+        with ui.tab_panel(settings):
+            part("settings_tab")
+        with ui.tab_panel(runs):
+            part("runs_tab")
+        if trouble is not None:
+            with ui.tab_panel(trouble):
+                ui.label(
+                    "Something goes wrong with the simulated arm or camera. The state beside "
+                    "tells it."
+                )
+                part("trouble_tab", kinds=site.troubles)
+
+
+def _curves() -> None:
+    """Make the chart that static/curves.js draws on."""
+    chart = ui.echart({"series": []}).classes("w-full rcm-curves").style("height: 46rem")
+    chart.props('role="img" aria-label="Curves of the last 30 seconds"')
+    _told("RCMSERVO.curves", chart.id)
+
+
+def _mechanism(site: Site) -> None:
+    """Make the scene that static/scene.js draws in, to be turned with the mouse."""
+    camera = ui.scene.perspective_camera(near=1.0, far=5000.0)
+    scene = ui.scene(grid=False, camera=camera, background_color="#f4f4f4", fps=15, click_events=[])
+    scene.classes("w-full").style("height: 26rem")
+    scene.props('role="img" aria-label="The mechanism in space"')
+    surface = site.shape.limits()
+    far = float(np.linalg.norm(surface, axis=-1).max())
+    way = 1.0 if surface[..., 2].mean() > 0.0 else -1.0  # to where the tool goes
+    scene.move_camera(
+        1.1 * far, -1.3 * far, (0.4 + 0.6 * way) * far, 0.0, 0.0, 0.4 * way * far, duration=0.0
+    )
+    _told("RCMSERVO.scene", {"id": scene.id, "limits": surface.round(1).tolist()})
+    ui.label(
+        "mm from the RCM, as the joints tell it: tool blue, target black, red, green and blue axes "
+        "x, y, z of the arm's base; grey where marker 1 is at full insertion. Turn it with the "
+        "mouse."
+    ).classes("text-xs")

@@ -1,0 +1,47 @@
+"""The rule by which the page is built: NiceGUI lays out, and what changes is a component with its
+template. There is no third way."""
+
+import re
+from types import SimpleNamespace
+from typing import Any
+
+from fastapi import FastAPI
+from nicegui import ui
+from starlette.testclient import TestClient
+
+from conftest import ROOT, laboratory
+from rcmservo.page.seen.shape import Shape
+from rcmservo.page.web.doors import Doors
+from rcmservo.page.web.layout import lay_out
+from rcmservo.sim.processes.trouble import menu
+
+PAGE = ROOT / "src/rcmservo/page"
+STATIC = PAGE / "web/static"
+BY_HAND = re.compile(r"createElement|innerHTML|insertAdjacent|replaceChildren|new Option")
+LOADS = re.compile(r"</?script\b[^>]*>|<link\b[^>]*>")
+"""Tags that load the page's own modules and style sheet."""
+
+
+def test_no_html_stands_in_python_and_no_element_is_made_by_hand_in_the_browser() -> None:
+    html = re.compile(r"</?[a-z]+[ >]|ui\.html")
+    python = [
+        path.name for path in PAGE.rglob("*.py") if html.search(LOADS.sub("", path.read_text()))
+    ]
+    browser = [path.name for path in STATIC.rglob("*.js") if BY_HAND.search(path.read_text())]
+    assert python == browser == []
+
+
+def test_each_component_of_the_page_is_placed_and_served() -> None:
+    shape = Shape.of(laboratory().servo())
+    site: Any = SimpleNamespace(
+        title="a page", doors=Doors(1, "s"), stop_port=2, shape=shape, troubles=menu()
+    )
+    app = FastAPI()
+    lay_out(site)
+    ui.run_with(app)
+    with TestClient(app) as browser:
+        placed = dict(re.findall(r'import {.*} from "(.*/(\w+)\.js)";', browser.get("/").text))
+        parts = {path.stem: path.read_text() for path in STATIC.glob("parts/*.js")}
+        urls = {name: url for url, name in placed.items()}
+        assert set(parts) <= set(urls)
+        assert all(browser.get(urls[name]).text == text for name, text in parts.items())
