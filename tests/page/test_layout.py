@@ -39,9 +39,11 @@ def test_each_component_of_the_page_is_placed_and_served() -> None:
     app = FastAPI()
     lay_out(site)
     ui.run_with(app)
-    with TestClient(app) as browser:
-        placed = dict(re.findall(r'import {.*} from "(.*/(\w+)\.js)";', browser.get("/").text))
+    client: Any = TestClient(app)
+    with client as browser:
+        html: str = browser.get("/").text
+        placed = re.findall(r'import {.*} from "(.*/(\w+)\.js)";', html)
+        urls = {name: url for url, name in placed}
         parts = {path.stem: path.read_text() for path in STATIC.glob("parts/*.js")}
-        urls = {name: url for url, name in placed.items()}
         assert set(parts) <= set(urls)
         assert all(browser.get(urls[name]).text == text for name, text in parts.items())

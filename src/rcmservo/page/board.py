@@ -19,7 +19,7 @@ from rcmservo.page.seen.shape import Shape
 from rcmservo.page.settings import standing
 from rcmservo.page.tick_ring import DUE
 from rcmservo.page.tour import BY_ITSELF, HowFar
-from rcmservo.page.wants import Aim, Between, InForce, Note, OnTour, Taught, Teaching
+from rcmservo.page.wants import Aim, Between, InForce, Note, OnTour, Said, Taught, Teaching
 from rcmservo.page.ways import allowed, ways
 from rcmservo.record import ros2_messages
 from rcmservo.record.columns import WORDS
@@ -46,9 +46,9 @@ class Status:
     can: list[str]
     """Actions that the browser in control may ask for now."""
     ways: list[str]
-    """Those among them that lead out of the cause, in the order in which they are pressed."""
+    """Actions that lead out of the cause, in the order in which they are pressed."""
     way_out: str
-    """Those in words."""
+    """The way out in words."""
     why: str = ""
     """The cause in words."""
     moves: bool = False
@@ -117,7 +117,7 @@ class Board:
                 self.between = None
         self.looked = time.monotonic_ns()
 
-    def _take(self, said: object) -> None:
+    def _take(self, said: Said) -> None:
         match said:
             case Note():
                 self.notes.append(said.words)

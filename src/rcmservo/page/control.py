@@ -6,7 +6,6 @@ has shown to that browser: what was said to a page long gone is said no more.
 
 import json
 import secrets
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
@@ -188,8 +187,3 @@ READERS: dict[str, Callable[[Table, FindPose], Told]] = {
     "answer": lambda message, _: decode(Reply, message, "answer"),
 }
 """Messages with arguments."""
-
-
-def moment() -> int:
-    """Now, ns, as it is shown to browsers."""
-    return time.monotonic_ns()

@@ -51,7 +51,7 @@ def lay_out(site: Site) -> None:
     @ui.page("/")
     def page() -> None:  # pyright: ignore[reportUnusedFunction]
         ui.add_head_html('<link rel="stylesheet" href="/rcmservo/page.css">')
-        _told("RCMSERVO", {"secret": site.doors.secret, "stopPort": site.stop_port})
+        _set_global("RCMSERVO", {"secret": site.doors.secret, "stopPort": site.stop_port})
         ui.add_body_html('<script type="module" src="/rcmservo/main.js"></script>')
         with ui.header().classes("items-center justify-between rcm-header"):
             ui.label(site.title).classes("text-lg")
@@ -65,8 +65,8 @@ def lay_out(site: Site) -> None:
                 _cards()
 
 
-def _told(name: str, value: object) -> None:
-    """Have a global variable of the page hold a value."""
+def _set_global(name: str, value: object) -> None:
+    """Give a global variable of the page's modules a value."""
     ui.add_body_html(f"<script>window.{name} = {json.dumps(value)};</script>")
 
 
@@ -119,7 +119,7 @@ def _curves() -> None:
     """Make the chart that static/curves.js draws on."""
     chart = ui.echart({"series": []}).classes("w-full rcm-curves").style("height: 46rem")
     chart.props('role="img" aria-label="Curves of the last 30 seconds"')
-    _told("RCMSERVO.curves", chart.id)
+    _set_global("RCMSERVO.curves", chart.id)
 
 
 def _mechanism(site: Site) -> None:
@@ -134,7 +134,7 @@ def _mechanism(site: Site) -> None:
     scene.move_camera(
         1.1 * far, -1.3 * far, (0.4 + 0.6 * way) * far, 0.0, 0.0, 0.4 * way * far, duration=0.0
     )
-    _told("RCMSERVO.scene", {"id": scene.id, "limits": surface.round(1).tolist()})
+    _set_global("RCMSERVO.scene", {"id": scene.id, "limits": surface.round(1).tolist()})
     ui.label(
         "mm from the RCM, as the joints tell it: tool blue, target black, red, green and blue axes "
         "x, y, z of the arm's base; grey where marker 1 is at full insertion. Turn it with the "

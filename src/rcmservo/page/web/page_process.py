@@ -9,6 +9,7 @@ import socket
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
+from time import monotonic_ns
 
 import uvicorn
 from fastapi import FastAPI
@@ -19,7 +20,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from rcmservo.errors import BadInput
 from rcmservo.guard.states import Request
 from rcmservo.page.board import Board
-from rcmservo.page.control import Control, Unheeded, heard, moment
+from rcmservo.page.control import Control, Unheeded, heard
 from rcmservo.page.desk import Desk
 from rcmservo.page.poses import Poses
 from rcmservo.page.settings import AT_ONCE, Chosen
@@ -56,14 +57,14 @@ def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connec
     async def operate(wire: WebSocket) -> None:  # pyright: ignore[reportUnusedFunction]
         if not await doors.let_in(wire):
             return
-        name = who.join(moment())
+        name = who.join(monotonic_ns())
         try:
             await _operated(wire, name, who, desk, board, site.chosen)
         except WebSocketDisconnect:
             """The browser is gone."""
         finally:
             with changing_hands(who, desk):
-                who.leave(name, moment())
+                who.leave(name, monotonic_ns())
 
     app.include_router(board_routes(doors, board, site.chosen))
     app.include_router(runs_routes(doors, site.runs))
@@ -113,7 +114,7 @@ async def _operated(
         refused = ""
         try:
             with changing_hands(who, desk):
-                told = heard(text, name, who, board.poses.targets.get, moment())
+                told = heard(text, name, who, board.poses.targets.get, monotonic_ns())
         except Unheeded as error:
             refused = str(error)
         else:
