@@ -16,7 +16,6 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from rcmservo.sim.rate_joints import SimulatedJoints
 
 from rcmservo.hardware.crtk import messages as m
 from rcmservo.hardware.crtk.arm import CrtkArm
@@ -29,6 +28,7 @@ from rcmservo.live.realtime import realtime
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.sim.arm import Drive
+from rcmservo.sim.motor_interface import SimulatedJoints
 from rcmservo.sim.rig import Rig
 
 NAME = "PSM1"

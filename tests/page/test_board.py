@@ -1,6 +1,7 @@
 """What the page shows is what the loop had: the same tick's numbers, and where it expected the
 markers."""
 
+import json
 from dataclasses import replace
 from multiprocessing import get_context
 from typing import Any
@@ -15,8 +16,10 @@ from rcmservo.method.estimators.dlt import DltEstimator
 from rcmservo.method.estimators.projection import ProjectionEstimator
 from rcmservo.page.board import Board
 from rcmservo.page.desk import Desk
+from rcmservo.page.json_text import json_of
 from rcmservo.page.seen.curves import NAMES
 from rcmservo.page.seen.shape import Shape
+from rcmservo.page.tour import HowFar
 from rcmservo.page.wants import Between
 from rcmservo.page.ways import allowed
 from rcmservo.sim import RigSettings
@@ -86,6 +89,13 @@ def test_without_a_loop_the_drive_can_be_enabled_or_a_stop_cleared(
 ) -> None:
     table = board_at(Desk(get_context("spawn")), between=between).table()
     assert (table["phase"], table["can"], table["ways"]) == (phase, can, can[: between.clears])
+
+
+def test_numbers_that_are_not_finite_are_null_in_a_browsers_json() -> None:
+    table = {"y": np.array([1.0, np.nan]), "late": np.inf, "tour": HowFar("a", 1, 2, 3, 4, None)}
+    told = json.loads(json_of(table), parse_constant=pytest.fail)
+    tour = {"pose": "a", "stop": 1, "stops": 2, "lap": 3, "laps": 4, "left": None}
+    assert told == {"y": [1.0, None], "late": None, "tour": tour}
 
 
 class LateClock:

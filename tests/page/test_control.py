@@ -63,7 +63,9 @@ def test_each_message_becomes_what_it_says() -> None:
         ({"do": "teach", "name": ""}, "name"),
         ({"do": "teach", "name": "x" * 41}, "name"),
         ({"do": "teach", "name": "a\nb"}, "name"),
+        ({"do": "teach", "name": " a"}, "name"),
         ({"do": "teach", "name": 3}, "name"),
+        ({"do": "teach", "name": "a", "more": 1}, "more"),
     ],
 )
 def test_what_is_not_whole_or_not_fresh_is_refused_with_a_reason(message: Any, why: str) -> None:
