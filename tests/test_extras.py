@@ -54,8 +54,10 @@ def test_commands_name_the_command_that_installs_what_is_missing(
 
 
 def test_the_simulator_in_python_names_the_command_that_installs_it(tmp_path: Path) -> None:
-    done = without(("mujoco",), "import rcmservo as rs; rs.sim", tmp_path)
-    assert "rcmservo.sim needs mujoco" + ADVICE.format(extra="sim") in done.stderr
+    for name in ("sim.Rig", "study.Study"):
+        done = without(("mujoco",), f"import rcmservo as rs; rs.{name}", tmp_path)
+        said = f"rcmservo.{name.partition('.')[0]} needs mujoco" + ADVICE.format(extra="sim")
+        assert said in done.stderr
 
 
 @pytest.mark.slow

@@ -51,9 +51,10 @@ def paper(options: PaperOptions) -> int:
     in it."""
     with needing("paper", "sim"):
         from rcmservo.paper import run, store
+
+        experiments = run.chosen(options.only, _own(options))
     out = console()
     folder = options.out or dated("paper")
-    experiments = run.chosen(options.only, _own(options))
     tasks = [task for one in experiments.values() for task in one.plan(options.quick)]
     store.prepare(folder, options.quick)
     words = f"{len(tasks)} simulated pieces of work on all cores, into {folder}"

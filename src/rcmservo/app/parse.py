@@ -2,7 +2,6 @@
 
 import re
 import sys
-from collections.abc import Callable
 from itertools import takewhile
 from typing import Any
 
@@ -67,7 +66,7 @@ def _values() -> ConstructorRegistry:
     return registry
 
 
-def _read(kind: Callable[[str], Any], word: str) -> Any:
+def _read(kind: type[Any], word: str) -> Any:
     try:
         return kind(word)
     except ValueError:

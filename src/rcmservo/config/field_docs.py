@@ -17,7 +17,7 @@ def words_of(kind: type[Any], name: str) -> str:
     limits = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
     choices = [one.choices for one in limits if isinstance(one, OneOf)]
     described = [
-        f"{choice}: {first_sentence(type(value))}."
+        f"{choice}: {first_sentence(cast(type[Any], type(value)))}."
         for registry in choices
         if isinstance(registry, Mapping)
         for choice, value in cast(Mapping[str, Any], registry).items()

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, make_dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from rcmservo.config import texts
 from rcmservo.config.decode import decode, key_of
@@ -145,7 +145,8 @@ def _section(name: str, table: texts.Table, default: Any) -> Any:
     """Return the settings in a section of the robot's; those left out are the default ones."""
     if name == "mechanism":
         return _mechanism(table, default.name)
-    return decode_kind(PARTS.get(name, {name: type(default)}), table, name, default)
+    only = {name: cast(type[Any], type(default))}
+    return decode_kind(PARTS.get(name, only), table, name, default)
 
 
 def _mechanism(table: texts.Table, usual: str) -> Kinematics:
@@ -153,10 +154,11 @@ def _mechanism(table: texts.Table, usual: str) -> Kinematics:
     kind = find_class(MECHANISMS, table.get(KIND, usual), "mechanism")
     given = {name: value for name, value in table.items() if name != KIND}
     given = {**asdict(kind().limits), **given}
-    flat = dict(vars(decode(_flat(kind), given, "mechanism", others=(KIND,))))
-    limits = {end.name: flat.pop(end.name) for end in fields(JointLimits)}
+    flat: Any = decode(_flat(kind), given, "mechanism", others=(KIND,))
+    rest = {name: getattr(flat, name) for name in given}
+    limits = {end.name: rest.pop(end.name) for end in fields(JointLimits)}
     decode(JointLimits, limits, "mechanism")
-    return decode(kind, {**flat, "limits": limits}, "mechanism")
+    return decode(kind, {**rest, "limits": limits}, "mechanism")
 
 
 @cache
