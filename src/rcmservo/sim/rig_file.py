@@ -1,4 +1,4 @@
-"""The parts of a rig file that only a simulation reads: [camera], [drive], [look] and [scene]."""
+"""Sections of a rig file that only the simulation reads: [camera], [drive], [look] and [scene]."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -9,10 +9,10 @@ from rcmservo.sim import Look
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing
 from rcmservo.sim.rendering import Colour
-from rcmservo.sim.rig import NOISE, PIXELS, RigSettings
+from rcmservo.sim.rig import IMAGE_SIZE_LIMIT, POINT_NOISE_LIMIT, RigSettings
 from rcmservo.sim.scene import SceneSettings
 
-PAINTS: dict[str, Colour] = {
+BALL_COLOURS: dict[str, Colour] = {
     "red": (40.0, 35.0, 215.0),
     "green": (60.0, 185.0, 30.0),
     "blue": (205.0, 80.0, 25.0),
@@ -21,36 +21,36 @@ PAINTS: dict[str, Colour] = {
     "magenta": (190.0, 40.0, 200.0),
     "bright": (235.0, 235.0, 235.0),
 }
-"""Paint (blue, green, red) of a simulated ball by the colour that the tracker looks for."""
+"""Colour (blue, green, red) of a simulated ball by the colour for which the tracker looks."""
 
 
 @dataclass(frozen=True)
 class CameraSection(Checked, section="camera"):
-    """[camera] of a rig file."""
+    """Section [camera] of a rig file."""
 
-    width: Annotated[int, PIXELS] = 640
-    """Of the picture, px."""
-    height: Annotated[int, PIXELS] = 480
-    """Of the picture, px."""
+    width: Annotated[int, IMAGE_SIZE_LIMIT] = 640
+    """Width of the image, px."""
+    height: Annotated[int, IMAGE_SIZE_LIMIT] = 480
+    """Height of the image, px."""
     frame_rate: float = 60.0
-    """Frames a second."""
+    """Frame rate, frames/s."""
     exposure: float = 0.004
-    """s for which a frame is exposed."""
+    """Exposure time, s."""
     delay: float = 0.02
-    """s from the end of the exposure to the frame's arrival."""
-    point_noise: Annotated[float, NOISE] = 0.3
-    """px, root mean square, of a camera that delivers points."""
+    """Time (s) from the end of an exposure to the arrival of its frame."""
+    point_noise: Annotated[float, POINT_NOISE_LIMIT] = 0.3
+    """Root mean square noise (px) of the markers of the camera without images."""
 
 
 def rig_settings(lab: Lab) -> RigSettings:
-    """The simulated laboratory of a rig file's [camera], [drive], [look] and [scene]."""
+    """Return the settings of the simulated laboratory that a rig file describes."""
     camera = lab.section("camera", CameraSection)
     return RigSettings(
         mechanism=lab.mechanism,
         tool=lab.tool,
         drive=lab.section("drive", Drive),
         timing=Timing(camera.frame_rate, camera.exposure, camera.delay),
-        look=lab.section("look", Look, **_paint(lab)),
+        look=lab.section("look", Look, **_marker_appearance(lab)),
         scene=lab.section("scene", SceneSettings),
         width=camera.width,
         height=camera.height,
@@ -58,10 +58,10 @@ def rig_settings(lab: Lab) -> RigSettings:
     )
 
 
-def _paint(lab: Lab) -> dict[str, tuple[float, float] | tuple[Colour, Colour]]:
-    """The part of a Look that [markers] tells."""
+def _marker_appearance(lab: Lab) -> dict[str, tuple[float, float] | tuple[Colour, Colour]]:
+    """Return the fields of `Look` that follow from the section [markers]."""
     markers = lab.markers
     return {
         "marker_radii": (markers.radius_1, markers.radius_2),
-        "marker_colours": (PAINTS[markers.colour_1], PAINTS[markers.colour_2]),
+        "marker_colours": (BALL_COLOURS[markers.colour_1], BALL_COLOURS[markers.colour_2]),
     }
