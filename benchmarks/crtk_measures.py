@@ -118,7 +118,9 @@ class RunningDevice:
 def client_arm(ros: int, domain: int) -> CrtkArm:
     """A client of it."""
     settings = CrtkSettings(NAME, ros=ros, domain=domain)
-    return CrtkArm(settings, SphericalRcm().limits, open_transport(RosConnection(ros=ros, domain=domain)))
+    return CrtkArm(
+        settings, SphericalRcm().limits, open_transport(RosConnection(ros=ros, domain=domain))
+    )
 
 
 def swing(seconds: float) -> Floats:

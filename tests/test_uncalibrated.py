@@ -50,7 +50,11 @@ def test_the_import_contracts_hold():
                 ("guard/gate.py", "import rcmservo.paper.stability", "Uncalibrated"),
                 ("offline/score.py", "from rcmservo.record import reader", "siblings"),
                 ("method/kinematics.py", "from rcmservo.servo.servo import Servo", "siblings"),
-                ("tracking/full_search.py", "from rcmservo.sim.camera_model import Optics", "siblings"),
+                (
+                    "tracking/full_search.py",
+                    "from rcmservo.sim.camera_model import Optics",
+                    "siblings",
+                ),
                 ("servo/servo.py", "import cv2", "OpenCV"),
                 ("sim/rendering/renderer.py", "import cv2", "OpenCV"),
                 ("tracking/ball_fit.py", "import mujoco", "MuJoCo"),

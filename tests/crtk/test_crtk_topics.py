@@ -39,7 +39,10 @@ def test_motion_commands_of_another_client_are_detected(
     device: RunningDevice, topic: messages.Topic[Any]
 ) -> None:
     """For joints and for the tool pose. ROS's own programs publish reliably."""
-    other, reliable = open_transport(RosConnection(domain=DOMAIN)), replace(topic.under(NAME), lossy=False)
+    other, reliable = (
+        open_transport(RosConnection(domain=DOMAIN)),
+        replace(topic.under(NAME), lossy=False),
+    )
     subscribers = 2 if topic.name == "servo_jp" else 1
     with contextlib.closing(other), contextlib.closing(client_arm(2, DOMAIN)) as arm:
         other.offer(reliable)

@@ -1,5 +1,4 @@
-"""The true camera: rays and projection are inverse, its derivative and its sphere outlines are
-right."""
+"""True camera: projection, its inverse and derivative, and sphere silhouettes."""
 
 import numpy as np
 import pytest
@@ -55,7 +54,7 @@ def test_depth_is_the_distance_along_the_line_of_sight():
     assert camera().depth(TARGET[None])[0] == pytest.approx(np.linalg.norm(TARGET - POSITION))
 
 
-def test_what_lies_behind_or_far_aside_is_nowhere():
+def test_points_behind_or_far_aside_have_no_image():
     optics = camera(k1=-0.3, k2=0.0)
     aside = optics.position + 50 * (optics.rotation[2] + 1.2 * optics.rotation[0])
     behind = 2 * POSITION - TARGET
@@ -72,7 +71,7 @@ def test_the_jacobian_is_the_derivative_of_the_distorted_projection(x, y, z):
 
 
 @given(seeds)
-def test_what_compiled_functions_see_is_what_the_camera_sees(seed):
+def test_compiled_functions_project_as_the_camera_does(seed):
     random, optics = random_from(seed), camera(k1=-0.3)
     points = optics.position + random.uniform(-300.0, 300.0, (20, 3))
     seen = [project(optics.lens[0], p) for p in points]
@@ -104,7 +103,7 @@ def test_off_the_axis_perspective_pulls_the_centroid_outwards_by_the_known_amoun
     assert np.allclose(optics.silhouette_centre(centre, R), expected, atol=1e-6)
 
 
-def test_a_sphere_around_or_behind_the_camera_has_no_outline():
+def test_a_sphere_around_or_behind_the_camera_has_no_silhouette():
     optics = camera()
     assert np.isnan(optics.silhouette_centre(POSITION, 5.0)).all()
     assert np.isnan(optics.silhouette_centre(2 * POSITION - TARGET, 5.0)).all()

@@ -1,4 +1,4 @@
-"""Simulated time: it passes only while somebody waits, and the arm's past is known for a second."""
+"""Simulated clock and the arm's history: time passes only during waits."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from rcmservo.interfaces import Clock, Command
 from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.sim import Drive
-from rcmservo.sim.arm import PAST, STEP, SimulatedArm, SimulatedClock
+from rcmservo.sim.arm import HISTORY_STEPS, STEP, SimulatedArm, SimulatedClock
 
 START = np.array([0.2, -0.3, 100.0])
 RATES = np.array([0.1, -0.2, 5.0])
@@ -14,7 +14,7 @@ RATES = np.array([0.1, -0.2, 5.0])
 
 @pytest.fixture
 def arm() -> SimulatedArm:
-    """An arm at START that moves on and on: a command comes with every step."""
+    """Return an arm at START that moves all the time: it receives a command in every step."""
     made = SimulatedArm(SphericalRcm(), Drive())
     made.place(START)
     made.enable()
@@ -28,7 +28,7 @@ def command(arm: SimulatedArm) -> None:
     arm.apply(Command(number, arm.time, arm.time + 20 * STEP, rates, enabled=True))
 
 
-def test_time_passes_only_while_somebody_waits(arm: SimulatedArm) -> None:
+def test_time_passes_only_during_a_wait(arm: SimulatedArm) -> None:
     clock: Clock = SimulatedClock(arm)
     before = clock.now()
     assert clock.now() == before
@@ -38,14 +38,14 @@ def test_time_passes_only_while_somebody_waits(arm: SimulatedArm) -> None:
     assert arm.q_true[2] > START[2]
 
 
-def test_a_process_that_is_held_up_wakes_later(arm: SimulatedArm) -> None:
+def test_a_stalled_process_wakes_later(arm: SimulatedArm) -> None:
     clock = SimulatedClock(arm)
     clock.stalls = lambda time: time + 30 * STEP
     clock.wait_until(clock.now() + STEP)
     assert clock.now() == 31 * STEP
 
 
-def test_the_past_tells_where_the_joints_were_also_between_two_steps(arm: SimulatedArm) -> None:
+def test_the_history_interpolates_the_joints_between_two_steps(arm: SimulatedArm) -> None:
     true = {arm.time: arm.q_true}
     for _ in range(100):
         arm.advance()
@@ -56,14 +56,14 @@ def test_the_past_tells_where_the_joints_were_also_between_two_steps(arm: Simula
     assert np.allclose(arm.joints_at(90 * STEP + STEP // 4), 0.75 * one + 0.25 * two)
 
 
-def test_before_the_last_second_the_past_tells_the_oldest_that_it_knows(arm: SimulatedArm) -> None:
-    arm.advance_until((PAST + 200) * STEP)
-    oldest = arm.time - (PAST - 1) * STEP
+def test_for_earlier_times_the_history_returns_its_oldest_joints(arm: SimulatedArm) -> None:
+    arm.advance_until((HISTORY_STEPS + 200) * STEP)
+    oldest = arm.time - (HISTORY_STEPS - 1) * STEP
     assert np.array_equal(arm.joints_at(0), arm.joints_at(oldest))
     assert not np.array_equal(arm.joints_at(oldest), arm.joints_at(oldest + STEP))
 
 
-def test_a_placed_arm_has_always_been_there(arm: SimulatedArm) -> None:
+def test_placing_the_arm_overwrites_its_history(arm: SimulatedArm) -> None:
     arm.advance_until(100 * STEP)
     arm.place(START)
     assert np.array_equal(arm.joints_at(50 * STEP), START)

@@ -1,5 +1,4 @@
-"""What goes wrong in the simulated laboratory does so where it would, and the servo answers as the
-table says."""
+"""Disturbances and the phases and causes with which the servo responds to them."""
 
 import contextlib
 import math
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_quiet_disturbances import STAYING, UNDONE
+from test_quiet_disturbances import PERMANENT, TRANSIENT
 
 from conftest import first_quick, frozen, laboratory, random_from, seeds, taught
 from rcmservo.errors import BadInput
@@ -27,25 +26,25 @@ from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import State
 from rcmservo.sim import Disturbance, Killed, Rig
 from rcmservo.sim.disturbances import KINDS, causes_of, describe, random_disturbances
-from rcmservo.sim.disturbances.old_names import OLD
+from rcmservo.sim.disturbances.old_names import OLD_NAMES
 from rcmservo.sim.disturbances.smoke_and_blood import Smoke
 from rcmservo.sim.scripted_operator import ScriptedPerson, attended
 from rcmservo.tracking import ColourMarkers, PointMarkers
 
 ONSET = 1.3
-"""s after the start: the servo has explored by then and is on its way."""
+"""Start (s) of the disturbances: the servo has explored and moves to the target."""
 
 STOPPED = Phase.HOLD, Phase.PAUSED, Phase.FAULT
-ZERO = 0.1
-"""s within which a servo that holds or pauses commands no motion any more."""
+STOP_TIME = 0.1
+"""Time (s) within which a holding or paused servo commands no motion."""
 
 
 def rig_with(text: str, seed: int = 1, pictures: bool = False) -> Rig:
     return Rig(seed, pictures=pictures, disturbances=parsed(text))
 
 
-def tip(rig: Rig, q: Floats) -> Floats:
-    """Marker 1 (3,) mm at the joints q (3,)."""
+def marker_1(rig: Rig, q: Floats) -> Floats:
+    """Return marker 1 (3,) mm at the joints q (3,)."""
     return rig.scene.body.points(q)[0]
 
 
@@ -59,7 +58,7 @@ def kind_of(text: str) -> str:
 
 @dataclass
 class Run:
-    """A run with disturbances, up to its end."""
+    """Run with disturbances, up to its end."""
 
     rig: Rig
     ticks: list[Tick]
@@ -68,7 +67,7 @@ class Run:
         return [tick for tick in self.ticks if tick.time >= time * 1e9]
 
     def stop(self) -> Tick:
-        """The first tick after the onset at which the servo stops."""
+        """Return the first tick after the onset at which the servo stops."""
         return next(tick for tick in self.after() if tick.state.phase in STOPPED)
 
     def stops(self) -> bool:
@@ -93,23 +92,22 @@ def running(text: str, seed: int = 1, seconds: float = ONSET + 1.5) -> Run:
 
 
 FRAME, TICK = 1 / 60, 0.01
-SEEN = 0.022 + FRAME + TICK
-"""s until a tick knows what has happened before the camera: the frame's exposure, its way, and the
-wait for both."""
+VISION_LATENCY = 0.022 + FRAME + TICK
+"""Time (s) until a tick knows an event in front of the camera: exposure, delay and two waits."""
 
 STALE = 3.0 * FRAME + TICK
 
 TABLE: dict[str, tuple[Phase, Cause, float]] = {
-    "occlusion:at=1.3,for=0.3": (Phase.HOLD, Cause.MARKERS_LOST, SEEN),
-    "nan_points:at=1.3,for=0.3": (Phase.HOLD, Cause.MARKERS_LOST, SEEN),
-    "occlusion:at=1.3,for=0.5,by=blood": (Phase.HOLD, Cause.MARKERS_LOST, SEEN + 0.07),
-    "swap:at=1.3": (Phase.PAUSED, Cause.SWAPPED, SEEN + 2 * FRAME),
-    "decoy:at=1.3": (Phase.PAUSED, Cause.SURPRISED, SEEN + 2 * FRAME),
-    "decoy:at=1.3,marker=2,px=25": (Phase.PAUSED, Cause.SURPRISED, SEEN + 2 * FRAME),
-    "camera_pan:at=1.3": (Phase.PAUSED, Cause.CAMERA_MOVED, SEEN + 2 * FRAME),
-    "camera_roll:at=1.3": (Phase.PAUSED, Cause.CAMERA_MOVED, SEEN + 2 * FRAME),
-    "camera_roll:at=1.3,deg=-30": (Phase.PAUSED, Cause.CAMERA_MOVED, SEEN + 2 * FRAME),
-    "relocate:at=1.3": (Phase.PAUSED, Cause.CAMERA_MOVED, SEEN + 2 * FRAME),
+    "occlusion:at=1.3,for=0.3": (Phase.HOLD, Cause.MARKERS_LOST, VISION_LATENCY),
+    "nan_points:at=1.3,for=0.3": (Phase.HOLD, Cause.MARKERS_LOST, VISION_LATENCY),
+    "occlusion:at=1.3,for=0.5,by=blood": (Phase.HOLD, Cause.MARKERS_LOST, VISION_LATENCY + 0.07),
+    "swap:at=1.3": (Phase.PAUSED, Cause.SWAPPED, VISION_LATENCY + 2 * FRAME),
+    "decoy:at=1.3": (Phase.PAUSED, Cause.SURPRISED, VISION_LATENCY + 2 * FRAME),
+    "decoy:at=1.3,marker=2,px=25": (Phase.PAUSED, Cause.SURPRISED, VISION_LATENCY + 2 * FRAME),
+    "camera_pan:at=1.3": (Phase.PAUSED, Cause.CAMERA_MOVED, VISION_LATENCY + 2 * FRAME),
+    "camera_roll:at=1.3": (Phase.PAUSED, Cause.CAMERA_MOVED, VISION_LATENCY + 2 * FRAME),
+    "camera_roll:at=1.3,deg=-30": (Phase.PAUSED, Cause.CAMERA_MOVED, VISION_LATENCY + 2 * FRAME),
+    "relocate:at=1.3": (Phase.PAUSED, Cause.CAMERA_MOVED, VISION_LATENCY + 2 * FRAME),
     "latency:at=1.3,for=0.5": (Phase.HOLD, Cause.STALE, STALE),
     "frame_drop:at=1.3,share=1": (Phase.HOLD, Cause.STALE, STALE),
     "frame_order:at=1.3,for=0.3": (Phase.HOLD, Cause.FRAMES_NOT_NEW, STALE),
@@ -128,7 +126,8 @@ TABLE: dict[str, tuple[Phase, Cause, float]] = {
     "stall:at=1.3": (Phase.FAULT, Cause.DRIVE_OFF, 0.5 + TICK),
     "disk_full:at=1.3": (Phase.PAUSED, Cause.NOT_RECORDED, TICK),
 }
-"""What happens while the servo is on its way, and what must follow within so many s."""
+"""Disturbances on the way to the target, with the phase, the cause and the largest time (s) to
+them."""
 
 FOLLOWING = [
     f"gain:at=1.3,axis={axis},factor={factor}" for factor in (0, -1, 3) for axis in (1, 2, 3)
@@ -137,7 +136,7 @@ FOLLOWING += [f"encoder:at=1.3,axis={axis}" for axis in (1, 2, 3)]
 
 
 @pytest.mark.parametrize("text", TABLE)
-def test_the_servo_answers_with_the_phase_and_cause_of_the_table_within_its_bound(
+def test_the_servo_responds_with_the_tables_phase_and_cause_in_time(
     text: str,
 ) -> None:
     phase, cause, bound = TABLE[text]
@@ -157,30 +156,30 @@ ONE_LOST = {
 
 
 @pytest.mark.parametrize("text", ONE_LOST)
-def test_one_lost_marker_slows_the_tool_while_the_other_tells_the_pose_and_it_gets_there(
+def test_one_lost_marker_slows_the_tool_and_the_other_gives_the_pose(
     text: str,
 ) -> None:
     done = running(text, seconds=12.0)
     slow = [tick for tick in done.ticks if tick.state.cause is ONE_LOST[text]]
     assert not done.stops() and done.causes() == {ONE_LOST[text]}
-    assert slow[0].time * 1e-9 <= ONSET + SEEN + 1e-6
+    assert slow[0].time * 1e-9 <= ONSET + VISION_LATENCY + 1e-6
     assert all(tick.state.mode.share == SLOW_SHARE for tick in slow)
     end = done.ticks[-1].state
     assert end.decision.left < 0.1
-    assert np.linalg.norm(end.p1 - tip(done.rig, end.target.q)) < 1.0
+    assert np.linalg.norm(end.p1 - marker_1(done.rig, end.target.q)) < 1.0
 
 
 @pytest.mark.parametrize(
     "moves", ["camera_pan:at=1.6", "camera_pan:at=1.6,for=4.5,px=45", "freeze:at=1.5"]
 )
-def test_while_one_marker_is_lost_the_other_tells_that_the_camera_moves_or_stands_still(
+def test_while_one_marker_is_lost_the_other_shows_camera_faults(
     moves: str,
 ) -> None:
     done = running(f"occlusion:at=1.3,marker=1 {moves}", seconds=5.0)
     stop = done.stop()
     assert stop.state.phase is Phase.PAUSED
-    wanted = (Cause.FROZEN, Cause.SURPRISED) if "freeze" in moves else (Cause.SURPRISED,)
-    assert stop.state.cause in wanted
+    expected = (Cause.FROZEN, Cause.SURPRISED) if "freeze" in moves else (Cause.SURPRISED,)
+    assert stop.state.cause in expected
     assert np.linalg.norm(done.ticks[-1].state.p1 - stop.state.p1) < 2.0
 
 
@@ -190,7 +189,7 @@ def test_a_hold_or_pause_brings_the_command_to_zero_in_100_ms_and_a_fault_at_onc
 ) -> None:
     done = running(text)
     stop = done.stop()
-    later = stop.time + (0 if stop.state.phase is Phase.FAULT else ZERO * 1e9)
+    later = stop.time + (0 if stop.state.phase is Phase.FAULT else STOP_TIME * 1e9)
     held = [tick for tick in done.ticks if tick.time >= later and tick.state.phase in STOPPED]
     assert held or stop.state.phase is not Phase.FAULT
     assert all(not tick.state.command.rates.any() for tick in held)
@@ -198,7 +197,7 @@ def test_a_hold_or_pause_brings_the_command_to_zero_in_100_ms_and_a_fault_at_onc
 
 
 @pytest.mark.parametrize("text", FOLLOWING)
-def test_an_axis_that_does_not_do_as_told_is_a_fault_before_it_is_two_degrees_or_3_mm_off(
+def test_an_axis_that_does_not_follow_is_a_fault_within_2_deg_or_3_mm(
     text: str,
 ) -> None:
     done = running(text)
@@ -210,8 +209,8 @@ def test_an_axis_that_does_not_do_as_told_is_a_fault_before_it_is_two_degrees_or
     )
 
 
-PAUSES = "occlusion:at=1.3"
-"""Ends in a pause, 1 s later."""
+PAUSING = "occlusion:at=1.3"
+"""Disturbance that leads to a pause after 1 s."""
 
 CREEP = [
     "creep:at=4,axis=1,speed=0.2",
@@ -222,10 +221,10 @@ CREEP = [
 
 
 @pytest.mark.parametrize("text", CREEP)
-def test_a_drive_that_creeps_while_nothing_is_commanded_is_a_fault_however_slowly_it_does(
+def test_a_drive_that_creeps_without_command_is_a_fault_at_any_speed(
     text: str,
 ) -> None:
-    ticks = left_alone(f"{PAUSES} {text}", 11.0)
+    ticks = run_unattended(f"{PAUSING} {text}", 11.0)
     seen, state = next(tick for tick in ticks if tick[1].phase is Phase.FAULT)
     assert state.cause is Cause.CREEPS
     assert "at rest it should stay within" in state.words
@@ -233,26 +232,26 @@ def test_a_drive_that_creeps_while_nothing_is_commanded_is_a_fault_however_slowl
     assert np.all(np.abs(seen.q - state.watch.rest) <= 1.1 * np.array(Thresholds().following))
 
 
-def test_a_drive_may_rest_for_as_long_as_it_likes() -> None:
-    *_, (_, last) = left_alone(PAUSES, 30.0)
+def test_a_drive_may_rest_for_any_time() -> None:
+    *_, (_, last) = run_unattended(PAUSING, 30.0)
     assert last.phase is Phase.PAUSED
 
 
-def left_alone(text: str, seconds: float) -> Iterator[tuple[Observation, State]]:
-    """Observation and state of every tick of a run in which nobody answers to a pause."""
+def run_unattended(text: str, seconds: float) -> Iterator[tuple[Observation, State]]:
+    """Return observation and state of every tick of a run without an operator."""
     lab = laboratory(disturbances=parsed(text))
     lab.rig.begin()
     return lab.run(lab.servo(), seconds)
 
 
-def test_every_kind_is_brought_about_in_these_tests() -> None:
+def test_every_kind_occurs_in_these_tests() -> None:
     elsewhere = {"jitter", "kill"}
-    frame_by_frame = {kind_of(text) for text in (*UNDONE, *STAYING)}
+    frame_by_frame = {kind_of(text) for text in (*TRANSIENT, *PERMANENT)}
     tested = {kind_of(text) for text in (*TABLE, *FOLLOWING, *CREEP)} | elsewhere | frame_by_frame
     assert tested == set(KINDS)
 
 
-def test_smoke_that_comes_and_goes_is_a_hold_for_lost_markers_until_it_has_gone() -> None:
+def test_smoke_is_a_hold_for_lost_markers_until_it_has_gone() -> None:
     done = running("occlusion:at=1.3,for=0.9,by=smoke", seconds=5.0)
     assert done.stop().state.phase is Phase.HOLD
     assert Cause.MARKERS_LOST in done.causes() <= causes_of("occlusion")
@@ -266,13 +265,13 @@ def test_latency_within_100_ms_is_compensated_and_beyond_it_the_servo_holds() ->
     assert late.ticks[-1].state.phase is Phase.PAUSED
 
 
-def test_frames_that_come_later_by_chance_are_held_against_and_named() -> None:
+def test_random_latency_is_a_hold_with_its_cause() -> None:
     done = running("latency:at=1.3,for=0.6,s=0,jitter=0.3", seconds=4.5)
     assert {Cause.LATE, Cause.STALE} <= done.causes() <= causes_of("latency")
     assert done.ticks[-1].state.phase is Phase.SERVO
 
 
-def test_of_frames_out_of_order_the_older_is_dropped_and_the_tool_goes_on_at_most_slowly() -> None:
+def test_the_older_of_swapped_frames_is_dropped_and_the_tool_continues() -> None:
     done = running("frame_order:at=1.3,for=0.5,what=swapped")
     numbers = [tick.seen.frame for tick in done.ticks]
     assert numbers == sorted(numbers)
@@ -281,14 +280,14 @@ def test_of_frames_out_of_order_the_older_is_dropped_and_the_tool_goes_on_at_mos
     assert not done.stops()
 
 
-def test_ticks_a_little_late_are_warned_of_and_no_more() -> None:
+def test_slightly_late_ticks_are_only_a_warning() -> None:
     done = running("jitter:at=1.3,s=0.008")
     assert done.causes() == {Cause.LATE_TICK}
     assert not done.stops()
 
 
 @pytest.mark.parametrize("text", ["jitter:at=1.3,for=0.5,s=0.03", "stall:at=1.3,for=0.03"])
-def test_late_ticks_are_named_as_such(text: str) -> None:
+def test_late_ticks_have_their_causes(text: str) -> None:
     assert running(text).causes() <= causes_of(kind_of(text))
 
 
@@ -298,9 +297,7 @@ def test_one_tick_that_takes_30_ms_longer_is_a_warning() -> None:
     assert not done.stops()
 
 
-def test_when_the_process_is_killed_the_arm_stops_by_itself_within_50_ms_of_its_last_command() -> (
-    None
-):
+def test_after_the_process_is_killed_the_arm_stops_50_ms_after_its_last_command() -> None:
     done = running("kill:at=1.304")
     last, arm = done.ticks[-1], done.rig.truth.arm
     assert last.time == pytest.approx(ONSET * 1e9)
@@ -314,23 +311,23 @@ def test_when_the_process_is_killed_the_arm_stops_by_itself_within_50_ms_of_its_
     assert np.all(np.abs(arm.q_true - q) < [1e-3, 1e-3, 0.1])
 
 
-def test_a_silent_arm_hears_nothing_stops_by_itself_and_tells_so_when_it_answers_again() -> None:
+def test_a_silent_arm_stops_and_reports_it_when_it_answers_again() -> None:
     rig = rig_with("arm_silent:at=0.1,for=0.1")
     rig.begin()
     rig.arm.enable()
-    told: list[bool] = []
+    reported: list[bool] = []
     true: list[bool] = []
     for k in range(25):
         rig.clock.wait_until(rig.clock.now() + 10_000_000)
         now = rig.clock.now()
         rig.arm.apply(Command(k, now, now + 30_000_000, np.array([0.1, 0.0, 0.0]), True))
-        told.append(rig.arm.measure().enabled)
+        reported.append(rig.arm.measure().enabled)
         true.append(rig.truth.arm.watchdog.enabled)
     assert true == [True] * 12 + [False] * 13
-    assert told == [True] * 19 + [False] * 6
+    assert reported == [True] * 19 + [False] * 6
 
 
-def test_an_emergency_stop_leaves_the_drive_off_until_it_is_released() -> None:
+def test_an_emergency_stop_keeps_the_drive_off_until_its_release() -> None:
     rig = rig_with("drive_off:at=0.1,for=0.2")
     rig.begin()
     enabled: list[bool] = []
@@ -342,11 +339,11 @@ def test_an_emergency_stop_leaves_the_drive_off_until_it_is_released() -> None:
     assert enabled == [True, False, True]
 
 
-# ---------------------------------------------------------------- the kit itself
+# ---------------------------------------------------------------- disturbances in general
 
 
 @pytest.mark.parametrize("pictures", [False, True])
-def test_a_rig_whose_disturbance_never_comes_is_the_same_as_one_without_bit_for_bit(
+def test_a_disturbance_that_never_starts_changes_no_bit(
     pictures: bool,
 ) -> None:
     plain, late = (
@@ -365,7 +362,7 @@ def test_a_rig_whose_disturbance_never_comes_is_the_same_as_one_without_bit_for_
         assert frozen(plain.arm.measure()) == frozen(late.arm.measure())
 
 
-def test_nothing_goes_wrong_before_the_run_begins() -> None:
+def test_no_disturbance_acts_before_the_run_starts() -> None:
     rig = rig_with("occlusion arm_silent encoder_nan disk_full kill")
     rig.show_target()
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
@@ -388,9 +385,7 @@ def test_the_same_seed_and_disturbances_give_the_same_run(seed: int) -> None:
 
 
 @given(seeds, st.booleans())
-def test_a_disturbance_is_written_as_it_is_read_and_survives_a_pickle(
-    seed: int, pictures: bool
-) -> None:
+def test_a_disturbance_survives_its_text_and_a_pickle(seed: int, pictures: bool) -> None:
     chosen = random_disturbances(random_from(seed), 20.0, pictures)
     assert 1 <= len(chosen) <= 3
     for disturbance in chosen:
@@ -406,7 +401,7 @@ def test_a_disturbance_is_written_as_it_is_read_and_survives_a_pickle(
 @given(
     st.one_of(
         st.text(max_size=30),
-        st.builds("{}:{}".format, st.sampled_from([*KINDS, *OLD]), st.text(max_size=20)),
+        st.builds("{}:{}".format, st.sampled_from([*KINDS, *OLD_NAMES]), st.text(max_size=20)),
     )
 )
 def test_any_text_is_a_disturbance_or_refused_with_a_sentence(text: str) -> None:
@@ -435,7 +430,7 @@ def test_any_text_is_a_disturbance_or_refused_with_a_sentence(text: str) -> None
         ("creep:axis=2", "creep:axis=2"),
     ],
 )
-def test_an_old_name_is_read_in_studies_and_records_and_elsewhere_its_new_spelling_is_told(
+def test_old_names_are_read_in_records_and_refused_elsewhere_with_the_new_spelling(
     old: str, new: str
 ) -> None:
     assert Disturbance.read(old) == Disturbance.parse(new)
@@ -446,9 +441,9 @@ def test_an_old_name_is_read_in_studies_and_records_and_elsewhere_its_new_spelli
         assert Disturbance.parse(spelling) == Disturbance.parse(new)
 
 
-def test_each_old_name_is_read_and_none_is_a_kind_any_more() -> None:
-    assert {Disturbance.read(name).kind for name in OLD} <= set(KINDS)
-    assert not set(OLD) & set(KINDS)
+def test_each_old_name_is_read_and_none_is_a_kind() -> None:
+    assert {Disturbance.read(name).kind for name in OLD_NAMES} <= set(KINDS)
+    assert not set(OLD_NAMES) & set(KINDS)
 
 
 @pytest.mark.parametrize(
@@ -470,37 +465,35 @@ def test_each_old_name_is_read_and_none_is_a_kind_any_more() -> None:
         ("corrupt:what=all", ["what", "size, half, noise, none"]),
     ],
 )
-def test_what_is_wrong_with_a_disturbance_is_said_with_its_key(
-    text: str, words: Sequence[str]
-) -> None:
+def test_an_invalid_disturbance_is_refused_with_its_key(text: str, words: Sequence[str]) -> None:
     with pytest.raises(BadInput) as refused:
         Disturbance.parse(text)
     assert all(word in str(refused.value) for word in words)
 
 
-def test_only_a_camera_without_pictures_can_be_given_points_that_are_not_finite() -> None:
+def test_only_a_camera_without_images_can_report_points_that_are_not_finite() -> None:
     with pytest.raises(BadInput, match="nan_points"):
         rig_with("nan_points", pictures=True)
 
 
-def test_every_kind_that_run_takes_is_described_in_a_line() -> None:
+def test_every_kind_of_rcmservo_run_is_described_in_a_line() -> None:
     lines = describe().splitlines()
     assert [line.split(":")[0] for line in lines] == [
         kind for kind in KINDS if kind != "nan_points"
     ]
 
 
-def test_every_kind_has_causes_unless_nothing_is_left_to_name_them() -> None:
+def test_every_kind_has_causes_unless_the_servo_is_dead() -> None:
     assert {name for name in KINDS if not causes_of(name)} == {"kill"}
 
 
-# ---------------------------------------------------------------- pictures
+# ---------------------------------------------------------------- images
 
 
-def pictured(
+def render_frame(
     text: str, seconds: float, seed: int = 2, tracker: ColourMarkers | None = None
 ) -> tuple[Rig, Frame]:
-    """The newest frame so many s after the begin, with an earlier one shown to the tracker."""
+    """Return the newest frame so many s after the start; the tracker gets an earlier one first."""
     rig = rig_with(text, seed, pictures=True)
     first = rig.camera.latest()
     assert first is not None
@@ -513,8 +506,8 @@ def pictured(
     return rig, frame
 
 
-def off(rig: Rig, frame: Frame, tracker: ColourMarkers) -> np.ndarray:
-    """How far the markers are found from where they are, px; NaN where they are lost."""
+def tracking_errors(rig: Rig, frame: Frame, tracker: ColourMarkers) -> np.ndarray:
+    """Return the errors (px) of the found markers, NaN where they are lost."""
     true = rig.truth.pixels(rig.truth.joints_at(frame.exposure))
     return np.linalg.norm(tracker.find(frame).points - true, axis=1)
 
@@ -522,28 +515,30 @@ def off(rig: Rig, frame: Frame, tracker: ColourMarkers) -> np.ndarray:
 @pytest.mark.parametrize(
     ("marker", "lost"), [(0, [True, True]), (1, [True, False]), (2, [False, True])]
 )
-def test_a_lost_marker_is_not_in_the_picture_and_the_other_is_where_it_was(
+def test_a_hidden_marker_is_not_in_the_image_and_the_other_is(
     marker: int, lost: list[bool]
 ) -> None:
     tracker = ColourMarkers()
-    miss = off(*pictured(f"occlusion:marker={marker}", 0.1, tracker=tracker), tracker)
-    assert list(np.isnan(miss)) == lost
-    assert np.all(miss[~np.isnan(miss)] < 1.0)
+    errors = tracking_errors(
+        *render_frame(f"occlusion:marker={marker}", 0.1, tracker=tracker), tracker
+    )
+    assert list(np.isnan(errors)) == lost
+    assert np.all(errors[~np.isnan(errors)] < 1.0)
 
 
-def test_swapped_markers_are_found_in_each_others_place() -> None:
+def test_swapped_markers_are_found_at_each_others_position() -> None:
     tracker = ColourMarkers()
-    rig, frame = pictured("swap", 0.1)
+    rig, frame = render_frame("swap", 0.1)
     true = rig.truth.pixels(rig.truth.joints_at(frame.exposure))
     assert np.abs(tracker.find(frame).points - true[::-1]).max() < 1.0
 
 
 @pytest.mark.parametrize("marker", [1, 2])
-def test_a_false_marker_is_found_as_far_off_as_asked_for(marker: int) -> None:
+def test_a_decoy_is_found_at_the_requested_distance(marker: int) -> None:
     tracker = ColourMarkers()
-    miss = off(*pictured(f"decoy:px=80,marker={marker}", 0.1), tracker)
-    assert miss[marker - 1] == pytest.approx(80.0, abs=1.5)
-    assert miss[2 - marker] < 1.0
+    errors = tracking_errors(*render_frame(f"decoy:px=80,marker={marker}", 0.1), tracker)
+    assert errors[marker - 1] == pytest.approx(80.0, abs=1.5)
+    assert errors[2 - marker] < 1.0
 
 
 @pytest.mark.parametrize("text", ["occlusion:for=4,by=smoke", "occlusion:for=4,by=blood"])
@@ -551,20 +546,24 @@ def test_a_false_marker_is_found_as_far_off_as_asked_for(marker: int) -> None:
 def test_no_marker_is_found_behind_dense_smoke_or_blood(text: str, seed: int) -> None:
     tracker = ColourMarkers()
     for seconds in (1.0, 2.5):
-        assert np.isnan(off(*pictured(text, seconds, seed, tracker), tracker)).all()
+        assert np.isnan(tracking_errors(*render_frame(text, seconds, seed, tracker), tracker)).all()
 
 
-def test_markers_are_found_again_when_smoke_and_blood_have_gone() -> None:
+def test_markers_are_found_after_smoke_and_blood() -> None:
     tracker = ColourMarkers()
     assert np.all(
-        off(*pictured("occlusion:for=0.5,by=smoke occlusion:for=0.5,by=blood", 0.6), tracker) < 1.0
+        tracking_errors(
+            *render_frame("occlusion:for=0.5,by=smoke occlusion:for=0.5,by=blood", 0.6), tracker
+        )
+        < 1.0
     )
 
 
-def test_smoke_comes_and_goes_by_degrees() -> None:
+def test_smoke_rises_and_falls_gradually() -> None:
     smoke = Smoke((640, 480), 4.0, np.array([320.0, 240.0]), random_from(0))
     middle = [
-        float(smoke.pane(time).opacity[60, 80]) for time in (0.0, 0.1, 0.2, 0.3, 2.0, 3.6, 3.8, 4.0)
+        float(smoke.layer_at(time).opacity[60, 80])
+        for time in (0.0, 0.1, 0.2, 0.3, 2.0, 3.6, 3.8, 4.0)
     ]
     assert middle[0] == middle[-1] == 0.0
     assert middle[4] > 0.95
@@ -572,8 +571,8 @@ def test_smoke_comes_and_goes_by_degrees() -> None:
     assert np.all(np.diff(middle[4:]) < 0.0)
 
 
-def test_a_picture_keeps_its_noise_and_its_size_behind_smoke() -> None:
-    _, frame = pictured("occlusion:for=4,by=smoke", 2.0)
+def test_an_image_keeps_its_noise_and_size_behind_smoke() -> None:
+    _, frame = render_frame("occlusion:for=4,by=smoke", 2.0)
     assert frame.image is not None
     assert frame.image.shape == (480, 640, 3)
     assert frame.image.dtype == np.uint8
@@ -581,8 +580,8 @@ def test_a_picture_keeps_its_noise_and_its_size_behind_smoke() -> None:
 
 
 @pytest.mark.parametrize("what", ["size", "half", "noise", "none"])
-def test_a_damaged_picture_is_dropped_or_tells_of_at_most_what_is_left(what: str) -> None:
-    _, frame = pictured(f"corrupt:what={what}", 0.1)
+def test_a_damaged_image_is_empty_or_shows_only_its_rest(what: str) -> None:
+    _, frame = render_frame(f"corrupt:what={what}", 0.1)
     if what == "none":
         assert frame.image is None
         return
@@ -603,11 +602,11 @@ def test_a_damaged_picture_is_dropped_or_tells_of_at_most_what_is_left(what: str
         pytest.param("relocate", marks=pytest.mark.slow),
     ],
 )
-def test_a_camera_that_was_moved_sees_the_tool_where_its_new_optics_say(text: str) -> None:
+def test_a_moved_camera_images_the_tool_by_its_new_model(text: str) -> None:
     tracker = ColourMarkers()
     old = rig_with(text, 2, pictures=True).scene.optics
-    rig, frame = pictured(text, 0.1)
-    assert np.all(off(rig, frame, tracker) < 1.0)
+    rig, frame = render_frame(text, 0.1)
+    assert np.all(tracking_errors(rig, frame, tracker) < 1.0)
     markers = rig.truth.markers(frame.exposure)
     jump = np.linalg.norm(rig.truth.optics.project(markers) - old.project(markers), axis=1)
     assert jump.max() > 5.0
@@ -615,17 +614,19 @@ def test_a_camera_that_was_moved_sees_the_tool_where_its_new_optics_say(text: st
         assert np.all(np.abs(jump - 30.0) < 8.0)
 
 
-def test_a_person_counts_the_requests_that_led_on_apart_from_those_refused() -> None:
+def test_the_operator_counts_accepted_and_refused_requests() -> None:
     rig = rig_with("occlusion:at=1.3,for=3.5")
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     rig.show_target()
     target = teach(plant, frames=30)
     rig.go_home()
     rig.begin()
-    person = ScriptedPerson(rig, plant, 9, frames=30)
+    operator = ScriptedPerson(rig, plant, 9, frames=30)
     ticks = list(
-        attended(rig, plant, Servo(rig.settings.mechanism, rig.settings.tool), target, 8.0, person)
+        attended(
+            rig, plant, Servo(rig.settings.mechanism, rig.settings.tool), target, 8.0, operator
+        )
     )
     answers = [tick.state.phase for tick in ticks if tick.request is Request.RESUME]
     assert answers == [Phase.PAUSED, Phase.PAUSED, Phase.ACQUIRE]
-    assert (person.resumed, person.refused) == (1, 2)
+    assert (operator.resumed, operator.refused) == (1, 2)

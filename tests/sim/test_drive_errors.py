@@ -1,5 +1,4 @@
-"""What real arms have: encoders that count from a wrong zero, and motors that make more or less of
-a rate than they are asked for. The truth stays the truth, and hard stops are where they are."""
+"""Errors of real arms: encoder offsets and rate errors. The ground truth is free of them."""
 
 import numpy as np
 import pytest
@@ -14,13 +13,13 @@ from rcmservo.sim.processes.motion_log import TrueError
 from rcmservo.tracking import PointMarkers
 
 OFFSET, ERROR = (0.02, -0.03, 1.5), (0.1, -0.2, 0.3)
-WRONG = Drive(encoder_offset=OFFSET, rate_error=ERROR)
+FAULTY = Drive(encoder_offset=OFFSET, rate_error=ERROR)
 START = np.array([0.6, 0.3, 100.0])
 RATES = np.array([0.1, -0.2, 5.0])
 
 
 def moved(drive: Drive, rates: Floats, seconds: float, start: Floats = START) -> SimulatedArm:
-    """An arm that was asked for joint rates (3,) for some seconds."""
+    """Return an arm after joint rates (3,) that lasted for some seconds."""
     arm = SimulatedArm(rs.SphericalRcm(), drive)
     arm.place(start)
     arm.control(rates.tolist(), True)
@@ -28,30 +27,30 @@ def moved(drive: Drive, rates: Floats, seconds: float, start: Floats = START) ->
     return arm
 
 
-def test_an_arm_tells_joints_that_are_off_by_the_offset() -> None:
-    arm = moved(WRONG, RATES, 1.0)
+def test_encoders_report_joints_with_their_offset() -> None:
+    arm = moved(FAULTY, RATES, 1.0)
     np.testing.assert_array_less(
-        np.abs(arm.measure().q - arm.q_true - OFFSET), 0.51 * np.array(WRONG.encoder)
+        np.abs(arm.measure().q - arm.q_true - OFFSET), 0.51 * np.array(FAULTY.encoder)
     )
-    assert (WRONG.true(WRONG.told(START)) == pytest.approx(START)) and (
-        WRONG.told(START) != START
+    assert (FAULTY.true(FAULTY.told(START)) == pytest.approx(START)) and (
+        FAULTY.told(START) != START
     ).all()
 
 
-def test_every_joint_moves_by_its_share_faster_than_it_is_asked_to() -> None:
-    right, wrong = (moved(drive, RATES, 1.0).q_true - START for drive in (Drive(), WRONG))
-    np.testing.assert_allclose(wrong / right, 1.0 + np.array(ERROR), rtol=2e-3)
+def test_every_joint_moves_faster_than_commanded_by_its_rate_error() -> None:
+    exact, faulty = (moved(drive, RATES, 1.0).q_true - START for drive in (Drive(), FAULTY))
+    np.testing.assert_allclose(faulty / exact, 1.0 + np.array(ERROR), rtol=2e-3)
 
 
 def test_the_hard_stop_is_at_the_true_joints() -> None:
-    arm = moved(WRONG, np.array([0.0, 0.0, 5.0]), 3.0, np.array([0.6, 0.3, 215.0]))
+    arm = moved(FAULTY, np.array([0.0, 0.0, 5.0]), 3.0, np.array([0.6, 0.3, 215.0]))
     lower, upper = arm.mechanism.limits.arrays
     stop = (lower + upper)[2] / 2.0 + HARD_STOP * (upper - lower)[2] / 2.0
     assert arm.q_true[2] == pytest.approx(stop, abs=0.5)
     assert arm.measure().q[2] == pytest.approx(arm.q_true[2] + OFFSET[2], abs=0.01)
 
 
-def test_no_error_is_no_change_to_the_last_bit() -> None:
+def test_zero_errors_change_no_bit() -> None:
     none = Drive(encoder_offset=(0.0, 0.0, 0.0), rate_error=(0.0, 0.0, 0.0))
     assert none == Drive()
     arm = moved(none, RATES, 0.5)
@@ -59,20 +58,20 @@ def test_no_error_is_no_change_to_the_last_bit() -> None:
     assert arm.measure().q.tobytes() == counted.tobytes()
 
 
-def test_the_judge_of_a_run_knows_the_true_joints() -> None:
-    right, wrong = (
+def test_the_ground_truth_uses_the_true_joints() -> None:
+    exact, faulty = (
         Rig(3, RigSettings(drive=drive), pictures=False)
         for drive in (Drive(), Drive(encoder_offset=OFFSET))
     )
-    now, o_c = right.clock.now(), right.truth.imaged_rcm()
-    assert right.truth.markers(now).tobytes() == wrong.truth.markers(now).tobytes()
-    J = right.truth.jacobian(right.scene.start, o_c)
-    off = [rig.truth.jacobian_error(J, rig.arm.measure().q, o_c) for rig in (right, wrong)]
+    now, o_c = exact.clock.now(), exact.truth.imaged_rcm()
+    assert exact.truth.markers(now).tobytes() == faulty.truth.markers(now).tobytes()
+    J = exact.truth.jacobian(exact.scene.start, o_c)
+    off = [rig.truth.jacobian_error(J, rig.arm.measure().q, o_c) for rig in (exact, faulty)]
     assert max(off) < 1e-3
-    assert right.truth.jacobian_error(J, wrong.arm.measure().q, o_c) > 3e-3
+    assert exact.truth.jacobian_error(J, faulty.arm.measure().q, o_c) > 3e-3
 
 
-def test_how_far_a_tool_is_from_where_it_was_shown_is_told_by_the_true_joints() -> None:
+def test_the_true_error_uses_the_true_joints() -> None:
     settings = RigSettings(drive=Drive(encoder_offset=OFFSET))
     rig = Rig(3, settings, pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
@@ -90,7 +89,7 @@ def test_how_far_a_tool_is_from_where_it_was_shown_is_told_by_the_true_joints() 
     assert error(target.q) == pytest.approx(np.linalg.norm(way), abs=0.01)
 
 
-def test_an_encoder_that_begins_to_count_backwards_goes_on_from_what_it_told() -> None:
+def test_an_encoder_that_is_reversed_continues_from_its_last_reading() -> None:
     rig = Rig(
         0,
         RigSettings(drive=Drive(encoder_offset=OFFSET)),
@@ -108,11 +107,11 @@ def test_an_encoder_that_begins_to_count_backwards_goes_on_from_what_it_told() -
     [
         ({"encoder_offset": (0.0, np.nan, 0.0)}, "encoder_offset must be three finite numbers"),
         ({"encoder_offset": (0.0, 0.0)}, "encoder_offset must be three finite numbers"),
-        ({"rate_error": (0.0, -1.0, 0.0)}, "rate_error must be three shares above -1"),
-        ({"rate_error": (0.0, 0.0, 1.1)}, "rate_error must be three shares above -1"),
-        ({"rate_error": (np.nan, 0.0, 0.0)}, "rate_error must be three shares above -1"),
+        ({"rate_error": (0.0, -1.0, 0.0)}, "rate_error must be three ratios above -1"),
+        ({"rate_error": (0.0, 0.0, 1.1)}, "rate_error must be three ratios above -1"),
+        ({"rate_error": (np.nan, 0.0, 0.0)}, "rate_error must be three ratios above -1"),
     ],
 )
-def test_what_no_drive_has_is_one_sentence(choices: dict, words: str) -> None:
+def test_impossible_drives_are_refused_in_one_sentence(choices: dict, words: str) -> None:
     with pytest.raises(BadInput, match=rf"drive\.{words}"):
         Drive(**choices)

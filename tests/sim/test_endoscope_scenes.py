@@ -1,4 +1,4 @@
-"""Scenes as an endoscope sees them: through a port of its own, wherever the RCM then is."""
+"""Scenes of an endoscope: its camera looks through its own port, wherever the RCM is."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from rcmservo.sim import Rig, RigSettings, SceneSettings
 from rcmservo.sim.rig import drawn
 from rcmservo.sim.rig_file import rig_settings
 from rcmservo.sim.scene import NoScene, Scene
-from rcmservo.sim.scenes.endoscope import INSIDE, SLOPE
+from rcmservo.sim.scenes.endoscope import MAX_WALL_SLOPE_RAD, MIN_INSERTED_LENGTH_MM
 from rcmservo.tracking import ColourMarkers
 
 PORTS = 70.0, 130.0
@@ -24,33 +24,33 @@ WRIST = replace(SETTINGS, mechanism=PitchYawRcm())
 
 
 def line_of_ports(scene: Scene) -> Floats:
-    """Points (N, 3) mm on the way out from the lens, along which the endoscope's shaft must lie."""
+    """Return points (N, 3) mm outwards from the lens, on which the endoscope's shaft must lie."""
     markers = np.concatenate([scene.body.points(q)[:2] for q in (scene.start, scene.target)])
     middle = markers.mean(axis=0)
     out = scene.optics.position - middle
     return scene.optics.position + np.outer(
-        np.arange(INSIDE - 0.05, 400.0, 0.1), out / np.linalg.norm(out)
+        np.arange(MIN_INSERTED_LENGTH_MM - 0.05, 400.0, 0.1), out / np.linalg.norm(out)
     )
 
 
 @pytest.mark.parametrize("settings", [SETTINGS, WRIST])
-def test_the_endoscope_comes_through_the_wall_at_the_distance_asked_for(
+def test_the_endoscope_passes_the_wall_at_the_requested_distance(
     settings: RigSettings,
 ) -> None:
     for seed in range(40):
         line = line_of_ports(drawn(seed, settings)[0])
-        away = np.linalg.norm(line, axis=1)
-        wall = np.abs(line[:, 2]) <= away * np.sin(SLOPE + 1e-3)
-        assert (wall & (away > PORTS[0] - 0.1) & (away < PORTS[1] + 0.1)).any()
+        distance = np.linalg.norm(line, axis=1)
+        wall = np.abs(line[:, 2]) <= distance * np.sin(MAX_WALL_SLOPE_RAD + 1e-3)
+        assert (wall & (distance > PORTS[0] - 0.1) & (distance < PORTS[1] + 0.1)).any()
 
 
-def test_the_rcm_is_behind_it_or_before_it() -> None:
+def test_the_rcm_is_behind_or_in_front_of_the_lens() -> None:
     optics = [drawn(seed, SETTINGS)[0].optics for seed in range(40)]
     behind = [one.depth(np.zeros((1, 3)))[0] < 0.0 for one in optics]
     assert 0.25 < np.mean(behind) < 0.75
 
 
-def test_start_and_target_are_as_far_apart_as_was_asked_for_and_the_camera_as_near() -> None:
+def test_travel_and_camera_distance_are_within_their_ranges() -> None:
     for seed in range(20):
         scene, _ = drawn(seed, SETTINGS)
         markers = np.stack([scene.body.points(q)[:2] for q in (scene.start, scene.target)])
@@ -59,7 +59,7 @@ def test_start_and_target_are_as_far_apart_as_was_asked_for_and_the_camera_as_ne
 
 
 @pytest.mark.parametrize("seed", first_quick(range(8)))
-def test_a_tracker_finds_both_markers_in_its_pictures(seed: int) -> None:
+def test_a_tracker_finds_both_markers_in_the_images(seed: int) -> None:
     rig = Rig(seed, SETTINGS)
     for q in (rig.scene.target, rig.scene.start):
         rig.place(q)
@@ -69,7 +69,7 @@ def test_a_tracker_finds_both_markers_in_its_pictures(seed: int) -> None:
         np.testing.assert_allclose(seen, rig.truth.pixels(q), atol=2.0)
 
 
-def test_a_camera_before_which_the_rcm_is_not_can_be_relocated() -> None:
+def test_a_camera_that_cannot_image_the_rcm_can_be_relocated() -> None:
     rigs = [Rig(seed, SETTINGS, pictures=False) for seed in range(20)]
     for rig in [rig for rig in rigs if np.isnan(rig.truth.imaged_rcm()).any()][:4]:
         before = rig.truth.pixels(rig.scene.start)
@@ -79,7 +79,7 @@ def test_a_camera_before_which_the_rcm_is_not_can_be_relocated() -> None:
         assert np.abs(np.arctan2(a * d - b * c, a * c + b * d)) > 0.5
 
 
-def test_a_camera_farther_off_than_its_port_is_no_endoscope() -> None:
+def test_a_camera_outside_its_port_is_no_endoscope() -> None:
     with pytest.raises(NoScene):
         drawn(0, RigSettings(scene=replace(SCENE, distance=(400.0, 500.0))))
 
@@ -100,6 +100,6 @@ def test_a_rig_file_may_have_ports(tmp_path) -> None:
         ({"ports": PORTS, "min_condition": 20.0}, "min_condition must be left out where ports"),
     ],
 )
-def test_what_no_endoscope_can_be_is_one_sentence(choices: dict, words: str) -> None:
+def test_impossible_endoscopes_are_refused_in_one_sentence(choices: dict, words: str) -> None:
     with pytest.raises(BadInput, match=rf"scene\.{words}"):
         SceneSettings(**choices)

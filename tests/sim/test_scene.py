@@ -1,5 +1,4 @@
-"""Scenes: the errors that were asked for, a camera in another place, and a run that goes on with
-what it has learnt."""
+"""Scenes with given initial errors, relocated cameras, and continued runs."""
 
 from dataclasses import replace
 
@@ -31,7 +30,7 @@ def true_error(rig, q):
 
 @pytest.mark.parametrize("seed", first_quick(range(4)))
 @pytest.mark.parametrize("errors", [ERRORS, (-0.3, 30.0, -20.0)])
-def test_a_scene_starts_with_exactly_the_errors_that_were_asked_for(seed, errors):
+def test_a_scene_starts_with_exactly_the_requested_errors(seed, errors):
     rig = Rig(
         seed,
         RigSettings(
@@ -43,9 +42,9 @@ def test_a_scene_starts_with_exactly_the_errors_that_were_asked_for(seed, errors
         true_error(rig, rig.scene.half_way), np.array(errors) / 2.0, atol=1e-7
     )
     sizes = np.abs([true_error(rig, q) for q in rig.scene.way])
-    assert (np.diff(sizes, axis=0) <= 1e-6).all(), "no error grows on the way"
+    assert (np.diff(sizes, axis=0) <= 1e-6).all(), "no error grows on the path"
     assert np.abs(np.diff(rig.scene.way, axis=0))[:, :2].max() < 1.0, (
-        "the way is not cut at the angles' end"
+        "the path does not jump at the angles' wrap"
     )
 
 
@@ -55,12 +54,12 @@ def test_errors_that_make_no_scene_are_refused(errors):
         SceneSettings(errors=errors)
 
 
-def test_errors_beside_a_start_of_ones_own_are_refused():
+def test_errors_together_with_a_given_start_are_refused():
     with pytest.raises(BadInput, match=r"scene\.errors"):
         SceneSettings(errors=ERRORS, start=(0.5, 0.3, 100.0))
 
 
-def test_a_relocated_camera_sees_the_tool_from_elsewhere_and_stops_the_servo_until_it_learns():
+def test_a_relocated_camera_stops_the_servo_until_it_has_explored_again():
     lab = laboratory(seed=2)
     servo = lab.servo()
     state = None
@@ -83,9 +82,8 @@ def test_a_relocated_camera_sees_the_tool_from_elsewhere_and_stops_the_servo_unt
     assert (np.abs(last.state.delta) < (0.02, 2.0, 2.0)).all()
 
 
-def test_a_camera_bumped_while_the_servo_explores_is_noticed():
-    """The tool moves on, and what one may see of that grows: the new view must not be taken for
-    it."""
+def test_a_camera_bumped_during_exploration_is_detected():
+    """The markers' permitted motion grows while the tool moves; the bump must exceed it."""
     rig = Rig(
         498,
         RigSettings(point_noise=0.1),
@@ -101,9 +99,11 @@ def test_a_camera_bumped_while_the_servo_explores_is_noticed():
     assert last.state.cause is Cause.CAMERA_MOVED and last.time < 1.95e9
 
 
-def test_a_target_shown_anew_during_the_pause_is_not_refused_with_the_old_one():
-    """Even while something else keeps the pause: only what was shown before the camera moved is
-    meaningless."""
+def test_a_target_taught_during_the_pause_is_accepted():
+    """Only targets from before the camera's motion are refused.
+
+    That holds even if another cause prolongs the pause.
+    """
     lab = laboratory(seed=2)
     servo = lab.servo()
     *_, there = run(lab.plant, servo, lab.target, 20.0, done=lambda t: t.state.explored)
@@ -124,7 +124,7 @@ def test_a_target_shown_anew_during_the_pause_is_not_refused_with_the_old_one():
     assert state.phase is Phase.ACQUIRE
 
 
-def test_a_run_goes_on_from_an_earlier_one_with_what_was_learnt_and_from_rest():
+def test_a_run_continues_an_earlier_one_with_its_estimate_and_from_rest():
     lab = laboratory(seed=3)
     servo = lab.servo()
     *_, first = run(
@@ -165,7 +165,7 @@ def test_a_component_that_rises_while_the_potential_falls_is_no_stall():
     assert last.state.cause is Cause.NONE
 
 
-def test_after_a_person_moved_the_tool_no_frame_is_given_joints_from_before():
+def test_after_the_tool_is_moved_by_hand_no_frame_has_earlier_joints():
     lab = laboratory(seed=2)
     lab.rig.show_target()
     teach(lab.plant, frames=5)

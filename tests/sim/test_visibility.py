@@ -1,5 +1,4 @@
-"""The oracle sees what goes wrong when it can be seen, and nothing where nothing is wrong. What
-goes unnoticed is counted from then on."""
+"""Oracle of visible disturbances, and the unnoticed growth of the error after them."""
 
 from types import SimpleNamespace
 
@@ -14,14 +13,19 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Rig, RigSettings
-from rcmservo.sim.disturbances.oracle import LASTING, LOUD, Oracle, Unnoticed
+from rcmservo.sim.disturbances.oracle import (
+    INNOVATION_THRESHOLD,
+    MIN_DURATION_NS,
+    Oracle,
+    Unnoticed,
+)
 from rcmservo.tracking import PointMarkers
 
 NOISE = 0.3
 
 
 def when_visible(text: str, seconds: float = 2.0, moving: bool = True, seed: int = 1) -> float:
-    """s from the begin until the oracle sees it; NaN if it never does."""
+    """Return the time (s) from the start to the oracle's detection, NaN if there is none."""
     disturbances = [Disturbance.parse(text)]
     rig = Rig(seed, RigSettings(point_noise=NOISE), False, disturbances)
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
@@ -38,28 +42,28 @@ def when_visible(text: str, seconds: float = 2.0, moving: bool = True, seed: int
 
 
 @pytest.mark.parametrize("seed", first_quick(range(1, 4)))
-def test_a_pan_is_visible_when_it_has_been_beyond_the_noise_for_long_enough(seed: int) -> None:
-    loud = LOUD * NOISE / 10.0  # s that 10 px/s take, along u or v
+def test_a_pan_is_visible_after_it_exceeds_the_noise_for_long_enough(seed: int) -> None:
+    delay = INNOVATION_THRESHOLD * NOISE / 10.0  # s at 10 px/s, along u or v
     seen = when_visible("camera_pan:at=0.5,for=4.5,px=45", seed=seed)
-    soonest = 0.5 + LASTING * 1e-9
-    assert soonest + 0.3 * loud < seen < soonest + 2.5 * loud + 0.1
+    earliest = 0.5 + MIN_DURATION_NS * 1e-9
+    assert earliest + 0.3 * delay < seen < earliest + 2.5 * delay + 0.1
 
 
 @pytest.mark.parametrize(
     "text", ["freeze:at=0.5", "freeze:at=0.5,marker=2", "camera_clock:at=0.5,of=exposures"]
 )
-def test_what_only_motion_tells_is_visible_while_the_tool_moves_and_not_before_its_time(
+def test_faults_of_moving_frames_are_visible_only_while_the_tool_moves(
     text: str,
 ) -> None:
-    assert 0.5 + LASTING * 1e-9 < when_visible(text) < 1.5
+    assert 0.5 + MIN_DURATION_NS * 1e-9 < when_visible(text) < 1.5
     assert np.isnan(when_visible(text, moving=False))
 
 
-def test_a_marker_that_is_wrong_in_every_second_frame_is_never_visible_by_the_rule() -> None:
+def test_a_decoy_in_every_second_frame_is_never_visible() -> None:
     assert np.isnan(when_visible("decoy:at=0.2,every=2,px=100"))
 
 
-def test_a_camera_that_the_servo_learns_anew_is_what_counts_from_then_on() -> None:
+def test_after_a_restart_the_oracle_uses_the_present_camera() -> None:
     zoomed = Disturbance("camera_zoom", parameters={"share": 0.1})
     rig = Rig(1, RigSettings(point_noise=NOISE), False, [zoomed])
     plant, oracle = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock), Oracle(rig.truth, NOISE)
@@ -69,11 +73,11 @@ def test_a_camera_that_the_servo_learns_anew_is_what_counts_from_then_on() -> No
     seen = plant.read()
     before = np.abs(oracle.innovation(seen)).max()
     oracle.learn()
-    assert before > LOUD > np.abs(oracle.innovation(seen)).max()
+    assert before > INNOVATION_THRESHOLD > np.abs(oracle.innovation(seen)).max()
 
 
 @pytest.mark.slow
-def test_nothing_is_visible_in_20_runs_in_which_nothing_goes_wrong() -> None:
+def test_nothing_is_visible_in_20_runs_without_disturbances() -> None:
     innovations = []
     for seed in range(20):
         rig = Rig(seed, RigSettings(point_noise=NOISE), pictures=False)
@@ -89,8 +93,8 @@ def test_nothing_is_visible_in_20_runs_in_which_nothing_goes_wrong() -> None:
     assert np.std(innovations) == pytest.approx(1.0, rel=0.05)
 
 
-class Sighted:
-    """An oracle to which something is visible from the k-th look on."""
+class StubOracle:
+    """Oracle that detects a disturbance at the k-th update."""
 
     def __init__(self, k: int) -> None:
         self.left, self.visible = k, None
@@ -99,7 +103,7 @@ class Sighted:
         self.left -= 1
         self.visible = 1 if self.left < 0 else None
 
-    def look_away(self) -> None:
+    def reset(self) -> None:
         self.left, self.visible = 0, None
 
 
@@ -111,7 +115,7 @@ def ticks(*phases: Phase, cause: Cause = Cause.NONE) -> list[SimpleNamespace]:
 
 
 def grown(seen: list[SimpleNamespace], errors: list[float], k: int = 2) -> float:
-    unnoticed = Unnoticed(Sighted(k))
+    unnoticed = Unnoticed(StubOracle(k))
     for tick, error in zip(seen, errors, strict=True):
         unnoticed.look(tick, error)
     return unnoticed.grown
@@ -123,13 +127,13 @@ def test_growth_counts_from_the_moment_of_visibility() -> None:
     assert grown(ticks(*[Phase.SERVO] * 5), [1.0, 2.0, 3.0, 4.0, 5.0], 9) == 0.0
 
 
-def test_a_stop_and_a_cause_that_is_named_end_what_goes_unnoticed() -> None:
+def test_a_stop_or_a_reported_cause_ends_the_unnoticed_growth() -> None:
     stopped = [Phase.SERVO, Phase.SERVO, Phase.HOLD, Phase.PAUSED]
     assert grown(ticks(*stopped), [1.0, 2.0, 9.0, 9.0], 0) == pytest.approx(1.0)
     named = ticks(Phase.SERVO, Phase.SERVO, cause=Cause.REJECTED)
     assert grown(named, [1.0, 9.0], 0) == 0.0
 
 
-def test_after_a_stop_growth_counts_anew() -> None:
+def test_after_a_stop_the_growth_restarts() -> None:
     phases = [Phase.SERVO, Phase.HOLD, Phase.ACQUIRE, Phase.SERVO]
     assert grown(ticks(*phases), [1.0, 5.0, 5.0, 6.5], 0) == pytest.approx(1.5)

@@ -1,4 +1,7 @@
-"""The simulated laboratory. Its truth is kept where the servo cannot reach it."""
+"""Simulated laboratory: arm, camera, tool, scene and disturbances.
+
+The true state stays inside this package; no servo can read it.
+"""
 
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.cameras import Timing

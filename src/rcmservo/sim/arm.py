@@ -1,10 +1,10 @@
-"""The simulated arm: a MuJoCo model with velocity drives, and the faults of real drives.
+"""Simulated arm and its clock: a MuJoCo model with velocity drives and the faults of real drives.
 
-A command reaches a joint after a delay and through a first-order lag. A command inside the deadband
-moves nothing, and a motor may make more or less of a rate than was asked. The encoders count in
-steps, from a zero that may be wrong. A watchdog stands before the drives: without valid commands
-the arm stops by itself. Gravity is compensated, and the joints' ranges end at hard stops. MuJoCo
-counts in m, everything else here counts in mm.
+A command reaches a joint after a delay and through a first-order lag. A rate inside the deadband
+moves nothing, and the actual rate may differ from the commanded one by a constant ratio. The
+encoders quantise the joints and may have a zero offset. A watchdog stops the arm when valid
+commands stop. Gravity is compensated, and hard stops end the joint ranges. MuJoCo uses m;
+everything else here uses mm.
 """
 
 from collections import deque
@@ -22,69 +22,75 @@ from rcmservo.loop.joint_history import JointHistory
 from rcmservo.method.kinematics import FULL_TURN, PITCH_YAW, Kinematics
 
 PHYSICS: Any = mujoco
-"""MuJoCo without types: its names are made at run time."""
+"""MuJoCo as an untyped module: it creates its names at run time."""
 
 STEP = 1_000_000
-"""ns of one step of the physics."""
+"""Time step of the physics, ns."""
 
-PAST = 1000
-"""Steps of the physics whose joints are stored."""
+HISTORY_STEPS = 1000
+"""Physics steps whose joints are stored."""
 
 UNIT = 1.0, 1.0, 1e-3
-"""One rad, rad, mm in MuJoCo's units."""
+"""MuJoCo's lengths and angles per rad, rad and mm."""
 
 HARD_STOP = 1.02
-"""The arm's own range, as a multiple of the joint limits' half range about their middle."""
+"""Ratio of the hard stops' half range to the joint limits' half range, about the same middle."""
 
 AXES = {
     "spherical": ("0 0 1", "0 1 0", "0 0 1", (1, 0, 2)),
     "pitch-yaw": ("0 -1 0", "-1 0 0", "0 0 -1", (0, 1, 2)),
 }
-"""Outer hinge, inner hinge, slide, and where q's joints stand in that order: φ turns outside θ, yaw
-outside pitch."""
+"""Axes of the outer hinge, the inner hinge and the slide, and the index of each one's joint in q. φ
+turns outside θ, and yaw outside pitch."""
 
-NOT_NEGATIVE = each(not_negative(), "three numbers that are not negative (rad, rad, mm)")
+NOT_NEGATIVE_JOINTS = each(not_negative(), "three numbers that are not negative (rad, rad, mm)")
 
 
 @dataclass(frozen=True)
 class Drive(Checked, section="drive"):
-    """What stands between a command and a motion."""
+    """Drives and encoders of the simulated arm: delay, lag, deadband and errors.
+
+    Raises
+    ------
+    BadInput
+        If a field is outside its range.
+    """
 
     delay: Annotated[float, between(0.0, 1.0, "a time", "s")] = 0.004
-    """s from a command to the moment at which the drives obey it."""
+    """Time (s) from a command until the drives follow it."""
 
     lag: Annotated[float, between(0.001, 10.0, "a time", "s")] = 0.02
-    """s, the time constant with which each drive follows (first order)."""
+    """Time constant (s) of each drive's first-order response."""
 
-    deadband: Annotated[Triple, NOT_NEGATIVE] = (1e-4, 1e-4, 0.01)
-    """rad/s, rad/s, mm/s below which a joint stays still."""
+    deadband: Annotated[Triple, NOT_NEGATIVE_JOINTS] = (1e-4, 1e-4, 0.01)
+    """Rates (rad/s, rad/s, mm/s) below which a joint does not move."""
 
-    encoder: Annotated[Triple, NOT_NEGATIVE] = (2e-5, 2e-5, 2e-3)
-    """rad, rad, mm of one count of each encoder."""
+    encoder: Annotated[Triple, NOT_NEGATIVE_JOINTS] = (2e-5, 2e-5, 2e-3)
+    """Resolution (rad, rad, mm) of the encoders: the joint motion of one count."""
 
     encoder_offset: Annotated[
         Triple, each(finite(), "three finite numbers (rad, rad, mm)"), angles(FULL_TURN, first=2)
     ] = (0.0, 0.0, 0.0)
-    """rad, rad, mm by which the joints that the arm tells are beside those that it has. Of an
-    emulated motion controller, whose encoders count from where they are homed, it is none."""
+    """Encoder offset (rad, rad, mm): measured joints minus true joints. An emulated motion
+    controller ignores it, because its encoders count from the joints at which they are homed."""
 
-    rate_error: Annotated[Triple, each(above(-1.0, 1.0), "three shares above -1 and at most 1")] = (
+    rate_error: Annotated[Triple, each(above(-1.0, 1.0), "three ratios above -1 and at most 1")] = (
         0.0,
         0.0,
         0.0,
     )
-    """Shares by which each joint moves faster than it is asked to."""
+    """Relative rate errors: a joint's actual rate is 1 + rate_error times its commanded rate."""
 
     def told(self, q: Floats) -> Floats:
-        """What an arm tells with its joints at q (3,), but for counting."""
+        """Return the joints (3,) that unquantised encoders report at the true joints q (3,)."""
         return q + np.array(self.encoder_offset)
 
-    def true(self, told: Floats) -> Floats:
-        """Where the joints (3,) of an arm are that tells these, but for counting."""
-        return told - np.array(self.encoder_offset)
+    def true(self, measured: Floats) -> Floats:
+        """Return the true joints (3,) at which unquantised encoders report `measured` (3,)."""
+        return measured - np.array(self.encoder_offset)
 
 
-MODEL = """
+MJCF_TEMPLATE = """
 <mujoco>
   <compiler angle="radian" autolimits="true"/>
   <option timestep="{timestep}" integrator="implicitfast"/>
@@ -107,19 +113,19 @@ MODEL = """
     <velocity joint="slide" kv="1000"/>
   </actuator>
 </mujoco>"""
-"""Two hinges through the origin, a slide along the tool, and the reference point (MJCF)."""
+"""MJCF template: two hinges through the origin, a slide along the tool, and the reference point."""
 
 
 def model_of(mechanism: Kinematics) -> str:
-    """The MJCF of an RCM mechanism."""
+    """Return the MJCF text of an RCM mechanism."""
     outer, inner, slide, order = AXES[mechanism.name]
     lower, upper = np.array(mechanism.limits.lower), np.array(mechanism.limits.upper)
-    middle, half = (upper + lower) / 2.0, (upper - lower) / 2.0
+    middle, half_range = (upper + lower) / 2.0, (upper - lower) / 2.0
     unit = np.array(UNIT)
-    low, high = unit * (middle - HARD_STOP * half), unit * (middle + HARD_STOP * half)
+    low, high = unit * (middle - HARD_STOP * half_range), unit * (middle + HARD_STOP * half_range)
     ranges = [f"{low[i]:.9g} {high[i]:.9g}" for i in order]
     sign = -1.0 if mechanism.kind == PITCH_YAW else 1.0
-    return MODEL.format(
+    return MJCF_TEMPLATE.format(
         timestep=STEP * 1e-9,
         outer=outer,
         inner=inner,
@@ -132,21 +138,31 @@ def model_of(mechanism: Kinematics) -> str:
 
 
 class SimulatedArm:
-    """An RCM mechanism in MuJoCo, driven by joint rates. It moves only while `advance` lets time
-    pass, and it remembers where it was."""
+    """RCM mechanism in MuJoCo, driven by joint rates.
+
+    The arm moves only in `advance` and `advance_until`. It stores its joints of the last
+    `HISTORY_STEPS` steps.
+
+    Parameters
+    ----------
+    mechanism : Kinematics
+        Kinematics and joint limits.
+    drive : Drive
+        Delay, lag, deadband and errors of the drives and encoders.
+    """
 
     gains: list[float]
-    """What each of the 3 motors makes of its rate: 1, but for one that is blocked or wrongly
-    wired."""
+    """Ratio of each motor's rate to its input: 1, unless a disturbance blocks or reverses the
+    motor."""
 
     creep: list[float]
-    """(rad/s, rad/s, mm/s) by which each motor that is on moves beside what it is asked for."""
+    """Rates (rad/s, rad/s, mm/s) that each enabled motor adds to its commanded rate."""
 
     clock_error: int
-    """ns by which the arm's own clock is wrong."""
+    """Error of the arm's own clock, ns."""
 
     before_step: Callable[[], None] | None
-    """Is called before every step of the physics."""
+    """Callback that runs before every physics step, if set."""
 
     def __init__(self, mechanism: Kinematics, drive: Drive) -> None:
         self.mechanism, self.drive = mechanism, drive
@@ -158,117 +174,131 @@ class SimulatedArm:
         self._model = PHYSICS.MjModel.from_xml_string(model_of(mechanism))
         self._data = PHYSICS.MjData(self._model)
         self._queue: deque[tuple[int, list[float]]] = deque()
-        self._wanted, self._rates = [0.0] * 3, [0.0] * 3
-        self._controlled = False
-        self._follow = float(1.0 - np.exp(-STEP * 1e-9 / drive.lag))
-        self._made = [1.0 + share for share in drive.rate_error]
+        self._setpoint, self._rates = [0.0] * 3, [0.0] * 3
+        self._bypassed = False
+        self._lag_fraction = float(1.0 - np.exp(-STEP * 1e-9 / drive.lag))
+        self._rate_ratios = [1.0 + error for error in drive.rate_error]
         self._encoder = np.maximum(np.array(drive.encoder), 1e-12)
-        self._past = JointHistory(PAST)
-        self._past.add(self.time, self.q_true)
+        self._history = JointHistory(HISTORY_STEPS)
+        self._history.add(self.time, self.q_true)
 
     def place(self, q: Floats) -> None:
-        """Put the arm at q (3,), at rest and with its drives off, as if it had always been there.
+        """Put the arm at the joints q (3,), at rest and with its drives off.
 
-        Only a simulation can do that.
+        The history of the joints restarts there. Only a simulation can do this.
         """
         self.watchdog.disable()
         self._data.qpos[:] = (q * UNIT)[self._order]
         self._data.qvel[:] = 0.0
-        self._come_to_rest()
+        self._stop_drives()
         PHYSICS.mj_forward(self._model, self._data)
-        self._past.clear()
-        self._past.add(self.time, self.q_true)
+        self._history.clear()
+        self._history.add(self.time, self.q_true)
 
     def advance_until(self, time: int) -> None:
-        """Let time pass until `time` ns, to the nearest step."""
+        """Let time pass until `time` (ns), to the nearest physics step."""
         while self.time + STEP // 2 < time:
             self.advance()
 
     def advance(self) -> None:
-        """Let one step of time pass."""
+        """Let one physics step pass."""
         self.time += STEP
         if self.before_step is not None:
             self.before_step()
-        if not self._controlled and not self.watchdog.check(self._clock):
-            self._come_to_rest()
+        if not self._bypassed and not self.watchdog.check(self._device_time):
+            self._stop_drives()
         while self._queue and self._queue[0][0] <= self.time:
-            self._wanted = self._queue.popleft()[1]
-        self._drive()
+            self._setpoint = self._queue.popleft()[1]
+        self._step_drives()
         PHYSICS.mj_step(self._model, self._data)
-        self._past.add(self.time, self.q_true)
+        self._history.add(self.time, self.q_true)
 
     def control(self, rates: list[float], on: bool) -> None:
-        """Have the drives follow joint rates (3,), in place of commands: as a motion controller
-        between them and the computer does, which has a watchdog of its own."""
-        self._controlled = True
+        """Make the drives follow joint rates (3,) that bypass the arm's command interface.
+
+        An emulated motion controller does this: it stands between the computer and the drives and
+        has its own watchdog, so the arm's watchdog is not checked from then on.
+
+        Parameters
+        ----------
+        rates : list of float
+            Joint rates (rad/s, rad/s, mm/s).
+        on : bool
+            False stops the drives at once.
+        """
+        self._bypassed = True
         if on:
             self._queue.append((self.time + round(self.drive.delay * 1e9), rates))
         else:
-            self._come_to_rest()
+            self._stop_drives()
 
-    def _come_to_rest(self) -> None:
+    def _stop_drives(self) -> None:
+        """Drop all queued commands and zero the rates."""
         self._queue.clear()
-        self._wanted, self._rates = [0.0] * 3, [0.0] * 3
+        self._setpoint, self._rates = [0.0] * 3, [0.0] * 3
 
-    def _drive(self) -> None:
-        """Let each motor follow the rate that is wanted.
+    def _step_drives(self) -> None:
+        """Advance each motor's lag by one step and write the motor rates to MuJoCo.
 
-        Plain numbers: for three of them arrays would take longer than the physics.
+        Plain Python numbers: NumPy arrays of three entries would take longer than the physics.
         """
         for i in range(3):
-            self._rates[i] += self._follow * (self._wanted[i] - self._rates[i])
+            self._rates[i] += self._lag_fraction * (self._setpoint[i] - self._rates[i])
         rates, deadband = self._rates, self.drive.deadband
         moving = [rates[i] if abs(rates[i]) > deadband[i] else 0.0 for i in range(3)]
         creep = self.creep if self.watchdog.enabled else (0.0, 0.0, 0.0)
-        made = [self.gains[i] * self._made[i] * moving[i] + creep[i] for i in range(3)]
+        made = [self.gains[i] * self._rate_ratios[i] * moving[i] + creep[i] for i in range(3)]
         self._data.ctrl[:] = [made[i] * UNIT[i] for i in self._order]
 
     def joints_at(self, time: int) -> Floats:
-        """The joints (3,) as they were at a moment (ns) of the last second; before it the oldest
-        that are known."""
-        return self._past.at(time)
+        """Return the joints (3,) at a time (ns) within the last second.
+
+        Before that second, return the oldest stored joints.
+        """
+        return self._history.at(time)
 
     @property
     def q_true(self) -> Floats:
-        """The joints (3,) as they are: MuJoCo has them in its own order and units."""
+        """True joints (3,), converted from MuJoCo's order and units."""
         return self._data.qpos[self._in_order] / self._unit
 
     @property
     def p_true(self) -> Floats:
-        """Where the physics has the tool's reference point, (3,) mm."""
+        """True position (3,) mm of the tool's reference point."""
         PHYSICS.mj_forward(self._model, self._data)
         return self._data.site("reference").xpos * 1e3
 
     @property
-    def _clock(self) -> int:
-        """The time (ns) that the arm takes it to be."""
+    def _device_time(self) -> int:
+        """Time (ns) on the arm's own clock."""
         return self.time + self.clock_error
 
     def enable(self) -> None:
         """Switch the drives on, at rest."""
-        self.watchdog.enable(self._clock)
+        self.watchdog.enable(self._device_time)
 
     def measure(self) -> Measured:
-        """The arm's answer: the joints as the encoders count them."""
+        """Return time, joints (3,) as the quantised encoders report them, and drive state."""
         counted = np.round(self.drive.told(self.q_true) / self._encoder) * self._encoder
-        return Measured(self._clock, counted, self.watchdog.enabled)
+        return Measured(self._device_time, counted, self.watchdog.enabled)
 
     def apply(self, command: Command) -> Floats:
-        """Take a command if the watchdog lets it; gives the rates (3,) that were taken.
+        """Queue a command if the watchdog accepts it, and return the accepted rates (3,).
 
-        The drives have no limits of their own.
+        The drives have no rate limits.
         """
-        if self.watchdog.feed(command, self._clock):
-            obeyed = self.time + round(self.drive.delay * 1e9)
-            self._queue.append((obeyed, self.watchdog.rates.tolist()))
+        if self.watchdog.feed(command, self._device_time):
+            start_time = self.time + round(self.drive.delay * 1e9)
+            self._queue.append((start_time, self.watchdog.rates.tolist()))
         return self.watchdog.rates
 
 
 class SimulatedClock:
-    """The clock of a simulated plant. Its time is that of the arm's physics."""
+    """Clock of a simulated plant: the time of the arm's physics, which advances in `wait_until`."""
 
     stalls: Callable[[int], int] | None
-    """Tells until when a wait really lasts, where the process that waits is held up."""
+    """Function from the requested end of a wait to its actual end (ns), if a disturbance delays the
+    process."""
 
     def __init__(self, arm: SimulatedArm) -> None:
         self._arm = arm

@@ -1,5 +1,4 @@
-"""The true camera for compiled functions: the numbers of `Optics`, its projection and the
-derivative."""
+"""True camera for compiled functions: parameters, projection and derivative."""
 
 import numpy as np
 
@@ -13,21 +12,21 @@ from rcmservo.rows import Row, real, reals, whole
 
 
 class Lens(Row):
-    """The true camera."""
+    """Numbers of `Optics`."""
 
-    width: int = whole("px", "of the picture")
-    height: int = whole("px", "of the picture")
-    focal: float = real("px", "its focal length")
+    width: int = whole("px", "width of the image")
+    height: int = whole("px", "height of the image")
+    focal: float = real("px", "focal length")
     centre: Floats = reals(2, "px", "the principal point")
     distortion: Floats = reals(2, "", "k1 and k2")
-    fold: float = real("", "the slope beyond which the lens folds")
+    fold: float = real("", "slope beyond which the distortion polynomial decreases")
     rotation: Floats = reals((3, 3), "", "from world axes to camera axes")
     position: Floats = reals(3, "mm", "the camera's centre in the world")
 
 
 @compiled
-def in_camera(lens: Lens, p: Floats | Point) -> tuple[float, float, float]:
-    """A point p (3,) mm of the world in camera axes; the last number is its depth."""
+def transform_to_camera(lens: Lens, p: Floats | Point) -> tuple[float, float, float]:
+    """Return a world point p (3,) mm in camera axes; the third number is its depth."""
     R = lens.rotation
     x, y, z = p[0] - lens.position[0], p[1] - lens.position[1], p[2] - lens.position[2]
     return (
@@ -39,8 +38,11 @@ def in_camera(lens: Lens, p: Floats | Point) -> tuple[float, float, float]:
 
 @compiled
 def project(lens: Lens, p: Floats | Point) -> tuple[float, float]:
-    """Where a point p (3,) mm appears, px; NaN where `Optics.project` has it."""
-    x, y, z = in_camera(lens, p)
+    """Return the image (u, v) px of a world point p (3,) mm.
+
+    It is NaN where `Optics.project` returns NaN.
+    """
+    x, y, z = transform_to_camera(lens, p)
     u, v = x / z, y / z
     square = u * u + v * v
     if not (z > 0.0 and np.sqrt(square) < lens.fold):
@@ -51,13 +53,13 @@ def project(lens: Lens, p: Floats | Point) -> tuple[float, float]:
 
 @compiled
 def project_jacobian(lens: Lens, p: Floats) -> Floats:
-    """The derivative of `project` at p (3,) mm: (2, 3) px/mm."""
-    x, y, z = in_camera(lens, p)
+    """Return the derivative (2, 3) px/mm of `project` at p (3,) mm."""
+    x, y, z = transform_to_camera(lens, p)
     u, v = x / z, y / z
     square = u * u + v * v
     k1, k2 = lens.distortion[0], lens.distortion[1]
-    stretch, more = 1.0 + square * (k1 + square * k2), 2.0 * k1 + 4.0 * k2 * square
-    uu, uv, vv = stretch + more * u * u, more * u * v, stretch + more * v * v
+    stretch, growth = 1.0 + square * (k1 + square * k2), 2.0 * k1 + 4.0 * k2 * square
+    uu, uv, vv = stretch + growth * u * u, growth * u * v, stretch + growth * v * v
     out, scale, R = np.empty((2, 3)), lens.focal / z, lens.rotation
     for k in range(3):
         du, dv = R[0, k] - u * R[2, k], R[1, k] - v * R[2, k]
@@ -66,8 +68,8 @@ def project_jacobian(lens: Lens, p: Floats) -> Floats:
 
 
 @compiled
-def markers(lens: Lens, shaft: Shaft, p1: Floats) -> Floats:
-    """Where both markers appear, (2, 2) px, with marker 1 at p1 (3,) mm."""
+def project_markers(lens: Lens, shaft: Shaft, p1: Floats) -> Floats:
+    """Return the images (2, 2) px of both markers, with marker 1 at p1 (3,) mm."""
     out = np.empty((2, 2))
     picture(lens, shaft, (p1[0], p1[1], p1[2]), out)
     return out
@@ -75,14 +77,14 @@ def markers(lens: Lens, shaft: Shaft, p1: Floats) -> Floats:
 
 @compiled
 def picture(lens: Lens, shaft: Shaft, p1: Point, out: Floats) -> None:
-    """Write it."""
+    """Write the images of both markers into `out` (2, 2) px, with marker 1 at p1 (3,) mm."""
     out[0, 0], out[0, 1] = project(lens, p1)
     out[1, 0], out[1, 1] = project(lens, second_point(shaft, p1))
 
 
 @compiled
 def markers_jacobian(lens: Lens, shaft: Shaft, p1: Floats) -> Floats:
-    """∂(m₁, m₂)/∂p₁ (4, 3) px/mm: the second factor of eq. (15) through the true camera."""
+    """Return ∂(m₁, m₂)/∂p₁ (4, 3) px/mm, the second factor of eq. (15), through the true camera."""
     out = np.empty((4, 3))
     second = project_jacobian(lens, second_marker(shaft, p1))
     put(out[:2], project_jacobian(lens, p1))
@@ -91,7 +93,7 @@ def markers_jacobian(lens: Lens, shaft: Shaft, p1: Floats) -> Floats:
 
 
 @compiled
-def true_jacobian(lens: Lens, shaft: Shaft, p1: Floats, o_c: Floats) -> Floats:
-    """J (3, 3) of eq. (15) with marker 1 at p1 (3,) mm, about the origin o_c (2,) px."""
-    m = about(markers(lens, shaft, p1), o_c)
+def compute_true_jacobian(lens: Lens, shaft: Shaft, p1: Floats, o_c: Floats) -> Floats:
+    """Return J (3, 3) of eq. (15) with marker 1 at p1 (3,) mm, about the origin o_c (2,) px."""
+    m = about(project_markers(lens, shaft, p1), o_c)
     return products(features_jacobian(m), markers_jacobian(lens, shaft, p1))

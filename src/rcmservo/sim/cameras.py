@@ -1,4 +1,4 @@
-"""The simulated cameras: one makes pictures, the other tells where the markers' centres are."""
+"""Simulated cameras: one renders images, the other reports the markers' centres."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -12,79 +12,108 @@ from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Frame
 from rcmservo.sim.arm import SimulatedArm
 from rcmservo.sim.camera_model import Optics
-from rcmservo.sim.rendering import Between, Renderer
+from rcmservo.sim.rendering import LightFilter, Renderer
 from rcmservo.sim.tool_body import Body
 
-BLUR = 4
-"""Moments per exposure at which the tool is drawn."""
+POSES_PER_EXPOSURE = 4
+"""Poses of the tool that one exposure averages."""
 
 Noise = Callable[[int], Floats]
-"""What is added to both markers in the frame of this number, (2, 2) px."""
+"""Function from a frame's number to the noise (2, 2) px of both markers."""
 
 
-def by_chance(deviation: float, random: np.random.Generator) -> Noise:
-    """Noise of a standard deviation in px, drawn when a frame is taken."""
+def make_gaussian_noise(deviation: float, random: np.random.Generator) -> Noise:
+    """Return normal noise of a standard deviation in px, drawn when a frame is taken."""
     return lambda _: deviation * random.standard_normal((2, 2))
 
 
-def in_order(noise: Floats, seen: int) -> Noise:
-    """The given `noise` (frames, 2, 2) px, of the frames after number `seen`, whichever of them are
-    taken."""
-    good = noise.ndim == 3 and noise.shape[1:] == (2, 2)
-    require(good, "noise", noise.shape, "of shape (frames, 2, 2)")
+def make_recorded_noise(noise: Floats, last_number: int) -> Noise:
+    """Return given noise for the frames after number `last_number`.
 
-    def of(number: int) -> Floats:
-        frames = number - seen
-        require(frames <= len(noise), "noise", noise.shape, f"that of at least {frames} frames")
+    Parameters
+    ----------
+    noise : Floats, shape (frames, 2, 2)
+        Noise (px) of consecutive frame numbers, whether each frame is taken or not.
+    last_number : int
+        Number of the frame before the first row of `noise`.
+    """
+    valid = noise.ndim == 3 and noise.shape[1:] == (2, 2)
+    require(valid, "noise", noise.shape, "of shape (frames, 2, 2)")
+
+    def noise_of(number: int) -> Floats:
+        frames = number - last_number
+        require(frames <= len(noise), "noise", noise.shape, f"of at least {frames} frames")
         return noise[frames - 1]
 
-    return of
+    return noise_of
 
 
-RATE = between(1.0, 1000.0, "a rate", "frames/s")
-EXPOSURE = not_negative("time in s")
-DELAY = between(0.0, 0.5, "a time", "s")
+FRAME_RATE_LIMIT = between(1.0, 1000.0, "a rate", "frames/s")
+EXPOSURE_LIMIT = not_negative("time in s")
+DELAY_LIMIT = between(0.0, 0.5, "a time", "s")
 
 
 @dataclass(frozen=True)
 class Timing(Checked, section="camera"):
-    """When a camera takes its frames, and when they arrive."""
+    """Frame rate, exposure and delay of a camera.
 
-    frame_rate: Annotated[float, RATE] = 60.0
-    """Frames per s."""
+    Raises
+    ------
+    BadInput
+        If a field is outside its range, or the exposure is longer than a frame period.
+    """
 
-    exposure: Annotated[float, EXPOSURE] = 0.004
-    """s for which a frame is exposed."""
+    frame_rate: Annotated[float, FRAME_RATE_LIMIT] = 60.0
+    """Frame rate, frames/s."""
 
-    delay: Annotated[float, DELAY] = 0.02
-    """s from the end of an exposure to the frame's arrival."""
+    exposure: Annotated[float, EXPOSURE_LIMIT] = 0.004
+    """Exposure time, s."""
+
+    delay: Annotated[float, DELAY_LIMIT] = 0.02
+    """Time (s) from the end of an exposure to the arrival of its frame."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        short = self.exposure <= 1.0 / self.frame_rate
-        self.require(short, "exposure", "a time from 0 s to one frame period")
+        fits = self.exposure <= 1.0 / self.frame_rate
+        self.require(fits, "exposure", "a time from 0 s to one frame period")
 
     def newest(self, now: int) -> tuple[int, int, int]:
-        """Number, exposure ns and arrival ns of the newest frame that has arrived.
+        """Return the newest frame's number, exposure and arrival (ns).
 
-        The number is -1 before the first frame.
+        Parameters
+        ----------
+        now : int
+            Present time, ns. Only frames that have arrived by then count.
+
+        Returns
+        -------
+        tuple of int
+            Number, negative before the first frame; middle of the exposure; arrival.
         """
         period = 1e9 / self.frame_rate
-        late = (0.5 * self.exposure + self.delay) * 1e9
-        number = int(np.floor((now - late) / period + 1e-6))
+        latency = (0.5 * self.exposure + self.delay) * 1e9
+        number = int(np.floor((now - latency) / period + 1e-6))
         exposure = round(number * period)
-        return number, exposure, exposure + round(late)
+        return number, exposure, exposure + round(latency)
 
 
-def moments(middle: int, length: float, count: int) -> list[int]:
-    """`count` moments (ns), spread evenly over an exposure of `length` s about its `middle`."""
-    return [
-        middle + round(share * length * 1e9) for share in (np.arange(count) + 0.5) / count - 0.5
-    ]
+def spread_over_exposure(middle: int, length: float, count: int) -> list[int]:
+    """Return `count` times (ns) spread evenly over an exposure of `length` s about `middle`."""
+    return [middle + round(t * length * 1e9) for t in (np.arange(count) + 0.5) / count - 0.5]
 
 
 class SimulatedCamera(ABC):
-    """A camera before the simulated arm. It takes a frame when somebody asks for the newest one."""
+    """Camera that observes the simulated arm. It creates a frame when `latest` is called.
+
+    Parameters
+    ----------
+    arm : SimulatedArm
+        Arm whose joint history the camera reads.
+    body : Body
+        Points of the tool.
+    timing : Timing
+        Frame rate, exposure and delay.
+    """
 
     def __init__(self, arm: SimulatedArm, body: Body, timing: Timing) -> None:
         self.arm, self.body, self.timing = arm, body, timing
@@ -93,38 +122,38 @@ class SimulatedCamera(ABC):
     def latest(self) -> Frame | None:
         number, exposure, arrival = self.timing.newest(self.arm.time)
         if number >= 0 and (self._frame is None or number > self._frame.number):
-            self._frame = self.taken(number, exposure, arrival)
+            self._frame = self.take_frame(number, exposure, arrival)
         return self._frame
 
     def points_at(self, time: int) -> Floats:
-        """The points (4, 3) mm of the tool's body at a moment (ns) of the last second."""
+        """Return `Body.points` (4, 3) mm at a time (ns) within the last second."""
         return self.body.points(self.arm.joints_at(time))
 
     @abstractmethod
-    def taken(self, number: int, exposure: int, arrival: int) -> Frame:
-        """The frame of this number, exposed about `exposure` ns."""
+    def take_frame(self, number: int, exposure: int, arrival: int) -> Frame:
+        """Return the frame of a number, exposed about the time `exposure` (ns)."""
 
     @property
     @abstractmethod
     def optics(self) -> Optics:
-        """The true camera: where it stands, and its lens."""
+        """True camera: its pose and lens."""
 
 
 @final
 class PictureCamera(SimulatedCamera):
-    """A camera that makes pictures."""
+    """Camera that renders images."""
 
-    between: Between | None
-    """Changes the light on its way to the sensor, if anything does."""
+    light_filter: LightFilter | None
+    """Function that changes the light before it reaches the sensor, if a disturbance sets one."""
 
     def __init__(self, arm: SimulatedArm, body: Body, timing: Timing, renderer: Renderer) -> None:
         super().__init__(arm, body, timing)
-        self.renderer, self.between = renderer, None
+        self.renderer, self.light_filter = renderer, None
 
-    def taken(self, number: int, exposure: int, arrival: int) -> Frame:
-        times = moments(exposure, self.timing.exposure, BLUR)
+    def take_frame(self, number: int, exposure: int, arrival: int) -> Frame:
+        times = spread_over_exposure(exposure, self.timing.exposure, POSES_PER_EXPOSURE)
         poses = np.stack([self.points_at(time) for time in times])
-        image = self.renderer.render(poses, number, self.between)
+        image = self.renderer.render(poses, number, self.light_filter)
         return Frame(number, exposure, arrival, image=image)
 
     @property
@@ -134,10 +163,10 @@ class PictureCamera(SimulatedCamera):
 
 @final
 class PointCamera(SimulatedCamera):
-    """A camera without pictures: it tells the centres of both markers, with noise."""
+    """Camera without images: its frames hold the centres of both markers, with noise."""
 
     noise: Noise
-    """Of each frame."""
+    """Noise of each frame."""
 
     def __init__(
         self,
@@ -150,7 +179,7 @@ class PointCamera(SimulatedCamera):
         super().__init__(arm, body, timing)
         self.noise, self._optics = noise, optics
 
-    def taken(self, number: int, exposure: int, arrival: int) -> Frame:
+    def take_frame(self, number: int, exposure: int, arrival: int) -> Frame:
         points = self.optics.project(self.points_at(exposure)[:2])
         points = points + self.noise(number)
         size = np.array([self.optics.width, self.optics.height])
@@ -163,5 +192,5 @@ class PointCamera(SimulatedCamera):
         return self._optics
 
     def move(self, optics: Optics) -> None:
-        """Stand elsewhere from the next frame on."""
+        """Replace the camera from the next frame on."""
         self._optics = optics

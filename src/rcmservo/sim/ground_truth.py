@@ -1,5 +1,4 @@
-"""What the simulation knows and the servo must not: the true joints, the true pose, the true
-Jacobian, the true imaged RCM."""
+"""Ground truth of a simulated run: joints, pose, Jacobian and imaged RCM. No servo can read it."""
 
 import numpy as np
 
@@ -8,40 +7,40 @@ from rcmservo.loop.tick import Tick
 from rcmservo.method.controller import scaled
 from rcmservo.record.writer import Recorder
 from rcmservo.sim.arm import SimulatedArm
-from rcmservo.sim.camera_kernels import true_jacobian
+from rcmservo.sim.camera_kernels import compute_true_jacobian
 from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.tool_body import Body
 
 
 class Truth:
-    """The judge of a simulated run. It reads the true arm and the true camera. No servo gets it."""
+    """Ground truth of a simulated run, read from the true arm and the true camera."""
 
     def __init__(self, arm: SimulatedArm, body: Body, optics: Optics) -> None:
         self.arm, self.body, self.optics, self._drive = arm, body, optics, arm.drive
 
     def joints_at(self, time: int) -> Floats:
-        """The joints (3,) at a moment (ns) of the last second."""
+        """Return the true joints (3,) at a time (ns) within the last second."""
         return self.arm.joints_at(time)
 
     def markers(self, time: int) -> Floats:
-        """p₁ and p₂ (2, 3) mm at a moment (ns) of the last second."""
+        """Return the true p₁ and p₂ (2, 3) mm at a time (ns) within the last second."""
         return self.body.points(self.joints_at(time))[:2]
 
     def pixels(self, q: Floats) -> Floats:
-        """Where the true camera sees the markers' centres (2, 2) px at the joints q (3,)."""
+        """Return the markers' true images (2, 2) px at the joints q (3,)."""
         return self.optics.project(self.body.points(q)[:2])
 
     def imaged_rcm(self) -> Floats:
-        """Where the true camera sees the RCM, (2,) px. NaN where its lens model does not reach."""
+        """Return the true image o_c (2,) px of the RCM, NaN where the lens model does not reach."""
         return self.optics.project(np.zeros((1, 3)))[0]
 
     def jacobian(self, q: Floats, o_c: Floats) -> Floats:
-        """J (3, 3) = ∂y/∂p₁ at the joints q (3,), about the origin o_c (2,) that the servo uses."""
+        """Return the true J (3, 3) = ∂y/∂p₁ at the joints q (3,), about the origin o_c (2,) px."""
         return feature_jacobian(self.body, self.optics, q, o_c)
 
-    def jacobian_error(self, J_hat: Floats, told: Floats, o_c: Floats) -> float:
-        """‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians, where the arm told these joints (3,)."""
-        J = scaled(self.jacobian(self._drive.true(told), o_c))
+    def jacobian_error(self, J_hat: Floats, q_measured: Floats, o_c: Floats) -> float:
+        """Return ‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians at the measured joints (3,)."""
+        J = scaled(self.jacobian(self._drive.true(q_measured), o_c))
         return float(np.linalg.norm(scaled(J_hat) - J) / np.linalg.norm(J))
 
     def tick_error(self, tick: Tick) -> float:
@@ -50,13 +49,12 @@ class Truth:
         return self.jacobian_error(state.J_hat, tick.seen.q_exposure, state.o_c)
 
     def write(self, recorder: Recorder, tick: Tick) -> None:
-        """Record a tick, and the truth now in addition."""
+        """Record a tick together with the present ground truth."""
         p1, p2 = self.markers(self.arm.time)
         recorder.write(tick)
         recorder.write_truth(p1, p2, self.tick_error(tick))
 
 
 def feature_jacobian(body: Body, optics: Optics, q: Floats, o_c: Floats) -> Floats:
-    """J (3, 3) of eq. (15) through the true camera, its distortion included, at the joints q
-    (3,)."""
-    return true_jacobian(optics.lens[0], body.tool.shaft, body.points(q)[0], o_c)
+    """Return J (3, 3) of eq. (15) at the joints q (3,), through the true, distorted camera."""
+    return compute_true_jacobian(optics.lens[0], body.tool.shaft, body.points(q)[0], o_c)

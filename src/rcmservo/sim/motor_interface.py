@@ -1,4 +1,4 @@
-"""The simulated arm as the motors, encoders and limit switches that a motion controller drives."""
+"""Interfaces through which emulated controllers drive the simulated arm."""
 
 from collections.abc import Sequence
 
@@ -7,14 +7,22 @@ import numpy as np
 from rcmservo.interfaces import Floats
 from rcmservo.sim.arm import SimulatedArm
 
-AT_LIMIT = 0.99
-"""Of the joint limits' half range about their middle: where the limit switches are."""
+LIMIT_SWITCH_RATIO = 0.99
+"""Ratio of the limit switches' half range to the joint limits' half range, about the same
+middle."""
 
 
 class ArmMotors:
-    """One motor for each joint, in turn, and after them axes to which nothing is wired.
+    """Motors, encoders and limit switches of the arm, as a motion controller drives them.
 
-    ``counts`` (3,) are those of a rad, rad and mm, negative where a motor turns the other way.
+    Parameters
+    ----------
+    arm : SimulatedArm
+        Arm whose joints the first three motors move, in order. The other axes have no motor.
+    counts : Floats, shape (3,)
+        Encoder counts per rad, rad and mm; negative where a motor turns against its joint.
+    axes : int
+        Number of the controller's axes, at least 3.
     """
 
     def __init__(self, arm: SimulatedArm, counts: Floats, axes: int) -> None:
@@ -23,16 +31,26 @@ class ArmMotors:
         self._zero = arm.q_true
         limits = arm.mechanism.limits
         lower, upper = np.array(limits.lower), np.array(limits.upper)
-        middle, half = (upper + lower) / 2.0, AT_LIMIT * (upper - lower) / 2.0
+        middle, half = (upper + lower) / 2.0, LIMIT_SWITCH_RATIO * (upper - lower) / 2.0
         self._lower, self._upper = middle - half, middle + half
 
     @property
     def lag(self) -> float:
-        """The time constant s with which the drives follow."""
+        """Time constant (s) of the drives."""
         return self.arm.drive.lag
 
     def step(self, speeds: Sequence[float], on: Sequence[bool], seconds: float) -> Sequence[float]:
-        """Let a sample pass with these speeds [counts/s]; where the encoders are then, counts."""
+        """Let one sample of `seconds` pass and return the encoders' counts of all axes.
+
+        Parameters
+        ----------
+        speeds : sequence of float
+            Speeds of all axes, counts/s.
+        on : sequence of bool
+            Axes whose motors are on.
+        seconds : float
+            Length of the sample, s.
+        """
         rates = np.where(on[:3], speeds[:3], 0.0) / self.counts
         self.arm.control(rates.tolist(), any(on[:3]))
         self._until += seconds * 1e9
@@ -41,24 +59,36 @@ class ArmMotors:
         return [*counted.tolist(), *[0.0] * (self.axes - 3)]
 
     def switches(self) -> Sequence[tuple[bool, bool]]:
-        """Whether the forward and the reverse limit switch of each axis are tripped."""
+        """Return for each axis if its forward and its reverse limit switch are active."""
         q = self.arm.q_true
         over, under = (q > self._upper).tolist(), (q < self._lower).tolist()
         forward = [o if c > 0 else u for o, u, c in zip(over, under, self.counts, strict=True)]
         reverse = [u if c > 0 else o for o, u, c in zip(over, under, self.counts, strict=True)]
-        free = [(False, False)] * (self.axes - 3)
-        return [*zip(forward, reverse, strict=True), *free]
+        unwired = [(False, False)] * (self.axes - 3)
+        return [*zip(forward, reverse, strict=True), *unwired]
 
 
 class SimulatedJoints:
-    """The joints of a simulated arm, whose time passes in `step` alone."""
+    """Three joints with brakes that the arm's own controller drives by rates.
+
+    Time passes only in `step`.
+    """
 
     def __init__(self, arm: SimulatedArm) -> None:
         self.arm = arm
 
     def step(self, rates: Floats, on: bool, time: int) -> Floats:
-        """Let time pass until `time` ns with these joint rates (3,), or with the brakes on; where
-        the encoders say that the joints (3,) are then."""
+        """Let time pass until `time` (ns) and return the measured joints (3,).
+
+        Parameters
+        ----------
+        rates : Floats, shape (3,)
+            Joint rates (rad/s, rad/s, mm/s).
+        on : bool
+            False puts the brakes on.
+        time : int
+            End of the step, ns.
+        """
         self.arm.control(rates.tolist(), on)
         self.arm.advance_until(time)
         return self.arm.measure().q

@@ -1,5 +1,4 @@
-"""A whole simulated laboratory: arm, tool, camera and markers, drawn from a seed. Its truth stays
-in here."""
+"""Simulated laboratory: arm, tool, camera, markers and disturbances, all from one seed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -13,101 +12,133 @@ from rcmservo.interfaces import Camera, Floats, Image
 from rcmservo.method.kinematics import Kinematics, SphericalRcm
 from rcmservo.method.tool import RigidTool, Tool
 from rcmservo.sim.arm import Drive, SimulatedArm, SimulatedClock
-from rcmservo.sim.cameras import PictureCamera, PointCamera, Timing, by_chance, in_order
+from rcmservo.sim.cameras import (
+    PictureCamera,
+    PointCamera,
+    Timing,
+    make_gaussian_noise,
+    make_recorded_noise,
+)
 from rcmservo.sim.disturbances.arm_faults import DisturbedArm
-from rcmservo.sim.disturbances.camera_moves import Hands
-from rcmservo.sim.disturbances.camera_view import View
-from rcmservo.sim.disturbances.computer_faults import Stalls
+from rcmservo.sim.disturbances.camera_moves import CameraMotion
+from rcmservo.sim.disturbances.camera_view import DisturbedView
+from rcmservo.sim.disturbances.computer_faults import ProcessDelays
 from rcmservo.sim.disturbances.disturbance import Disturbance
-from rcmservo.sim.disturbances.frame_delivery import Delivery
+from rcmservo.sim.disturbances.frame_delivery import FrameDelivery
 from rcmservo.sim.disturbances.kinds import KINDS
 from rcmservo.sim.disturbances.schedule import Event, Schedule
 from rcmservo.sim.ground_truth import Truth
 from rcmservo.sim.rendering import Look, Renderer
 from rcmservo.sim.scene import Scene, SceneSettings
-from rcmservo.sim.scenes.sampling import Draws, draw, relocated
+from rcmservo.sim.scenes.sampling import SceneSampler, sample_relocated_scene, sample_scene
 from rcmservo.sim.tool_body import Body
 
-SETTLE = 100_000_000
-"""ns that pass after the tool was placed by hand, so that every frame in flight shows it there."""
+SETTLE_TIME_NS = 100_000_000
+"""Time (ns) that passes after the tool is placed by hand: no frame in flight is older than that."""
 
-PIXELS = between(64, 4096, "a whole number of px")
-NOISE = not_negative("number of px")
+IMAGE_SIZE_LIMIT = between(64, 4096, "a whole number of px")
+POINT_NOISE_LIMIT = not_negative("number of px")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Picture(Checked):
-    """Picture of a simulated camera."""
+    """Image of a simulated camera."""
 
-    width: Annotated[int, PIXELS] = 640
-    """Of the picture, px."""
+    width: Annotated[int, IMAGE_SIZE_LIMIT] = 640
+    """Width of the image, px."""
 
-    height: Annotated[int, PIXELS] = 480
-    """Of the picture, px."""
+    height: Annotated[int, IMAGE_SIZE_LIMIT] = 480
+    """Height of the image, px."""
 
-    point_noise: Annotated[float, NOISE] = 0.3
-    """px, root mean square, of a camera that delivers points."""
+    point_noise: Annotated[float, POINT_NOISE_LIMIT] = 0.3
+    """Root mean square noise (px) of the markers of the camera without images."""
 
 
 @dataclass(frozen=True)
 class RigSettings(Picture, section="rig"):
-    """What a simulated laboratory is made of."""
+    """Parts of a simulated laboratory.
+
+    Raises
+    ------
+    BadInput
+        If a field is outside its range.
+    """
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
-    """The arm's kinematics."""
+    """Kinematics of the arm."""
 
     tool: Tool = field(default_factory=lambda: RigidTool(spacing=30.0))
-    """Where the markers are on the tool."""
+    """Positions of the markers on the tool."""
 
     drive: Drive = field(default_factory=Drive)
-    """What stands between a command and a motion."""
+    """Delay, lag, deadband and errors of the drives and encoders."""
 
     timing: Timing = field(default_factory=Timing)
-    """When the camera takes its frames, and when they arrive."""
+    """Frame rate, exposure and delay of the camera."""
 
     look: Look = field(default_factory=Look)
-    """How the scene looks in pictures."""
+    """Geometry, colours, light and sensor noise of rendered images."""
 
     scene: SceneSettings = field(default_factory=SceneSettings)
-    """What camera, start and target are drawn from."""
+    """Distributions from which camera, start and target are sampled."""
 
 
 def drawn(seed: int, settings: RigSettings) -> tuple[Scene, np.random.Generator]:
-    """The scene of the rig with this seed, and the chance that its camera's noise comes from."""
-    drawing, noise, *_ = _seeds(seed)
+    """Return the scene of the rig with this seed, and the generator of its camera's noise."""
+    drawing, noise, *_ = _spawn_seeds(seed)
     body = Body(settings.mechanism, settings.tool)
-    return draw(_draws(settings, body, drawing)), np.random.default_rng(noise)
+    return sample_scene(_sampler_of(settings, body, drawing)), np.random.default_rng(noise)
 
 
-def _seeds(seed: int) -> list[np.random.SeedSequence]:
-    """Of the scene, the camera's noise, another place of the camera, and the disturbances."""
+def _spawn_seeds(seed: int) -> list[np.random.SeedSequence]:
+    """Return the seeds of the scene, the camera's noise, its relocation and the disturbances."""
     not_negative("whole number").require("seed", seed)
     return np.random.SeedSequence(seed).spawn(4)
 
 
-def _draws(s: RigSettings, body: Body, seed: np.random.SeedSequence) -> Draws:
-    size, radius = (s.width, s.height), max(s.look.marker_radii)
-    return Draws(s.scene, body, size, radius, np.random.default_rng(seed))
+def _sampler_of(settings: RigSettings, body: Body, seed: np.random.SeedSequence) -> SceneSampler:
+    size, radius = (settings.width, settings.height), max(settings.look.marker_radii)
+    return SceneSampler(settings.scene, body, size, radius, np.random.default_rng(seed))
 
 
-def _check_kinds(settings: object, pictures: object, disturbances: object, scene: object) -> None:
-    """Refuse arguments of a rig that are of another kind."""
+def _check_argument_types(
+    settings: object, pictures: object, disturbances: object, scene: object
+) -> None:
+    """Raise `BadInput` if an argument of `Rig` has another type than it should."""
     require(isinstance(settings, RigSettings | None), "settings", settings, "a RigSettings")
     require(isinstance(pictures, bool), "pictures", pictures, "true or false")
-    several = cast(Sequence[object], disturbances)
-    good = isinstance(cast(object, several), Sequence)
-    good = good and all(isinstance(one, Disturbance) for one in several)
-    require(good, "disturbances", disturbances, "a list of Disturbance")
+    items = cast(Sequence[object], disturbances)
+    valid = isinstance(cast(object, items), Sequence)
+    valid = valid and all(isinstance(item, Disturbance) for item in items)
+    require(valid, "disturbances", disturbances, "a list of Disturbance")
     require(isinstance(scene, Scene | None), "scene", scene, "a Scene")
 
 
 class Rig:
-    """A simulated laboratory at the start of a run. Everything in it follows from the seed, but for
-    a `scene` of one's own.
+    """Simulated laboratory at the start of a run.
 
-    A plant is made of its `arm`, `camera` and `clock`. `truth` is for the judge of the run.
-    ``pictures=False`` gives the camera that tells points instead of frames. ``disturbances`` happen
-    in the run that `begin` starts.
+    A plant is made of its `arm`, `camera` and `clock`; `truth` is for the evaluation of the run.
+    Everything follows from the seed, unless `scene` is given.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the scene, the noise and the disturbances, at least 0.
+    settings : RigSettings, optional
+        Parts of the laboratory.
+    pictures : bool
+        False for a camera whose frames hold the markers' centres instead of images.
+    disturbances : sequence of Disturbance
+        Disturbances of the run that `begin` starts.
+    scene : Scene, optional
+        Scene to use instead of the seed's.
+
+    Raises
+    ------
+    BadInput
+        If an argument has another type, or the camera cannot have a disturbance.
+    NoScene
+        If no scene within the settings is found.
     """
 
     def __init__(
@@ -118,116 +149,158 @@ class Rig:
         disturbances: Sequence[Disturbance] = (),
         scene: Scene | None = None,
     ) -> None:
-        _check_kinds(settings, pictures, disturbances, scene)
+        _check_argument_types(settings, pictures, disturbances, scene)
         self.seed, self.settings = seed, settings or RigSettings()
-        s = self.settings
-        drawing, noise, elsewhere, chance = _seeds(seed)
-        self.body = Body(s.mechanism, s.tool)
-        self.scene = scene or draw(_draws(s, self.body, drawing))
-        self._elsewhere = _draws(s, self.body, elsewhere)
-        self._arm = SimulatedArm(s.mechanism, s.drive)
-        self._camera = self._new_camera(pictures, np.random.default_rng(noise))
+        parts = self.settings
+        drawing, noise, elsewhere, chance = _spawn_seeds(seed)
+        self.body = Body(parts.mechanism, parts.tool)
+        self.scene = scene or sample_scene(_sampler_of(parts, self.body, drawing))
+        self._relocation_sampler = _sampler_of(parts, self.body, elsewhere)
+        self._arm = SimulatedArm(parts.mechanism, parts.drive)
+        self._camera = self._make_camera(pictures, np.random.default_rng(noise))
         self.clock = SimulatedClock(self._arm)
         self.truth = Truth(self._arm, self.body, self.scene.optics)
-        self.schedule, self._hands = Schedule(disturbances, chance), Hands()
-        self._drawn: tuple[Scene, Renderer] | None = None
+        self.schedule, self._camera_motion = Schedule(disturbances, chance), CameraMotion()
+        self._film_renderer: tuple[Scene, Renderer] | None = None
         self.arm: SimulatedArm | DisturbedArm = self._arm
         self.camera: Camera = self._camera
         if disturbances:
-            self._disturb()
+            self._insert_disturbances()
         self.go_home()
 
-    def _new_camera(
+    def _make_camera(
         self, pictures: bool, random: np.random.Generator
     ) -> PictureCamera | PointCamera:
-        s = self.settings
+        parts = self.settings
         if pictures:
-            return PictureCamera(self._arm, self.body, s.timing, self._renderer())
-        noise = by_chance(s.point_noise, random)
-        return PointCamera(self._arm, self.body, s.timing, self.scene.optics, noise)
+            return PictureCamera(self._arm, self.body, parts.timing, self._make_renderer())
+        noise = make_gaussian_noise(parts.point_noise, random)
+        return PointCamera(self._arm, self.body, parts.timing, self.scene.optics, noise)
 
-    def _renderer(self) -> Renderer:
+    def _make_renderer(self) -> Renderer:
         return Renderer(self.scene.optics, self.settings.look, self.scene.tissue, self.seed)
 
-    def _disturb(self) -> None:
-        """Put the disturbances between the software and the devices."""
+    def _insert_disturbances(self) -> None:
+        """Insert the disturbances between the software and the devices."""
         for disturbance in self.schedule.disturbances:
             kind = disturbance.kind
-            suffers = isinstance(self._camera, PointCamera) or KINDS[kind].pictures
-            require(suffers, "disturbance", kind, "one that a camera with pictures can suffer")
+            possible = isinstance(self._camera, PointCamera) or KINDS[kind].pictures
+            require(possible, "disturbance", kind, "one that a camera with images can have")
         self.arm = DisturbedArm(self._arm, self.schedule)
-        view = View(self._camera, self.settings.look, self.schedule, self._touch_camera)
-        self.camera = Delivery(view, self.clock.now, self.schedule)
-        self.clock.stalls = Stalls(self.schedule)
+        view = DisturbedView(self._camera, self.settings.look, self.schedule, self._move_camera)
+        self.camera = FrameDelivery(view, self.clock.now, self.schedule)
+        self.clock.stalls = ProcessDelays(self.schedule)
 
-    def open_to_trouble(self, arm: Any = None) -> None:
-        """Let disturbances come while it runs, by its schedule. The camera is before `arm`, which
-        moves elsewhere, if one is given."""
+    def accept_live_disturbances(self, arm: Any = None) -> None:
+        """Accept disturbances that are added to the schedule while the laboratory runs.
+
+        Parameters
+        ----------
+        arm : object with joints_at, optional
+            Arm in another process that the camera observes instead of the rig's own.
+        """
         if arm is not None:
             self._camera.arm = self.truth.arm = arm
-        self._disturb()
+        self._insert_disturbances()
 
     def begin(self) -> None:
-        """The run begins: the disturbances' times count from here."""
+        """Start the run: the disturbances' times count from now."""
         self.schedule.begin(self.clock.now())
 
     def let_pass(self, until: int) -> None:
-        """Let time pass until a moment (ns), even if the process that would wait was killed."""
+        """Let time pass, even if a disturbance killed the waiting process.
+
+        Parameters
+        ----------
+        until : int
+            End of the wait, ns.
+        """
         self._arm.advance_until(until)
 
     def disk_full(self) -> bool:
-        """Whether the disk on which the run would be recorded is full now."""
-        return any(self.schedule.acting(self.clock.now(), "disk_full"))
+        """Return True while the disk on which the run is recorded is full."""
+        return any(self.schedule.active(self.clock.now(), "disk_full"))
 
     def show_target(self) -> None:
-        """A person brings the tool to the target and holds it there."""
+        """Bring the tool to the target by hand and hold it there."""
         self.place(self.scene.target)
 
     def go_home(self) -> None:
-        """A person brings the tool back to the start."""
+        """Bring the tool back to the start by hand."""
         self.place(self.scene.start)
 
     def place(self, q: Floats) -> None:
-        """A person brings the tool to the joints q (3,) and holds it there."""
+        """Bring the tool to joints by hand and wait until all frames show it there.
+
+        Parameters
+        ----------
+        q : Floats, shape (3,)
+            Joints (rad, rad, mm).
+        """
         self._arm.place(q)
-        self.clock.wait_until(self.clock.now() + SETTLE)
+        self.clock.wait_until(self.clock.now() + SETTLE_TIME_NS)
 
     def picture(self, time: int, number: int) -> Image:
-        """What the camera without pictures would have seen at a moment (ns) of the last second, as
-        a frame of this number: for a film."""
-        scene, renderer = self._drawn or (None, None)
+        """Return a rendered image of a rig whose camera has no images, for a video.
+
+        Parameters
+        ----------
+        time : int
+            Time (ns) within the last second.
+        number : int
+            Number of the frame.
+
+        Returns
+        -------
+        Image, shape (height, width, 3)
+            Image in blue, green, red.
+        """
+        scene, renderer = self._film_renderer or (None, None)
         if scene is not self.scene or renderer is None:
-            renderer = self._renderer()
-            self._drawn = self.scene, renderer
+            renderer = self._make_renderer()
+            self._film_renderer = self.scene, renderer
         return renderer.render(self.body.points(self._arm.joints_at(time))[None], number)
 
     def see_noise(self, noise: Floats) -> None:
-        """From the next frame on the camera without pictures sees the markers with the noise
-        (frames, 2, 2) px, a row for each frame that arrives: what the compiled twin is given."""
+        """Give the camera without images the noise of the following frames.
+
+        A run then has the same noise as a run of the study's compiled kernel.
+
+        Parameters
+        ----------
+        noise : Floats, shape (frames, 2, 2)
+            Noise (px) of each frame that arrives from now on.
+
+        Raises
+        ------
+        BadInput
+            If the camera has images, or the shape differs.
+        """
         camera = self._camera
         if not isinstance(camera, PointCamera):
-            raise BadInput("camera", type(camera).__name__, "the one without pictures")
-        camera.latest()  # the frame that is there already has the noise of before
-        camera.noise = in_order(noise, camera.timing.newest(self.clock.now())[0])
+            raise BadInput(
+                "camera", type(camera).__name__, "the one without pictures: Rig(pictures=False)"
+            )
+        camera.latest()  # the frame that has already arrived keeps its own noise
+        camera.noise = make_recorded_noise(noise, camera.timing.newest(self.clock.now())[0])
 
     def relocate_camera(self) -> None:
-        """Somebody moves and rolls the camera. It sees the tool from another side from the next
-        frame on."""
-        self._see(relocated(self._elsewhere, self.scene))
+        """Move and roll the camera to another side of the tool, from the next frame on."""
+        self._use_scene(sample_relocated_scene(self._relocation_sampler, self.scene))
 
-    def _touch_camera(self, event: Event, part: float) -> None:
-        """Move the camera by a part, 0 to 1, of an event's motion."""
+    def _move_camera(self, event: Event, fraction: float) -> None:
+        """Apply a `fraction` (0 to 1) of a disturbance's camera motion."""
         if event.kind == "relocate":
             self.relocate_camera()
             return
         markers = self.truth.markers(self.truth.arm.time)
-        moved = self._hands.moved(event, part, self.scene.optics, markers)
-        self._see(replace(self.scene, optics=moved))
+        moved = self._camera_motion.apply(event, fraction, self.scene.optics, markers)
+        self._use_scene(replace(self.scene, optics=moved))
 
-    def _see(self, scene: Scene) -> None:
-        """From the next frame on the camera sees this scene."""
+    def _use_scene(self, scene: Scene) -> None:
+        """Use another scene from the next frame on."""
         self.scene, self.truth.optics = scene, scene.optics
         if isinstance(self._camera, PictureCamera):
-            self._camera.renderer = self._renderer()
+            self._camera.renderer = self._make_renderer()
         else:
             self._camera.move(scene.optics)

@@ -1,4 +1,4 @@
-"""The parts of a rig file that only a simulation reads: [camera], [drive], [look] and [scene]."""
+"""Sections of a rig file that only the simulation reads: [camera], [drive], [look] and [scene]."""
 
 from dataclasses import dataclass, fields
 from typing import Any, cast
@@ -12,7 +12,7 @@ from rcmservo.sim.rendering import Colour
 from rcmservo.sim.rig import Picture, RigSettings
 from rcmservo.sim.scene import SceneSettings
 
-PAINTS: dict[str, Colour] = {
+BALL_COLOURS: dict[str, Colour] = {
     "red": (40.0, 35.0, 215.0),
     "green": (60.0, 185.0, 30.0),
     "blue": (205.0, 80.0, 25.0),
@@ -21,23 +21,23 @@ PAINTS: dict[str, Colour] = {
     "magenta": (190.0, 40.0, 200.0),
     "bright": (235.0, 235.0, 235.0),
 }
-"""Paint (blue, green, red) of a simulated ball by the colour that the tracker looks for."""
+"""Colour (blue, green, red) of a simulated ball by the colour for which the tracker looks."""
 
 
 @dataclass(frozen=True)
 class CameraSection(Picture, Timing, section="camera"):
-    """[camera] of a rig file."""
+    """Section [camera] of a rig file."""
 
 
 def rig_settings(lab: Lab) -> RigSettings:
-    """The simulated laboratory of a rig file's [camera], [drive], [look] and [scene]."""
+    """Return the settings of the simulated laboratory that a rig file describes."""
     camera = lab.section("camera", CameraSection)
     return RigSettings(
         mechanism=lab.mechanism,
         tool=lab.tool,
         drive=lab.section("drive", Drive),
         timing=Timing(**_values(camera, Timing)),
-        look=lab.section("look", Look, **_paint(lab)),
+        look=lab.section("look", Look, **_marker_appearance(lab)),
         scene=lab.section("scene", SceneSettings),
         **_values(camera, Picture),
     )
@@ -48,10 +48,10 @@ def _values(camera: CameraSection, kind: type[Checked]) -> dict[str, Any]:
     return {f.name: getattr(camera, f.name) for f in fields(cast(Any, kind))}
 
 
-def _paint(lab: Lab) -> dict[str, tuple[float, float] | tuple[Colour, Colour]]:
-    """The part of a Look that [markers] tells."""
+def _marker_appearance(lab: Lab) -> dict[str, tuple[float, float] | tuple[Colour, Colour]]:
+    """Return the fields of `Look` that follow from the section [markers]."""
     markers = lab.markers
     return {
         "marker_radii": (markers.radius_1, markers.radius_2),
-        "marker_colours": (PAINTS[markers.colour_1], PAINTS[markers.colour_2]),
+        "marker_colours": (BALL_COLOURS[markers.colour_1], BALL_COLOURS[markers.colour_2]),
     }

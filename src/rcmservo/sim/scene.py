@@ -1,4 +1,4 @@
-"""A scene: where camera, start and target are, and what scenes are drawn from."""
+"""Scenes: camera, start and target, and the distributions from which they are sampled."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -14,111 +14,120 @@ from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.tool_body import Body
 
 Range = tuple[float, float]
-LEAST_FIRST = Limit(
+POSITIVE_RANGE = Limit(
     lambda ends: 0.0 < ends[0] <= ends[1] < np.inf, "two positive numbers, least first"
 )
-ELEVATION = Limit(
+ELEVATION_RANGE = Limit(
     lambda ends: -1.5 <= ends[0] <= ends[1] <= 1.5, "two angles from -1.5 to 1.5 rad, least first"
 )
-ERRORS = Limit(
+INITIAL_ERROR_LIMIT = Limit(
     lambda errors: bool(np.isfinite(errors).all()) and any(errors),
     "three finite numbers (rad, px, px), not all zero",
 )
-JOINTS = each(finite(), "three finite joint values (rad, rad, mm)")
+JOINT_VALUES_LIMIT = each(finite(), "three finite joint values (rad, rad, mm)")
 
 
 class NoScene(RcmServoError):
-    """No scene within the settings could be drawn."""
+    """No scene within the settings was found."""
 
 
 @dataclass(frozen=True)
 class SceneSettings(Checked, section="scene"):
-    """What scenes are drawn from. A pair of numbers is (least, greatest)."""
+    """Distributions from which scenes are sampled. A pair of numbers is (least, greatest).
 
-    focal: Annotated[Range, LEAST_FIRST] = (500.0, 900.0)
-    """px, the camera's focal length."""
+    Raises
+    ------
+    BadInput
+        If a field is outside its range or contradicts another one.
+    """
 
-    distance: Annotated[Range, LEAST_FIRST] = (120.0, 300.0)
-    """mm from the camera to the tool."""
+    focal: Annotated[Range, POSITIVE_RANGE] = (500.0, 900.0)
+    """Focal length of the camera, px."""
 
-    elevation: Annotated[Range, ELEVATION] = (-0.2, 0.9)
-    """rad of the camera above the tool, where down is the way from the RCM straight into the
-    body."""
+    distance: Annotated[Range, POSITIVE_RANGE] = (120.0, 300.0)
+    """Distance from the camera to the tool, mm."""
 
-    ports: Annotated[Range | None, LEAST_FIRST] = None
-    """mm between the tool's port, which is the RCM, and the camera's: the camera is an endoscope,
-    ``distance`` from the tool and in the body. ``elevation`` and the conditions then count for
-    nothing, as the RCM may be behind the camera. None: the camera is anywhere around the tool, and
-    the RCM before it."""
+    elevation: Annotated[Range, ELEVATION_RANGE] = (-0.2, 0.9)
+    """Elevation (rad) of the camera above the tool; down is the direction from the RCM straight
+    into the body."""
+
+    ports: Annotated[Range | None, POSITIVE_RANGE] = None
+    """Distance (mm) from the tool's port, which is the RCM, to the port of an endoscope. The camera
+    is then inside the body, ``distance`` from the tool; ``elevation`` and the limits of the
+    condition number have no effect, because the RCM may be behind the camera. None: the camera is
+    anywhere around the tool, with the RCM in front of it."""
 
     distortion: Annotated[Range, each(finite(), "two finite numbers k1, k2")] = (-0.08, 0.02)
-    """k₁ and k₂ of the lens."""
+    """Radial distortion k₁ and k₂ of the lens."""
 
-    travel: Annotated[Range, LEAST_FIRST] = (20.0, 60.0)
-    """mm from start to target."""
+    travel: Annotated[Range, POSITIVE_RANGE] = (20.0, 60.0)
+    """Distance from start to target, mm."""
 
-    insertion: Annotated[Range, LEAST_FIRST] = (70.0, 150.0)
-    """mm of marker 1 from the RCM, at the start."""
+    insertion: Annotated[Range, POSITIVE_RANGE] = (70.0, 150.0)
+    """Distance (mm) of marker 1 from the RCM at the start."""
 
     max_condition: Annotated[float, Limit(lambda x: x > 1.0, "a number above 1")] = 40.0
-    """The scaled Jacobian's condition number is at most this on the straight way to the target."""
+    """Largest condition number of the scaled Jacobian on the straight path to the target."""
 
     min_condition: float = 0.0
-    """Somewhere on that way it is more than this: 40 and a ``max_condition`` without bound make the
-    hard scenes, which the default leaves out."""
+    """The condition number exceeds this somewhere on that path. 40 with an unlimited
+    ``max_condition`` gives the hard scenes that the default excludes."""
 
     room: Annotated[float, not_negative("length in mm")] = 10.0
-    """mm about the start in which both markers stay in view, so that there is room to explore."""
+    """Distance (mm) that both markers can move from the start without leaving the image: room to
+    explore."""
 
-    errors: Annotated[Triple | None, ERRORS, angles(np.pi, first=1)] = None
-    """rad, px, px: the start is where Δy = y − y_d is exactly this. The way is then that of the
-    saturated law (33), and there is ``room`` half-way too."""
+    errors: Annotated[Triple | None, INITIAL_ERROR_LIMIT, angles(np.pi, first=1)] = None
+    """Initial error Δy = y − y_d (rad, px, px). The path is then that of the saturated law (33),
+    and ``room`` holds at its midpoint too."""
 
-    start: Annotated[Triple | None, JOINTS, angles(FULL_TURN, first=2)] = None
-    """rad, rad, mm: your own start instead of a drawn one. With a start and a target of your own,
-    the scene need only show both markers."""
+    start: Annotated[Triple | None, JOINT_VALUES_LIMIT, angles(FULL_TURN, first=2)] = None
+    """Joints (rad, rad, mm) of the start; None samples them. If start and target are both given,
+    the scene only has to show both markers."""
 
-    target: Annotated[Triple | None, JOINTS, angles(FULL_TURN, first=2)] = None
-    """rad, rad, mm: your own target instead of a drawn one."""
+    target: Annotated[Triple | None, JOINT_VALUES_LIMIT, angles(FULL_TURN, first=2)] = None
+    """Joints (rad, rad, mm) of the target; None samples them."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        alone = self.errors is None or (self.start is None and self.target is None)
-        self.require(alone, "errors", "left out where start or target are given")
-        seen = self.ports is None or self.errors is None
-        self.require(seen, "errors", "left out where ports are given, as they are about the RCM")
-        easy = f"a number from 0 to below max_condition = {self.max_condition}"
-        self.require(0.0 <= self.min_condition < self.max_condition, "min_condition", easy)
-        asked = self.ports is None or self.min_condition == 0.0
-        self.require(asked, "min_condition", "left out where ports are given")
+        without_joints = self.errors is None or (self.start is None and self.target is None)
+        self.require(without_joints, "errors", "left out where start or target is given")
+        without_ports = self.ports is None or self.errors is None
+        self.require(
+            without_ports, "errors", "left out where ports are given: the RCM may be unseen"
+        )
+        below_max = f"a number from 0 to below max_condition = {self.max_condition}"
+        self.require(0.0 <= self.min_condition < self.max_condition, "min_condition", below_max)
+        unlimited = self.ports is None or self.min_condition == 0.0
+        self.require(unlimited, "min_condition", "left out where ports are given")
 
     @property
-    def free(self) -> bool:
-        """Whether something of the way is drawn: not both its ends are your own."""
+    def is_sampled(self) -> bool:
+        """True if the start or the target is sampled."""
         return not (self.start and self.target)
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A drawn scene."""
+    """Sampled scene."""
 
     optics: Optics
-    """The true camera."""
+    """True camera."""
 
     body: Body
-    """The tool."""
+    """Tool."""
 
     way: Floats
-    """(n, 3) joints from the start to the target."""
+    """Joints (n, 3) on the path from the start to the target."""
 
     half_way: Floats
-    """(3,) joints."""
+    """Joints (3,) at the path's midpoint."""
 
     tissue: Tissue
-    """What is behind the tool."""
+    """Tissue behind the tool."""
 
     rejected: int
-    """Draws that did not suit before this one did."""
+    """Number of infeasible samples before this one."""
 
     @property
     def start(self) -> Floats:

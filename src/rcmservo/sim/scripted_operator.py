@@ -1,4 +1,4 @@
-"""A scripted person beside a simulated run: resumes after a pause, shows the target again."""
+"""Scripted operator of a simulated run: resumes after a pause and teaches the target again."""
 
 from collections.abc import Callable, Generator
 from contextlib import closing
@@ -13,79 +13,104 @@ from rcmservo.loop.teach import NotShown, teach
 from rcmservo.servo.servo import Servo, State
 from rcmservo.sim.rig import Rig
 
-THINKS = 1_000_000_000
-"""ns that the person takes before resuming."""
+RESUME_DELAY_NS = 1_000_000_000
+"""Time from a pause to the operator's request to resume, ns."""
 
-LOOKS = 3_000_000_000
-"""ns that the person takes before showing the target again."""
+TEACH_DELAY_NS = 3_000_000_000
+"""Time from a pause until the operator teaches the target again, ns."""
 
 
 class ScriptedPerson:
-    """Acts after a pause, at most ``patience`` times: asks to resume, or shows the target again,
-    for so many frames."""
+    """Operator that answers a limited number of pauses, each after a delay.
+
+    It requests to resume or, if the cause of the pause requires it, teaches the target again.
+
+    Parameters
+    ----------
+    rig : Rig
+        Simulated laboratory in which the operator moves the tool.
+    plant : Plant
+        Plant that teaches the target.
+    patience : int
+        Number of pauses that the operator answers.
+    frames : int
+        Frames of each taught target.
+    """
 
     resumed: int
-    """How often the servo went on when asked."""
+    """Number of resume requests that the servo accepted."""
 
     refused: int
-    """How often it did not."""
+    """Number of resume requests that the servo refused."""
 
     shown: int
-    """How often the target was shown again."""
+    """Number of times that the target was taught again."""
 
     def __init__(
         self, rig: Rig, plant: Plant, patience: int, frames: int = TEACHING_FRAMES
     ) -> None:
-        self._rig, self._plant, self._left, self._frames = rig, plant, patience, frames
+        self._rig, self._plant, self._pauses_left, self._frames = rig, plant, patience, frames
         self.resumed = self.refused = self.shown = 0
         self._since: int | None = None
 
     def __call__(self, tick: Tick) -> Request:
-        """What the person asks for after a tick: to go on, once the tool was paused for a while."""
-        if not self._acts(tick) or tick.state.cause.needs_teaching:
+        """Return the request after a tick: to resume, once the pause has lasted long enough."""
+        if not self._is_ready(tick) or tick.state.cause.needs_teaching:
             return Request.NONE
         self._since = None
-        self._left -= 1
+        self._pauses_left -= 1
         return Request.RESUME
 
-    def leaves(self, tick: Tick) -> bool:
-        """Whether the person ends the run: for good, or to show the target again."""
+    def ends_run(self, tick: Tick) -> bool:
+        """Return True if the operator ends the run, for good or to teach the target again.
+
+        It also counts the outcome of a resume request, and must be called once per tick.
+        """
         paused = tick.state.phase is Phase.PAUSED
         if tick.request is Request.RESUME:
-            went_on = tick.state.phase is Phase.ACQUIRE
-            self.resumed, self.refused = self.resumed + went_on, self.refused + (not went_on)
+            accepted = tick.state.phase is Phase.ACQUIRE
+            self.resumed, self.refused = self.resumed + accepted, self.refused + (not accepted)
         self._since = None if not paused else tick.seen.now if self._since is None else self._since
-        over = paused and self._left <= 0 and not tick.state.command.rates.any()
+        gives_up = paused and self._pauses_left <= 0 and not tick.state.command.rates.any()
         return (
             tick.state.phase is Phase.FAULT
-            or over
-            or (self._acts(tick) and tick.state.cause.needs_teaching)
+            or gives_up
+            or (self._is_ready(tick) and tick.state.cause.needs_teaching)
         )
 
-    def shows_again(self, tick: Tick) -> Target | None:
-        """The target, shown once more. The tool is brought back to where it stood.
+    def teach_again(self, tick: Tick) -> Target | None:
+        """Teach the target again, bring the tool back and return the new target.
 
-        None where showing it is of no use.
+        None if teaching does not help or fails.
         """
         state = tick.state
-        if state.phase is not Phase.PAUSED or not state.cause.needs_teaching or self._left <= 0:
+        if (
+            state.phase is not Phase.PAUSED
+            or not state.cause.needs_teaching
+            or self._pauses_left <= 0
+        ):
             return None
         self._since = None
-        self._left -= 1
-        stood = self._rig.arm.q_true
+        self._pauses_left -= 1
+        joints = self._rig.arm.q_true
         self._rig.show_target()
         try:
             target = teach(self._plant, self._frames)
         except NotShown:
             return None
         finally:
-            self._rig.place(stood)
+            self._rig.place(joints)
         self.shown += 1
         return target
 
-    def _acts(self, tick: Tick) -> bool:
-        wait = LOOKS if tick.state.cause.needs_teaching else THINKS
-        return self._left > 0 and self._since is not None and tick.seen.now - self._since >= wait
+    def _is_ready(self, tick: Tick) -> bool:
+        """Return True if the pause has lasted long enough for the operator to answer it."""
+        delay = TEACH_DELAY_NS if tick.state.cause.needs_teaching else RESUME_DELAY_NS
+        return (
+            self._pauses_left > 0
+            and self._since is not None
+            and tick.seen.now - self._since >= delay
+        )
 
 
 def attended(
@@ -97,11 +122,26 @@ def attended(
     person: ScriptedPerson,
     begins: Callable[[Target, State | None], None] = lambda target, state: None,
 ) -> Generator[Tick]:
-    """`run` with a person beside it, for `duration` s in all.
+    """Run for `duration` s with a scripted operator, and yield its ticks.
 
-    Time goes on while the person is at work.
+    Time continues while the operator works.
 
-    ``begins`` is told of every new run: its target, and the state that it goes on from.
+    Parameters
+    ----------
+    rig : Rig
+        Simulated laboratory.
+    plant : Plant
+        Plant of the rig's arm, camera and clock.
+    servo : Servo
+        Servo that runs.
+    target : Target
+        First target.
+    duration : float
+        Length of the whole run, s.
+    person : ScriptedPerson
+        Scripted operator.
+    begins : callable
+        Called at the start of every part of the run with its target and its initial state.
     """
     start = rig.clock.now()
     state: State | None = None
@@ -109,11 +149,11 @@ def attended(
         tick = None
         begins(target, state)
         offset = rig.clock.now() - start
-        left = duration - offset * 1e-9
-        with closing(run(plant, servo, target, left, person.leaves, state, person)) as ticks:
+        remaining = duration - offset * 1e-9
+        with closing(run(plant, servo, target, remaining, person.ends_run, state, person)) as ticks:
             for tick in ticks:
                 yield replace(tick, time=tick.time + offset)
-        again = None if tick is None else person.shows_again(tick)
-        if tick is None or again is None or rig.clock.now() - start >= duration * 1e9:
+        new_target = None if tick is None else person.teach_again(tick)
+        if tick is None or new_target is None or rig.clock.now() - start >= duration * 1e9:
             return
-        target, state = again, tick.state
+        target, state = new_target, tick.state

@@ -1,4 +1,4 @@
-"""The tool's body in space: what the cameras see of it."""
+"""Positions in space of the tool's markers, shaft and tip."""
 
 import numpy as np
 
@@ -8,28 +8,42 @@ from rcmservo.loops import put
 from rcmservo.method.kinematics import Kinematics, Rcm, axis, position
 from rcmservo.method.tool import Shaft, Tool, second_marker
 
-TIP = 14.0
-"""mm by which the instrument's tip stands out beyond marker 2."""
+TIP_BEYOND_MARKER_2_MM = 14.0
+"""Distance (mm) from marker 2 to the instrument's tip."""
 
 
 @compiled
-def places(rcm: Rcm, shaft: Shaft, q: Floats) -> Floats:
-    """`Body.points`; the mechanism's point is marker 1."""
+def compute_body_points(rcm: Rcm, shaft: Shaft, q: Floats) -> Floats:
+    """Compute `Body.points`; `rcm`'s reference point is marker 1."""
     out, n = np.zeros((4, 3)), axis(rcm, q)
     put(out[0], position(rcm, q))
     put(out[1], second_marker(shaft, out[0]))
     for k in range(3):
-        out[3, k] = out[1, k] + TIP * n[k]
+        out[3, k] = out[1, k] + TIP_BEYOND_MARKER_2_MM * n[k]
     return out
 
 
 class Body:
-    """Where the joints put the tool's markers, its tip, and its shaft up to the RCM."""
+    """Tool as points in space.
+
+    Parameters
+    ----------
+    mechanism : Kinematics
+        Kinematics of the arm.
+    tool : Tool
+        Positions of the markers on the tool.
+    """
 
     def __init__(self, mechanism: Kinematics, tool: Tool) -> None:
         self.mechanism, self.tool = mechanism, tool
         self.rcm = mechanism.rcm(tool.offset)
 
     def points(self, q: Floats) -> Floats:
-        """m₁, m₂, the shaft's start at the RCM and the tip, (4, 3) mm, at the joints q (3,)."""
-        return places(self.rcm, self.tool.shaft, np.ascontiguousarray(q, dtype=float))
+        """Return marker 1, marker 2, the shaft's start at the RCM and the tip at the joints q (3,).
+
+        Returns
+        -------
+        Floats, shape (4, 3)
+            Positions in the world, mm.
+        """
+        return compute_body_points(self.rcm, self.tool.shaft, np.ascontiguousarray(q, dtype=float))

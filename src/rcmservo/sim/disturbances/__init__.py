@@ -1,10 +1,11 @@
-"""Things that go wrong in a simulated laboratory, each brought about where it would arise.
+"""Disturbances of a simulated laboratory, each simulated where it would arise.
 
-kinds.py has the table of the kinds, old_names.py those of before. A kind acts in the file of the
-place where it arises: camera_view.py (the camera's view), decoy_markers.py (objects taken for a
-marker), camera_moves.py (the camera's pose and focal length), frame_delivery.py (late or lost
-frames), arm_faults.py (the arm and its drives), computer_faults.py (the process and the full
-disk). oracle.py finds the moment from which a disturbance is visible.
+kinds.py holds the table of the kinds, old_names.py the names of earlier versions. Each kind is
+implemented in the file of its origin: camera_view.py (the camera's view), decoy_markers.py (objects
+that look like a marker), camera_moves.py (the camera's pose and focal length), frame_delivery.py
+(late or lost frames), frame_damage.py (damaged frames), arm_faults.py (the arm and its drives),
+computer_faults.py (the process and the full disk). oracle.py finds the time from which a
+disturbance is visible in the frames.
 """
 
 from rcmservo.sim.disturbances.computer_faults import Killed

@@ -1,5 +1,4 @@
-"""Faults of the arm: axes with a wrong gain or that creep, wrong encoders, a wrong clock, silence,
-the emergency stop."""
+"""Faults of the arm: axis gains, creep, encoders, clock, silence and the emergency stop."""
 
 import numpy as np
 
@@ -9,79 +8,86 @@ from rcmservo.sim.disturbances.schedule import Event, Schedule
 
 
 class DisturbedArm:
-    """An arm as the software sees it, before the true `arm`, whose drives have the faults."""
+    """Arm as the software observes it, in front of the true `arm`, whose drives have the faults.
+
+    Parameters
+    ----------
+    arm : SimulatedArm
+        True arm.
+    schedule : Schedule
+        Disturbances with their times.
+    """
 
     def __init__(self, arm: SimulatedArm, schedule: Schedule) -> None:
         self.arm, self.schedule = arm, schedule
         self._answer = arm.measure()
         self._applied = np.zeros(3)
         self._overrun: set[Event] = set()
-        self._began: dict[Event, float] = {}
-        arm.before_step = self._suffer
+        self._first_readings: dict[Event, float] = {}
+        arm.before_step = self._apply_faults
 
     @property
     def q_true(self) -> Floats:
-        """The joints (3,) as they are."""
+        """True joints (3,)."""
         return self.arm.q_true
 
     def enable(self) -> None:
-        """Switch the drives on, at rest, unless the arm hears nothing or its emergency stop is
-        pressed."""
-        if not self.silent and not self._is("drive_off"):
+        """Switch the drives on, at rest, if the arm answers and no emergency stop is pressed."""
+        if not self.is_silent and not self._is_active("drive_off"):
             self.arm.enable()
 
     def measure(self) -> Measured:
-        """Return the arm's answer; while it is silent, its last one."""
-        if not self.silent:
+        """Return the arm's measurement; while the arm is silent, its last one."""
+        if not self.is_silent:
             time, q, enabled = self.arm.measure()
-            self._answer = Measured(time, self._counted(q), enabled)
+            self._answer = Measured(time, self._encoder_readings(q), enabled)
         return self._answer
 
     def apply(self, command: Command) -> Floats:
-        """Pass a command on, later than it should be in a tick that overruns."""
-        for event in self.schedule.begun(self.arm.time, "stall"):
+        """Pass a command on, late if a disturbance makes this tick overrun."""
+        for event in self.schedule.started(self.arm.time, "stall"):
             if event.word("where") == "tick" and event not in self._overrun:
                 self._overrun.add(event)
                 self.arm.advance_until(self.arm.time + round(event.end - event.start))
-        if not self.silent and not self.schedule.killed:
+        if not self.is_silent and not self.schedule.killed:
             self._applied = self.arm.apply(command)
         return self._applied
 
     @property
-    def silent(self) -> bool:
-        """True while it neither answers nor hears."""
-        return self._is("arm_silent")
+    def is_silent(self) -> bool:
+        """True while the arm neither answers nor accepts commands."""
+        return self._is_active("arm_silent")
 
-    def _is(self, kind: str) -> bool:
-        return any(self.schedule.acting(self.arm.time, kind))
+    def _is_active(self, kind: str) -> bool:
+        return any(self.schedule.active(self.arm.time, kind))
 
-    def _suffer(self) -> None:
-        """Give the true arm its faults, before each step of the physics."""
+    def _apply_faults(self) -> None:
+        """Set the faults of the true arm, before each physics step."""
         self.arm.gains[:] = 1.0, 1.0, 1.0
-        for event in self.schedule.acting(self.arm.time, "gain"):
+        for event in self.schedule.active(self.arm.time, "gain"):
             self.arm.gains[event.axis] *= event.number("factor")
         self.arm.creep[:] = 0.0, 0.0, 0.0
-        for event in self.schedule.acting(self.arm.time, "creep"):
-            self.arm.creep[event.axis] += _of_axis(event, "speed")
-        steps = self.schedule.acting(self.arm.time, "arm_clock")
+        for event in self.schedule.active(self.arm.time, "creep"):
+            self.arm.creep[event.axis] += _in_joint_units(event, "speed")
+        steps = self.schedule.active(self.arm.time, "arm_clock")
         self.arm.clock_error = sum(round(event.number("s") * 1e9) for event in steps)
-        if self._is("drive_off"):
+        if self._is_active("drive_off"):
             self.arm.watchdog.disable()
 
-    def _counted(self, q: Floats) -> Floats:
-        """The joints (3,) as wrong encoders count them."""
+    def _encoder_readings(self, q: Floats) -> Floats:
+        """Return the joints (3,) as the faulty encoders report them."""
         q = q.copy()
-        for event in self.schedule.acting(self.arm.time, "encoder"):
-            there = self.arm.drive.told(self.arm.joints_at(event.start))
-            began = self._began.setdefault(event, there[event.axis])
-            moved = event.number("factor") * (q[event.axis] - began)
-            q[event.axis] = began + moved + _of_axis(event, "offset")
-        for event in self.schedule.acting(self.arm.time, "encoder_nan"):
+        for event in self.schedule.active(self.arm.time, "encoder"):
+            reading = self.arm.drive.told(self.arm.joints_at(event.start))
+            first = self._first_readings.setdefault(event, reading[event.axis])
+            change = event.number("factor") * (q[event.axis] - first)
+            q[event.axis] = first + change + _in_joint_units(event, "offset")
+        for event in self.schedule.active(self.arm.time, "encoder_nan"):
             q[event.axis] = np.nan
         return q
 
 
-def _of_axis(event: Event, name: str) -> float:
-    """A parameter that is given in deg for axes 1 and 2: rad, and mm for axis 3."""
+def _in_joint_units(event: Event, name: str) -> float:
+    """Return a parameter, given in deg for axes 1 and 2 and in mm for axis 3, in rad or mm."""
     number = event.number(name)
     return number if event.axis == 2 else float(np.radians(number))

@@ -1,5 +1,4 @@
-"""Faults of the computer: a process that runs late, stops for a while or is killed, and a disk that
-fills up."""
+"""Faults of the computer: a process that is late, stalls or is killed, and a full disk."""
 
 import errno
 import os
@@ -12,41 +11,45 @@ from rcmservo.sim.disturbances.schedule import Schedule
 
 
 class Killed(RcmServoError):
-    """The simulated process was killed: from here on nothing is sent, and the arm's own watchdog
-    must stop it.
+    """Simulated process was killed: it sends nothing more, and the arm's own watchdog must stop it.
 
-    `Rig.let_pass` lets time go on without the process.
+    `Rig.let_pass` lets time pass without the process.
     """
 
 
-class Stalls:
-    """Times at which waits really end."""
+class ProcessDelays:
+    """Actual ends of a process's waits."""
 
     def __init__(self, schedule: Schedule) -> None:
         self.schedule = schedule
 
     def __call__(self, time: int) -> int:
-        """Return the time at which the process wakes that waits until `time` ns. A killed one never
-        does."""
-        for event in self.schedule.begun(time, "kill"):
+        """Return the time at which a process wakes that waits until `time` (ns).
+
+        Raises
+        ------
+        Killed
+            If the process was killed: it never wakes.
+        """
+        for event in self.schedule.started(time, "kill"):
             self.schedule.killed = True
             raise Killed(f"the process was killed {event.disturbance.at:g} s after the start")
-        for event in self.schedule.acting(time, "jitter"):
+        for event in self.schedule.active(time, "jitter"):
             time += round(event.random.uniform(0.0, event.number("s")) * 1e9)
-        for event in self.schedule.acting(time, "stall"):
+        for event in self.schedule.active(time, "stall"):
             if event.word("where") == "between":
                 time = max(time, round(event.end))
         return time
 
 
 class FillingDisk:
-    """A record's file on a disk that takes nothing while it is ``full``."""
+    """File of a record on a disk that refuses data while it is ``full``."""
 
     def __init__(self, path: Path, full: Callable[[], bool]) -> None:
-        self._file, self._full = created(path), full
+        self._file, self._is_full = created(path), full
 
     def write(self, data: memoryview, /) -> int | None:
-        if self._full():
+        if self._is_full():
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return self._file.write(data)
 
@@ -55,5 +58,5 @@ class FillingDisk:
 
 
 def disk(full: Callable[[], bool]) -> Callable[[Path], RawFile]:
-    """Return the function that opens a file on such a disk."""
+    """Return a function that opens a file on such a disk."""
     return lambda path: FillingDisk(path, full)

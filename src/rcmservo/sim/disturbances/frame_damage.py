@@ -1,7 +1,7 @@
-"""Frames as they are after something has damaged them on the way.
+"""Damage to frames on their way from the camera.
 
-A picture travels as a JPEG file here, as cheap cameras send it. Bits of the file flip, or half of
-it is missing, and a decoder makes a picture of that without complaint.
+Images travel as JPEG files here, as from inexpensive cameras. Bits of the file flip, or half of it
+is missing, and a decoder makes an image of the rest without an error.
 """
 
 import os
@@ -15,46 +15,51 @@ import numpy as np
 
 from rcmservo.interfaces import Floats, Frame, Image
 
-FLIPS = 8
+FLIPPED_BITS = 8
 """Bits that flip in a file."""
 
-END = np.array([0xFF, 0xD9], dtype=np.uint8)
-"""What a decoder looks for after the last row. Rows that are missing before it become grey."""
+JPEG_END = np.array([0xFF, 0xD9], dtype=np.uint8)
+"""End marker that a decoder expects after the last row. Missing rows before it become grey."""
 
-HEADER = 0.05
-"""The share of a file, at its beginning, that stays whole. Damage there leaves nothing to
-decode."""
+INTACT_FRACTION = 0.05
+"""Fraction at the start of a file that stays intact: a file damaged there cannot be decoded."""
 
 
-def damaged(frame: Frame, what: str, random: np.random.Generator) -> Frame:
-    """The frame, damaged.
+def damage(frame: Frame, what: str, random: np.random.Generator) -> Frame:
+    """Return a damaged copy of a frame.
 
-    `what` is "size" (it has another one), "half" (that is missing), "noise" (bits flip) or "none"
-    (nothing is left).
+    Parameters
+    ----------
+    frame : Frame
+        Undamaged frame.
+    what : {"size", "half", "noise", "none"}
+        Another size, half missing, flipped bits, or an empty frame.
+    random : numpy.random.Generator
+        Source of chance.
     """
     if frame.image is not None:
-        return replace(frame, image=_picture(frame.image, what, random))
+        return replace(frame, image=_damage_image(frame.image, what, random))
     if frame.points is not None:
-        return replace(frame, points=_points(frame.points, what, random))
+        return replace(frame, points=_damage_points(frame.points, what, random))
     return frame
 
 
-def _picture(image: Image, what: str, random: np.random.Generator) -> Image | None:
+def _damage_image(image: Image, what: str, random: np.random.Generator) -> Image | None:
     if what == "none":
         return None
     if what == "size":
         return np.ascontiguousarray(image[::2, ::2])
-    file = cv2.imencode(".jpg", image)[1].ravel()
+    data = cv2.imencode(".jpg", image)[1].ravel()
     if what == "half":
-        file = np.append(file[: len(file) // 2], END)
+        data = np.append(data[: len(data) // 2], JPEG_END)
     else:
-        _flip(file[round(HEADER * len(file)) :], random)
-    with _no_warnings():
-        decoded = cv2.imdecode(file, cv2.IMREAD_COLOR)
+        _flip_bits(data[round(INTACT_FRACTION * len(data)) :], random)
+    with _suppress_stderr():
+        decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
     return None if decoded is None else np.asarray(decoded, dtype=np.uint8)  # pyright: ignore[reportUnnecessaryComparison]
 
 
-def _points(points: Floats, what: str, random: np.random.Generator) -> Floats | None:
+def _damage_points(points: Floats, what: str, random: np.random.Generator) -> Floats | None:
     if what == "none":
         return None
     if what == "size":
@@ -63,27 +68,26 @@ def _points(points: Floats, what: str, random: np.random.Generator) -> Floats | 
     if what == "half":
         points[1] = np.nan
     else:
-        _flip(points.view(np.uint8).ravel(), random)
+        _flip_bits(points.view(np.uint8).ravel(), random)
     return points
 
 
-def _flip(data: Image, random: np.random.Generator) -> None:
-    """Flip bits of these bytes, in place."""
-    places = random.integers(data.size, size=FLIPS)
-    data[places] ^= (1 << random.integers(8, size=FLIPS)).astype(np.uint8)
+def _flip_bits(data: Image, random: np.random.Generator) -> None:
+    """Flip random bits of `data`, in place."""
+    indices = random.integers(data.size, size=FLIPPED_BITS)
+    data[indices] ^= (1 << random.integers(8, size=FLIPPED_BITS)).astype(np.uint8)
 
 
 @contextmanager
-def _no_warnings() -> Generator[None]:
-    """Keep the decoder's warnings from the terminal. It writes them to the process's standard
-    error."""
+def _suppress_stderr() -> Generator[None]:
+    """Suppress the decoder's warnings, which it writes to the process's standard error."""
     sys.stderr.flush()
-    kept = os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    saved = os.dup(2)
+    null = os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(nowhere, 2)
+        os.dup2(null, 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(null)

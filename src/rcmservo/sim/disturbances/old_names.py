@@ -1,9 +1,11 @@
-"""Names of disturbances before there were fewer with parameters: studies and records still have
-them, and an error names the new spelling."""
+"""Former names of disturbances.
 
-from rcmservo.sim.disturbances.parameters import as_number
+Studies and records may contain them; an error about one names its present spelling.
+"""
 
-OLD = {
+from rcmservo.sim.disturbances.parameters import to_number
+
+OLD_NAMES = {
     "marker_loss": "occlusion",
     "smoke": "occlusion:by=smoke",
     "stain": "occlusion:by=blood",
@@ -29,30 +31,29 @@ OLD = {
     "overrun": "stall:for=0.1,where=tick",
     "hang": "stall",
 }
-"""The new spelling of each, with what differs from the defaults of the new kind."""
+"""Present spelling of each, with the values that differ from the defaults of the present kind."""
 
-AMOUNTS = {"camera_pan": "px", "camera_roll": "deg", "camera_dolly": "mm"}
-"""The amount of a slow motion of the camera, which replaces its `speed`."""
+MOTION_AMOUNTS = {"camera_pan": "px", "camera_roll": "deg", "camera_dolly": "mm"}
+"""Amount of a slow motion of the camera, which replaces the former `speed`."""
 
 
-def renewed(text: str) -> str:
-    """Return a disturbance that is written with an old name in the new spelling, any other as it
-    is."""
+def translate_old_name(text: str) -> str:
+    """Return a disturbance's text in its present spelling, unchanged unless its name is old."""
     name, _, given = text.partition(":")
-    if name.strip() not in OLD:
+    if name.strip() not in OLD_NAMES:
         return text
-    kind, _, defaults = OLD[name.strip()].partition(":")
-    values = dict(_pairs(defaults))
-    for key, value in _pairs(given):
+    kind, _, defaults = OLD_NAMES[name.strip()].partition(":")
+    values = dict(_split_pairs(defaults))
+    for key, value in _split_pairs(given):
         values["jitter" if (name, key) == ("delay", "s") else key] = value
-    if kind in AMOUNTS and values.keys() >= {"speed", "for"}:
-        amount = as_number(values.pop("speed")) * as_number(values["for"])
-        values[AMOUNTS[kind]] = f"{amount:.12g}"
+    if kind in MOTION_AMOUNTS and values.keys() >= {"speed", "for"}:
+        amount = to_number(values.pop("speed")) * to_number(values["for"])
+        values[MOTION_AMOUNTS[kind]] = f"{amount:.12g}"
     keys = sorted(values, key=lambda key: {"at": 0, "for": 1}.get(key, 2))
     return f"{kind}:{','.join(f'{key}={values[key]}' for key in keys)}".rstrip(":")
 
 
-def _pairs(items: str) -> list[tuple[str, str]]:
+def _split_pairs(items: str) -> list[tuple[str, str]]:
     """Split ``key=value,key=value``."""
     pairs = (item.partition("=") for item in items.split(",") if item)
     return [(key.strip(), value.strip()) for key, _, value in pairs]

@@ -1,11 +1,11 @@
-"""An onlooker who knows the true camera: from which moment on what goes wrong can be seen in the
-frames, and how far the tool goes wrong after that without a word.
+"""Observer that knows the true camera: it finds the time from which a disturbance is visible.
 
     innovation = (markers delivered − projection at the true joints) / σ
 
-The projection is that of the camera as it was when the servo began to learn; the joints are the
-true ones at the moment at which the frame is said to have been exposed; σ is the markers' noise.
-No servo can know better than that, so what it says later it could have said no sooner than here.
+The projection is that of the camera when the servo began to estimate; the joints are the true ones
+at the reported time of the exposure; σ is the markers' noise. No servo can know better, so no servo
+can report a disturbance before the oracle does. `Unnoticed` measures the growth of the true error
+after that time while the servo reports no cause.
 """
 
 import numpy as np
@@ -16,80 +16,92 @@ from rcmservo.interfaces import Floats, Observation
 from rcmservo.loop.tick import Tick
 from rcmservo.sim.ground_truth import Truth
 
-LOUD = 5.0
-"""The largest normalised coordinate of an innovation from which on a frame is not noise."""
+INNOVATION_THRESHOLD = 5.0
+"""Normalised coordinate of an innovation above which a frame is not noise."""
 
-LASTING = 300_000_000
-"""ns for which every delivered frame must be so."""
+MIN_DURATION_NS = 300_000_000
+"""Time (ns) for which the innovation of every delivered frame must exceed
+`INNOVATION_THRESHOLD`."""
 
 STOPPED = Phase.HOLD, Phase.PAUSED, Phase.FAULT
+"""Phases in which the tool does not servo."""
 
 
 class Oracle:
-    """Sees a disturbance as soon as it can be seen."""
+    """Detector of disturbances that knows the true camera and the true joints.
+
+    Parameters
+    ----------
+    truth : Truth
+        Ground truth of the run.
+    sigma : float
+        Standard deviation (px) of the markers' noise.
+    """
 
     visible: int | None
-    """Time at which it could be seen first, ns; None while it could not."""
+    """Time (ns) from which the disturbance is visible, None before."""
 
     def __init__(self, truth: Truth, sigma: float) -> None:
-        """`sigma` px is the markers' noise. What is learnt from now on is learnt with the camera as
-        it is now."""
         self._truth, self._sigma = truth, sigma
         self.learn()
 
     def learn(self) -> None:
-        """From now on the servo learns the camera as it is now."""
+        """Restart with the present camera as the one that the servo estimates."""
         self._optics = self._truth.optics
-        self.look_away()
+        self.reset()
 
-    def look_away(self) -> None:
-        """Restart: it must be seen for as long again."""
+    def reset(self) -> None:
+        """Restart the rule: a disturbance must be visible for the whole `MIN_DURATION_NS` again."""
         self.visible: int | None = None
-        self._frame, self._since = -1, None
+        self._frame, self._loud_since = -1, None
 
     def innovation(self, seen: Observation) -> Floats:
-        """Of the newest frame, (2, 2), normalised; NaN where a marker is not seen."""
+        """Return the normalised innovation (2, 2) of a frame, NaN where a marker is not found."""
         markers = self._truth.markers(seen.exposure)
         return (seen.points - self._optics.project(markers)) / self._sigma
 
     def look(self, seen: Observation) -> None:
-        """Look at the observation of a tick."""
+        """Update with the observation of a tick."""
         if seen.frame in (-1, self._frame):
             return
         self._frame = seen.frame
         innovation = np.abs(self.innovation(seen))
-        if not np.nan_to_num(innovation).max() >= LOUD:
-            self._since = None
+        if not np.nan_to_num(innovation).max() >= INNOVATION_THRESHOLD:
+            self._loud_since = None
             return
-        self._since = seen.now if self._since is None else self._since
-        if self.visible is None and seen.now - self._since >= LASTING:
+        self._loud_since = seen.now if self._loud_since is None else self._loud_since
+        if self.visible is None and seen.now - self._loud_since >= MIN_DURATION_NS:
             self.visible = seen.now
 
 
 class Unnoticed:
-    """How far the tool goes wrong after that could be seen: by how much the true error, mm from
-    where the target was shown, grows while the servo servoes and names no cause.
+    """Growth of the true error while a disturbance is visible and the servo reports no cause.
 
-    A stop is a word. If the tool goes on afterwards, what is wrong must be visible anew.
+    A stop is a report. If the tool continues afterwards, the disturbance must become visible again.
+
+    Parameters
+    ----------
+    oracle : Oracle
+        Detector of the disturbance.
     """
 
     grown: float
-    """mm, the most beyond the true error at the moment at which it could be seen first."""
+    """Largest growth (mm) of the true error since the disturbance became visible."""
 
     def __init__(self, oracle: Oracle) -> None:
         self.oracle, self.grown = oracle, 0.0
-        self._then: float | None = None
+        self._first_error: float | None = None
 
     def look(self, tick: Tick, error: float) -> None:
-        """Look at a tick after which the true error is so many mm."""
+        """Update with a tick and the true error (mm) after it."""
         state = tick.state
         if state.phase in STOPPED:
-            self.oracle.look_away()
+            self.oracle.reset()
         else:
             self.oracle.look(tick.seen)
         if self.oracle.visible is None:
-            self._then = None
+            self._first_error = None
             return
-        self._then = error if self._then is None else self._then
+        self._first_error = error if self._first_error is None else self._first_error
         if state.phase is Phase.SERVO and state.cause is Cause.NONE:
-            self.grown = max(self.grown, error - self._then)
+            self.grown = max(self.grown, error - self._first_error)

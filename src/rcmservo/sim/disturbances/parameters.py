@@ -1,4 +1,4 @@
-"""The parameters that a kind of disturbance can have: a number, or one of a few words."""
+"""Parameters of the kinds of disturbance: a number, or one of a few words."""
 
 import math
 from dataclasses import dataclass
@@ -12,77 +12,77 @@ Value = float | str
 
 @dataclass(frozen=True)
 class Number:
-    """A parameter that is a number."""
+    """Parameter that is a number."""
 
     default: float
-    """Where none is given."""
+    """Default value."""
 
     low: float
-    """The least that may be given."""
+    """Least value."""
 
     high: float
-    """The greatest that may be given."""
+    """Greatest value."""
 
-    likely: tuple[float, float]
-    """The least and the greatest that chance draws."""
+    sampled_range: tuple[float, float]
+    """Least and greatest value of random disturbances."""
 
     unit: str = ""
-    """Empty where there is none."""
+    """Unit, empty if there is none."""
 
-    whole: bool = False
-    """Whether only whole numbers will do."""
+    is_whole: bool = False
+    """True if the value must be a whole number."""
 
     def read(self, where: str, value: object) -> float:
-        """The value as a number, if it is one within the bounds."""
-        number = as_number(value)
-        good = self.low <= number <= self.high and (not self.whole or number.is_integer())
-        require(good, where, value, self.right)
+        """Return the value as a number; raise `BadInput` if it is outside the range."""
+        number = to_number(value)
+        valid = self.low <= number <= self.high and (not self.is_whole or number.is_integer())
+        require(valid, where, value, self.expected)
         return number
 
-    def draw(self, random: np.random.Generator) -> float:
-        """A value by chance."""
-        low, high = self.likely
-        if self.whole:
+    def sample(self, random: np.random.Generator) -> float:
+        """Return a random value."""
+        low, high = self.sampled_range
+        if self.is_whole:
             return float(random.integers(int(low), int(high) + 1))
         return float(f"{random.uniform(low, high):.3g}")
 
     @property
-    def right(self) -> str:
-        """The accepted values, in words."""
-        kind = "a whole number" if self.whole else "a number"
+    def expected(self) -> str:
+        """Accepted values, in words."""
+        kind = "a whole number" if self.is_whole else "a number"
         return f"{kind}{f' of {self.unit}' if self.unit else ''} from {self.low:g} to {self.high:g}"
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A parameter that is one of a few words."""
+    """Parameter that is one of a few words."""
 
     default: str
-    """Where none is given."""
+    """Default value."""
 
     words: tuple[str, ...]
-    """All that may be given."""
+    """Accepted words."""
 
     def read(self, where: str, value: object) -> str:
-        """The value, if it is one of the words."""
-        require(value in self.words, where, value, self.right)
+        """Return the value; raise `BadInput` if it is none of the words."""
+        require(value in self.words, where, value, self.expected)
         return str(value)
 
-    def draw(self, random: np.random.Generator) -> str:
-        """A word by chance."""
+    def sample(self, random: np.random.Generator) -> str:
+        """Return a random word."""
         return str(random.choice(self.words))
 
     @property
-    def right(self) -> str:
-        """The accepted values, in words."""
+    def expected(self) -> str:
+        """Accepted values, in words."""
         return "one of " + ", ".join(self.words)
 
 
 Parameter = Number | Choice
 
 
-def as_number(value: object) -> float:
-    """The value as a number; NaN where it is none."""
+def to_number(value: object) -> float:
+    """Return the value as a number, NaN if it is none."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return math.nan
     try:
@@ -91,6 +91,6 @@ def as_number(value: object) -> float:
         return math.nan
 
 
-def written(value: Value) -> str:
-    """The value as a person would write it."""
+def format_value(value: Value) -> str:
+    """Return the value as text."""
     return value if isinstance(value, str) else f"{value:.12g}"

@@ -1,4 +1,4 @@
-"""Times at which the disturbances of a rig act, counted from the moment at which the run begins."""
+"""Times of the disturbances of a rig, counted from the start of the run."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -10,19 +10,19 @@ from rcmservo.sim.disturbances.disturbance import Disturbance
 
 @dataclass(eq=False)
 class Event:
-    """A disturbance in one run."""
+    """Disturbance in one run."""
 
     disturbance: Disturbance
-    """The disturbance."""
+    """Disturbance."""
 
     start: int
-    """ns."""
+    """Start, ns."""
 
     end: float
-    """ns; inf if it acts to the end of the run."""
+    """End, ns; inf if it lasts to the end of the run."""
 
     random: np.random.Generator
-    """Chance of its own."""
+    """Generator of its own random numbers."""
 
     @property
     def kind(self) -> str:
@@ -33,56 +33,66 @@ class Event:
         return self.disturbance.axis
 
     def number(self, name: str) -> float:
-        """The disturbance's parameter of this name."""
+        """Return a parameter that is a number."""
         return self.disturbance.number(name)
 
     def word(self, name: str) -> str:
-        """The disturbance's parameter of this name, a word."""
+        """Return a parameter that is a word."""
         return str(self.disturbance.parameters[name])
 
 
 class Schedule:
-    """All disturbances of a rig. Nothing acts before `begin`."""
+    """Disturbances of a rig with their times. None acts before `begin`.
+
+    Parameters
+    ----------
+    disturbances : sequence of Disturbance
+        Disturbances of the run.
+    chance : numpy.random.SeedSequence
+        Seed of all their random numbers.
+    """
 
     killed: bool
-    """True once the process was killed: it sends nothing any more."""
+    """True after the process was killed: it sends nothing more."""
 
     def __init__(self, disturbances: Sequence[Disturbance], chance: np.random.SeedSequence) -> None:
         self.disturbances = tuple(disturbances)
         self._chance = chance.spawn(len(self.disturbances))
-        self._later = chance
+        self._seed = chance
         self.events: list[Event] = []
         self._kinds: frozenset[str] = frozenset()
         self.killed = False
 
     def begin(self, now: int) -> None:
-        """The run begins at `now` ns."""
+        """Start the run at `now` (ns)."""
         pairs = zip(self.disturbances, self._chance, strict=True)
-        self.events = [_event(disturbance, now, chance) for disturbance, chance in pairs]
+        self.events = [_make_event(disturbance, now, chance) for disturbance, chance in pairs]
         self._kinds = frozenset(event.kind for event in self.events)
 
     def add(self, disturbance: Disturbance, now: int) -> None:
-        """One more, whose time counts from `now` ns; its chance follows from how many there were
-        before."""
-        self.events.append(_event(disturbance, now, self._later.spawn(1)[0]))
+        """Add a disturbance whose time counts from `now` (ns).
+
+        Its random numbers follow from the number of disturbances before it.
+        """
+        self.events.append(_make_event(disturbance, now, self._seed.spawn(1)[0]))
         self._kinds |= {disturbance.kind}
 
     def end(self, now: int) -> None:
-        """Whatever still acts is over at `now` ns. What stays where it is by then stays."""
+        """End all disturbances at `now` (ns). Permanent effects remain."""
         for event in self.events:
             event.end = min(event.end, max(event.start, now))
 
-    def acting(self, time: int, *kinds: str) -> Iterable[Event]:
-        """Those of these kinds that act at `time` ns."""
-        return (event for event in self.begun(time, *kinds) if time < event.end)
+    def active(self, time: int, *kinds: str) -> Iterable[Event]:
+        """Return the events of these kinds that act at `time` (ns)."""
+        return (event for event in self.started(time, *kinds) if time < event.end)
 
-    def begun(self, time: int, *kinds: str) -> Iterable[Event]:
-        """Those of these kinds that have begun by `time` ns, whether they still act or not."""
+    def started(self, time: int, *kinds: str) -> Iterable[Event]:
+        """Return the events of these kinds that have started by `time` (ns), ended or not."""
         if self._kinds.isdisjoint(kinds):
             return ()
         return (event for event in self.events if event.kind in kinds and event.start <= time)
 
 
-def _event(disturbance: Disturbance, begun: int, chance: np.random.SeedSequence) -> Event:
-    start = begun + round(disturbance.at * 1e9)
+def _make_event(disturbance: Disturbance, run_start: int, chance: np.random.SeedSequence) -> Event:
+    start = run_start + round(disturbance.at * 1e9)
     return Event(disturbance, start, start + disturbance.lasts * 1e9, np.random.default_rng(chance))

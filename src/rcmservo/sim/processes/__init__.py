@@ -1,1 +1,1 @@
-"""The simulated arm and camera as processes of their own, in wall time."""
+"""Simulated arm and camera as separate processes, in wall time."""

@@ -1,10 +1,8 @@
-"""The simulated arm as a device: a process of its own that lives in wall time and is reached over a
-wire alone.
+"""Simulated arm as a device: a separate process in wall time that is reached only over a socket.
 
-Its physics keeps up with the clock in steps of a millisecond. The watchdog is fed by valid commands
-of the session that has the drive, and by nothing else that arrives. Should this process itself be
-held up, a command counts from the moment at which it was sent: a stall of the emulator is none of
-the arm.
+Its physics follows the clock in steps of a millisecond. Only valid commands of the session that
+owns the drive feed the watchdog. If this process itself is delayed, a command counts from the time
+at which it was sent: a stall of the emulator must not look like one of the arm.
 """
 
 import contextlib
@@ -36,124 +34,156 @@ from rcmservo.sim.arm import STEP
 from rcmservo.sim.disturbances.arm_faults import DisturbedArm
 from rcmservo.sim.processes.live_disturbances import Mischief
 from rcmservo.sim.processes.motion_log import MotionLog
-from rcmservo.sim.rig import SETTLE, Rig, RigSettings
+from rcmservo.sim.rig import SETTLE_TIME_NS, Rig, RigSettings
 
-PACE = 2_000_000
-"""ns from answer to answer."""
+STATE_PERIOD_NS = 2_000_000
+"""Period of the arm's state messages, ns."""
 
-KNOWN = 1_000_000_000
-"""ns for which a servo that sends nothing gets answers."""
+CLIENT_TIMEOUT_NS = 1_000_000_000
+"""Time (ns) for which a client that sends nothing still receives state messages."""
 
-FRESH = 1_000_000_000
-"""ns after which nobody still wants what was asked."""
+REQUEST_LIFETIME_NS = 1_000_000_000
+"""Time (ns) after which a request is too old to be carried out."""
 
 
 class ArmDevice:
-    """A simulated arm behind a wire; `turn` does all that is due at `now` ns of the wall clock."""
+    """Simulated arm behind a socket.
+
+    Parameters
+    ----------
+    rig : Rig
+        Simulated laboratory of the arm.
+    wire : socket.socket
+        Socket of the arm.
+    log : MotionLog
+        Log of the arm's motion.
+    now : int
+        Present wall time, ns.
+    """
 
     def __init__(self, rig: Rig, wire: socket.socket, log: MotionLog, now: int) -> None:
         self.rig, self.wire, self.log = rig, wire, log
         self.arm = rig.truth.arm
-        rig.open_to_trouble()
+        rig.accept_live_disturbances()
         assert isinstance(rig.arm, DisturbedArm)
         self.front = rig.arm
         self.session = 0
-        self._callers: dict[str, int] = {}
-        self._asked = 0
-        self._due: list[tuple[int, str, int]] = []
-        self._answered = 0
+        self._clients: dict[str, int] = {}
+        self._last_request = 0
+        self._pending: list[tuple[int, str, int]] = []
+        self._last_state_time = 0
         self.arm.time = now // STEP * STEP
         self.arm.place(rig.scene.start)
         self.advance(now)
 
     def turn(self, now: int) -> None:
-        """Hear what has come, let time pass until now, and answer."""
+        """Process the received messages, let time pass until `now` (ns) and answer."""
         for message, sender in receive(self.wire):
-            if not self.front.silent:
-                self._hear(message, sender, now)
+            if not self.front.is_silent:
+                self._receive(message, sender, now)
         self.advance(now)
-        if self.front.silent:
+        if self.front.is_silent:
             return
-        done = [entry for entry in self._due if entry[0] <= now]
-        if done or now - self._answered >= PACE:
-            self._answered = now
-            self._answer(now)
-        for entry in done:
-            self._due.remove(entry)
+        finished = [entry for entry in self._pending if entry[0] <= now]
+        if finished or now - self._last_state_time >= STATE_PERIOD_NS:
+            self._last_state_time = now
+            self._send_state(now)
+        for entry in finished:
+            self._pending.remove(entry)
             self._send(Done(entry[2]), entry[1])
 
     def advance(self, now: int) -> None:
-        """Let time pass until `now`."""
+        """Let time pass until `now` (ns)."""
         while self.arm.time < now:
             self._step()
 
     def off(self) -> None:
-        """Zero and off, at once."""
+        """Zero the rates and switch the drive off, at once."""
         self.arm.watchdog.disable()
         self._step()
 
     def _step(self) -> None:
         self.rig.clock.wait_until(self.arm.time + STEP)
-        dog = self.arm.watchdog
+        watchdog = self.arm.watchdog
         self.log.add(
-            self.arm.time, time.monotonic_ns(), dog.number, dog.enabled, dog.rates, self.arm.q_true
+            self.arm.time,
+            time.monotonic_ns(),
+            watchdog.number,
+            watchdog.enabled,
+            watchdog.rates,
+            self.arm.q_true,
         )
 
-    def _hear(self, message: Message, sender: str, now: int) -> None:
+    def _receive(self, message: Message, sender: str, now: int) -> None:
         match message:
             case Setpoint(session, command):
                 if session == self.session or not command.enabled:
-                    self._obey(command, now)
-            case Request(number, session, action):
-                if not (self._asked < number <= now and now - number <= FRESH):
+                    self._apply_command(command, now)
+            case Request(number, session, request):
+                if not (self._last_request < number <= now and now - number <= REQUEST_LIFETIME_NS):
                     return
-                self._asked = number
-                self._due.append((self._do(action, session, now), sender, number))
+                self._last_request = number
+                self._pending.append((self._carry_out(request, session, now), sender, number))
             case _:
                 return
-        self._callers[sender] = now
+        self._clients[sender] = now
 
-    def _obey(self, command: Command, now: int) -> None:
+    def _apply_command(self, command: Command, now: int) -> None:
         self.advance(min(command.time, now))
         self.front.apply(command)
 
-    def _do(self, action: Action, session: int, now: int) -> int:
-        """Do what a person wants; when it will be done, ns."""
+    def _carry_out(self, request: Action, session: int, now: int) -> int:
+        """Carry out an operator's request; return the time (ns) at which it is done."""
         self.advance(now)
-        if action is Action.ENABLE:
+        if request is Action.ENABLE:
             self.off()
             self.session = session
             self.front.enable()
-        elif action in (Action.HOLD_AT_TARGET, Action.RETURN_TO_START):
+        elif request in (Action.HOLD_AT_TARGET, Action.RETURN_TO_START):
             scene = self.rig.scene
-            self.arm.place(scene.target if action is Action.HOLD_AT_TARGET else scene.start)
-            return now + SETTLE
+            self.arm.place(scene.target if request is Action.HOLD_AT_TARGET else scene.start)
+            return now + SETTLE_TIME_NS
         return now
 
-    def _answer(self, now: int) -> None:
-        """Tell all who were heard of lately how the arm is."""
-        self._callers = {
-            caller: heard for caller, heard in self._callers.items() if now - heard <= KNOWN
+    def _send_state(self, now: int) -> None:
+        """Send the arm's state to all recent clients."""
+        self._clients = {
+            client: last_seen
+            for client, last_seen in self._clients.items()
+            if now - last_seen <= CLIENT_TIMEOUT_NS
         }
         at, q, enabled = self.front.measure()
-        dog = self.arm.watchdog
-        answer = ArmState(self.session, at, q, enabled, dog.rates, dog.number)
-        for caller in self._callers:
-            self._send(answer, caller)
+        watchdog = self.arm.watchdog
+        answer = ArmState(self.session, at, q, enabled, watchdog.rates, watchdog.number)
+        for client in self._clients:
+            self._send(answer, client)
 
-    def _send(self, message: Message, caller: str) -> None:
+    def _send(self, message: Message, client: str) -> None:
         with contextlib.suppress(OSError):
-            self.wire.sendto(encode(message), caller)
+            self.wire.sendto(encode(message), client)
 
 
-def emulate(
+def run_arm_process(
     folder: Path, seed: int, settings: RigSettings, log: MotionLog, control: Connection
 ) -> None:
-    """Be the arm until the other end of `control` says "end" or is gone; "off" is answered once the
-    drive is off.
+    """Run the arm until the other end of `control` sends "end" or closes.
 
-    The first thing that it says itself is where the target will be shown, the joints (3,), or why
-    there is no arm. The folder goes with it, also where nobody is left to tidy up.
+    The first message that it sends is the joints (3,) of the target, or the error for which there
+    is no arm. It answers "off" after the drive is off. It deletes the folder at the end, because
+    the parent process may be dead.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Folder of the socket.
+    seed : int
+        Seed of the laboratory.
+    settings : RigSettings
+        Parts of the laboratory.
+    log : MotionLog
+        Log of the arm's motion.
+    control : multiprocessing.connection.Connection
+        Connection to the parent process.
     """
     try:
         rig, wire = Rig(seed, settings, pictures=False), open_socket(arm_socket_path(folder))
@@ -163,15 +193,15 @@ def emulate(
     with contextlib.closing(wire), realtime():
         device = ArmDevice(rig, wire, log, time.monotonic_ns())
         control.send(rig.scene.target)
-        said: Any = ""
-        while said != "end":
-            left = device.arm.time - time.monotonic_ns()
-            ready, _, _ = select.select([wire, control], [], [], max(left, 0) * 1e-9)
+        message: Any = ""
+        while message != "end":
+            remaining = device.arm.time - time.monotonic_ns()
+            ready, _, _ = select.select([wire, control], [], [], max(remaining, 0) * 1e-9)
             device.turn(time.monotonic_ns())
-            said = heard(control) if control in ready else ""
-            if isinstance(said, Mischief):
-                said.befalls(rig.schedule)
-            elif said == "off":
+            message = heard(control) if control in ready else ""
+            if isinstance(message, Mischief):
+                message.befalls(rig.schedule)
+            elif message == "off":
                 device.off()
                 control.send("off")
         device.off()

@@ -1,5 +1,4 @@
-"""The simulated camera as a process of its own, so that rendering holds up neither the arm nor the
-servo."""
+"""Simulated camera as a separate process: rendering delays neither the arm nor the servo."""
 
 import time
 from dataclasses import replace
@@ -11,66 +10,78 @@ from rcmservo.live.child import heard
 from rcmservo.live.frame_ring import FrameRing
 from rcmservo.loop.clock import sleep_until
 from rcmservo.loop.joint_history import JointHistory
-from rcmservo.sim.arm import PAST
-from rcmservo.sim.disturbances.frame_delivery import Delivery
+from rcmservo.sim.arm import HISTORY_STEPS
+from rcmservo.sim.disturbances.frame_delivery import FrameDelivery
 from rcmservo.sim.processes.live_disturbances import Mischief
 from rcmservo.sim.processes.motion_log import MotionLog
 from rcmservo.sim.rig import Rig, RigSettings
 
-BEHIND = 2_000_000
-"""ns after the end of an exposure at which the arm's log is sure to hold it."""
+LOG_DELAY_NS = 2_000_000
+"""Time (ns) after the end of an exposure by which the arm's log contains it."""
 
 
 class Elsewhere:
-    """The arm in its own process, as its log tells of it; `time` ns is when the camera looks."""
+    """Arm in another process, read from its motion log; `time` (ns) is that of the camera."""
 
     def __init__(self, log: MotionLog) -> None:
         self.time, self.log = 0, log
-        self._past, self._read = JointHistory(PAST), 0
+        self._history, self._rows_read = JointHistory(HISTORY_STEPS), 0
 
     def joints_at(self, time: int) -> Floats:
-        """The joints (3,) at a moment (ns) of the last second."""
+        """Return the joints (3,) at a time (ns) within the last second."""
         count = self.log.count
-        for row in self.log.since(max(self._read, count - PAST)):
-            self._past.add(int(row["time"]), row["q"])
-        self._read = count
-        return self._past.at(time)
+        for row in self.log.since(max(self._rows_read, count - HISTORY_STEPS)):
+            self._history.add(int(row["time"]), row["q"])
+        self._rows_read = count
+        return self._history.at(time)
 
 
 def film(
     seed: int, settings: RigSettings, log: MotionLog, ring: FrameRing, control: Connection
 ) -> None:
-    """Publish frame after frame at the camera's pace until the other end of `control` says "end" or
-    is gone.
+    """Publish frames at the camera's rate until the other end of `control` sends "end" or closes.
 
-    It says "ready" once it can. A frame that would come too late because the one before took long
-    is left out.
+    It sends "ready" before the first frame. It skips a frame that would be late because the
+    previous one took long.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the laboratory.
+    settings : RigSettings
+        Parts of the laboratory.
+    log : MotionLog
+        Log of the arm's motion.
+    ring : FrameRing
+        Ring buffer to which the frames are written.
+    control : multiprocessing.connection.Connection
+        Connection to the parent process.
     """
     rig, arm = Rig(seed, settings), Elsewhere(log)
     timing = settings.timing
     period, half = 1e9 / timing.frame_rate, round(0.5e9 * timing.exposure)
-    late = half + round(1e9 * timing.delay)
+    latency = half + round(1e9 * timing.delay)
     number = int((time.monotonic_ns() - half) / period)
-    arm.time = round(number * period) + late
-    rig.open_to_trouble(arm)
-    view = rig.camera
-    assert isinstance(view, Delivery)
-    camera = Delivery(view.camera, time.monotonic_ns, rig.schedule)
+    arm.time = round(number * period) + latency
+    rig.accept_live_disturbances(arm)
+    delivery = rig.camera
+    assert isinstance(delivery, FrameDelivery)
+    camera = FrameDelivery(delivery.camera, time.monotonic_ns, rig.schedule)
     camera.latest()
     control.send("ready")
-    shown: Frame | None = None
-    said: Any = ""
-    while said != "end":
-        ready = round(number * period) + half + BEHIND
+    published: Frame | None = None
+    message: Any = ""
+    while message != "end":
+        ready = round(number * period) + half + LOG_DELAY_NS
         due = camera.due
         sleep_until(ready if due is None else min(ready, due))
         if time.monotonic_ns() >= ready:
-            arm.time = round(number * period) + late
-            number = max(number + 1, int((time.monotonic_ns() - half - BEHIND) / period))
+            arm.time = round(number * period) + latency
+            number = max(number + 1, int((time.monotonic_ns() - half - LOG_DELAY_NS) / period))
         frame, now = camera.latest(), time.monotonic_ns()
-        if frame is not None and frame is not shown:
-            shown = frame
-            ring.publish(replace(frame, arrival=frame.arrival + now - camera.came))
-        said = heard(control) if control.poll() else ""
-        if isinstance(said, Mischief):
-            said.befalls(rig.schedule)
+        if frame is not None and frame is not published:
+            published = frame
+            ring.publish(replace(frame, arrival=frame.arrival + now - camera.newest_arrival))
+        message = heard(control) if control.poll() else ""
+        if isinstance(message, Mischief):
+            message.befalls(rig.schedule)

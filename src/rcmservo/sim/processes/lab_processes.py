@@ -1,8 +1,8 @@
-"""The simulated arm and camera, running in processes of their own: a client of the live wing.
+"""Simulated arm and camera in separate processes: a client of the live package.
 
-bench ─┬─► arm process      physics and watchdog, in wall time     ▲ wire: commands, answers
-       ├─► camera process   renders into shared memory             │
-       └─  session ───────► servo process ─────────────────────────┘
+parent ─┬─► arm process      physics and watchdog, in wall time     ▲ socket: commands, states
+        ├─► camera process   renders into shared memory             │
+        └─  session ───────► servo process ─────────────────────────┘
 """
 
 import contextlib
@@ -21,19 +21,32 @@ from rcmservo.live.servo_process import Session
 from rcmservo.loop.shown import TEACHING_FRAMES
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
-from rcmservo.sim.processes.arm_process import emulate
+from rcmservo.sim.processes.arm_process import run_arm_process
 from rcmservo.sim.processes.camera_process import film
 from rcmservo.sim.processes.live_disturbances import Mischief
 from rcmservo.sim.processes.motion_log import MotionLog, TrueError, stopped
 from rcmservo.sim.rig import RigSettings
 from rcmservo.tracking import ColourMarkers, MarkerLook
 
-LONGEST = 80
-"""Bytes of a folder's path that leave room for the sockets in it."""
+MAX_FOLDER_BYTES = 80
+"""Length (bytes) of a folder's path that leaves room for the sockets' names."""
 
 
 class Bench:
-    """A simulated arm and its camera that run; use it as a context."""
+    """Simulated arm and camera in separate processes; use it as a context manager.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the laboratory.
+    settings : RigSettings
+        Parts of the laboratory.
+
+    Raises
+    ------
+    RcmServoError
+        On entry, if the laboratory cannot be built or its folder's path is too long for sockets.
+    """
 
     def __init__(self, seed: int, settings: RigSettings) -> None:
         context = get_context("spawn")
@@ -46,10 +59,12 @@ class Bench:
     def __enter__(self) -> "Bench":
         with self._stack:
             folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="rcmservo-"))
-            self.folder = _short(Path(folder))
-            self.arm = self._child(emulate, self.folder, self._seed, self.settings, self.log)
+            self.folder = _require_short(Path(folder))
+            self.arm = self._start_child(
+                run_arm_process, self.folder, self._seed, self.settings, self.log
+            )
             self.target: Any = self.arm.hear()
-            self.camera = self._child(film, self._seed, self.settings, self.log, self.ring)
+            self.camera = self._start_child(film, self._seed, self.settings, self.log, self.ring)
             self.camera.hear()
             self._stack = self._stack.pop_all()
         return self
@@ -57,7 +72,7 @@ class Bench:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def _child(self, work: Callable[..., None], *arguments: Any) -> Child:
+    def _start_child(self, work: Callable[..., None], *arguments: Any) -> Child:
         child = Child(self._context, work, *arguments)
         self._stack.callback(child.end)
         return child
@@ -71,8 +86,23 @@ class Bench:
         about: dict[str, Any] | None = None,
         frames: int = TEACHING_FRAMES,
     ) -> Session:
-        """A live run of `duration` s on this bench, recorded in a new file with what it says of the
-        run. Its target is the mean of so many frames."""
+        """Return a live session on this laboratory.
+
+        Parameters
+        ----------
+        servo : Servo
+            Servo that runs.
+        markers : MarkerLook
+            Appearance of the markers.
+        duration : float
+            Length of the session, s.
+        record : pathlib.Path
+            File of the record, which must not exist.
+        about : dict, optional
+            Description of the run in the record.
+        frames : int
+            Frames of the taught target.
+        """
         return Session(
             servo,
             duration,
@@ -84,31 +114,37 @@ class Bench:
         )
 
     def off(self, began: bool) -> str:
-        """Have the drive switched off, and say in words how the arm stands."""
+        """Switch the drive off and return the arm's state in words.
+
+        Parameters
+        ----------
+        began : bool
+            True if the session has sent commands.
+        """
         self.arm.tell("off")
         if self.arm.wire.poll(END):
             self.arm.hear()
         rows = self.log.since(0)
         stop = stopped(rows)
         if stop is None:
-            return "the arm does not say that its drive is off: use its emergency stop"
+            return "the arm did not report that its drive is off: use its emergency stop"
         after = (rows["time"][stop[1]] - rows["time"][stop[0]]) * 1e-6
-        took = f"the arm's drive went off {after:.0f} ms after its last command"
-        return took if began else "the arm's drive is off"
+        words = f"the arm's drive went off {after:.0f} ms after its last command"
+        return words if began else "the arm's drive is off"
 
-    def befall(self, trouble: Mischief) -> None:
-        """Let trouble begin, or end, in the arm and before the camera."""
+    def befall(self, change: Mischief) -> None:
+        """Start or end a disturbance in the arm and the camera."""
         for device in (self.arm, self.camera):
-            device.tell(trouble)
+            device.tell(change)
 
     def error(self) -> float:
-        """‖p₂ − p_d‖ mm, by the truth: how far the tool is from where it was shown."""
+        """Return ‖p₂ − p_d‖ (mm), the true distance of the tool from the taught target."""
         return TrueError(self.settings, self.log)(self.settings.drive.told(self.target))
 
 
-def _short(folder: Path) -> Path:
-    """A folder whose path leaves room for sockets."""
-    if len(str(folder).encode()) > LONGEST:
-        why = f"must be at most {LONGEST} bytes long for sockets: set a shorter TMPDIR"
-        raise UnusableFile(folder, why)
+def _require_short(folder: Path) -> Path:
+    """Return the folder if its path leaves room for sockets, raise `UnusableFile` otherwise."""
+    if len(str(folder).encode()) > MAX_FOLDER_BYTES:
+        reason = f"must be at most {MAX_FOLDER_BYTES} bytes long for sockets: set a shorter TMPDIR"
+        raise UnusableFile(folder, reason)
     return folder

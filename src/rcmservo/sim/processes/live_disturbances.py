@@ -1,24 +1,23 @@
-"""Trouble that comes while a simulated laboratory runs: what its processes are told of it, and the
-menu that it is chosen from."""
+"""Disturbances that start while a simulated laboratory runs, and the menu of their kinds."""
 
 from dataclasses import dataclass
 from typing import Any
 
 from rcmservo.errors import require
 from rcmservo.sim.disturbances.disturbance import Disturbance
-from rcmservo.sim.disturbances.kinds import IN_RUNS_ONLY, KINDS
+from rcmservo.sim.disturbances.kinds import KINDS, NOT_LIVE_KINDS
 from rcmservo.sim.disturbances.parameters import Number
 from rcmservo.sim.disturbances.schedule import Schedule
 
 
 @dataclass(frozen=True)
 class Mischief:
-    """What is told to each of the processes, which all count alike."""
+    """Start or end of disturbances, sent to all processes of the laboratory."""
 
     at: int
-    """ns of the wall clock."""
+    """Wall time, ns."""
     begins: Disturbance | None
-    """What begins then; None: all that acts ends."""
+    """Disturbance that starts; None ends all that act."""
 
     def befalls(self, schedule: Schedule) -> None:
         """Write it into a schedule."""
@@ -29,30 +28,38 @@ class Mischief:
 
 
 def chosen(text: str) -> Disturbance:
-    """The disturbance that a person has written, if a laboratory that runs can suffer it."""
+    """Return the disturbance of a text.
+
+    Raises
+    ------
+    BadInput
+        If the text is invalid, or a laboratory in wall time cannot have its kind.
+    """
     disturbance = Disturbance.parse(text)
-    good = [kind for kind in KINDS if kind not in IN_RUNS_ONLY]
-    require(disturbance.kind in good, "trouble", disturbance.kind, "one of " + ", ".join(good))
+    kinds = [kind for kind in KINDS if kind not in NOT_LIVE_KINDS]
+    require(
+        disturbance.kind in kinds, "disturbance", disturbance.kind, "one of " + ", ".join(kinds)
+    )
     return disturbance
 
 
 def menu() -> list[dict[str, Any]]:
-    """What there is to choose from, as plain data."""
+    """Return the kinds with their parameters, as plain data."""
     return [
         {
             "kind": name,
-            "does": kind.does,
+            "does": kind.effect,
             "lasts": kind.lasts is not None,
             "parameters": [
                 {
                     "name": key,
-                    "default": one.default,
-                    "right": one.right,
-                    "unit": one.unit if isinstance(one, Number) else "",
+                    "default": parameter.default,
+                    "right": parameter.expected,
+                    "unit": parameter.unit if isinstance(parameter, Number) else "",
                 }
-                for key, one in kind.parameters.items()
+                for key, parameter in kind.parameters.items()
             ],
         }
         for name, kind in KINDS.items()
-        if name not in IN_RUNS_ONLY
+        if name not in NOT_LIVE_KINDS
     ]

@@ -1,8 +1,7 @@
-"""What a simulated arm did, millisecond by millisecond, in memory that its camera and its judge
-share with it.
+"""Log of a simulated arm's motion in shared memory, and the true error computed from it.
 
-It is no `SharedRing`: readers index rows by time and take tens of thousands as one array, which
-copies and checksums of single entries would make slow.
+It has one row per ms. It is no `SharedRing`: readers index rows by time and read tens of thousands
+as one array, which copies and checksums of single entries would make slow.
 """
 
 from multiprocessing.context import BaseContext
@@ -15,9 +14,10 @@ from rcmservo.interfaces import Floats
 from rcmservo.sim.rig import RigSettings
 from rcmservo.sim.tool_body import Body
 
-ROWS = 1 << 15
+LOG_ROWS = 1 << 15
+"""Rows of the log."""
 
-ROW = np.dtype(
+LOG_ROW = np.dtype(
     [
         ("time", "i8"),
         ("wall", "i8"),
@@ -27,27 +27,36 @@ ROW = np.dtype(
         ("q", "f8", (3,)),
     ]
 )
-"""The arm's time and the wall clock's when it got there, ns; the newest valid command's number;
-whether the drive is on; the rates (3,) it was told; the true joints (3,)."""
+"""Row: the arm's time and the wall time of the step (ns), the number of the newest valid command,
+the drive's state, the applied rates (3,) and the true joints (3,)."""
 
 Rows = NDArray[Any]
 
 
 def stopped(rows: Rows) -> tuple[int, int] | None:
-    """The rows in which the newest valid command was taken and, later, its drive was off; None
-    where it is still on."""
+    """Return the row of the newest valid command and the row in which the drive is off after it.
+
+    None if the drive is still on.
+    """
     changes = np.flatnonzero(np.diff(rows["number"]))
-    taken = int(changes[-1]) + 1 if len(changes) else 0
-    off = np.flatnonzero(rows["enabled"][taken:] == 0)
-    return (taken, taken + int(off[0])) if len(off) else None
+    accepted = int(changes[-1]) + 1 if len(changes) else 0
+    is_off = np.flatnonzero(rows["enabled"][accepted:] == 0)
+    return (accepted, accepted + int(is_off[0])) if len(is_off) else None
 
 
 class MotionLog:
-    """The last rows of one arm, one per step of its physics. One writer; handed to a process when
-    that is started."""
+    """Last rows of one arm, one per physics step.
+
+    It has one writer; child processes can inherit it.
+
+    Parameters
+    ----------
+    context : multiprocessing.context.BaseContext
+        Context in which the processes start.
+    """
 
     def __init__(self, context: BaseContext) -> None:
-        self._memory: Any = context.RawArray("B", ROWS * ROW.itemsize)
+        self._memory: Any = context.RawArray("B", LOG_ROWS * LOG_ROW.itemsize)
         self._count: Any = context.RawValue("q", 0)
         self._rows: Rows | None = None
 
@@ -56,43 +65,51 @@ class MotionLog:
 
     @property
     def rows(self) -> Rows:
-        """The ring as it lies in memory."""
+        """Ring buffer as it lies in memory."""
         if self._rows is None:
-            self._rows = np.frombuffer(self._memory, ROW)
+            self._rows = np.frombuffer(self._memory, LOG_ROW)
         return self._rows
 
     @property
     def count(self) -> int:
-        """Rows written so far."""
+        """Number of rows written so far."""
         return self._count.value
 
     def add(
         self, time: int, wall: int, number: int, enabled: bool, applied: Floats, q: Floats
     ) -> None:
-        self.rows[self.count % ROWS] = (time, wall, number, enabled, applied, q)
+        self.rows[self.count % LOG_ROWS] = (time, wall, number, enabled, applied, q)
         self._count.value += 1
 
     def last(self) -> Any:
-        """The newest row."""
-        return self.rows[(self.count - 1) % ROWS].copy()
+        """Return the newest row."""
+        return self.rows[(self.count - 1) % LOG_ROWS].copy()
 
     def since(self, count: int) -> Rows:
-        """The rows from the `count`-th on, as far as they are still there."""
+        """Return the rows from the `count`-th on that are still stored."""
         end = self.count
-        return self.rows[np.arange(max(count, end - ROWS + 1), end) % ROWS]
+        return self.rows[np.arange(max(count, end - LOG_ROWS + 1), end) % LOG_ROWS]
 
 
 class TrueError:
-    """‖p₂ − p_d‖ mm for the joints (3,) that the arm told while a target was shown. It is handed to
-    a process when that is started."""
+    """True distance ‖p₂ − p_d‖ (mm) of the tool from a target. Child processes can inherit it.
+
+    Parameters
+    ----------
+    settings : RigSettings
+        Parts of the laboratory.
+    log : MotionLog
+        Log of the arm's motion.
+    """
 
     def __init__(self, settings: RigSettings, log: MotionLog) -> None:
         self._body, self._log = Body(settings.mechanism, settings.tool), log
         self._drive = settings.drive
 
-    def __call__(self, shown: Floats) -> float:
-        now, there = (
-            self._body.points(q)[1] for q in (self._log.last()["q"], self._drive.true(shown))
+    def __call__(self, q_measured: Floats) -> float:
+        """Return the error (mm) for the joints (3,) measured while the target was taught."""
+        present, desired = (
+            self._body.points(q)[1] for q in (self._log.last()["q"], self._drive.true(q_measured))
         )
-        away: Floats = now - there
-        return float(np.linalg.norm(away))
+        difference: Floats = present - desired
+        return float(np.linalg.norm(difference))

@@ -1,25 +1,26 @@
-"""Pictures of the tool over the tissue: a ray-caster for one still camera, a plane, four capsules.
+"""Ray-caster: images of the tool in front of the tissue.
 
-The camera and the tissue stand still, so the lit tissue is painted once. A picture is then made in
-four passes: the tool's soft shadow on the tissue (shadow.py); which capsule each pixel sees
-(coverage.py); the capsules' colours (painting.py); the sensor's noise (sensor.py).
+The camera is static; the scene is a plane and four capsules. The lit tissue is rendered once,
+because it is static too. Four passes then make an image: the tool's soft shadow on the tissue
+(lighting.py); the capsule that each pixel shows (coverage.py); the capsules' colours (painting.py);
+the sensor's noise (renderer.py).
 
-Inside, everything is in camera axes, in mm. A ray is (x, y, 1) t, so t is depth. Light is linear,
-in grey levels (255 saturates). Colours are blue, green, red as in OpenCV.
+All coordinates inside are in camera axes, in mm. A ray is (x, y, 1) t, so t is depth. Light is
+linear, in grey levels (255 saturates). Colours are blue, green, red as in OpenCV.
 """
 
 from rcmservo.sim.rendering.look import Colour, Light, Look
-from rcmservo.sim.rendering.random_fields import random_field, sampled
-from rcmservo.sim.rendering.renderer import Between, Renderer
+from rcmservo.sim.rendering.random_fields import make_random_field, sample_field
+from rcmservo.sim.rendering.renderer import LightFilter, Renderer
 from rcmservo.sim.rendering.tissue import Tissue
 
 __all__ = [
-    "Between",
     "Colour",
     "Light",
+    "LightFilter",
     "Look",
     "Renderer",
     "Tissue",
-    "random_field",
-    "sampled",
+    "make_random_field",
+    "sample_field",
 ]

@@ -1,7 +1,7 @@
-"""The tool as four capsules: shaft, jaw, and the balls 1 and 2, which are capsules without length.
+"""Tool as four capsules: shaft, jaw, and the balls 1 and 2, which are capsules of length 0.
 
-`Capsules` is an array (1 + T, 4, 15): the exposure's mean pose first, then its T moments. A row
-holds the numbers of one `Capsule`.
+`Capsules` is an array (1 + T, 4, 15): the exposure's mean pose first, then its T poses. A row holds
+the numbers of one `Capsule`.
 """
 
 from typing import NamedTuple
@@ -13,8 +13,8 @@ from rcmservo.interfaces import Floats
 from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.rendering.look import Look
 
-NEAR = 1.0
-"""mm before the camera at which capsules are cut off."""
+NEAR_PLANE_MM = 1.0
+"""Depth (mm) of the near plane, at which capsules are cut off."""
 
 Capsules = Floats
 
@@ -22,16 +22,16 @@ Vector = tuple[float, float, float]
 
 
 class Capsule(NamedTuple):
-    """One capsule in one pose, with the products that every ray needs."""
+    """Capsule in one pose, with the products that every ray needs."""
 
     A: Vector
-    """mm, one end of the axis."""
+    """One end A of the axis, mm."""
 
     n: Vector
-    """mm, the way from A to the other end B."""
+    """Vector from A to the other end B, mm."""
 
     radius: float
-    """mm; 0 for what is not there or wholly behind the camera."""
+    """Radius, mm; 0 if the capsule is absent or entirely behind the camera."""
 
     nn: float
     """n·n."""
@@ -46,16 +46,16 @@ class Capsule(NamedTuple):
     """B·B − radius²."""
 
     colour: Vector
-    """Grey levels: blue, green, red."""
+    """Colour (blue, green, red), grey levels."""
 
     highlight: float
-    """Grey levels."""
+    """Specular intensity, grey levels."""
 
 
-def capsules_of(poses: Floats, optics: Optics, look: Look) -> Capsules:
-    """The tool in each of `poses` (T, 4, 3), which are those of `Renderer.render`: (1 + T, 4).
+def build_capsules(poses: Floats, optics: Optics, look: Look) -> Capsules:
+    """Return the capsules (1 + T, 4, 15) of the tool in `poses` (T, 4, 3), see `Renderer.render`.
 
-    The shaft reaches half way from m2 to the tip, the thinner jaw from there on.
+    The shaft extends half-way from m2 to the tip, the thinner jaw from there on.
     """
     poses = np.concatenate([poses.mean(axis=0)[None], poses])
     m1, m2, start, tip = np.moveaxis((poses - optics.position) @ optics.rotation.T, 1, 0)
@@ -63,7 +63,10 @@ def capsules_of(poses: Floats, optics: Optics, look: Look) -> Capsules:
     A = np.stack([start, wrist, m1, m2], axis=1)
     B = np.stack([wrist, tip, m1, m2], axis=1)
     radius = np.broadcast_to([look.shaft_radius, look.jaw_radius, *look.marker_radii], A.shape[:2])
-    A, B = _in_front(A, B, radius + NEAR), _in_front(B, A, radius + NEAR)
+    A, B = (
+        _clip_to_near_plane(A, B, radius + NEAR_PLANE_MM),
+        _clip_to_near_plane(B, A, radius + NEAR_PLANE_MM),
+    )
     r = np.where((A[..., 2] > radius) & (B[..., 2] > radius), radius, 0.0)
     n = B - A
     products = [(n * n).sum(-1), (A * n).sum(-1), (A * A).sum(-1) - r**2, (B * B).sum(-1) - r**2]
@@ -73,17 +76,17 @@ def capsules_of(poses: Floats, optics: Optics, look: Look) -> Capsules:
     return np.concatenate([A, n, numbers, colours, highlight[..., None]], axis=-1)
 
 
-def _in_front(end: Floats, other: Floats, near: Floats) -> Floats:
-    """`end`, moved along the axis to depth `near` if it is nearer and the `other` end is not."""
+def _clip_to_near_plane(end: Floats, other: Floats, near: Floats) -> Floats:
+    """Move `end` along the axis to depth `near` if it is nearer than that and `other` is not."""
     depth, far = end[..., 2], other[..., 2]
     cut = (depth < near) & (far > near)
-    share = np.where(cut, (near - depth) / np.where(cut, far - depth, 1), 0.0)
-    return end + share[..., None] * (other - end)
+    fraction = np.where(cut, (near - depth) / np.where(cut, far - depth, 1), 0.0)
+    return end + fraction[..., None] * (other - end)
 
 
 @compiled
-def capsule_in(capsules: Capsules, pose: int, k: int) -> Capsule:
-    """Capsule k in a pose."""
+def read_capsule(capsules: Capsules, pose: int, k: int) -> Capsule:
+    """Return capsule `k` in a pose."""
     row = capsules[pose, k]
     return Capsule(
         (row[0], row[1], row[2]),
@@ -99,8 +102,8 @@ def capsule_in(capsules: Capsules, pose: int, k: int) -> Capsule:
 
 
 @compiled
-def hit(ray: Vector, capsule: Capsule) -> float:
-    """The depth at which a ray (x, y, 1) enters a capsule; inf if it passes by."""
+def intersect(ray: Vector, capsule: Capsule) -> float:
+    """Return the depth at which a ray (x, y, 1) enters a capsule, inf if it misses."""
     if capsule.radius == 0.0:
         return np.inf
     nn, An, AA = capsule.nn, capsule.An, capsule.AA
@@ -115,7 +118,7 @@ def hit(ray: Vector, capsule: Capsule) -> float:
         along = t * dn - An
         if 0.0 < along < nn:
             return t if t > 0.0 else np.inf
-    if along > 0.0:  # the ball at B, else the one at A
+    if along > 0.0:  # the ball at B, otherwise the one at A
         dA, AA = dA + dn, capsule.BB
     h = dA * dA - dd * AA
     if h < 0.0:
@@ -125,34 +128,34 @@ def hit(ray: Vector, capsule: Capsule) -> float:
 
 
 @compiled
-def nearest(ray: Vector, capsules: Capsules, pose: int, which: int) -> tuple[int, float]:
-    """The first capsule of the bit set `which` that a ray meets in a pose, and its depth.
+def find_first_capsule(ray: Vector, capsules: Capsules, pose: int, bits: int) -> tuple[int, float]:
+    """Return the first capsule in the bit set `bits` that a ray meets in a pose, and its depth.
 
     The capsule is -1 if the ray meets none.
     """
     first, depth = -1, np.inf
     for k in range(4):
-        if which >> k & 1:
-            t = hit(ray, capsule_in(capsules, pose, k))
+        if bits >> k & 1:
+            t = intersect(ray, read_capsule(capsules, pose, k))
             if t < depth:
                 first, depth = k, t
     return first, depth
 
 
 @compiled
-def gap(p: Vector, u: Vector, capsule: Capsule) -> tuple[float, float]:
-    """How near the segment from p to p + u comes to a capsule's axis, mm.
+def distance_to_axis(p: Vector, u: Vector, capsule: Capsule) -> tuple[float, float]:
+    """Return the least distance (mm) of the segment from p to p + u to a capsule's axis.
 
-    The second number is where on the segment that is, from 0 to 1.
+    The second number is the position of the nearest point on the segment, from 0 to 1.
     """
     n, nn = capsule.n, capsule.nn
-    r = minus(p, capsule.A)
+    r = subtract(p, capsule.A)
     uu, un, ur, nr = dot(u, u), dot(u, n), dot(u, r), dot(n, r)
     twist = uu * nn - un * un
-    on_u = clip((un * nr - ur * nn) / twist) if twist > 0.0 else 0.0
-    on_n = clip((un * on_u + nr) / nn) if nn > 0.0 else 0.0
-    on_u = clip((un * on_n - ur) / uu)
-    d = minus(minus(r, times(-on_u, u)), times(on_n, n))
+    on_u = clip_fraction((un * nr - ur * nn) / twist) if twist > 0.0 else 0.0
+    on_n = clip_fraction((un * on_u + nr) / nn) if nn > 0.0 else 0.0
+    on_u = clip_fraction((un * on_n - ur) / uu)
+    d = subtract(subtract(r, scale(-on_u, u)), scale(on_n, n))
     return np.sqrt(dot(d, d)), on_u
 
 
@@ -162,21 +165,21 @@ def dot(a: Vector, b: Vector) -> float:
 
 
 @compiled
-def plus(a: Vector, b: Vector) -> Vector:
+def add(a: Vector, b: Vector) -> Vector:
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @compiled
-def minus(a: Vector, b: Vector) -> Vector:
+def subtract(a: Vector, b: Vector) -> Vector:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @compiled
-def times(s: float, a: Vector) -> Vector:
+def scale(s: float, a: Vector) -> Vector:
     return s * a[0], s * a[1], s * a[2]
 
 
 @compiled
-def clip(share: float) -> float:
-    """The share, brought between 0 and 1."""
-    return min(max(share, 0.0), 1.0)
+def clip_fraction(fraction: float) -> float:
+    """Clip a fraction to the range from 0 to 1."""
+    return min(max(fraction, 0.0), 1.0)

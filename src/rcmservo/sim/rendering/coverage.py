@@ -1,7 +1,7 @@
-"""Which capsule each pixel sees.
+"""Capsule that each pixel shows.
 
-Only tiles that a capsule may touch are visited. Each pixel there is looked at early and late in the
-exposure, so that a pixel on an outline, or one that a capsule passes, is known.
+Only tiles that a capsule may touch are visited. Each pixel there is tested early and late in the
+exposure, so that pixels on an outline, or passed by a capsule, are known.
 """
 
 import numpy as np
@@ -12,33 +12,37 @@ from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.rendering.capsules import (
     Capsule,
     Capsules,
-    capsule_in,
+    add,
+    distance_to_axis,
     dot,
-    gap,
-    minus,
-    nearest,
-    plus,
-    times,
+    find_first_capsule,
+    read_capsule,
+    scale,
+    subtract,
 )
 
-TILE = 16
-"""px, the side of a tile."""
+TILE_PX = 16
+"""Side of a tile, px."""
 
 
-def cones_of(optics: Optics) -> Floats:
-    """For each tile the unit direction of its middle and the angle from there to its corners:
-    (rows, columns, 4)."""
-    low, high = -0.5, TILE - 0.5
-    middle = _tile_rays(optics, TILE / 2 - 0.5, TILE / 2 - 0.5)
+def build_tile_cones(optics: Optics) -> Floats:
+    """Return the cone (rows, columns, 4) of each tile's rays.
+
+    It is the unit vector through the tile's middle and the angle from there to its corners.
+    """
+    low, high = -0.5, TILE_PX - 0.5
+    middle = _tile_rays(optics, TILE_PX / 2 - 0.5, TILE_PX / 2 - 0.5)
     corners = [_tile_rays(optics, du, dv) for du in (low, high) for dv in (low, high)]
     chord = np.max([np.linalg.norm(corner - middle, axis=-1) for corner in corners], axis=0)
     return np.concatenate([middle, 2 * np.arcsin(chord / 2)[..., None]], axis=-1)
 
 
 def _tile_rays(optics: Optics, du: float, dv: float) -> Floats:
-    """The unit direction of the pixel that is (du, dv) px from every tile's first one, (rows,
-    columns, 3)."""
-    v, u = (np.arange(0, size, TILE) for size in (optics.height, optics.width))
+    """Return the unit vector (rows, columns, 3) through a pixel of every tile.
+
+    The pixel is (du, dv) px from the tile's first one.
+    """
+    v, u = (np.arange(0, size, TILE_PX) for size in (optics.height, optics.width))
     edge = np.array([optics.width, optics.height]) - 0.5
     pixels = np.stack(np.meshgrid(u + du, v + dv), axis=-1)
     slopes = optics.slopes(np.minimum(pixels, edge))
@@ -47,92 +51,94 @@ def _tile_rays(optics: Optics, du: float, dv: float) -> Floats:
 
 
 @compiled
-def touch(cones: Floats, capsules: Capsules) -> Image:
-    """For each tile the set of capsules, as bits, that any of its rays may meet in any pose.
+def find_touched_tiles(cones: Floats, capsules: Capsules) -> Image:
+    """Return for each tile the set of capsules, as bits, that its rays may meet in any pose.
 
-    Turning a ray by an angle brings it nearer to a capsule by at most that angle times the way to
-    the capsule's far end.
+    Rotating a ray by an angle moves it towards a capsule by at most that angle times the distance
+    to the capsule's far end.
     """
     rows, columns = cones.shape[:2]
     touched = np.zeros((rows, columns), dtype=np.uint8)
     for k in range(4):
-        capsule = capsule_in(capsules, 0, k)
-        way, aside = capsule.radius + far_end(capsule), moved(capsules, k)
+        capsule = read_capsule(capsules, 0, k)
+        far_distance, motion = (
+            capsule.radius + farthest_distance(capsule),
+            bound_motion(capsules, k),
+        )
         for i in range(rows):
             for j in range(columns):
-                middle = times(way, (cones[i, j, 0], cones[i, j, 1], cones[i, j, 2]))
-                distance, _ = gap((0.0, 0.0, 0.0), middle, capsule)
-                near = distance < capsule.radius + aside + way * cones[i, j, 3]
+                middle = scale(far_distance, (cones[i, j, 0], cones[i, j, 1], cones[i, j, 2]))
+                distance, _ = distance_to_axis((0.0, 0.0, 0.0), middle, capsule)
+                near = distance < capsule.radius + motion + far_distance * cones[i, j, 3]
                 if capsule.radius > 0.0 and near:
                     touched[i, j] |= 1 << k
     return touched
 
 
 @compiled
-def far_end(capsule: Capsule) -> float:
-    """How far the farther end of a capsule's axis is from the camera, mm."""
-    A, B = capsule.A, plus(capsule.A, capsule.n)
+def farthest_distance(capsule: Capsule) -> float:
+    """Return the distance (mm) from the camera to the farther end of a capsule's axis."""
+    A, B = capsule.A, add(capsule.A, capsule.n)
     return np.sqrt(max(dot(A, A), dot(B, B)))
 
 
 @compiled
-def moved(capsules: Capsules, k: int) -> float:
-    """No point of capsule k's axis moves further than this from its mean pose, mm."""
-    mean, most = capsule_in(capsules, 0, k), 0.0
+def bound_motion(capsules: Capsules, k: int) -> float:
+    """Return an upper bound (mm) of the motion of capsule `k`'s axis from its mean pose."""
+    mean, largest = read_capsule(capsules, 0, k), 0.0
     for pose in range(1, capsules.shape[0]):
-        capsule = capsule_in(capsules, pose, k)
-        at_a = minus(capsule.A, mean.A)
-        at_b = minus(plus(capsule.A, capsule.n), plus(mean.A, mean.n))
+        capsule = read_capsule(capsules, pose, k)
+        at_a = subtract(capsule.A, mean.A)
+        at_b = subtract(add(capsule.A, capsule.n), add(mean.A, mean.n))
         for i in range(3):
-            most = max(most, at_a[i] ** 2, at_b[i] ** 2)
-    return np.sqrt(3.0 * most)
+            largest = max(largest, at_a[i] ** 2, at_b[i] ** 2)
+    return np.sqrt(3.0 * largest)
 
 
 @compiled
-def identify(seen: Image, touched: Image, rays: Floats, capsules: Capsules) -> None:
-    """Fill `seen` (2, H, W): which capsule a pixel sees first in the exposure, and which one later.
+def identify_capsules(labels: Image, touched: Image, rays: Floats, capsules: Capsules) -> None:
+    """Fill `labels` (2, H, W) with the first capsule that a pixel shows and a later one.
 
-    A capsule counts from 1 to 4, the tissue is 0. The later one differs if the pixel sees another
-    at all.
+    Capsules are 1 to 4, the tissue is 0. The later one differs if the pixel ever shows another one.
     """
     last = capsules.shape[0] - 1
-    between = 1 if swift(capsules) else max(last - 1, 1)
-    seen[:] = 0
+    between = 1 if may_skip_pixels(capsules) else max(last - 1, 1)
+    labels[:] = 0
     for i in range(touched.shape[0]):
         for j in range(touched.shape[1]):
-            which = touched[i, j]
-            if which == 0:
+            bits = touched[i, j]
+            if bits == 0:
                 continue
-            for y in range(i * TILE, min((i + 1) * TILE, rays.shape[0])):
-                for x in range(j * TILE, min((j + 1) * TILE, rays.shape[1])):
+            for y in range(i * TILE_PX, min((i + 1) * TILE_PX, rays.shape[0])):
+                for x in range(j * TILE_PX, min((j + 1) * TILE_PX, rays.shape[1])):
                     ray = (rays[y, x, 0], rays[y, x, 1], 1.0)
-                    first = later = nearest(ray, capsules, 1, which)[0]
+                    first = later = find_first_capsule(ray, capsules, 1, bits)[0]
                     pose = last
                     while later == first and pose > between:
-                        later = nearest(ray, capsules, pose, which)[0]
+                        later = find_first_capsule(ray, capsules, pose, bits)[0]
                         pose -= 1
-                    seen[0, y, x], seen[1, y, x] = 1 + first, 1 + later
+                    labels[0, y, x], labels[1, y, x] = 1 + first, 1 + later
 
 
 @compiled
-def swift(capsules: Capsules) -> bool:
-    """Whether a capsule may pass a pixel within the exposure and cover it at neither end."""
+def may_skip_pixels(capsules: Capsules) -> bool:
+    """Return True if a capsule may pass a pixel within the exposure and cover it at neither end."""
     for k in range(4):
-        first, last = capsule_in(capsules, 1, k), capsule_in(capsules, capsules.shape[0] - 1, k)
-        at_a = minus(first.A, last.A)
-        at_n = minus(first.n, last.n)
-        way = np.sqrt(dot(at_a, at_a)) + np.sqrt(dot(at_n, at_n))
-        if way > capsule_in(capsules, 0, k).radius > 0.0:
+        first, last = read_capsule(capsules, 1, k), read_capsule(capsules, capsules.shape[0] - 1, k)
+        at_a = subtract(first.A, last.A)
+        at_n = subtract(first.n, last.n)
+        motion = np.sqrt(dot(at_a, at_a)) + np.sqrt(dot(at_n, at_n))
+        if motion > read_capsule(capsules, 0, k).radius > 0.0:
             return True
     return False
 
 
 @compiled
-def uniform(seen: Image, y: int, x: int) -> bool:
-    """Whether pixel (y, x) and its neighbours see one and the same thing in the whole exposure."""
-    body = seen[0, y, x]
-    for v in range(max(y - 1, 0), min(y + 2, seen.shape[1])):
-        for u in range(max(x - 1, 0), min(x + 2, seen.shape[2])):
-            if seen[0, v, u] != body or seen[1, v, u] != body:
+def is_uniform(labels: Image, y: int, x: int) -> bool:
+    """Return True if pixel (y, x) and its neighbours show one capsule in the whole exposure."""
+    label = labels[0, y, x]
+    for v in range(max(y - 1, 0), min(y + 2, labels.shape[1])):
+        for u in range(max(x - 1, 0), min(x + 2, labels.shape[2])):
+            if labels[0, v, u] != label or labels[1, v, u] != label:
                 return False
     return True

@@ -1,4 +1,7 @@
-"""The tool's soft shadow on the tissue: exact at nodes STEP px apart, linear between them."""
+"""Lamp: shading of the capsules, and the tool's soft shadow on the tissue.
+
+The shadow is exact at nodes `SHADOW_STEP_PX` apart and linear between them.
+"""
 
 from typing import NamedTuple
 
@@ -11,148 +14,163 @@ from rcmservo.sim.rendering.capsules import (
     Capsule,
     Capsules,
     Vector,
-    capsule_in,
-    clip,
+    clip_fraction,
+    distance_to_axis,
     dot,
-    gap,
-    minus,
-    times,
+    read_capsule,
+    scale,
+    subtract,
 )
-from rcmservo.sim.rendering.coverage import TILE
+from rcmservo.sim.rendering.coverage import TILE_PX
 from rcmservo.sim.rendering.look import Light, Look
 from rcmservo.sim.rendering.tissue import Tissue
 
-STEP = 4
-"""px between the nodes at which the shadow is worked out."""
+SHADOW_STEP_PX = 4
+"""Distance (px) of the nodes at which the shadow is computed."""
 
-CELLS = TILE // STEP
-"""Steps along a tile."""
+CELLS_PER_TILE = TILE_PX // SHADOW_STEP_PX
+"""Cells of the shadow's grid along a tile."""
 
 
 class Lamp(NamedTuple):
-    """The light of a Look, as the kernels take it."""
+    """Light of a `Look`, as kernels read it."""
 
-    place: Vector
-    """mm."""
+    position: Vector
+    """Position in camera axes, mm."""
 
     radius: float
-    """mm."""
+    """Radius, mm."""
 
     reach: float
-    """mm."""
+    """Distance at which a surface has its nominal colour, mm."""
 
     ambient: float
-    """The share of light that comes from everywhere."""
+    """Fraction of ambient light."""
 
     exponent: float
-    """The sharpness of highlights."""
+    """Exponent of specular highlights."""
 
 
-def lamp_of(look: Look) -> Lamp:
-    """The lamp of a look."""
+def build_lamp(look: Look) -> Lamp:
+    """Return the lamp of a look."""
     x, y, z = (float(value) for value in look.light)
     rest = look.lamp_radius, look.reach, look.ambient, look.exponent
     return Lamp((x, y, z), *(float(value) for value in rest))
 
 
 @compiled
-def shade(place: Vector, capsule: Capsule, lamp: Lamp) -> Vector:
-    """The light from a `place` on a capsule: Lambert's, the ambient share, Blinn's highlight."""
+def shade(position: Vector, capsule: Capsule, lamp: Lamp) -> Vector:
+    """Return the light (blue, green, red) from a `position` on a capsule.
+
+    It is the sum of Lambert's diffuse light, ambient light and Blinn's highlight.
+    """
     n, r, nn = capsule.n, capsule.radius, capsule.nn
-    along = clip((dot(place, n) - capsule.An) / nn) if nn > 0.0 else 0.0
-    outward = minus(minus(place, capsule.A), times(along, n))  # of length r
-    to_lamp = minus(lamp.place, place)
+    along = clip_fraction((dot(position, n) - capsule.An) / nn) if nn > 0.0 else 0.0
+    outward = subtract(subtract(position, capsule.A), scale(along, n))  # of length r
+    to_lamp = subtract(lamp.position, position)
     distance = np.sqrt(dot(to_lamp, to_lamp))
     strength = 2.0 / (1.0 + (distance / lamp.reach) ** 2)
     facing = max(dot(outward, to_lamp), 0.0) / (r * distance)
-    half = minus(times(1.0 / distance, to_lamp), times(1.0 / np.sqrt(dot(place, place)), place))
+    half = subtract(
+        scale(1.0 / distance, to_lamp), scale(1.0 / np.sqrt(dot(position, position)), position)
+    )
     mirror = dot(outward, half) / (r * np.sqrt(dot(half, half)))
     glint = 0.0
-    if mirror > 0.0 and lamp.exponent * (mirror - 1.0) > -7.0:  # beyond, it is below a thousandth
+    if mirror > 0.0 and lamp.exponent * (mirror - 1.0) > -7.0:  # beyond, it is below 0.001
         glint = capsule.highlight * strength * mirror**lamp.exponent
     bright = lamp.ambient + (1.0 - lamp.ambient) * facing * strength
     blue, green, red = capsule.colour
     return blue * bright + glint, green * bright + glint, red * bright + glint
 
 
-def nodes_of(optics: Optics, tissue: Tissue) -> Floats:
-    """The tissue at every STEP-th pixel over all tiles, their far edges included, mm in camera
-    axes."""
+def build_shadow_nodes(optics: Optics, tissue: Tissue) -> Floats:
+    """Return the tissue's points (mm, camera axes) at the nodes of all tiles, edges included."""
     sides = optics.width, optics.height
-    u, v = (np.arange(0, -(-size // TILE) * TILE + 1, STEP) for size in sides)
+    u, v = (np.arange(0, -(-size // TILE_PX) * TILE_PX + 1, SHADOW_STEP_PX) for size in sides)
     pixels = np.stack(np.meshgrid(u, v), axis=-1).astype(np.float64)
-    return tissue.met_by(optics.slopes(pixels), optics)
+    return tissue.intersect_rays(optics.slopes(pixels), optics)
 
 
 @compiled
 def cast_shadow(
-    canvas: Light, lamp_share: Light, nodes: Floats, capsules: Capsules, lamp: Lamp
+    canvas: Light, lamp_fraction: Light, nodes: Floats, capsules: Capsules, lamp: Lamp
 ) -> None:
-    """Take from the tissue on the canvas the lamp's light that the capsules hide."""
-    blocked = np.empty((CELLS + 1, CELLS + 1))
-    for i in range((nodes.shape[0] - 1) // CELLS):
-        for j in range((nodes.shape[1] - 1) // CELLS):
-            patch = nodes[i * CELLS : (i + 1) * CELLS + 1, j * CELLS : (j + 1) * CELLS + 1]
-            which = casters(patch, capsules, lamp)
-            if which == 0:
+    """Remove the lamp's light that the capsules block from the tissue on the canvas."""
+    blocked = np.empty((CELLS_PER_TILE + 1, CELLS_PER_TILE + 1))
+    for i in range((nodes.shape[0] - 1) // CELLS_PER_TILE):
+        for j in range((nodes.shape[1] - 1) // CELLS_PER_TILE):
+            patch = nodes[
+                i * CELLS_PER_TILE : (i + 1) * CELLS_PER_TILE + 1,
+                j * CELLS_PER_TILE : (j + 1) * CELLS_PER_TILE + 1,
+            ]
+            bits = find_casters(patch, capsules, lamp)
+            if bits == 0:
                 continue
-            for v in range(CELLS + 1):
-                for u in range(CELLS + 1):
-                    blocked[v, u] = eclipse(node(patch, v, u), capsules, which, lamp)
-            top, left = i * TILE, j * TILE
-            darken(canvas[top : top + TILE, left : left + TILE], lamp_share[top:, left:], blocked)
+            for v in range(CELLS_PER_TILE + 1):
+                for u in range(CELLS_PER_TILE + 1):
+                    blocked[v, u] = blocked_fraction(read_node(patch, v, u), capsules, bits, lamp)
+            top, left = i * TILE_PX, j * TILE_PX
+            darken(
+                canvas[top : top + TILE_PX, left : left + TILE_PX],
+                lamp_fraction[top:, left:],
+                blocked,
+            )
 
 
 @compiled
-def node(patch: Floats, v: int, u: int) -> Vector:
-    """One place of a patch (n, n, 3) of tissue."""
+def read_node(patch: Floats, v: int, u: int) -> Vector:
+    """Return one point of a patch (n, n, 3) of tissue."""
     return patch[v, u, 0], patch[v, u, 1], patch[v, u, 2]
 
 
 @compiled
-def casters(patch: Floats, capsules: Capsules, lamp: Lamp) -> int:
-    """The set of capsules, as bits, that may hide part of the lamp from part of a patch."""
+def find_casters(patch: Floats, capsules: Capsules, lamp: Lamp) -> int:
+    """Return the set of capsules, as bits, that may block part of the lamp from part of a patch."""
     centre, end = patch.shape[0] // 2, patch.shape[0] - 1
-    middle, size = node(patch, centre, centre), 0.0
+    middle, size = read_node(patch, centre, centre), 0.0
     for v in (0, end):
         for u in (0, end):
-            across = minus(node(patch, v, u), middle)
+            across = subtract(read_node(patch, v, u), middle)
             size = max(size, np.sqrt(dot(across, across)))
-    which = 0
+    bits = 0
     for k in range(4):
-        radius = capsule_in(capsules, 0, k).radius
-        distance, _ = gap(middle, minus(lamp.place, middle), capsule_in(capsules, 0, k))
+        radius = read_capsule(capsules, 0, k).radius
+        distance, _ = distance_to_axis(
+            middle, subtract(lamp.position, middle), read_capsule(capsules, 0, k)
+        )
         if radius > 0.0 and distance < radius + size + lamp.radius:
-            which |= 1 << k
-    return which
+            bits |= 1 << k
+    return bits
 
 
 @compiled
-def eclipse(place: Vector, capsules: Capsules, which: int, lamp: Lamp) -> float:
-    """How much of the round lamp the capsules hide from a place on the tissue, 0 to 1.
+def blocked_fraction(position: Vector, capsules: Capsules, bits: int, lamp: Lamp) -> float:
+    """Return the fraction (0 to 1) of the round lamp that the capsules block at a `position`.
 
-    The cone from the place to the lamp has a radius h at the capsule: half the width of the
+    The cone from the position to the lamp has a radius h at the capsule: half the width of the
     shadow's soft edge.
     """
-    most = 0.0
+    largest = 0.0
     for k in range(4):
-        if which >> k & 1:
-            distance, on = gap(place, minus(lamp.place, place), capsule_in(capsules, 0, k))
-            h, r = lamp.radius * max(on, 1e-6), capsule_in(capsules, 0, k).radius
-            inside = clip((r + h - distance) / (2.0 * h))
-            most = max(most, inside * inside * (3.0 - 2.0 * inside) * min(r / h, 1.0))
-    return most
+        if bits >> k & 1:
+            distance, on = distance_to_axis(
+                position, subtract(lamp.position, position), read_capsule(capsules, 0, k)
+            )
+            h, r = lamp.radius * max(on, 1e-6), read_capsule(capsules, 0, k).radius
+            inside = clip_fraction((r + h - distance) / (2.0 * h))
+            largest = max(largest, inside * inside * (3.0 - 2.0 * inside) * min(r / h, 1.0))
+    return largest
 
 
 @compiled
-def darken(tile: Light, lamp_share: Light, blocked: Floats) -> None:
-    """Dim one tile by the lamp's light that its nodes miss."""
+def darken(tile: Light, lamp_fraction: Light, blocked: Floats) -> None:
+    """Darken one tile by the light that is blocked at its nodes."""
     for y in range(tile.shape[0]):
-        v, dv = y // STEP, y % STEP / STEP
+        v, dv = y // SHADOW_STEP_PX, y % SHADOW_STEP_PX / SHADOW_STEP_PX
         for x in range(tile.shape[1]):
-            u, du = x // STEP, x % STEP / STEP
+            u, du = x // SHADOW_STEP_PX, x % SHADOW_STEP_PX / SHADOW_STEP_PX
             above = blocked[v, u] + du * (blocked[v, u + 1] - blocked[v, u])
             below = blocked[v + 1, u] + du * (blocked[v + 1, u + 1] - blocked[v + 1, u])
-            keep = 1.0 - lamp_share[y, x] * (above + dv * (below - above))
+            keep = 1.0 - lamp_fraction[y, x] * (above + dv * (below - above))
             for c in range(3):
                 tile[y, x, c] *= keep

@@ -1,7 +1,7 @@
-"""The capsules' colours, painted over the tissue.
+"""Colours of the capsules, painted over the tissue.
 
-A pixel inside an outline takes one sample. A pixel on an outline takes SAMPLES, at places and
-moments spread over the pixel and the exposure: coverage is integrated over both.
+A pixel inside an outline takes one sample. A pixel on an outline takes `SAMPLES_PER_PIXEL`, spread
+over the pixel and the exposure: coverage is integrated over both.
 """
 
 from typing import NamedTuple
@@ -10,84 +10,94 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats, Image
-from rcmservo.sim.rendering.capsules import Capsules, capsule_in, hit, nearest, times
-from rcmservo.sim.rendering.coverage import TILE, uniform
+from rcmservo.sim.rendering.capsules import (
+    Capsules,
+    find_first_capsule,
+    intersect,
+    read_capsule,
+    scale,
+)
+from rcmservo.sim.rendering.coverage import TILE_PX, is_uniform
 from rcmservo.sim.rendering.lighting import Lamp, shade
 from rcmservo.sim.rendering.look import Light
 
-SAMPLES = 32
-"""On a pixel at an outline."""
+SAMPLES_PER_PIXEL = 32
+"""Samples of a pixel on an outline."""
 
 
-class Shot(NamedTuple):
-    """What one picture is painted from."""
+class PaintInputs(NamedTuple):
+    """Inputs of the painting of one image."""
 
     rays: Floats
-    """(H, W, 6): for each pixel x, y of its ray, and dx/du, dy/du, dx/dv, dy/dv."""
+    """Rays (H, W, 6): x, y of each pixel's ray, and dx/du, dy/du, dx/dv, dy/dv."""
 
     capsules: Capsules
-    """The tool during the exposure."""
+    """Tool during the exposure."""
 
     lamp: Lamp
-    """Where the light comes from."""
+    """Lamp."""
 
     pattern: Floats
-    """(SAMPLES, 3): u, v px from the pixel's centre and the pose of each sample."""
+    """Samples (SAMPLES_PER_PIXEL, 3): u, v (px) from the pixel's centre, and the index of the
+    pose."""
 
 
-def pattern_of(moments: int) -> Floats:
-    """Where in the pixel and when each sample is taken, at so many moments: `Shot.pattern`.
+def build_pattern(poses: int) -> Floats:
+    """Return the `pattern` of a pixel's samples for a number of poses.
 
-    The places are a lattice without a favoured direction, symmetric about the pixel's centre: an
-    outline of any direction is cut evenly. Opposite places share a moment, so each moment's samples
-    have their mean at the centre, and blur shifts nothing.
+    The positions are a lattice without a preferred direction, symmetric about the pixel's centre,
+    so outlines of all directions are cut evenly. Opposite positions have the same pose, so the mean
+    of each pose's samples is the centre, and motion blur shifts nothing.
     """
-    i = np.arange(SAMPLES)
-    u, v = (i + 0.5) / SAMPLES - 0.5, ((7 * i + 3) % SAMPLES + 0.5) / SAMPLES - 0.5
-    pair = np.minimum(i, SAMPLES - 1 - i)
-    turn = 5 * pair % (SAMPLES // 2)
-    return np.stack([u, v, 1 + turn * moments // (SAMPLES // 2)], axis=1)
+    i = np.arange(SAMPLES_PER_PIXEL)
+    u, v = (
+        (i + 0.5) / SAMPLES_PER_PIXEL - 0.5,
+        ((7 * i + 3) % SAMPLES_PER_PIXEL + 0.5) / SAMPLES_PER_PIXEL - 0.5,
+    )
+    pair = np.minimum(i, SAMPLES_PER_PIXEL - 1 - i)
+    turn = 5 * pair % (SAMPLES_PER_PIXEL // 2)
+    return np.stack([u, v, 1 + turn * poses // (SAMPLES_PER_PIXEL // 2)], axis=1)
 
 
 @compiled
-def paint(canvas: Light, seen: Image, touched: Image, shot: Shot) -> None:
+def paint_capsules(canvas: Light, labels: Image, touched: Image, inputs: PaintInputs) -> None:
     """Paint the capsules over the tissue on the canvas (H, W, 3)."""
-    rays = shot.rays
+    rays = inputs.rays
     for i in range(touched.shape[0]):
         for j in range(touched.shape[1]):
             if touched[i, j] == 0:
                 continue
-            for y in range(i * TILE, min((i + 1) * TILE, rays.shape[0])):
-                for x in range(j * TILE, min((j + 1) * TILE, rays.shape[1])):
-                    if not uniform(seen, y, x):
-                        paint_outline(canvas[y, x], rays[y, x], touched[i, j], shot)
-                    elif seen[0, y, x] > 0:
-                        paint_inside(canvas[y, x], rays[y, x], seen[0, y, x] - 1, shot)
+            for y in range(i * TILE_PX, min((i + 1) * TILE_PX, rays.shape[0])):
+                for x in range(j * TILE_PX, min((j + 1) * TILE_PX, rays.shape[1])):
+                    if not is_uniform(labels, y, x):
+                        paint_outline(canvas[y, x], rays[y, x], touched[i, j], inputs)
+                    elif labels[0, y, x] > 0:
+                        paint_inside(canvas[y, x], rays[y, x], labels[0, y, x] - 1, inputs)
 
 
 @compiled
-def paint_inside(pixel: Light, slopes: Floats, k: int, shot: Shot) -> None:
-    """Give a `pixel` (3,) the light of capsule k at its centre."""
+def paint_inside(pixel: Light, slopes: Floats, k: int, inputs: PaintInputs) -> None:
+    """Set a `pixel` (3,) to the light of capsule `k` at its centre."""
     ray = (slopes[0], slopes[1], 1.0)
-    capsule = capsule_in(shot.capsules, 0, k)
-    depth = hit(ray, capsule)
+    capsule = read_capsule(inputs.capsules, 0, k)
+    depth = intersect(ray, capsule)
     if depth < np.inf:
-        pixel[0], pixel[1], pixel[2] = shade(times(depth, ray), capsule, shot.lamp)
+        pixel[0], pixel[1], pixel[2] = shade(scale(depth, ray), capsule, inputs.lamp)
 
 
 @compiled
-def paint_outline(pixel: Light, ray: Floats, which: int, shot: Shot) -> None:
-    """Replace a `pixel` (3,) of tissue by the mean of what its samples see."""
+def paint_outline(pixel: Light, ray: Floats, bits: int, inputs: PaintInputs) -> None:
+    """Replace a `pixel` (3,) of tissue by the mean light of its samples."""
     blue, green, red, tissue = 0.0, 0.0, 0.0, 0
-    for n in range(SAMPLES):
-        u, v, pose = shot.pattern[n, 0], shot.pattern[n, 1], int(shot.pattern[n, 2])
+    for n in range(SAMPLES_PER_PIXEL):
+        u, v, pose = inputs.pattern[n, 0], inputs.pattern[n, 1], int(inputs.pattern[n, 2])
         sample = (ray[0] + u * ray[2] + v * ray[4], ray[1] + u * ray[3] + v * ray[5], 1.0)
-        k, depth = nearest(sample, shot.capsules, pose, which)
+        k, depth = find_first_capsule(sample, inputs.capsules, pose, bits)
         if k < 0:
             tissue += 1
         else:
-            light = shade(times(depth, sample), capsule_in(shot.capsules, pose, k), shot.lamp)
+            light = shade(scale(depth, sample), read_capsule(inputs.capsules, pose, k), inputs.lamp)
             blue, green, red = blue + light[0], green + light[1], red + light[2]
-    pixel[0] = (blue + tissue * pixel[0]) / SAMPLES
-    pixel[1] = (green + tissue * pixel[1]) / SAMPLES
-    pixel[2] = (red + tissue * pixel[2]) / SAMPLES
+    pixel[0] = (blue + tissue * pixel[0]) / SAMPLES_PER_PIXEL
+    pixel[1] = (green + tissue * pixel[1]) / SAMPLES_PER_PIXEL
+    pixel[2] = (red + tissue * pixel[2]) / SAMPLES_PER_PIXEL

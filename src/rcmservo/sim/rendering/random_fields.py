@@ -1,4 +1,4 @@
-"""Random fields that repeat: the mottle of tissue, the billows of smoke, the rim of blood."""
+"""Periodic random fields: the mottle of tissue, the billows of smoke, the rim of blood."""
 
 from collections.abc import Callable
 
@@ -8,12 +8,19 @@ from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 
 
-def random_field(
+def make_random_field(
     random: np.random.Generator, size: int, strength: Callable[[Floats], Floats]
 ) -> Floats:
-    """A random field (size, size) that repeats: mean 0, spread 1.
+    """Return a periodic random field (size, size) with mean 0 and standard deviation 1.
 
-    `strength` tells that of waves by how often they fit into the field's width.
+    Parameters
+    ----------
+    random : numpy.random.Generator
+        Source of chance.
+    size : int
+        Nodes along a side.
+    strength : callable
+        Amplitude of a wave as a function of its number of periods across the field.
     """
     waves = np.hypot(np.fft.fftfreq(size, 1 / size)[:, None], np.fft.rfftfreq(size, 1 / size))
     spectrum = np.fft.rfft2(random.standard_normal((size, size))) * strength(waves)
@@ -21,22 +28,32 @@ def random_field(
     return (field - field.mean()) / field.std()
 
 
-def sampled(field: Floats, places: Floats) -> Floats:
-    """A field that repeats, at `places` (2, ...) in its own rows and columns, linear between them.
+def sample_field(field: Floats, positions: Floats) -> Floats:
+    """Interpolate a periodic field linearly at positions (row, column).
 
-    NaN where a place is not known.
+    Parameters
+    ----------
+    field : Floats, shape (rows, columns)
+        Values at the nodes.
+    positions : Floats, shape (2, ...)
+        Positions in nodes.
+
+    Returns
+    -------
+    Floats, shape (...)
+        Values, NaN where a position is not finite.
     """
-    values = np.empty(places.shape[1:])
-    read_field(field, np.ascontiguousarray(places).reshape(2, -1), values.reshape(-1))
+    values = np.empty(positions.shape[1:])
+    interpolate_field(field, np.ascontiguousarray(positions).reshape(2, -1), values.reshape(-1))
     return values
 
 
 @compiled
-def read_field(field: Floats, places: Floats, values: Floats) -> None:
-    """Fill `values` (n,) with a field that repeats, at `places` (2, n)."""
+def interpolate_field(field: Floats, positions: Floats, values: Floats) -> None:
+    """Fill `values` (n,) with a periodic field, interpolated linearly at `positions` (2, n)."""
     height, width = field.shape
     for k in range(len(values)):
-        row, column = places[0, k], places[1, k]
+        row, column = positions[0, k], positions[1, k]
         if not (np.isfinite(row) and np.isfinite(column)):
             values[k] = np.nan
             continue

@@ -1,4 +1,4 @@
-"""A camera that makes pictures of the tool over the tissue."""
+"""Renderer of the tool in front of the tissue, and the sensor's noise."""
 
 from collections.abc import Callable
 
@@ -10,78 +10,106 @@ from rcmservo.constraints import not_negative
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Image
 from rcmservo.sim.camera_model import Optics
-from rcmservo.sim.rendering.capsules import capsules_of
-from rcmservo.sim.rendering.coverage import cones_of, identify, touch
-from rcmservo.sim.rendering.lighting import cast_shadow, lamp_of, nodes_of
+from rcmservo.sim.rendering.capsules import build_capsules
+from rcmservo.sim.rendering.coverage import build_tile_cones, find_touched_tiles, identify_capsules
+from rcmservo.sim.rendering.lighting import build_lamp, build_shadow_nodes, cast_shadow
 from rcmservo.sim.rendering.look import Light, Look
-from rcmservo.sim.rendering.painting import Shot, paint, pattern_of
-from rcmservo.sim.rendering.tissue import Tissue, lit
+from rcmservo.sim.rendering.painting import PaintInputs, build_pattern, paint_capsules
+from rcmservo.sim.rendering.tissue import Tissue, render_tissue
 
-Between = Callable[[Light], None]
-"""Changes the light (H, W, 3) on its way to the sensor, in place."""
+LightFilter = Callable[[Light], None]
+"""Function that changes the light (H, W, 3) in place on its way to the sensor."""
 
-MOMENTS = (1, 2, 4, 8, 16)
-"""How many moments of an exposure can share an outline's samples evenly."""
+POSE_COUNTS = (1, 2, 4, 8, 16)
+"""Numbers of poses that share the samples of an outline evenly."""
 
-NORMALS = 1 << 21
-"""Entries in the table of standard normal numbers."""
+NOISE_TABLE_SIZE = 1 << 21
+"""Entries of the table of standard normal numbers."""
 
 
 class Renderer:
-    """A still camera before still tissue.
+    """Static camera in front of static tissue.
 
-    The same seed, number and poses give the same picture, bit for bit.
+    The same seed, number and poses give the same image, bit for bit.
+
+    Parameters
+    ----------
+    optics : Optics
+        True camera.
+    look : Look
+        Appearance of the scene.
+    tissue : Tissue
+        Plane behind the tool.
+    seed : int
+        Seed of the texture and the noise, at least 0.
+
+    Raises
+    ------
+    BadInput
+        If the seed is negative.
     """
 
     look: Look
-    """How the tool looks and how noisy the sensor is. It may change from picture to picture; the
-    tissue and the lamp stay what they were at first."""
+    """Appearance of the tool and noise of the sensor. It may change between images; the tissue and
+    the lamp keep their first appearance."""
 
     def __init__(self, optics: Optics, look: Look, tissue: Tissue, seed: int) -> None:
         not_negative("whole number").require("seed", seed)
         self.optics, self.look = optics, look
         noise = np.random.default_rng(seed)
-        self._rays = _rays(optics)
-        self._cones = cones_of(optics)
-        self._nodes = nodes_of(optics, tissue)
-        self._tissue, self._lamp_share = lit(self._rays[..., :2], optics, look, tissue, noise)
-        self._lamp = lamp_of(look)
+        self._pixel_rays = _pixel_rays(optics)
+        self._cones = build_tile_cones(optics)
+        self._nodes = build_shadow_nodes(optics, tissue)
+        self._tissue, self._lamp_fraction = render_tissue(
+            self._pixel_rays[..., :2], optics, look, tissue, noise
+        )
+        self._lamp = build_lamp(look)
         self._sensor = Sensor(seed, noise)
         self._canvas = np.empty_like(self._tissue)
-        self._seen = np.empty((2, optics.height, optics.width), dtype=np.uint8)
+        self._labels = np.empty((2, optics.height, optics.width), dtype=np.uint8)
 
-    def render(self, poses: Floats, number: int, between: Between | None = None) -> Image:
-        """The picture (H, W, 3) of one exposure, in which light may pass through what is
-        `between`.
+    def render(self, poses: Floats, number: int, light_filter: LightFilter | None = None) -> Image:
+        """Return the image (H, W, 3) of one exposure.
 
-        `poses` (T, 4, 3) mm: m1, m2, the shaft's start (towards the RCM) and the tool's tip, in the
-        world, at T = 1, 2, 4, 8 or 16 moments spread evenly over the exposure. The shaft may start
-        behind the camera. `number` of the frame, at least 0: each frame has noise of its own.
+        Parameters
+        ----------
+        poses : Floats, shape (T, 4, 3)
+            m1, m2, the shaft's start (towards the RCM) and the tip in the world, mm, at T = 1,
+            2, 4, 8 or 16 times spread evenly over the exposure. The shaft may start behind the
+            camera.
+        number : int
+            Number of the frame, at least 0. Each frame has its own noise.
+        light_filter : callable, optional
+            Changes the light before it reaches the sensor.
+
+        Raises
+        ------
+        BadInput
+            If an argument has another shape or range.
         """
-        good = poses.ndim == 3 and poses.shape[1:] == (4, 3)
-        require(good, "poses' shape", poses.shape, "(T, 4, 3)")
-        require(len(poses) in MOMENTS, "number of poses", len(poses), f"one of {MOMENTS}")
+        valid = poses.ndim == 3 and poses.shape[1:] == (4, 3)
+        require(valid, "poses' shape", poses.shape, "(T, 4, 3)")
+        require(len(poses) in POSE_COUNTS, "number of poses", len(poses), f"one of {POSE_COUNTS}")
         require(bool(np.isfinite(poses).all()), "poses", poses, "finite")
         not_negative("whole number").require("number", number)
         self._paint(poses)
-        if between is not None:
-            between(self._canvas)
+        if light_filter is not None:
+            light_filter(self._canvas)
         return self._sensor.read(self._canvas, number, self.look)
 
     def _paint(self, poses: Floats) -> None:
         """Paint the light of one exposure on the canvas."""
-        capsules = capsules_of(poses, self.optics, self.look)
+        capsules = build_capsules(poses, self.optics, self.look)
         np.copyto(self._canvas, self._tissue)
-        cast_shadow(self._canvas, self._lamp_share, self._nodes, capsules, self._lamp)
-        touched = touch(self._cones, capsules)
-        identify(self._seen, touched, self._rays, capsules)
-        shot = Shot(self._rays, capsules, self._lamp, pattern_of(len(poses)))
-        paint(self._canvas, self._seen, touched, shot)
+        cast_shadow(self._canvas, self._lamp_fraction, self._nodes, capsules, self._lamp)
+        touched = find_touched_tiles(self._cones, capsules)
+        identify_capsules(self._labels, touched, self._pixel_rays, capsules)
+        inputs = PaintInputs(self._pixel_rays, capsules, self._lamp, build_pattern(len(poses)))
+        paint_capsules(self._canvas, self._labels, touched, inputs)
 
 
-def _rays(optics: Optics) -> Floats:
-    """For each pixel x, y of the ray through its centre, and their changes from pixel to pixel: (H,
-    W, 6).
+def _pixel_rays(optics: Optics) -> Floats:
+    """Return each pixel's ray and its change from pixel to pixel, (H, W, 6).
 
     The order is x, y, dx/du, dy/du, dx/dv, dy/dv.
     """
@@ -90,27 +118,26 @@ def _rays(optics: Optics) -> Floats:
 
 
 class Sensor:
-    """A sensor with a table of noise. Each frame starts in it at places of its own."""
+    """Sensor with a table of noise, which each frame reads from its own random positions."""
 
     def __init__(self, seed: int, noise: np.random.Generator) -> None:
         self._seed = seed
-        self._normals = noise.standard_normal(NORMALS, dtype=np.float32)
+        self._normals = noise.standard_normal(NOISE_TABLE_SIZE, dtype=np.float32)
 
     def read(self, light: Light, number: int, look: Look) -> Image:
-        """The picture of the light (H, W, 3) in frame `number`."""
+        """Return the image (H, W, 3) of the light (H, W, 3) in frame `number`."""
         rows = light.reshape(len(light), -1)
         random = np.random.default_rng([self._seed, number])
-        starts = random.integers(NORMALS - rows.shape[1], size=len(rows))
+        starts = random.integers(NOISE_TABLE_SIZE - rows.shape[1], size=len(rows))
         shot, dark = np.float32(255 / look.full_well), np.float32(look.read_noise**2)
-        return expose(rows, self._normals, starts, shot, dark).reshape(light.shape)
+        return add_noise(rows, self._normals, starts, shot, dark).reshape(light.shape)
 
 
 @compiled
-def expose(
+def add_noise(
     rows: Light, normals: Light, starts: NDArray[np.int64], shot: np.float32, dark: np.float32
 ) -> Image:
-    """Light as 8-bit grey levels, clipped, with noise of variance `shot` times the light plus
-    `dark`.
+    """Return light as clipped 8-bit grey levels with noise of variance `shot` · light + `dark`.
 
     The noise of row y is the table of standard `normals` from `starts`[y] on.
     """

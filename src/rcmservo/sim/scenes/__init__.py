@@ -1,1 +1,1 @@
-"""Scenes drawn from a seed: what is drawn, which ways they hold, and whether one suits."""
+"""Sampling of scenes: joints, cameras and paths, and the test of their feasibility."""

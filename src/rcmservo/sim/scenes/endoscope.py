@@ -1,9 +1,10 @@
-"""An endoscope: a camera that looks at the tool through a port of its own.
+"""Endoscope: a camera that observes the tool through its own port.
 
-Both ports are in the patient's wall, which lies across the way straight into the body. It is domed,
-and the tool's port is anywhere on it: between the ports it falls or rises by up to SLOPE. An
-endoscope of 0° looks along its own shaft, so from its port at the tool, and its lens is inside the
-body. Where the RCM then is, before that lens, beside it or behind it, nobody asks.
+Both ports are in the patient's abdominal wall, which is perpendicular to the direction straight
+into the body. It is domed, and the tool's port may be anywhere on it: the wall falls or rises
+between the ports by up to `MAX_WALL_SLOPE_RAD`. An endoscope of 0° looks along its own shaft, from
+its port to the tool, and its lens is inside the body. The RCM may be in front of the lens, at its
+side or behind it.
 """
 
 import numpy as np
@@ -11,26 +12,51 @@ import numpy as np
 from rcmservo.interfaces import Floats
 from rcmservo.sim.scene import SceneSettings
 
-SLOPE = 0.35
-"""rad. On a dome of 200 mm radius a port that is 130 mm from its top lies 0.33 rad below it."""
+MAX_WALL_SLOPE_RAD = 0.35
+"""Slope of the line between the ports, rad. On a dome of 200 mm radius a port 130 mm from the top
+lies 0.33 rad below it."""
 
-INSIDE = 10.0
-"""mm of the endoscope that are in the body at least."""
+MIN_INSERTED_LENGTH_MM = 10.0
+"""Least length (mm) of the endoscope inside the body."""
 
 
-def through_port(
+def sample_through_port(
     random: np.random.Generator, settings: SceneSettings, middle: Floats, down: Floats
 ) -> tuple[Floats, float] | None:
-    """The unit direction (3,) from the tool's `middle` (3,) to the camera, and how far it is, mm.
-    None where the camera would not be in the body."""
+    """Sample the direction and the distance from the tool to an endoscope's lens.
+
+    Parameters
+    ----------
+    random : numpy.random.Generator
+        Source of chance.
+    settings : SceneSettings
+        Distributions; `ports` must be given.
+    middle : Floats, shape (3,)
+        Middle of the tool, mm.
+    down : Floats, shape (3,)
+        Unit vector straight into the body.
+
+    Returns
+    -------
+    tuple or None
+        Unit vector (3,) from the tool to the lens and their distance (mm); None if the lens
+        would be outside the body.
+    """
     assert settings.ports is not None
-    port = random.uniform(*settings.ports) * on_wall(random, down)
-    distance, away = random.uniform(*settings.distance), port - middle
-    far = float(np.linalg.norm(away))
-    return (away / far, distance) if distance <= far - INSIDE else None
+    port = random.uniform(*settings.ports) * sample_along_wall(random, down)
+    distance, to_port = random.uniform(*settings.distance), port - middle
+    port_distance = float(np.linalg.norm(to_port))
+    return (
+        (to_port / port_distance, distance)
+        if distance <= port_distance - MIN_INSERTED_LENGTH_MM
+        else None
+    )
 
 
-def on_wall(random: np.random.Generator, down: Floats) -> Floats:
-    """The unit direction (3,) from the tool's port to another one, z being up or down."""
-    azimuth, slope = random.uniform(-np.pi, np.pi), random.uniform(-SLOPE, SLOPE)
+def sample_along_wall(random: np.random.Generator, down: Floats) -> Floats:
+    """Sample the unit vector (3,) from the tool's port to another one; `down` is ±z."""
+    azimuth, slope = (
+        random.uniform(-np.pi, np.pi),
+        random.uniform(-MAX_WALL_SLOPE_RAD, MAX_WALL_SLOPE_RAD),
+    )
     return np.array([np.cos(azimuth), np.sin(azimuth), 0.0]) * np.cos(slope) + np.sin(slope) * down

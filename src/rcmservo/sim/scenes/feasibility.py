@@ -1,4 +1,4 @@
-"""Whether a scene is one that the method is made for."""
+"""Feasibility of a scene: joint limits, visible markers and the Jacobian's condition number."""
 
 from dataclasses import dataclass
 
@@ -12,88 +12,96 @@ from rcmservo.method.kinematics import Rcm, position
 from rcmservo.method.tool import Shaft, second_marker
 from rcmservo.numerics.small_svd import condition
 from rcmservo.rows import Rows
-from rcmservo.sim.camera_kernels import Lens, in_camera, markers, project, true_jacobian
+from rcmservo.sim.camera_kernels import (
+    Lens,
+    compute_true_jacobian,
+    project,
+    project_markers,
+    transform_to_camera,
+)
 from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.scene import Scene, SceneSettings
 from rcmservo.sim.tool_body import Body
 
-BORDER = 12.0
-"""px that both imaged balls keep from the picture's border."""
+IMAGE_BORDER_PX = 12.0
+"""Distance (px) of both imaged balls from the image border."""
 
-SEPARATION = 3.0
+MIN_SEPARATION_RADII = 3.0
 """Least distance of the imaged markers, in radii of the larger one: neither hides the other."""
 
-CORNERS = np.array(
+CUBE_CORNERS = np.array(
     [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]]
 ) / np.sqrt(3.0)
-"""Half of the corners of a cube, 1 from its middle; the others are opposite to them."""
+"""Half of the corners of a cube, 1 from its centre; the other half is opposite to them."""
 
-MARGIN = 0.03
-"""The share of each joint's range that the way keeps from its limits."""
+JOINT_MARGIN_FRACTION = 0.03
+"""Fraction of each joint's range between the path and a joint limit."""
 
 
 @dataclass(frozen=True, eq=False)
-class Fitness:
-    """The judge of scenes."""
+class SceneFeasibility:
+    """Test of scenes."""
 
     settings: SceneSettings
-    """What scenes are drawn from."""
+    """Distributions of the scenes."""
 
     body: Body
-    """The tool."""
+    """Tool."""
 
     radius: float
-    """mm, that of the larger ball."""
+    """Radius (mm) of the larger ball."""
 
-    def suits(self, scene: Scene) -> bool:
-        """Whether a scene may be used. Of a scene of the user's own only visibility is asked."""
+    def is_feasible(self, scene: Scene) -> bool:
+        """Return True if a scene is feasible.
+
+        If the user gives both ends, only visibility counts.
+        """
         optics, way, half_way = scene.optics, scene.way, scene.half_way[None]
-        if self.settings.free and not inside(self.body.rcm, way):
+        if self.settings.is_sampled and not path_is_within_limits(self.body.rcm, way):
             return False
-        if not (self.visible(optics, way) and self.visible(optics, half_way)):
+        if not (self.markers_visible(optics, way) and self.markers_visible(optics, half_way)):
             return False
-        if not self.settings.free:
+        if not self.settings.is_sampled:
             return True
         explored = way[:1] if self.settings.errors is None else np.stack([way[0], half_way[0]])
-        return self._room(optics, explored) and self.regular(optics, way)
+        return self._has_room(optics, explored) and self.is_well_conditioned(optics, way)
 
-    def visible(self, optics: Optics, way: Floats) -> bool:
-        """Whether both balls are whole in the picture and apart from each other, all along the way
-        (n, 3)."""
+    def markers_visible(self, optics: Optics, path: Floats) -> bool:
+        """Return True if both balls are whole and apart in the image along the path (n, 3)."""
         body = self.body
-        return visible(optics.lens, body.rcm, body.tool.shaft, way, self.radius)
+        return path_is_visible(optics.lens, body.rcm, body.tool.shaft, path, self.radius)
 
-    def regular(self, optics: Optics, way: Floats) -> bool:
-        """Whether the scaled Jacobian is conditioned along the way (n, 3) as was asked for.
+    def is_well_conditioned(self, optics: Optics, path: Floats) -> bool:
+        """Return True if the scaled Jacobian is conditioned as required along the path (n, 3).
 
-        Through a port nothing is asked: about an RCM that is not seen there is none.
+        Always True for an endoscope: no Jacobian exists about an RCM that the camera cannot image.
         """
         if self.settings.ports is not None:
             return True
-        body, s = self.body, self.settings
-        most, least = float(s.max_condition), float(s.min_condition)
-        return regular(optics.lens, body.rcm, body.tool.shaft, way, most, least)
+        body, settings = self.body, self.settings
+        upper, lower = float(settings.max_condition), float(settings.min_condition)
+        return path_is_well_conditioned(optics.lens, body.rcm, body.tool.shaft, path, upper, lower)
 
-    def _room(self, optics: Optics, way: Floats) -> bool:
-        """Whether both markers stay in the picture about all the joints (n, 3)."""
+    def _has_room(self, optics: Optics, path: Floats) -> bool:
+        """Return True if both markers stay in the image around all the joints (n, 3)."""
         body, room = self.body, self.settings.room
-        return roomy(optics.lens, body.rcm, body.tool.shaft, way, float(room))
+        return room_is_visible(optics.lens, body.rcm, body.tool.shaft, path, float(room))
 
 
 @compiled
-def inside(rcm: Rcm, way: Floats) -> bool:
-    """Whether the way (n, 3) keeps off the joints' limits."""
-    for q in way:
+def path_is_within_limits(rcm: Rcm, path: Floats) -> bool:
+    """Return True if the path (n, 3) stays within the joint limits, minus a margin."""
+    for q in path:
         for i in range(3):
-            margin = MARGIN * (rcm.upper[i] - rcm.lower[i])
+            margin = JOINT_MARGIN_FRACTION * (rcm.upper[i] - rcm.lower[i])
             if not rcm.lower[i] + margin < q[i] < rcm.upper[i] - margin:
                 return False
     return True
 
 
 @compiled
-def within(lens: Lens, points: Floats, border: float) -> bool:
-    """Whether all `points` (N, 2) px are in the picture, more than `border` px from its border."""
+def points_are_inside(lens: Lens, points: Floats, border: float) -> bool:
+    """Return True if all `points` (N, 2) px are in the image, `border` px from its border."""
     for u, v in points:
         if not (border < u < lens.width - border and border < v < lens.height - border):
             return False
@@ -101,54 +109,67 @@ def within(lens: Lens, points: Floats, border: float) -> bool:
 
 
 @compiled
-def visible(lens: Rows[Lens], rcm: Rcm, shaft: Shaft, way: Floats, radius: float) -> bool:
-    """`Fitness.visible`."""
-    for q in way:  # noqa: SIM110 Numba compiles no generators in `all`
-        if not whole(lens[0], shaft, position(rcm, q), radius):
+def path_is_visible(lens: Rows[Lens], rcm: Rcm, shaft: Shaft, path: Floats, radius: float) -> bool:
+    """Return `SceneFeasibility.markers_visible`."""
+    for q in path:  # noqa: SIM110 Numba does not compile generators in `all`
+        if not balls_are_whole(lens[0], shaft, position(rcm, q), radius):
             return False
     return True
 
 
 @compiled
-def whole(lens: Lens, shaft: Shaft, p1: Floats, radius: float) -> bool:
-    """Whether both balls are whole in the picture and apart, with marker 1 at p1 (3,) mm."""
-    depth = min(in_camera(lens, p1)[2], in_camera(lens, second_marker(shaft, p1))[2])
+def balls_are_whole(lens: Lens, shaft: Shaft, p1: Floats, radius: float) -> bool:
+    """Return True if both balls are whole in the image and apart, with marker 1 at p1 (3,) mm."""
+    depth = min(
+        transform_to_camera(lens, p1)[2], transform_to_camera(lens, second_marker(shaft, p1))[2]
+    )
     if not depth > 5.0 * radius:
         return False
-    m, r = markers(lens, shaft, p1), 1.2 * lens.focal * radius / depth
-    apart = np.sqrt((m[1, 0] - m[0, 0]) ** 2 + (m[1, 1] - m[0, 1]) ** 2) > SEPARATION * r
-    return apart and within(lens, m, r + BORDER)
+    m, r = project_markers(lens, shaft, p1), 1.2 * lens.focal * radius / depth
+    are_apart = (
+        np.sqrt((m[1, 0] - m[0, 0]) ** 2 + (m[1, 1] - m[0, 1]) ** 2) > MIN_SEPARATION_RADII * r
+    )
+    return are_apart and points_are_inside(lens, m, r + IMAGE_BORDER_PX)
 
 
 @compiled
-def roomy(lens: Rows[Lens], rcm: Rcm, shaft: Shaft, way: Floats, room: float) -> bool:
-    """Whether both markers stay in the picture `room` mm from each place, towards the CORNERS and
-    away from them."""
+def room_is_visible(lens: Rows[Lens], rcm: Rcm, shaft: Shaft, path: Floats, room: float) -> bool:
+    """Return True if both markers stay in the image `room` mm from each joint position.
+
+    The directions are those of the corners of a cube.
+    """
     p = np.empty(3)
-    for q in way:
+    for q in path:
         p1 = position(rcm, q)
-        for i in range(2 * len(CORNERS)):
-            reach = room if i < len(CORNERS) else -room
+        for i in range(2 * len(CUBE_CORNERS)):
+            reach = room if i < len(CUBE_CORNERS) else -room
             for k in range(3):
-                p[k] = p1[k] + reach * CORNERS[i % len(CORNERS), k]
-            if not within(lens[0], markers(lens[0], shaft, p), BORDER):
+                p[k] = p1[k] + reach * CUBE_CORNERS[i % len(CUBE_CORNERS), k]
+            if not points_are_inside(lens[0], project_markers(lens[0], shaft, p), IMAGE_BORDER_PX):
                 return False
     return True
 
 
 @compiled
-def regular(
-    lens: Rows[Lens], rcm: Rcm, shaft: Shaft, way: Floats, most: float, least: float
+def path_is_well_conditioned(
+    lens: Rows[Lens],
+    rcm: Rcm,
+    shaft: Shaft,
+    path: Floats,
+    max_condition: float,
+    min_condition: float,
 ) -> bool:
-    """Whether the scaled Jacobian's condition is at most `most` along the way (n, 3), and somewhere
-    on it above `least`."""
+    """Return True if the scaled Jacobian's condition number is in bounds along the path (n, 3).
+
+    It is at most `max_condition` everywhere, and above `min_condition` somewhere.
+    """
     o_c, worst = np.empty(2), 0.0
     o_c[0], o_c[1] = project(lens[0], np.zeros(3))
     if not all_finite(o_c):
         return False
-    for q in way:
-        J = true_jacobian(lens[0], shaft, position(rcm, q), o_c)
+    for q in path:
+        J = compute_true_jacobian(lens[0], shaft, position(rcm, q), o_c)
         worst = max(worst, condition(scaled(J)))
-        if not worst <= most:
+        if not worst <= max_condition:
             return False
-    return worst > least
+    return worst > min_condition

@@ -1,4 +1,4 @@
-"""Ways of the joints from a start to a target."""
+"""Joint paths from a start to a target: straight lines and paths of the saturated law."""
 
 import numpy as np
 
@@ -12,69 +12,88 @@ from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.ground_truth import feature_jacobian
 from rcmservo.sim.tool_body import Body
 
-WAY = 9
-"""Places on the way from start to target at which a scene is judged."""
+PATH_POINTS = 9
+"""Points of a path at which a scene is tested."""
 
 
-def straight(body: Body, start: Floats, target: Floats) -> Floats:
-    """Joints (WAY, 3) that take the tool's reference point from start to target in a straight
-    line."""
-    return straight_way(body.mechanism.rcm(), start, target)
+def plan_straight_path(body: Body, start: Floats, target: Floats) -> Floats:
+    """Return joints (PATH_POINTS, 3) on the straight line of the reference point to the target."""
+    return interpolate_straight_path(body.mechanism.rcm(), start, target)
 
 
 @compiled
-def straight_way(rcm: Rcm, start: Floats, target: Floats) -> Floats:
-    """`straight`, of the mechanism and its reference point."""
+def interpolate_straight_path(rcm: Rcm, start: Floats, target: Floats) -> Floats:
+    """Compute `plan_straight_path` of the mechanism's own reference point."""
     a, b = position(rcm, start), position(rcm, target)
-    way, p = np.empty((WAY, 3)), np.empty(3)
-    for i in range(WAY):
-        share = i / (WAY - 1)
+    path, p = np.empty((PATH_POINTS, 3)), np.empty(3)
+    for i in range(PATH_POINTS):
+        fraction = i / (PATH_POINTS - 1)
         for k in range(3):
-            p[k] = a[k] + share * (b[k] - a[k])
-        put(way[i], joints(rcm, p))
-    return way
+            p[k] = a[k] + fraction * (b[k] - a[k])
+        put(path[i], joints(rcm, p))
+    return path
 
 
-def with_errors(
+def plan_saturated_path(
     body: Body, optics: Optics, target: Floats, errors: Floats
 ) -> tuple[Floats, Floats] | None:
-    """Joints (WAY, 3) on the way of the saturated law (33) from Δy = `errors` (rad, px, px), and
-    the joints where half of them is left. None where there are no such joints."""
-    y_d = features_at(body, optics, target)
-    way = [target]
-    longest = np.max(np.abs(errors) / SCALE)
-    for share in np.linspace(1.0, 0.0, WAY)[1:]:
-        left = np.sign(errors) * np.maximum(np.abs(errors) - share * longest * SCALE, 0.0)
-        q = _with_error(body, optics, way[-1], y_d, left)
+    """Return joints (PATH_POINTS, 3) on the path of the saturated law (33) from Δy = `errors`.
+
+    Parameters
+    ----------
+    body : Body
+        Tool.
+    optics : Optics
+        True camera.
+    target : Floats, shape (3,)
+        Joints of the target.
+    errors : Floats, shape (3,)
+        Initial error (rad, px, px).
+
+    Returns
+    -------
+    tuple or None
+        Joints of the path, and the joints (3,) at half the error; None if no such joints exist.
+    """
+    y_d = compute_features(body, optics, target)
+    path = [target]
+    largest = np.max(np.abs(errors) / SCALE)
+    for fraction in np.linspace(1.0, 0.0, PATH_POINTS)[1:]:
+        remaining = np.sign(errors) * np.maximum(np.abs(errors) - fraction * largest * SCALE, 0.0)
+        q = _solve_for_error(body, optics, path[-1], y_d, remaining)
         if q is None:
             return None
-        way.append(q)
-    half_way = _with_error(body, optics, way[WAY // 2], y_d, 0.5 * errors)
-    return None if half_way is None else (np.stack(way[::-1]), half_way)
+        path.append(q)
+    half_way = _solve_for_error(body, optics, path[PATH_POINTS // 2], y_d, 0.5 * errors)
+    return None if half_way is None else (np.stack(path[::-1]), half_way)
 
 
-def _with_error(body: Body, optics: Optics, q: Floats, y_d: Floats, error: Floats) -> Floats | None:
-    """Joints (3,) at which y − y_d is `error`, by Newton's method from q. None where it finds
-    none."""
+def _solve_for_error(
+    body: Body, optics: Optics, q: Floats, y_d: Floats, error: Floats
+) -> Floats | None:
+    """Return joints (3,) at which y − y_d is `error`, by Newton's method from q.
+
+    None if the method does not converge.
+    """
     for _ in range(10):
-        left = difference(error, difference(features_at(body, optics, q), y_d))
-        if np.max(np.abs(left) / SCALE) < 1e-9:
+        residual = difference(error, difference(compute_features(body, optics, q), y_d))
+        if np.max(np.abs(residual) / SCALE) < 1e-9:
             return q
         J = scaled(feature_jacobian(body, optics, q, imaged_rcm(optics)))
         if not (np.isfinite(J).all() and np.linalg.cond(J) < 1e6):
             return None
-        p1: Floats = body.points(q)[0] + np.linalg.solve(J, left / SCALE)
-        near = body.mechanism.joints(p1 * (1.0 - body.tool.offset / np.linalg.norm(p1)))
-        near[:2] += 2.0 * np.pi * np.round((q[:2] - near[:2]) / (2.0 * np.pi))
-        q = near
+        p1: Floats = body.points(q)[0] + np.linalg.solve(J, residual / SCALE)
+        solution = body.mechanism.joints(p1 * (1.0 - body.tool.offset / np.linalg.norm(p1)))
+        solution[:2] += 2.0 * np.pi * np.round((q[:2] - solution[:2]) / (2.0 * np.pi))
+        q = solution
     return None
 
 
-def features_at(body: Body, optics: Optics, q: Floats) -> Floats:
-    """y (3,) about the true imaged RCM at the joints q (3,)."""
+def compute_features(body: Body, optics: Optics, q: Floats) -> Floats:
+    """Return y (3,) about the true imaged RCM at the joints q (3,)."""
     return features(about(optics.project(body.points(q)[:2]), imaged_rcm(optics)))
 
 
 def imaged_rcm(optics: Optics) -> Floats:
-    """The true o_c, (2,) px; NaN where the lens model does not reach."""
+    """Return the true o_c (2,) px, NaN where the lens model does not reach."""
     return optics.project(np.zeros((1, 3)))[0]
