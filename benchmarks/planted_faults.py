@@ -55,8 +55,8 @@ FAULTS = (
     Fault(
         "unit of insertion in CRTK messages, mm instead of m",
         "hardware/crtk/messages.py",
-        "UNIT = np.array([1.0, 1.0, 1e-3])",
-        "UNIT = np.array([1.0, 1.0, 1.0])",
+        "CRTK_UNITS = np.array([1.0, 1.0, 1e-3])",
+        "CRTK_UNITS = np.array([1.0, 1.0, 1.0])",
         "crtk",
     ),
     Fault(

@@ -95,7 +95,7 @@ def test_the_setpoint_stays_within_the_joint_limits() -> None:
 
 @pytest.mark.parametrize("offset", [-1.0, 1.0])
 def test_an_implausible_position_moves_nothing_and_switches_the_arm_off(offset: float) -> None:
-    """The report is recent and finite, and one joint is far off its setpoint."""
+    """The report is recent and finite, and one joint is far from its setpoint."""
     lab, arm = moving_arm()
     count, last = len(setpoints(lab)), setpoints(lab)[-1]
     position = (last.position[0] + offset, *last.position[1:])
@@ -285,18 +285,15 @@ def test_an_arm_without_a_speed_topic_is_refused(monkeypatch: pytest.MonkeyPatch
 def test_speeds_are_sent_with_jv(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("simulated_transport.Endpoint.listeners", lambda endpoint, topic: 1)
     lab, _ = moving_arm(jv=True)
-    message = [message for topic, message in lab.network.sent if topic == "PSM1/servo_jv"]
-    assert len(message) == 50 and not setpoints(lab)
-    assert message[-1].velocity == pytest.approx((0.2, -0.2, 0.02, 0.0, 0.0, 0.0))
+    assert len(speeds(lab)) == 50 and not setpoints(lab)
+    assert speeds(lab)[-1].velocity == pytest.approx((0.2, -0.2, 0.02, 0.0, 0.0, 0.0))
 
 
 def speeds(lab: CrtkLab) -> list[Any]:
     return [message for topic, message in lab.network.sent if topic == "PSM1/servo_jv"]
 
 
-def test_zero_speed_precedes_the_switch_off(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_zero_speed_precedes_the_switch_off(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("simulated_transport.Endpoint.listeners", lambda endpoint, topic: 1)
     lab, _ = moving_arm(jv=True)
     lab.advance(PATIENCE + 10 * MS)

@@ -1,7 +1,7 @@
 """Driver of GigE Vision and USB3 Vision cameras, with the Aravis library.
 
-The camera's time stamps determine how much later than the least delayed frame each frame arrives.
-`latency` is the time from the middle of the exposure to the arrival of the least delayed frame.
+The camera's time stamps give the delay of each frame relative to the least delayed one. `latency`
+is the time from the middle of the exposure to the arrival of the least delayed frame.
 Frames with missing packets are dropped and counted, and so are frames whose ids never arrive.
 """
 

@@ -20,10 +20,9 @@ WINDOW_OVERRUN_S = 1.0
 """Time beyond the window after which all older frames are removed together."""
 MAX_DRIFT = 500e-6
 """Largest relative drift of the camera's clock. Crystals stay within a fifth of it."""
-DELAY_MARGIN = 160.0
-"""Uncertainty per mean delay, times the number of frames."""
-INITIAL_UNCERTAINTY_S = 0.2
-"""Additional uncertainty for still unknown delays, times the number of frames."""
+DELAY_MARGIN, INITIAL_UNCERTAINTY_S = 160.0, 0.2
+"""Coefficients of the uncertainty: (``DELAY_MARGIN`` mean delay + ``INITIAL_UNCERTAINTY_S``) /
+number of frames. The second one covers delays that have not occurred yet."""
 MAX_EARLINESS_S = 0.001
 """Earliness beyond the uncertainty that shows that the camera's clock was set."""
 MAX_LATENESS_S = 1.0

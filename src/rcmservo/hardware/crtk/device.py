@@ -2,9 +2,9 @@
 
 It has the six joints of a patient-side manipulator of the dVRK, with their names and rules. A
 position beyond a limit is refused as a whole, with a warning. Names are empty, the joints' names or
-their numbers. The arm moves only while it is ENABLED and homed. Three rules are the emulator's own:
-it starts DISABLED; the first writer that moves it controls it until it is disabled, and others get
-warnings; and it stops when its writer falls silent.
+their numbers. The arm moves only while it is ENABLED and homed. Three rules differ from the dVRK:
+the arm starts DISABLED; the first writer that moves it controls it until it is disabled, and others
+get warnings; and it stops when its writer falls silent.
 
     DISABLED ─ enable ─► ENABLED ─ pause ─► PAUSED ─ resume ─► ENABLED
        ▲  └──── disable ◄──┴──────────────────┘

@@ -110,6 +110,8 @@ class GalilArm:
             if self._next is None or self._next.enabled:  # nothing replaces a switch-off
                 self._next = command
         self._wake.set()
+        if not (command.enabled and self._measured.enabled):
+            return np.zeros(3)
         return self._session.in_counts_per_s(command.rates) / np.array(self.settings.counts)
 
     def close(self) -> None:

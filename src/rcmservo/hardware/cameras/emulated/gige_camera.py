@@ -61,7 +61,7 @@ class GigeCamera:
         self._camera, self._last_number = camera, -1
         self._closing = threading.Event()
         self._library = load_aravis()
-        self._fill = FILL_CALLBACK(self._fill_buffer)  # a reference, because the library calls it
+        self._fill = FILL_CALLBACK(self._fill_buffer)  # keeps the callback alive
         _require_free_port()
         call = self._library.call
         self._device = call("gv_fake_camera_new", LOOPBACK.encode(), serial.encode())
@@ -69,7 +69,7 @@ class GigeCamera:
             raise RcmServoError(
                 f"the emulated camera cannot listen on {LOOPBACK}, port {CONTROL_PORT}"
             )
-        inside = call("gv_fake_camera_get_fake_camera", self._device)
+        fake_camera = call("gv_fake_camera_get_fake_camera", self._device)
         for register, value in (
             (SENSOR_WIDTH, width),
             (SENSOR_HEIGHT, height),
@@ -78,9 +78,9 @@ class GigeCamera:
             (PIXEL_FORMAT, RGB8),
             (FRAME_PERIOD_US, round(1e6 / DEFAULT_RATE)),
         ):
-            call("fake_camera_write_register", inside, register, value)
+            call("fake_camera_write_register", fake_camera, register, value)
         fill = ctypes.cast(self._fill, ctypes.c_void_p)
-        call("fake_camera_set_fill_pattern", inside, fill, None)
+        call("fake_camera_set_fill_pattern", fake_camera, fill, None)
         self._wake_thread = threading.Thread(target=self._keep_awake, daemon=True)
         self._wake_thread.start()
 

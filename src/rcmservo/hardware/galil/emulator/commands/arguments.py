@@ -15,7 +15,7 @@ from rcmservo.hardware.galil.emulator.state import OLD_TO_NEW_LETTERS
 NAMED_AXES = re.compile(r"\s*([A-HW-Z]+|\*)\s*=\s*(.+)$")
 
 
-class Assignment(NamedTuple):
+class AxisAssignment(NamedTuple):
     """Value that a command assigns to one axis."""
 
     axis: int
@@ -33,16 +33,16 @@ def parse_axes(text: str, count: int) -> list[int]:
     return indices
 
 
-def parse_assignments(text: str, count: int) -> list[Assignment]:
+def parse_assignments(text: str, count: int) -> list[AxisAssignment]:
     """Return the assignments of a command for a controller with `count` axes."""
     match = NAMED_AXES.match(text)
     if match is not None:
         axes = range(count) if match.group(1) == "*" else parse_axes(match.group(1), count)
-        return [Assignment(axis, match.group(2).strip()) for axis in axes]
+        return [AxisAssignment(axis, match.group(2).strip()) for axis in axes]
     parts = split_arguments(text)
     if len(parts) > count:
         raise CommandError(4)
-    assignments = [Assignment(i, part) for i, part in enumerate(parts) if part]
+    assignments = [AxisAssignment(i, part) for i, part in enumerate(parts) if part]
     if not assignments:
         raise CommandError(50)
     return assignments
