@@ -41,8 +41,8 @@ FAULTS = (
     Fault(
         "sign of the control law, eq. (31)",
         "method/controller.py",
-        "v[k] = -gain * (back[k, 0]",
-        "v[k] = gain * (back[k, 0]",
+        "v = -gain * x, -gain * y, -gain * z",
+        "v = gain * x, gain * y, gain * z",
         "method/test_controller.py",
     ),
     Fault(

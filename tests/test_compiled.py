@@ -11,6 +11,7 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -142,6 +143,23 @@ def test_a_kernel_is_pickled_and_copied_as_a_function_is_by_name() -> None:
         assert length(np.array([3.0, 4.0])) == 5.0
     assert inspect.signature(length) == inspect.signature(length.py_func)  # type: ignore[attr-defined]
     assert not hasattr(length, "_a_name_of_nothing")
+
+
+@compiled.compiled
+def doubled(number: float) -> float:
+    return 2.0 * number
+
+
+@compiled.compiled
+def doubled_and_one(number: float) -> float:
+    return doubled(number) + 1.0
+
+
+def test_a_kernel_called_by_kernels_only_has_no_code_for_calls_from_python() -> None:
+    kernel: Any = doubled
+    assert doubled_and_one(3.0) == 7.0 and len(kernel.inner.signatures) == 1
+    assert not kernel.signatures
+    assert doubled(3.0) == 6.0 and len(kernel.signatures) == 1
 
 
 def test_threads_that_call_a_new_kernel_at_once_share_one_dispatcher() -> None:

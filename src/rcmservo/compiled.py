@@ -19,7 +19,7 @@ from typing import Any, TypeVar, cast
 Function = TypeVar("Function", bound=Callable[..., Any])
 PACKAGE = Path(__file__).parent
 MARK = "\n@compiled\n"
-MARKS = MARK, "\n@intrinsic\n", "\n@declared(", "\ndeclare_in("
+MARKS = MARK, "\n@declared(", "\ndeclare_in("
 """Each is in files that machine code is made of."""
 
 PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "") not in ("", "0")
@@ -73,6 +73,10 @@ OPTIONS: Any = {"error_model": "numpy", "no_cfunc_wrapper": True, "forceinline":
 What one function calls becomes part of it: to pass on all the numbers of a tick took as long as to
 compute them."""
 
+INNER: Any = {**OPTIONS, "no_cpython_wrapper": True}
+"""The same for a function that another compiled one calls. The code that takes Python's objects
+apart is a third of the compilation of a small function, and most functions need none."""
+
 DECLARING: list[str] = []
 """Modules that extend Numba: they are imported before a kernel is compiled."""
 
@@ -88,8 +92,8 @@ def declare_in(module: str) -> None:
 class Kernel:
     """A function that Numba compiles on its first call. Until then Numba is not even imported.
 
-    The plain function is `py_func`, Numba's own object is `dispatcher`; other attributes are those
-    of the dispatcher.
+    The plain function is `py_func`. Numba's object for calls from Python is `dispatcher`, that for
+    calls from other kernels is `inner`; other attributes are those of the dispatcher.
     """
 
     py_func: Callable[..., Any]
@@ -102,9 +106,11 @@ class Kernel:
         return self.dispatcher(*arguments, **named)
 
     def __getattr__(self, name: str) -> Any:
-        """Make the dispatcher, once, or return one of its attributes."""
+        """Make a dispatcher, once, or return an attribute of the one for Python."""
+        if name == "inner":
+            return vars(self).setdefault(name, _dispatcher(self.py_func, INNER))
         if name == "dispatcher":
-            made = vars(self).setdefault(name, _dispatcher(self.py_func))
+            made = vars(self).setdefault(name, _dispatcher(self.py_func, OPTIONS))
             # from now on a call reaches it without a frame of Python between: 0.1 us, not 0.3
             loaded: Any = type("LoadedKernel", (Kernel,), {"__call__": staticmethod(made)})
             self.__class__ = loaded
@@ -126,16 +132,18 @@ def compiled(function: Function) -> Function:
     return function if PLAIN else cast(Function, Kernel(function))
 
 
-def _dispatcher(function: Callable[..., Any]) -> Any:
-    """Return what Numba makes of a function, with the cache in our folder."""
+def _dispatcher(function: Callable[..., Any], options: Any) -> Any:
+    """Return what Numba makes of a function, with the cache in our folder: one folder for each set
+    of options, which Numba does not tell apart there."""
     numba, config = _numba()
     for module in DECLARING:
         import_module(module)
     with _CHANGING_THE_FOLDER:
         chosen = config.CACHE_DIR
-        config.CACHE_DIR = chosen or cache_folder()
+        folder = chosen or cache_folder()
+        config.CACHE_DIR = str(Path(folder) / "inner") if folder and options is INNER else folder
         try:
-            return numba.njit(cache=bool(config.CACHE_DIR), **OPTIONS)(function)
+            return numba.njit(cache=bool(folder), **options)(function)
         finally:
             config.CACHE_DIR = chosen
 
@@ -152,6 +160,6 @@ def _numba() -> tuple[Any, Any]:
 
     @typeof.register(Kernel)
     def _(kernel: Kernel, context: Any) -> Any:
-        return typeof(kernel.dispatcher, context)
+        return typeof(kernel.inner, context)
 
     return numba, config

@@ -104,10 +104,12 @@ def form(M: Floats, a: Floats, b: Floats) -> float:
 @compiled
 def product(A: Floats, x: Floats) -> Floats:
     """A x (n,), of A (n, m) and x (m,)."""
-    out = np.zeros(A.shape[0])
+    out = np.empty(A.shape[0])
     for i in range(A.shape[0]):
+        total = 0.0
         for j in range(A.shape[1]):
-            out[i] += A[i, j] * x[j]
+            total += A[i, j] * x[j]
+        out[i] = total
     return out
 
 
@@ -122,11 +124,12 @@ def products(A: Floats, B: Floats) -> Floats:
 @compiled
 def multiply(A: Floats, B: Floats, out: Floats) -> None:
     """Write A B (n, k), of A (n, m) and B (m, k)."""
-    fill(out, 0.0)
     for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
-            for k in range(B.shape[1]):
-                out[i, k] += A[i, j] * B[j, k]
+        for k in range(B.shape[1]):
+            total = 0.0
+            for j in range(A.shape[1]):
+                total += A[i, j] * B[j, k]
+            out[i, k] = total
 
 
 @compiled

@@ -119,6 +119,11 @@ def whole(unit: str, meaning: str) -> Any:
     return Field("i8", (), unit, meaning)
 
 
+def wholes(size: int, unit: str, meaning: str) -> Any:
+    """So many whole numbers."""
+    return Field("i8", (size,), unit, meaning)
+
+
 def flag(meaning: str) -> Any:
     """True or False."""
     return Field("?", (), "", meaning)

@@ -257,7 +257,8 @@ def expecting(seen):
     out |= planned(v, seen, shaft)
     prospect.empty(v)
     empty = prospect.Prospect(memory)
-    return out | {f"emptied {field.name}": getattr(empty, field.name) for field in empty.fields}
+    numbers = {field.name for field in empty.fields} - {"work"}
+    return out | {f"emptied {name}": getattr(empty, name) for name in numbers}
 
 
 def planned(v, seen, shaft):

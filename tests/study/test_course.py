@@ -146,8 +146,8 @@ def test_the_latency_is_that_of_the_frames_with_half_of_their_exposure() -> None
     cell = small(latency=(0.05,)).cells[0]
     study = cell.engine_for(0, cell.rebuilt({}))
     assert isinstance(study, Study)
-    pace = study._twin(scene_of(cell, 0)).pace[0]  # pyright: ignore[reportPrivateUsage]
-    assert pace["late"] == 50_000_000
+    pace = study._twin(scene_of(cell, 0)).pace  # pyright: ignore[reportPrivateUsage]
+    assert pace.late == 50_000_000
 
 
 def test_the_noise_of_rendered_frames_is_not_known() -> None:

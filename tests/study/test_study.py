@@ -28,7 +28,7 @@ from rcmservo.study.batch import BEGIN
 from rcmservo.study.closed_loop import Goal
 from rcmservo.study.laboratory import Laboratory
 from rcmservo.study.plan.file import StudyFile, plan_of
-from rcmservo.study.twin import Drives, advance, count, place, take
+from rcmservo.study.twin import advance, count, place, take
 from rcmservo.study.work.chunk import one_run
 
 QUIET = RigSettings(point_noise=0.0)
@@ -253,7 +253,8 @@ def test_noise_that_cannot_be_given_is_one_sentence() -> None:
 
 def test_the_twin_stops_at_its_hard_stop_by_the_true_joints() -> None:
     study = study_of(replace(QUIET, drive=WRONG))
-    twin = study._twin(drawn(0, QUIET)[0])
+    laboratory = study._twin(drawn(0, QUIET)[0])
+    twin = laboratory.rows[0]
     place(twin, BEGIN)
     for k in range(500):
         take(twin, np.array([0.0, 0.0, 100.0]), True)
@@ -262,7 +263,7 @@ def test_the_twin_stops_at_its_hard_stop_by_the_true_joints() -> None:
     stop = (lower + upper) / 2.0 + HARD_STOP * (upper - lower) / 2.0
     told = np.empty(3)
     count(twin, told)
-    assert Drives(twin.drives).q[2] == stop[2]
+    assert laboratory.drives.q[2] == stop[2]
     assert told[2] == pytest.approx(stop[2] + WRONG.encoder_offset[2], abs=2e-3)
 
 

@@ -41,13 +41,14 @@ def misplaced(
     """Whether marker 1, marker 2 are not where the camera should see them with marker 1 at p1 (3,)
     mm, and whether each is where the other should be. The newest frame believed had them at
     `before` (2, 2) px."""
-    first, second = both(v, p1, shaft)
-    one = doubtful(v, first, 0, points[0], before[0], t)
-    two = doubtful(v, second, 1, points[1], before[1], t)
-    if not (one and two):
-        return one, two, False
-    crossed = not doubtful(v, first, 0, points[1], before[0], t)
-    return one, two, crossed and not doubtful(v, second, 1, points[0], before[1], t)
+    there, one, two = both(v, p1, shaft), False, False
+    for k in range(2):
+        off = doubtful(v, there[k], k, points[k], before[k], t)
+        one, two = (off, two) if k == 0 else (one, off)
+    crossed = one and two
+    for k in range(2):
+        crossed = crossed and not doubtful(v, there[k], k, points[1 - k], before[k], t)
+    return one, two, crossed
 
 
 @compiled
@@ -82,13 +83,9 @@ def leapt(
     """The same without an estimate: whether they moved further than any camera sees a tool move by
     `way` mm, which is `nearest` px a mm."""
     allowed = jump + nearest * way
-    off = np.empty(2)
-    crossed = np.empty(2)
-    for i in range(2):
-        off[i] = apart(points[i], before[i])
-        crossed[i] = apart(points[i], before[1 - i])
-    swapped = crossed[0] <= allowed and crossed[1] <= allowed
-    return not off[0] <= allowed, not off[1] <= allowed, swapped
+    first, second = apart(points[0], before[0]), apart(points[1], before[1])
+    crossed = apart(points[0], before[1]) <= allowed and apart(points[1], before[0]) <= allowed
+    return not first <= allowed, not second <= allowed, crossed
 
 
 @compiled

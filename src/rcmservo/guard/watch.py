@@ -16,8 +16,8 @@ STILL = np.zeros(3)
 UNKNOWN = np.full(3, np.nan)
 
 
-class ObservationRow(Struct, source=Observation, without=("applied", "sizes", "quality")):
-    """Observation for the detectors. A row is passed on without counting who refers to it."""
+class ObservationRow(Struct, source=Observation, without=("sizes", "quality")):
+    """Observation in the state. A row is passed on without counting who refers to it."""
 
 
 class Watch(Row):
@@ -47,6 +47,7 @@ class Watch(Row):
     off: Floats = reals(2, "px", "how far off each marker is by that, 0 where noise explains it")
     seen: Floats = reals((2, 2), "px", "the newest markers that were not those before")
     foretold: Floats = reals((2, 2), "px", "where the fit had them then")
+    expected: Floats = reals((2, 2), "px", "where the fit has the newest ones")
     frozen: bool = flag("whether the same markers are seen since, though the tool moved")
     stood: Floats = reals(3, "mm", "p₁ when the markers seen before these were seen first")
     anchors: Floats = reals((2, 4), "px", "where each marker stands since, and the other did then")
@@ -87,13 +88,10 @@ def followed(
 
 
 @compiled
-def watch_loop(
-    w: Watch, seen: ObservationStruct, gap: int, period: int, lag: float, t: Thresholds
-) -> None:
+def watch_loop(w: Watch, gap: int, period: int, lag: float, t: Thresholds) -> None:
     """One more tick, `gap` ns after the last: how late it came, where the joints should be with
     drives that lag by so many s, and where they rest."""
-    store_observation(w.observation, seen)
-    w.gap = gap
+    seen, w.gap = w.observation, gap
     w.late = w.late + 1 if gap > (1.0 + t.late_share) * period else 0
     if seen.enabled and all_finite(w.reached):
         dt = max(seen.q_time - w.told, 0) * 1e-9
@@ -112,12 +110,13 @@ def store_observation(row: ObservationRow, seen: ObservationStruct) -> None:
     row.frame, row.exposure, row.arrival = seen.frame, seen.exposure, seen.arrival
     row.dropped, row.recorded = seen.dropped, seen.recorded
     put(row.q, seen.q)
+    put(row.applied, seen.applied)
     put(row.q_exposure, seen.q_exposure)
     put(row.points, seen.points)
 
 
 @compiled
-def watch_rest(w: Watch, seen: ObservationStruct, t: Thresholds) -> None:
+def watch_rest(w: Watch, seen: ObservationRow, t: Thresholds) -> None:
     """Where the joints came to rest, if nothing has been commanded since."""
     if not (seen.enabled and length(seen.applied) == 0.0):
         w.idle = -1
@@ -129,7 +128,7 @@ def watch_rest(w: Watch, seen: ObservationStruct, t: Thresholds) -> None:
 
 
 @compiled
-def watch_frame(w: Watch, seen: ObservationStruct, t: Thresholds) -> None:
+def watch_frame(w: Watch, seen: ObservationRow, t: Thresholds) -> None:
     """A new frame: its latency, and the period between frames, which no gap may stretch at once."""
     if w.frame >= 0:
         one = (seen.exposure - w.exposure) / (seen.frame - w.frame)

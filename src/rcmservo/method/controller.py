@@ -24,12 +24,11 @@ from rcmservo.constraints import (
     three_positive,
 )
 from rcmservo.interfaces import Floats
-from rcmservo.loops import all_finite, fill, length
-from rcmservo.memory import scratch, scratch_table
+from rcmservo.loops import all_finite, length
 from rcmservo.method.feature_vectors import FEATURE_VECTORS, FeatureVector
-from rcmservo.method.features import MAX_FEATURES, SCALE
+from rcmservo.method.features import SCALE
 from rcmservo.method.kinematics import Point
-from rcmservo.numerics.small_solvers import invert_3x3
+from rcmservo.numerics.small_solvers import solve_3x3
 from rcmservo.numerics.small_svd import extremes, put_right
 
 SURE = 1e3
@@ -86,6 +85,19 @@ def scale(J: Floats, out: Floats) -> None:
             out[i, j] = J[i, j] / SCALE[i]
 
 
+@compiled
+def largest_scaled(J: Floats) -> float:
+    """Return the largest absolute value of diag(1/SCALE) J; NaN if a number is NaN."""
+    most = 0.0
+    for i in range(J.shape[0]):
+        for j in range(J.shape[1]):
+            size = abs(J[i, j]) / SCALE[i]
+            if np.isnan(size):
+                return np.nan
+            most = max(most, size)
+    return most
+
+
 class Heading(NamedTuple):
     """Where the law goes, and how well it can."""
 
@@ -111,32 +123,28 @@ def law(
     """
     if not (all_finite(J) and length(J) > 0.0):
         return Heading((0.0, 0.0, 0.0), np.inf, 0.0, np.inf)
-    v, back, g, way = scratch(3), scratch_table(3, 3), gradient, 1.0
-    condition = invert_3x3(J, back) if len(J) == 3 else np.inf
-    if condition < min(0.5 * max_condition, SURE):
-        for k in range(3):
-            v[k] = -gain * (back[k, 0] * g[0] + back[k, 1] * g[1] + back[k, 2] * g[2])
-    else:
-        condition, way = damped(J.copy(), g, gain, max_condition, v)
-    speed = length(v)
+    v, condition, way = (0.0, 0.0, 0.0), np.inf, 1.0
+    if len(J) == 3:
+        (x, y, z), condition = solve_3x3(J, gradient)
+        v = -gain * x, -gain * y, -gain * z
+    if not condition < min(0.5 * max_condition, SURE):
+        v, condition, way = damped(J.copy(), gradient, gain, max_condition)
+    speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     slower = max(1.0, speed / max_speed)
-    u, w, x = v[0] / slower, v[1] / slower, v[2] / slower
-    return Heading((u, w, x), condition, way, speed / gain)
+    v = v[0] / slower, v[1] / slower, v[2] / slower
+    return Heading(v, condition, way, speed / gain)
 
 
 @compiled
-def damped(
-    B: Floats, g: Floats, gain: float, max_condition: float, v: Floats
-) -> tuple[float, float]:
-    """Write v (3,) mm/s of the scaled gradient g (n,) and the scaled Ĵ, B (n, 3), which is turned
-    in place; the condition of Ĵ, and the share of the error that v works off.
+def damped(B: Floats, g: Floats, gain: float, max_condition: float) -> tuple[Point, float, float]:
+    """Return v mm/s of the scaled gradient g (n,) and the scaled Ĵ, B (n, 3), which is turned in
+    place; the condition of Ĵ, and the share of the error that v works off.
 
     v is built along the right-angled columns of B = Ĵ V, whose lengths σ are the
     singular values. Those below 2σ₁/max_condition are damped, so that |v| stops growing.
     """
-    V, total, done = scratch_table(3, 3), 0.0, 0.0
+    V, v, total, done = np.empty((3, 3)), np.zeros(3), 0.0, 0.0
     put_right(B, V)
-    fill(v, 0.0)
     low, high = extremes(B)
     floor = 2.0 * high / max_condition
     for k in range(len(B)):
@@ -151,7 +159,7 @@ def damped(
         for k in range(3):
             v[k] -= gain * V[k, i] * share
     condition = high / low if low > 0.0 and high < np.inf else np.inf
-    return condition, done / total if total > 0.0 else 1.0
+    return (v[0], v[1], v[2]), condition, done / total if total > 0.0 else 1.0
 
 
 @compiled
@@ -170,7 +178,7 @@ def control(
     √(2V) is |Δy| where nothing is saturated. (33) makes V fall, while one component alone may rise
     on the way.
     """
-    gradient = scratch(MAX_FEATURES)[: len(delta)]
+    gradient = np.empty(len(delta))
     saturate(delta, bounds, printed, gradient)
     heading = law(J, gradient, gain, max_condition, max_speed)
     return heading, np.sqrt(2.0 * potential(delta, bounds, printed))

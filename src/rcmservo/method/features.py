@@ -9,7 +9,6 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 from rcmservo.loops import minus
-from rcmservo.memory import scratch
 from rcmservo.method.imaged_rcm import principal
 
 FEATURES = 3
@@ -127,12 +126,10 @@ def straight_jacobian(m: Floats, J: Floats) -> None:
 def near_origin(o_c: Floats, points: Floats, reach: float) -> tuple[float, float]:
     """o_c (2,) px, or where it is further than `reach` px from the middle of the markers' `points`
     (2, 2), the point so far on the way there."""
-    middle, way = scratch(2), scratch(2)
-    for k in range(2):
-        middle[k] = 0.5 * (points[0, k] + points[1, k])
-        way[k] = o_c[k] - middle[k]
-    share = min(reach / np.sqrt(way[0] ** 2 + way[1] ** 2), 1.0)
-    return middle[0] + share * way[0], middle[1] + share * way[1]
+    u, v = 0.5 * (points[0, 0] + points[1, 0]), 0.5 * (points[0, 1] + points[1, 1])
+    du, dv = o_c[0] - u, o_c[1] - v
+    share = min(reach / np.sqrt(du**2 + dv**2), 1.0)
+    return u + share * du, v + share * dv
 
 
 @compiled

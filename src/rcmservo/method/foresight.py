@@ -5,9 +5,9 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
-from rcmservo.loops import form, products
-from rcmservo.memory import scratch, scratch_table
+from rcmservo.loops import products
 from rcmservo.method.features import about, features_jacobian
+from rcmservo.method.kinematics import Point
 from rcmservo.method.prospect import UNIT, Foretold, Prospect, both, foretold
 from rcmservo.method.tool import Shaft, by_first_marker
 from rcmservo.numerics.small_solvers import invert
@@ -16,22 +16,31 @@ from rcmservo.numerics.small_solvers import invert
 @compiled
 def spread(v: Prospect, there: Foretold) -> tuple[float, float, float]:
     """Covariance px² of where the fit has the picture of a point: of u, of u with v, and of v."""
-    x, m, S_x, bend, flat = scratch(4), scratch(2), scratch(4), scratch_table(2, 3), 0.0
-    x[0], x[1], x[2], x[3] = there.x
-    m[0], m[1] = there.m
-    for i in range(4):
-        S_x[i] = 0.0
-        for j in range(4):
-            S_x[i] += v.S_inverse[i, j] * x[j]
-        flat += x[i] * S_x[i]
-    for k in range(2):
-        for j in range(3):
-            bend[k, j] = -m[k] * x[j]
-            for i in range(4):
-                bend[k, j] += v.sums[1 + k, i, j] * S_x[i]
+    x, (m_u, m_v), S, U, V = there.x, there.m, v.S_inverse, v.sums[1], v.sums[2]
+    S_x = along(S[0], x), along(S[1], x), along(S[2], x), along(S[3], x)
+    flat = x[0] * S_x[0] + x[1] * S_x[1] + x[2] * S_x[2] + x[3] * S_x[3]
+    u_0, u_1, u_2 = along(U[0], S_x), along(U[1], S_x), along(U[2], S_x)
+    v_0, v_1, v_2 = along(V[0], S_x), along(V[1], S_x), along(V[2], S_x)
+    bend_u = u_0 - m_u * x[0], u_1 - m_u * x[1], u_2 - m_u * x[2]
+    bend_v = v_0 - m_v * x[0], v_1 - m_v * x[1], v_2 - m_v * x[2]
     scale, G = v.noise / there.z**2, v.g_inverse
-    uu, uv, vv = form(G, bend[0], bend[0]), form(G, bend[0], bend[1]), form(G, bend[1], bend[1])
+    uu, uv, vv = bent(G, bend_u, bend_u), bent(G, bend_u, bend_v), bent(G, bend_v, bend_v)
     return scale * (flat + uu), scale * uv, scale * (flat + vv)
+
+
+@compiled
+def along(row: Floats, x: tuple[float, float, float, float]) -> float:
+    """Return the scalar product of a row (4,) and x."""
+    return row[0] * x[0] + row[1] * x[1] + row[2] * x[2] + row[3] * x[3]
+
+
+@compiled
+def bent(G: Floats, a: Point, b: Point) -> float:
+    """Return aᵀGb of G (3, 3)."""
+    total = 0.0
+    for i in range(3):
+        total += a[i] * (G[i, 0] * b[0] + G[i, 1] * b[1] + G[i, 2] * b[2])
+    return total
 
 
 @compiled
@@ -95,7 +104,7 @@ def motion(v: Prospect, there: Foretold, jacobian: Floats) -> None:
 
 
 @compiled
-def motions(v: Prospect, p1: Floats, shaft: Shaft, jacobian: Floats) -> None:
+def motions(v: Prospect, p1: Floats | Point, shaft: Shaft, jacobian: Floats) -> None:
     """Write ∂m/∂p₁ (4, 3) px/mm of both markers, with marker 1 at p1 (3,) mm."""
     one, other = both(v, p1, shaft)
     motion(v, one, jacobian[:2])
@@ -131,7 +140,7 @@ def told_apart(H: Floats, back: Floats) -> bool:
 @compiled
 def weakness(v: Prospect, p1: Floats, shaft: Shaft) -> float:
     """tr(HᵀH)⁻¹ (mm/px)², with H = ∂m/∂p₁ of both markers: how badly their pixels tell the pose."""
-    H, back = scratch_table(4, 3), scratch_table(3, 3)
+    H, back = np.empty((4, 3)), np.empty((3, 3))
     motions(v, p1, shaft, H)
     return back[0, 0] + back[1, 1] + back[2, 2] if told_apart(H, back) else np.inf
 
@@ -146,7 +155,7 @@ def pose_deviation(v: Prospect, p1: Floats, shaft: Shaft) -> float:
 def deviation_without(v: Prospect, p1: Floats, k: int, shaft: Shaft) -> float:
     """Standard deviation (mm) of marker 1 where marker k (0 or 1) is not seen but put where the fit
     has it: √tr(H⁺ cov H⁺ᵀ), of the columns of H⁺ that are that marker's."""
-    H, back, total = scratch_table(4, 3), scratch_table(3, 3), 0.0
+    H, back, total = np.empty((4, 3)), np.empty((3, 3)), 0.0
     motions(v, p1, shaft, H)
     if not told_apart(H, back):
         return np.inf

@@ -19,7 +19,6 @@ from rcmservo.constraints import Checked, Limit, Triple, each, finite
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.loops import length, product
-from rcmservo.memory import scratch
 
 SPHERICAL, PITCH_YAW = 0, 1
 MIN_LEVER = 1e-3
@@ -174,16 +173,24 @@ def blocked(
     slower = 1.0
     for i in range(3):
         slower = max(slower, abs(wanted[i]) / fastest[i])
-    joint, rates = -1, scratch(3)
+    joint = -1
     for i in range(3):
-        rates[i] = wanted[i] / slower
-        ahead = q[i] + rates[i] * horizon
-        if ahead > rcm.upper[i] or ahead < rcm.lower[i]:
-            joint, rates[i] = i, 0.0
+        if passes_limit(rcm, i, q[i] + wanted[i] / slower * horizon):
+            joint = i
     if joint < 0:
         return -1, wanted
+    rates = np.zeros(3)
+    for i in range(3):
+        if not passes_limit(rcm, i, q[i] + wanted[i] / slower * horizon):
+            rates[i] = wanted[i] / slower
     left = length(product(position_jacobian(rcm, q), rates))
     return joint if left < share * length(v) / slower else -1, wanted
+
+
+@compiled
+def passes_limit(rcm: Rcm, i: int, ahead: float) -> bool:
+    """Return whether joint i is beyond a limit where it will be."""
+    return ahead > rcm.upper[i] or ahead < rcm.lower[i]
 
 
 LIMITS = (

@@ -19,11 +19,10 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
-from rcmservo.loops import distance, fill, length, put
-from rcmservo.memory import scratch, scratch_table
+from rcmservo.loops import fill, length, put
 from rcmservo.method.exploration import LIMIT_MARGIN, Exploration, Exploring, at
 from rcmservo.method.foresight import motions, told_apart
-from rcmservo.method.kinematics import Rcm, point_at
+from rcmservo.method.kinematics import Point, Rcm, apart, point_at
 from rcmservo.method.prospect import LEAST_DEPTH, PRIOR, Foretold, Prospect, both
 from rcmservo.method.tool import Shaft
 from rcmservo.numerics.small_solvers import invert
@@ -50,7 +49,7 @@ def slopes(there: Foretold, D: Floats) -> None:
 
 
 @compiled
-def both_slopes(v: Prospect, p1: Floats, shaft: Shaft, D: Floats) -> bool:
+def both_slopes(v: Prospect, p1: Point, shaft: Shaft, D: Floats) -> bool:
     """Write ∂m/∂θ (4, 11) of both markers, with marker 1 at p1 (3,) mm; whether they lie before the
     camera by the fit."""
     one, other = both(v, p1, shaft)
@@ -78,13 +77,14 @@ def information(v: Prospect, N: Floats) -> None:
 
 
 @compiled
-def add_leg(v: Prospect, p: Floats, to: Floats, frames: float, shaft: Shaft, N: Floats) -> None:
+def add_leg(v: Prospect, p: Point, to: Point, frames: float, shaft: Shaft, N: Floats) -> None:
     """Add so many frames to N (11, 11), seen on a straight way of marker 1 from p to `to`, both
     (3,) mm."""
-    D, place = scratch_table(4, 11), scratch(3)
+    D = np.empty((4, 11))
     for k in range(3):
-        for i in range(3):
-            place[i] = p[i] + 0.5 * k * (to[i] - p[i])
+        part = 0.5 * k
+        x, y, z = to[0] - p[0], to[1] - p[1], to[2] - p[2]
+        place = p[0] + part * x, p[1] + part * y, p[2] + part * z
         both_slopes(v, place, shaft, D)
         weight = frames * (4.0 if k == 1 else 1.0) / 6.0
         for n in range(4):
@@ -94,11 +94,11 @@ def add_leg(v: Prospect, p: Floats, to: Floats, frames: float, shaft: Shaft, N: 
 
 
 @compiled
-def way_of(v: Prospect, p1: Floats, target: Floats, shaft: Shaft, T: Floats) -> float:
+def way_of(v: Prospect, p1: Point, target: Floats, shaft: Shaft, T: Floats) -> float:
     """Write T (3, 11), mm a unit of θ, from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px;
     how long that way is, mm, infinite where the fit does not tell it."""
-    H, back, D = scratch_table(4, 3), scratch_table(3, 3), scratch_table(4, 11)
-    there, way, pull = scratch_table(4, 11), scratch(3), scratch_table(3, 4)
+    H, back, D = np.empty((4, 3)), np.empty((3, 3)), np.empty((4, 11))
+    there, way, pull = np.empty((4, 11)), np.empty(3), np.empty((3, 4))
     motions(v, p1, shaft, H)
     if not told_apart(H, back):
         return np.inf
@@ -114,9 +114,8 @@ def way_of(v: Prospect, p1: Floats, target: Floats, shaft: Shaft, T: Floats) -> 
             way[i] += pull[i, 2 + j] * (target[1, j] - seen_other)
     far = length(way)
     part = AHEAD / far if far > AHEAD else 1.0
-    for i in range(3):
-        way[i] = p1[i] + part * way[i]
-    if not (both_slopes(v, p1, shaft, D) and both_slopes(v, way, shaft, there)):
+    ahead = p1[0] + part * way[0], p1[1] + part * way[1], p1[2] + part * way[2]
+    if not (both_slopes(v, p1, shaft, D) and both_slopes(v, ahead, shaft, there)):
         return np.inf
     for i in range(3):
         for j in range(11):
@@ -129,7 +128,7 @@ def way_of(v: Prospect, p1: Floats, target: Floats, shaft: Shaft, T: Floats) -> 
 @compiled
 def error_of(T: Floats, N: Floats, noise: float) -> float:
     """σ √tr(T N⁻¹Tᵀ) mm of T (3, 11), N (11, 11) and σ² px²; infinite where N tells too little."""
-    back, total = scratch_table(11, 11), 0.0
+    back, total = np.empty((11, 11)), 0.0
     put(back, N)
     if not invert(back):
         return np.inf
@@ -144,8 +143,8 @@ def error_of(T: Floats, N: Floats, noise: float) -> float:
 def off_target(v: Prospect, p1: Floats, target: Floats, shaft: Shaft) -> tuple[float, float]:
     """By how many mm the way from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px is mistaken,
     one standard deviation, and how long it is; infinite where the fit does not tell it."""
-    T, N = scratch_table(3, 11), scratch_table(11, 11)
-    far = way_of(v, p1, target, shaft, T)
+    T, N = np.empty((3, 11)), np.empty((11, 11))
+    far = way_of(v, (p1[0], p1[1], p1[2]), target, shaft, T)
     if not far < np.inf:
         return np.inf, np.inf
     information(v, N)
@@ -180,9 +179,8 @@ def plan(
     """Make that of the `PLACES` the next corner which leaves the least error of the way from the
     joints q (3,) to the `target` (2, 2) raw px, of those at most `reach` mm away; leave the corner
     as it is where none does."""
-    T, N, M = scratch_table(3, 11), scratch_table(11, 11), scratch_table(11, 11)
-    p, to, corner, least = scratch(3), scratch(3), scratch(3), np.inf
-    p[0], p[1], p[2] = point_at(rcm, q)
+    T, N, M = np.empty((3, 11)), np.empty((11, 11)), np.empty((11, 11))
+    p, corner, least = point_at(rcm, q), np.empty(3), np.inf
     if not way_of(v, p, target, shaft, T) < np.inf:
         return
     information(v, N)
@@ -190,8 +188,8 @@ def plan(
     for number in range(PLACES):
         if not place_of(tour, number, rcm, corner) or at(corner, tour.sides, q):
             continue
-        to[0], to[1], to[2] = point_at(rcm, corner)
-        if distance(p, to) <= reach:
+        to = point_at(rcm, corner)
+        if apart(p, to) <= reach:
             put(M, N)
             add_leg(v, p, to, frames, shaft, M)
             error = error_of(T, M, v.noise)

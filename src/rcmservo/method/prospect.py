@@ -26,11 +26,10 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 from rcmservo.loops import all_finite, distance, fill, put
-from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.kinematics import Point
 from rcmservo.method.tool import Shaft, second_marker, second_point
 from rcmservo.numerics.small_solvers import invert
-from rcmservo.rows import Row, real, reals
+from rcmservo.rows import Row, part, real, reals
 
 UNIT = 100.0
 """mm of one unit of x."""
@@ -63,6 +62,17 @@ PRIOR = 1e-6, 1.0
 """1/variance expected of A in px and of g before frames tell them."""
 
 
+class FitWorkspace(Row):
+    """Intermediate results of the fit. In the state they need no memory of their own."""
+
+    x: Floats = reals(4, "", "x̄ of a marker")
+    m: Floats = reals(2, "px", "its picture, from m₀")
+    Q: Floats = reals((4, 4), "", "W − U S⁻¹U − V S⁻¹V")
+    column: Floats = reals(4, "", "a column of S⁻¹U or S⁻¹V; U h or V h")
+    h: Floats = reals(4, "", "g and 1")
+    C: Floats = reals((3, 3), "", "(Q − 2σ²S)⁻¹ of g alone, corrected for noise")
+
+
 class Prospect(Row):
     """All that the frames say of the projection."""
 
@@ -79,6 +89,7 @@ class Prospect(Row):
     offset: Floats = reals((2, 2), "px", "that each marker is off the fit")
     weight: Floats = reals(2, "", "frames that the offset of each marker is the mean of")
     last: Floats = reals(3, "mm", "p₁ of the newest frame")
+    work: FitWorkspace = part(FitWorkspace, "intermediate results of the newest fit")
 
 
 class Foretold(NamedTuple):
@@ -111,6 +122,12 @@ def empty(v: Prospect) -> None:
     fill(v.offset, 0.0)
     fill(v.weight, 0.0)
     fill(v.last, 0.0)
+    fill(v.work.x, 0.0)
+    fill(v.work.m, 0.0)
+    fill(v.work.Q, 0.0)
+    fill(v.work.column, 0.0)
+    fill(v.work.h, 0.0)
+    fill(v.work.C, 0.0)
     v.frames, v.noise = 0.0, NOISE**2
 
 
@@ -126,7 +143,7 @@ def foretold(v: Prospect, p: Floats | Point) -> Foretold:
 
 
 @compiled
-def both(v: Prospect, p1: Floats, shaft: Shaft) -> tuple[Foretold, Foretold]:
+def both(v: Prospect, p1: Floats | Point, shaft: Shaft) -> tuple[Foretold, Foretold]:
     """Where the fit has the markers, with marker 1 at p1 (3,) mm."""
     return foretold(v, p1), foretold(v, second_point(shaft, p1))
 
@@ -138,7 +155,7 @@ def take(v: Prospect, k: int, there: Foretold, points: Floats) -> None:
     if not all_finite(points[k]):
         return
     v.frames += 0.5
-    x, m, weight = scratch(4), scratch(2), 1.0 / max(there.z, LEAST_DEPTH) ** 2
+    x, m, weight = v.work.x, v.work.m, 1.0 / max(there.z, LEAST_DEPTH) ** 2
     x[0], x[1], x[2], x[3] = there.x
     for i in range(2):
         m[i] = points[k, i] - v.origin[3 + i]
@@ -173,16 +190,19 @@ def add_apart(v: Prospect, k: int, x: Floats, m: Floats, weight: float) -> None:
 def left_over(v: Prospect, Q: Floats) -> None:
     """Write Q (4, 4)."""
     put(Q, v.sums[3])
-    half = scratch(4)
+    half = v.work.column
     for k in range(1, 3):
         for j in range(4):
             for i in range(4):
-                half[i] = 0.0
+                total = 0.0
                 for n in range(4):
-                    half[i] += v.S_inverse[i, n] * v.sums[k, n, j]
+                    total += v.S_inverse[i, n] * v.sums[k, n, j]
+                half[i] = total
             for i in range(4):
+                rest = Q[i, j]
                 for n in range(4):
-                    Q[i, j] -= v.sums[k, i, n] * half[n]
+                    rest -= v.sums[k, i, n] * half[n]
+                Q[i, j] = rest
 
 
 @compiled
@@ -196,9 +216,10 @@ def denominator(v: Prospect, Q: Floats, correction: float, h: Floats, C: Floats)
     sound = invert(C)
     h[3] = 1.0
     for i in range(3):
-        h[i] = 0.0
+        total = 0.0
         for j in range(3):
-            h[i] -= C[i, j] * (Q[j, 3] - correction * v.sums[0, j, 3])
+            total -= C[i, j] * (Q[j, 3] - correction * v.sums[0, j, 3])
+        h[i] = total
     return sound
 
 
@@ -223,7 +244,7 @@ def fit(v: Prospect) -> None:
     for i in range(4):
         v.S_inverse[i, i] += PRIOR[0] * v.noise
     invert(v.S_inverse)
-    points, Q, h, C = 2.0 * v.frames, scratch_table(4, 4), scratch(4), scratch_table(3, 3)
+    points, Q, h, C = 2.0 * v.frames, v.work.Q, v.work.h, v.work.C
     left_over(v, Q)
     denominator(v, Q, 0.0, h, v.g_inverse)
     rest = max(quadratic(Q, h), 0.0)
@@ -243,15 +264,17 @@ def fit(v: Prospect) -> None:
 @compiled
 def numerators(v: Prospect, k: int, h: Floats) -> None:
     """A row of A from h (4,): S⁻¹U h, or S⁻¹V h."""
-    right = scratch(4)
+    right = v.work.column
     for i in range(4):
-        right[i] = 0.0
+        total = 0.0
         for j in range(4):
-            right[i] += v.sums[k + 1, i, j] * h[j]
+            total += v.sums[k + 1, i, j] * h[j]
+        right[i] = total
     for i in range(4):
-        v.A[k, i] = 0.0
+        total = 0.0
         for j in range(4):
-            v.A[k, i] += v.S_inverse[i, j] * right[j]
+            total += v.S_inverse[i, j] * right[j]
+        v.A[k, i] = total
 
 
 @compiled
@@ -271,15 +294,15 @@ def see(v: Prospect, p1: Floats, points: Floats, shaft: Shaft) -> None:
     if first:
         begin(v, p1, second_marker(shaft, p1), points)
     if first or distance(p1, v.summed) >= STEP:
-        one, other = both(v, p1, shaft)
-        take(v, 0, one, points)
-        take(v, 1, other, points)
+        there = both(v, p1, shaft)
+        for k in range(2):
+            take(v, k, there[k], points)
         fit(v)
         put(v.summed, p1)
     stays = 0.0 if first else np.exp(-distance(p1, v.last) / NEAR)
-    one, other = both(v, p1, shaft)
-    settle(v, 0, one, points[0], stays)
-    settle(v, 1, other, points[1], stays)
+    there = both(v, p1, shaft)
+    for k in range(2):
+        settle(v, k, there[k], points[k], stays)
     put(v.last, p1)
 
 

@@ -27,7 +27,7 @@ from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 from rcmservo.loops import all_finite, distance, dot, form, product, put
 from rcmservo.method.prospect import NOISE, NOISE_FRAMES, STEP, UNIT
-from rcmservo.numerics.small_solvers import invert, invert_3x3
+from rcmservo.numerics.small_solvers import invert, solve_3x3
 from rcmservo.rows import Row, Rows, real, reals
 
 ENOUGH = 4.0
@@ -167,12 +167,11 @@ def third_row(
 def place_told(b: SizedBall, point: Floats, size: float) -> tuple[Floats, bool]:
     """p (3,) mm of the ball that is seen at a raw `point` (2,) px with a radius of `size` px, and
     whether the fit tells it: C₁₋₃ x = (u, v, 1)/R − C₄."""
-    w, p, back = np.empty(3), b.origin[:3].copy(), np.empty((3, 3))
+    w, p = np.empty(3), b.origin[:3].copy()
     for k in range(2):
         w[k] = (point[k] - b.origin[3 + k]) / size - b.C[k, 3]
     w[2] = 1.0 / size - b.C[2, 3]
-    invert_3x3(b.C[:, :3], back)
-    x = product(back, w)
+    x, _ = solve_3x3(b.C, w)
     for i in range(3):
         p[i] += UNIT * x[i]
     return p, b.frames >= ENOUGH and all_finite(p)

@@ -78,7 +78,7 @@ def second_marker_jacobian(shaft: Shaft, p1: Floats) -> Floats:
 
 
 @compiled
-def by_first_marker(shaft: Shaft, p1: Floats, motion: Floats) -> None:
+def by_first_marker(shaft: Shaft, p1: Floats | Point, motion: Floats) -> None:
     """Make ∂m₂/∂p₂ (n, 3) to ∂m₂/∂p₁ in place: times `second_marker_jacobian`, which is a multiple
     of I but along p₁."""
     reach, squared = stretch(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2

@@ -1,7 +1,7 @@
 """Inverses and solutions of small linear systems, for compiled functions.
 
 One function for each kind of matrix: `invert` for positive definite ones of any size (covariances,
-normal equations), `invert_3x3` for the Jacobian of three features, `solve_2x2` where a positive
+normal equations), `solve_3x3` for the Jacobian of three features, `solve_2x2` where a positive
 definite matrix may be nearly singular. LAPACK's functions take longer at this size, of which most
 is the call, and seconds to compile.
 """
@@ -10,6 +10,9 @@ import numpy as np
 
 from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
+
+Vector = tuple[float, float, float]
+"""Three numbers."""
 
 ALIKE = 1e-5 - 1.0
 """Cosine of the angle below which two roots of a cubic are taken to be nearly equal."""
@@ -54,34 +57,35 @@ def solve_2x2(N: Floats, b: Floats) -> Floats:
 
 
 @compiled
-def invert_3x3(A: Floats, X: Floats) -> float:
-    """Write A⁻¹ of any A (3, 3) by its minors; return the condition number of A.
+def solve_3x3(A: Floats, b: Floats) -> tuple[Vector, float]:
+    """Return x of A x = b for any A (3, 3) and b (3,) by the minors of A, and its condition number.
 
     That is |A||A⁻¹|, to about 1e-16 times its square, so that of a large one no digit need be true;
     NaN where the two greatest or the two least singular values are nearly equal.
     """
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        for n in range(3):
-            m, o = (n + 1) % 3, (n + 2) % 3
-            X[n, i] = A[j, m] * A[k, o] - A[j, o] * A[k, m]
-    det = A[0, 0] * X[0, 0] + A[0, 1] * X[1, 0] + A[0, 2] * X[2, 0]
-    for i in range(3):
-        for j in range(3):
-            X[i, j] /= det
-    return np.sqrt(norm_squared(A) * norm_squared(X))
+    one, two = (A[0, 0], A[0, 1], A[0, 2]), (A[1, 0], A[1, 1], A[1, 2])
+    three = A[2, 0], A[2, 1], A[2, 2]
+    u, v, w = vector_product(two, three), vector_product(three, one), vector_product(one, two)
+    det = scalar_product(one, u)
+    first = u[0] / det, v[0] / det, w[0] / det
+    second = u[1] / det, v[1] / det, w[1] / det
+    third = u[2] / det, v[2] / det, w[2] / det
+    right = b[0], b[1], b[2]
+    x, y = scalar_product(first, right), scalar_product(second, right)
+    size = norm_squared(one, two, three) * norm_squared(first, second, third)
+    return (x, y, scalar_product(third, right)), np.sqrt(size)
 
 
 @compiled
-def norm_squared(A: Floats) -> float:
-    """Return the square of the largest singular value of A (3, 3).
+def norm_squared(one: Vector, two: Vector, three: Vector) -> float:
+    """Return the square of the largest singular value of a matrix of three rows.
 
     It is the largest root of the characteristic polynomial of A Aᵀ, by the cosine of a third of an
     angle: O. K. Smith, Eigenvalues of a symmetric 3 x 3 matrix, Comm. ACM 4 (1961) 168. NaN where
     it is nearly a double root, of which the angle has half the digits only.
     """
-    a, b, c = rows_product(A, 0, 0), rows_product(A, 1, 1), rows_product(A, 2, 2)
-    d, e, f = rows_product(A, 0, 1), rows_product(A, 0, 2), rows_product(A, 1, 2)
+    a, b, c = scalar_product(one, one), scalar_product(two, two), scalar_product(three, three)
+    d, e, f = scalar_product(one, two), scalar_product(one, three), scalar_product(two, three)
     mean = (a + b + c) / 3.0
     a, b, c = a - mean, b - mean, c - mean
     size = np.sqrt((a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f)) / 6.0)
@@ -95,6 +99,12 @@ def norm_squared(A: Floats) -> float:
 
 
 @compiled
-def rows_product(A: Floats, i: int, j: int) -> float:
-    """Return the scalar product of the rows i and j of A (n, 3)."""
-    return A[i, 0] * A[j, 0] + A[i, 1] * A[j, 1] + A[i, 2] * A[j, 2]
+def vector_product(a: Vector, b: Vector) -> Vector:
+    """Return a × b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def scalar_product(a: Vector, b: Vector) -> float:
+    """Return aᵀb."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -6,10 +6,16 @@ from rcmservo.compiled import compiled
 from rcmservo.guard.checks.drift import watch_drift, watch_stuck
 from rcmservo.guard.plausible import leapt, lost, misplaced
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import Watch, stays, watch_frame, watch_loop, watch_markers
-from rcmservo.interfaces import Floats, ObservationStruct
+from rcmservo.guard.watch import (
+    ObservationRow,
+    Watch,
+    stays,
+    watch_frame,
+    watch_loop,
+    watch_markers,
+)
+from rcmservo.interfaces import Floats
 from rcmservo.loops import distance, put
-from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.drive_lag import lag_of
 from rcmservo.method.estimators.estimate import Estimate
 from rcmservo.method.foresight import deviation_without, located
@@ -34,13 +40,13 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
     t, period = parameters.thresholds, parameters.period
     rcm, shaft = rcm_of(parameters), shaft_of(parameters)
     gap = observation.now - d.command.time if d.command.number > 0 else period
-    watch_loop(w, observation, gap, period, lag_of(tour, t.drive_lag), t)
+    watch_loop(w, gap, period, lag_of(tour, t.drive_lag), t)
     if not observation.frame > w.frame:
         return NOTHING, 0.0
     watch_frame(w, observation, t)
     if not reachable(rcm, observation.q_exposure, t.slack):
         return NOTHING, 0.0
-    p1, points = scratch(3), scratch_table(2, 2)
+    p1, points = stored.work.p1, stored.work.points
     p1[0], p1[1], p1[2] = point_at(rcm, observation.q_exposure)
     put(points, observation.points)
     w.spared = complete(stored, p1, points, parameters)
@@ -81,7 +87,7 @@ def complete(stored: Stored, p1: Floats, points: Floats, parameters: KernelParam
 
 @compiled
 def doubt(
-    w: Watch, e: Estimate, observation: ObservationStruct, p1: Floats, jump: float, t: Thresholds
+    w: Watch, e: Estimate, observation: ObservationRow, p1: Floats, jump: float, t: Thresholds
 ) -> None:
     """While nothing predicts the markers: count a frame as rejected if they leapt by more than
     `jump` px and what the motion of the tool to p1 (3,) mm allows, or if one is stuck."""

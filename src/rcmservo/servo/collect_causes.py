@@ -23,7 +23,7 @@ CERTAIN = 3.0
 
 
 @compiled
-def collect_causes(tick: TickContext, estimator_failed: bool) -> int:
+def collect_causes(tick: TickContext) -> int:
     """Return the set of the causes that are present."""
     s, parameters = tick.stored, tick.parameters
     if s.tour.done:
@@ -38,7 +38,7 @@ def collect_causes(tick: TickContext, estimator_failed: bool) -> int:
         drive_requested=s.decision.mode.phase not in (DISABLED, FAULT),
         paused=s.decision.mode.phase == PAUSED,
         taught=tick.setpoint.shown,
-        estimator_failed=estimator_failed,
+        estimator_failed=s.estimated.failed,
         rcm=rcm_of(parameters),
         period=parameters.period,
         gain=parameters.controller.gain,

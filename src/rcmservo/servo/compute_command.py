@@ -5,18 +5,18 @@ from rcmservo.compiled import compiled
 from rcmservo.guard.plausible import sound
 from rcmservo.guard.states import ACQUIRE, SERVO
 from rcmservo.loops import put
-from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.controller import Heading, control, scaled
 from rcmservo.method.drive_lag import follow_drives, lag_so_far, measure_lag
 from rcmservo.method.estimators.estimate import Estimate
 from rcmservo.method.exploration import CORNERS, arrived, begin, box, disagreement, face, towards
-from rcmservo.method.features import MAX_FEATURES, wrapped
+from rcmservo.method.features import wrapped
 from rcmservo.method.foresight import features_motion, order
 from rcmservo.method.kinematics import Point, blocked, point_at
 from rcmservo.method.planning import directed, plan
 from rcmservo.method.tool import fastest_point
 from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_of, shaft_of
 from rcmservo.servo.reset import restart, stand
+from rcmservo.servo.state import Workspace
 from rcmservo.servo.update_estimate import LEARN
 
 SURELY = 0.5
@@ -45,7 +45,7 @@ def steer(tick: TickContext, servoing: bool) -> None:
     q = (observation.q[0], observation.q[1], observation.q[2])
     p1 = point_at(rcm, q)
     predict_error(e, p1)
-    heading, error = head(e, p1, parameters)
+    heading, error = head(e, p1, parameters, tick.stored.work)
     speed = fastest_point(shaft_of(parameters), p1, heading.v, law.tip)
     slower = max(1.0, speed / law.max_speed)
     for k in range(3):
@@ -71,14 +71,12 @@ def predict_error(e: Estimate, p1: Point) -> None:
 
 
 @compiled
-def head(e: Estimate, p1: Point, parameters: KernelParameters) -> tuple[Heading, float]:
+def head(
+    e: Estimate, p1: Point, parameters: KernelParameters, work: Workspace
+) -> tuple[Heading, float]:
     """Return the law's answer with marker 1 at p1 mm, and √(2V), on its feature vector."""
     law, features, n = parameters.controller, parameters.features, parameters.features.dimension
-    J, error, bounds = (
-        scratch_table(MAX_FEATURES, 3)[:n],
-        scratch(MAX_FEATURES)[:n],
-        features.bounds[:n],
-    )
+    J, error, bounds = work.J[:n], work.error[:n], features.bounds[:n]
     x, y, z = e.p1[0] - p1[0], e.p1[1] - p1[1], e.p1[2] - p1[2]
     for k in range(n):
         slope, unit = e.law_jacobian[k], features.scale[k]

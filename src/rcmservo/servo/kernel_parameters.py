@@ -1,4 +1,4 @@
-"""Parameters of the compiled functions of a tick: settings, target, request, and their bundle."""
+"""Settings of the compiled functions of a tick, and all that these functions share."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -6,13 +6,14 @@ from typing import NamedTuple
 from rcmservo.compiled import compiled
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
-from rcmservo.interfaces import Floats, ObservationStruct
+from rcmservo.guard.watch import ObservationRow
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.exploration import Exploration
 from rcmservo.method.feature_vectors import FeatureParameters
 from rcmservo.method.imaged_rcm import ImagedRcm
 from rcmservo.method.kinematics import Rcm
 from rcmservo.method.tool import Shaft
+from rcmservo.servo.setpoint import SetpointRow
 from rcmservo.servo.state import Stored
 
 
@@ -51,32 +52,15 @@ class KernelParameters:
     """Time from tick to tick, ns."""
 
 
-class Setpoint(NamedTuple):
-    """Target and operator's request at a tick, as compiled functions take them."""
-
-    points: Floats
-    """The target's markers (2, 2) raw px."""
-    q: Floats
-    """The joints (3,) while it was taught."""
-    shown: int
-    """When it was taught, ns."""
-    is_new: bool
-    """Whether it is another target than at the last tick."""
-    request: int
-    """Code of the operator's request: its position in Request."""
-    jog: Floats
-    """Requested joint rates (3,) rad/s, rad/s, mm/s where that is JOG."""
-
-
 class TickContext(NamedTuple):
     """All that the compiled parts of a tick read and write, but for the estimator's own memory."""
 
     stored: Stored
     """State, which the tick writes over."""
-    observation: ObservationStruct
-    """What the plant read."""
-    setpoint: Setpoint
-    """Target and request."""
+    observation: ObservationRow
+    """What the plant read, in the state too."""
+    setpoint: SetpointRow
+    """Target and request, in the state too."""
     parameters: KernelParameters
     """Settings."""
 

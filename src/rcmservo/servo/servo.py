@@ -230,7 +230,8 @@ class Servo(Checked):
             if news == LEARN:
                 own, failure = self._estimate(stored, own, seen, target, dt)
             failure = failure or failure_of(own)
-            forgotten = finish_tick(rows, news, failure != "", numbers, setpoint, known)
+            cast(Any, stored.estimated.rows)["failed"] = failure != ""
+            forgotten = finish_tick(rows, news, known)
             memory = self._nothing() if forgotten else EstimatorMemory(lines, own)
             changes = stored.decision.mode.cause != state.decision.mode.cause
         after = State(stored, memory, target, state.detail)

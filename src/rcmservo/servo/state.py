@@ -13,8 +13,10 @@ from rcmservo.interfaces import Command, Floats, Target
 from rcmservo.method.estimators.base import Estimated
 from rcmservo.method.estimators.estimate import Estimate
 from rcmservo.method.exploration import Exploring
+from rcmservo.method.features import MAX_FEATURES
 from rcmservo.method.prospect import Prospect, blank
 from rcmservo.rows import Row, changed, part, reals
+from rcmservo.servo.setpoint import SetpointRow
 
 NO_LINES = np.zeros((0, 4))
 
@@ -29,6 +31,18 @@ class Decision(TargetProgress):
     rates: Floats = reals(3, "rad/s, rad/s, mm/s", "the joint rates that make it")
 
 
+class Workspace(Row):
+    """Intermediate results of a tick. In the state they need no memory of their own."""
+
+    p1: Floats = reals(3, "mm", "marker 1 at the exposure of a new frame")
+    points: Floats = reals((2, 2), "px", "markers there, a lost one by the fit")
+    m: Floats = reals(4, "px", "markers about the imaged RCM")
+    m_d: Floats = reals(4, "px", "markers of the target about it")
+    J_m: Floats = reals((3, 4), "rad/px, 1, 1", "∂y/∂m")
+    J: Floats = reals((MAX_FEATURES, 3), "", "Jacobian of the law's features, scaled")
+    error: Floats = reals(MAX_FEATURES, "", "error in these, scaled")
+
+
 class Stored(Row):
     """State that a tick changes, without the estimator's memory. All of it is one row: each array
     that a compiled function is passed costs as much as what it does with it."""
@@ -38,6 +52,8 @@ class Stored(Row):
     tour: Exploring = part(Exploring, "where an exploration stands")
     decision: Decision = part(Decision, "mode, wishes and command")
     prospect: Prospect = part(Prospect, "what the camera should see")
+    setpoint: SetpointRow = part(SetpointRow, "target and request of this tick")
+    work: Workspace = part(Workspace, "intermediate results")
     estimated: Estimated = part(Estimated, "result of the estimator for the newest frame")
 
 

@@ -12,8 +12,8 @@ from functools import cache
 from typing import Any
 
 from rcmservo.compiled import compiled
+from rcmservo.guard.watch import store_observation
 from rcmservo.interfaces import Floats, ObservationStruct
-from rcmservo.memory import unowned
 from rcmservo.method.estimators.base import EstimatorKernel
 from rcmservo.method.prospect import empty
 from rcmservo.rows import Rows
@@ -21,7 +21,8 @@ from rcmservo.servo.accept_frame import accept_frame
 from rcmservo.servo.apply_mode import bound_rates, choose_mode
 from rcmservo.servo.collect_causes import collect_causes
 from rcmservo.servo.compute_command import compute_command
-from rcmservo.servo.kernel_parameters import KernelParameters, Setpoint, TickContext
+from rcmservo.servo.kernel_parameters import KernelParameters, TickContext
+from rcmservo.servo.setpoint import Setpoint, store_setpoint
 from rcmservo.servo.state import Stored
 from rcmservo.servo.update_estimate import (
     LEARN,
@@ -49,14 +50,21 @@ def tick_of(kind: type[EstimatorKernel]) -> Callable[..., tuple[Any, bool]]:
     ) -> tuple[Any, bool]:
         """Write one tick over what is stored, with the numbers of an `ObservationStruct` and of a
         `Setpoint`; return the estimator's memory, and whether the cause is another than before."""
-        rows, parameters = unowned(rows), unowned(parameters)
-        cause = rows[0].decision.mode.cause
-        seen, aim = ObservationStruct(*observation), Setpoint(*setpoint)
-        now = TickContext(rows[0], seen, aim, parameters[0])
+        stored = rows[0]
+        cause = stored.decision.mode.cause
+        store_inputs(stored, observation, setpoint)
+        now = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
         memory = step(kernel_class(*settings), memory, now)
-        return memory, rows[0].decision.mode.cause != cause
+        return memory, stored.decision.mode.cause != cause
 
     return tick
+
+
+@compiled
+def store_inputs(stored: Stored, observation: tuple[Any, ...], setpoint: tuple[Any, ...]) -> None:
+    """Store what the tick is given: the plain tuples that pass from Python in the least time."""
+    store_observation(stored.watch.observation, ObservationStruct(*observation))
+    store_setpoint(stored.setpoint, Setpoint(*setpoint))
 
 
 @compiled
@@ -69,12 +77,12 @@ def step(kernel: Any, memory: Any, now: TickContext) -> Any:
     news, dt = accept_frame(now)
     if news == LEARN:
         memory, news = update_estimator(kernel, memory, now, dt)
-    return empty_memory(kernel, memory) if conclude(now, news, False) else memory
+    return empty_memory(kernel, memory) if conclude(now, news) else memory
 
 
 @compiled
-def conclude(now: TickContext, news: int, failed: bool) -> bool:
-    """Conclude a tick after the estimator's update, which may have `failed`.
+def conclude(now: TickContext, news: int) -> bool:
+    """Conclude a tick after the estimator's update.
 
     The controller predicts the error for the present joints and computes v and the joint rates, the
     checks collect the causes, the state machine chooses the mode, and the gate bounds the rates.
@@ -83,7 +91,7 @@ def conclude(now: TickContext, news: int, failed: bool) -> bool:
     if news == LEARN:
         take_estimate(now)
     compute_command(now, news)
-    causes = collect_causes(now, failed)
+    causes = collect_causes(now)
     forgotten = choose_mode(now, causes, news)
     forgotten = bound_rates(now) or forgotten
     if forgotten:
@@ -101,8 +109,9 @@ def begin_tick(
 ) -> tuple[Floats, int, float]:
     """Begin a tick with an estimator that does not compile; return the lines of eq. (16), whether
     the estimator is to be updated (LEARN), and the time since its last update, s."""
-    seen, aim = ObservationStruct(*observation), Setpoint(*setpoint)
-    now = TickContext(rows[0], seen, aim, parameters[0])
+    stored = rows[0]
+    store_inputs(stored, observation, setpoint)
+    now = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
     news, dt = accept_frame(now)
     if news == LEARN:
         lines, news = fit_frame(now, lines)
@@ -110,14 +119,9 @@ def begin_tick(
 
 
 @compiled
-def finish_tick(
-    rows: Rows[Stored],
-    news: int,
-    failed: bool,
-    observation: tuple[Any, ...],
-    setpoint: tuple[Any, ...],
-    parameters: Rows[KernelParameters],
-) -> bool:
-    """Finish it, after the estimator has left its result or `failed`."""
-    seen, aim = ObservationStruct(*observation), Setpoint(*setpoint)
-    return conclude(TickContext(rows[0], seen, aim, parameters[0]), news, failed)
+def finish_tick(rows: Rows[Stored], news: int, parameters: Rows[KernelParameters]) -> bool:
+    """Finish it, after the estimator has left its result; return whether the estimate is
+    forgotten."""
+    stored = rows[0]
+    now = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
+    return conclude(now, news)

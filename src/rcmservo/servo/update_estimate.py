@@ -13,7 +13,6 @@ from rcmservo.compiled import compiled, declare_in
 from rcmservo.guard.watch import watch_estimate
 from rcmservo.interfaces import Floats
 from rcmservo.loops import all_finite, multiply, put
-from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.estimators.base import KernelSample
 from rcmservo.method.estimators.estimate import Estimate
 from rcmservo.method.features import (
@@ -29,7 +28,7 @@ from rcmservo.method.features import (
 from rcmservo.method.imaged_rcm import follow
 from rcmservo.method.prospect import see
 from rcmservo.servo.kernel_parameters import TickContext, shaft_of
-from rcmservo.servo.state import EstimatorMemory
+from rcmservo.servo.state import EstimatorMemory, Workspace
 
 NOTHING, BELIEVED, LEARN = 0, 1, 2
 """Result of a tick: no frame accepted, one accepted, or one that also updates Ĵ."""
@@ -146,7 +145,7 @@ def take_estimate(tick: TickContext) -> None:
         put(e.o_c, result.o_c)
         put(e.o_c_covariance, result.o_c_covariance)
         e.rcm_condition = 0.0
-        measure_straight(e, result.motion, result.points, target)
+        measure_straight(e, result.motion, result.points, target, tick.stored.work)
     else:
         put(e.J_hat, result.J_hat)
         y, delta = measured(result.points, target, e.o_c)
@@ -165,17 +164,18 @@ def take_estimate(tick: TickContext) -> None:
 
 
 @compiled
-def measure_straight(e: Estimate, motion: Floats, points: Floats, target: Floats) -> None:
+def measure_straight(
+    e: Estimate, motion: Floats, points: Floats, target: Floats, work: Workspace
+) -> None:
     """Measure the features of the line through o_c that passes nearest to both markers, and Ĵ of
     the markers' `motion` ∂m/∂p₁ (4, 3).
 
     Where o_c is very far away, as near the camera's image plane, a point on the way there takes its
     place: at the target any origin gives the same.
     """
-    origin, m, m_d = near_origin(e.o_c, points, REACH), scratch(4), scratch(4)
+    origin, m, m_d, J = near_origin(e.o_c, points, REACH), work.m, work.m_d, work.J_m
     shift(points, origin, m)
     shift(target, origin, m_d)
-    J = scratch_table(3, 4)
     straight_jacobian(m, J)
     multiply(J, motion, e.J_hat)
     y, y_d = along_line(m), along_line(m_d)

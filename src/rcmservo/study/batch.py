@@ -26,7 +26,7 @@ from rcmservo.study.course import StudyRun
 from rcmservo.study.cramer_rao import bound
 from rcmservo.study.inertia import inertia_of
 from rcmservo.study.trial import frames_of, trial
-from rcmservo.study.twin import PAST, QUEUE, STEP, Drives, Pace, Twin
+from rcmservo.study.twin import QUEUE, STEP, Drives, Pace, Twin
 
 BEGIN = 1_000_000_000
 """ns on the twin's clock at the first tick."""
@@ -69,7 +69,7 @@ class Study(Checked):
         require(good, "noise", noise.shape, f"of shape (2, 2) for at least {self._frames} frames")
         ticks = round(self.duration * self.servo.rate)
         trace = Course(np.empty(ticks), np.empty(ticks, np.int8), np.empty(ticks, np.int8))
-        closed_loop(self._start, self._twin(scene), shown, noise, trace)
+        closed_loop(self._start, self._twin(scene).rows, shown, noise, trace)
         least = bound(scene, self.settings.point_noise, self._frames, self.shown).rms
         return StudyRun(seed, self.servo.rate, trace.error, trace.phase, trace.cause, least, scene)
 
@@ -99,10 +99,8 @@ class Study(Checked):
         timing = self.settings.timing
         late = round((0.5 * timing.exposure + timing.delay) * 1e9)
         pace = Pace.of(period=1e9 / timing.frame_rate, late=late)
-        rings = np.zeros((QUEUE, 3)), np.zeros(QUEUE, np.int64), np.zeros((PAST, 3))
-        drives = changed(self._drives, q=scene.start).rows
-        frame = np.full(3, np.nan), np.full((2, 2), np.nan)
-        return Twin(drives, *rings, np.zeros((PAST, 3)), scene.optics.lens, pace.rows, *frame)
+        drives, lens = changed(self._drives, q=scene.start), scene.optics.lens
+        return Twin.of(drives=drives, lens=lens, pace=pace)
 
     @cached_property
     def _drives(self) -> Drives:

@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rcmservo.compiled import compiled
-from rcmservo.interfaces import Dropped, Floats, ObservationStruct
-from rcmservo.loops import fill
-from rcmservo.memory import scratch, unowned
+from rcmservo.guard.watch import ObservationRow
+from rcmservo.interfaces import Dropped, Floats
+from rcmservo.loops import fill, put
 from rcmservo.method.kinematics import Point, apart, point_at
 from rcmservo.method.tool import Shaft, second_point
 from rcmservo.rows import Rows
 from rcmservo.servo.kernel_parameters import (
     KernelParameters,
-    Setpoint,
     TickContext,
     rcm_of,
     shaft_of,
 )
+from rcmservo.servo.setpoint import Setpoint, store_setpoint
 from rcmservo.servo.state import Stored
 from rcmservo.servo.tick import step
 from rcmservo.sim.camera_kernels import Lens, picture
@@ -38,6 +38,8 @@ from rcmservo.study.twin import (
 
 NOT_DROPPED = cast(Dropped, Dropped.NONE.value)
 """`Dropped.NONE` in compiled functions."""
+
+STILL = np.zeros(3)
 
 
 class Start(NamedTuple):
@@ -77,77 +79,73 @@ class Course(NamedTuple):
     """(n,) places in Cause."""
 
 
-class Newest(NamedTuple):
-    """The newest frame."""
-
-    number: int
-    """-1 before the first."""
-    exposure: int
-    """ns."""
-    arrival: int
-    """ns."""
-
-
 @compiled
-def closed_loop(start: Start, twin: Twin, shown: Goal, noise: Floats, trace: Course) -> None:
+def closed_loop(
+    start: Start, laboratory: Rows[Twin], shown: Goal, noise: Floats, trace: Course
+) -> None:
     """Servo for as many ticks as the trace is long, and write over what it begins with.
 
     `noise` (frames, 2, 2) px is added to what the camera sees in each frame from the first tick on.
     """
-    start, twin, shown = unowned(start), unowned(twin), unowned(shown)
-    noise, trace = unowned(noise), unowned(trace)
-    memory, fixed, d = start.memory, start.parameters, start.stored[0].decision
-    period, arm = fixed[0].period, twin.drives[0]
-    place(twin, start.now)
-    skipped = newest(twin.pace[0], start.now)
-    frame, still = Newest(-1, 0, 0), scratch(3)
-    fill(still, 0.0)
-    for k in range(len(trace.error)):
-        now = start.now + k * period
-        advance(twin, now)
-        q = twin.told[k % PAST]
-        count(twin, q)
-        number = newest(twin.pace[0], now)
-        if number > max(frame.number, skipped):
-            frame = taken(twin, number, noise[number - skipped - 1], start, k)
-        observation = ObservationStruct(
-            now=now,
-            q=q,
-            q_time=now,
-            enabled=arm.on,
-            applied=arm.applied,
-            frame=frame.number,
-            exposure=frame.exposure,
-            arrival=frame.arrival,
-            q_exposure=twin.exposed,
-            points=twin.points,
-            dropped=NOT_DROPPED,
-            recorded=True,
-        )
-        setpoint = Setpoint(
-            points=shown.points, q=shown.q, shown=start.now, is_new=k == 0, request=0, jog=still
-        )
-        context = TickContext(start.stored[0], observation, setpoint, fixed[0])
-        memory = step(start.kernel, memory, context)
+    stored, fixed, twin = start.stored[0], start.parameters[0], laboratory[0]
+    now = TickContext(stored, stored.watch.observation, stored.setpoint, fixed)
+    memory, d, (errors, phases, causes) = start.memory, stored.decision, trace
+    store_setpoint(stored.setpoint, Setpoint(shown.points, shown.q, start.now, True, 0, STILL))
+    begin(twin, now.observation, start.now)
+    skipped = newest(twin.pace, start.now)
+    for k in range(len(errors)):
+        time = start.now + k * fixed.period
+        advance(twin, time)
+        count(twin, twin.told[k % PAST])
+        number = newest(twin.pace, time)
+        if number > max(now.observation.frame, skipped):
+            take_frame(twin, now, number, noise[number - skipped - 1], start.now, k)
+        read_joints(twin, now.observation, time, k)
+        now.setpoint.is_new = k == 0
+        memory = step(start.kernel, memory, now)
         take(twin, d.command.rates, d.command.enabled)
-        p2 = second_point(shaft_of(fixed[0]), point_at(rcm_of(fixed[0]), arm.q))
-        trace.error[k] = apart(p2, (shown.p2[0], shown.p2[1], shown.p2[2]))
-        trace.phase[k], trace.cause[k] = d.mode.phase, d.mode.cause
+        p2 = second_point(shaft_of(fixed), point_at(rcm_of(fixed), twin.drives.q))
+        errors[k] = apart(p2, (shown.p2[0], shown.p2[1], shown.p2[2]))
+        phases[k], causes[k] = d.mode.phase, d.mode.cause
 
 
 @compiled
-def taken(twin: Twin, number: int, noise: Floats, start: Start, k: int) -> Newest:
-    """The frame of this number, as it is seen at the k-th tick."""
-    pace, fixed, q = twin.pace[0], start.parameters[0], scratch(3)
+def begin(twin: Twin, observation: ObservationRow, now: int) -> None:
+    """Begin at `now` ns, before the first frame."""
+    place(twin, now)
+    observation.frame, observation.exposure, observation.arrival = -1, 0, 0
+    observation.dropped, observation.recorded = NOT_DROPPED, True
+    fill(observation.q_exposure, np.nan)
+    fill(observation.points, np.nan)
+
+
+@compiled
+def read_joints(twin: Twin, observation: ObservationRow, now: int, k: int) -> None:
+    """Observe the arm at the k-th tick."""
+    observation.now, observation.q_time, observation.enabled = now, now, twin.drives.on
+    put(observation.q, twin.told[k % PAST])
+    put(observation.applied, twin.drives.applied)
+
+
+@compiled
+def take_frame(
+    twin: Twin, tick: TickContext, number: int, noise: Floats, start: int, k: int
+) -> None:
+    """Observe the frame of this number at the k-th tick; none that was exposed before the `start`,
+    ns, as the tool may have been moved by hand before."""
+    fixed, observation, pace = tick.parameters, tick.observation, twin.pace
     exposure = int(np.round(number * pace.period))
-    if exposure < start.now:  # the tool may have been moved by hand before
-        return Newest(-1, 0, 0)
-    joints_at(twin, exposure, q)
-    see(twin.lens[0], shaft_of(fixed), point_at(rcm_of(fixed), q), noise, twin.points)
-    j = (exposure - start.now) // fixed.period
-    share = (exposure - start.now - j * fixed.period) / fixed.period
-    between(twin.told[j % PAST], twin.told[min(j + 1, k) % PAST], share, twin.exposed)
-    return Newest(number, exposure, exposure + pace.late)
+    if exposure < start:
+        return
+    joints_at(twin, exposure, observation.q_exposure)
+    p1 = point_at(rcm_of(fixed), observation.q_exposure)
+    see(twin.lens, shaft_of(fixed), p1, noise, observation.points)
+    j = (exposure - start) // fixed.period
+    share = (exposure - start - j * fixed.period) / fixed.period
+    told = twin.told
+    between(told[j % PAST], told[min(j + 1, k) % PAST], share, observation.q_exposure)
+    observation.frame, observation.exposure = number, exposure
+    observation.arrival = exposure + pace.late
 
 
 @compiled

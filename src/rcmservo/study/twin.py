@@ -7,8 +7,6 @@ times. With the same noise a closed loop goes the way that it goes in the labora
 without it one loop in seven ended more than 5 % nearer or farther off.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +14,7 @@ from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
 from rcmservo.loops import fill, put
 from rcmservo.method.kinematics import Point
-from rcmservo.rows import Row, Rows, flag, part, real, reals, whole
+from rcmservo.rows import Row, flag, part, real, reals, whole, wholes
 from rcmservo.sim.camera_kernels import Lens
 from rcmservo.study.inertia import Inertia, Near, near
 
@@ -60,33 +58,22 @@ class Drives(Row):
     inertia: Inertia = part(Inertia, "its masses")
 
 
-class Twin(NamedTuple):
-    """A laboratory that runs."""
+class Twin(Row):
+    """A laboratory that runs. It is one row, so that nothing counts who refers to its arrays."""
 
-    drives: Rows[Drives]
-    """The arm."""
-    queue: Floats
-    """(QUEUE, 3) rates on their way to the drives."""
-    due: NDArray[np.int64]
-    """(QUEUE,) ns, when each is obeyed."""
-    past: Floats
-    """(PAST, 3) the joints at each of the last steps."""
-    told: Floats
-    """(PAST, 3) the joints as the arm told them at the last ticks."""
-    lens: Rows[Lens]
-    """The camera."""
-    pace: Rows[Pace]
-    """Its frames."""
-    exposed: Floats
-    """(3,) the joints at the newest frame's exposure, as the arm told them."""
-    points: Floats
-    """(2, 2) px, the markers in it."""
+    drives: Drives = part(Drives, "the arm")
+    queue: Floats = reals((QUEUE, 3), "rad/s, rad/s, mm/s", "rates on their way to the drives")
+    due: NDArray[np.int64] = wholes(QUEUE, "ns", "when each is obeyed")
+    past: Floats = reals((PAST, 3), "rad, rad, mm", "the joints at each of the last steps")
+    told: Floats = reals((PAST, 3), "rad, rad, mm", "as the arm told them at the last ticks")
+    lens: Lens = part(Lens, "the camera")
+    pace: Pace = part(Pace, "its frames")
 
 
 @compiled
 def advance(twin: Twin, until: int) -> None:
     """Let time pass until a moment (ns), a tick later at most, to the nearest step."""
-    a = twin.drives[0]
+    a = twin.drives
     left = (until - a.time + STEP // 2 - 1) // STEP
     here = midway(a, left)
     while left > 0:
@@ -177,7 +164,7 @@ def in_turn(values: Floats, outer: int) -> Point:
 @compiled
 def place(twin: Twin, now: int) -> None:
     """The drives go on at `now` ns, with the tool at rest as if it had always been there."""
-    a = twin.drives[0]
+    a = twin.drives
     a.time, a.on = now, True
     for i in range(PAST):
         put(twin.past[i], a.q)
@@ -186,7 +173,7 @@ def place(twin: Twin, now: int) -> None:
 @compiled
 def take(twin: Twin, rates: Floats, on: bool) -> None:
     """Take a command."""
-    a = twin.drives[0]
+    a = twin.drives
     a.on = a.on and on
     for i in range(3):
         a.applied[i] = rates[i] if a.on else 0.0
@@ -213,7 +200,7 @@ def joints_at(twin: Twin, time: int, into: Floats) -> None:
 @compiled
 def count(twin: Twin, into: Floats) -> None:
     """Write the joints (3,) as the encoders count them now."""
-    a = twin.drives[0]
+    a = twin.drives
     for i in range(3):
         into[i] = np.round((a.q[i] + a.offset[i]) / a.encoder[i]) * a.encoder[i]
 

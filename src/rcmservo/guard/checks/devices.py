@@ -17,6 +17,9 @@ from rcmservo.method.kinematics import Kinematics, reachable
 NOT_DROPPED, NOT_NEW, CLOCK, DAMAGED = cast(list[Dropped], list(map(int, Dropped)))
 """Members of `Dropped` in compiled functions."""
 
+NO_REASON = cast(Dropped, -1)
+"""None of them."""
+
 UNITS = ("rad", "rad", "mm")
 
 
@@ -111,32 +114,32 @@ def frame_is_old(c: TickFacts) -> bool:
 @compiled
 def frames_stopped(c: TickFacts) -> bool:
     """Detect that no frame comes, or that a paused run has seen none."""
-    return is_missing_for(c, NOT_DROPPED) or (c.paused and not has_frame(c))
+    return missing_reason(c) == NOT_DROPPED or (c.paused and not has_frame(c))
 
 
 @compiled
 def frames_are_damaged(c: TickFacts) -> bool:
     """Detect that only damaged frames come."""
-    return is_missing_for(c, DAMAGED)
+    return missing_reason(c) == DAMAGED
 
 
 @compiled
 def frames_are_not_new(c: TickFacts) -> bool:
     """Detect that frames come repeated or out of order."""
-    return is_missing_for(c, NOT_NEW) or c.seen.frame < c.watch.frame
+    return missing_reason(c) == NOT_NEW or c.seen.frame < c.watch.frame
 
 
 @compiled
 def frame_times_are_invalid(c: TickFacts) -> bool:
     """Detect invalid times: of frames that are not used, or that keep coming and are always
     old."""
-    return is_missing_for(c, CLOCK) or (is_missing(c) and keeps_coming(c))
+    return missing_reason(c) == CLOCK or (is_missing(c) and keeps_coming(c))
 
 
 @compiled
-def is_missing_for(c: TickFacts, reason: Dropped) -> bool:
-    """Return True if no frame comes, and the last one offered was not used for this reason."""
-    return is_missing(c) and not keeps_coming(c) and c.seen.dropped == reason
+def missing_reason(c: TickFacts) -> Dropped:
+    """Return why the last frame offered was not used, if no frame comes; else NO_REASON."""
+    return c.seen.dropped if is_missing(c) and not keeps_coming(c) else NO_REASON
 
 
 @compiled

@@ -15,7 +15,6 @@ from rcmservo.guard.thresholds import Thresholds
 from rcmservo.guard.watch import Watch
 from rcmservo.interfaces import Floats
 from rcmservo.loops import distance, length, put
-from rcmservo.memory import scratch, scratch_table
 from rcmservo.method.foresight import spread
 from rcmservo.method.prospect import Foretold, Prospect, both
 from rcmservo.method.tool import Shaft
@@ -33,18 +32,17 @@ def watch_drift(
 ) -> None:
     """One more frame: raw `points` (2, 2) px, and the same as they were `seen`, NaN where lost,
     with marker 1 at p1 (3,) mm."""
-    one, other = both(v, p1, shaft)
+    there = both(v, p1, shaft)
     w.averaged = min(w.averaged + 1, t.drift_frames)
-    places = scratch_table(2, 2)
-    average(w, v, 0, one, points[0], places[0], t)
-    average(w, v, 1, other, points[1], places[1], t)
+    for k in range(2):
+        average(w, v, k, there[k], points[k], t)
     same = alike(seen, w.seen)
-    moved = distance(p1, w.stood) > t.stuck or farthest(places, w.foretold) > t.drift_px
+    moved = distance(p1, w.stood) > t.stuck or farthest(w.expected, w.foretold) > t.drift_px
     w.frozen = same and moved
     if not same:
         put(w.seen, seen)
         put(w.stood, p1)
-        put(w.foretold, places)
+        put(w.foretold, w.expected)
 
 
 @compiled
@@ -52,7 +50,7 @@ def watch_stuck(w: Watch, p1: Floats, points: Floats, t: Thresholds) -> tuple[bo
     """Whether marker 1, marker 2 stands still while the other goes its way, as long as nothing
     foretells them: raw `points` (2, 2) px, with marker 1 at p1 (3,) mm. Where neither changes at
     all while the tool moves, the picture is frozen."""
-    same, stands = alike(points, w.seen), scratch(2)
+    same, stands = alike(points, w.seen), np.empty(2)
     w.frozen = same and distance(p1, w.stood) > t.stuck
     if not same:
         put(w.seen, points)
@@ -66,12 +64,11 @@ def watch_stuck(w: Watch, p1: Floats, points: Floats, t: Thresholds) -> tuple[bo
 
 
 @compiled
-def average(
-    w: Watch, v: Prospect, k: int, there: Foretold, point: Floats, place: Floats, t: Thresholds
-) -> None:
+def average(w: Watch, v: Prospect, k: int, there: Foretold, point: Floats, t: Thresholds) -> None:
     """Take what the fit leaves over of marker k, seen at a raw `point` (2,) px, into the mean, and
-    judge that; write the `place` (2,) px of the fit. It counts only up to a bound, so that no mean
-    is made by so few frames as may be rejected in a row."""
+    judge that. It counts only up to a bound, so that no mean is made by so few frames as may be
+    rejected in a row."""
+    place = w.expected[k]
     place[0], place[1] = v.origin[3] + there.m[0], v.origin[4] + there.m[1]
     bound = t.drift_px * t.drift_frames / (np.sqrt(2.0) * (t.rejected + 1))
     for i in range(2):

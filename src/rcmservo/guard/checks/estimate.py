@@ -3,9 +3,8 @@
 from rcmservo.compiled import compiled
 from rcmservo.guard.checks.facts import TickFacts
 from rcmservo.guard.plausible import sound
-from rcmservo.loops import all_finite, largest
-from rcmservo.memory import scratch_table
-from rcmservo.method.controller import scale
+from rcmservo.loops import all_finite
+from rcmservo.method.controller import largest_scaled
 
 
 @compiled
@@ -29,9 +28,7 @@ def rcm_is_unknown(c: TickFacts) -> bool:
 @compiled
 def estimate_is_large(c: TickFacts) -> bool:
     """Detect a scaled Ĵ larger than that of any camera."""
-    J = scratch_table(3, 3)
-    scale(c.estimate.J_hat, J)
-    return c.tour.done and not largest(J) <= c.thresholds.largest
+    return c.tour.done and not largest_scaled(c.estimate.J_hat) <= c.thresholds.largest
 
 
 @compiled

@@ -17,32 +17,34 @@ def both_markers_are_lost(c: TickFacts) -> bool:
 @compiled
 def marker_1_is_lost(c: TickFacts) -> bool:
     """Detect the loss of marker 1 where the other does not suffice."""
-    return is_only_one_lost(c, True) and not c.watch.spared
+    return lost_marker(c) == 1 and not c.watch.spared
 
 
 @compiled
 def marker_2_is_lost(c: TickFacts) -> bool:
     """Detect the loss of marker 2 where the other does not suffice."""
-    return is_only_one_lost(c, False) and not c.watch.spared
+    return lost_marker(c) == 2 and not c.watch.spared
 
 
 @compiled
 def marker_1_is_completed(c: TickFacts) -> bool:
     """Detect the loss of marker 1 where the other and the joints suffice."""
-    return is_only_one_lost(c, True) and c.watch.spared
+    return lost_marker(c) == 1 and c.watch.spared
 
 
 @compiled
 def marker_2_is_completed(c: TickFacts) -> bool:
     """Detect the loss of marker 2 where the other and the joints suffice."""
-    return is_only_one_lost(c, False) and c.watch.spared
+    return lost_marker(c) == 2 and c.watch.spared
 
 
 @compiled
-def is_only_one_lost(c: TickFacts, is_first: bool) -> bool:
-    """Return True if marker 1, or else marker 2, is lost and the other is not."""
+def lost_marker(c: TickFacts) -> int:
+    """Return which marker, 1 or 2, is lost while the other is not; 0 if none."""
     first, second = lost(c.seen.points)
-    return has_frame(c) and first == is_first and second != is_first
+    if first == second or not has_frame(c):
+        return 0
+    return 1 if first else 2
 
 
 @compiled

@@ -36,6 +36,7 @@ class Estimated(Row):
     J_hat: Floats = reals((3, 3), "rad/mm, px/mm, px/mm", "Ĵ of eq. (14), where not placed")
     motion: Floats = reals((4, 3), "px/mm", "∂m/∂p₁ of both markers, where asked for or placed")
     placed: bool = flag("whether the estimator gives the imaged RCM, and Ĵ follows from motion")
+    failed: bool = flag("whether a user's estimator or feature vector failed at this tick")
     o_c: Floats = reals(2, "px", "imaged RCM, raw, where placed")
     o_c_covariance: Floats = reals((2, 2), "px²", "of o_c")
 

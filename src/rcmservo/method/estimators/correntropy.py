@@ -36,7 +36,7 @@ import numpy as np
 from rcmservo.compiled import compiled
 from rcmservo.constraints import between
 from rcmservo.interfaces import Floats
-from rcmservo.loops import product
+from rcmservo.loops import product, put
 from rcmservo.method.estimators.displacement import gain, left_uncertain
 from rcmservo.method.estimators.kalman import Drifting, drifted
 from rcmservo.method.features import SCALE
@@ -73,7 +73,7 @@ def learn(
         K = gain(before, delta_p, R / weight(before, delta_p, new / SCALE[i], R, bandwidth))
         for j in range(3):
             J_after[i, j] += new * K[j]
-        P_after[i] = left_uncertain(before, delta_p, R, K)
+        put(P_after[i], left_uncertain(before, delta_p, R, K))
     return J_after, P_after
 
 
