@@ -1,7 +1,6 @@
 """`rcmservo run`: a simulated run from the command line to a folder of results."""
 
-import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,8 +10,9 @@ from rich.text import Text
 
 from rcmservo.app.folders import new_folder, require_new
 from rcmservo.app.parse import OptionalPath
+from rcmservo.app.result_output import report
 from rcmservo.app.servo_options import Boxes, EstimatorName, ServoOptions
-from rcmservo.app.simulated_run.told import Story, show_run
+from rcmservo.app.simulated_run.progress import RunProgress
 from rcmservo.app.terminal import console
 from rcmservo.app.waiting.preparing import compiling
 from rcmservo.config.rig_file import Lab, load_lab, told_with
@@ -21,9 +21,6 @@ from rcmservo.loop.shown import TEACHING_FRAMES, require_frames
 
 if TYPE_CHECKING:
     from rcmservo.app.simulated_run.job import Job
-
-UNSETTLED = 1
-"""Exit code of a run that did not settle."""
 
 
 @dataclass(frozen=True)
@@ -81,12 +78,8 @@ def run(options: RunOptions) -> int:
             from rcmservo.app.simulated_run.simulate import simulate
 
             with compiling(line):
-                metrics = simulate(job, Story(line, options.duration))
-    if options.json:
-        print(json.dumps(asdict(metrics)))
-    else:
-        show_run(out, metrics)
-    return 0 if metrics.settled else UNSETTLED
+                result = simulate(job, RunProgress(line, options.duration))
+    return report(out, result, options.json)
 
 
 def _check(options: RunOptions) -> None:

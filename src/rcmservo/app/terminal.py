@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
 PLAIN = str.maketrans(
     {
@@ -67,18 +66,6 @@ def _letter(sign: str) -> str:
     if words[:1] == ["GREEK"]:
         return words[-1].capitalize() if "CAPITAL" in words else words[-1].lower()
     return unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode() or "?"
-
-
-def result_table(settled: bool, cause: str) -> "Table":
-    """The table of a run's result, begun with its verdict. Long words are folded, never cropped."""
-    from rich.table import Table
-
-    table = Table(title="settled" if settled else "not settled", show_header=False)
-    table.add_column(overflow="fold")
-    table.add_column(overflow="fold")
-    if cause:
-        table.add_row("cause", cause)
-    return table
 
 
 def unit(value: float | None, name: str, digits: int) -> str:

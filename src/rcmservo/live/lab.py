@@ -4,11 +4,11 @@ An arm of the laboratory is connected with its drive off. It knows whether anybo
 it stands, and why its drive went off by itself. A camera keeps account of its frames.
 """
 
-from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Arm, Camera, Floats
+from rcmservo.loop.run_result import CameraAccount
 
 
 class NotReady(RcmServoError):
@@ -51,25 +51,6 @@ class FallsSilent(Protocol):
         """Say nothing to it any more, as if this program were dead, until it is to be switched off
         or on."""
         ...
-
-
-@dataclass(frozen=True)
-class CameraAccount:
-    """What became of a camera's frames so far."""
-
-    frames: int = 0
-    """Those that were delivered."""
-    lost: int = 0
-    """Those whose numbers were left out: the camera took them, and they never came."""
-    incomplete: int = 0
-    """Those that came with parts missing, or damaged, and were dropped."""
-    reconnects: int = 0
-    """How often the camera was opened again."""
-    uncertainty: float = float("nan")
-    """s, how well exposure times are known on the computer's clock; NaN where nobody can say: the
-    camera tells no times, or those of another computer's clock."""
-    trouble: str = ""
-    """What is wrong with it now, in a sentence; empty where nothing is."""
 
 
 class LabCamera(Camera, Protocol):

@@ -12,7 +12,7 @@ from typing import Protocol
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Frame, Image
-from rcmservo.live.lab import CameraAccount
+from rcmservo.loop.run_result import CameraAccount, known
 
 AGAIN = 1.0
 """s between two attempts to open a camera that was lost."""
@@ -134,8 +134,8 @@ class StreamedCamera:
         then, account = self._frame, self._account
         self._number += 1 + shot.missed + shot.passed + shot.spoilt
         image, trouble = shot.image, ""
-        known = None if then is None else then.image
-        if image is not None and known is not None and image.shape != known.shape:
+        last = None if then is None else then.image
+        if image is not None and last is not None and image.shape != last.shape:
             image, trouble = None, "pictures come of another size than before"
         self._torn += shot.spoilt + (image is None)
         if image is not None:
@@ -145,11 +145,13 @@ class StreamedCamera:
             frames=account.frames + shot.passed + (image is not None),
             lost=account.lost + shot.missed,
             incomplete=account.incomplete + shot.spoilt + (image is None),
-            uncertainty=account.uncertainty if image is None else shot.uncertainty,
+            uncertainty_ms=account.uncertainty_ms
+            if image is None
+            else known(1e3 * shot.uncertainty),
             trouble=trouble,
         )
 
-    def _note(self, **changes: float | str) -> None:
+    def _note(self, **changes: float | str | None) -> None:
         self._account = replace(self._account, **changes)  # pyright: ignore[reportArgumentType]
 
     def _let_go(self) -> None:
