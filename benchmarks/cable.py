@@ -39,9 +39,10 @@ from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats
 from rcmservo.live.child import Child, heard
 from rcmservo.live.realtime import realtime
-from rcmservo.live.reports import LiveResult, Report
+from rcmservo.live.reports import Report
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import ServoProcess
+from rcmservo.loop.run_result import RunResult
 from rcmservo.record.reader import read
 
 BOUND = 100.0
@@ -173,7 +174,7 @@ class Words:
                 self.last = said.words
             else:
                 self.ended = True
-                self.last = said.outcome.cause if isinstance(said, LiveResult) else str(said)
+                self.last = said.cause if isinstance(said, RunResult) else str(said)
 
 
 def happen(kind: str, cable: Child, child: ServoProcess, port: int) -> Callable[[], None]:

@@ -19,7 +19,7 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from functools import partial
 from multiprocessing import Pool
 from typing import Any
@@ -29,7 +29,7 @@ import numpy as np
 import rcmservo as rs
 from rcmservo.interfaces import Floats
 from rcmservo.loop.plant import NotEnabled
-from rcmservo.record.verdict import TOLERANCE, Judge
+from rcmservo.record.outcome import TOLERANCE, Judge
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, RigSettings
 from rcmservo.sim.disturbances import KINDS, causes_of, random_disturbances
@@ -173,10 +173,11 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
 
 def ended(last: rs.Tick, judge: Judge) -> tuple[str, str]:
     """How a run ended, in a word, and why."""
-    outcome, phase = judge.outcome(), last.state.phase
-    there = phase is rs.Phase.SERVO and bool((outcome.error < TOLERANCE).all())
+    result, phase = judge.result(), last.state.phase
+    error = np.array(astuple(result.feature_error), float)
+    there = phase is rs.Phase.SERVO and bool((error < TOLERANCE).all())
     end = "settled" if there else phase.name if phase in STOPS else "under way"
-    return end, outcome.cause
+    return end, result.cause
 
 
 def watched(

@@ -26,9 +26,9 @@ import numpy as np
 
 import rcmservo as rs
 from rcmservo.config.rig_file import Lab
-from rcmservo.live.reports import LiveResult
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import ServoProcess, supervise
+from rcmservo.loop.run_result import RunResult
 from rcmservo.record import reader
 from rcmservo.sim.processes.lab_processes import Bench
 from rcmservo.sim.processes.motion_log import stopped
@@ -91,7 +91,7 @@ def trial(bench: Bench, session: Session, record: Path, kind: str, tick: int) ->
             words = awaken(child)
             time.sleep(0.1)
         else:
-            words = supervise(child, bench.off).outcome.cause
+            words = supervise(child, bench.off).cause
     finally:
         child.end()
     return judged(kind, tick, struck, words, bench.log.since(first), record)
@@ -106,16 +106,16 @@ def until(good: Any, child: ServoProcess) -> None:
         wait([child.wire], 0.001)
         while child.wire.poll():
             said = child.wire.recv()
-            if isinstance(said, str | LiveResult | Exception):
-                raise NotBegun(said.outcome.cause if isinstance(said, LiveResult) else str(said))
+            if isinstance(said, str | RunResult | Exception):
+                raise NotBegun(said.cause if isinstance(said, RunResult) else str(said))
 
 
 def awaken(child: ServoProcess) -> str:
     """What a servo process says of its run that was stopped and goes on."""
     while child.wire.poll(DEADLINE):
         said = child.wire.recv()
-        if isinstance(said, LiveResult):
-            return said.outcome.cause
+        if isinstance(said, RunResult):
+            return said.cause
     raise SystemExit("the servo process that was woken up says nothing")
 
 

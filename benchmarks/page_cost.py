@@ -27,9 +27,9 @@ from page_lab import Client, PageLab, awaited, board, machine, page_lab, reached
 
 from rcmservo.guard.states import Request
 from rcmservo.live.child import Child
-from rcmservo.live.reports import LoopTiming
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.operator import Operator, Want
+from rcmservo.loop.run_result import LoopTiming
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
 from rcmservo.page.desk import Desk
@@ -99,9 +99,9 @@ def with_page(lab: PageLab, turn: int, seconds: float) -> tuple[LoopTiming, Any]
 
 def timing(result: Any, seconds: float) -> LoopTiming:
     """How the loop kept its time in a run that went on to its end."""
-    found = result.timing
+    found = result.loop
     if found is None or found.ticks < 99 * seconds:
-        raise SystemExit(f"the run has ended early: {result.outcome.cause}")
+        raise SystemExit(f"the run has ended early: {result.cause}")
     return found
 
 
@@ -117,12 +117,12 @@ def main() -> int:
             runs = [partial(without, lab, turn), partial(with_page, lab, turn)]
             first, second = (run(chosen.seconds) for run in (runs if turn % 2 else runs[::-1]))
             alone, (page, rates) = (first, second) if turn % 2 else (second, first)
-            late.append((alone.lateness.p99, page.lateness.p99))
+            late.append((alone.lateness_ms.p99, page.lateness_ms.p99))
             print(
-                f"pair {turn + 1:2}  without: 99 % {alone.lateness.p99:.3f}, max "
-                f"{alone.lateness.max:.3f} ms, missed {alone.missed}   with: 99 % "
-                f"{page.lateness.p99:.3f}, max {page.lateness.max:.3f} ms, missed {page.missed}, "
-                f"pictures/s {', '.join(f'{rate:.0f}' for rate in rates)}",
+                f"pair {turn + 1:2}  without: 99 % {alone.lateness_ms.p99:.3f}, max "
+                f"{alone.lateness_ms.max:.3f} ms, missed {alone.missed}   with: 99 % "
+                f"{page.lateness_ms.p99:.3f}, max {page.lateness_ms.max:.3f} ms, missed "
+                f"{page.missed}, pictures/s {', '.join(f'{rate:.0f}' for rate in rates)}",
                 flush=True,
             )
         for sentence in page.refused:

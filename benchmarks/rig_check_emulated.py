@@ -20,10 +20,11 @@ from rcmservo.bringup.motion import PATIENCE, Mover
 from rcmservo.config.rig_file import Lab
 from rcmservo.hardware.devices import open_arm, open_camera, wiring_of
 from rcmservo.interfaces import Floats, Frame
-from rcmservo.live.lab import CameraAccount, LabCamera
+from rcmservo.live.lab import LabCamera
 from rcmservo.live.realtime import realtime
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock
+from rcmservo.loop.run_result import CameraAccount
 from rcmservo.method.tool import RigidTool
 from rcmservo.sim.rig import Rig
 from rcmservo.tracking import ColourMarkers

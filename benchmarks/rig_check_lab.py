@@ -15,7 +15,7 @@ from rcmservo.errors import Stopped
 from rcmservo.guard.gate import Gate
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Command, Floats, Frame, Measured
-from rcmservo.live.lab import CameraAccount
+from rcmservo.loop.run_result import CameraAccount
 from rcmservo.method.kinematics import Kinematics, PitchYawRcm, SphericalRcm
 from rcmservo.method.tool import RigidTool
 from rcmservo.sim import Rig, RigSettings

@@ -25,8 +25,9 @@ import rcmservo as rs
 from rcmservo.config.rig_file import Lab
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Mode, ModeStruct, Phase, Signs, transition
-from rcmservo.live.reports import LiveResult, Report
+from rcmservo.live.reports import Report
 from rcmservo.live.supervisor import run_live
+from rcmservo.loop.run_result import RunResult
 from rcmservo.rows import as_row
 from rcmservo.sim.processes.lab_processes import Bench
 from rcmservo.sim.rig_file import rig_settings
@@ -89,21 +90,21 @@ def main() -> None:
             )
             print(f"load of the machine: {os.getloadavg()[0]:.2f}")
             judge(result, bench)
-            if result.timing is None:
+            if result.loop is None:
                 return
-            left -= max(result.timing.ticks / servo.rate, 1.0)
+            left -= max(result.loop.ticks / servo.rate, 1.0)
 
 
-def judge(result: LiveResult, bench: Bench) -> None:
+def judge(result: RunResult, bench: Bench) -> None:
     """How one run went."""
-    print("the run:", "settled" if result.outcome.settled else result.outcome.cause)
-    if result.timing is None:
+    print(result)
+    if result.loop is None:
         return
-    loop, late, latency = result.timing, result.timing.lateness, result.timing.latency
+    loop, late, latency = result.loop, result.loop.lateness_ms, result.loop.latency_ms
     for sentence in loop.refused:
         print(sentence)
     print(f"{'ticks':<22} {loop.ticks}, missed {loop.missed}")
-    print(f"{'mean rate':<22} {loop.rate:.4f} Hz   (bar: 100.00 Hz +- 0.01 %)")
+    print(f"{'mean rate':<22} {loop.rate_hz:.4f} Hz   (bar: 100.00 Hz +- 0.01 %)")
     print(
         f"{'lateness':<22} median {late.median:.3f}, 99 % {late.p99:.3f}, max "
         f"{late.max:.3f} ms   (bar: 3 ms)"

@@ -35,7 +35,7 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from multiprocessing import Pool
 
 import numpy as np
@@ -45,7 +45,7 @@ import rcmservo as rs
 from rcmservo.app.servo_options import ServoOptions
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.teach import NotShown
-from rcmservo.record.verdict import SAME_POSE, TOLERANCE, Judge
+from rcmservo.record.outcome import SAME_POSE, TOLERANCE, Judge
 from rcmservo.servo.state import State
 from rcmservo.sim import Disturbance, RigSettings
 from rcmservo.sim.disturbances import causes_of
@@ -132,7 +132,7 @@ class Trial:
         for tick in self.watched(rs.run(self.plant, self.servo, target, DURATION, state=state)):
             judge.add(tick)
         run.settled = self.settled(tick, target, judge)
-        run.end = judge.outcome().cause
+        run.end = judge.result().cause
         run.error = float(np.linalg.norm(self.marker_2() - self.shown))
         run.grown = self.unnoticed.grown
 
@@ -140,7 +140,8 @@ class Trial:
         """Whether a run ends as if all were well."""
         marker_1 = self.servo.marker_1
         away = np.linalg.norm(marker_1(last.seen.q) - marker_1(target.q))
-        there = bool((judge.outcome().error < TOLERANCE).all() and away <= SAME_POSE)
+        error = np.array(astuple(judge.result().feature_error), float)
+        there = bool((error < TOLERANCE).all() and away <= SAME_POSE)
         return there and last.state.phase is rs.Phase.SERVO
 
     def watched(self, ticks: Iterator[rs.Tick]) -> Generator[rs.Tick]:

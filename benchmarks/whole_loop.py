@@ -25,8 +25,8 @@ from emulated_lab import EmulatedLab
 import rcmservo as rs
 from rcmservo.config.rig_file import Lab
 from rcmservo.live.realtime import urgent
-from rcmservo.live.reports import LiveResult
 from rcmservo.live.supervisor import run_live
+from rcmservo.loop.run_result import RunResult
 from rcmservo.sim.processes.lab_processes import Bench
 from rcmservo.sim.rig_file import rig_settings
 
@@ -38,21 +38,21 @@ DURATION = 15.0
 class Row:
     """What became of a run; `stall` is the longest time ms for which a processor stood still."""
 
-    result: LiveResult
+    result: RunResult
     error: float
     stall: float
 
     @property
     def words(self) -> str:
-        r, timing = self.result, self.result.timing
-        time_s = f"{r.outcome.settle_time:5.2f} s" if r.outcome.settled else "   -   "
+        r, timing = self.result, self.result.loop
+        time_s = f"{r.settle_time_s:5.2f} s" if r.settled else "   -   "
         late = latency = missed = "-"
         if timing is not None:
-            late, missed = f"{timing.lateness.p99:.2f}", f"{timing.missed} of {timing.ticks}"
-            latency = f"{timing.latency.median:.0f}/{timing.latency.p99:.0f}"
+            late, missed = f"{timing.lateness_ms.p99:.2f}", f"{timing.missed} of {timing.ticks}"
+            latency = f"{timing.latency_ms.median:.0f}/{timing.latency_ms.p99:.0f}"
         return (
             f"{time_s} {self.error:7.3f} mm  late p99 {late} ms  missed {missed}  latency "
-            f"{latency} ms  stall {self.stall:.0f} ms  {r.outcome.cause}"
+            f"{latency} ms  stall {self.stall:.0f} ms  {r.cause}"
         )
 
 
@@ -103,13 +103,13 @@ def simulated(seed: int, servo: rs.Servo, record: Path) -> Row:
 def judged(rows: dict[str, list[Row]]) -> bool:
     """Print what the rows come to; whether all bars are met."""
     ours = rows["emulated"]
-    settled = sum(row.result.outcome.settled for row in ours)
+    settled = sum(row.result.settled for row in ours)
     error = float(np.median([row.error for row in ours]))
     late = {
-        name: float(np.median([r.result.timing.lateness.p99 for r in some if r.result.timing]))
+        name: float(np.median([r.result.loop.lateness_ms.p99 for r in some if r.result.loop]))
         for name, some in rows.items()
     }
-    timings = [row.result.timing for row in ours if row.result.timing]
+    timings = [row.result.loop for row in ours if row.result.loop]
     missed = sum(t.missed for t in timings) / max(sum(t.ticks for t in timings), 1)
     ratio = late["emulated"] / late["simulated"]
     print(

@@ -11,7 +11,7 @@ from rcmservo.app.cli import main
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Mode, Phase
 from rcmservo.record import reader
-from rcmservo.record.verdict import judged
+from rcmservo.record.outcome import judged
 
 CASES = {
     "a marker leaves the picture on the way": (

@@ -1,7 +1,7 @@
-"""`rcmservo live`: what its table and its JSON tell."""
+"""The result of a run as a table, as JSON and in one line, and what `rcmservo live` refuses."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,25 +9,26 @@ import numpy as np
 import pytest
 
 from rcmservo.app.cli import main
-from rcmservo.app.live import LiveMetrics, LiveOptions, kept, metrics_of, show_live
-from rcmservo.app.simulated_run.metrics import METRICS
+from rcmservo.app.result_output import METRICS, report, save_result
 from rcmservo.app.terminal import console
-from rcmservo.live.reports import LiveResult, LoopTiming, Spread
-from rcmservo.record.verdict import Outcome
+from rcmservo.loop.run_result import (
+    CameraAccount,
+    LoopTiming,
+    RunResult,
+    Spread,
+    spread,
+)
 
 CAUSE = "the servo process was killed (SIGKILL)"
-
-
-def fallen(**more: Any) -> LiveMetrics:
-    outcome = Outcome(False, CAUSE, None, np.full(3, np.nan), None)
-    return metrics_of(LiveOptions(), Path("runs/[a]"), LiveResult(outcome, **more), 3.0)
+FALLEN = RunResult(cause=CAUSE, folder="runs/[a]")
 
 
 def printed(**more: Any) -> str:
+    """What the table says, as one line."""
     out = console()
     with out.capture() as got:
-        show_live(out, fallen(**more))
-    return got.get()
+        assert report(out, replace(FALLEN, **more), as_json=False) == 1
+    return " ".join(got.get().replace("│", " ").split())
 
 
 def test_a_live_run_tells_what_could_not_be_recorded() -> None:
@@ -39,29 +40,60 @@ def test_a_live_run_tells_what_could_not_be_recorded() -> None:
 def test_a_live_result_that_cannot_be_written_is_told_and_not_lost(tmp_path: Path) -> None:
     """A folder where the metrics' file would grow stands for a disk that is full."""
     (tmp_path / f"{METRICS}.part").mkdir()
-    metrics = kept(tmp_path, fallen())
-    assert f"{METRICS}: cannot be written" in metrics.not_written
-    out = console()
-    with out.capture() as got:
-        show_live(out, metrics)
-    assert "not written" in got.get() and "not written" not in printed()
+    result = save_result(FALLEN, None, tmp_path)
+    assert f"{METRICS}: cannot be written" in result.not_written
+    assert (
+        "not written" in printed(not_written=result.not_written) and "not written" not in printed()
+    )
 
 
 def test_a_live_run_names_its_cause_its_folder_and_how_the_loop_kept_its_time() -> None:
-    timing = LoopTiming(200, 2, 99.5, Spread(0.25, 0.5, 1.5), Spread(), 0, ["paging [1] may delay"])
-    text = " ".join(printed(timing=timing).replace("│", " ").split())
-    for words in (CAUSE, "runs/[a]", "2 of 200", "99.500 Hz", "p99 0.50 ms", "paging [1]", "p99 –"):
+    loop = LoopTiming(
+        200,
+        missed=2,
+        rate_hz=99.5,
+        lateness_ms=Spread(0.25, 0.5, 1.5),
+        collections=0,
+        refused=["paging [1] may delay"],
+    )
+    text = printed(loop=loop)
+    for words in (CAUSE, "runs/[a]", "2 of 200", "99.500 Hz", "p99 0.50 ms", "paging [1]"):
         assert words in text
-    assert "lateness" not in printed()
+    assert "latency" not in text and "lateness" not in printed()
+
+
+def test_a_run_on_hardware_names_its_drive_its_camera_and_its_speed() -> None:
+    camera = CameraAccount(100, 2, 1, 3, trouble="no whole frame has come for 2 s")
+    text = printed(drive_off="axis B", camera=camera, speed_share=0.1, rig_checked=False)
+    for words in (
+        "arm axis B",
+        "100 frames, 2 lost, 1 incomplete, opened again 3 x; exposure times unchecked; no whole",
+        "at most 10 %: rig check has not passed",
+    ):
+        assert words in text
+    assert "exposure times to 0.50 ms" in printed(camera=replace(camera, uncertainty_ms=0.5))
 
 
 def test_what_is_not_known_is_none_in_json() -> None:
-    plain = json.loads(
-        json.dumps(asdict(fallen(timing=LoopTiming(0, 0, np.nan, Spread(), Spread(), 0))))
-    )
+    plain = json.loads(json.dumps(asdict(replace(FALLEN, loop=LoopTiming()))))
     assert plain["loop"]["rate_hz"] is None and plain["loop"]["lateness_ms"]["p99"] is None
     assert plain["feature_error"] == {"s_rad": None, "r_px": None, "d_px": None}
-    assert "NaN" not in json.dumps(asdict(fallen()))
+    assert spread(np.empty(0)) == Spread()
+
+
+@pytest.mark.parametrize(
+    ("result", "words"),
+    [
+        (RunResult(True, "", settle_time_s=1.92), "arrived, 1.9 s"),
+        (
+            RunResult(True, "", settle_time_s=1.92, pose_error_mm=0.021, bound_mm=0.05),
+            "arrived, error 0.02 mm (bound 0.05), 1.9 s",
+        ),
+        (replace(FALLEN, pose_error_mm=3.0), f"not arrived: {CAUSE}, error 3.00 mm"),
+    ],
+)
+def test_a_result_is_printed_in_one_line(result: RunResult, words: str) -> None:
+    assert str(result) == words
 
 
 @pytest.mark.parametrize(

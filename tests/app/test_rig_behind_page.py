@@ -14,7 +14,7 @@ from rcmservo.config.checked import digest_of, note_checked
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Frame
 from rcmservo.live.frame_ring import FrameRing, RingCamera, ShownCamera
-from rcmservo.live.lab import CameraAccount
+from rcmservo.loop.run_result import CameraAccount
 from rcmservo.method.controller import SaturatedController
 from rcmservo.page.desk import Desk
 from rcmservo.page.wants import Change

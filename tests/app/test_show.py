@@ -1,6 +1,7 @@
 """What `show` tells of a record is what happened in the run."""
 
-from dataclasses import dataclass, replace
+import json
+from dataclasses import asdict, astuple, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,11 +14,12 @@ from replays import Disturbed
 import rcmservo as rs
 from rcmservo.app import show
 from rcmservo.app.cli import main
+from rcmservo.app.result_output import METRICS
 from rcmservo.figures import plots
 from rcmservo.interfaces import Dropped
 from rcmservo.record import reader, timeline
+from rcmservo.record.outcome import Judge
 from rcmservo.record.timeline import spans, summary
-from rcmservo.record.verdict import Judge
 from rcmservo.record.writer import Recorder
 from rcmservo.tracking import PointMarkers
 
@@ -103,7 +105,8 @@ def test_a_tick_is_late_by_the_threshold_of_the_recorded_servo(
         for i, tick in enumerate(told.ticks[:20]):
             now = tick.seen.now + 3_000_000 * (i >= 10)
             recorder.write(replace(tick, servo=servo, seen=replace(tick.seen, now=now)))
-    assert summary(reader.read(tmp_path)).late == late
+    loop = summary(reader.read(tmp_path)).loop
+    assert loop is not None and loop.late == late
 
 
 @pytest.mark.usefixtures("blank_figures")
@@ -133,24 +136,38 @@ def test_every_request_of_a_person_is_shown_also_one_that_is_refused_once_more(
 
 def test_the_summary_is_what_the_ticks_say(told: Told) -> None:
     got = summary(reader.read(told.path))
+    loop, used = got.loop, got.frames
+    assert loop is not None and used is not None
     frames = {tick.seen.frame: tick for tick in reversed(told.ticks) if tick.seen.frame >= 0}
     latency = [(tick.seen.now - tick.seen.exposure) * 1e-9 for tick in frames.values()]
-    assert got.ticks == len(told.ticks) == 1000
-    assert got.seen == len(frames)
-    assert got.latency == pytest.approx([*np.percentile(latency, [50, 99]), max(latency)])
-    assert (got.late, got.longest) == (0, pytest.approx(0.01))
-    assert got.dropped == {
-        Dropped.DAMAGED: sum(tick.seen.dropped is Dropped.DAMAGED for tick in told.ticks)
+    assert loop.ticks == len(told.ticks) == 1000
+    assert used.used == len(frames)
+    spread = [1e3 * one for one in (*np.percentile(latency, [50, 99]), max(latency))]
+    assert astuple(loop.latency_ms) == pytest.approx(spread)
+    assert (loop.late, loop.longest_ms) == (0, pytest.approx(10.0))
+    assert used.dropped == {
+        Dropped.DAMAGED.words: sum(tick.seen.dropped is Dropped.DAMAGED for tick in told.ticks)
     }
 
 
 def test_the_verdict_is_that_of_the_run_while_it_happened(told: Told) -> None:
-    got, live = summary(reader.read(told.path)).outcome, told.judge.outcome()
+    got, live = summary(reader.read(told.path)), told.judge.result()
     assert (got.settled, got.cause) == (live.settled, live.cause)
-    np.testing.assert_allclose(got.error, live.error)
+    assert astuple(got.feature_error) == pytest.approx(astuple(live.feature_error))
     assert got.settled
-    assert live.settle_time is not None and got.settle_time is not None
-    assert got.settle_time == pytest.approx(live.settle_time + 1.5, abs=0.5)
+    assert live.settle_time_s is not None and got.settle_time_s is not None
+    assert got.settle_time_s == pytest.approx(live.settle_time_s + 1.5, abs=0.5)
+
+
+def test_a_record_of_an_earlier_version_gives_the_numbers_of_its_metrics() -> None:
+    folder = Path(__file__).parents[1] / "data/v0.1.0"
+    now = asdict(summary(reader.read(folder)))
+    then = json.loads((folder / METRICS).read_text())
+    for name in ("settled", "cause", "settle_time_s", "jacobian_error"):
+        assert now[name] == then[name]
+    for name in ("feature_error", "explore"):
+        assert now[name] == pytest.approx(then[name])
+    assert now["loop"]["latency_ms"]["median"] == pytest.approx(1e3 * then["latency_s"]["median"])
 
 
 def test_show_tells_causes_and_ways_out_in_words_and_draws(
@@ -207,9 +224,9 @@ def test_a_record_that_ends_before_its_run_was_to_end_gives_no_verdict_on_it(
     until: float, planned: float, told: Told, tmp_path: Path
 ) -> None:
     rows = reader.read(recorded_until(told, tmp_path / "r.mcap", until, duration_s=planned))
-    got = summary(rows).outcome
+    got = summary(rows)
     assert rows.complete
-    assert (got.settled, got.settle_time) == (False, None)
+    assert (got.settled, got.settle_time_s) == (False, None)
     assert (
         got.cause
         == f"the record ends at {until:.2f} s of {planned:.2f} s: what came after is not in it"
@@ -222,9 +239,7 @@ def test_a_record_that_ends_before_its_run_was_to_end_gives_no_verdict_on_it(
 def test_a_record_that_holds_its_run_to_the_end_gives_its_verdict(
     about: dict[str, float], told: Told, tmp_path: Path
 ) -> None:
-    assert summary(
-        reader.read(recorded_until(told, tmp_path / "r.mcap", 8.5, **about))
-    ).outcome.settled
+    assert summary(reader.read(recorded_until(told, tmp_path / "r.mcap", 8.5, **about))).settled
 
 
 def test_a_run_that_was_over_before_its_time_keeps_the_words_that_ended_it(
@@ -234,7 +249,7 @@ def test_a_run_that_was_over_before_its_time_keeps_the_words_that_ended_it(
         tick for tick in told.ticks[told.stages[1] :] if tick.state.phase is rs.Phase.PAUSED
     )
     path = recorded_until(told, tmp_path / "r.mcap", paused.time * 1e-9 + 0.001, duration_s=60.0)
-    assert summary(reader.read(path)).outcome.cause == rs.Cause.ASKED.words
+    assert summary(reader.read(path)).cause == rs.Cause.ASKED.words
 
 
 @pytest.mark.parametrize(("about", "words"), [({"duration_s": 8.5}, " s of 8.50 s"), ({}, " s: ")])
@@ -245,7 +260,7 @@ def test_a_record_cut_anywhere_never_says_settled_or_that_time_ran_out(
     causes = []
     for share in (0.03, 0.3, 0.5, 0.7, 0.9):
         (tmp_path / "cut.mcap").write_bytes(data[: int(len(data) * share)])
-        got = summary(reader.read(tmp_path / "cut.mcap")).outcome
+        got = summary(reader.read(tmp_path / "cut.mcap"))
         assert not got.settled and "time ran out" not in got.cause
         causes.append(got.cause)
     assert all(cause.startswith("the record ends at ") and words in cause for cause in causes)

@@ -205,6 +205,7 @@ def test_a_row_of_every_engine_comes_out_the_same_and_its_record_can_be_read(
     said, folder = capsys.readouterr().out, f"study/replays/{case}"
     assert "the same row, bit for bit" in said and engine in said.splitlines()[0]
     assert ("recorded with MuJoCo's arm" in said) == (engine == "compiled")
+    assert all(words in said for words in ("pose error", "Cramér-Rao bound", "growth of the error"))
     names = {path.name for path in Path(folder).iterdir()}
     assert names == {"record.mcap", "metadata.yaml", "errors.png", "estimate.png"}
     assert main(["show", folder, "--out", f"shown-{case}"]) == 0

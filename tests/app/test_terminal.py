@@ -8,20 +8,22 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 from rich.console import Console
 from rich.live import Live
 
 from rcmservo.app.cli import main
-from rcmservo.app.score_report import MarkerErrors, ScoreReport, StepErrors, show_report
-from rcmservo.app.simulated_run.metrics import FeatureError, RunMetrics
-from rcmservo.app.simulated_run.told import show_run
+from rcmservo.app.result_output import report
+from rcmservo.app.score_report import numbers, show_score
 from rcmservo.app.terminal import console, print_plainly
 from rcmservo.app.waiting import compiling as reports
 from rcmservo.app.waiting.preparing import compiling
+from rcmservo.loop.run_result import FeatureError, JacobianError, RunResult
+from rcmservo.offline.score import Replay
 
 LONG = f"runs/{'a folder with a long name/' * 6}[/y]"
-METRICS = RunMetrics(1, "projection", cause="[b]too far[/b]", folder=LONG)
+RESULT = RunResult(cause="[b]too far[/b]", folder=LONG)
 
 
 def command(*words: str, **variables: str) -> subprocess.CompletedProcess[bytes]:
@@ -35,11 +37,12 @@ def command(*words: str, **variables: str) -> subprocess.CompletedProcess[bytes]
 
 
 def test_a_score_keeps_the_units_in_brackets() -> None:
-    steps = {"no_motion": StepErrors(1.0, 2.0, None)}
-    report = ScoreReport([], (1.0, 2.0), 3.0, MarkerErrors(0.5, None), steps)
+    steps = {"no_motion": np.array([1.0, 2.0, np.nan])}
+    scored = Replay([], [], np.array([1.0, 2.0]), 3.0, np.array([0.5, np.nan]), steps)
+    assert numbers(scored)["reprojection_rms_px"] == {"m1": 0.5, "m2": None}
     out = console()
     with out.capture() as got:
-        show_report(out, report)
+        show_score(out, scored)
     for words in ("s [°]", "r [px]", "d [px]", "marker 1 0.50 px, marker 2 –"):
         assert words in got.get()
 
@@ -52,7 +55,7 @@ def test_a_folder_whose_name_looks_like_markup_is_no_traceback(
     assert main(["show", str(tmp_path), "--out", str(tmp_path / "x[/y]")]) == 2
     out = console()
     with out.capture() as got:
-        show_run(out, METRICS)
+        report(out, RESULT, as_json=False)
     assert "[b]too far[/b]" in got.get()
 
 
@@ -65,7 +68,7 @@ def test_a_path_is_on_one_line_and_whole_however_wide_the_terminal(
         monkeypatch.setenv("COLUMNS", columns)
     out = console()
     with out.capture() as got:
-        show_run(out, METRICS)
+        report(out, RESULT, as_json=False)
     assert f"files in {LONG}\n" in got.get()
 
 
@@ -73,7 +76,7 @@ def test_a_narrow_table_folds_its_words_and_loses_none(monkeypatch: pytest.Monke
     monkeypatch.setenv("COLUMNS", "60")
     out, word = console(), "0123456789" * 12
     with out.capture() as got:
-        show_run(out, RunMetrics(1, "projection", cause=word))
+        report(out, RunResult(cause=word), as_json=False)
     kept = "".join(sign for sign in got.get() if sign.isdigit())
     assert word in kept
 
@@ -82,10 +85,10 @@ def test_an_ascii_terminal_gets_ascii_that_can_be_read(monkeypatch: pytest.Monke
     stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
     monkeypatch.setattr(sys, "stdout", stream)
     print_plainly()
-    show_run(
-        Console(file=stream, markup=False, width=100),
-        RunMetrics(1, "projection", feature_error=FeatureError(0.01, 1.0, 2.0)),
+    result = RunResult(
+        feature_error=FeatureError(0.01, 1.0, 2.0), jacobian_error=JacobianError(0.1, 0.1)
     )
+    report(Console(file=stream, markup=False, width=100), result, as_json=False)
     stream.flush()
     said = stream.buffer.getvalue().decode("ascii")  # type: ignore[attr-defined]
     assert "s 0.573 deg, r 1.00 px" in said and "|J - J|/|J|" in said and "?" not in said

@@ -11,7 +11,7 @@ from rcmservo.live.cautious import SHARE, cautious
 from rcmservo.loop.run import run
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.exploration import Exploration
-from rcmservo.record.verdict import Judge
+from rcmservo.record.outcome import Judge
 
 
 @pytest.mark.parametrize("seed", first_quick([1, 2, 3, 4]))
@@ -23,8 +23,8 @@ def test_a_cautious_run_explores_and_settles_and_no_command_exceeds_its_speed(se
     for tick in run(lab.plant, servo, lab.target, 40.0):
         judge.add(tick)
         fastest = np.maximum(fastest, np.abs(tick.state.command.rates))
-    outcome = judge.outcome()
-    assert outcome.settled, outcome.cause
+    result = judge.result()
+    assert result.settled, result.cause
     assert (fastest <= SHARE * np.array(full.gate.speed)).all()
     assert fastest.max() > 0.0
 

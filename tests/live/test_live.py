@@ -400,7 +400,7 @@ def live(bench, path, seconds, progress=nobody, **choices):
         result = supervise(servo, bench.off, progress)
     finally:
         servo.end()
-    assert result.timing is not None, result.outcome.cause
+    assert result.loop is not None, result.cause
     return read(path), result
 
 
@@ -415,8 +415,8 @@ def test_a_live_run_moves_the_arm_records_every_tick_and_leaves_it_off(bench, tm
 
     record, result = undisturbed(attempt, lambda run: "FAULT" not in run[0].phase)
     assert record.complete
-    assert len(record.time) == result.timing.ticks > 0
-    assert result.timing.collections == 0
+    assert len(record.time) == result.loop.ticks > 0
+    assert result.loop.collections == 0
     assert [report.time for report in reports] == sorted(report.time for report in reports)
     last = bench.log.last()
     assert not last["enabled"]
@@ -449,7 +449,7 @@ def test_a_servo_process_that_is_killed_or_stopped_is_noticed_and_the_arm_stands
 ):
     servo = started(session_of(bench, tmp_path / "run.mcap", 600.0))
     os.kill(servo.process.pid, blow)
-    cause = supervise(servo, bench.off).outcome.cause
+    cause = supervise(servo, bench.off).cause
     assert word in cause
     assert "drive went off" in cause
     assert not servo.process.is_alive()

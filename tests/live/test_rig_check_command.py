@@ -24,7 +24,7 @@ from rcmservo.config.checked import digest_of, is_checked, note_checked
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Frame, Measured
-from rcmservo.live.lab import CameraAccount
+from rcmservo.loop.run_result import CameraAccount
 
 
 @pytest.fixture(scope="module")

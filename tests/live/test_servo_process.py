@@ -98,10 +98,10 @@ def test_a_live_run_that_never_saw_the_markers_says_why(serve: Any, tmp_path: Pa
     """And from when the drive comes on, its heartbeat does not say that nothing has begun."""
     beats, noted = RawValue("q", 7), list[int]()
     result = serve(beats, noted)
-    assert not result.outcome.settled
-    assert "the picture is grey" in result.outcome.cause
+    assert not result.settled
+    assert "the picture is grey" in result.cause
     assert noted == [ENABLING] and beats.value == STANDING
-    assert len(read(tmp_path / "run.mcap").time) == result.timing.ticks > 0
+    assert len(read(tmp_path / "run.mcap").time) == result.loop.ticks > 0
 
 
 def test_what_a_servo_process_cannot_use_is_said_in_the_supervisor(

@@ -13,7 +13,7 @@ from rcmservo.loop.operator import same
 from rcmservo.page.control import Control, Unheeded, heard
 from rcmservo.page.tour import GoOnTour, HowFar, Plan, Stay
 from rcmservo.page.wants import Go, Held, Note, OnTour, Taught, TeachAs
-from rcmservo.record.verdict import TOLERANCE
+from rcmservo.record.outcome import TOLERANCE
 
 NOW = 10**12
 STAY = {"pose": "a", "dwell": 0.5}

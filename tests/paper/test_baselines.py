@@ -16,7 +16,7 @@ from rcmservo.method.exploration import Exploration
 from rcmservo.paper import baselines
 from rcmservo.paper.baselines import KINDS, SCENE, SCENES
 from rcmservo.paper.claims import ClaimRow, judge
-from rcmservo.paper.lab.attempt import Attempt, MethodOutcome
+from rcmservo.paper.lab.attempt import Attempt
 from rcmservo.paper.lab.methods import FAST, METHODS, Learner, Own
 from rcmservo.paper.lab.tally import Tally, numbers_of
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings
@@ -45,7 +45,7 @@ class Renamed(ProjectionEstimator):
 
 @pytest.mark.parametrize("name", first_quick(sorted(METHODS, key=lambda name: name != "default")))
 def test_every_method_moves_and_arrives_in_most_accepted_scenes(name: str) -> None:
-    runs = [METHODS[name].run(attempt(seed, noise=0.1)).run for seed in range(3)]
+    runs = [METHODS[name].run(attempt(seed, noise=0.1)) for seed in range(3)]
     moved = [float(np.ptp(run.error)) for run in runs]
     assert min(moved) > 5.0
     arrived = sum(run.pose_error < 1.0 for run in runs)
@@ -60,7 +60,7 @@ def test_every_way_to_learn_from_displacements_works(name: str, reach: float) ->
     method = METHODS[name]
     assert isinstance(method, Learner) and method.exploration == Exploration()
     made = replace(method, exploration=Exploration(leg=0.15 * reach / 8.0, reach=reach))
-    runs = [made.run(attempt(seed, 10.0)).run for seed in range(10)]
+    runs = [made.run(attempt(seed, 10.0)) for seed in range(10)]
     assert sum(run.pose_error <= 1.0 for run in runs) >= 9
     assert np.median([run.pose_error for run in runs]) < 0.4
 
@@ -72,9 +72,9 @@ def test_methods_with_the_same_settings_make_the_very_same_run() -> None:
         method.run(attempt()) for method in (FAST, same, replace(same, estimator=Renamed()))
     )
     assert (one.engine, other.engine, live.engine) == (COMPILED, COMPILED, MUJOCO)
-    np.testing.assert_array_equal(one.run.error, other.run.error)
-    assert len(live.run.error) == len(one.run.error)
-    np.testing.assert_allclose(live.run.error, one.run.error, atol=1e-3)
+    np.testing.assert_array_equal(one.error, other.error)
+    assert len(live.error) == len(one.error)
+    np.testing.assert_allclose(live.error, one.error, atol=1e-3)
 
 
 @pytest.mark.slow
@@ -86,13 +86,13 @@ def test_the_noise_and_the_target_of_a_seed_reach_every_engine_and_law(
     other = trial(SEED, 1, LABORATORY, 30.0, 30)
     assert given.scene.start == pytest.approx(other.scene.start)
     for name in ("default", "flow", "constant", "points-exact", "pose-exact"):
-        before = METHODS[name].run(attempt()).run.error
+        before = METHODS[name].run(attempt()).error
         for module in ("batch", "laboratory"):
             path = f"rcmservo.study.{module}.trial"
             monkeypatch.setattr(path, lambda seed, _, *rest: trial(seed, 1, *rest))
-        assert not np.array_equal(before, METHODS[name].run(attempt()).run.error), name
+        assert not np.array_equal(before, METHODS[name].run(attempt()).error), name
         monkeypatch.undo()
-        np.testing.assert_array_equal(before, METHODS[name].run(attempt()).run.error)
+        np.testing.assert_array_equal(before, METHODS[name].run(attempt()).error)
 
 
 @pytest.mark.parametrize("name", first_quick(["default", "fast", "printed"]))
@@ -102,26 +102,26 @@ def test_the_compiled_and_the_live_path_agree_on_a_method(name: str) -> None:
     servo = chance.servo(method.estimator, method.exploration, method.controller)
     one, other = chance.run(servo), chance.live(servo)
     assert (one.engine, other.engine) == (COMPILED, MUJOCO)
-    assert len(one.run.error) == len(other.run.error)
-    assert one.run.explored == other.run.explored
-    np.testing.assert_allclose(one.run.error, other.run.error, atol=1e-3)
-    np.testing.assert_array_equal(one.run.phases, other.run.phases)
-    assert np.isnan(one.jacobian) and 0.0 < other.jacobian < 0.5
+    assert len(one.error) == len(other.error)
+    assert one.explored == other.explored
+    np.testing.assert_allclose(one.error, other.error, atol=1e-3)
+    np.testing.assert_array_equal(one.phases, other.phases)
+    assert np.isnan(one.jacobian_error) and 0.0 < other.jacobian_error < 0.5
 
 
 def test_every_method_has_the_same_time_after_its_exploration() -> None:
     for name in ("default", "printed", "constant", "pose-exact"):
-        run = METHODS[name].run(attempt()).run
+        run = METHODS[name].run(attempt())
         after = len(run.error) / run.rate - run.explored
         assert after == pytest.approx(DURATION), name
-    assert METHODS["pose-exact"].run(attempt()).run.explored == 0.0
+    assert METHODS["pose-exact"].run(attempt()).explored == 0.0
 
 
 def test_a_run_that_is_stopped_for_good_ends_early_and_stays_there() -> None:
     fared = METHODS[MISLED].run(attempt(duration=8.0))
-    assert fared.run.held.stopping
-    assert len(fared.run.error) < 100 * 8.0
-    assert np.ptp(fared.run.error[-100:]) < 1e-3
+    assert fared.held.stopping
+    assert len(fared.error) < 100 * 8.0
+    assert np.ptp(fared.error[-100:]) < 1e-3
 
 
 def test_what_a_laboratory_tells_of_a_loop_is_what_happened_up_to_now() -> None:
@@ -189,9 +189,9 @@ def test_intervals_are_those_of_the_statistics_of_studies() -> None:
 def test_what_is_told_of_a_run_is_what_the_study_tells() -> None:
     fared = [FAST.run(attempt(seed)) for seed in range(3)]
     runs = numbers_of(fared)
-    assert runs["pose"].tolist() == [one.run.pose_error for one in fared]
-    assert runs["within"].tolist() == [one.run.first_within(1.0) for one in fared]
-    assert runs["explored"].tolist() == [one.run.explored for one in fared]
+    assert runs["pose"].tolist() == [one.pose_error for one in fared]
+    assert runs["within"].tolist() == [one.first_within(1.0) for one in fared]
+    assert runs["explored"].tolist() == [one.explored for one in fared]
     assert runs["middle"][-1] < runs["middle"][0]
     stored = restored(plain(runs))
     assert stored["pose"].tolist() == runs["pose"].tolist() and np.isnan(stored["jacobian"]).all()
@@ -199,13 +199,11 @@ def test_what_is_told_of_a_run_is_what_the_study_tells() -> None:
 
 def test_why_a_run_did_not_arrive_is_told() -> None:
     n, stopped = 300, Cause.CAMERA_MOVED
-    run = FAST.run(attempt()).run
+    run = FAST.run(attempt())
     phases = np.full(n, 4, np.int8)
     causes = np.full(n, stopped.place, np.int8)
     held = StudyRun(0, 100.0, np.full(n, 5.0), phases, causes, 0.1, run.scene)
-    tally = Tally(
-        "a", "a", numbers_of([MethodOutcome(run, COMPILED), MethodOutcome(held, COMPILED)]), 9.0
-    )
+    tally = Tally("a", "a", numbers_of([run, held]), 9.0)
     assert tally.failures == f"1 of 2 did not arrive: {stopped.stopping}"
     assert "never" in f"{Tally('a', 'a', made([5.0] * 9, [np.nan] * 9), 9.0).words}"
 

@@ -21,7 +21,7 @@ from rcmservo.paper.experiment import experiment_named
 from rcmservo.paper.plan import Results
 from rcmservo.paper.store import Assignment, fingerprint
 from rcmservo.record import reader
-from rcmservo.record.verdict import LAST
+from rcmservo.record.outcome import LAST
 
 pytestmark = pytest.mark.slow
 

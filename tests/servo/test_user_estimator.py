@@ -10,7 +10,7 @@ import pytest
 import rcmservo as rs
 from conftest import Laboratory, laboratory
 from rcmservo.interfaces import Floats
-from rcmservo.record.verdict import Judge
+from rcmservo.record.outcome import Judge
 from rcmservo.servo import user_estimator
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import Guard, UnusableEstimator, examine
@@ -192,7 +192,7 @@ def test_one_that_goes_wrong_in_motion_is_a_fault_in_the_same_tick(
     last = tick.state
     assert (last.phase, last.cause) == (rs.Phase.FAULT, rs.Cause.ESTIMATOR_FAILED)
     assert counts[-2] == 40 and not last.command.enabled and not last.command.rates.any()
-    for told in (last.words, judge.outcome().cause):
+    for told in (last.words, judge.result().cause):
         assert f"estimator {__name__}:Faulty: its {method} " in told and sentence in told
 
 
@@ -236,6 +236,6 @@ def test_a_slow_one_is_stopped_by_the_overrun_rule_or_the_arms_watchdog_and_name
     for tick in rs.run(lab.plant, servo, lab.target, 6.0):
         judge.add(tick)
     assert tick.state.cause is cause
-    told = judge.outcome().cause
+    told = judge.result().cause
     assert cause.value in told
     assert f"estimator {__name__}:Faulty took up to {milliseconds}.0 ms for a frame" in told

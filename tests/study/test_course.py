@@ -83,11 +83,18 @@ def test_a_row_of_a_run_that_never_came_near_knows_no_time_and_no_success() -> N
     assert (stopped.success, stopped.time_to_1mm_s, stopped.stop_s, stopped.stops) == (
         *(True, 0.9, 0.9, 1),
     )
+    held = row_of(asked, settings, course([30.0] * 20, [S] * 9 + [H] * 11, [SAID] * 20))
+    assert [str(one.result) for one in (far, stopped, held)] == [
+        "not arrived: marker 2 is more than 1 mm from the target, error 30.00 mm (bound 0.10)",
+        "arrived, error 0.90 mm (bound 0.10), 0.9 s",
+        f"not arrived: {SAID.value}, error 30.00 mm (bound 0.10)",
+    ]
 
 
 def test_a_run_that_never_began_says_so() -> None:
     """As where frames are older than `thresholds.latency`: there is no stop to be told."""
-    assert row(0, latency=(0.2,))[0].stop == NEVER
+    never = row(0, latency=(0.2,))[0]
+    assert (never.stop, never.result.cause) == (NEVER, "it never began")
     assert row(0, latency=(0.05,))[0].stop == ""
 
 

@@ -2,7 +2,7 @@
 
 import json
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from rcmservo.app.folders import new_folder
-from rcmservo.app.score_report import centres, report_of, show_report
+from rcmservo.app.score_report import centres, numbers, show_score
 from rcmservo.app.servo_options import GROUPS, OptionalEstimator, ServoOptions
 from rcmservo.app.terminal import console
 from rcmservo.config.files import write_whole
@@ -80,26 +80,6 @@ def own_kinds(options: ReplayOptions) -> dict[str, type[Estimator]]:
     return {name: type(estimator) for name, estimator in options.own_estimators.items()}
 
 
-@dataclass(frozen=True)
-class Recomputed:
-    """A recorded run that was computed again, as JSON tells it."""
-
-    same: bool
-    """Whether every tick came out the same, bit for bit."""
-    open_loop: bool
-    """Whether other settings than the recorded ones were asked for."""
-    ticks: int
-    """How many the record holds."""
-    first: int | None
-    """The first tick that came out otherwise."""
-    differs: dict[str, int]
-    """By column, how many ticks came out otherwise."""
-    missing: str
-    """What of the record could not be read."""
-    changed: str
-    """Which users' own estimators have another source than when they were recorded."""
-
-
 def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) -> int:
     """The decisions of a recorded run once more; the exit code is 1 where they are others."""
     right = "left out for a run: its record tells the rig"
@@ -108,20 +88,10 @@ def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) ->
     as_recorded = options == replace(usual, json=options.json)
     other = None if as_recorded else _other(options, then)
     again = recompute(then, other, own_kinds(options))
-    missing = then.missing
     if options.json:
-        told = Recomputed(
-            again.same,
-            again.open_loop,
-            len(then.time),
-            again.first,
-            again.differs,
-            missing,
-            again.changed,
-        )
-        print(json.dumps(asdict(told)))
+        print(json.dumps(again.numbers))
     else:
-        print(f"{again.words}; {missing}" if missing else again.words)
+        print("; ".join(filter(None, (again.words, then.missing))))
         if again.open_loop and not again.same:
             _show_differences(console(), again)
     return 0 if again.same else OTHERWISE
@@ -154,14 +124,14 @@ def replay(options: ReplayOptions) -> int:
         raise UnusableFile(options.path, "does not exist")
     out = console(stderr=options.json)
     with nullcontext() if options.out is None else new_folder(options.out, "replay") as folder:
-        report = report_of(_scored(options, out))
+        scored = _scored(options, out)
         if options.json:
-            print(json.dumps(asdict(report)))
+            print(json.dumps(numbers(scored)))
         else:
-            show_report(out, report)
+            show_score(out, scored)
         if folder is not None:
-            write_whole(folder / "replay.json", json.dumps(asdict(report), indent=2) + "\n")
-            write_whole(folder / "centres.csv", centres(report))
+            write_whole(folder / "replay.json", json.dumps(numbers(scored), indent=2) + "\n")
+            write_whole(folder / "centres.csv", centres(scored))
     return 0
 
 

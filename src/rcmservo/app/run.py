@@ -2,8 +2,9 @@
 
 from rcmservo.app.folders import new_folder, require_new
 from rcmservo.app.lab_options import RunOptions
-from rcmservo.app.simulated_run.told import Story, show_run
-from rcmservo.app.terminal import console, live_line, print_result
+from rcmservo.app.result_output import report
+from rcmservo.app.simulated_run.progress import RunProgress
+from rcmservo.app.terminal import console, live_line
 from rcmservo.app.waiting.preparing import compiling
 from rcmservo.errors import needing
 
@@ -24,5 +25,5 @@ def run(options: RunOptions) -> int:
         with live_line(out) as line, compiling(line):
             from rcmservo.app.simulated_run.simulate import simulate
 
-            metrics = simulate(options, folder, Story(line, options.duration))
-    return print_result(metrics, options.json, show_run)
+            result = simulate(options, folder, RunProgress(line, options.duration))
+    return report(out, result, options.json)

@@ -1,6 +1,6 @@
-"""What came of scoring a recording: as JSON, as a table of centres, and in words."""
+"""Score of a recording: as JSON, as a table of centres, and in words."""
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -8,116 +8,64 @@ from rich.table import Table
 
 from rcmservo.app.terminal import unit
 from rcmservo.interfaces import Floats
+from rcmservo.loop.run_result import known
 from rcmservo.offline import score
 
 Pair = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class FrameReport:
-    """Where the markers' centres are in a frame."""
-
-    frame: str
-    """The frame's name."""
-    m1: Pair | None
-    """(u, v) px of the marker nearer the RCM; None where it was not found."""
-    m2: Pair | None
-    """(u, v) px of the marker nearer the tip; None where it was not found."""
-
-
-@dataclass(frozen=True)
-class MarkerErrors:
-    """A root mean square for each marker, px; None where there is no fit."""
-
-    m1: float | None
-    """Of the marker nearer the RCM."""
-    m2: float | None
-    """Of the marker nearer the tip."""
-
-
-@dataclass(frozen=True)
-class StepErrors:
-    """The root mean square error of predicting one step; None where none could be predicted."""
-
-    s_deg: float | None
-    """Of s, the imaged tool's angle, in degrees."""
-    r_px: float | None
-    """Of r, marker 1's distance from the imaged RCM."""
-    d_px: float | None
-    """Of d, the imaged markers' distance from each other."""
-
-
-@dataclass(frozen=True)
-class ScoreReport:
-    """A scored recording: what replay.json holds, by the same names."""
-
-    frames: list[FrameReport]
-    """All of the recording in their order, also those in which no marker was found."""
-    imaged_rcm_px: Pair | None
-    """o_c; None where it was not observable."""
-    imaged_rcm_condition: float | None
-    """Condition number of (16); None where (16) is singular."""
-    reprojection_rms_px: MarkerErrors
-    """The error of the final fit."""
-    one_step_rms: dict[str, StepErrors]
-    """By the way of predicting."""
-
-
-def report_of(result: score.Replay) -> ScoreReport:
-    """A score as plain numbers."""
-    return ScoreReport(
-        [
-            FrameReport(pose.name, _pair(found.points[0]), _pair(found.points[1]))
+def numbers(result: score.Replay) -> dict[str, Any]:
+    """Return a score as replay.json has it: None is what was not found or could not be computed."""
+    return {
+        "frames": [
+            {"frame": pose.name, "m1": _pair(found.points[0]), "m2": _pair(found.points[1])}
             for pose, found in zip(result.poses, result.markers, strict=True)
         ],
-        _pair(result.o_c),
-        _finite(result.condition),
-        MarkerErrors(*map(_finite, result.reprojection)),
-        {
-            name: StepErrors(_finite(np.degrees(s)), _finite(r), _finite(d))
+        "imaged_rcm_px": _pair(result.o_c),
+        "imaged_rcm_condition": known(result.condition),
+        "reprojection_rms_px": dict(
+            zip(("m1", "m2"), map(known, result.reprojection), strict=True)
+        ),
+        "one_step_rms": {
+            name: {"s_deg": known(np.degrees(s)), "r_px": known(r), "d_px": known(d)}
             for name, (s, r, d) in result.one_step.items()
         },
-    )
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    }
 
 
 def _pair(point: Floats) -> Pair | None:
     return (float(point[0]), float(point[1])) if np.isfinite(point).all() else None
 
 
-def centres(report: ScoreReport) -> str:
-    """The markers' centres as CSV; what was not found is left empty."""
+def centres(result: score.Replay) -> str:
+    """Return the markers' centres as CSV; what was not found is left empty."""
     lines = ["frame,m1_u_px,m1_v_px,m2_u_px,m2_v_px"]
-    for row in report.frames:
-        numbers = [f"{n:.3f}" for n in row.m1] if row.m1 else ["", ""]
-        numbers += [f"{n:.3f}" for n in row.m2] if row.m2 else ["", ""]
-        lines.append(",".join([row.frame, *numbers]))
+    for pose, found in zip(result.poses, result.markers, strict=True):
+        row = [f"{n:.3f}" if np.isfinite(n) else "" for n in found.points.ravel()]
+        lines.append(",".join([pose.name, *row]))
     return "\n".join(lines) + "\n"
 
 
-def show_report(console: Console, report: ScoreReport) -> None:
-    """The score in words, and the one-step errors as a table."""
-    found = [sum(row.m1 is not None for row in report.frames)]
-    found += [sum(row.m2 is not None for row in report.frames)]
-    count, rms = len(report.frames), report.reprojection_rms_px
+def show_score(console: Console, result: score.Replay) -> None:
+    """Print a score in words, and the one-step errors as a table."""
+    found = [[np.isfinite(m).all() for m in markers.points] for markers in result.markers]
+    m1, m2 = (sum(column) for column in zip(*found, strict=True)) if found else (0, 0)
+    rms_1, rms_2 = (unit(known(rms), "px", 2) for rms in result.reprojection)
     lines = [
-        f"{count} frames, marker 1 found in {found[0]}, marker 2 in {found[1]}",
-        f"imaged RCM{_imaged_rcm(report)}",
-        f"reprojection: marker 1 {unit(rms.m1, 'px', 2)}, marker 2 {unit(rms.m2, 'px', 2)} rms",
+        f"{len(found)} frames, marker 1 found in {m1}, marker 2 in {m2}",
+        f"imaged RCM{_imaged_rcm(result)}",
+        f"reprojection: marker 1 {rms_1}, marker 2 {rms_2} rms",
     ]
     for line in lines:
         console.print(line, soft_wrap=True)
     table = Table("one-step prediction, rms", "s [°]", "r [px]", "d [px]")
-    for name, row in report.one_step_rms.items():
-        table.add_row(name, *(unit(value, "", 2) for value in (row.s_deg, row.r_px, row.d_px)))
+    for name, (s, r, d) in result.one_step.items():
+        table.add_row(name, *(unit(known(value), "", 2) for value in (np.degrees(s), r, d)))
     console.print(table)
 
 
-def _imaged_rcm(report: ScoreReport) -> str:
-    place, condition = report.imaged_rcm_px, report.imaged_rcm_condition
-    if place is None or condition is None:
+def _imaged_rcm(result: score.Replay) -> str:
+    place, condition = result.o_c, result.condition
+    if not (np.isfinite(place).all() and np.isfinite(condition)):
         return ": not observable, the imaged tool turned too little"
     return f" ({place[0]:.1f}, {place[1]:.1f}) px, condition number {condition:.0f}"

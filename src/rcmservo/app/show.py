@@ -13,14 +13,16 @@ from rich.table import Table
 from rich.text import Text
 
 from rcmservo.app.folders import new_folder
+from rcmservo.app.result_output import table
 from rcmservo.app.terminal import console
 from rcmservo.config.files import write_whole
 from rcmservo.figures import charts, plots
 from rcmservo.guard.causes import Action
+from rcmservo.loop.run_result import RunResult
 from rcmservo.record import reader
 from rcmservo.record.reader import Record
-from rcmservo.record.timeline import RunSummary, Span, spans, summary
-from rcmservo.record.words import rows_of, verdict_of, way_out, why
+from rcmservo.record.summary_text import rows_of, verdict_of, way_out, why
+from rcmservo.record.timeline import Span, spans, summary
 
 MOST = 40
 """Spans that the timeline shows from the beginning; of a longer one also the LAST."""
@@ -81,14 +83,11 @@ def draw(record: Record, folder: Path) -> None:
         charts.save(plots.estimate(record), folder / "estimate.png")
 
 
-def _summary(record: Record, told: RunSummary) -> Table:
-    table = Table(title=verdict_of(record, told), show_header=False)
+def _summary(record: Record, result: RunResult) -> Table:
+    rows = [("record", str(record.path)), *rows_of(record, result)]
     if record.missing:
-        table.add_row("missing", Text(record.missing, "bold red"))
-    table.add_row("record", Text(str(record.path), overflow="fold"))
-    for name, words in rows_of(record, told):
-        table.add_row(name, Text(words))
-    return table
+        rows.insert(0, ("missing", record.missing))
+    return table(verdict_of(record, result), rows)
 
 
 def _timeline(found: list[Span]) -> Table:

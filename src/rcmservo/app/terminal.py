@@ -2,19 +2,15 @@
 
 import codecs
 import io
-import json
 import logging
 import os
 import sys
 import unicodedata
-from collections.abc import Callable
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.live import Live
-    from rich.table import Table
 
 PLAIN = str.maketrans(
     {
@@ -30,9 +26,6 @@ PLAIN = str.maketrans(
     }
 )
 """What stands for signs that ASCII does not have."""
-
-UNSETTLED = 1
-"""Exit code of a run that did not settle."""
 
 WIDE = 1000
 """Columns where nobody looks: in a pipe or a file a line is as long as it is."""
@@ -76,33 +69,12 @@ def _letter(sign: str) -> str:
     return unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode() or "?"
 
 
-def print_result(metrics: Any, as_json: bool, show: "Callable[[Console, Any], None]") -> int:
-    """Print the result of a run, as one JSON object or by `show`; return its exit code."""
-    if as_json:
-        print(json.dumps(asdict(metrics)))
-    else:
-        show(console(), metrics)
-    return 0 if metrics.settled else UNSETTLED
-
-
 def live_line(out: "Console") -> "Live":
     """Return a line that is written over while a command goes on."""
     from rich.live import Live
     from rich.text import Text
 
     return Live(Text(""), console=out, refresh_per_second=8, transient=True)
-
-
-def result_table(settled: bool, cause: str) -> "Table":
-    """The table of a run's result, begun with its verdict. Long words are folded, never cropped."""
-    from rich.table import Table
-
-    table = Table(title="settled" if settled else "not settled", show_header=False)
-    table.add_column(overflow="fold")
-    table.add_column(overflow="fold")
-    if cause:
-        table.add_row("cause", cause)
-    return table
 
 
 def unit(value: float | None, name: str, digits: int) -> str:

@@ -9,9 +9,9 @@ from rcmservo.figures.charts import Bar, Figure, Lane, Panel, curve
 from rcmservo.guard.causes import Action, Cause
 from rcmservo.guard.states import Phase, Request
 from rcmservo.interfaces import Floats
+from rcmservo.record.outcome import TOLERANCE
 from rcmservo.record.reader import Record
 from rcmservo.record.timeline import Span, shown_place, spans
-from rcmservo.record.verdict import TOLERANCE
 
 DEGREES = np.array([180.0 / np.pi, 1.0, 1.0])
 """Factors that convert (s, r, d) from rad, px, px to deg, px, px."""

@@ -8,8 +8,9 @@ import numpy as np
 from rcmservo.constraints import between
 from rcmservo.errors import require
 from rcmservo.interfaces import Frame
-from rcmservo.live.lab import CameraAccount, LabCamera
+from rcmservo.live.lab import LabCamera
 from rcmservo.live.shared_ring import SharedRing
+from rcmservo.loop.run_result import CameraAccount
 
 SLOTS = 8
 """Number of frames that a ring holds."""

@@ -4,11 +4,11 @@ The arm of a lab is connected with its drive off. It reports whether its joint v
 why its drive went off by itself. The camera counts its frames.
 """
 
-from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Arm, Camera, Floats
+from rcmservo.loop.run_result import CameraAccount
 
 
 class NotReady(RcmServoError):
@@ -60,25 +60,6 @@ class FallsSilent(Protocol):
     def fall_silent(self) -> None:
         """Send nothing more, as if this program were dead, until the drive is next switched."""
         ...
-
-
-@dataclass(frozen=True)
-class CameraAccount:
-    """Counts of a camera's frames so far."""
-
-    frames: int = 0
-    """Frames delivered."""
-    lost: int = 0
-    """Frames that the camera took and that did not arrive: gaps in the frame numbers."""
-    incomplete: int = 0
-    """Frames dropped because they arrived incomplete or damaged."""
-    reconnects: int = 0
-    """Number of times that the camera was opened again."""
-    uncertainty: float = float("nan")
-    """Uncertainty (s) of exposure times on the computer's clock. NaN if unknown: the camera reports
-    no times, or those of another computer's clock."""
-    trouble: str = ""
-    """Sentence that describes the present fault; empty if there is none."""
 
 
 class LabCamera(Camera, Protocol):

@@ -1,20 +1,19 @@
-"""What a live run tells: reports on the way, and its result at the end. A thread beside the loop
-collects both."""
+"""Reports of a live run on its way, and the numbers of its result, collected by a thread."""
 
 import contextlib
 import queue
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from types import TracebackType
 
 import numpy as np
 
 from rcmservo.interfaces import Floats, Target
-from rcmservo.live.lab import CameraAccount
 from rcmservo.live.realtime import Realtime
+from rcmservo.loop.run_result import LoopTiming, known, spread
 from rcmservo.loop.tick import Tick
-from rcmservo.record.verdict import Judge, Outcome
+from rcmservo.record.outcome import Judge
 from rcmservo.servo.servo import Servo
 
 EVERY = 10
@@ -35,62 +34,12 @@ class Report:
     """That of the scaled Ĵ."""
 
 
-@dataclass(frozen=True)
-class Spread:
-    """How a time was spread over a run: NaN where it never came up."""
-
-    median: float = np.nan
-    """ms."""
-    p99: float = np.nan
-    """ms, 99 % were no longer."""
-    max: float = np.nan
-    """ms, the longest."""
-
-
-@dataclass(frozen=True)
-class LoopTiming:
-    """How the loop kept its time."""
-
-    ticks: int
-    """How many there were."""
-    missed: int
-    """Those that the loop was not there to begin."""
-    rate: float
-    """Hz, the mean."""
-    lateness: Spread
-    """From when a tick was due until it began."""
-    latency: Spread
-    """From a frame's exposure to the command that it led to."""
-    collections: int
-    """How often the collection of garbage stopped the process."""
-    refused: list[str] = field(default_factory=list[str])
-    """What the operating system would not do, in sentences."""
-
-
-@dataclass(frozen=True, eq=False)
-class LiveResult:
-    """What became of a live run."""
-
-    outcome: Outcome
-    """The verdict."""
-    target: Target | None = None
-    """What it last went to."""
-    not_recorded: str = ""
-    """Why the record could not be written, empty if it could."""
-    timing: LoopTiming | None = None
-    """How the loop kept its time; None where its process came to no end."""
-    why_off: str = ""
-    """Why the arm's drive went off by itself, if it did and the arm tells."""
-    camera: CameraAccount | None = None
-    """What became of the camera's frames, if it keeps account of them."""
-
-
 class ReportThread:
     """A thread that takes the ticks from the loop, collects what the result needs, and sends
     reports."""
 
     def __init__(self, servo: Servo, target: Target, listener: Connection) -> None:
-        self.judge, self.target = Judge(servo, target), target
+        self.judge = Judge(servo, target)
         self._rate, self._listener = servo.rate, listener
         self._moments: list[int] = []
         self._times: list[int] = []
@@ -121,7 +70,6 @@ class ReportThread:
 
     def _collect(self, tick: Tick) -> None:
         self.judge.add(tick)
-        self.target = tick.state.target or self.target
         self._moments.append(tick.seen.now)
         self._times.append(tick.time)
         if tick.seen.frame > self._frame:
@@ -140,17 +88,9 @@ class ReportThread:
         return LoopTiming(
             ticks=count,
             missed=round(self._times[-1] * self._rate * 1e-9) + 1 - count if count else 0,
-            rate=(count - 1) / span * 1e9,
-            lateness=_spread(lateness[:count]),
-            latency=_spread(np.array(self._latencies, dtype=float)),
+            rate_hz=known((count - 1) / span * 1e9),
+            lateness_ms=spread(lateness[:count]),
+            latency_ms=spread(np.array(self._latencies, dtype=float)),
             collections=system.collections,
             refused=system.refused,
         )
-
-
-def _spread(ns: Floats) -> Spread:
-    return (
-        Spread(*(float(np.percentile(ns, p)) * 1e-6 for p in (50, 99, 100)))
-        if len(ns)
-        else Spread()
-    )

@@ -16,19 +16,19 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError, Stopped
 from rcmservo.interfaces import Arm, Camera, Command, Floats, Frame, Target, Tracker
-from rcmservo.live.lab import CameraAccount
 from rcmservo.live.realtime import realtime
-from rcmservo.live.reports import LiveResult, ReportThread
+from rcmservo.live.reports import ReportThread
 from rcmservo.live.told_to_end import ToldToEnd
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import Punctuality, WallClock, ticks
 from rcmservo.loop.operator import Operator
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
+from rcmservo.loop.run_result import CameraAccount, RunResult
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
 from rcmservo.loop.unseen import unseen
-from rcmservo.record.verdict import held
+from rcmservo.record.outcome import held
 from rcmservo.record.writer import Recorder, ThreadedRecorder
 from rcmservo.servo.servo import Servo
 
@@ -130,7 +130,7 @@ def serve(session: Session, beats: Any, supervisor: Connection) -> None:
     """Servo until the session is done, or until the supervisor speaks or is gone.
 
     ``beats`` counts the ticks while the loop runs. What is sent: a Report now and then, at the end
-    a LiveResult, an RcmServoError, or, of an error in the software, its traceback (str).
+    a RunResult, an RcmServoError, or, of an error in the software, its traceback (str).
     """
     told_to_end = ToldToEnd(supervisor)
     told_to_end.heed()
@@ -149,7 +149,7 @@ def serve(session: Session, beats: Any, supervisor: Connection) -> None:
 
 def _live(
     session: Session, beats: Any, supervisor: Connection, told_to_end: ToldToEnd
-) -> LiveResult:
+) -> RunResult:
     """Make the devices, run, and tell how it went. Why the arm's drive went off is known for sure
     when the arm is closed."""
     clock = Punctuality(WallClock())
@@ -162,7 +162,8 @@ def _live(
         target = _target(session, plant)
         result = _servoed(session, plant, target, operator, supervisor)
         result = replace(result, camera=_account(camera))
-    return replace(result, why_off=getattr(arm, "why_off", ""))
+    off = getattr(arm, "why_off", "")
+    return replace(result.unsettled(result.cause or off), drive_off=off) if off else result
 
 
 def _account(camera: object) -> CameraAccount | None:
@@ -214,7 +215,7 @@ def _servoed(
     target: Target,
     operator: Operator | None,
     supervisor: Connection,
-) -> LiveResult:
+) -> RunResult:
     """Run the loop, with record and reports beside it."""
     servo, duration = session.servo, session.duration
     with (
@@ -241,11 +242,10 @@ def _servoed(
             finally:
                 plant.beats.value = STANDING
     timing = reports.timing(np.array(plant.lateness, dtype=float), system)
-    outcome, blind = reports.judge.outcome(), reports.judge.blind
+    result, blind = reports.judge.result(), reports.judge.blind
     if plant.told_to_end.signal:
-        cause = f"it was ended by {plant.told_to_end.signal}"
-        outcome = replace(outcome, settled=False, cause=cause)
+        result = result.unsettled(f"it was ended by {plant.told_to_end.signal}")
     elif blind is not None:
         cause = held(blind.state.mode, unseen(plant, blind.seen, began))
-        outcome = replace(outcome, cause=cause or outcome.cause)
-    return LiveResult(outcome, reports.target, recorder.failed, timing)
+        result = replace(result, cause=cause or result.cause)
+    return replace(result, not_recorded=recorder.failed, loop=timing)

@@ -19,15 +19,13 @@ from multiprocessing.connection import Connection, wait
 from types import MappingProxyType
 from typing import Any, cast
 
-import numpy as np
-
 from rcmservo.errors import RcmServoError, Stopped
 from rcmservo.live.child import END, Child, Context
 from rcmservo.live.realtime import without_huge_pages
-from rcmservo.live.reports import LiveResult, Report
+from rcmservo.live.reports import Report
 from rcmservo.live.servo_process import STANDING, Session, serve
 from rcmservo.live.told_to_end import stopped_by_signals
-from rcmservo.record.verdict import Outcome
+from rcmservo.loop.run_result import RunResult
 
 LOOK = 10_000_000
 """ns between looks at the servo's heartbeat."""
@@ -94,7 +92,7 @@ def run_live(
     off: SwitchOff = left_to_its_watchdog,
     progress: Callable[[Report], None] = nobody,
     beside: Beside = NOTHING,
-) -> LiveResult:
+) -> RunResult:
     """Run a session in a process of its own, in wall time, and watch over it. Meanwhile what is
     there to be heard ``beside`` is.
 
@@ -107,7 +105,7 @@ def run_live(
 
 def _run_live(
     session: Session, off: SwitchOff, progress: Callable[[Report], None], beside: Beside
-) -> LiveResult:
+) -> RunResult:
     servo = ServoProcess(session)
     try:
         return supervise(servo, off, progress, beside)
@@ -125,7 +123,7 @@ def supervise(
     off: SwitchOff,
     progress: Callable[[Report], None] = nobody,
     beside: Beside = NOTHING,
-) -> LiveResult:
+) -> RunResult:
     """Watch over a servo process until it has told how its run went, or cannot any more."""
     watchman, began = Watchman(servo), 0
     ears = [servo.wire]
@@ -156,15 +154,15 @@ def _next(wire: Connection) -> Any:
         return None
 
 
-def _result(said: Any) -> LiveResult:
+def _result(said: Any) -> RunResult:
     if isinstance(said, RcmServoError):
         raise said
     if isinstance(said, str):
         raise RuntimeError(f"the servo process failed:\n{said}")
-    return cast(LiveResult, said)
+    return cast(RunResult, said)
 
 
-def _fallen(servo: ServoProcess, off: SwitchOff, began: int) -> LiveResult:
+def _fallen(servo: ServoProcess, off: SwitchOff, began: int) -> RunResult:
     """Make sure that the arm stands still and stays so, and say what happened."""
     now = time.monotonic_ns()
     stands = off(began > 0)
@@ -174,7 +172,7 @@ def _fallen(servo: ServoProcess, off: SwitchOff, began: int) -> LiveResult:
     servo.process.join()
     when = f"{(now - began) * 1e-9:.1f} s into the run" if began else "before the arm was enabled"
     cause = f"the servo process {wrong}, {when}; {stands}"
-    return LiveResult(Outcome(False, cause, None, np.full(3, np.nan), None))
+    return RunResult(cause=cause)
 
 
 def _wrong(code: int | None) -> str:

@@ -72,10 +72,10 @@ class Sessions:
             raise
         except RcmServoError as error:
             return str(error)
-        if result.timing is None:
-            return result.outcome.cause
-        if result.why_off:
-            return f"the session is over: {result.why_off}"
+        if result.loop is None:
+            return result.cause
+        if result.drive_off:
+            return f"the session is over: {result.drive_off}"
         self._desk.said.put(Note("the session is over, and the drive off"))
         return ""
 

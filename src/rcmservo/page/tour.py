@@ -17,7 +17,7 @@ from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Target
 from rcmservo.loop.operator import same
 from rcmservo.loop.tick import Tick
-from rcmservo.record.verdict import TOLERANCE
+from rcmservo.record.outcome import TOLERANCE
 
 STOPS, ROUNDS, LONGEST = 20, 1000, 600.0
 """The most of them, and the longest dwell, s."""

@@ -12,9 +12,11 @@ from functools import partial
 import numpy as np
 
 from rcmservo.figures.charts import Curve, Figure, Panel, curve
-from rcmservo.guard.states import Phase
+from rcmservo.guard.states import Phase, Request
 from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.clock import ticks
+from rcmservo.loop.operator import Want
+from rcmservo.loop.run import run
+from rcmservo.loop.tick import Tick
 from rcmservo.method.controller import SaturatedController
 from rcmservo.method.features import SCALE
 from rcmservo.paper.lab.closed_loop import FAST_LAW, servo_for
@@ -77,40 +79,49 @@ class Circle:
         return Target(self.rig.truth.pixels(q), np.full(3, np.nan))
 
 
+class Guide:
+    """Operator who leads the target along a path, from when the tool is at its first point."""
+
+    def __init__(self, path: Circle, period: int) -> None:
+        self.path, self.period = path, period
+        self.began: int | None = None
+
+    def __call__(self, tick: Tick) -> Want:
+        """Return the target of the next tick."""
+        due = tick.seen.now + self.period
+        if self.began is None and at_start(tick.state):
+            self.began = due
+        return Request.NONE if self.began is None else self.path.target(self.elapsed(due))
+
+    def elapsed(self, now: int) -> float:
+        """Return the time in s since the path began; 0 before."""
+        return 0.0 if self.began is None else (now - self.began) / 1e9
+
+
 def follow(settings: Settings, method: Learner, seed: int) -> Found:
     """Explore, go to the path's first point, then servo to reference pixels that move along it.
 
     Returns the seed, the cause of a path that was not completed, and `errors_on` a completed one.
-    No `loop.run`: the target of a tick is that of its own time.
     """
     rig, plant = laboratory(seed, SCENES, settings.noise)
     servo = servo_for(rig.settings, method.estimator, method.exploration, law(method))
-    path, began = Circle(rig, settings.radius, settings.period), None
-    samples = list[tuple[float, Floats, Floats]]()
-    state, target = servo.init(), path.target(0.0)
-    servo.warm_up()
-    plant.enable()
+    path = Circle(rig, settings.radius, settings.period)
+    guide, samples = Guide(path, servo.period), list[tuple[float, Floats, Floats]]()
     longest = servo.exploration.max_time + settings.approach + settings.period
-    for k, _ in enumerate(ticks(plant.clock, duration=longest)):
-        seen = plant.read()
-        if began is None and at_start(state):
-            began = seen.now
-        if began is not None:
-            time = (seen.now - began) / 1e9
-            if time > settings.period:
-                break
-            target = path.target(time)
-            if k % STRIDE_TICKS == 0:
-                q = rig.arm.q_true
-                samples.append((time, rig.body.points(q)[0], rig.truth.pixels(q)[0]))
-        state = servo.step(state, seen, target)
-        plant.send(state.command)
-        if state.phase in (Phase.PAUSED, Phase.FAULT):
+    ticks, cause = run(plant, servo, path.target(0.0), longest, operator=guide), ""
+    for k, tick in enumerate(ticks):
+        time, cause = guide.elapsed(tick.seen.now), tick.state.cause.stopping
+        if time > settings.period:
+            break
+        if guide.began is not None and k % STRIDE_TICKS == 0:
+            q = rig.arm.q_true
+            samples.append((time, rig.body.points(q)[0], rig.truth.pixels(q)[0]))
+        if tick.state.phase in (Phase.PAUSED, Phase.FAULT):
             break
     if samples and samples[-1][0] > settings.period - NEAR_END_S:
         return {"seed": seed, "cause": "", **errors_on(path, samples)}
-    where = "before its start" if began is None else "on the path"
-    return {"seed": seed, "cause": state.cause.stopping or f"time ran out {where}"}
+    where = "before its start" if guide.began is None else "on the path"
+    return {"seed": seed, "cause": cause or f"time ran out {where}"}
 
 
 def at_start(state: State) -> bool:

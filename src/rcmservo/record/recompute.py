@@ -9,6 +9,7 @@ loop: the arm would have gone elsewhere, and the camera would have seen somethin
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,19 @@ class Rerun:
     def same(self) -> bool:
         """Whether every tick came out the same."""
         return self.first is None
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """Outcome as JSON has it."""
+        return {
+            "same": self.same,
+            "open_loop": self.open_loop,
+            "ticks": len(self.then.time),
+            "first": self.first,
+            "differs": self.differs,
+            "missing": self.then.missing,
+            "changed": self.changed,
+        }
 
     @property
     def words(self) -> str:

@@ -1,5 +1,4 @@
-"""What happened in a recorded run: the phases and causes one after the other, and the run in a few
-numbers."""
+"""Timeline of a recorded run, its phases and causes one after the other, and its result."""
 
 import math
 from bisect import bisect_right
@@ -18,9 +17,18 @@ from rcmservo.guard.causes import Action, Cause
 from rcmservo.guard.states import Mode, Phase, Request
 from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Dropped, Floats
+from rcmservo.loop.run_result import (
+    ExplorationCost,
+    FrameCounts,
+    JacobianError,
+    LoopTiming,
+    RunResult,
+    known,
+    spread,
+)
 from rcmservo.method.kinematics import position
+from rcmservo.record.outcome import judged
 from rcmservo.record.reader import Record
-from rcmservo.record.verdict import Outcome, judged
 
 USUAL_RATE = 100.0
 
@@ -62,33 +70,6 @@ class Span:
     def length(self) -> float:
         """s from start to end."""
         return self.end - self.start
-
-
-@dataclass(frozen=True, eq=False)
-class RunSummary:
-    """A record in a few numbers."""
-
-    duration: float
-    """s to the end of the last tick."""
-    ticks: int
-    """How many it holds."""
-    outcome: Outcome
-    """The verdict on its last run."""
-    latency: Floats
-    """(3,) s from a frame's exposure to the tick that uses it: the median, the 99th percentile and
-    the greatest."""
-    late: int
-    """Ticks that came late."""
-    longest: float
-    """The longest time s between two ticks."""
-    seen: int
-    """Frames used."""
-    skipped: int
-    """Frames passed over, by their numbers."""
-    disbelieved: int
-    """Frames used that were not believed."""
-    dropped: dict[Dropped, int]
-    """By reason, the ticks at which the frame offered last was not used."""
 
 
 def spans(record: Record) -> list[Span]:
@@ -158,67 +139,88 @@ def _setting(record: Record, *names: str) -> float:
     return float(told) if isinstance(told, float) else math.nan
 
 
-def summary(record: Record) -> RunSummary:
-    """The record in a few numbers."""
-    ticks = record.ticks
-    number = ticks["frame"][:, 0]
-    new = record.new_frames()
-    stage = stages(record)
-    gaps = (np.diff(ticks["now"][:, 0]) * 1e-9)[np.diff(stage) == 0]
-    latency = ticks["latency"][new, 0] * 1e-9
-    steps = np.diff(number[new])[np.diff(stage[new]) == 0]
-    dropped = Counter(record.named(Dropped, "dropped", i) for i in range(len(record.time)))
-    return RunSummary(
-        duration=end(record),
-        ticks=len(record.time),
-        outcome=outcome(record),
-        latency=np.array([*np.percentile(latency, [50.0, 99.0]), latency.max()])
-        if len(new)
-        else np.full(3, np.nan),
-        late=int((gaps > (1.0 + _late_share(record)) / rate(record)).sum()),
-        longest=float(gaps.max(initial=0.0)),
-        seen=len(new),
-        skipped=int((steps[steps > 0] - 1).sum()),
-        disbelieved=int((ticks["believed"][new, 0] != number[new]).sum()),
-        dropped={reason: count for reason, count in dropped.items() if reason is not Dropped.NONE},
+def summary(record: Record) -> RunResult:
+    """Return the outcome of a recorded run, with all numbers that its record holds."""
+    cost, jacobian = _exploration(record)
+    return replace(
+        outcome(record),
+        duration_s=end(record),
+        loop=_loop_timing(record),
+        frames=_frame_counts(record),
+        explore=cost,
+        jacobian_error=jacobian,
     )
 
 
-def outcome(record: Record) -> Outcome:
-    """The verdict on the record's last run, judged as a run is while it happens, if the record
-    goes to its end. Of what did not settle, no time is told at which it did."""
-    verdict = _verdict(record)
-    return verdict if verdict.settled else replace(verdict, settle_time=None)
+def _loop_timing(record: Record) -> LoopTiming:
+    """Return the punctuality of the loop, apart from the times between its stages."""
+    ticks, stage = record.ticks, stages(record)
+    gaps = (np.diff(ticks["now"][:, 0]) * 1e-9)[np.diff(stage) == 0]
+    return LoopTiming(
+        ticks=len(record.time),
+        late=int((gaps > (1.0 + _late_share(record)) / rate(record)).sum()),
+        longest_ms=1e3 * float(gaps.max(initial=0.0)),
+        latency_ms=spread(ticks["latency"][record.new_frames(), 0]),
+    )
 
 
-def _verdict(record: Record) -> Outcome:
+def _frame_counts(record: Record) -> FrameCounts:
+    """Return how the frames were used."""
+    number, new, stage = record.ticks["frame"][:, 0], record.new_frames(), stages(record)
+    steps = np.diff(number[new])[np.diff(stage[new]) == 0]
+    dropped = Counter(record.named(Dropped, "dropped", i) for i in range(len(record.time)))
+    return FrameCounts(
+        used=len(new),
+        skipped=int((steps[steps > 0] - 1).sum()),
+        rejected=int((record.ticks["believed"][new, 0] != number[new]).sum()),
+        dropped={why.words: n for why, n in dropped.items() if why is not Dropped.NONE},
+    )
+
+
+def _exploration(record: Record) -> tuple[ExplorationCost, JacobianError]:
+    """Return the cost of the first exploration, and the errors of Ĵ after it and at the end."""
+    found = np.flatnonzero(record.ticks["explored"][:, 0])
+    explored = int(found[0]) if len(found) else None
+    time = None if explored is None else float(record.time[explored])
+    places, errors = record.truth["p1"], record.truth["jacobian_error"][:, 0]
+    if not len(places):
+        return ExplorationCost(time), JacobianError()
+    after = None if explored is None else known(errors[explored])
+    path: Floats = places if explored is None else places[: explored + 1]
+    length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    excursion = float(np.linalg.norm(path - path[0], axis=1).max())
+    return ExplorationCost(time, length, excursion), JacobianError(after, known(errors[-1]))
+
+
+def outcome(record: Record) -> RunResult:
+    """Return the verdict on the record's last run, judged as a run is while it happens, if the
+    record goes to its end."""
     first = max((stage.first for stage in record.stages if not stage.mid_run), default=0)
     time = record.time[first:]
     if not len(time):
-        return _unless_short(record, judged(time, np.empty((0, 3)), None, Mode(), 0.0), Mode())
+        return _unless_short(record, RunResult(), Mode())
     last = len(record.time) - 1
     phase, cause = record.named(Phase, "phase", last), record.named(Cause, "cause", last)
     mode = Mode(phase, cause, detail=_detail(record, last))
     explored = np.flatnonzero(record.ticks["explored"][first:, 0])
     explored_at = float(time[explored[0]]) if len(explored) else None
-    verdict = judged(time, record.ticks["delta"][first:], explored_at, mode, _away(record))
-    return _unless_short(record, verdict, mode)
+    result = judged(time, record.ticks["delta"][first:], explored_at, mode, _apart(record))
+    return _unless_short(record, result, mode)
 
 
-def _unless_short(record: Record, verdict: Outcome, mode: Mode) -> Outcome:
-    """The verdict, unless the record ends before its run did, and in a mode that does not tell
-    why."""
+def _unless_short(record: Record, result: RunResult, mode: Mode) -> RunResult:
+    """Return the result, not settled if the record ends before its run did, and in a mode that does
+    not tell why."""
     planned, last = record.planned, end(record)
     whole = record.complete if planned is None else last > planned - SLACK
     over = bool(mode.cause.stopping) or (mode.phase is Phase.DISABLED and record.complete)
     if whole or over:
-        return verdict
+        return result
     until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of {planned:.2f} s"
-    cause = f"the record ends at {until}: what came after is not in it"
-    return replace(verdict, settled=False, cause=cause)
+    return result.unsettled(f"the record ends at {until}: what came after is not in it")
 
 
-def _away(record: Record) -> float:
+def _apart(record: Record) -> float:
     """mm at the end between marker 1 and where it was shown; 0 where the record does not tell the
     arm."""
     place, shown = _place(record, record.ticks["q"][-1]), shown_place(record)

@@ -37,6 +37,10 @@ class StudyRun:
     shown so, with all frames of the closed loop; NaN where the noise is not known."""
     scene: Scene
     """Where it took place, as it was drawn."""
+    engine: str = ""
+    """Engine that made it, where that is of interest."""
+    jacobian_error: float = np.nan
+    """Median scaled error of Ĵ while servoing; NaN on the compiled twin, or without a Ĵ."""
 
     def first_within(self, mm: float) -> float:
         """s until the error was first at most so large; inf if it never was."""

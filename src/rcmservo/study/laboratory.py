@@ -13,8 +13,8 @@ from rcmservo.errors import require
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import PHASES, Phase, Request
 from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
+from rcmservo.loop.run import run
 from rcmservo.loop.shown import FRAMES, TEACHING_FRAMES
 from rcmservo.loop.teach import NotShown, teach
 from rcmservo.loop.tick import Tick
@@ -27,9 +27,13 @@ from rcmservo.study.cramer_rao import bound
 from rcmservo.study.trial import StudyTrial, frames_of, trial
 from rcmservo.tracking import ColourMarkers, MarkerLook, PointMarkers
 
-STILL = np.zeros(3)
 UNFIT = "kill", "disk_full"
 """Disturbances of the process that servoes and of its record, not of the servo."""
+
+
+def request_nothing(tick: Tick) -> Request:
+    """Request nothing, as an operator who stands by."""
+    return Request.NONE
 
 
 class LaboratoryLoop:
@@ -56,23 +60,25 @@ class LaboratoryLoop:
             rig.go_home()
             return target
         rig.clock.wait_until(BEGIN)
-        rig.see_noise(given.noise)
+        rig.see_noise(np.concatenate([given.noise, self._quiet_frames()]))
         return Target(given.goal.points, given.goal.q, rig.clock.now())
 
+    def _quiet_frames(self) -> Floats:
+        """Return no noise, for the frames in which the arm comes to rest after the last tick: what
+        they show is used for nothing."""
+        servo, rate = self._of.servo, self._of.settings.timing.frame_rate
+        period = 1.0 / servo.rate
+        slower = max(period / servo.gate.max_period, 1.0)
+        longest = slower * np.max(np.divide(servo.gate.speed, servo.gate.slew)) + 3.0 * period
+        return np.zeros((int(longest * rate) + 2, 2, 2))
+
     def ticks(self) -> Generator[Tick]:
-        """Every tick, after its command was sent. No `loop.run`: that brings the arm to rest at its
-        end, in frames of which a trial has no noise."""
-        rig, plant, servo = self.rig, self.plant, self._of.servo
-        plant.reset()
-        rig.begin()
-        plant.enable()
-        state = servo.init()
-        for time in ticks(plant.clock, servo.rate, self._of.duration):
-            seen = plant.read()
-            state = servo.step(state, seen, self.target)
-            applied = plant.send(state.command)
-            self.note(state.phase, state.cause)
-            yield Tick(time, servo, seen, Request.NONE, STILL, state, applied)
+        """Yield every tick, after its command was sent. Pauses and faults do not end the loop."""
+        of = self._of
+        self.rig.begin()
+        for tick in run(self.plant, of.servo, self.target, of.duration, operator=request_nothing):
+            self.note(tick.state.phase, tick.state.cause)
+            yield tick
 
     def note(self, phase: Phase, cause: Cause) -> None:
         """Take note of a tick whose command was sent: of a law that is no servo's too."""

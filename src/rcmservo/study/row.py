@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from rcmservo.guard.causes import Cause
 from rcmservo.interfaces import Floats
+from rcmservo.loop.run_result import RunResult
 from rcmservo.method.controller import scaled
 from rcmservo.numerics.small_svd import condition
 from rcmservo.sim import RigSettings
@@ -66,6 +68,21 @@ class StudyRow:
     source: str = column("SHA-256 of the user's own module; empty for built-in methods")
     cpu: str = column("the processor that made the run")
     versions: str = column("of rcmservo, Python, NumPy, Numba and MuJoCo there")
+
+    @property
+    def result(self) -> RunResult:
+        """Result of the run by the truth, as of any other run."""
+        why = self.stop if self.stop in ("", NEVER) else Cause[self.stop].value
+        words = {"": f"marker 2 is more than {NEAR:g} mm from the target", NEVER: "it never began"}
+        return RunResult(
+            settled=self.success,
+            cause="" if self.success else words.get(why, why),
+            settle_time_s=self.time_to_1mm_s,
+            pose_error_mm=self.pose_error_mm,
+            bound_mm=self.bound_mm,
+            seed=self.seed,
+            estimator=self.method,
+        )
 
 
 MEANINGS = {f.name: str(f.metadata["meaning"]) for f in fields(StudyRow)}

@@ -4,31 +4,30 @@ The servo is given what a real arm and camera would give it. The truth is read b
 record and the verdict only.
 """
 
-import json
 import signal
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable
-from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import asdict
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from rcmservo.app.lab_options import RunOptions
-from rcmservo.app.run_figures import draw_figures
+from rcmservo.app.result_output import record_in, save_result
 from rcmservo.app.simulated_run.about import about
-from rcmservo.app.simulated_run.metrics import METRICS, RunMetrics, Unrecorded, measured
 from rcmservo.app.simulated_run.pictures import pictures, video_of
 from rcmservo.app.simulated_run.target import target_of
-from rcmservo.app.simulated_run.unwritten import written
-from rcmservo.config.files import write_whole
-from rcmservo.errors import UnusableFile
+from rcmservo.interfaces import Floats
 from rcmservo.loop.plant import Plant
+from rcmservo.loop.run_result import RunResult, known
 from rcmservo.loop.tick import Tick
 from rcmservo.loop.unseen import unseen
-from rcmservo.record import reader
-from rcmservo.record.reader import RECORD
-from rcmservo.record.verdict import held
+from rcmservo.record.outcome import LAST, held
+from rcmservo.record.reader import RECORD, Record
+from rcmservo.record.timeline import rate, summary
 from rcmservo.record.writer import Recorder
 from rcmservo.sim import Killed, Rig
 from rcmservo.sim.disturbances.computer_faults import disk
@@ -38,8 +37,8 @@ from rcmservo.tracking import ColourMarkers
 
 def simulate(
     options: RunOptions, folder: Path, progress: Callable[[Tick], None] = lambda tick: None
-) -> RunMetrics:
-    """Run what the options ask for, write the folder, and return the metrics.
+) -> RunResult:
+    """Run what the options ask for, write the folder, and return the result.
 
     Stopped by Ctrl-C it raises KeyboardInterrupt as usual, after the record so far was ended and
     the arm was at rest.
@@ -61,21 +60,32 @@ def simulate(
         ticks = attended(rig, plant, servo, target, options.duration, person, begins)
         shown = pictures(plant, video, recorder if options.frames else None), progress
         ended = _follow(ticks, rig, plant, recorder, shown)
-    metrics = RunMetrics(
-        options.seed,
-        options.estimator,
-        cause=ended or RunMetrics.cause,
+    took, record = time.perf_counter() - started, record_in(folder)
+    result = RunResult() if record is None else _by_truth(rig, record)
+    result = replace(
+        result,
+        cause="" if result.settled else ended or result.cause,
+        seed=options.seed,
+        estimator=options.estimator,
         estimator_time_per_frame_s=getattr(servo.estimator, "estimator_time", 0.0) or None,
         rejected_scenes=rig.scene.rejected,
-        folder=str(folder),
+        real_time_factor=None if result.duration_s is None else result.duration_s / took,
         resumed=person.resumed,
         refused=person.refused,
         shown_again=person.shown,
         not_recorded=recorder.failed,
         not_filmed=video.failed if video is not None else "",
     )
+    return save_result(result, record, folder)
+
+
+def _by_truth(rig: Rig, record: Record) -> RunResult:
+    """Return the result of a record, with the true pose error over the last second."""
+    result, p2 = summary(record), record.truth["p2"]
     p_d = rig.body.points(rig.scene.target)[1]
-    return _kept(folder, metrics, Unrecorded(p_d, time.perf_counter() - started, ended))
+    pose: Floats = np.linalg.norm(p2[-round(LAST * rate(record)) :] - p_d, axis=1)
+    error = known(float(np.sqrt(np.mean(pose**2)))) if len(pose) else None
+    return replace(result, pose_error_mm=error)
 
 
 def _follow(
@@ -101,19 +111,6 @@ def _follow(
     if tick is None:
         return ""
     return held(tick.state.mode, "" if ever else unseen(plant, tick.seen, began))
-
-
-def _kept(folder: Path, metrics: RunMetrics, beside: Unrecorded) -> RunMetrics:
-    """The metrics with what the record tells, written beside it with its figures.
-
-    What cannot be written is told in them: the result is not lost with it.
-    """
-    with suppress(UnusableFile):  # of a servo that was killed before it recorded anything
-        record = reader.read(folder)
-        metrics = measured(metrics, record, beside)
-        metrics = written(metrics, lambda: draw_figures(record, folder))
-    text = json.dumps(asdict(metrics), indent=2) + "\n"
-    return written(metrics, lambda: write_whole(folder / METRICS, text))
 
 
 @contextmanager

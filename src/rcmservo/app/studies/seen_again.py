@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rcmservo.app.folders import new_folder
-from rcmservo.app.run_figures import draw_figures
+from rcmservo.app.result_output import draw_figures, table
 from rcmservo.app.simulated_run.pictures import overlay
 from rcmservo.app.terminal import console
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile, require
@@ -16,12 +16,14 @@ from rcmservo.loop.tick import Tick
 from rcmservo.method.estimators.base import Estimator
 from rcmservo.record import reader
 from rcmservo.record.reader import RECORD
+from rcmservo.record.summary_text import result_rows, title_of
 from rcmservo.record.writer import Recorder
 from rcmservo.servo.servo import Servo
 from rcmservo.study.laboratory import Laboratory, LaboratoryLoop
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO
 from rcmservo.study.plan.parcel import parcel_of
+from rcmservo.study.row import StudyRow
 from rcmservo.study.work import note
 from rcmservo.study.work.chunk import one_run
 from rcmservo.study.work.package import package
@@ -29,8 +31,6 @@ from rcmservo.study.work.store import RUNS, runs_in
 
 SEEN = "replays"
 """The folder of these records, in that of the study."""
-TOLD = "success", "time_to_1mm_s", "pose_error_mm", "stop", "stop_s", "unnoticed_mm"
-"""Columns that the terminal tells."""
 PLACE = "cpu", "versions"
 """Columns that tell where a row was made, and not what came of the run."""
 
@@ -46,13 +46,13 @@ def seen_again(folder: Path | None, case: int, film: bool, own: dict[str, type[E
     (cell, seed), before = made.run_of(case), _row(folder, made, case)
     _require_same(made.package, cell, own)
     servo, out = cell.rebuilt(own), console()
-    row = asdict(one_run(cell, servo, seed))
+    made_again = one_run(cell, servo, seed)
+    row = asdict(made_again)
     other = [name for name in row if row[name] != before[name] and name not in PLACE]
     with new_folder(_free(folder / SEEN / str(case)), "replay") as there:
         failed = _record(cell, servo, seed, there, film)
     out.print(f"row {case}: {cell.method}, {cell.condition}, seed {seed}, {cell.engine}")
-    for name in TOLD:
-        out.print(f"  {name:14} {_worded(row[name])}")
+    out.print(table(title_of(made_again.result), _words(made_again)))
     same = "the same row, bit for bit" if not other else f"not the same: {', '.join(other)}"
     elsewhere = [f"{name} was {before[name]}" for name in PLACE if row[name] != before[name]]
     same = f"{same} ({', '.join(elsewhere)})" if elsewhere else same
@@ -72,11 +72,11 @@ def _row(folder: Path, made: note.StudyNote, case: int) -> dict[str, Any]:
     return rows.slice(case, 1).to_pylist()[0]
 
 
-def _worded(value: object) -> str:
-    """A value of a row for eyes."""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.4g}" if isinstance(value, float) else str(value or "–")
+def _words(row: StudyRow) -> list[tuple[str, str]]:
+    """Return the row's result as titles and words, with what only a study measures."""
+    stop = "none" if row.stop_s is None else f"{row.stop} at {row.stop_s:.2f} s, of {row.stops}"
+    grown = f"{row.unnoticed_mm:.3f} mm while no cause was named"
+    return [*result_rows(row.result), ("first stop", stop), ("growth of the error", grown)]
 
 
 def _require_same(made_by: str, cell: Cell, own: dict[str, type[Estimator]]) -> None:

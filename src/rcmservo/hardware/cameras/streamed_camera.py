@@ -12,7 +12,7 @@ from typing import Protocol
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Frame, Image
-from rcmservo.live.lab import CameraAccount
+from rcmservo.loop.run_result import CameraAccount, known
 
 REOPEN_PERIOD_S = 1.0
 """Period of the attempts to reopen a lost camera."""
@@ -155,8 +155,8 @@ class StreamedCamera:
         previous, account = self._frame, self._account
         self._number += 1 + snapshot.lost + snapshot.skipped + snapshot.incomplete
         image, problem = snapshot.image, ""
-        known = None if previous is None else previous.image
-        if image is not None and known is not None and image.shape != known.shape:
+        last = None if previous is None else previous.image
+        if image is not None and last is not None and image.shape != last.shape:
             image, problem = None, "images have another size than before"
         self._incomplete_run += snapshot.incomplete + (image is None)
         if image is not None:
@@ -166,11 +166,13 @@ class StreamedCamera:
             frames=account.frames + snapshot.skipped + (image is not None),
             lost=account.lost + snapshot.lost,
             incomplete=account.incomplete + snapshot.incomplete + (image is None),
-            uncertainty=account.uncertainty if image is None else snapshot.uncertainty,
+            uncertainty_ms=account.uncertainty_ms
+            if image is None
+            else known(1e3 * snapshot.uncertainty),
             trouble=problem,
         )
 
-    def _update_account(self, **changes: float | str) -> None:
+    def _update_account(self, **changes: float | str | None) -> None:
         self._account = replace(self._account, **changes)  # pyright: ignore[reportArgumentType]
 
     def _close_stream(self) -> None:

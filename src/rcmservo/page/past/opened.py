@@ -16,8 +16,8 @@ from rcmservo.page.json_text import json_of
 from rcmservo.record import ros2_messages
 from rcmservo.record.mcap_recovery import MessageReader, read_chunk
 from rcmservo.record.reader import Record, read
+from rcmservo.record.summary_text import rows_of, verdict_of, way_out, why
 from rcmservo.record.timeline import Span, spans, stages, summary
-from rcmservo.record.words import rows_of, verdict_of, way_out, why
 
 PICTURE = "image_raw/compressed"
 EVERY = 0.1

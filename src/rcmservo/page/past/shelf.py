@@ -12,7 +12,7 @@ from threading import Lock
 from rcmservo.errors import RcmServoError
 from rcmservo.record.glance import Glance, glance
 from rcmservo.record.reader import RECORD
-from rcmservo.record.words import what
+from rcmservo.record.summary_text import what
 
 MOST = 1000
 """Runs that are listed, the newest."""

@@ -3,8 +3,7 @@
 The scene, the target and the noise of every frame that the seed gives serve all methods.
 """
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,17 +28,6 @@ STOPPED_FOR_GOOD = Phase.PAUSED, Phase.FAULT
 """Phases that only an operator ends."""
 AT_REST_S = 0.5
 """s within which the tool stands still once it is in one of these."""
-
-
-class MethodOutcome(NamedTuple):
-    """MethodOutcome of a method in a scene."""
-
-    run: StudyRun
-    """Closed loop, by the truth."""
-    engine: str
-    """Engine that made it."""
-    jacobian: float = np.nan
-    """Median scaled error of Ĵ while servoing; NaN on the compiled twin, or without a Ĵ."""
 
 
 @dataclass(frozen=True)
@@ -67,19 +55,19 @@ class Attempt:
         """Return a servo, by default with the controller of all methods."""
         return servo_for(self.settings, estimator, exploration, controller or FAST_LAW)
 
-    def run(self, servo: Servo) -> MethodOutcome:
+    def run(self, servo: Servo) -> StudyRun:
         """Explore, then servo for the duration.
 
         The compiled twin runs a servo whose step is compiled, MuJoCo's arm the others.
         """
         return self.compiled(servo) if servo.kernel is not None else self.live(servo)
 
-    def compiled(self, servo: Servo) -> MethodOutcome:
+    def compiled(self, servo: Servo) -> StudyRun:
         """Run on the compiled twin."""
         run = Study(servo, self.settings, self._longest(servo), TEACHING_FRAMES).run(self.seed)
-        return MethodOutcome(run.until(self._end(run)), COMPILED)
+        return replace(run.until(self._end(run)), engine=COMPILED)
 
-    def live(self, servo: Servo) -> MethodOutcome:
+    def live(self, servo: Servo) -> StudyRun:
         """Run with MuJoCo's arm and the live path's code."""
         laboratory = Laboratory(servo, self.settings, self._longest(servo), TEACHING_FRAMES)
         loop = LaboratoryLoop(laboratory, self.seed, 0)
@@ -94,16 +82,16 @@ class Attempt:
             if time >= min(end, moving + AT_REST_S + LAST):
                 break
         run = loop.run
-        return MethodOutcome(run.until(self._end(run)), MUJOCO, median(errors))
+        return replace(run.until(self._end(run)), engine=MUJOCO, jacobian_error=median(errors))
 
-    def by_poses(self, calibration: Calibration) -> MethodOutcome:
+    def by_poses(self, calibration: Calibration) -> StudyRun:
         """Move by pose-based control, which explores nothing."""
         robot = self.servo(FAST_FIT, Exploration())
         laboratory = Laboratory(robot, self.settings, self.duration, TEACHING_FRAMES)
         loop = LaboratoryLoop(laboratory, self.seed, 0)
         law = PoseLaw(calibration, robot, loop.target, FAST_LAW.gain)
         drive(loop, robot, law, self.duration)
-        return MethodOutcome(loop.run, MUJOCO)
+        return replace(loop.run, engine=MUJOCO)
 
     def _longest(self, servo: Servo) -> float:
         """Return s of a run whose exploration takes all the time that it may."""

@@ -20,10 +20,11 @@ from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
 from rcmservo.method.estimators.projection import PRINTED
 from rcmservo.method.estimators.rls import RlsEstimator
 from rcmservo.method.exploration import Exploration
-from rcmservo.paper.lab.attempt import Attempt, MethodOutcome
+from rcmservo.paper.lab.attempt import Attempt
 from rcmservo.paper.lab.calibration import Calibrated, Quality
 from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, FLOW, LONG, WIDE
 from rcmservo.paper.lab.constant import ConstantJacobian
+from rcmservo.study.course import StudyRun
 
 LINES_ONLY = Exploration(tolerance=1e3)
 """The default exploration, of which a calibrated law needs only the lines for o_c."""
@@ -43,7 +44,7 @@ class Method(ABC):
     """Name in figures and tables."""
 
     @abstractmethod
-    def run(self, attempt: Attempt) -> MethodOutcome:
+    def run(self, attempt: Attempt) -> StudyRun:
         """Take the tool to the target."""
 
 
@@ -58,7 +59,7 @@ class Learner(Method):
     controller: SaturatedController | None = field(default=None, kw_only=True)
     """Its own law; None for that of all methods."""
 
-    def run(self, attempt: Attempt) -> MethodOutcome:
+    def run(self, attempt: Attempt) -> StudyRun:
         return attempt.run(attempt.servo(self.estimator, self.exploration, self.controller))
 
 
@@ -80,7 +81,7 @@ class CalibratedMethod(Method):
     quality: Quality
     """Quality of the calibration: exact, wrong, or from before the camera was rolled."""
 
-    def run(self, attempt: Attempt) -> MethodOutcome:
+    def run(self, attempt: Attempt) -> StudyRun:
         calibration = attempt.calibration(self.quality)
         if self.acts_on == "poses":
             return attempt.by_poses(calibration)
@@ -92,7 +93,7 @@ class CalibratedMethod(Method):
 class Constant(Method):
     """The law on four marker coordinates, with one constant Jacobian estimated while exploring."""
 
-    def run(self, attempt: Attempt) -> MethodOutcome:
+    def run(self, attempt: Attempt) -> StudyRun:
         servo = attempt.servo(ConstantJacobian(), LINES_ONLY, POINTS_LAW)
         return attempt.run(replace(servo, thresholds=TRUSTING))
 

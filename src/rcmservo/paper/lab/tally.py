@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmservo.interfaces import Floats
-from rcmservo.paper.lab.attempt import MethodOutcome
 from rcmservo.paper.plan import Found
 from rcmservo.paper.statistics import finite, median, percent
+from rcmservo.study.course import StudyRun
 from rcmservo.study.row import NEAR
 from rcmservo.study.told.statistics import (
     Flags,
@@ -28,7 +28,7 @@ STRIDE = 10
 """Ticks between two of the errors over time that are stored."""
 
 
-def numbers_of(outcomes: Sequence[MethodOutcome]) -> Found:
+def numbers_of(runs: Sequence[StudyRun]) -> Found:
     """Return the runs of one method in numbers, one for each scene.
 
     ``pose`` is mm of marker 2, rms over the last second; ``within`` s until it was first within 1
@@ -36,16 +36,15 @@ def numbers_of(outcomes: Sequence[MethodOutcome]) -> Found:
     the tool at the end. ``middle`` is mm over time, ``step`` s apart: the median over all runs, of
     which one that ended stays where it ended. ``length`` is s of the longest run.
     """
-    runs = [one.run for one in outcomes]
     longest = max(len(run.error) for run in runs)
     errors = [np.pad(run.error, (0, longest - len(run.error)), mode="edge") for run in runs]
     return {
         "seeds": [run.seed for run in runs],
-        "engine": outcomes[0].engine,
+        "engine": runs[0].engine,
         "pose": np.array([run.pose_error for run in runs]),
         "within": np.array([run.first_within(NEAR) for run in runs]),
         "explored": np.array([run.explored for run in runs]),
-        "jacobian": np.array([one.jacobian for one in outcomes]),
+        "jacobian": np.array([run.jacobian_error for run in runs]),
         "held": [run.held.stopping for run in runs],
         "length": longest / runs[0].rate,
         "step": STRIDE / runs[0].rate,

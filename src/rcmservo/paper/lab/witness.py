@@ -16,7 +16,7 @@ from rcmservo.method.tool import Tool
 from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES
 from rcmservo.paper.plan import Found
 from rcmservo.paper.statistics import median, rms
-from rcmservo.record.verdict import SAME_POSE, settle_time
+from rcmservo.record.outcome import SAME_POSE, settle_time
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 from rcmservo.tracking import PointMarkers

@@ -1,13 +1,13 @@
-"""What became of a run: settled or not, when, and why not. Judged from what the servo measured,
-tick by tick."""
+"""Judge a run by the measurements of its ticks: settled or not, when, and why not."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Mode, Phase
 from rcmservo.interfaces import Floats, Target
+from rcmservo.loop.run_result import ExplorationCost, FeatureError, RunResult, known
 from rcmservo.loop.tick import Tick
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import Guard, called
@@ -31,8 +31,8 @@ ON_THE_WAY = {
 
 
 def held(mode: Mode, why: str) -> str:
-    """What holds the arm still at the last tick; `why` tells why the markers were never seen, if
-    they never were."""
+    """Return what holds the arm still at the last tick; `why` is why the markers were never seen,
+    if they never were."""
     if mode.cause.stopping:
         return mode.cause.describe(
             mode.detail or (why if mode.cause.declared.hides_markers else "")
@@ -40,29 +40,9 @@ def held(mode: Mode, why: str) -> str:
     return f"{ON_THE_WAY[mode.phase]}: {why}" if why and mode.phase in ON_THE_WAY else ""
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """Whether a run settled, and if not why."""
-
-    settled: bool
-    """Whether the errors stayed small to the end, with nothing wrong then, at the pose that was
-    shown."""
-    cause: str
-    """In words, why it did not settle; empty if it did."""
-    settle_time: float | None
-    """s after which the errors stayed small to the end, for LAST s or more; None if not."""
-    error: Floats
-    """Root mean square (3,) of Δy over the last second, rad, px, px."""
-    explored_at: float | None
-    """s at which exploration ended, or None."""
-    remark: str = ""
-    """What was not as it should be at the end although nothing stopped, in words; empty if all
-    was."""
-
-
 def settle_time(times: Floats, errors: Floats) -> float | None:
-    """When the errors Δy (N, 3) came within TOLERANCE for good; None if not, or for less than LAST
-    s before the last of ``times`` (N,) s."""
+    """Return when the errors Δy (N, 3) came within TOLERANCE for good; None if not, or for less
+    than LAST s before the last of ``times`` (N,) s."""
     outside = np.flatnonzero(~(np.abs(errors) < TOLERANCE).all(axis=1))
     since = int(outside[-1]) + 1 if len(outside) else 0
     stayed = since < len(times) and times[-1] - times[since] >= LAST - 1e-6
@@ -70,7 +50,7 @@ def settle_time(times: Floats, errors: Floats) -> float | None:
 
 
 class Judge:
-    """Collects what an outcome needs, one tick at a time."""
+    """Collect the ticks of a run, and judge them."""
 
     def __init__(self, servo: Servo, target: Target) -> None:
         self._servo, self._target = servo, target
@@ -98,23 +78,24 @@ class Judge:
         """Time s of the last tick."""
         return self._times[-1] if self._times else 0.0
 
-    def outcome(self) -> Outcome:
-        """The verdict on the ticks so far."""
+    def result(self) -> RunResult:
+        """Return the outcome of the ticks so far."""
         if self._last is None:
-            return judged(np.empty(0), np.empty((0, 3)), self._explored_at, Mode(), 0.0)
-        away = float(
-            np.linalg.norm(
-                self._servo.marker_1(self._last.seen.q) - self._servo.marker_1(self._target.q)
-            )
-        )
+            return RunResult(target_q=self._target.q.tolist())
+        marker_1 = self._servo.marker_1
+        apart = np.linalg.norm(marker_1(self._last.seen.q) - marker_1(self._target.q))
         times, errors = np.array(self._times), np.array(self._errors)
-        outcome = judged(times, errors, self._explored_at, self._last.state.mode, away)
-        return replace(outcome, cause=outcome.cause + _blame(self._last))
+        result = judged(times, errors, self._explored_at, self._last.state.mode, float(apart))
+        return replace(
+            result,
+            cause=result.cause + _slow_estimator(self._last),
+            duration_s=self.duration + 1.0 / self._servo.rate,
+            target_q=self._target.q.tolist(),
+        )
 
 
-def _blame(last: Tick) -> str:
-    """The user's own estimator that made the loop run late, as the rest of a sentence; empty where
-    none did."""
+def _slow_estimator(last: Tick) -> str:
+    """Return the user's own estimator that made the loop run late, as the rest of a sentence."""
     cause, own = last.state.cause, last.servo.learner
     late = cause in (Cause.OVERRUN, Cause.DRIVE_OFF)  # the arm's watchdog may be the first to act
     if late and isinstance(own, Guard) and own.slowest > last.servo.period:
@@ -123,23 +104,39 @@ def _blame(last: Tick) -> str:
 
 
 def judged(
-    times: Floats, errors: Floats, explored_at: float | None, mode: Mode, away: float
-) -> Outcome:
-    """The verdict on a run: its ticks' ``times`` (N,) s and ``errors`` Δy (N, 3), and at its end
-    the servo's mode and how many mm marker 1 is ``away`` from where it was shown, by its own
-    joints."""
+    times: Floats, errors: Floats, explored_at: float | None, mode: Mode, apart: float
+) -> RunResult:
+    """Return the outcome of a run.
+
+    Parameters
+    ----------
+    times : array
+        Times (N,) of its ticks, s.
+    errors : array
+        Errors Δy (N, 3) there, rad, px, px.
+    explored_at : float or None
+        Time at which exploration ended, s.
+    mode : Mode
+        Mode of the servo at the end.
+    apart : float
+        Distance (mm) at the end of marker 1 from where it was taught, by the arm's own joints.
+    """
     if not len(times):
-        return Outcome(
-            False, "the run was stopped before its first tick", None, np.full(3, np.nan), None
-        )
+        return RunResult()
     error = np.sqrt(np.mean(errors[times > times[-1] - LAST] ** 2, axis=0))
     settled_at = settle_time(times, errors)
-    cause = _cause(mode, explored_at, settled_at, away)
-    remark = "" if mode.cause.stopping else mode.cause.value
-    return Outcome(cause == "", cause, settled_at, error, explored_at, remark)
+    cause = _cause(mode, explored_at, settled_at, apart)
+    return RunResult(
+        settled=cause == "",
+        cause=cause,
+        remark="" if mode.cause.stopping else mode.cause.value,
+        settle_time_s=None if cause else settled_at,
+        feature_error=FeatureError(*map(known, error)),
+        explore=ExplorationCost(explored_at),
+    )
 
 
-def _cause(mode: Mode, explored_at: float | None, settled_at: float | None, away: float) -> str:
+def _cause(mode: Mode, explored_at: float | None, settled_at: float | None, apart: float) -> str:
     if mode.cause.stopping:
         return mode.why
     if mode.phase is Phase.ACQUIRE and explored_at is not None:
@@ -148,10 +145,9 @@ def _cause(mode: Mode, explored_at: float | None, settled_at: float | None, away
         return ON_THE_WAY[mode.phase]
     if settled_at is None:
         return "time ran out before the feature errors had settled"
-    if away > SAME_POSE:
+    if apart > SAME_POSE:
         return (
-            f"the features agree, but marker 1 is {away:.0f} mm from where it was shown: a pose "
-            f"beyond the "
-            "singular surface looks the same"
+            f"the features agree, but marker 1 is {apart:.0f} mm from where it was shown: a pose "
+            f"beyond the singular surface looks the same"
         )
     return ""
