@@ -42,7 +42,7 @@ class Claim:
     relation: Literal["<=", ">="]
     """Relation of the measured number to the bound if the claim holds."""
     bound: float | None = None
-    """Bound; None where the experiment computes it from its settings."""
+    """Bound; None in a table whose experiment computes it from its settings."""
     about: str = OURS
     """Key of the paper's sentence, or OURS."""
     unit: str = ""
@@ -57,13 +57,6 @@ class Claim:
     """Key of the figure that shows it."""
     trap: str = ""
     """Key of the pitfall of the paper that the number bears on."""
-
-    @property
-    def whose(self) -> str:
-        """Author of the sentence that is judged."""
-        if self.about == OURS:
-            return OURS
-        return "follows from the paper" if self.follows else "the paper's"
 
 
 @dataclass(frozen=True)
@@ -117,20 +110,16 @@ def claim_table() -> ClaimTable:
     return decode(ClaimTable, toml(data), "claims")
 
 
-@dataclass(frozen=True)
-class ClaimRow:
-    """A claim as it stands in claims.json."""
+@dataclass(frozen=True, kw_only=True)
+class ClaimRow(Claim):
+    """A claim as it stands in claims.json: its row of the table, texts filled in, and judged."""
 
     experiment: str
     """Name of its experiment."""
     number: int
     """Index among the claims of its experiment."""
-    claim: str
-    """Measured statement, which is true or false."""
     whose: str
     """Author of the sentence that is judged: ours, the paper's, or follows from the paper."""
-    about: str
-    """Key of the paper's sentence, or OURS."""
     case: tuple[str, str]
     """Row and column among the cases of the same words; empty where it has none."""
     where: str
@@ -139,26 +128,12 @@ class ClaimRow:
     """Number, in ``unit``."""
     interval: tuple[float, float] | None
     """Confidence interval of 95 %; None if there is none or the trials are too few for it."""
-    unit: str
-    """Unit of ``measured`` and ``bound``; empty for a plain number."""
-    relation: str
-    """<= or >=, as ``measured`` must stand to ``bound`` for the claim to hold."""
-    bound: float
-    """Bound of ``measured``."""
     verdict: str | None
     """One of VERDICTS; None for one or two trials."""
     trials: int
     """Number of trials; 0 for a computation without chance."""
     seed: list[int]
     """Seeds of the trials; empty for a computation without chance."""
-    remark: str
-    """Condition under which it holds, or the reason why it does not."""
-    detail: str
-    """Further observations; may be empty."""
-    figure: str
-    """Name of the figure that shows it; empty where none does."""
-    trap: str
-    """Pitfall of the paper (T1, ...) that the number bears on; empty where there is none."""
     trap_confirmed: bool | None
     """True if the number confirms that pitfall; None without a pitfall or a verdict."""
 
@@ -193,25 +168,26 @@ def judge(experiment: str, number: int, one: Measurement, settings: Settings) ->
     verdict = None if few else FAILS if not keeps(one.value) else REMARK if remark else HOLDS
     trap = row.trap if one.trapped else ""
     low, high = one.ends or (math.inf, math.inf)
+    filled: dict[str, Any] = {"claim": claim, "detail": detail, "remark": remark, "trap": trap}
+    filled = vars(row) | filled | {"bound": float(bound)}
     return ClaimRow(
+        **filled,
         experiment=experiment,
         number=number,
-        claim=claim,
-        whose=row.whose,
-        about=row.about,
+        whose=_author(row),
         case=one.case,
         where=OURS if row.about == OURS else table.sentence[row.about].where,
         measured=one.value,
         interval=(low, high) if not few and math.isfinite(high - low) else None,
-        unit=row.unit,
-        relation=row.relation,
-        bound=float(bound),
         verdict=verdict,
         trials=one.trials,
         seed=one.seeds,
-        remark=remark,
-        detail=detail,
-        figure=row.figure,
-        trap=trap,
         trap_confirmed=one.confirmed if trap and verdict is not None else None,
     )
+
+
+def _author(row: Claim) -> str:
+    """Return the author of the sentence that is judged."""
+    if row.about == OURS:
+        return OURS
+    return "follows from the paper" if row.follows else "the paper's"
