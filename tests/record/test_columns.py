@@ -1,4 +1,4 @@
-"""The layout of a tick: as many numbers as parts, with the units of what they are taken from."""
+"""Schema of a tick: each column has as many numbers as parts, with the units of its source."""
 
 import numpy as np
 import pytest
@@ -22,20 +22,18 @@ PAIRS = [
 
 
 def units(field: Field) -> list[str]:
-    """The unit of each of its numbers: one for all, or one for each row."""
-    told = (field.unit or "1").split(", ")
-    return np.repeat(told, np.prod(field.shape, dtype=int) // len(told)).tolist()
+    """Return the unit of each number of a field: one for all, or one for each row."""
+    units_of_rows = (field.unit or "1").split(", ")
+    return np.repeat(units_of_rows, np.prod(field.shape, dtype=int) // len(units_of_rows)).tolist()
 
 
-def test_most_of_what_the_servo_decides_is_compared_here() -> None:
+def test_most_decisions_of_the_servo_are_compared_here() -> None:
     names = {column.name for column, _ in PAIRS}
     assert names >= {"o_c", "y", "delta", "ahead", "J_hat", "v", "condition", "latency", "period"}
 
 
 @pytest.mark.parametrize(("column", "field"), PAIRS, ids=lambda one: one.name)
-def test_a_column_has_the_units_of_the_row_that_it_is_taken_from(
-    column: Column, field: Field
-) -> None:
+def test_a_column_has_the_units_of_its_source(column: Column, field: Field) -> None:
     assert [part.partition("[")[2].rstrip("]") for part in column.parts] == units(field)
 
 

@@ -1,5 +1,4 @@
-"""A recorded run computed again decides the same, bit for bit; with other settings it says where it
-would not."""
+"""A replay reproduces the recorded decisions, or reports where other settings differ."""
 
 import json
 from collections.abc import Iterator
@@ -24,8 +23,8 @@ from rcmservo.tracking import PointMarkers
 
 
 @dataclass
-class Recorded:
-    """A simulated laboratory whose runs are recorded, stage after stage."""
+class RecordedLab:
+    """Simulated laboratory that records its runs, one stage after the other."""
 
     folder: Path
     seed: int
@@ -33,7 +32,7 @@ class Recorded:
     rig: Any
     recorder: Recorder
 
-    def shown(self) -> rs.Target:
+    def teach(self) -> rs.Target:
         self.rig.show_target()
         target = rs.teach(self.plant, frames=5)
         self.rig.go_home()
@@ -49,17 +48,17 @@ class Recorded:
 
 
 @pytest.fixture
-def recorded(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Recorded]:
+def recorded(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[RecordedLab]:
     seed = getattr(request, "param", 1)
     rig = rs.sim.Rig(seed, pictures=False)
     plant = Disturbed(rig.arm, rig.camera, PointMarkers(), rig.clock)
     with Recorder(tmp_path / reader.RECORD, {"seed": seed}) as recorder:
-        yield Recorded(tmp_path, seed, plant, rig, recorder)
+        yield RecordedLab(tmp_path, seed, plant, rig, recorder)
 
 
-def simple(**choices: Any) -> rs.Servo:
+def make_servo(**settings: Any) -> rs.Servo:
     return rs.Servo(
-        **({"mechanism": rs.SphericalRcm(), "tool": rs.RigidTool(spacing=30.0)} | choices)
+        **({"mechanism": rs.SphericalRcm(), "tool": rs.RigidTool(spacing=30.0)} | settings)
     )
 
 
@@ -68,54 +67,54 @@ def phases(folder: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("recorded", first_quick(range(6)), indirect=True)
-def test_a_disturbed_run_with_pauses_comes_out_the_same_bit_for_bit(recorded: Recorded) -> None:
-    target = recorded.shown()
+def test_a_disturbed_run_with_pauses_is_reproduced_bit_for_bit(recorded: RecordedLab) -> None:
+    target = recorded.teach()
     recorded.plant.change = faults(
         random_from(recorded.seed), recorded.rig.clock, ("points", "stop")
     )
-    recorded.stage(simple(), target, 6.0)
+    recorded.stage(make_servo(), target, 6.0)
     recorded.recorder.close()
-    again = recompute(recorded.folder)
-    assert again.same and not again.open_loop and again.differs == {}
-    assert "all 600 ticks" in again.words and "bit for bit" in again.words
+    rerun = recompute(recorded.folder)
+    assert rerun.same and not rerun.open_loop and rerun.differs == {}
+    assert "all 600 ticks" in rerun.words and "bit for bit" in rerun.words
     assert {"HOLD", "PAUSED", "ACQUIRE"} <= phases(recorded.folder)
-    assert "RESUME" in again.then.words["request"]
+    assert "RESUME" in rerun.then.words["request"]
 
 
 @pytest.mark.parametrize("seed", first_quick(range(20, 28)))
-def test_whatever_goes_wrong_comes_out_the_same(seed: int, tmp_path: Path) -> None:
+def test_all_disturbances_are_reproduced(seed: int, tmp_path: Path) -> None:
     assert recompute(record_of_a_seed(tmp_path, seed, 3.0, NAMES)).same
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 @pytest.mark.parametrize("tool", TOOLS)
-def test_every_estimator_and_tool_comes_out_the_same(
-    estimator: str, tool: str, recorded: Recorded
+def test_every_estimator_and_tool_is_reproduced(
+    estimator: str, tool: str, recorded: RecordedLab
 ) -> None:
-    servo = simple(
+    servo = make_servo(
         estimator=ESTIMATORS[estimator], tool=TOOLS[tool], controller=CONTROLLERS["printed"]
     )
-    recorded.stage(servo, recorded.shown(), 1.5)
+    recorded.stage(servo, recorded.teach(), 1.5)
     recorded.recorder.close()
     assert recompute(recorded.folder).same
 
 
-def test_later_stages_go_on_from_the_states_that_they_went_on_from(recorded: Recorded) -> None:
-    target, servo = recorded.shown(), simple()
+def test_later_stages_continue_from_their_recorded_origins(recorded: RecordedLab) -> None:
+    target, servo = recorded.teach(), make_servo()
     explored = recorded.stage(servo, target, 3.0)
     moved = recorded.stage(servo, target, 2.0, explored)
-    recorded.stage(servo, recorded.shown(), 2.0, moved)
+    recorded.stage(servo, recorded.teach(), 2.0, moved)
     recorded.stage(
-        simple(controller=rs.SaturatedController(gain=0.5)), recorded.shown(), 2.0, explored
+        make_servo(controller=rs.SaturatedController(gain=0.5)), recorded.teach(), 2.0, explored
     )
     recorded.recorder.close()
-    again = recompute(recorded.folder)
-    assert [stage.origin for stage in again.then.stages] == [-1, 0, 1, 0]
-    assert again.same
+    rerun = recompute(recorded.folder)
+    assert [stage.origin for stage in rerun.then.stages] == [-1, 0, 1, 0]
+    assert rerun.same
 
 
-def test_a_stage_from_a_state_that_is_not_in_the_record_is_refused(recorded: Recorded) -> None:
-    target, servo = recorded.shown(), simple()
+def test_a_stage_from_an_unrecorded_state_is_refused(recorded: RecordedLab) -> None:
+    target, servo = recorded.teach(), make_servo()
     *_, tick = rs.run(recorded.plant, servo, target, 0.5)
     recorded.stage(servo, target, 0.5, tick.state)
     recorded.recorder.close()
@@ -123,55 +122,57 @@ def test_a_stage_from_a_state_that_is_not_in_the_record_is_refused(recorded: Rec
         recompute(recorded.folder)
 
 
-def test_other_settings_show_where_the_servo_would_have_decided_otherwise(
-    recorded: Recorded,
+def test_other_settings_show_the_first_different_decision(
+    recorded: RecordedLab,
 ) -> None:
-    recorded.stage(simple(), recorded.shown(), 4.0)
+    recorded.stage(make_servo(), recorded.teach(), 4.0)
     recorded.recorder.close()
-    again = recompute(recorded.folder, simple(controller=rs.SaturatedController(gain=0.5)))
-    assert again.open_loop and not again.same
-    assert again.first is not None and again.then.phase[again.first] == "ACQUIRE"
-    assert "open loop" in again.words and "v" in again.differs and "o_c" not in again.differs
-    np.testing.assert_array_equal(again.then.ticks["q"], again.now.ticks["q"])
-    late = slice(again.first + 50, None)
-    assert np.abs(again.now.ticks["v"][late]).mean() < np.abs(again.then.ticks["v"][late]).mean()
+    rerun = recompute(recorded.folder, make_servo(controller=rs.SaturatedController(gain=0.5)))
+    assert rerun.open_loop and not rerun.same
+    assert rerun.first is not None and rerun.then.phase[rerun.first] == "ACQUIRE"
+    assert "open loop" in rerun.words and "v" in rerun.differs and "o_c" not in rerun.differs
+    np.testing.assert_array_equal(rerun.then.ticks["q"], rerun.now.ticks["q"])
+    late = slice(rerun.first + 50, None)
+    assert np.abs(rerun.now.ticks["v"][late]).mean() < np.abs(rerun.then.ticks["v"][late]).mean()
 
 
-def test_the_recorded_settings_given_by_hand_are_no_other_settings(recorded: Recorded) -> None:
-    recorded.stage(simple(), recorded.shown(), 1.0)
+def test_the_recorded_settings_given_explicitly_are_no_other_settings(
+    recorded: RecordedLab,
+) -> None:
+    recorded.stage(make_servo(), recorded.teach(), 1.0)
     recorded.recorder.close()
-    again = recompute(recorded.folder, simple())
-    assert again.same and not again.open_loop
+    rerun = recompute(recorded.folder, make_servo())
+    assert rerun.same and not rerun.open_loop
 
 
-def test_one_changed_bit_of_an_observation_is_found(recorded: Recorded, tmp_path: Path) -> None:
-    target, servo, ticks = recorded.shown(), simple(), []
+def test_one_changed_bit_of_an_observation_is_found(recorded: RecordedLab, tmp_path: Path) -> None:
+    target, servo, ticks = recorded.teach(), make_servo(), []
     for tick in rs.run(recorded.plant, servo, target, 3.0):
         ticks.append(tick)
-    seen = ticks[150].seen
-    q = seen.q.copy()
+    observation = ticks[150].seen
+    q = observation.q.copy()
     q[0] = np.nextafter(q[0], np.inf)
-    ticks[150] = replace(ticks[150], seen=replace(seen, q=q))
+    ticks[150] = replace(ticks[150], seen=replace(observation, q=q))
     with Recorder(tmp_path / "changed.mcap", {}) as recorder:
         recorder.begin(servo, target)
         for tick in ticks:
             recorder.write(tick)
-    again = recompute(tmp_path / "changed.mcap")
-    assert again.first == 150 and "command" in again.differs
+    rerun = recompute(tmp_path / "changed.mcap")
+    assert rerun.first == 150 and "command" in rerun.differs
 
 
-def test_a_record_that_was_cut_comes_out_the_same_up_to_there(recorded: Recorded) -> None:
-    recorded.stage(simple(), recorded.shown(), 2.0)
+def test_a_truncated_record_is_reproduced_up_to_its_end(recorded: RecordedLab) -> None:
+    recorded.stage(make_servo(), recorded.teach(), 2.0)
     recorded.recorder.close()
     path = recorded.folder / reader.RECORD
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    again = recompute(path)
-    assert again.same and 50 < len(again.now.time) < 200
+    rerun = recompute(path)
+    assert rerun.same and 50 < len(rerun.now.time) < 200
 
 
 @dataclass(frozen=True)
-class Guess(Estimator):
-    """An estimator that somebody else has made."""
+class ConstantEstimator(Estimator):
+    """User-defined estimator."""
 
     name = "guess"
     models = False
@@ -187,9 +188,9 @@ class Guess(Estimator):
         return memory
 
 
-def test_a_servo_with_a_part_of_ones_own_is_run_again_when_it_is_given(recorded: Recorded) -> None:
-    servo = simple(estimator=Guess())
-    recorded.stage(servo, recorded.shown(), 0.5)
+def test_a_servo_with_a_user_defined_estimator_is_replayed_if_given(recorded: RecordedLab) -> None:
+    servo = make_servo(estimator=ConstantEstimator())
+    recorded.stage(servo, recorded.teach(), 0.5)
     recorded.recorder.close()
     with pytest.raises(rs.UnusableFile, match=r"estimator\.kind"):
         recompute(recorded.folder)
@@ -199,10 +200,10 @@ def test_a_servo_with_a_part_of_ones_own_is_run_again_when_it_is_given(recorded:
 @pytest.mark.parametrize("mechanism", [rs.SphericalRcm(), rs.PitchYawRcm(insertion_zero=1.0 / 3.0)])
 @pytest.mark.parametrize("controller", CONTROLLERS)
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_a_servo_comes_back_from_its_description(
+def test_a_servo_is_rebuilt_from_its_description(
     mechanism: Any, controller: str, estimator: str
 ) -> None:
-    servo = simple(
+    servo = make_servo(
         mechanism=mechanism,
         controller=CONTROLLERS[controller],
         estimator=ESTIMATORS[estimator],
@@ -217,18 +218,18 @@ def test_a_servo_comes_back_from_its_description(
 @pytest.mark.parametrize(
     "box", ["mechanism", "tool", "estimator", "controller", "exploration", "gate", "thresholds"]
 )
-def test_a_description_that_lacks_a_setting_is_refused_by_name(box: str) -> None:
-    description = describe(simple())
+def test_a_invalidthat_lacks_a_setting_is_refused_by_name(box: str) -> None:
+    description = describe(make_servo())
     description[box].popitem()
     with pytest.raises(rs.BadInput, match=rf"servo\.{box}"):
         rebuild(description)
 
 
-@pytest.mark.parametrize("wrong", [None, 3, [], "servo", {}, {"rate": 100.0}])
-def test_what_is_no_description_is_refused(wrong: Any) -> None:
+@pytest.mark.parametrize("invalid", [None, 3, [], "servo", {}, {"rate": 100.0}])
+def test_an_invalid_invalidis_refused(invalid: Any) -> None:
     with pytest.raises(rs.BadInput):
-        rebuild(wrong)
+        rebuild(invalid)
     with pytest.raises(rs.BadInput):
-        rebuild(describe(simple()) | {"tool": wrong})
+        rebuild(describe(make_servo()) | {"tool": invalid})
     with pytest.raises(rs.BadInput):
-        rebuild(describe(simple()) | {"rate": wrong})
+        rebuild(describe(make_servo()) | {"rate": invalid})

@@ -1,1 +1,1 @@
-"""A run on disk: how it is laid out, written, read, computed again and judged."""
+"""Records of runs on disk: message layout, writer, reader, replay, timeline and outcome."""

@@ -1,4 +1,4 @@
-"""ROS 2 messages as bytes: CDR (common data representation, version 1), by `rosbags`."""
+"""Codec of ROS 2 messages: CDR (common data representation) version 1, by `rosbags`."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,73 +7,72 @@ from rcmservo.errors import RcmServoError
 
 
 class MalformedMessage(RcmServoError, ValueError):
-    """Bytes that are no message of their type."""
+    """Bytes that are no message of the expected type."""
 
 
 class MessageCodec:
-    """Encoder and decoder of some types of messages.
+    """Encoder and decoder of a set of message types.
 
     Parameters
     ----------
     definitions : Mapping of str to str
-        Definition of each type as ROS 2 writes it, by the type's name, such as std_msgs/msg/String.
+        Definition of each type in the ROS 2 format, by type name such as std_msgs/msg/String.
     """
 
     def __init__(self, definitions: Mapping[str, str]) -> None:
-        # takes 0.07 s, so it waits for the first message
+        # this import takes 0.07 s, so it happens with the first message
         from rosbags.serde import SerdeError
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
         types: dict[str, Any] = {}
-        for kind, definition in definitions.items():
-            types.update(get_types_from_msg(definition, kind))
+        for message_type, definition in definitions.items():
+            types.update(get_types_from_msg(definition, message_type))
         self._store: Any = get_typestore(Stores.EMPTY)
         self._store.register(types)
         self._malformed: type[Exception] = SerdeError
 
     def warm_up(self) -> None:
-        """Generate the code of all types."""
-        for kind in self._store.types:
-            self._store.get_msgdef(kind)
+        """Generate the encoding and decoding code of all types."""
+        for message_type in self._store.types:
+            self._store.get_msgdef(message_type)
 
-    def make(self, kind: str, *fields: Any) -> Any:
+    def make(self, message_type: str, *fields: Any) -> Any:
         """Return a message, or a part of one, with these fields."""
-        return self._store.types[kind](*fields)
+        return self._store.types[message_type](*fields)
 
     def header(self, time: int, frame: str = "") -> Any:
-        """Return a std_msgs/Header with a stamp of `time` ns: at the end of its range if the time
-        is beyond that."""
+        """Return a std_msgs/Header with a stamp of `time` ns, clipped to its range."""
         sec, nanosec = divmod(time, 10**9)
         stamp = min(max(sec, -(2**31)), 2**31 - 1), nanosec
-        moment = self.make("builtin_interfaces/msg/Time", *stamp)
-        return self.make("std_msgs/msg/Header", moment, frame)
+        stamped_time = self.make("builtin_interfaces/msg/Time", *stamp)
+        return self.make("std_msgs/msg/Header", stamped_time, frame)
 
-    def encode(self, kind: str, *fields: Any) -> bytes:
-        """Return a message with these fields as bytes, little endian.
+    def encode(self, message_type: str, *fields: Any) -> bytes:
+        """Return a message with these fields as little endian bytes.
 
         Raises
         ------
         ValueError
-            If an array of fixed size has another.
+            If an array of fixed size has another size.
         """
-        message = self.make(kind, *fields)
+        message = self.make(message_type, *fields)
         try:
-            return bytes(self._store.serialize_cdr(message, kind, little_endian=True))
+            return bytes(self._store.serialize_cdr(message, message_type, little_endian=True))
         except self._malformed as error:
-            raise ValueError(f"{kind}: {error}") from error
+            raise ValueError(f"{message_type}: {error}") from error
 
-    def decode(self, kind: str, data: bytes) -> Any:
-        """Return the message in some bytes, whose parts are its attributes.
+    def decode(self, message_type: str, data: bytes) -> Any:
+        """Return the message that the bytes encode; its fields are attributes.
 
         Raises
         ------
         MalformedMessage
-            If the bytes are no such message.
+            If the bytes are no message of this type.
         """
         try:
-            return self._store.deserialize_cdr(data, kind)
+            return self._store.deserialize_cdr(data, message_type)
         except self._malformed as error:
-            raise MalformedMessage(f"{kind}: {error}") from error
+            raise MalformedMessage(f"{message_type}: {error}") from error
 
 
 def time_of(header: Any) -> int:

@@ -1,6 +1,6 @@
-"""What a tick holds, written once: every number's name, kind, parts with units, and where it is.
+"""Schema of a tick: name, parts with units, and source of each of its values.
 
-The messages on disk, the exported tables and the comparison of two runs follow from these tables.
+The messages on disk, the exported tables and the comparison of two runs derive from these tables.
 """
 
 from collections.abc import Callable
@@ -15,29 +15,29 @@ from rcmservo.method.estimators.projection import ProjectionMemory
 
 JOINTS = ("1 [rad]", "2 [rad]", "3 [mm]")
 RATES = ("1 [rad/s]", "2 [rad/s]", "3 [mm/s]")
-PLACE = ("x [mm]", "y [mm]", "z [mm]")
-SPEED = ("x [mm/s]", "y [mm/s]", "z [mm/s]")
+POSITION = ("x [mm]", "y [mm]", "z [mm]")
+VELOCITY = ("x [mm/s]", "y [mm/s]", "z [mm/s]")
 FEATURES = ("s [rad]", "r [px]", "d [px]")
-PIXEL = ("u [px]", "v [px]")
-SIZES = ("m1 [px]", "m2 [px]")
-QUALITY = ("m1 [1]", "m2 [1]")
+IMAGE_POINT = ("u [px]", "v [px]")
+MARKER_SIZES = ("m1 [px]", "m2 [px]")
+MARKER_QUALITIES = ("m1 [1]", "m2 [1]")
 MARKERS = ("m1_u [px]", "m1_v [px]", "m2_u [px]", "m2_v [px]")
 JACOBIAN = tuple(
     f"{y}_{x} [{unit}/mm]" for y, unit in (("s", "rad"), ("r", "px"), ("d", "px")) for x in "xyz"
 )
 PARAMETERS = tuple(f"{i} [free scale]" for i in range(1, 10))
-TIME, COUNT, TRUE_OR_NOT = ("[ns]",), ("[1]",), ("[0 or 1]",)
+TIME, COUNT, FLAG = ("[ns]",), ("[1]",), ("[0 or 1]",)
 
 
 class Column(NamedTuple):
     """One entry of a tick."""
 
     name: str
-    """What the messages on disk, tables and comparisons call it."""
+    """Name in messages, tables and comparisons."""
     parts: tuple[str, ...]
-    """What its numbers are, with their units; as many as it has."""
+    """Name and unit of each number."""
     of: Callable[[Tick], Any]
-    """Where it is."""
+    """Function that returns the value of a tick."""
 
 
 def _a_hat(tick: Tick) -> Floats:
@@ -46,7 +46,7 @@ def _a_hat(tick: Tick) -> Floats:
 
 
 def _model(tick: Tick) -> Floats:
-    """π (34) of both markers from o_c; NaN where the estimator has no such model."""
+    """Return π (34) of both markers from o_c; NaN if the estimator has no projection model."""
     state, servo = tick.state, tick.servo
     model = servo.learner.predict(state.learnt.memory, servo.tool, state.p1)
     return np.full(4, np.nan) if model is None else model
@@ -66,7 +66,7 @@ INTEGERS = (
     Column("command_deadline", TIME, at("state.command.deadline")),
     Column("latency", TIME, at("state.watch.latency")),
 )
-"""A tick's whole numbers."""
+"""Integers of a tick."""
 
 REALS = (
     Column("rcm_condition", COUNT, at("state.learnt.estimate.rcm_condition")),
@@ -76,35 +76,37 @@ REALS = (
     Column("q_exposure", JOINTS, at("seen.q_exposure")),
     Column("points", MARKERS, at("seen.points")),
     Column("applied_before", RATES, at("seen.applied")),
-    Column("o_c", PIXEL, at("state.o_c")),
-    Column("p1", PLACE, at("state.p1")),
+    Column("o_c", IMAGE_POINT, at("state.o_c")),
+    Column("p1", POSITION, at("state.p1")),
     Column("y", FEATURES, at("state.y")),
     Column("delta", FEATURES, at("state.delta")),
     Column("ahead", FEATURES, at("state.learnt.estimate.ahead")),
     Column("J_hat", JACOBIAN, at("state.J_hat")),
     Column("a_hat", PARAMETERS, _a_hat),
     Column("model", MARKERS, _model),
-    Column("v", SPEED, at("state.v")),
+    Column("v", VELOCITY, at("state.v")),
     Column("command", RATES, at("state.command.rates")),
     Column("applied", RATES, at("applied")),
-    Column("sizes", SIZES, at("seen.sizes")),
+    Column("sizes", MARKER_SIZES, at("seen.sizes")),
     Column("jog", RATES, at("jog")),
-    Column("quality", QUALITY, at("seen.quality")),
+    Column("quality", MARKER_QUALITIES, at("seen.quality")),
 )
-"""A tick's other numbers. `applied_before` are the rates that the observation tells, `applied`
-those that the arm took of the command, `jog` those that a person asked for who moves the joints."""
+"""Real numbers of a tick.
+
+`applied_before` are the joint rates that the observation reports; `applied` are the rates that the
+arm executed of the command; `jog` are the rates that the operator requested.
+"""
 
 LATER = ("sizes",), ("jog",), ("quality",)
-"""Those of them that came with one version after the other: NaN where a record without them is
-read."""
+"""Real numbers that later versions added, one group per version. They are NaN in older records."""
 
 FLAGS = (
-    Column("enabled", TRUE_OR_NOT, at("seen.enabled")),
-    Column("recorded", TRUE_OR_NOT, at("seen.recorded")),
-    Column("command_enabled", TRUE_OR_NOT, at("state.command.enabled")),
-    Column("explored", TRUE_OR_NOT, at("state.explored")),
+    Column("enabled", FLAG, at("seen.enabled")),
+    Column("recorded", FLAG, at("seen.recorded")),
+    Column("command_enabled", FLAG, at("state.command.enabled")),
+    Column("explored", FLAG, at("state.explored")),
 )
-"""What is true or not at a tick."""
+"""Booleans of a tick."""
 
 WORDS = (
     Column("phase", ("",), at("state.mode.phase.name")),
@@ -113,7 +115,7 @@ WORDS = (
     Column("request", ("",), at("request.name")),
     Column("dropped", ("",), at("seen.dropped.name")),
 )
-"""A tick's names."""
+"""Enum members of a tick, by name."""
 
-TRUTH = {"p1": PLACE, "p2": PLACE, "jacobian_error": COUNT}
-"""What a simulation knows at a tick."""
+TRUTH = {"p1": POSITION, "p2": POSITION, "jacobian_error": COUNT}
+"""Values that only a simulation knows at a tick."""

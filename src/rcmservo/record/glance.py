@@ -1,4 +1,4 @@
-"""What a record tells at a glance: its beginning and its last ticks, however long it is."""
+"""Summary of a record from its first and last messages, without reading the rest."""
 
 import json
 from dataclasses import dataclass
@@ -16,30 +16,36 @@ from rcmservo.record.mcap_recovery import MAGIC, MessageReader, find_chunks, rea
 from rcmservo.record.reader import TICK_TOPIC
 from rcmservo.record.ros2_messages import TICKS, decode_names, decode_text
 
-LAST = 20
-"""Chunks at the end among which there must be a tick."""
+MAX_CHUNKS_SEARCHED = 20
+"""Number of chunks at the end that are searched for the last tick."""
 
 
 @dataclass(frozen=True)
 class Glance:
-    """A record in a few words."""
+    """Settings, last state and completeness of a record."""
 
     about: dict[str, Any]
-    """What the run was told."""
+    """Settings, seed and versions of the run."""
     servo: Any
-    """The description of its first servo; empty where there is none."""
+    """Description of the first servo; empty if there is none."""
     seconds: float
-    """To its last tick."""
+    """Time of the last tick in s."""
     phase: str
-    """That of its last tick, in words; empty where it has none."""
+    """Phase at the last tick, as a sentence; empty without a tick."""
     cause: str
-    """That of its last tick, in words; empty where all was well."""
+    """Cause at the last tick, as a sentence; empty if there is none."""
     ended: bool
-    """Whether the file was ended in order."""
+    """True if the file was closed properly."""
 
 
 def glance(path: Path) -> Glance:
-    """Look at a record's file. What is between its ends is not looked at."""
+    """Return the summary of a record file.
+
+    Raises
+    ------
+    UnusableFile
+        If the file is no record or its start is damaged.
+    """
     messages = MessageReader(path)
     about, servo, layout = None, {}, None
     for message in messages:
@@ -47,42 +53,43 @@ def glance(path: Path) -> Glance:
             layout = TICKS.get(message.definition)
             break
         if message.topic == "rcmservo/about":
-            about = _table(message.data)
+            about = _json_object(message.data)
         elif message.topic == "rcmservo/stage":
-            servo = _table(message.data).get("servo", {})
+            servo = _json_object(message.data).get("servo", {})
     if about is None:
         raise UnusableFile(path, "is not a record of a run, or its start is damaged")
     seconds, phase, cause = 0.0, "", ""
     if layout is not None:
-        time, words = _last(path, messages.channel(TICK_TOPIC), layout)
+        time, words = _last_tick(path, messages.channel(TICK_TOPIC), layout)
         seconds = time * 1e-9
-        phase, cause = _word(Phase, words.get("phase", "")), _word(Cause, words.get("cause", ""))
-    return Glance(about, servo, seconds, phase, cause, _ended(path))
+        phase = _sentence(Phase, words.get("phase", ""))
+        cause = _sentence(Cause, words.get("cause", ""))
+    return Glance(about, servo, seconds, phase, cause, _is_closed(path))
 
 
-def _last(path: Path, channel: int, layout: np.dtype[Any]) -> tuple[int, dict[str, str]]:
-    """Time ns and names of the last tick."""
-    for place in reversed(find_chunks(path)[-LAST:]):
-        for message in reversed(read_chunk(path, place)):
+def _last_tick(path: Path, channel: int, layout: np.dtype[Any]) -> tuple[int, dict[str, str]]:
+    """Return the time (ns) and the names of the last tick."""
+    for position in reversed(find_chunks(path)[-MAX_CHUNKS_SEARCHED:]):
+        for message in reversed(read_chunk(path, position)):
             if message.channel_id == channel:
                 names = decode_names(message.data, layout)
                 return message.log_time, {
-                    one.name: name for one, name in zip(WORDS, names, strict=True)
+                    column.name: name for column, name in zip(WORDS, names, strict=True)
                 }
     return 0, {}
 
 
-def _word(kind: type[Phase] | type[Cause], name: str) -> str:
+def _sentence(kind: type[Phase] | type[Cause], name: str) -> str:
     return kind[name].value if name in kind.__members__ else name
 
 
-def _table(data: bytes) -> dict[str, Any]:
+def _json_object(data: bytes) -> dict[str, Any]:
     value: object = json.loads(decode_text(data))
     return value if is_table(value) else {}
 
 
-def _ended(path: Path) -> bool:
-    """Whether the file ends as one that was ended in order."""
+def _is_closed(path: Path) -> bool:
+    """Report whether the file ends like one that was closed properly."""
     with path.open("rb") as file:
         file.seek(max(path.stat().st_size - len(MAGIC), 0))
         return file.read() == MAGIC and path.stat().st_size > 2 * len(MAGIC)

@@ -1,7 +1,6 @@
-"""What a user's own estimator remembers at a tick, as a record keeps it: a message before the
-tick's.
+"""State of a user-defined estimator in a record: one message before each tick.
 
-In columns it is the tick's ``memory`` (N, n), NaN at the ticks of estimators that keep less.
+As a column it is the tick's ``memory`` (N, n), NaN at the ticks of estimators with a smaller state.
 """
 
 from collections.abc import Mapping
@@ -15,13 +14,13 @@ TOPIC = "rcmservo/memory"
 
 
 def numbers_of(tick: Tick) -> Floats | None:
-    """What the estimator of a tick remembers (n,), or None where it keeps nothing."""
+    """Return the estimator state of a tick (n,), or None if the estimator records none."""
     return tick.servo.learner.remembered(tick.state.learnt.memory)
 
 
-def column(kept: Mapping[int, Floats], count: int) -> dict[str, Floats]:
-    """The column of `count` ticks, of which some have kept something; no column where none has."""
-    rows = {i: numbers for i, numbers in kept.items() if i < count}
+def column(memories: Mapping[int, Floats], count: int) -> dict[str, Floats]:
+    """Return the column of `count` ticks from the recorded states, by name; empty without any."""
+    rows = {i: numbers for i, numbers in memories.items() if i < count}
     if not rows:
         return {}
     table = np.full((count, max(map(len, rows.values()))), np.nan)

@@ -1,7 +1,7 @@
-"""A run as it was recorded, as columns: what the servo saw, knew and decided at every tick.
+"""Reader of records: a run as columns of observations, estimates and decisions at each tick.
 
-A file that was cut or damaged is read up to there, and the record says how much is missing. What is
-read is as it was written, bit for bit: see mcap_recovery.py.
+A truncated or damaged file is read up to the damage, and the record states what is missing. All
+values are read as they were written, bit for bit; see mcap_recovery.py.
 """
 
 import json
@@ -38,13 +38,13 @@ from rcmservo.record.stage import Stage, stage_of
 from rcmservo.tracking import decode_image
 
 RECORD = "record.mcap"
-"""A record's name in the folder of its run."""
+"""File name of a record in the folder of its run."""
 
 TICK_TOPIC = "rcmservo/tick"
-"""On which its ticks are."""
+"""Topic of the ticks."""
 
-LONGEST = 1e9
-"""s from which on what a record tells as its run's length is none."""
+MAX_PLANNED_DURATION_S = 1e9
+"""Planned duration (s) from which on a recorded value is ignored."""
 
 Column = NDArray[Any]
 Name = TypeVar("Name", bound=Enum)
@@ -52,107 +52,122 @@ Name = TypeVar("Name", bound=Enum)
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A run as columns, of N ticks."""
+    """Run of N ticks as columns."""
 
     path: Path
-    """Its file."""
+    """File of the record."""
     about: dict[str, Any]
-    """What the run was told: settings, seed, versions, how long it was `planned` to last."""
+    """Settings, seed and versions of the run, and its planned duration."""
     time: Floats
-    """(N,) s since the record's start."""
+    """Time of each tick (N,) in s since the start of the record."""
     ticks: dict[str, Column]
-    """The ticks' numbers by column, (N, size) each; see columns.py."""
+    """Values of the ticks by column name, (N, size) each; see columns.py."""
     words: dict[str, list[str]]
-    """The ticks' names by column, N each, of which `phase` and `cause` stand out."""
+    """Enum names of the ticks by column name, N each, such as `phase` and `cause`."""
     operating: list[tuple[int, str]]
-    """What was said of the operating state, in words, each after the tick from which on."""
+    """Operating states as sentences, each with the index of its first tick."""
     truth: dict[str, Floats]
-    """What the simulation knew, by name, (N, size) each; (0, size) where it is not in the
-    record."""
+    """Values known to the simulation by name, (N, size) each; (0, size) if the record has none."""
     stages: list[Stage]
-    """One after the other: which servo and target the ticks go by."""
+    """Stages in order, with the servo and target of their ticks."""
     missing: str
-    """What could not be read, in one sentence; empty where the record is `complete`."""
+    """Sentence about the part that could not be read; empty if the record is `complete`."""
     unread: int
     """Bytes of the file that could not be read."""
 
     @property
     def version(self) -> str:
-        """Which rcmservo has written it, as the run was told; empty where it does not tell."""
+        """Version of rcmservo that wrote the record; empty if unknown."""
         versions: object = self.about.get("versions")
         return str(versions.get("rcmservo", "")) if is_table(versions) else ""
 
     @property
     def planned(self) -> float | None:
-        """s that the run was to last, or None where the record does not tell."""
+        """Planned duration of the run in s, or None if unknown."""
         return _planned(self.about)
 
     @property
     def phase(self) -> list[str]:
-        """The phase at every tick."""
+        """Phase at each tick."""
         return self.words["phase"]
 
     @property
     def cause(self) -> list[str]:
-        """The cause at every tick."""
+        """Cause at each tick."""
         return self.words["cause"]
 
     @property
     def complete(self) -> bool:
-        """Whether nothing is missing."""
+        """True if nothing is missing."""
         return not self.missing
 
     def named(self, kind: type[Name], column: str, i: int) -> Name:
-        """The member of an enum that a column of words names at tick `i`."""
+        """Return the enum member in a column of words at tick `i`.
+
+        Raises
+        ------
+        UnusableFile
+            If this version has no member of that name.
+        """
         name = self.words[column][i]
         try:
             return kind[name]
         except KeyError as error:
-            why = f"tells a {column} {name!r} that this version of rcmservo does not know"
-            raise UnusableFile(self.path, why) from error
+            reason = f"has the {column} {name!r}, which this version of rcmservo does not know"
+            raise UnusableFile(self.path, reason) from error
 
     def new_frames(self, since: float = 0.0) -> NDArray[np.intp]:
-        """The ticks from `since` s on at which a new frame had come."""
+        """Return the indices of ticks with a new frame, from `since` s on."""
         new = np.diff(self.ticks["frame"][:, 0], prepend=-1) > 0
         return np.flatnonzero(new & (self.time >= since))
 
 
 def file_of(path: Path) -> Path:
-    """The record's file, given that or the folder of its run."""
+    """Return the record's file, given the file or the folder of its run."""
     return path / RECORD if path.is_dir() else path
 
 
 def begun(path: Path) -> bool:
-    """Whether a record holds a tick; it is read no further than to the first."""
+    """Report whether a record holds a tick; reading stops at the first one."""
     return any(message.topic == TICK_TOPIC for message in MessageReader(file_of(path)))
 
 
 def read(path: Path) -> Record:
-    """A run from its folder or MCAP file, up to its end or to where it was cut or damaged."""
+    """Read a run up to its end or to the damage.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the run, or its MCAP file.
+
+    Raises
+    ------
+    UnusableFile
+        If the file is no record, its start is damaged, or another version wrote it in a format that
+        this version cannot read.
+    """
     path = file_of(path)
     messages = MessageReader(path)
-    rows = _Rows(path)
+    rows = _RecordBuilder(path)
     for message in messages:
         rows.add(message)
     if rows.about is None:
         raise UnusableFile(path, "is not a record of a run, or its start is damaged")
     try:
-        return rows.record(messages)
+        return rows.build(messages)
     except ValueError as error:
         raise UnusableFile(path, f"is a record that cannot be read: {error}") from error
 
 
 def frames(path: Path) -> Iterator[tuple[int, Image]]:
-    """The exposures (ns on the plant's clock, as in the ticks) and pictures of a record's frames,
-    one at a time."""
+    """Yield the exposure (ns on the plant's clock) and the image of each recorded frame."""
     path = file_of(path)
     for exposure, data in pictures(path):
         yield exposure, decode_image(data, path)
 
 
 def pictures(path: Path) -> Iterator[tuple[int, bytes]]:
-    """The exposures of a record's frames, and their pictures as the JPEG files that they are kept
-    as."""
+    """Yield the exposure (ns on the plant's clock) and the JPEG file of each recorded frame."""
     path = file_of(path)
     for message in MessageReader(path):
         if message.topic == "image_raw/compressed":
@@ -162,8 +177,8 @@ def pictures(path: Path) -> Iterator[tuple[int, bytes]]:
                 raise UnusableFile(path, f"holds a frame that cannot be read: {error}") from error
 
 
-class _Rows:
-    """A record's messages as they come."""
+class _RecordBuilder:
+    """Collector of a record's messages."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -179,26 +194,26 @@ class _Rows:
         self._words: list[tuple[str, ...]] = []
 
     def add(self, message: Message) -> None:
-        """Keep one message."""
+        """Store one message."""
         topic = message.topic
         if topic in TOPICS and message.definition not in _definitions(topic):
             raise UnusableFile(
                 self.path,
-                f"its {topic} has another form: another version of rcmservo has written it",
+                f"its {topic} has an unknown format: another version of rcmservo wrote it",
             )
         try:
-            self._keep(topic, message)
+            self._store(topic, message)
         except (ValueError, RecursionError) as error:
             raise UnusableFile(
                 self.path, f"holds a {topic} that cannot be read: {error}"
             ) from error
 
-    def _keep(self, topic: str, message: Message) -> None:
+    def _store(self, topic: str, message: Message) -> None:
         if topic == TICK_TOPIC:
-            self._take(TICKS[message.definition])
+            self._check_layout(TICKS[message.definition])
             self.times.append(message.time)
             self.ticks.append(message.data)
-            self._words.append(self._tail(message.data))
+            self._words.append(self._decode_names(message.data))
         elif topic == memory.TOPIC:
             self.memory[len(self.ticks)] = decode_memory(message.data)
         elif topic == "operating_state":
@@ -210,21 +225,21 @@ class _Rows:
         elif topic == "rcmservo/about":
             self.about = _json(message.data)
 
-    def _take(self, layout: np.dtype[Any]) -> None:
-        """Read ticks of this layout: a record's are all of one."""
+    def _check_layout(self, layout: np.dtype[Any]) -> None:
+        """Set the layout of the ticks, which must be the same for the whole record."""
         if self.ticks and layout != self._layout:
-            raise ValueError("it is of another version than those before")
+            raise ValueError("it is of another version than the ticks before it")
         self._layout = layout
 
-    def _tail(self, data: bytes) -> tuple[str, ...]:
+    def _decode_names(self, data: bytes) -> tuple[str, ...]:
         tail = data[self._layout.itemsize :]
         words = self._tails.get(tail)
         if words is None:
             words = self._tails[tail] = decode_names(data, self._layout)
         return words
 
-    def record(self, messages: MessageReader) -> Record:
-        """All of it as columns."""
+    def build(self, messages: MessageReader) -> Record:
+        """Return all messages as columns."""
         time = np.array(self.times, dtype=np.float64) * 1e-9
         return Record(
             path=self.path,
@@ -232,7 +247,7 @@ class _Rows:
             time=time,
             ticks=tick_columns(self._layout, self.ticks)
             | memory.column(self.memory, len(self.ticks)),
-            words={one.name: [row[i] for row in self._words] for i, one in enumerate(WORDS)},
+            words={column.name: [row[i] for row in self._words] for i, column in enumerate(WORDS)},
             operating=self.operating,
             truth=self._truth(),
             stages=self.stages,
@@ -241,46 +256,47 @@ class _Rows:
         )
 
     def _truth(self) -> dict[str, Floats]:
-        """The truth of every tick, NaN where the record ends between a tick and its truth."""
+        """Return the truth of each tick; NaN if the record ends between a tick and its truth."""
         truth = columns(TRUTH_LAYOUT, self.truth)
-        lost = len(self.ticks) - len(self.truth) if self.truth else 0
-        if lost < 0:
-            raise ValueError("it tells the truth of more ticks than it has")
+        missing_rows = len(self.ticks) - len(self.truth) if self.truth else 0
+        if missing_rows < 0:
+            raise ValueError("it holds the truth of more ticks than it has")
         return {
-            name: np.concatenate([truth[name], np.full((lost, len(parts)), np.nan)])
+            name: np.concatenate([truth[name], np.full((missing_rows, len(parts)), np.nan)])
             for name, parts in TRUTH.items()
         }
 
 
 def _definitions(topic: str) -> Collection[str]:
-    """Those of a topic's messages that can be read."""
+    """Return the definitions of a topic's messages that can be read."""
     return TICKS if topic == TICK_TOPIC else (DEFINITIONS[TOPICS[topic]],)
 
 
 def _planned(about: object) -> float | None:
     seconds: Any = about.get("duration_s") if is_table(about) else None
-    return float(seconds) if type(seconds) in (int, float) and 0.0 < seconds < LONGEST else None
+    is_valid = type(seconds) in (int, float) and 0.0 < seconds < MAX_PLANNED_DURATION_S
+    return float(seconds) if is_valid else None
 
 
 def _missing(messages: MessageReader, last: float, planned: float | None) -> str:
-    """What is missing of a file, in one sentence; empty if nothing is."""
+    """Return a sentence about the missing part of a file; empty if it is complete."""
     if messages.complete:
         return ""
     if messages.summary is not None:
         until = f"{last:.2f} s of {messages.summary.message_end_time * 1e-9:.2f} s"
-        left_out = f"{messages.unread} of its {messages.size} bytes"
-        return f"the record is damaged: it is read up to {until}, {left_out} are left out"
+        skipped = f"{messages.unread} of its {messages.size} bytes"
+        return f"the record is damaged: it is read up to {until}, {skipped} are left out"
     until = f"{last:.2f} s" if planned is None else f"{last:.2f} s of the planned {planned:.2f} s"
-    why = "is damaged or cut off" if messages.unread else "was not ended"
-    left_out = f"{messages.unread} bytes that follow are left out, " if messages.unread else ""
+    reason = "is damaged or cut off" if messages.unread else "was not ended"
+    skipped = f"{messages.unread} bytes that follow are left out, " if messages.unread else ""
     return (
-        f"the record {why}: it is read up to {until}, {left_out}and how much more there was "
+        f"the record {reason}: it is read up to {until}, {skipped}and how much more there was "
         f"is not known"
     )
 
 
 def _json(data: bytes) -> object:
-    """The object in a std_msgs/String."""
+    """Return the JSON object in a std_msgs/String."""
     value: object = json.loads(decode_text(data))
     if not is_table(value):
         raise ValueError("it is no JSON object")

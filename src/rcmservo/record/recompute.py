@@ -1,9 +1,9 @@
-"""A recorded run computed again: every stage's servo is stepped through what it saw, and must
-decide the same.
+"""Replay of a recorded run: the servo of each stage steps through the recorded observations.
 
-With the recorded settings the answer is the same bit for bit, as a step depends on nothing else.
-With other settings it is what the servo would have decided on what was seen then. That is open
-loop: the arm would have gone elsewhere, and the camera would have seen something else.
+A step depends on nothing else, so the recorded settings give the recorded decisions bit for bit.
+Other settings give the decisions that the servo would have made on the recorded observations. That
+is open loop: the arm would have moved differently, and the camera would have observed something
+else.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,32 +27,31 @@ from rcmservo.record import memory, reader, ros2_messages
 from rcmservo.record.columns import WORDS
 from rcmservo.record.reader import Column, Record
 from rcmservo.record.ros2_messages import TICK
-from rcmservo.record.stage import ELSEWHERE, NOTHING, Stage
+from rcmservo.record.stage import NO_ORIGIN, UNRECORDED_ORIGIN, Stage
 from rcmservo.servo.servo import Servo, State
 from rcmservo.servo.user_estimator import called
 
 
 @dataclass(frozen=True, eq=False)
 class Rerun:
-    """What was recorded and what came out again."""
+    """Comparison of a record with its replay."""
 
     then: Record
-    """The record as it was written."""
+    """Record as it was written."""
     now: Record
-    """The same with the decisions that came out again; it can be plotted as any record."""
+    """Record with the replayed decisions; it can be plotted like any other record."""
     first: int | None
-    """Index of the first tick that is not the same bit for bit; None where there is none."""
+    """Index of the first tick that differs in any bit; None if there is none."""
     differs: dict[str, int]
-    """By column, at how many ticks it is not the same. A column without such ticks is left out."""
+    """Number of differing ticks by column; columns without a difference are left out."""
     open_loop: bool
-    """Whether other settings than the recorded ones were given."""
+    """True if other settings than the recorded ones were used."""
     changed: str = ""
-    """Which users' own estimators have another source than when they were recorded, in words; empty
-    where none has."""
+    """Sentence about user-defined estimators whose source has changed since; empty if none has."""
 
     @property
     def same(self) -> bool:
-        """Whether every tick came out the same."""
+        """True if no tick differs."""
         return self.first is None
 
     @property
@@ -70,18 +69,16 @@ class Rerun:
 
     @property
     def words(self) -> str:
-        """The outcome in one sentence."""
+        """Result in one sentence."""
         count = len(self.then.time)
         loop = "open loop, with other settings: " if self.open_loop else ""
         changed = f"; {self.changed}" if self.changed else ""
         if self.first is None:
             return f"{loop}all {count} ticks came out the same, bit for bit{changed}"
-        most = max(self.differs.values())
-        at = f"tick {self.first} ({self.then.time[self.first]:.2f} s)"
-        return (
-            f"{loop}from {at} on, {most} of {count} ticks came out otherwise, in "
-            f"{', '.join(self.differs)}{changed}"
-        )
+        first_tick = f"tick {self.first} ({self.then.time[self.first]:.2f} s)"
+        differing = f"{max(self.differs.values())} of {count} ticks"
+        columns = ", ".join(self.differs)
+        return f"{loop}from {first_tick} on, {differing} differ in {columns}{changed}"
 
 
 def recompute(
@@ -89,32 +86,54 @@ def recompute(
     servo: Servo | None = None,
     own: Mapping[str, type[Estimator]] = NOBODY,
 ) -> Rerun:
-    """Compute a recorded run again, with the recorded settings or with those of another `servo`.
+    """Replay a recorded run and compare the decisions.
 
-    A recorded estimator that is not ours must be among the caller's `own` by its name.
+    Parameters
+    ----------
+    run : Path or Record
+        Record, its file, or the folder of its run.
+    servo : Servo, optional
+        Servo with other settings; by default the recorded servo of each stage.
+    own : Mapping of str to type, optional
+        User-defined estimators by name. A recorded estimator that is not built in must be among
+        them.
+
+    Returns
+    -------
+    Rerun
+        Both runs and their differences.
+
+    Raises
+    ------
+    UnusableFile
+        If the record cannot be read, or if a recorded servo cannot be rebuilt.
     """
-    then = run if isinstance(run, Record) else reader.read(run)
-    if not then.stages and len(then.time):
-        raise UnusableFile(then.path, "does not tell the servo of its ticks")
+    recorded = run if isinstance(run, Record) else reader.read(run)
+    if not recorded.stages and len(recorded.time):
+        raise UnusableFile(recorded.path, "holds no stage: the servo of its ticks is unknown")
     rows: list[bytes] = []
-    decided: list[tuple[str, ...]] = []
-    kept: dict[int, Floats] = {}
-    servos = [servo_of(then, stage, own) if servo is None else servo for stage in then.stages]
-    for tick in _ticks(then, servos):
+    names: list[tuple[str, ...]] = []
+    memories: dict[int, Floats] = {}
+    servos = [
+        servo_of(recorded, stage, own) if servo is None else servo for stage in recorded.stages
+    ]
+    for tick in _ticks(recorded, servos):
         rows.append(ros2_messages.encode_tick(tick))
-        decided.append(ros2_messages.decode_names(rows[-1], TICK))
+        names.append(ros2_messages.decode_names(rows[-1], TICK))
         numbers = memory.numbers_of(tick)
         if numbers is not None:
-            kept[len(rows) - 1] = numbers
-    words = {one.name: [row[i] for row in decided] for i, one in enumerate(WORDS)}
-    ticks = ros2_messages.columns(TICK, rows) | memory.column(kept, len(rows))
-    now = replace(then, ticks=ticks, words=words, operating=[])
-    other = servo is not None and any(describe(servo) != stage.servo for stage in then.stages)
-    return replace(_compared(then, now, other), changed=_changed(then.stages, servos))
+            memories[len(rows) - 1] = numbers
+    words = {column.name: [row[i] for row in names] for i, column in enumerate(WORDS)}
+    ticks = ros2_messages.columns(TICK, rows) | memory.column(memories, len(rows))
+    recomputed = replace(recorded, ticks=ticks, words=words, operating=[])
+    stages = recorded.stages
+    open_loop = servo is not None and any(describe(servo) != stage.servo for stage in stages)
+    comparison = _compare(recorded, recomputed, open_loop)
+    return replace(comparison, changed=_changed_sources(stages, servos))
 
 
-def _changed(stages: Sequence[Stage], servos: Sequence[Servo]) -> str:
-    """Which users' own estimators have another source now than when they were recorded."""
+def _changed_sources(stages: Sequence[Stage], servos: Sequence[Servo]) -> str:
+    """Return a sentence about user-defined estimators with another source than recorded."""
     names = {
         called(servo.estimator)
         for stage, servo in zip(stages, servos, strict=True)
@@ -124,54 +143,67 @@ def _changed(stages: Sequence[Stage], servos: Sequence[Servo]) -> str:
     return ", ".join(f"the source of {name} has changed since" for name in sorted(names))
 
 
-def _ticks(then: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
-    """Every recorded tick with the state that comes out again. No `loop.run`: what was seen and
-    requested is in the record, and nothing is sent."""
+def _ticks(recorded: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
+    """Yield each recorded tick with its replayed state.
+
+    This does not use `loop.run`: the record holds observations and requests, and nothing is sent.
+    """
     ends: list[State] = []
-    for number, (stage, servo) in enumerate(zip(then.stages, servos, strict=True)):
-        state = _begun(then, stage, servo, ends)
-        target = _aim(stage, state)
+    firsts = [*(stage.first for stage in recorded.stages), len(recorded.time)]
+    for number, (stage, servo) in enumerate(zip(recorded.stages, servos, strict=True)):
+        state = _initial_state(recorded, stage, servo, ends)
+        target = _stage_target(stage, state)
         servo.demand(target)
-        last = then.stages[number + 1].first if number + 1 < len(then.stages) else len(then.time)
-        for i in range(stage.first, last):
-            seen, jog = _observation(then, i), then.ticks["jog"][i]
-            request = then.named(Request, "request", i)
-            state = servo.step(state, seen, target, request, jog)
-            yield Tick(0, servo, seen, request, jog, state, then.ticks["applied"][i])
+        for i in range(stage.first, firsts[number + 1]):
+            observation, jog = _observation(recorded, i), recorded.ticks["jog"][i]
+            request = recorded.named(Request, "request", i)
+            state = servo.step(state, observation, target, request, jog)
+            yield Tick(0, servo, observation, request, jog, state, recorded.ticks["applied"][i])
         ends.append(state)
 
 
-def servo_of(then: Record, stage: Stage, own: Mapping[str, type[Estimator]] = NOBODY) -> Servo:
-    """The servo of a stage; UnusableFile, naming the version that can rebuild it, where this one
-    cannot."""
+def servo_of(recorded: Record, stage: Stage, own: Mapping[str, type[Estimator]] = NOBODY) -> Servo:
+    """Return the servo of a stage.
+
+    Raises
+    ------
+    UnusableFile
+        If this version cannot rebuild it; the message names the version that can.
+    """
     try:
         return rebuild(stage.servo, own)
     except BadInput as error:
-        wrote = stage.version or then.version
-        other = f": replay it with rcmservo {wrote}, which has written it" * (wrote != __version__)
-        why = f"its servo cannot be rebuilt: {error}{other}"
-        raise UnusableFile(then.path, why) from error
+        version = stage.version or recorded.version
+        reason = f"its servo cannot be rebuilt: {error}"
+        if version != __version__:
+            reason += f": replay it with rcmservo {version}, which has written it"
+        raise UnusableFile(recorded.path, reason) from error
 
 
-def _begun(then: Record, stage: Stage, servo: Servo, ends: list[State]) -> State:
-    """The state that a stage begins with."""
-    if stage.origin == NOTHING:
+def _initial_state(recorded: Record, stage: Stage, servo: Servo, ends: list[State]) -> State:
+    """Return the state at the start of a stage."""
+    if stage.origin == NO_ORIGIN:
         return servo.init()
-    if stage.origin == ELSEWHERE:
-        raise UnusableFile(then.path, "a stage goes on from a state that is not in this record")
+    if stage.origin == UNRECORDED_ORIGIN:
+        raise UnusableFile(
+            recorded.path, "a stage continues from a state that is not in this record"
+        )
     end = ends[stage.origin]
     return end if stage.mid_run else servo.again(end)
 
 
-def _aim(stage: Stage, state: State) -> Target:
-    """The stage's target: the state's own where it is the same, as another one begins a new way."""
+def _stage_target(stage: Stage, state: State) -> Target:
+    """Return the stage's target, as the state's own object if both are equal.
+
+    Another object would start a new approach.
+    """
     own = state.target
     return own if own is not None and same(own, stage.target) else stage.target
 
 
-def _observation(then: Record, i: int) -> Observation:
-    """What was seen at a tick."""
-    ticks = then.ticks
+def _observation(recorded: Record, i: int) -> Observation:
+    """Return the observation of a tick."""
+    ticks = recorded.ticks
     return Observation(
         now=int(ticks["now"][i, 0]),
         q=ticks["q"][i],
@@ -183,31 +215,30 @@ def _observation(then: Record, i: int) -> Observation:
         arrival=int(ticks["arrival"][i, 0]),
         q_exposure=ticks["q_exposure"][i],
         points=ticks["points"][i].reshape(2, 2),
-        dropped=then.named(Dropped, "dropped", i),
+        dropped=recorded.named(Dropped, "dropped", i),
         recorded=bool(ticks["recorded"][i, 0]),
         sizes=ticks["sizes"][i],
         quality=ticks["quality"][i],
     )
 
 
-def _compared(then: Record, now: Record, open_loop: bool) -> Rerun:
-    """Both, column by column, down to the bits."""
-    nothing = np.empty((len(then.time), 0))
-    other = {
-        name: _unlike(then.ticks.get(name, nothing), now.ticks.get(name, nothing))
-        for name in {**then.ticks, **now.ticks}
+def _compare(recorded: Record, recomputed: Record, open_loop: bool) -> Rerun:
+    """Compare two records column by column, bit by bit."""
+    nothing = np.empty((len(recorded.time), 0))
+    a, b = recorded.ticks, recomputed.ticks
+    rows = {
+        name: _differing_rows(a.get(name, nothing), b.get(name, nothing)) for name in {**a, **b}
     }
-    for name in then.words:
-        other[name] = np.array(
-            [a != b for a, b in zip(then.words[name], now.words[name], strict=True)], dtype=bool
-        )
-    differs = {name: int(rows.sum()) for name, rows in other.items() if rows.any()}
-    first = min((int(np.argmax(other[name])) for name in differs), default=None)
-    return Rerun(then, now, first, differs, open_loop)
+    for name in recorded.words:
+        pairs = zip(recorded.words[name], recomputed.words[name], strict=True)
+        rows[name] = np.array([then != now for then, now in pairs], dtype=bool)
+    differs = {name: int(differing.sum()) for name, differing in rows.items() if differing.any()}
+    first = min((int(np.argmax(rows[name])) for name in differs), default=None)
+    return Rerun(recorded, recomputed, first, differs, open_loop)
 
 
-def _unlike(a: Column, b: Column) -> NDArray[np.bool_]:
-    """At which rows two columns (N, size) differ in any bit."""
+def _differing_rows(a: Column, b: Column) -> NDArray[np.bool_]:
+    """Return the rows at which two columns (N, size) differ in any bit."""
     if a.shape != b.shape:
         return np.ones(len(a), dtype=bool)
     width = a.shape[1] * a.itemsize

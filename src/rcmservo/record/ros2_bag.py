@@ -1,5 +1,4 @@
-"""The file that makes the folder of a record a ROS 2 bag: `ros2 bag info` and rosbags open it as it
-stands.
+"""Metadata that make the folder of a record a ROS 2 bag for `ros2 bag info` and rosbags.
 
     with rosbags.highlevel.AnyReader([folder]) as bag:
         for connection, time, raw in bag.messages(): ...
@@ -14,18 +13,27 @@ from pathlib import Path
 from rcmservo.config.files import write_whole
 from rcmservo.record.ros2_messages import TOPICS
 
-VERSION = 5
-"""The oldest metadata that knows MCAP files: every ROS 2 since Humble reads it."""
+METADATA_VERSION = 5
+"""Oldest metadata version that supports MCAP; ROS 2 reads it since Humble."""
 
 
 METADATA = "metadata.yaml"
-"""Its name, beside the record."""
+"""File name of the metadata, in the folder of the record."""
 
 
 def write_metadata(record: Path, counts: Mapping[str, int], duration: int) -> None:
-    """Write metadata.yaml beside a record of so many messages by topic over `duration` ns.
+    """Write metadata.yaml next to a record.
 
-    JSON is YAML, so that no YAML writer is needed.
+    JSON is valid YAML, so no YAML writer is needed.
+
+    Parameters
+    ----------
+    record : Path
+        File of the record.
+    counts : Mapping of str to int
+        Number of messages by topic.
+    duration : int
+        Duration in ns.
     """
     total = sum(counts.values())
     times = {
@@ -34,7 +42,7 @@ def write_metadata(record: Path, counts: Mapping[str, int], duration: int) -> No
         "message_count": total,
     }
     information = {
-        "version": VERSION,
+        "version": METADATA_VERSION,
         "storage_identifier": "mcap",
         "relative_file_paths": [record.name],
         **times,

@@ -1,10 +1,10 @@
-"""A part of a record in which servo and target stay the same. One record holds one or more.
+"""Stages of a record: sections with one servo and one target.
 
     {"origin": 0, "mid_run": false, "target": {"points": [[…], […]], "q": […], "sizes": […]},
      "servo": {…}, "version": "0.2.0", "source": ""}
 
-A stage goes on from the last tick of an earlier one, whose number its ``origin`` is. A run begins
-it, or a person who changed target or settings in mid-run.
+A stage may continue from the last tick of an earlier stage, whose number is its ``origin``. A new
+run begins a stage, and so does a change of target or settings during a run.
 """
 
 import json
@@ -22,85 +22,89 @@ from rcmservo.errors import require
 from rcmservo.interfaces import Target
 from rcmservo.servo.servo import Servo
 
-NOTHING, ELSEWHERE = -1, -2
-"""The origin of a stage that begins from nothing, or goes on from a state that the record does not
-hold."""
+NO_ORIGIN, UNRECORDED_ORIGIN = -1, -2
+"""Origin of a stage that starts from the initial state, and of one that continues from a state
+outside the record."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Which servo and target a record's ticks go by, from one of them on."""
+    """Servo and target of a section of ticks."""
 
     first: int
-    """Index of its first tick."""
+    """Index of the first tick."""
     servo: Any
-    """The description that its servo can be rebuilt from."""
+    """Description from which the servo can be rebuilt."""
     target: Target
-    """What was shown."""
+    """Target of the stage."""
     origin: int
-    """Number of the stage that it goes on from, or NOTHING or ELSEWHERE."""
+    """Number of the stage that it continues, or `NO_ORIGIN` or `UNRECORDED_ORIGIN`."""
     mid_run: bool = False
-    """Whether the loop went on from the tick before, without a new start."""
+    """True if the loop continued from the previous tick without a restart."""
     version: str = ""
-    """Which rcmservo has written it; empty where it does not tell."""
+    """Version of rcmservo that wrote the stage; empty if unknown."""
     source: str = ""
-    """Hash of the file of a user's own estimator; empty for ours."""
+    """Hash of the source file of a user-defined estimator; empty for a built-in one."""
 
 
-def text_of(servo: Servo, target: Target, origin: int, mid_run: bool) -> str:
-    """A stage as JSON."""
-    told = {"points": target.points.tolist(), "q": target.q.tolist(), "shown": target.shown}
-    told["sizes"] = sizes(target.sizes)
-    stage = {"origin": origin, "mid_run": mid_run, "target": told, "servo": describe(servo)}
-    by = {"version": __version__, "source": source(servo.estimator)}
-    return json.dumps({**stage, **by})
+def stage_text(servo: Servo, target: Target, origin: int, mid_run: bool) -> str:
+    """Return a stage as JSON."""
+    aim = {"points": target.points.tolist(), "q": target.q.tolist(), "shown": target.shown}
+    aim["sizes"] = sizes(target.sizes)
+    stage = {"origin": origin, "mid_run": mid_run, "target": aim, "servo": describe(servo)}
+    written_by = {"version": __version__, "source": source(servo.estimator)}
+    return json.dumps({**stage, **written_by})
 
 
 @dataclass(frozen=True)
 class TargetTable:
-    """A target as a stage's JSON has it."""
+    """Target in the JSON of a stage."""
 
     points: tuple[tuple[float, float], tuple[float, float]]
-    """(u, v) raw px of marker 1, then of marker 2."""
+    """(u, v) in raw px of marker 1, then of marker 2."""
     q: tuple[float, float, float]
-    """rad, rad, mm."""
+    """Joints in rad, rad, mm."""
     shown: int = 0
-    """ns on the plant's clock; 0 where the JSON does not tell."""
+    """Time at which the target was taught, in ns on the plant's clock; 0 if unknown."""
     sizes: Sizes = NO_SIZES
-    """Apparent radii of both markers, px; null where not known, or where the JSON does not tell."""
+    """Apparent radii of both markers in px; null if unknown."""
 
 
 @dataclass(frozen=True)
 class StageTable:
-    """A stage's JSON. Where it stands in the record tells its first tick."""
+    """JSON of a stage. Its position in the record determines its first tick."""
 
     origin: int
-    """Number of the stage that it goes on from, or NOTHING or ELSEWHERE."""
+    """Number of the stage that it continues, or `NO_ORIGIN` or `UNRECORDED_ORIGIN`."""
     target: TargetTable
-    """What was shown."""
+    """Target of the stage."""
     servo: Table
-    """The description that its servo can be rebuilt from."""
+    """Description from which the servo can be rebuilt."""
     mid_run: bool = False
-    """Whether the loop went on from the tick before, without a new start."""
+    """True if the loop continued from the previous tick without a restart."""
     version: str = ""
-    """Which rcmservo has written it; empty where it does not tell."""
+    """Version of rcmservo that wrote the stage; empty if unknown."""
     source: str = ""
-    """Hash of the file of a user's own estimator; empty for ours."""
+    """Hash of the source file of a user-defined estimator; empty for a built-in one."""
 
 
 def stage_of(table: object, first: int, number: int) -> Stage:
-    """The stage in a JSON object, the `number`-th of its record; BadInput where that is no
-    stage."""
-    told = decode(StageTable, table, "stage")
-    last = number - 1
-    require(ELSEWHERE <= told.origin <= last, "stage.origin", told.origin, "an earlier stage")
-    follows = not told.mid_run or told.origin == last >= 0
-    require(follows, "stage.origin", told.origin, "the stage before, as it goes on in mid-run")
-    by = told.version, told.source
-    return Stage(first, told.servo, _shown(told.target), told.origin, told.mid_run, *by)
+    """Return the stage in a JSON object, number `number` of its record.
+
+    Raises
+    ------
+    BadInput
+        If the object is no stage.
+    """
+    decoded = decode(StageTable, table, "stage")
+    last, origin = number - 1, decoded.origin
+    require(UNRECORDED_ORIGIN <= origin <= last, "stage.origin", origin, "an earlier stage")
+    is_consistent = not decoded.mid_run or origin == last >= 0
+    require(is_consistent, "stage.origin", origin, "the previous stage, whose run it continues")
+    target, written_by = _target(decoded.target), (decoded.version, decoded.source)
+    return Stage(first, decoded.servo, target, origin, decoded.mid_run, *written_by)
 
 
-def _shown(told: TargetTable) -> Target:
-    """The target that a table tells."""
-    radii = np.array(told.sizes, dtype=np.float64)
-    return Target(np.array(told.points), np.array(told.q), told.shown, radii)
+def _target(decoded: TargetTable) -> Target:
+    radii = np.array(decoded.sizes, dtype=np.float64)
+    return Target(np.array(decoded.points), np.array(decoded.q), decoded.shown, radii)

@@ -1,19 +1,18 @@
-"""Writing a run while it happens: an MCAP file of ROS 2 messages, under CRTK's topic names where
-CRTK has one.
+"""Recorder of a run: an MCAP file of ROS 2 messages, under CRTK's topic names where CRTK has them.
 
     rcmservo/about        std_msgs/String             settings, seed and versions, as JSON
-    rcmservo/stage        std_msgs/String             a stage begins: its servo and target, as JSON
-    rcmservo/memory       rcmservo_msgs/Memory        what a user's own estimator remembers
-    rcmservo/tick         rcmservo_msgs/Tick          all that the servo saw, knew and decided
-    rcmservo/truth        rcmservo_msgs/Truth         simulation only: what the servo must not know
-    measured_js           sensor_msgs/JointState      the joints as measured (rad and m, SI)
-    servo_jv              sensor_msgs/JointState      the joints as commanded (SI)
-    operating_state       crtk_msgs/OperatingState    whenever it changes: phase, cause, way out
-    image_raw/compressed  sensor_msgs/CompressedImage the frames, if wanted
+    rcmservo/stage        std_msgs/String             servo and target of a new stage, as JSON
+    rcmservo/memory       rcmservo_msgs/Memory        state of a user-defined estimator
+    rcmservo/tick         rcmservo_msgs/Tick          observation, estimate and decision of a tick
+    rcmservo/truth        rcmservo_msgs/Truth         simulation only: hidden from the servo
+    measured_js           sensor_msgs/JointState      measured joints (rad and m, SI)
+    servo_jv              sensor_msgs/JointState      commanded joint rates (SI)
+    operating_state       crtk_msgs/OperatingState    at each change: phase, cause, recovery
+    image_raw/compressed  sensor_msgs/CompressedImage frames, if requested
 
-Messages are logged at the time since the start, ns; their stamps are moments on the plant's clock.
-Chunks are small, so that a process that is killed loses little. A record that cannot be written any
-more never stops what is recorded: it says so, and what it has written stays readable.
+Log times are ns since the start of the record; stamps are times on the plant's clock. Chunks are
+small, so that a killed process loses little. A recorder that can no longer write does not stop the
+run: it reports the failure, and the file stays readable.
 """
 
 import json
@@ -32,22 +31,22 @@ from rcmservo.interfaces import Floats, Frame, Target
 from rcmservo.loop.tick import Tick
 from rcmservo.record import memory
 from rcmservo.record import ros2_messages as ros2
-from rcmservo.record.mcap_recovery import MAX_RECORD
+from rcmservo.record.mcap_recovery import MAX_RECORD_BYTES
 from rcmservo.record.ros2_bag import write_metadata
-from rcmservo.record.stage import ELSEWHERE, NOTHING, text_of
+from rcmservo.record.stage import NO_ORIGIN, UNRECORDED_ORIGIN, stage_text
 from rcmservo.servo.servo import Servo, State
 from rcmservo.tracking import encode_image
 
-CHUNK = 8 * 1024
-"""Bytes from which on a chunk is written: seven ticks."""
+CHUNK_BYTES = 8 * 1024
+"""Size from which on a chunk is written: seven ticks."""
 
-WAITING = 1000
-FRAMES_WAITING = 60
-"""Messages, and frames among them, that may wait for the disk while the loop goes on."""
+MAX_QUEUED_MESSAGES = 1000
+MAX_QUEUED_FRAMES = 60
+"""Largest numbers of messages, and of frames among them, that wait for the disk during a run."""
 
 
 class RawFile(Protocol):
-    """An unbuffered file."""
+    """Unbuffered file."""
 
     def write(self, data: memoryview, /) -> int | None: ...
 
@@ -55,39 +54,51 @@ class RawFile(Protocol):
 
 
 def created(path: Path) -> RawFile:
-    """A new file; one that is there already is not touched."""
+    """Open a new file; raise ``FileExistsError`` if it exists."""
     return path.open("xb", buffering=0)
 
 
-class _Disk:
-    """What the MCAP writer writes to: everything is the system's at once, and a short write is an
-    error."""
+class _UnbufferedStream:
+    """Stream of the MCAP writer that passes all bytes to the system at once."""
 
     def __init__(self, file: RawFile) -> None:
-        self._file, self._place = file, 0
+        self._file, self._position = file, 0
 
     def write(self, data: bytes) -> None:
-        rest = memoryview(data)
-        while rest:
-            count = self._file.write(rest)
+        remaining = memoryview(data)
+        while remaining:
+            count = self._file.write(remaining)
             if not count:
                 raise OSError(None, "nothing more can be written")
-            self._place += count
-            rest = rest[count:]
+            self._position += count
+            remaining = remaining[count:]
 
     def tell(self) -> int:
-        return self._place
+        return self._position
 
     def flush(self) -> None:
-        """Nothing waits."""
+        """Do nothing: there is no buffer."""
 
 
 class Recorder:
-    """Writes a run to a new file; use it as a context, so that the file is ended however the run
-    ends.
+    """Recorder of a run into a new file, as a context manager that closes the file.
 
-    ``failed`` says why the record can no longer be written, empty while it can; the rest of what is
-    asked for is then left out without an error. ``open_file`` opens the file.
+    ``failed`` holds the reason if the record can no longer be written, else an empty string. After
+    a failure all calls do nothing.
+
+    Parameters
+    ----------
+    path : Path
+        New file.
+    about : dict
+        Settings, seed and versions of the run, for JSON.
+    open_file : callable, optional
+        Function that opens the file.
+
+    Raises
+    ------
+    UnusableFile
+        If the file exists or cannot be created.
     """
 
     def __init__(
@@ -101,8 +112,8 @@ class Recorder:
             raise UnusableFile(path, f"cannot be written: {error.strerror}") from error
         from mcap.writer import Writer
 
-        # its parameter is annotated as a file object, of which it uses write, tell and flush
-        self._writer = Writer(_Disk(self._file), chunk_size=CHUNK)  # pyright: ignore[reportArgumentType]
+        # the parameter is annotated as a file object; the writer needs only the methods above
+        self._writer = Writer(_UnbufferedStream(self._file), chunk_size=CHUNK_BYTES)  # pyright: ignore[reportArgumentType]
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._counts: Counter[str] = Counter()
@@ -111,7 +122,7 @@ class Recorder:
         self._last: Tick | None = None
         self._time, self._now, self._shift = 0, 0, 0
         self._closed = False
-        self._try(self._start, text)
+        self._attempt(self._start, text)
 
     def _start(self, about: str) -> None:
         self._writer.start(profile="ros2")
@@ -119,77 +130,93 @@ class Recorder:
         self._writer.flush()
 
     def recorded(self) -> bool:
-        """Whether everything so far was written."""
+        """Report whether everything so far has been written."""
         return not self.failed
 
     def begin(self, servo: Servo, target: Target, state: State | None = None) -> None:
-        """A run begins, with what it is given: a servo, a target, and the state that it goes on
-        from, if any."""
-        warm(servo)
-        self._try(self._begin, servo, target, state)
+        """Begin a run.
+
+        Parameters
+        ----------
+        servo : Servo
+            Servo of the run.
+        target : Target
+            Target of the run.
+        state : State, optional
+            State that the run continues from.
+        """
+        warm_up(servo)
+        self._attempt(self._begin, servo, target, state)
 
     def _begin(self, servo: Servo, target: Target, state: State | None) -> None:
         if self._servo is not None:
             self._ends.append(None if self._last is None else self._last.state)
         self._servo, self._last = servo, None
         self._joints = servo.mechanism.joint_names
-        origin = NOTHING if state is None else self._origin(state)
-        self._stage(text_of(servo, target, origin, mid_run=False))
+        origin = NO_ORIGIN if state is None else self._origin(state)
+        self._send_stage(stage_text(servo, target, origin, mid_run=False))
 
-    def _change(self, before: Tick, target: Target, tick: Tick) -> None:
-        """A stage begins in mid-run: another servo or target from this tick on."""
-        self._ends.append(before.state)
-        self._stage(text_of(tick.servo, target, len(self._ends) - 1, mid_run=True))
+    def _begin_changed_stage(self, previous: Tick, target: Target, tick: Tick) -> None:
+        """Begin a stage during a run: from this tick on servo or target differ."""
+        self._ends.append(previous.state)
+        self._send_stage(stage_text(tick.servo, target, len(self._ends) - 1, mid_run=True))
 
-    def _stage(self, text: str) -> None:
+    def _send_stage(self, text: str) -> None:
         self._send("rcmservo/stage", ros2.encode_text(text))
         self._writer.flush()
 
     def _origin(self, state: State) -> int:
-        return next((i for i, end in enumerate(self._ends) if end is state), ELSEWHERE)
+        return next((i for i, end in enumerate(self._ends) if end is state), UNRECORDED_ORIGIN)
 
     def write(self, tick: Tick) -> None:
-        """Add one tick of the loop. Another servo or target than at the tick before begins a stage
-        in mid-run. Where ticks' times begin anew in a stage, the record's go on."""
-        self._try(self._write, tick)
+        """Add a tick.
+
+        A tick with another servo or target than the previous one begins a new stage. If the times
+        of a stage restart, the times of the record continue.
+        """
+        self._attempt(self._write, tick)
 
     def _write(self, tick: Tick) -> None:
         if self._servo is None:
-            raise RcmServoError("a record's first stage must begin before its first tick")
-        seen, state = tick.seen, tick.state
+            raise RcmServoError("the record has no stage: call begin before write")
+        observation, state = tick.seen, tick.state
         if tick.time + self._shift < self._time:
-            self._shift = self._time + max(seen.now - self._now, 0) - tick.time
-        before, target = self._last, state.target
-        self._time, self._now, self._last = tick.time + self._shift, seen.now, tick
-        if before is not None and target is not None and _changed(before, tick):
-            self._change(before, target, tick)
-        if before is None or before.state.mode.words != state.mode.words:
-            self._send("operating_state", ros2.encode_operating_state(seen.now, state.mode))
-        kept = memory.numbers_of(tick)
-        if kept is not None:
-            self._send(memory.TOPIC, ros2.encode_memory(seen.now, kept))
+            self._shift = self._time + max(observation.now - self._now, 0) - tick.time
+        previous, target = self._last, state.target
+        self._time, self._now, self._last = tick.time + self._shift, observation.now, tick
+        if previous is not None and target is not None and _has_changed(previous, tick):
+            self._begin_changed_stage(previous, target, tick)
+        if previous is None or previous.state.mode.words != state.mode.words:
+            self._send("operating_state", ros2.encode_operating_state(observation.now, state.mode))
+        numbers = memory.numbers_of(tick)
+        if numbers is not None:
+            self._send(memory.TOPIC, ros2.encode_memory(observation.now, numbers))
         self._send("rcmservo/tick", ros2.encode_tick(tick))
-        self._send("measured_js", ros2.encode_positions(self._joints, seen.q_time, seen.q))
+        positions = ros2.encode_positions(self._joints, observation.q_time, observation.q)
+        self._send("measured_js", positions)
         command = state.command
         self._send("servo_jv", ros2.encode_rates(self._joints, command.time, command.rates))
 
     def write_truth(self, p1: Floats, p2: Floats, jacobian_error: float) -> None:
-        """Add what a simulation knows at the tick just written: the markers (3,) mm, the scaled
-        relative error of Ĵ."""
-        self._try(self._write_truth, p1, p2, jacobian_error)
+        """Add the simulation's truth for the last tick.
+
+        `p1` and `p2` are the markers (3,) in mm; `jacobian_error` is the scaled relative error of
+        Ĵ.
+        """
+        self._attempt(self._write_truth, p1, p2, jacobian_error)
 
     def _write_truth(self, p1: Floats, p2: Floats, jacobian_error: float) -> None:
         self._send("rcmservo/truth", ros2.encode_truth(self._now, p1, p2, jacobian_error))
 
     def write_frame(self, frame: Frame) -> None:
-        """Add a picture, as a JPEG file. Its stamp is the exposure."""
-        self._try(self._write_frame, frame)
+        """Add the image of a frame as a JPEG file; its stamp is the exposure."""
+        self._attempt(self._write_frame, frame)
 
     def _write_frame(self, frame: Frame) -> None:
         if frame.image is None:
             return
         data = ros2.encode_picture(frame.exposure, encode_image(frame.image))
-        if len(data) > MAX_RECORD // 2:
+        if len(data) > MAX_RECORD_BYTES // 2:
             raise RcmServoError("a frame is too large for a record")
         self._send("image_raw/compressed", data)
 
@@ -208,34 +235,33 @@ class Recorder:
             self._schemas[name] = self._writer.register_schema(name, "ros2msg", definition)
         return self._schemas[name]
 
-    def _try(self, act: Callable[..., None], *given: Any) -> None:
-        """Do it, unless the record has failed; if it fails now, say so and go on."""
+    def _attempt(self, action: Callable[..., None], *arguments: Any) -> None:
+        """Run an action unless the record has failed; store a failure as the reason."""
         if self.failed:
             return
         try:
-            act(*given)
+            action(*arguments)
         except OSError as error:
             self.failed = f"{self.path}: cannot be written: {error.strerror}"
         except RcmServoError as error:
             self.give_up(str(error))
 
-    def give_up(self, why: str) -> None:
-        """Write what waits, and nothing more: the record has failed."""
-        self._try(self._writer.flush)
-        self.failed = self.failed or why
+    def give_up(self, reason: str) -> None:
+        """Write the buffered messages and mark the record as failed."""
+        self._attempt(self._writer.flush)
+        self.failed = self.failed or reason
 
     def close(self) -> None:
-        """End the file, and make its folder a ROS 2 bag. Closed is closed: once more does
-        nothing."""
+        """Close the file and make its folder a ROS 2 bag. Further calls do nothing."""
         if self._closed:
             return
         self._closed = True
-        self._try(self._writer.finish)
+        self._attempt(self._writer.finish)
         try:
             self._file.close()
         except OSError as error:
             self.failed = self.failed or f"{self.path}: cannot be written: {error.strerror}"
-        self._try(write_metadata, self.path, self._counts, self._time)
+        self._attempt(write_metadata, self.path, self._counts, self._time)
 
     def __enter__(self) -> "Recorder":
         return self
@@ -249,84 +275,87 @@ class Recorder:
         self.close()
 
 
-def _changed(before: Tick, tick: Tick) -> bool:
-    """Whether a person changed settings or target between two ticks of a run."""
-    return tick.servo is not before.servo or tick.state.target is not before.state.target
+def _has_changed(previous: Tick, tick: Tick) -> bool:
+    """Report whether servo or target changed between two ticks of a run."""
+    return tick.servo is not previous.servo or tick.state.target is not previous.state.target
 
 
-def warm(servo: Servo) -> None:
-    """Compile what writing a tick calls."""
+def warm_up(servo: Servo) -> None:
+    """Compile the functions that write a tick."""
     ros2.codec().warm_up()
     servo.learner.predict(servo.learner.init(), servo.tool, np.zeros(3))
 
 
 class ThreadedRecorder:
-    """A recorder that writes in a thread of its own: it takes what it is given at once, and never
-    waits for the disk.
+    """Recorder that writes in its own thread, so that the loop never waits for the disk.
 
-    Where the disk falls too far behind, the record has failed, as it has where it cannot be
-    written.
+    The record fails if the disk falls too far behind or cannot be written.
+
+    Parameters
+    ----------
+    recorder : Recorder
+        Recorder that the thread uses.
     """
 
     def __init__(self, recorder: Recorder) -> None:
         self.failed = recorder.failed
         self._recorder = recorder
         self._queue: SimpleQueue[tuple[Callable[..., None], tuple[Any, ...]] | None] = SimpleQueue()
-        self._frames_given, self._frames_done = 0, 0
-        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
+        self._frames_queued, self._frames_written = 0, 0
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
     def recorded(self) -> bool:
-        """Whether everything so far was written or waits its turn."""
+        """Report whether everything so far has been written or is queued."""
         return not self.failed
 
     def begin(self, servo: Servo, target: Target, state: State | None = None) -> None:
-        """A run begins; see Recorder."""
-        warm(servo)
-        self._give(self._recorder.begin, servo, target, state)
+        """Begin a run; see `Recorder.begin`."""
+        warm_up(servo)
+        self._enqueue(self._recorder.begin, servo, target, state)
 
     def write(self, tick: Tick) -> None:
-        """Add one tick of the loop."""
-        self._give(self._recorder.write, tick)
+        """Add a tick; see `Recorder.write`."""
+        self._enqueue(self._recorder.write, tick)
 
     def write_truth(self, p1: Floats, p2: Floats, jacobian_error: float) -> None:
-        """Add what a simulation knows at the tick just written."""
-        self._give(self._recorder.write_truth, p1, p2, jacobian_error)
+        """Add the simulation's truth for the last tick."""
+        self._enqueue(self._recorder.write_truth, p1, p2, jacobian_error)
 
     def write_frame(self, frame: Frame) -> None:
-        """Add a picture, which must not change any more."""
-        if self._frames_given - self._frames_done >= FRAMES_WAITING:
-            self._behind()
+        """Add the image of a frame, which must not change afterwards."""
+        if self._frames_queued - self._frames_written >= MAX_QUEUED_FRAMES:
+            self._report_overflow()
         elif not self.failed:
-            self._frames_given += 1
-            self._give(self._write_frame, frame)
+            self._frames_queued += 1
+            self._enqueue(self._write_frame, frame)
 
     def _write_frame(self, frame: Frame) -> None:
         self._recorder.write_frame(frame)
-        self._frames_done += 1
+        self._frames_written += 1
 
-    def _give(self, act: Callable[..., None], *given: Any) -> None:
+    def _enqueue(self, action: Callable[..., None], *arguments: Any) -> None:
         if self.failed:
             return
-        if self._queue.qsize() >= WAITING:
-            self._behind()
+        if self._queue.qsize() >= MAX_QUEUED_MESSAGES:
+            self._report_overflow()
         else:
-            self._queue.put((act, given))
+            self._queue.put((action, arguments))
 
-    def _behind(self) -> None:
+    def _report_overflow(self) -> None:
         self.failed = self.failed or f"{self._recorder.path}: the disk is too slow for the record"
 
-    def _work(self) -> None:
+    def _run(self) -> None:
         while (job := self._queue.get()) is not None:
-            act, given = job
+            action, arguments = job
             try:
-                act(*given)
-            except Exception as error:  # whatever it is, the loop goes on and a person is told
+                action(*arguments)
+            except Exception as error:  # the run continues, and the operator sees the failure
                 self._recorder.give_up(f"{self._recorder.path}: {error!r}")
             self.failed = self.failed or self._recorder.failed
 
     def close(self) -> None:
-        """Wait until all is written, and end the file."""
+        """Write all queued messages and close the file."""
         self._queue.put(None)
         self._thread.join()
         if self.failed:
