@@ -200,7 +200,7 @@ def test_an_offset_of_the_cameras_clock_shifts_both_stamps(s: float) -> None:
 
 def images(text: str, *moments: float) -> tuple[Rig, list[Frame]]:
     """Return images at so many s after the start, of a tool that stands still."""
-    rig = Rig(2, images=True, disturbances=[Disturbance.parse(text)])
+    rig = Rig(2, pictures=True, disturbances=[Disturbance.parse(text)])
     rig.begin()
     began, frames = rig.clock.now(), list[Frame]()
     for moment in moments:

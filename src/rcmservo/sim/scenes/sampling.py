@@ -93,13 +93,13 @@ def sample_relocated_scene(sampler: SceneSampler, scene: Scene) -> Scene:
             continue
         new, tissue = camera
         optics = replace(scene.optics, rotation=new.rotation, position=new.position)
-        if _is_relocated(sampler, scene, optics):
+        if _is_valid_relocation(sampler, scene, optics):
             return replace(scene, optics=optics, tissue=tissue, rejected=rejected)
     raise NoScene(f"no other camera pose in {MAX_DRAWS} draws has both markers in view")
 
 
-def _is_relocated(sampler: SceneSampler, scene: Scene, optics: Optics) -> bool:
-    """Return True if the scene is feasible with this camera, which sees the tool rotated."""
+def _is_valid_relocation(sampler: SceneSampler, scene: Scene, optics: Optics) -> bool:
+    """Return True if the scene is feasible with this camera and the tool appears rotated."""
     s_before, s_after = (
         _imaged_tool_angle(sampler.body, camera, scene.start) for camera in (scene.optics, optics)
     )
