@@ -240,7 +240,7 @@ def test_given_noise_is_that_of_each_frame_whichever_of_them_are_taken() -> None
         np.testing.assert_allclose(frame.points - quiet.points, added, atol=1e-9)
     assert new == 10
     rig.clock.wait_until(rig.clock.now() + 20_000_000)
-    with pytest.raises(BadInput, match="noise must be that of at least 11 frames"):
+    with pytest.raises(BadInput, match="noise must be of at least 11 frames"):
         rig.camera.latest()
 
 
