@@ -283,7 +283,7 @@ def test_a_folder_without_frames_is_refused(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.rmtree(recording / "frames")
-    refused(["replay", str(recording)], capsys, "no frames")
+    refused(["replay", str(recording)], capsys, "holds no images")
     for name in ("nowhere", "nofile.mcap"):
         refused(["replay", str(recording / name)], capsys, f"{name}: does not exist")
 

@@ -27,13 +27,13 @@ from rcmservo.guard.watchdog import PATIENCE
 from rcmservo.interfaces import Command, Frame
 from rcmservo.live.arm_link import (
     MARK,
-    Action,
+    ArmAction,
+    ArmRequest,
     ArmState,
     Done,
     NoAnswer,
     RemoteArm,
-    Request,
-    Setpoint,
+    SessionCommand,
     arm_socket_path,
     decode,
     encode,
@@ -64,8 +64,10 @@ whole = st.integers(-(2**63), 2**63 - 1)
 session = st.integers(0, 2**64 - 1)
 three = st.lists(st.floats(), min_size=3, max_size=3).map(np.array)
 messages = st.one_of(
-    st.builds(Setpoint, session, st.builds(Command, whole, whole, whole, three, st.booleans())),
-    st.builds(Request, whole, session, st.sampled_from(Action)),
+    st.builds(
+        SessionCommand, session, st.builds(Command, whole, whole, whole, three, st.booleans())
+    ),
+    st.builds(ArmRequest, whole, session, st.sampled_from(ArmAction)),
     st.builds(ArmState, session, whole, three, st.booleans(), three, whole),
     st.builds(Done, whole),
 )
@@ -173,10 +175,10 @@ class Lone:
         self.turn(wait)
 
     def enable(self, session=7):
-        self.send(Request(self.now, session, Action.ENABLE))
+        self.send(ArmRequest(self.now, session, ArmAction.ENABLE))
 
     def command(self, number, rates=(0.1, 0.0, 0.0), session=7, enabled=True):
-        return Setpoint(
+        return SessionCommand(
             session, Command(number, self.now, self.now + PATIENCE, np.array(rates), enabled)
         )
 
@@ -213,9 +215,9 @@ def test_the_arm_follows_valid_commands_of_the_session_that_switched_it_on(lone)
 junk = st.lists(
     st.one_of(
         st.binary(max_size=100),
-        messages.filter(lambda m: not (isinstance(m, Setpoint) and not m.command.enabled)).map(
-            encode
-        ),
+        messages.filter(
+            lambda m: not (isinstance(m, SessionCommand) and not m.command.enabled)
+        ).map(encode),
     ),
     max_size=6,
 )
@@ -245,17 +247,17 @@ def test_whatever_else_arrives_the_drive_is_off_one_patience_after_the_last_vali
 
 
 def test_what_a_person_asked_for_once_is_not_done_again_when_the_datagram_comes_again(lone):
-    ask = encode(Request(lone.now, 7, Action.ENABLE))
+    ask = encode(ArmRequest(lone.now, 7, ArmAction.ENABLE))
     lone.send(ask)
     assert lone.on
     lone.turn(PATIENCE + 2 * MS)
     assert not lone.on
     lone.send(ask)
     assert not lone.on
-    lone.send(Request(lone.now + 1, 7, Action.ENABLE))
-    lone.send(Request(lone.now - 2_000 * MS, 7, Action.ENABLE))
+    lone.send(ArmRequest(lone.now + 1, 7, ArmAction.ENABLE))
+    lone.send(ArmRequest(lone.now - 2_000 * MS, 7, ArmAction.ENABLE))
     assert not lone.on
-    lone.send(Request(lone.now, 7, Action.ENABLE))
+    lone.send(ArmRequest(lone.now, 7, ArmAction.ENABLE))
     assert lone.on
 
 
@@ -342,12 +344,12 @@ def served(tmp_path):
 def test_a_remote_arm_tells_its_joints_and_is_on_for_the_one_who_enabled_it_alone(served):
     with closing(RemoteArm(served)) as one, closing(RemoteArm(served)) as other:
         assert not one.measure().enabled
-        one.ask(Action.HOLD_AT_TARGET)
+        one.ask(ArmAction.HOLD_AT_TARGET)
         shown = one.measure().q
-        one.ask(Action.RETURN_TO_START)
+        one.ask(ArmAction.RETURN_TO_START)
         assert not np.allclose(one.measure().q, shown)
         one.enable()
-        other.ask(Action.REPORT)
+        other.ask(ArmAction.REPORT)
         assert not other.measure().enabled
         assert not other.apply(Command(1, 0, 0, np.ones(3), True)).any()
     assert [path.name for path in served.iterdir()] == ["arm"]

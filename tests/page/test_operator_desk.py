@@ -11,11 +11,10 @@ from conftest import Laboratory, laboratory
 from rcmservo.guard.states import SLOW_SHARE
 from rcmservo.loop.operator import Want, same
 from rcmservo.page.control import Control
-from rcmservo.page.desk import Desk
+from rcmservo.page.desk import DUE, SLOTS, Desk
 from rcmservo.page.hand import Hand
 from rcmservo.page.operator import GONE, LET_GO, PageOperator
 from rcmservo.page.settings import Chosen
-from rcmservo.page.tick_ring import DUE, SLOTS
 from rcmservo.page.wants import Aim, Beat, Go, Held, Led, Note, Released, Taught, TeachAs, Teaching
 from rcmservo.page.web.page_process import changing_hands, done
 from rcmservo.record.ros2_messages import encode_tick

@@ -1,6 +1,6 @@
 """Datagrams between a servo and an arm in another process.
 
-    servo ─► arm   SETPOINT  session, number, time, deadline, rates, enabled
+    servo ─► arm   COMMAND  session, number, time, deadline, rates, enabled
                    REQUEST   number, session, action
     arm ─► servo   STATE     session, time, q, enabled, applied rates, number of the newest command
                    DONE      number of the completed request
@@ -47,8 +47,8 @@ class NoAnswer(RcmServoError):
     """Report an arm that does not answer."""
 
 
-class Action(IntEnum):
-    """Action that a servo requests of the arm: report the state, enable the drive, hold the tool
+class ArmAction(IntEnum):
+    """ArmAction that a servo requests of the arm: report the state, enable the drive, hold the tool
     at the target, return to the start."""
 
     REPORT = 0
@@ -57,7 +57,7 @@ class Action(IntEnum):
     RETURN_TO_START = 3
 
 
-class Setpoint(NamedTuple):
+class SessionCommand(NamedTuple):
     """Command on its way to the arm."""
 
     session: int
@@ -67,15 +67,15 @@ class Setpoint(NamedTuple):
     session that does not control it."""
 
 
-class Request(NamedTuple):
-    """Request of an action."""
+class ArmRequest(NamedTuple):
+    """ArmRequest of an action."""
 
     number: int
     """Time of the request in ns, which rises."""
     session: int
     """Session of the servo that requests it. After ENABLE the arm accepts motion from this session
     only."""
-    action: Action
+    action: ArmAction
     """Requested action."""
 
 
@@ -103,9 +103,9 @@ class Done(NamedTuple):
     """Number of the request."""
 
 
-Message = Setpoint | Request | ArmState | Done
+Message = SessionCommand | ArmRequest | ArmState | Done
 
-SETPOINT, REQUEST, STATE, DONE = (
+COMMAND, REQUEST, STATE, DONE = (
     struct.Struct(f"<{form}") for form in ("Qqqq3dB", "qQB", "Qq3dB3dq", "q")
 )
 
@@ -113,12 +113,12 @@ SETPOINT, REQUEST, STATE, DONE = (
 def encode(message: Message) -> bytes:
     """Return a message as one datagram."""
     match message:
-        case Setpoint(session, c):
+        case SessionCommand(session, c):
             kind, body = (
                 1,
-                SETPOINT.pack(session, c.number, c.time, c.deadline, *c.rates.tolist(), c.enabled),
+                COMMAND.pack(session, c.number, c.time, c.deadline, *c.rates.tolist(), c.enabled),
             )
-        case Request():
+        case ArmRequest():
             kind, body = 2, REQUEST.pack(*message)
         case ArmState(session, at, q, enabled, applied, number):
             kind, body = (
@@ -146,11 +146,13 @@ def decode(datagram: bytes) -> Message | None:
 def _message(kind: int, body: bytes) -> Message | None:
     match kind:
         case 1:
-            session, number, at, deadline, *rates, enabled = SETPOINT.unpack(body)
-            return Setpoint(session, Command(number, at, deadline, np.array(rates), bool(enabled)))
+            session, number, at, deadline, *rates, enabled = COMMAND.unpack(body)
+            return SessionCommand(
+                session, Command(number, at, deadline, np.array(rates), bool(enabled))
+            )
         case 2:
             number, session, action = REQUEST.unpack(body)
-            return Request(number, session, Action(action))
+            return ArmRequest(number, session, ArmAction(action))
         case 3:
             v = STATE.unpack(body)
             return ArmState(v[0], v[1], np.array(v[2:5]), bool(v[5]), np.array(v[6:9]), v[9])
@@ -213,7 +215,7 @@ class RemoteArm:
         self._state: ArmState | None = None
         try:
             self._socket.connect(str(arm_socket_path(folder)))
-            self.request(Action.REPORT)
+            self.request(ArmAction.REPORT)
         except OSError as error:
             self.close()
             raise NoAnswer(f"the arm cannot be reached: {error.strerror}") from error
@@ -228,10 +230,10 @@ class RemoteArm:
     def enable(self) -> None:
         """Enable the drive for this servo only."""
         self._session = secrets.randbits(64)
-        self.request(Action.ENABLE)
+        self.request(ArmAction.ENABLE)
 
-    def request(self, action: Action) -> None:
-        """Request an action and wait until it is completed and a state has arrived.
+    def request(self, action: ArmAction) -> None:
+        """ArmRequest an action and wait until it is completed and a state has arrived.
 
         Raises
         ------
@@ -240,7 +242,7 @@ class RemoteArm:
         """
         self._receive()
         number = time.monotonic_ns()
-        self._send(Request(number, self._session, action))
+        self._send(ArmRequest(number, self._session, action))
         done = False
         while not done or self._state is None:
             left = REQUEST_TIMEOUT_S - (time.monotonic_ns() - number) * 1e-9
@@ -256,7 +258,7 @@ class RemoteArm:
         return Measured(state.time, state.q, state.enabled and state.session == self._session)
 
     def apply(self, command: Command) -> Floats:
-        self._send(Setpoint(self._session, command))
+        self._send(SessionCommand(self._session, command))
         state = self._newest
         return state.applied if state.session == self._session else np.zeros(3)
 
@@ -287,7 +289,7 @@ def teach_and_return(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
     """Teach a target while the arm holds the tool there, then return the tool to the start."""
     arm = plant.arm
     assert isinstance(arm, RemoteArm)
-    arm.request(Action.HOLD_AT_TARGET)
+    arm.request(ArmAction.HOLD_AT_TARGET)
     target = teach(plant, frames)
-    arm.request(Action.RETURN_TO_START)
+    arm.request(ArmAction.RETURN_TO_START)
     return target

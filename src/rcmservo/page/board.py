@@ -12,12 +12,11 @@ from rcmservo.config.texts import Table
 from rcmservo.guard.causes import Cause
 from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats, Target
-from rcmservo.page.desk import Desk
+from rcmservo.page.desk import DUE, Desk
 from rcmservo.page.poses import Poses
 from rcmservo.page.seen.curves import Curves
 from rcmservo.page.seen.shape import Shape
 from rcmservo.page.settings import standing
-from rcmservo.page.tick_ring import DUE
 from rcmservo.page.tour import BY_ITSELF, HowFar
 from rcmservo.page.wants import Aim, Between, InForce, Note, OnTour, Said, Taught, Teaching
 from rcmservo.page.ways import allowed, ways

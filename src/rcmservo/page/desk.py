@@ -7,15 +7,36 @@ page ─ wants, hand ─► servo process       page, STOP ─ bell ─► super
 
 import pickle
 import socket
+import struct
 from collections.abc import Iterator
 from multiprocessing.context import BaseContext
 from typing import Any
 
+from rcmservo.live.shared_ring import SharedRing
+from rcmservo.loop.tick import Tick
 from rcmservo.page.hand import Hand
-from rcmservo.page.tick_ring import TickRing
+from rcmservo.record.ros2_messages import encode_tick
+
+SLOTS = 512
+"""Number of ticks that the ring holds."""
+MAX_TICK_BYTES = 4096
+"""Largest tick in bytes."""
+DUE = struct.Struct("<q")
+"""Time in ns from the start of the loop at which a tick was due, at the end of its bytes."""
 
 LARGEST = 1 << 16
 """Bytes of a message."""
+
+
+class TickRing(SharedRing):
+    """Newest ticks of a loop, each as a record holds it, followed by the time at which it was due."""
+
+    def __init__(self, context: BaseContext) -> None:
+        super().__init__(context, SLOTS, MAX_TICK_BYTES)
+
+    def add(self, tick: Tick) -> None:
+        """Add a tick as the newest."""
+        self.put(encode_tick(tick), DUE.pack(tick.time))
 
 
 class Post:

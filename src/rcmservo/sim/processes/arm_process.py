@@ -17,12 +17,12 @@ from typing import Any
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Command
 from rcmservo.live.arm_link import (
-    Action,
+    ArmAction,
+    ArmRequest,
     ArmState,
     Done,
     Message,
-    Request,
-    Setpoint,
+    SessionCommand,
     arm_socket_path,
     encode,
     open_socket,
@@ -116,10 +116,10 @@ class ArmDevice:
 
     def _receive(self, message: Message, sender: str, now: int) -> None:
         match message:
-            case Setpoint(session, command):
+            case SessionCommand(session, command):
                 if session == self.session or not command.enabled:
                     self._apply_command(command, now)
-            case Request(number, session, request):
+            case ArmRequest(number, session, request):
                 if not (self._last_request < number <= now and now - number <= REQUEST_LIFETIME_NS):
                     return
                 self._last_request = number
@@ -132,16 +132,16 @@ class ArmDevice:
         self.advance(min(command.time, now))
         self.front.apply(command)
 
-    def _carry_out(self, request: Action, session: int, now: int) -> int:
+    def _carry_out(self, request: ArmAction, session: int, now: int) -> int:
         """Carry out an operator's request; return the time (ns) at which it is done."""
         self.advance(now)
-        if request is Action.ENABLE:
+        if request is ArmAction.ENABLE:
             self.off()
             self.session = session
             self.front.enable()
-        elif request in (Action.HOLD_AT_TARGET, Action.RETURN_TO_START):
+        elif request in (ArmAction.HOLD_AT_TARGET, ArmAction.RETURN_TO_START):
             scene = self.rig.scene
-            self.arm.place(scene.target if request is Action.HOLD_AT_TARGET else scene.start)
+            self.arm.place(scene.target if request is ArmAction.HOLD_AT_TARGET else scene.start)
             return now + SETTLE_TIME_NS
         return now
 
