@@ -1,6 +1,6 @@
 """Datagrams between a servo and an arm in another process.
 
-    servo ─► arm   COMMAND  session, number, time, deadline, rates, enabled
+    servo ─► arm   COMMAND   session, number, time, deadline, rates, enabled
                    REQUEST   number, session, action
     arm ─► servo   STATE     session, time, q, enabled, applied rates, number of the newest command
                    DONE      number of the completed request

@@ -29,7 +29,7 @@ LARGEST = 1 << 16
 
 
 class TickRing(SharedRing):
-    """Newest ticks of a loop, each as a record holds it, followed by the time at which it was due."""
+    """Newest ticks of a loop, each as a record holds it and followed by the time it was due."""
 
     def __init__(self, context: BaseContext) -> None:
         super().__init__(context, SLOTS, MAX_TICK_BYTES)
