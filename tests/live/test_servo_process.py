@@ -18,6 +18,7 @@ from rcmservo.errors import RcmServoError
 from rcmservo.live import servo_process
 from rcmservo.live.servo_process import ENABLING, STANDING, Session
 from rcmservo.live.supervisor import SILENT, Watchman, left_to_its_watchdog, supervise
+from rcmservo.live.told_to_end import ORDERLY
 from rcmservo.loop.plant import Plant
 from rcmservo.record.reader import read
 from rcmservo.record.writer import Recorder
@@ -88,9 +89,10 @@ def serve(tmp_path: Path) -> Iterator[Any]:
             said = ours.recv()
         return said
 
-    usual = signal.getsignal(signal.SIGINT)
+    usual = {one: signal.getsignal(one) for one in (signal.SIGINT, *ORDERLY)}
     yield run
-    signal.signal(signal.SIGINT, usual)
+    for one, handler in usual.items():
+        signal.signal(one, handler)
 
 
 @pytest.mark.alone

@@ -1,5 +1,7 @@
 """The compiled twin of the laboratory goes the way of MuJoCo's arm, with the live servo's step."""
 
+import signal
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -127,6 +129,17 @@ def test_a_twin_with_other_drives_goes_another_way() -> None:
     assert np.abs(usual.error - other.error).max() > NEAR
 
 
+@pytest.fixture
+def deaf_to_sigterm() -> Iterator[None]:
+    """A program that handles SIGTERM by itself. What hangs is ended after two minutes."""
+    usual = signal.signal(signal.SIGTERM, lambda number, frame: None)
+    signal.alarm(120)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGTERM, usual)
+
+
+@pytest.mark.usefixtures("deaf_to_sigterm")
 def test_the_same_seed_is_the_same_run_in_whatever_process() -> None:
     study = study_of(RigSettings(), duration=2.0)
     alone, together = [study.run(seed) for seed in (3, 4)], list(study.runs([3, 4]))

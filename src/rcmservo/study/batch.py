@@ -76,7 +76,7 @@ class Study(Checked):
     def runs(self, seeds: Iterable[int]) -> Iterator[StudyRun]:
         """A closed loop of every seed, in their order, on all cores."""
         self.run(0)  # compiled once, not by every process at a time
-        with Pool(initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_IGN)) as pool:
+        with Pool(initializer=_handle_signals) as pool:
             yield from pool.imap(self.run, seeds, chunksize=8)
 
     @property
@@ -120,3 +120,10 @@ class Study(Checked):
             upper=middle + HARD_STOP * half,
             inertia=inertia_of(self.settings.mechanism).rows,
         )
+
+
+def _handle_signals() -> None:
+    """Leave Ctrl-C to the parent of this worker process, and end at SIGTERM: a handler of the
+    parent's, which a fork copies, could ignore it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
