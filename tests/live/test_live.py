@@ -344,12 +344,12 @@ def served(tmp_path):
 def test_a_remote_arm_tells_its_joints_and_is_on_for_the_one_who_enabled_it_alone(served):
     with closing(RemoteArm(served)) as one, closing(RemoteArm(served)) as other:
         assert not one.measure().enabled
-        one.ask(ArmAction.HOLD_AT_TARGET)
+        one.request(ArmAction.HOLD_AT_TARGET)
         shown = one.measure().q
-        one.ask(ArmAction.RETURN_TO_START)
+        one.request(ArmAction.RETURN_TO_START)
         assert not np.allclose(one.measure().q, shown)
         one.enable()
-        other.ask(ArmAction.REPORT)
+        other.request(ArmAction.REPORT)
         assert not other.measure().enabled
         assert not other.apply(Command(1, 0, 0, np.ones(3), True)).any()
     assert [path.name for path in served.iterdir()] == ["arm"]
