@@ -29,7 +29,7 @@ ENDINGS = {
     "is killed": (3.0, "kill:at=1.5", "killed"),
     "is killed at its very end": (5.5, "kill:at=5.45", ""),
     "is recorded in part": (4.0, "disk_full:at=1.5", rs.Cause.NOT_RECORDED.value),
-    "has too little time": (1.01, "", "time ran out during exploration"),
+    "has too little time": (1.01, "", "time ran out before the feature errors had settled"),
 }
 """Length s, what goes wrong, and words of the cause that the metrics tell."""
 
