@@ -1,0 +1,30 @@
+"""The error that the servo predicts for the present joints, against what the next frames show."""
+
+import numpy as np
+
+import rcmservo as rs
+from rcmservo.sim import Rig, RigSettings
+from rcmservo.tracking import PointMarkers
+
+SCALE = np.array([np.deg2rad(10.0), 10.0, 10.0])
+"""Scale of s (rad), r and d (px) in sums of errors."""
+
+
+def test_the_predicted_error_is_nearer_to_the_present_one_than_the_last_measured_error() -> None:
+    """While the tool moves, frames are 20 ms old and more."""
+    rig = Rig(2, RigSettings(point_noise=0.0), pictures=False)
+    plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
+    servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0))
+    rig.show_target()
+    target = rs.teach(plant, 30)
+    rig.go_home()
+    ticks = [t for t in rs.run(plant, servo, target, 3.0) if t.state.phase is rs.Phase.SERVO]
+    measured = {t.seen.exposure: t.state.learnt.estimate.delta for t in ticks}
+    predicted, last = 0.0, 0.0
+    for tick in ticks:
+        nearest = min(measured, key=lambda exposure: abs(exposure - tick.seen.now))
+        if abs(nearest - tick.seen.now) < 2_000_000:
+            present, estimate = measured[nearest], tick.state.learnt.estimate
+            predicted += float(np.linalg.norm((estimate.ahead - present) / SCALE))
+            last += float(np.linalg.norm((estimate.delta - present) / SCALE))
+    assert predicted < 0.3 * last
