@@ -276,6 +276,7 @@ def test_a_record_of_nothing_yet_is_shown_too(
     said = capsys.readouterr().out
     assert "stopped before its first tick" in said
     assert said.endswith(f"\ntimeline.csv in {tmp_path / 'out'}; there was nothing to draw\n")
+    assert "ms between two" not in said
 
 
 def test_what_is_no_record_is_a_sentence_and_leaves_nothing(

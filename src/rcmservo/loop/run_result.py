@@ -78,7 +78,7 @@ class LoopTiming:
     late: int | None = None
     """Ticks that came later than by Thresholds.late_share of a period."""
     longest_ms: float | None = None
-    """Longest time between two ticks."""
+    """Longest time between two ticks; None where there were fewer than two."""
     missed: int | None = None
     """Ticks that the loop was not there to begin."""
     rate_hz: float | None = None

@@ -159,7 +159,7 @@ def _loop_timing(record: Record) -> LoopTiming:
     return LoopTiming(
         ticks=len(record.time),
         late=int((gaps > (1.0 + _late_share(record)) / rate(record)).sum()),
-        longest_ms=1e3 * float(gaps.max(initial=0.0)),
+        longest_ms=1e3 * float(gaps.max()) if len(gaps) else None,
         latency_ms=spread(ticks["latency"][record.new_frames(), 0]),
     )
 
