@@ -35,15 +35,15 @@ from emulated_lab import COUNTS, EmulatedLab, Host
 
 import rcmservo as rs
 from rcmservo.config.rig_file import Lab
-from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats
-from rcmservo.live.child import Child, heard
+from rcmservo.live.child_process import Child, heard
+from rcmservo.live.loop_statistics import Report
 from rcmservo.live.realtime import realtime
-from rcmservo.live.reports import Report
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import ServoProcess
 from rcmservo.loop.run_result import RunResult
-from rcmservo.record.reader import read
+from rcmservo.recording.reader import read
+from rcmservo.safety.state_machine import Phase
 
 BOUND = 100.0
 """ms from the moment at which it happens until the axes stand still and the motors are off."""

@@ -19,13 +19,13 @@ from multiprocessing.connection import Connection
 
 import numpy as np
 
-from rcmservo.app.lab.emulated_arm import send_gige, send_mjpeg
+from rcmservo.cli.lab.emulated_arm import send_gige, send_mjpeg
 from rcmservo.config.rig_file import Lab
 from rcmservo.hardware.cameras.aravis import open_aravis_camera
 from rcmservo.hardware.cameras.opencv import open_opencv_camera
 from rcmservo.hardware.cameras.settings import AravisSettings, OpencvSettings
 from rcmservo.interfaces import Camera, Frame, Image
-from rcmservo.live.child import Child
+from rcmservo.live.child_process import Child
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock, sleep_until

@@ -29,7 +29,7 @@ import numpy as np
 import rcmservo as rs
 from rcmservo.interfaces import Floats
 from rcmservo.loop.plant import NotEnabled
-from rcmservo.record.outcome import TOLERANCE, Judge
+from rcmservo.recording.outcome import TOLERANCE, Judge
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, RigSettings
 from rcmservo.sim.disturbances import KINDS, causes_of, random_disturbances

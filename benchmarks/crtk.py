@@ -20,7 +20,6 @@ import numpy as np
 from crtk_measures import NAME, PATIENCE, RunningDevice, client_arm, killed, streamed
 
 from rcmservo.config.rig_file import default_markers
-from rcmservo.guard.thresholds import Thresholds
 from rcmservo.hardware.cameras.settings import TopicSettings
 from rcmservo.hardware.cameras.topic import open_topic_camera
 from rcmservo.hardware.crtk.arm import CrtkArm
@@ -32,6 +31,7 @@ from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import teach
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.rig import Rig
 from rcmservo.sim.tool_body import Body

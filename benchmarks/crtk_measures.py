@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from rcmservo.geometry.kinematics import SphericalRcm
 from rcmservo.hardware.crtk import messages as m
 from rcmservo.hardware.crtk.arm import CrtkArm
 from rcmservo.hardware.crtk.device import STEP, CrtkDevice
@@ -26,7 +27,6 @@ from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.interfaces import Command, Floats
 from rcmservo.live.realtime import realtime
 from rcmservo.loop.clock import WallClock, ticks
-from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.sim.arm import Drive
 from rcmservo.sim.motor_interface import SimulatedJoints
 from rcmservo.sim.rig import Rig

@@ -27,9 +27,9 @@ from mcap.opcode import Opcode
 
 import rcmservo as rs
 from rcmservo.interfaces import Image
-from rcmservo.record import reader
-from rcmservo.record.mcap_recovery import MAGIC
-from rcmservo.record.writer import Recorder
+from rcmservo.recording import reader
+from rcmservo.recording.mcap_recovery import MAGIC
+from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import PointMarkers
 
 ROOM = 256 * 2**20

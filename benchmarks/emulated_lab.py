@@ -24,7 +24,7 @@ from rcmservo.interfaces import Arm, Camera, Floats, Target
 from rcmservo.live.servo_process import Session
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import teach
-from rcmservo.record.writer import Recorder
+from rcmservo.recording.writer import Recorder
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.rig import Rig
 from rcmservo.sim.tool_body import Body

@@ -24,19 +24,19 @@ import numpy as np
 import tyro
 
 import rcmservo as rs
-from rcmservo.app.servo_options import ServoOptions
-from rcmservo.guard.states import PHASES, Phase
+from rcmservo.cli.servo_options import ServoOptions
 from rcmservo.interfaces import Floats
 from rcmservo.loop.teach import NotShown
 from rcmservo.loop.tick import Tick
+from rcmservo.safety.state_machine import PHASES, Phase
 from rcmservo.sim import Disturbance
 from rcmservo.sim.camera_model import Optics, look_at
 from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.tool_body import Body
 from rcmservo.study import Study, StudyRun
-from rcmservo.study.closed_loop import Goal
-from rcmservo.study.told import statistics
+from rcmservo.study.kernel_engine import Goal
+from rcmservo.study.report import statistics
 
 SHOWN = 300
 """Frames: 5 s."""

@@ -17,10 +17,10 @@ import numpy as np
 from galil_measures import SESSION_STEPS, Emulated, run_with_garbling, run_with_packets
 
 from rcmservo.errors import RcmServoError
+from rcmservo.geometry.kinematics import SphericalRcm
 from rcmservo.hardware.galil.connection import GalilConnection, TcpStream
 from rcmservo.hardware.galil.session import GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.method.kinematics import SphericalRcm
 
 RATE = 500.0
 """Exchanges per second."""

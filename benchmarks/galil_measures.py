@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from rcmservo.errors import RcmServoError
+from rcmservo.geometry.kinematics import JointLimits, SphericalRcm
 from rcmservo.hardware.galil.connection import GalilConnection
 from rcmservo.hardware.galil.driver import GalilArm
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
 from rcmservo.hardware.galil.session import GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.method.kinematics import JointLimits, SphericalRcm
 
 SETTINGS = GalilSettings(address="nowhere", counts=(50000.0, -50000.0, 500.0))
 LIMITS = JointLimits((-1.0, -1.0, 0.0), (1.0, 1.0, 200.0))

@@ -29,7 +29,7 @@ from rcmservo.config.rig_file import Lab
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import ServoProcess, supervise
 from rcmservo.loop.run_result import RunResult
-from rcmservo.record import reader
+from rcmservo.recording import reader
 from rcmservo.sim.processes.lab_processes import Bench
 from rcmservo.sim.processes.motion_log import stopped
 from rcmservo.sim.rig_file import rig_settings

@@ -17,8 +17,8 @@ import numpy as np
 
 import rcmservo as rs
 from rcmservo.config.rig_file import default_markers
-from rcmservo.guard.plausible import lost
 from rcmservo.interfaces import Floats
+from rcmservo.safety.innovation import lost
 from rcmservo.sim import Disturbance
 from rcmservo.sim.scripted_operator import ScriptedPerson, attended
 from rcmservo.tracking import ColourMarkers

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.config.rig_file import Lab, load_lab
+from rcmservo.estimation.affine import AffineEstimator
+from rcmservo.estimation.base import Sample
+from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats, Frame, Markers
-from rcmservo.method.estimators.affine import AffineEstimator
-from rcmservo.method.estimators.base import Sample
-from rcmservo.method.tool import Tool
-from rcmservo.offline.frames_folder import frames, load
+from rcmservo.recording.foreign.frame_folder import frames, load
 from rcmservo.tracking import ColourMarkers
 from rcmservo.tracking.circle_fit import find_colour_centroid, fit_outline
 from rcmservo.tracking.colours import COLOURS, colour_response

@@ -25,14 +25,14 @@ from typing import Any
 import numpy as np
 from page_lab import Client, PageLab, awaited, board, machine, page_lab, reached
 
-from rcmservo.guard.states import Request
-from rcmservo.live.child import Child
+from rcmservo.live.child_process import Child
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.operator import Operator, Want
 from rcmservo.loop.run_result import LoopTiming
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
-from rcmservo.page.desk import Desk
+from rcmservo.page.channels import Desk
+from rcmservo.safety.state_machine import Request
 
 BAR = 1.0  # ms
 BEAT = 0.1  # s

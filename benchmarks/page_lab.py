@@ -37,15 +37,15 @@ from playwright.sync_api import TimeoutError as PageTimeout
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
-from rcmservo.app.lab import serve
-from rcmservo.app.lab.serve import Behind, ServeOptions
+from rcmservo.cli.lab import serve
+from rcmservo.cli.lab.serve import Behind, ServeOptions
 from rcmservo.interfaces import Camera, Frame, Image
-from rcmservo.live.child import Child
+from rcmservo.live.child_process import Child
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.loop.clock import sleep_until
 from rcmservo.loop.operator import Operator
-from rcmservo.page.desk import Desk
+from rcmservo.page.channels import Desk
 from rcmservo.sim.processes.lab_processes import Bench
 
 RATE = 60.0  # frames/s that are played

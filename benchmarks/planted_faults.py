@@ -40,17 +40,17 @@ class Fault(NamedTuple):
 FAULTS = (
     Fault(
         "sign of the control law, eq. (31)",
-        "method/controller.py",
+        "control/saturated_controller.py",
         "v = -gain * x, -gain * y, -gain * z",
         "v = gain * x, gain * y, gain * z",
-        "method/test_controller.py",
+        "control/test_controller.py",
     ),
     Fault(
         "slew limit of the gate, twice as wide",
-        "guard/gate.py",
+        "safety/gate.py",
         "step = slew * dt * ROUNDING",
         "step = 2.0 * slew * dt * ROUNDING",
-        "guard/test_gate.py",
+        "safety/test_gate.py",
     ),
     Fault(
         "unit of insertion in CRTK messages, mm instead of m",
@@ -68,10 +68,10 @@ FAULTS = (
     ),
     Fault(
         "watchdog accepts expired commands",
-        "guard/watchdog.py",
+        "safety/watchdog.py",
         "in_time = now <= command.deadline <= now + self.patience",
         "in_time = command.deadline <= now + self.patience",
-        "guard/test_watchdog.py",
+        "safety/test_watchdog.py",
     ),
     Fault(
         "sign of the prediction for the present joints",
@@ -82,10 +82,10 @@ FAULTS = (
     ),
     Fault(
         "derivative of the features of the line through the imaged RCM",
-        "method/features.py",
+        "geometry/features.py",
         "J[2, k] = (1.0 - near) * forward + beside_2 * J[0, k] - J[1, k]",
         "J[2, k] = (1.0 - near) * forward + beside_2 * J[0, k] + J[1, k]",
-        "method/test_derivatives.py servo/test_decisions.py",
+        "geometry/test_derivatives.py servo/test_decisions.py",
     ),
     Fault(
         "marker centre, shifted by 0.3 px",
@@ -96,14 +96,14 @@ FAULTS = (
     ),
     Fault(
         "confidence intervals of 80 instead of 95 %",
-        "study/told/statistics.py",
+        "study/report/statistics.py",
         "SURE = 0.95",
         "SURE = 0.80",
         "study/test_statistics.py",
     ),
     Fault(
         "page answers to websockets of other origins",
-        "page/web/porter.py",
+        "page/web/origin_check.py",
         "if (origins or must_tell) and not (len(origins) == 1 and origins[0] in ours):",
         "if must_tell and not origins:",
         "page/test_doors.py page/test_forged.py",

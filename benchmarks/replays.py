@@ -21,9 +21,9 @@ import numpy as np
 
 import rcmservo as rs
 from rcmservo.interfaces import Clock, Dropped
-from rcmservo.record import reader
-from rcmservo.record.recompute import Rerun, recompute
-from rcmservo.record.writer import Recorder
+from rcmservo.recording import reader
+from rcmservo.recording.replay import Rerun, recompute
+from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import PointMarkers
 
 Change = Callable[[rs.Observation], rs.Observation]

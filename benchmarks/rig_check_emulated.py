@@ -13,19 +13,19 @@ import numpy as np
 from emulated_lab import COUNTS, EmulatedLab, Host
 from rig_check_lab import Mistake, Onlooker
 
-from rcmservo.app.lab.rig_check import trouble
 from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.check import CheckReport, check, warm_up
 from rcmservo.bringup.motion import PATIENCE, Mover
+from rcmservo.cli.lab.rig_check import trouble
 from rcmservo.config.rig_file import Lab
+from rcmservo.geometry.tool import RigidTool
 from rcmservo.hardware.devices import open_arm, open_camera, wiring_of
 from rcmservo.interfaces import Floats, Frame
-from rcmservo.live.lab import LabCamera
+from rcmservo.live.device_protocols import LabCamera
 from rcmservo.live.realtime import realtime
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock
 from rcmservo.loop.run_result import CameraAccount
-from rcmservo.method.tool import RigidTool
 from rcmservo.sim.rig import Rig
 from rcmservo.tracking import ColourMarkers
 

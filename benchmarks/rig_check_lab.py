@@ -12,12 +12,12 @@ from rcmservo.bringup.axis_wiring import Robot, Wiring
 from rcmservo.bringup.check import CheckReport, check
 from rcmservo.bringup.motion import Mover
 from rcmservo.errors import Stopped
-from rcmservo.guard.gate import Gate
-from rcmservo.guard.thresholds import Thresholds
+from rcmservo.geometry.kinematics import Kinematics, PitchYawRcm, SphericalRcm
+from rcmservo.geometry.tool import RigidTool
 from rcmservo.interfaces import Command, Floats, Frame, Measured
 from rcmservo.loop.run_result import CameraAccount
-from rcmservo.method.kinematics import Kinematics, PitchYawRcm, SphericalRcm
-from rcmservo.method.tool import RigidTool
+from rcmservo.safety.gate import Gate
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.tracking import PointMarkers
 

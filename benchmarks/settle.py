@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.app.cli import main as rcmservo
+from rcmservo.cli.cli import main as rcmservo
 
 
 def row(seed: int, estimator: str) -> dict[str, Any]:

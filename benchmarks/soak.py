@@ -23,12 +23,12 @@ import numpy as np
 
 import rcmservo as rs
 from rcmservo.config.rig_file import Lab
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import Mode, ModeStruct, Phase, Signs, transition
-from rcmservo.live.reports import Report
+from rcmservo.live.loop_statistics import Report
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult
-from rcmservo.rows import as_row
+from rcmservo.numerics.structs import as_row
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.state_machine import Mode, ModeStruct, Phase, Signs, transition
 from rcmservo.sim.processes.lab_processes import Bench
 from rcmservo.sim.rig_file import rig_settings
 

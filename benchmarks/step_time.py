@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.app.servo_options import ServoOptions
-from rcmservo.method.estimators.base import Estimator
+from rcmservo.cli.servo_options import ServoOptions
+from rcmservo.estimation.base import Estimator
 from rcmservo.tracking import PointMarkers
 
 SEEDS = range(3)

@@ -22,11 +22,11 @@ import numpy as np
 import tyro
 
 import rcmservo as rs
+from rcmservo.study.execution.chunk import ChunkOrder, done
+from rcmservo.study.execution.package_version import package
+from rcmservo.study.execution.workers import crew
 from rcmservo.study.plan.file import StudyFile, plan_of
 from rcmservo.study.trial import trial
-from rcmservo.study.work.chunk import ChunkOrder, done
-from rcmservo.study.work.crew import crew
-from rcmservo.study.work.package import package
 
 RCMSERVO = str(Path(sys.executable).with_name("rcmservo"))
 SHOWN = 300

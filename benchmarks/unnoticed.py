@@ -42,10 +42,10 @@ import numpy as np
 from unnoticed_rows import FIRST, MOVED, ROWS, RUN, SHOWING, TWO_RUNS, Trouble
 
 import rcmservo as rs
-from rcmservo.app.servo_options import ServoOptions
+from rcmservo.cli.servo_options import ServoOptions
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.teach import NotShown
-from rcmservo.record.outcome import SAME_POSE, TOLERANCE, Judge
+from rcmservo.recording.outcome import SAME_POSE, TOLERANCE, Judge
 from rcmservo.servo.state import State
 from rcmservo.sim import Disturbance, RigSettings
 from rcmservo.sim.disturbances import causes_of

@@ -6,7 +6,7 @@ python docs/make_fault_table.py
 import re
 from pathlib import Path
 
-from rcmservo.guard.causes import Cause, Invalidates
+from rcmservo.safety.causes import Cause, Invalidates
 
 PAGE = Path(__file__).parent / "faults.md"
 HEADING = "| cause | action | in words | the way out | invalidates |\n|---|---|---|---|---|\n"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import rcmservo as rs
-from rcmservo.method.features import about, features_jacobian
+from rcmservo.geometry.features import about, features_jacobian
 
 
 @dataclass(frozen=True)

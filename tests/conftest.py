@@ -16,28 +16,28 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 
-import rcmservo.guard
-import rcmservo.method
+import rcmservo.geometry
+import rcmservo.safety
 import rcmservo.servo
-from rcmservo import loops
+from rcmservo.control.saturated_controller import SaturatedController
+from rcmservo.estimation.broyden import BroydenEstimator
+from rcmservo.estimation.correntropy import CorrentropyEstimator
+from rcmservo.estimation.dlt import DltEstimator
+from rcmservo.estimation.flow_rule import FlowEstimator
+from rcmservo.estimation.kalman import KalmanEstimator
+from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
+from rcmservo.estimation.projection_rule import ProjectionEstimator, normal_equations, sights
+from rcmservo.estimation.rls import RlsEstimator
 from rcmservo.figures import charts
-from rcmservo.guard.checks.facts import TickFacts
+from rcmservo.geometry.kinematics import PITCH_YAW, SPHERICAL, Rcm
+from rcmservo.geometry.tool import RIGID, RigidTool, ScaledTool, Shaft, second_marker
 from rcmservo.interfaces import Floats, Observation, Target
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import teach
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.broyden import BroydenEstimator
-from rcmservo.method.estimators.correntropy import CorrentropyEstimator
-from rcmservo.method.estimators.dlt import DltEstimator
-from rcmservo.method.estimators.flow import FlowEstimator
-from rcmservo.method.estimators.kalman import KalmanEstimator
-from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
-from rcmservo.method.estimators.projection import ProjectionEstimator, normal_equations, sights
-from rcmservo.method.estimators.rls import RlsEstimator
-from rcmservo.method.kinematics import PITCH_YAW, SPHERICAL, Rcm
-from rcmservo.method.tool import RIGID, RigidTool, ScaledTool, Shaft, second_marker
-from rcmservo.rows import Row
+from rcmservo.numerics import small_linalg
+from rcmservo.numerics.structs import Row
+from rcmservo.safety.checks.facts import TickFacts
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import State
 from rcmservo.sim import Disturbance, Rig, RigSettings
@@ -98,7 +98,7 @@ def first_quick(values: Iterable[Any]) -> list[Any]:
 
 def compiled_functions() -> dict[str, Any]:
     """Every compiled function of what decides a motion, by its module and name."""
-    packages = [rcmservo.method, rcmservo.guard, rcmservo.servo]
+    packages = [rcmservo.geometry, rcmservo.safety, rcmservo.servo]
     modules = [
         importlib.import_module(module.name)
         for package in packages
@@ -106,7 +106,7 @@ def compiled_functions() -> dict[str, Any]:
     ]
     return {
         f"{module.__name__}.{name}": value
-        for module in [loops, *modules]
+        for module in [small_linalg, *modules]
         for name, value in vars(module).items()
         if hasattr(value, "py_func") and value.__module__ == module.__name__
     }

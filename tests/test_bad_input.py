@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from rcmservo.app.cli import main
+from rcmservo.cli.cli import main
 from rcmservo.sim.scenes import sampling
 
 RIGS = {

@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from rcmservo import compiled
-from rcmservo.loops import length
+from rcmservo.numerics import jit
+from rcmservo.numerics.small_linalg import length
 
 PROGRAM = (
     "import numpy as np; from rcmservo import compiled; "
-    "from rcmservo.method.features import features; "
+    "from rcmservo.geometry.features import features; "
     "print(compiled.cache_folder()); print(features(np.array([1.0, 2.0, 3.0, 5.0]))[1])"
 )
 
@@ -46,10 +46,10 @@ def run(source: Path, **variables: str) -> list[str]:
 def test_a_change_of_any_file_with_compiled_functions_makes_a_new_cache(tmp_path: Path) -> None:
     source = copied(tmp_path / "src")
     before = run(source)[0]
-    other = source / "rcmservo/app/cli.py"
+    other = source / "rcmservo/cli/cli.py"
     other.write_text(other.read_text() + "\n# a remark\n")
     assert run(source)[0] == before
-    kernel = source / "rcmservo/method/features.py"
+    kernel = source / "rcmservo/geometry/features.py"
     kernel.write_text(kernel.read_text() + "\n# a remark\n")
     assert run(source)[0] != before
 
@@ -69,7 +69,7 @@ def test_where_neither_package_nor_home_can_be_written_to_it_still_runs(tmp_path
 
 def test_what_a_compiled_function_names_of_this_package_stands_in_a_file_that_is_hashed() -> None:
     """Otherwise an edit there would go unseen."""
-    hashed = {path.resolve() for path in compiled.sources()}
+    hashed = {path.resolve() for path in jit.sources()}
     assert len(hashed) > 10
     for path in hashed:
         tree = ast.parse(path.read_text())
@@ -78,7 +78,7 @@ def test_what_a_compiled_function_names_of_this_package_stands_in_a_file_that_is
             assert not used or origin in hashed or origin.name in WITHOUT_NUMBERS, (path, name)
 
 
-WITHOUT_NUMBERS = {"base.py", "interfaces.py", "rows.py", "thresholds.py", "state.py"}
+WITHOUT_NUMBERS = {"base.py", "interfaces.py", "numerics/structs.py", "thresholds.py", "state.py"}
 """Files of types alone as far as compiled functions see them."""
 
 
@@ -120,7 +120,7 @@ def test_a_kernel_brings_numba_in_on_its_first_call_and_is_in_the_cache_for_the_
     program = """
 import sys
 import numpy as np
-from rcmservo.loops import products
+from rcmservo.numerics.small_linalg import products
 print("numba" in sys.modules)
 assert products(np.eye(2), np.eye(2))[1, 1] == 1.0
 print(sum(products.stats.cache_hits.values()), len(products.signatures))
@@ -132,8 +132,9 @@ print(sum(products.stats.cache_hits.values()), len(products.signatures))
 
 
 def test_as_plain_python_a_kernel_is_the_function_itself() -> None:
-    program = "import sys; from rcmservo.loops import length; print(type(length).__name__, "
-    program += "length(__import__('numpy').array([3.0, 4.0])), 'numba' in sys.modules)"
+    program = "import sys; from rcmservo.numerics.small_linalg import length; "
+    program += "print(type(length).__name__, length(__import__('numpy').array([3.0, 4.0])), "
+    program += "'numba' in sys.modules)"
     assert printed(program, NUMBA_DISABLE_JIT="1") == ["function", "5.0", "False"]
 
 
@@ -145,12 +146,12 @@ def test_a_kernel_is_pickled_and_copied_as_a_function_is_by_name() -> None:
     assert not hasattr(length, "_a_name_of_nothing")
 
 
-@compiled.compiled
+@jit.compiled
 def doubled(number: float) -> float:
     return 2.0 * number
 
 
-@compiled.compiled
+@jit.compiled
 def doubled_and_one(number: float) -> float:
     return doubled(number) + 1.0
 
@@ -163,7 +164,7 @@ def test_a_kernel_called_by_kernels_only_has_no_code_for_calls_from_python() -> 
 
 
 def test_threads_that_call_a_new_kernel_at_once_share_one_dispatcher() -> None:
-    kernel = compiled.Kernel(length.py_func)  # type: ignore[attr-defined]
+    kernel = jit.Kernel(length.py_func)  # type: ignore[attr-defined]
     with ThreadPoolExecutor(8) as pool:
         made = set(pool.map(lambda _: id(kernel.dispatcher), range(64)))
     assert len(made) == 1 and kernel(np.array([3.0, 4.0])) == 5.0

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rcmservo.config.decode import decode
+from rcmservo.config.strict_decoding import decode
 from rcmservo.constraints import (
     FRACTION,
     Checked,

@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 
 from conftest import ROOT
-from rcmservo.app.cli import main
-from rcmservo.guard.causes import Cause
+from rcmservo.cli.cli import main
 from rcmservo.paper.claims import claim_table
+from rcmservo.safety.causes import Cause
 from stalls import undisturbed
 
 SOURCE = ROOT / "src/rcmservo"

@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from conftest import ROOT
-from rcmservo.app.cli import COMMANDS, options_kind
-from rcmservo.app.command_line import options
-from rcmservo.app.studies.tune import TuneOptions, _tuning
+from rcmservo.cli.cli import COMMANDS, options_kind
+from rcmservo.cli.command_line import options
+from rcmservo.cli.studies.tune import TuneOptions, _tuning
 from rcmservo.config.registry import MECHANISMS, TOOLS
 from rcmservo.config.rig_file import Lab, load_lab
-from rcmservo.guard.gate import Gate
-from rcmservo.guard.thresholds import Thresholds
 from rcmservo.hardware.devices import ARMS, CAMERAS
+from rcmservo.safety.gate import Gate
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.sim import Drive, Look, SceneSettings
 from rcmservo.sim.rig_file import CameraSection, rig_settings
 from rcmservo.study.plan.file import StudyFile, load, plan_of

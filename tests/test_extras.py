@@ -44,7 +44,7 @@ def test_python_names_the_command_that_installs_what_is_missing(tmp_path: Path) 
 def test_commands_name_the_command_that_installs_what_is_missing(
     package: str, commands: tuple[str, ...], extra: str, tmp_path: Path
 ) -> None:
-    code = "from rcmservo.app.cli import main\n"
+    code = "from rcmservo.cli.cli import main\n"
     code += f"sys.exit(set(main(line.split()) for line in {commands}) != {{2}})"
     done = without((package,), code, tmp_path)
     assert done.returncode == 0, done.stderr
@@ -62,7 +62,7 @@ def test_the_simulator_in_python_names_the_command_that_installs_it(tmp_path: Pa
 
 @pytest.mark.slow
 def test_the_paper_needs_nothing_of_studies(tmp_path: Path) -> None:
-    code = "from rcmservo.app.cli import main; sys.exit(main(['paper', '--quick', '--only', "
+    code = "from rcmservo.cli.cli import main; sys.exit(main(['paper', '--quick', '--only', "
     code += "'lemma-1', '--out', 'paper']))"
     done = without(OF_STUDIES, code, tmp_path)
     assert done.returncode == 0, done.stderr

@@ -11,11 +11,11 @@ from galil_measures import IdealMotors
 from page_lab import free_port
 
 from conftest import first_quick
-from rcmservo.app.cli import main
+from rcmservo.cli.cli import main
 from rcmservo.hardware.galil.emulator.controller import Controller
 from rcmservo.hardware.galil.emulator.server import NoPort, Server
-from rcmservo.page.web import doors
-from rcmservo.page.web.doors import NoPagePort, PortTaken, bound_pair
+from rcmservo.page.web import access
+from rcmservo.page.web.access import NoPagePort, PortTaken, bound_pair
 
 HERE = "127.0.0.1"
 HELD = f"cannot be listened on: Address already in use by process {os.getpid()} \\(.*python"
@@ -31,8 +31,8 @@ def held(port: int) -> Generator[None]:
 def default(monkeypatch: pytest.MonkeyPatch) -> int:
     """The page's first port, of six that are free, as the default."""
     port = free_port()
-    monkeypatch.setattr(doors, "DEFAULT_PORT", port)
-    monkeypatch.setattr(doors, "LAST_DEFAULT_PORT", port + 6)
+    monkeypatch.setattr(access, "DEFAULT_PORT", port)
+    monkeypatch.setattr(access, "LAST_DEFAULT_PORT", port + 6)
     return port
 
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from rcmservo.guard.gate import CommandStruct
-from rcmservo.guard.states import ModeStruct
-from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import Watch, begin
 from rcmservo.interfaces import Floats
-from rcmservo.rows import Row, as_row, changed, copied, flag, part, real, reals, whole
+from rcmservo.numerics.structs import Row, as_row, changed, copied, flag, part, real, reals, whole
+from rcmservo.safety.gate import CommandStruct
+from rcmservo.safety.monitor_state import Watch, begin
+from rcmservo.safety.state_machine import ModeStruct
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.state import Decision, Estimate, Stored
 
 

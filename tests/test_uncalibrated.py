@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from conftest import CONTROLLERS, ESTIMATORS, ROOT, TOOLS, laboratory
-from rcmservo.guard.states import Phase
+from rcmservo.safety.state_machine import Phase
 
 LINT = (
     "import sys; from importlinter.cli import lint_imports; "
@@ -42,14 +42,18 @@ def test_the_import_contracts_hold():
 @pytest.mark.parametrize(
     "module,line,contract",
     [
-        ("method/features.py", "import rcmservo.sim.ground_truth", "Uncalibrated"),
+        ("geometry/features.py", "import rcmservo.sim.ground_truth", "Uncalibrated"),
         *(
             pytest.param(*row, marks=pytest.mark.slow)
             for row in [
-                ("method/estimators/flow.py", "from rcmservo.sim import Rig", "Uncalibrated"),
-                ("guard/gate.py", "import rcmservo.paper.stability", "Uncalibrated"),
-                ("offline/score.py", "from rcmservo.record import reader", "siblings"),
-                ("method/kinematics.py", "from rcmservo.servo.servo import Servo", "siblings"),
+                ("estimation/flow_rule.py", "from rcmservo.sim import Rig", "Uncalibrated"),
+                ("safety/gate.py", "import rcmservo.paper.stability", "Uncalibrated"),
+                (
+                    "recording/foreign/scoring.py",
+                    "from rcmservo.recording import reader",
+                    "siblings",
+                ),
+                ("geometry/kinematics.py", "from rcmservo.servo.servo import Servo", "siblings"),
                 (
                     "tracking/full_search.py",
                     "from rcmservo.sim.camera_model import Optics",

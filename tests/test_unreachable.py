@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rcmservo.app.cli import main
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import Mode, Phase
-from rcmservo.record import reader
-from rcmservo.record.outcome import judged
+from rcmservo.cli.cli import main
+from rcmservo.recording import reader
+from rcmservo.recording.outcome import judged
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.state_machine import Mode, Phase
 
 CASES = {
     "a marker leaves the picture on the way": (

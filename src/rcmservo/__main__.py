@@ -10,7 +10,7 @@ INTERRUPTED = 130
 def main() -> int:
     """Load the commands and do what is asked for; the exit code."""
     try:
-        from rcmservo.app.cli import main as do
+        from rcmservo.cli.cli import main as do
 
         return do()
     except KeyboardInterrupt as stop:

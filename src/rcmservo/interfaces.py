@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol, Self, runtime
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.rows import struct_reader, tuple_struct
+from rcmservo.numerics.structs import Floats, struct_reader, tuple_struct
 
-Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Three = Annotated[Floats, (3,)]
 """Array (3,) with one number for each joint."""

@@ -2,11 +2,13 @@
 
 from rcmservo.config import registry
 from rcmservo.config.registry import *  # noqa: F403
+from rcmservo.control.exploration import Exploration
+from rcmservo.control.feature_vectors import FeatureVector, MarkerPair, add_feature_vector
+from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
-from rcmservo.guard.causes import Action, Cause
-from rcmservo.guard.gate import Gate
-from rcmservo.guard.states import Mode, Phase, Request
-from rcmservo.guard.thresholds import Thresholds
+from rcmservo.estimation.base import Estimator, Sample
+from rcmservo.geometry.imaged_rcm import ImagedRcm
+from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.interfaces import (
     Arm,
     Camera,
@@ -25,12 +27,10 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.exploration import Exploration
-from rcmservo.method.feature_vectors import FeatureVector, MarkerPair, add_feature_vector
-from rcmservo.method.imaged_rcm import ImagedRcm
-from rcmservo.method.kinematics import JointLimits
+from rcmservo.safety.causes import Action, Cause
+from rcmservo.safety.gate import Gate
+from rcmservo.safety.state_machine import Mode, Phase, Request
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import Servo, State
 
 __all__ = [

@@ -11,13 +11,13 @@ from rig_check_lab import Mistake, WrongLab
 
 from bring_up_page import PAGE, answer_to
 from conftest import ROOT
-from rcmservo.app.cli import asked_of
-from rcmservo.app.lab.emulate import COUNTS, EmulateOptions
-from rcmservo.app.lab.emulated_arm import EmulatedArm
-from rcmservo.app.lab.live_on_hardware import require_devices
-from rcmservo.app.lab.markers import MarkersOptions
-from rcmservo.app.lab.rig_check import RigOptions
-from rcmservo.app.live import LiveOptions
+from rcmservo.cli.cli import asked_of
+from rcmservo.cli.lab.emulate import COUNTS, EmulateOptions
+from rcmservo.cli.lab.emulated_arm import EmulatedArm
+from rcmservo.cli.lab.live_on_hardware import require_devices
+from rcmservo.cli.lab.markers import MarkersOptions
+from rcmservo.cli.lab.rig_check import RigOptions
+from rcmservo.cli.live import LiveOptions
 from rcmservo.config.rig_file import Lab, lab_from, load_lab
 from rcmservo.errors import BadInput
 from rcmservo.hardware.devices import ARMS, CAMERAS, wiring_of

@@ -13,12 +13,12 @@ from rcmservo.bringup.hypotheses import (
     fit_all,
     most_likely,
 )
+from rcmservo.bringup.identification import SPACING, ZERO, MarkerViews
 from rcmservo.bringup.operator_questions import ask_operator
 from rcmservo.bringup.prompts import ask_choice, require_yes
 from rcmservo.errors import Stopped
-from rcmservo.method.identification import SPACING, ZERO, MarkerViews
-from rcmservo.method.kinematics import SphericalRcm
-from rcmservo.method.tool import RigidTool
+from rcmservo.geometry.kinematics import SphericalRcm
+from rcmservo.geometry.tool import RigidTool
 from rcmservo.sim import Rig
 
 ROBOT = Robot(SphericalRcm(), RigidTool(spacing=30.0), Wiring((5e4, 5e4, 500.0), axes="ABC"))

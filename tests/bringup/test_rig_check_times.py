@@ -10,8 +10,8 @@ from rig_check_lab import Mistake, WrongLab
 
 from rcmservo.bringup.observations import MotionTrace
 from rcmservo.bringup.timing import identify_latency
+from rcmservo.geometry.kinematics import PitchYawRcm
 from rcmservo.interfaces import Frame, Measured
-from rcmservo.method.kinematics import PitchYawRcm
 from rcmservo.sim import RigSettings
 from rcmservo.sim.cameras import Timing
 

@@ -15,7 +15,7 @@ from numbered_camera import frames_of
 from test_aravis import library
 
 from conftest import HEEDING_CTRL_C, ROOT
-from rcmservo.app.cli import main
+from rcmservo.cli.cli import main
 from rcmservo.config.rig_file import Lab
 from rcmservo.hardware.cameras.aravis import open_aravis_camera
 from rcmservo.hardware.cameras.opencv import open_opencv_camera

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from rcmservo.config.checked import digest_of, forget_checked, is_checked, note_checked
 from rcmservo.config.rig_file import bytes_of, lab_of
+from rcmservo.config.verified_rigs import digest_of, forget_checked, is_checked, note_checked
 from rcmservo.errors import UnusableFile
 
 ONE, OTHER = digest_of(b"[arm]\n"), digest_of(b"[arm] \n")

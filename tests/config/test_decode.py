@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import rcmservo as rs
 from rcmservo.config import texts
-from rcmservo.config.decode import decode
+from rcmservo.config.strict_decoding import decode
 
 
 @dataclass(frozen=True)

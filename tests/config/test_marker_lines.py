@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from conftest import ROOT
-from rcmservo.config.marker_lines import Values, told_in, write_markers
 from rcmservo.config.rig_file import load_lab
+from rcmservo.config.rig_file_edit import Values, told_in, write_markers
 from rcmservo.errors import BadInput, UnusableFile
 from rcmservo.tracking import MarkerLook
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import rcmservo as rs
-from rcmservo.app.cli import main
-from rcmservo.config.own_code import named, source
-from rcmservo.record.writer import Recorder
+from rcmservo.cli.cli import main
+from rcmservo.config.user_code import named, source
+from rcmservo.recording.writer import Recorder
 
 HOSTILE = "from pathlib import Path\nPath('imported').write_text('yes')\n"
 

@@ -7,8 +7,8 @@ import pytest
 
 import rcmservo as rs
 from conftest import laboratory
-from rcmservo.app.command_line.options import options_of
-from rcmservo.app.lab_options import RunOptions
+from rcmservo.cli.command_line.options import options_of
+from rcmservo.cli.lab_options import RunOptions
 from rcmservo.config.registry import PARTS, REGISTERED
 from rcmservo.config.rig_file import METHOD_PARTS, Lab
 from rcmservo.config.servo_json import describe

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 import rcmservo as rs
 from conftest import ROOT
-from rcmservo.config.decode import decode
 from rcmservo.config.registry import MECHANISMS
 from rcmservo.config.rig_file import Lab, lab_from, load_lab
+from rcmservo.config.strict_decoding import decode
 from rcmservo.hardware.devices import ARMS, CAMERAS
 from rcmservo.sim import Drive, Look, SceneSettings
 from rcmservo.sim.rig_file import CameraSection, rig_settings

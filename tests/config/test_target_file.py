@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rcmservo as rs
-from rcmservo.app.simulated_run.target import setup_of
+from rcmservo.cli.simulated_run.target import setup_of
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.config.target_file import Setup, checksum

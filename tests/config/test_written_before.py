@@ -10,13 +10,13 @@ import pytest
 
 import rcmservo as rs
 from conftest import ROOT
-from rcmservo.app.cli import main
+from rcmservo.cli.cli import main
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import load_lab
 from rcmservo.config.servo_json import describe
 from rcmservo.config.target_file import Setup
-from rcmservo.record import reader
-from rcmservo.record.writer import Recorder
+from rcmservo.recording import reader
+from rcmservo.recording.writer import Recorder
 from rcmservo.sim.rig_file import rig_settings
 from rcmservo.tracking import MarkerLook
 
@@ -73,8 +73,8 @@ def test_a_record_whose_settings_this_version_does_not_know_names_the_version_th
         del table["thresholds"]["jump"]
         return table
 
-    monkeypatch.setattr("rcmservo.record.stage.describe", before)
-    monkeypatch.setattr("rcmservo.record.stage.__version__", "0.1.7")
+    monkeypatch.setattr("rcmservo.recording.stage.describe", before)
+    monkeypatch.setattr("rcmservo.recording.stage.__version__", "0.1.7")
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0))
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         recorder.begin(servo, rs.Target(np.zeros((2, 2)), np.zeros(3)))

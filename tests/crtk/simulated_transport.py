@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.crtk.arm import CrtkArm
 from rcmservo.hardware.crtk.device import REPORT_PERIOD_NS, CrtkDevice
 from rcmservo.hardware.crtk.messages import Topic
 from rcmservo.hardware.crtk.settings import CrtkSettings
 from rcmservo.interfaces import Command, Floats
-from rcmservo.method.kinematics import JointLimits
 
 LIMITS = JointLimits((-1.0, -0.7, 20.0), (1.0, 0.7, 200.0))
 START = np.array([0.1, -0.2, 100.0])

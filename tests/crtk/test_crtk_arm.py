@@ -25,7 +25,7 @@ from rcmservo.hardware.crtk import messages
 from rcmservo.hardware.crtk.bounded_lead import MAX_DRAG, MAX_STEP_NS, BoundedLead
 from rcmservo.hardware.crtk.settings import CrtkSettings
 from rcmservo.interfaces import Command
-from rcmservo.live.lab import NotReady
+from rcmservo.live.device_protocols import NotReady
 
 rates = st.tuples(*(st.floats(-2.0, 2.0) for _ in range(3)))
 

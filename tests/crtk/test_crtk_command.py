@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from conftest import HEEDING_CTRL_C, ROOT
-from rcmservo.app.cli import main
+from rcmservo.cli.cli import main
 from rcmservo.config.rig_file import load_lab
 from rcmservo.hardware.devices import open_arm, open_camera
 

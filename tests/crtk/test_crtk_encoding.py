@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rcmservo.hardware.crtk import messages
 from rcmservo.hardware.crtk.cdr import decode_message, encode_message
 from rcmservo.hardware.crtk.ros2 import describe_type, import_cyclone
-from rcmservo.record.cdr import MalformedMessage
+from rcmservo.recording.cdr import MalformedMessage
 
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 texts = st.text(st.characters(blacklist_characters="\0", blacklist_categories=("Cs",)), max_size=9)

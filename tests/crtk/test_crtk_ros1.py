@@ -212,7 +212,7 @@ def test_a_motion_command_of_a_tool_of_ros_is_detected(ros: dict[str, str]) -> N
 
 
 def test_a_missing_master_is_reported(tmp_path: Path) -> None:
-    code = "from rcmservo.app.cli import main; main(['emulate', 'crtk', '--ros', '1'])"
+    code = "from rcmservo.cli.cli import main; main(['emulate', 'crtk', '--ros', '1'])"
     environment = os.environ | {
         "ROS_MASTER_URI": "http://127.0.0.1:1",
         "ROS_LOG_DIR": str(tmp_path),

@@ -8,7 +8,7 @@ from simulated_transport import MS, PATIENCE, RATES, moving_arm, setpoints
 
 from rcmservo.hardware.crtk import messages
 from rcmservo.interfaces import Command
-from rcmservo.live.lab import NotReady
+from rcmservo.live.device_protocols import NotReady
 
 
 def test_after_the_deadline_nothing_is_sent_and_the_arm_is_switched_off() -> None:

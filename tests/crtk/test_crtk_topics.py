@@ -17,7 +17,7 @@ from rcmservo.hardware.crtk import messages
 from rcmservo.hardware.crtk.messages import NoTransport
 from rcmservo.hardware.crtk.settings import RosConnection
 from rcmservo.hardware.crtk.transport import open_transport
-from rcmservo.live.lab import NotReady
+from rcmservo.live.device_protocols import NotReady
 
 pytestmark = pytest.mark.alone
 

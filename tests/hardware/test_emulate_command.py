@@ -10,7 +10,7 @@ import time
 import pytest
 
 from conftest import HEEDING_CTRL_C, ROOT
-from rcmservo.app.cli import main
+from rcmservo.cli.cli import main
 from rcmservo.sim import Rig
 
 WORDS = r"emulated Galil DMC-4040 at 127.0.0.1:(\d+), simulated arm, seed 3; Ctrl-C ends it\n"

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from galil_measures import IdealMotors
 
+from rcmservo.geometry.kinematics import SphericalRcm
 from rcmservo.hardware.galil.connection import ConnectionLost, GalilConnection, SerialStream
 from rcmservo.hardware.galil.driver import GalilArm
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
@@ -22,10 +23,9 @@ from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 from rcmservo.hardware.galil.emulator.server import Server
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.interfaces import Command, Floats, Measured
-from rcmservo.live.lab import NotReady
+from rcmservo.live.device_protocols import NotReady
 from rcmservo.live.realtime import urgent
 from rcmservo.loop.clock import WallClock
-from rcmservo.method.kinematics import SphericalRcm
 from stalls import undisturbed
 
 pytestmark = pytest.mark.alone

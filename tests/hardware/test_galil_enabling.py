@@ -13,11 +13,11 @@ import pytest
 from galil_measures import HOME, RATES, SETTINGS, EmulatedStream
 
 from hardware.test_galil_session import Rig
+from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.galil import watchdog_program as program
 from rcmservo.hardware.galil.connection import CommandRejected, ConnectionLost
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
-from rcmservo.live.lab import NotReady
-from rcmservo.method.kinematics import JointLimits
+from rcmservo.live.device_protocols import NotReady
 
 
 class CutStream(EmulatedStream):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from rcmservo.geometry.kinematics import SphericalRcm
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, TCP, Controller
-from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.sim.arm import Drive, SimulatedArm
 from rcmservo.sim.motor_interface import ArmMotors
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from galil_measures import HOME, LIMITS, RATES, SETTINGS, EmulatedStream, IdealMotors
 
+from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.galil.connection import ConnectionLost, GalilConnection
 from rcmservo.hardware.galil.emulator.axis import StopCode
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
@@ -13,8 +14,7 @@ from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.stop_reasons import decode_amplifier_errors
 from rcmservo.interfaces import Floats
-from rcmservo.live.lab import NotReady
-from rcmservo.method.kinematics import JointLimits
+from rcmservo.live.device_protocols import NotReady
 
 TICK = 0.01
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from conftest import HEEDING_CTRL_C, with_tests
-from rcmservo.app.lab.emulate import COUNTS
+from rcmservo.cli.lab.emulate import COUNTS
 from rcmservo.config.rig_file import load_lab
 from rcmservo.interfaces import Floats
 from rcmservo.sim import Rig

@@ -16,7 +16,7 @@ import numpy as np
 import rcmservo as rs
 from rcmservo.live.servo_process import Session
 from rcmservo.loop.operator import Operator, Want
-from rcmservo.record.writer import Recorder
+from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import ColourMarkers
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rcmservo.app.lab import at_the_arm
-from rcmservo.app.lab.at_the_arm import (
+from rcmservo.cli.lab import hardware_prompts
+from rcmservo.cli.lab.hardware_prompts import (
     AT_HAND,
     AtHand,
     Preparing,
@@ -23,11 +23,11 @@ from rcmservo.app.lab.at_the_arm import (
 from rcmservo.config.rig_file import Lab
 from rcmservo.config.target_file import save
 from rcmservo.errors import Stopped, UnusableFile
+from rcmservo.geometry.tool import RigidTool
 from rcmservo.interfaces import Floats, Measured, Target
-from rcmservo.live.lab import NotReady
+from rcmservo.live.device_protocols import NotReady
 from rcmservo.live.servo_process import HeartbeatPlant
 from rcmservo.loop.clock import Punctuality, WallClock
-from rcmservo.method.tool import RigidTool
 
 WORD, JOINTS, SO = "ends this:", "0.1 -0.2 100:", "Enter if so:"
 TARGET, START = (
@@ -89,7 +89,7 @@ def at_hand(terminal: Answered) -> AtHand:
 
 
 def asked_for_leave(monkeypatch: pytest.MonkeyPatch, terminal: Answered) -> None:
-    monkeypatch.setattr(at_the_arm, "Terminal", lambda told_to_end: terminal)
+    monkeypatch.setattr(hardware_prompts, "Terminal", lambda told_to_end: terminal)
     try:
         leave_to_move(Preparing(LAB, "It moves."), plant_of(Arm()))
     finally:
@@ -154,15 +154,15 @@ def test_nobody_is_sent_to_move_an_arm_by_hand_whose_drive_is_on() -> None:
 def taught(monkeypatch: pytest.MonkeyPatch) -> Target:
     """What the camera sees when the target is taught, in pictures of 320x240."""
     target = Target(np.array([[100.0, 100.0], [120.0, 150.0]]), np.array([0.5, 0.1, 100.0]))
-    monkeypatch.setattr(at_the_arm, "teach", lambda plant, frames: target)
-    monkeypatch.setattr(at_the_arm, "setup_of", lambda lab, plant: setup_at(lab, 320, 240))
+    monkeypatch.setattr(hardware_prompts, "teach", lambda plant, frames: target)
+    monkeypatch.setattr(hardware_prompts, "setup_of", lambda lab, plant: setup_at(lab, 320, 240))
     return target
 
 
 def prepared(
     monkeypatch: pytest.MonkeyPatch, terminal: Answered, arm: Arm, **files: Path
 ) -> Target:
-    monkeypatch.setattr(at_the_arm, "Terminal", lambda told_to_end: terminal)
+    monkeypatch.setattr(hardware_prompts, "Terminal", lambda told_to_end: terminal)
     return target_at_the_arm(Preparing(LAB, "It moves.", **files), plant_of(arm))
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from conftest import first_quick, laboratory
-from rcmservo.guard.gate import Gate
-from rcmservo.live.cautious import SHARE, cautious
+from rcmservo.control.exploration import Exploration
+from rcmservo.control.saturated_controller import SaturatedController
+from rcmservo.live.reduced_speed import SHARE, cautious
 from rcmservo.loop.run import run
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.exploration import Exploration
-from rcmservo.record.outcome import Judge
+from rcmservo.recording.outcome import Judge
+from rcmservo.safety.gate import Gate
 
 
 @pytest.mark.parametrize("seed", first_quick([1, 2, 3, 4]))

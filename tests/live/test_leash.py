@@ -9,7 +9,7 @@ import pytest
 
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Command, Floats, Measured
-from rcmservo.live.leash import Leash, LeashedArm
+from rcmservo.live.remote_stop import Leash, LeashedArm
 
 
 class ToyArm:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rcmservo.live.child import Child, heard
+from rcmservo.live.child_process import Child, heard
 from rcmservo.live.realtime import realtime, without_huge_pages
 
 STATUS = Path("/proc/self/status")

@@ -22,10 +22,8 @@ from hypothesis import strategies as st
 from conftest import with_tests
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile
-from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watchdog import PATIENCE
 from rcmservo.interfaces import Command, Frame
-from rcmservo.live.arm_link import (
+from rcmservo.live.arm_datagrams import (
     MARK,
     ArmAction,
     ArmRequest,
@@ -41,10 +39,12 @@ from rcmservo.live.arm_link import (
     receive,
 )
 from rcmservo.live.frame_ring import FrameRing, RingCamera
-from rcmservo.live.reports import Report
+from rcmservo.live.loop_statistics import Report
 from rcmservo.live.shared_ring import EMPTY, HEAD
 from rcmservo.live.supervisor import LOOK, SILENT, ServoProcess, nobody, supervise
-from rcmservo.record.reader import read
+from rcmservo.recording.reader import read
+from rcmservo.safety.thresholds import Thresholds
+from rcmservo.safety.watchdog import PATIENCE
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.sim.processes.arm_process import ArmDevice

@@ -14,12 +14,12 @@ import pytest
 from at_terminal import PATIENCE, AtTerminal, Laboratory, live, wait_for, words_of
 
 from conftest import ROOT, SMALL
-from rcmservo.app.cli import asked_of, main
-from rcmservo.app.lab.live_on_hardware import require_devices
-from rcmservo.config.checked import digest_of, note_checked
+from rcmservo.cli.cli import asked_of, main
+from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.config.rig_file import load_lab
-from rcmservo.live import terminal_person
-from rcmservo.record.reader import read
+from rcmservo.config.verified_rigs import digest_of, note_checked
+from rcmservo.live import terminal_operator
+from rcmservo.recording.reader import read
 from rcmservo.sim import Rig
 from stalls import undisturbed
 
@@ -101,7 +101,7 @@ def test_without_a_terminal_nothing_is_connected(
 ) -> None:
     """Nobody listens at the addresses in its file: that would be another sentence."""
     (path := tmp_path / "lab.toml").write_text(page_block())
-    monkeypatch.setattr(terminal_person, "TERMINAL", tmp_path / "none")
+    monkeypatch.setattr(terminal_operator, "TERMINAL", tmp_path / "none")
     assert main(["live", "--rig", str(path), "--out", str(tmp_path / "out")]) == 2
     words = "hardware is enabled only by a person at a terminal, and this program has none"
     assert capsys.readouterr().err == f"rcmservo: {words}\n"

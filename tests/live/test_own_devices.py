@@ -10,8 +10,8 @@ import pytest
 
 import rcmservo as rs
 from conftest import ROOT, with_tests
-from rcmservo.record.reader import read
-from rcmservo.record.recompute import recompute
+from rcmservo.recording.reader import read
+from rcmservo.recording.replay import recompute
 
 pytestmark = pytest.mark.alone
 

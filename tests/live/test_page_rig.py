@@ -20,7 +20,7 @@ from page_lab import awaited
 
 from conftest import HEEDING_CTRL_C, SMALL, with_tests
 from rcmservo.config.rig_file import load_lab
-from rcmservo.record.reader import read
+from rcmservo.recording.reader import read
 
 pytestmark = [pytest.mark.alone, pytest.mark.slow]
 

@@ -15,13 +15,13 @@ import pytest
 from at_terminal import AtTerminal, Laboratory, wait_for, words_of
 
 from conftest import HEEDING_CTRL_C, SMALL
-from rcmservo.app.lab import rig_check
-from rcmservo.app.lab.rig_check import RigOptions, concluded
 from rcmservo.bringup.axis_wiring import Robot, Wiring
 from rcmservo.bringup.check import CheckReport
 from rcmservo.bringup.findings import Finding
-from rcmservo.config.checked import digest_of, is_checked, note_checked
+from rcmservo.cli.lab import rig_check
+from rcmservo.cli.lab.rig_check import RigOptions, concluded
 from rcmservo.config.rig_file import Lab
+from rcmservo.config.verified_rigs import digest_of, is_checked, note_checked
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Frame, Measured
 from rcmservo.loop.run_result import CameraAccount

@@ -17,11 +17,11 @@ import rcmservo as rs
 from rcmservo.errors import RcmServoError
 from rcmservo.live import servo_process
 from rcmservo.live.servo_process import ENABLING, STANDING, Session
+from rcmservo.live.stop_signals import ORDERLY
 from rcmservo.live.supervisor import SILENT, Watchman, left_to_its_watchdog, supervise
-from rcmservo.live.told_to_end import ORDERLY
 from rcmservo.loop.plant import Plant
-from rcmservo.record.reader import read
-from rcmservo.record.writer import Recorder
+from rcmservo.recording.reader import read
+from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import ColourMarkers
 
 Q = np.array([0.6, 0.2, 120.0])

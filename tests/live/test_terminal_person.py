@@ -14,7 +14,7 @@ pytestmark = pytest.mark.alone
 ASKING = """
 import sys, time
 from rcmservo.errors import RcmServoError
-from rcmservo.live.terminal_person import Terminal
+from rcmservo.live.terminal_operator import Terminal
 end = {end}
 try:
     person = Terminal(lambda: end and time.monotonic_ns() > end)

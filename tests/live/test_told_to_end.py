@@ -6,7 +6,7 @@ import signal
 import pytest
 
 from rcmservo.errors import Stopped
-from rcmservo.live.told_to_end import ORDERLY, stopped_by_signals
+from rcmservo.live.stop_signals import ORDERLY, stopped_by_signals
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])

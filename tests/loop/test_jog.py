@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 
 import rcmservo as rs
 from conftest import Laboratory, laboratory
-from rcmservo.guard.states import SLOW_SHARE
 from rcmservo.interfaces import Floats
 from rcmservo.loop.operator import Want
-from rcmservo.record import reader
-from rcmservo.record.recompute import recompute
-from rcmservo.record.timeline import spans
-from rcmservo.record.writer import Recorder
+from rcmservo.recording import reader
+from rcmservo.recording.replay import recompute
+from rcmservo.recording.timeline import spans
+from rcmservo.recording.writer import Recorder
+from rcmservo.safety.state_machine import SLOW_SHARE
 from rcmservo.sim import Disturbance
 
 RATES = np.array([0.1, -0.08, 9.0])

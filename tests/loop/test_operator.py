@@ -12,9 +12,9 @@ import pytest
 import rcmservo as rs
 from conftest import Laboratory, laboratory
 from rcmservo.loop.operator import Teach, Want
-from rcmservo.record import reader
-from rcmservo.record.recompute import recompute
-from rcmservo.record.writer import Recorder, ThreadedRecorder
+from rcmservo.recording import reader
+from rcmservo.recording.replay import recompute
+from rcmservo.recording.writer import Recorder, ThreadedRecorder
 
 
 class Scripted:

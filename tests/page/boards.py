@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-from rcmservo.app.simulated_run.target import setup_of
+from rcmservo.cli.simulated_run.target import setup_of
 from rcmservo.config.rig_file import Lab
-from rcmservo.page.board import Board
-from rcmservo.page.desk import Desk
+from rcmservo.page.channels import Desk
 from rcmservo.page.poses import PoseFolder, Poses
+from rcmservo.page.view_model import Board
 from rcmservo.sim import Rig
 
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from conftest import laboratory
-from rcmservo.app.lab.at_the_arm import define
+from rcmservo.cli.lab.hardware_prompts import define
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Measured
-from rcmservo.page.asking import READ, PagePerson
-from rcmservo.page.desk import Desk
-from rcmservo.page.wants import Between, Enable, Note, Reply
+from rcmservo.page.channels import Desk
+from rcmservo.page.messages import Between, Enable, Note, Reply
+from rcmservo.page.prompts import READ, PagePerson
 
 
 class Page:

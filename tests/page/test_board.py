@@ -12,16 +12,16 @@ from boards import board_at
 
 import rcmservo as rs
 from conftest import laboratory
-from rcmservo.method.estimators.dlt import DltEstimator
-from rcmservo.method.estimators.projection import ProjectionEstimator
-from rcmservo.page.board import Board
-from rcmservo.page.desk import Desk
+from rcmservo.estimation.dlt import DltEstimator
+from rcmservo.estimation.projection_rule import ProjectionEstimator
+from rcmservo.page.channels import Desk
 from rcmservo.page.json_text import json_of
-from rcmservo.page.seen.curves import NAMES
-from rcmservo.page.seen.shape import Shape
+from rcmservo.page.messages import Between
+from rcmservo.page.plots.curves import NAMES
+from rcmservo.page.plots.mechanism_shape import Shape
+from rcmservo.page.recovery_actions import allowed
 from rcmservo.page.tour import HowFar
-from rcmservo.page.wants import Between
-from rcmservo.page.ways import allowed
+from rcmservo.page.view_model import Board
 from rcmservo.sim import RigSettings
 from rcmservo.sim.processes.motion_log import MotionLog, TrueError
 from rcmservo.sim.tool_body import Body

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rcmservo as rs
-from rcmservo.page.control import FRESH, FRESH_JOG, SILENT, Control, Unheeded, heard
-from rcmservo.page.wants import Beat, Enable, Go, Held, Led, Released, TeachAs
+from rcmservo.page.control_ownership import FRESH, FRESH_JOG, SILENT, Control, Unheeded, heard
+from rcmservo.page.messages import Beat, Enable, Go, Held, Led, Released, TeachAs
 
 NOW = 10**12
 POSES = {"above": rs.Target(np.array([[1.0, 2.0], [3.0, 4.0]]), np.zeros(3))}

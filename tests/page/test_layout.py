@@ -10,8 +10,8 @@ from nicegui import ui
 from starlette.testclient import TestClient
 
 from conftest import ROOT, laboratory
-from rcmservo.page.seen.shape import Shape
-from rcmservo.page.web.doors import Doors
+from rcmservo.page.plots.mechanism_shape import Shape
+from rcmservo.page.web.access import Doors
 from rcmservo.page.web.layout import lay_out
 from rcmservo.sim.processes.live_disturbances import menu
 

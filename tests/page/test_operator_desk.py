@@ -8,16 +8,27 @@ import pytest
 
 import rcmservo as rs
 from conftest import Laboratory, laboratory
-from rcmservo.guard.states import SLOW_SHARE
 from rcmservo.loop.operator import Want, same
-from rcmservo.page.control import Control
-from rcmservo.page.desk import DUE, SLOTS, Desk
-from rcmservo.page.hand import Hand
+from rcmservo.page.channels import DUE, SLOTS, Desk
+from rcmservo.page.control_ownership import Control
+from rcmservo.page.jog_state import Hand
+from rcmservo.page.messages import (
+    Aim,
+    Beat,
+    Go,
+    Held,
+    Led,
+    Note,
+    Released,
+    Taught,
+    TeachAs,
+    Teaching,
+)
 from rcmservo.page.operator import GONE, LET_GO, PageOperator
 from rcmservo.page.settings import Chosen
-from rcmservo.page.wants import Aim, Beat, Go, Held, Led, Note, Released, Taught, TeachAs, Teaching
 from rcmservo.page.web.page_process import changing_hands, done
-from rcmservo.record.ros2_messages import encode_tick
+from rcmservo.recording.ros2_messages import encode_tick
+from rcmservo.safety.state_machine import SLOW_SHARE
 
 Scene = dict[int, list[object]]
 """What the page says after which tick."""

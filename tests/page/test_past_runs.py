@@ -14,10 +14,10 @@ from starlette.testclient import TestClient
 import rcmservo as rs
 from conftest import ROOT
 from rcmservo.live.servo_process import Film
-from rcmservo.page.web.doors import Doors
+from rcmservo.page.web.access import Doors
 from rcmservo.page.web.runs_routes import runs_routes
-from rcmservo.record import reader
-from rcmservo.record.writer import Recorder
+from rcmservo.recording import reader
+from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import ColourMarkers
 
 OLD = ROOT / "tests/data/v0.1.0/record.mcap"

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rcmservo as rs
-from rcmservo.app.simulated_run.target import setup_of
+from rcmservo.cli.simulated_run.target import setup_of
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import Lab
-from rcmservo.guard.causes import Action, Cause
 from rcmservo.loop.operator import same
 from rcmservo.page.poses import PoseFolder, Poses
-from rcmservo.page.ways import ways
+from rcmservo.page.recovery_actions import ways
+from rcmservo.safety.causes import Action, Cause
 from rcmservo.sim import Rig
 
 SETUP = setup_of(Rig(1, pictures=False), Lab())

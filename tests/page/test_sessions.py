@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from rcmservo.errors import Stopped
-from rcmservo.page.desk import Desk
+from rcmservo.page.channels import Desk
+from rcmservo.page.messages import CLEAR, STOP, Between
 from rcmservo.page.sessions import Rung, Sessions
-from rcmservo.page.wants import CLEAR, STOP, Between
 
 
 def off(began: bool) -> str:

@@ -16,19 +16,19 @@ from conftest import laboratory
 from rcmservo.config.field_docs import words_of
 from rcmservo.config.servo_json import describe
 from rcmservo.errors import BadInput
-from rcmservo.live.cautious import cautious
+from rcmservo.live.reduced_speed import cautious
 from rcmservo.loop.operator import Want
-from rcmservo.page.control import Control, Unheeded, heard
-from rcmservo.page.desk import Desk
+from rcmservo.page.channels import Desk
+from rcmservo.page.control_ownership import Control, Unheeded, heard
+from rcmservo.page.messages import Beat, Between, Change, Go, InForce, Note
 from rcmservo.page.operator import PageOperator
 from rcmservo.page.sessions import Again, Sessions
 from rcmservo.page.settings import BOXES, Chosen, change_of, standing
-from rcmservo.page.wants import Beat, Between, Change, Go, InForce, Note
 from rcmservo.page.web.page_process import done, set_box
 from rcmservo.page.web.setting_fields import forms
-from rcmservo.record import reader
-from rcmservo.record.recompute import recompute
-from rcmservo.record.writer import Recorder
+from rcmservo.recording import reader
+from rcmservo.recording.replay import recompute
+from rcmservo.recording.writer import Recorder
 
 NOW = 10**12
 

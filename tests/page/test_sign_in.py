@@ -13,9 +13,9 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rcmservo.app.cli import main
+from rcmservo.cli.cli import main
 from rcmservo.errors import BadInput, UnusableFile
-from rcmservo.page.web.porter import Porter, names_of, refusal
+from rcmservo.page.web.origin_check import Porter, names_of, refusal
 from rcmservo.page.web.sign_in import WHOM, WITHIN, WRONG, Guesses, SignIn
 from rcmservo.page.web.token_file import token_for, token_in
 

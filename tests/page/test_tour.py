@@ -10,10 +10,10 @@ from test_operator_desk import Scene, phases, ran
 import rcmservo as rs
 from conftest import Laboratory, laboratory
 from rcmservo.loop.operator import same
-from rcmservo.page.control import Control, Unheeded, heard
+from rcmservo.page.control_ownership import Control, Unheeded, heard
+from rcmservo.page.messages import Go, Held, Note, OnTour, Taught, TeachAs
 from rcmservo.page.tour import GoOnTour, HowFar, Plan, Stay
-from rcmservo.page.wants import Go, Held, Note, OnTour, Taught, TeachAs
-from rcmservo.record.outcome import TOLERANCE
+from rcmservo.recording.outcome import TOLERANCE
 
 NOW = 10**12
 STAY = {"pose": "a", "dwell": 0.5}

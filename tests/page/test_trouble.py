@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rcmservo.errors import BadInput
-from rcmservo.live.arm_link import arm_socket_path, open_socket
+from rcmservo.live.arm_datagrams import arm_socket_path, open_socket
 from rcmservo.sim.processes.arm_process import ArmDevice
 from rcmservo.sim.processes.live_disturbances import Mischief, chosen, menu
 from rcmservo.sim.processes.motion_log import MotionLog

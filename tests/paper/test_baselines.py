@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from conftest import first_quick
+from rcmservo.control.exploration import Exploration
+from rcmservo.estimation.projection_rule import ProjectionEstimator
 from rcmservo.figures import charts
-from rcmservo.guard.causes import Cause
-from rcmservo.method.estimators.projection import ProjectionEstimator
-from rcmservo.method.exploration import Exploration
 from rcmservo.paper import baselines
 from rcmservo.paper.baselines import KINDS, SCENE, SCENES
 from rcmservo.paper.claims import ClaimRow, judge
@@ -21,11 +20,12 @@ from rcmservo.paper.lab.methods import FAST, METHODS, Learner, Own
 from rcmservo.paper.lab.tally import Tally, numbers_of
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings
 from rcmservo.paper.store import plain, restored
-from rcmservo.study.course import StudyRun
-from rcmservo.study.laboratory import Laboratory, LaboratoryLoop
+from rcmservo.safety.causes import Cause
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO
+from rcmservo.study.report import statistics
 from rcmservo.study.row import worst_condition
-from rcmservo.study.told import statistics
+from rcmservo.study.run_outcome import StudyRun
+from rcmservo.study.simulation_engine import Laboratory, LaboratoryLoop
 from rcmservo.study.trial import trial
 
 DURATION = 4.0

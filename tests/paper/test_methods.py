@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from rcmservo.app.cli import main
+from rcmservo.cli.cli import main
+from rcmservo.control.exploration import Exploration
+from rcmservo.estimation.base import Sample
+from rcmservo.estimation.dlt import DltEstimator
+from rcmservo.geometry.kinematics import SphericalRcm
+from rcmservo.geometry.tool import RigidTool
 from rcmservo.interfaces import Target
 from rcmservo.loop.run import run
-from rcmservo.method.estimators.base import Sample
-from rcmservo.method.estimators.dlt import DltEstimator
-from rcmservo.method.exploration import Exploration
-from rcmservo.method.kinematics import SphericalRcm
-from rcmservo.method.tool import RigidTool
 from rcmservo.paper import differentiation, regulation_projection
 from rcmservo.paper.lab.cameras import PINHOLE
 from rcmservo.paper.lab.closed_loop import FAST_FIT, LONG, WIDE, endless, servo_for
@@ -22,7 +22,7 @@ from rcmservo.paper.lab.methods import DEFAULT
 from rcmservo.paper.lab.random_observations import RandomObservations
 from rcmservo.paper.lab.witness import laboratory
 from rcmservo.paper.plan import Settings
-from rcmservo.record.reader import read
+from rcmservo.recording.reader import read
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 

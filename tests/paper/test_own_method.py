@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from conftest import ROOT
-from rcmservo.app.cli import main
-from rcmservo.app.paper import PaperOptions
-from rcmservo.app.servo_options import with_own_estimator
+from rcmservo.cli.cli import main
+from rcmservo.cli.paper import PaperOptions
+from rcmservo.cli.servo_options import with_own_estimator
 from rcmservo.paper import baselines
 from rcmservo.paper.lab.methods import Own
 from rcmservo.paper.run import chosen
@@ -64,7 +64,7 @@ def test_only_a_users_own_is_taken_by_paper(capsys: pytest.CaptureFixture[str]) 
 
 def test_its_settings_are_options_of_paper(monkeypatch: pytest.MonkeyPatch) -> None:
     kind = type(recursive_least_squares())
-    monkeypatch.setattr("rcmservo.app.servo_options.named", lambda name: kind)
+    monkeypatch.setattr("rcmservo.cli.servo_options.named", lambda name: kind)
     options = with_own_estimator(PaperOptions, ["--estimator", "mylab.rls:RLS"])
     made = options(estimator="mylab.rls:RLS", pixels=kind(forgetting=0.9))
     assert getattr(made, made.OWN["mylab.rls:RLS"]).forgetting == 0.9

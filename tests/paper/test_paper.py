@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 from conftest import HEEDING_CTRL_C, wait_until
-from rcmservo.app.cli import main
+from rcmservo.cli.cli import main
 from rcmservo.paper.claims import claim_table
 from rcmservo.paper.experiment import experiment_named
 from rcmservo.paper.plan import Results
 from rcmservo.paper.store import Assignment, fingerprint
-from rcmservo.record import reader
-from rcmservo.record.outcome import LAST
+from rcmservo.recording import reader
+from rcmservo.recording.outcome import LAST
 
 pytestmark = pytest.mark.slow
 

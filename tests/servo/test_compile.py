@@ -48,7 +48,7 @@ def follow(servo, stream, target):
 
 def short(lab, servo):
     """Half a second of servoing after the exploration."""
-    from rcmservo.guard.states import Phase
+    from rcmservo.safety.state_machine import Phase
 
     stream, count = [], 0
     for seen, state in lab.run(servo, 6.0):
@@ -62,7 +62,7 @@ def short(lab, servo):
 def eventful(lab, servo):
     """A run with a marker lost and found again, and in the end both lost until the servo pauses."""
     from conftest import without
-    from rcmservo.guard.states import Phase
+    from rcmservo.safety.state_machine import Phase
 
     stream, state = [], None
     for seconds, lost in ((5.0, ()), (0.3, (0,)), (0.5, ()), (1.2, (0, 1))):
@@ -97,7 +97,7 @@ def test_after_the_warm_up_nothing_compiles_in_other_scenes_with_losses_and_paus
     tmp_path, estimator, tool, warm_ups
 ):
     from conftest import ESTIMATORS, TOOLS, laboratory, with_tests
-    from rcmservo.method.kinematics import PitchYawRcm
+    from rcmservo.geometry.kinematics import PitchYawRcm
     from rcmservo.sim import RigSettings
 
     choice = {"estimator": ESTIMATORS[estimator], "tool": TOOLS[tool]}

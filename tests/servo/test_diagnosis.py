@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from conftest import TOOLS, laboratory
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import Phase
-from rcmservo.method.estimators.flow import FlowEstimator
-from rcmservo.method.kinematics import PitchYawRcm
+from rcmservo.estimation.flow_rule import FlowEstimator
+from rcmservo.geometry.kinematics import PitchYawRcm
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 
 OFF = np.array([0.0, 0.0, 500.0])

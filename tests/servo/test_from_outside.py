@@ -13,13 +13,13 @@ import pytest
 
 import rcmservo as rs
 from conftest import laboratory
-from rcmservo.app.cli import main
-from rcmservo.method.feature_vectors import FEATURE_VECTORS
+from rcmservo.cli.cli import main
+from rcmservo.control.feature_vectors import FEATURE_VECTORS
 from rcmservo.page.web.setting_fields import forms
 from rcmservo.servo.user_features import examine_features
-from rcmservo.study.work import crew as crews
-from rcmservo.study.work.chunk import done
-from rcmservo.study.work.store import runs_in
+from rcmservo.study.execution import workers as crews
+from rcmservo.study.execution.chunk import done
+from rcmservo.study.execution.store import runs_in
 
 MODULE = "lab_from_outside"
 ESTIMATOR = f"{MODULE}:Pixels"
@@ -27,7 +27,7 @@ SOURCE = """
 from dataclasses import dataclass
 import numpy as np
 import rcmservo as rs
-from rcmservo.method.features import about, features_jacobian
+from rcmservo.geometry.features import about, features_jacobian
 
 
 @dataclass(frozen=True)

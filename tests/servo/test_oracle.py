@@ -65,8 +65,8 @@ P, N, SPACING = np.array([20.0, -10.0, -100.0]), 8, 30.0
 
 
 def scene():
-    from rcmservo.method import features, projection, tool
-    from rcmservo.method.estimators import projection as fit
+    from rcmservo.estimation import projection_rule as fit
+    from rcmservo.geometry import features, projection, tool
 
     random, C = np.random.default_rng(0), camera()
     a, o_c = projection.parameters(C)
@@ -83,8 +83,9 @@ def scene():
 
 def moving():
     """Mechanism, tool and exploration."""
-    from rcmservo.loops import cross, distance
-    from rcmservo.method import identification, kinematics, tool
+    from rcmservo.bringup import identification
+    from rcmservo.geometry import kinematics, tool
+    from rcmservo.numerics.small_linalg import cross, distance
 
     out, limits = {}, ((-1.0, -1.0, 40.0), (1.0, 1.0, 93.0))
     for kind in (0, 1):
@@ -113,8 +114,8 @@ def moving():
 
 def touring(kind, rcm, q):
     """Two rounds of the first motion."""
-    from rcmservo.method import exploration
-    from rcmservo.rows import as_row
+    from rcmservo.control import exploration
+    from rcmservo.numerics.structs import as_row
 
     out, x, fastest = {}, as_row(exploration.Exploration())[0], np.array([1.0, 1.0, 80.0])
     tour = exploration.Exploring.of()
@@ -133,7 +134,8 @@ def touring(kind, rcm, q):
 
 def imaging(seen):
     """Projection, features and imaged RCM."""
-    from rcmservo.method import exploration, features, imaged_rcm, projection
+    from rcmservo.control import exploration
+    from rcmservo.geometry import features, imaged_rcm, projection
     from rcmservo.numerics import small_svd
 
     m, J_straight = features.about(seen.points, seen.o_c), np.empty((3, 4))
@@ -169,9 +171,9 @@ def imaging(seen):
 
 def fitting(seen):
     """The projection estimator, with both Γ."""
-    from rcmservo.method import tool
-    from rcmservo.method.estimators import decay
-    from rcmservo.method.estimators import projection as fit
+    from rcmservo.estimation import projection_rule as fit
+    from rcmservo.geometry import tool
+    from rcmservo.numerics import gradient_flow
     from rcmservo.servo.state import EstimatorMemory
     from rcmservo.servo.update_estimate import empty_with_lines
 
@@ -185,9 +187,9 @@ def fitting(seen):
     out |= {
         "inverse_root": root,
         "least_telling": fit.least_telling(fitted, N, root),
-        "decay": decay.decay(A, b, 0.5 * a, C, 1.0),
-        "by_series": C @ decay.by_series(C @ A @ C, C @ b, 1e-3),
-        "by_modes": C @ decay.by_modes(C @ A @ C, C @ b, 1.0),
+        "decay": gradient_flow.decay(A, b, 0.5 * a, C, 1.0),
+        "by_series": C @ gradient_flow.by_series(C @ A @ C, C @ b, 1e-3),
+        "by_modes": C @ gradient_flow.by_modes(C @ A @ C, C @ b, 1.0),
         "keep_in_front": fit.keep_in_front(0 * a, far, rows, N, shaft),
         "markers_jacobian": fit.markers_jacobian(a, P, shaft),
         "jacobian_at": fit.jacobian_at(a, P, seen.points, o_c, shaft),
@@ -207,10 +209,10 @@ def fitting(seen):
 
 def sizing(seen):
     """The estimator by places and sizes."""
-    from rcmservo.method import sized, tool
-    from rcmservo.method.estimators import affine
+    from rcmservo.estimation import affine, ball_size_fit
+    from rcmservo.geometry import tool
 
-    shaft, memory = tool.Shaft(0, SPACING), sized.no_balls()
+    shaft, memory = tool.Shaft(0, SPACING), ball_size_fit.no_balls()
     for row in seen.rows:
         points, sizes = row[3:].reshape(2, 2), 1e3 / np.array([200.0 - row[0], 190.0 - row[0]])
         memory = affine.see_both(memory, row[:3], points, sizes, 2.0, shaft)
@@ -222,21 +224,21 @@ def sizing(seen):
         "sized markers": affine.sized_markers(memory, p1, shaft),
         "sized rcm": rcm[0],
         "sized rcm covariance": rcm[1],
-        "sized place": sized.place_told(memory[0], seen.points[0], 6.0)[0],
+        "sized place": ball_size_fit.place_told(memory[0], seen.points[0], 6.0)[0],
     }
 
 
 def expecting(seen):
     """What the camera should see, from eight frames, and as an estimator."""
-    from rcmservo.method import foresight, prospect, tool
-    from rcmservo.method.estimators import dlt
+    from rcmservo.estimation import dlt, projection_fit, projection_prediction
+    from rcmservo.geometry import tool
     from rcmservo.servo.update_estimate import empty_memory
 
-    shaft, memory, p1 = tool.Shaft(0, SPACING), prospect.blank().rows, seen.places[0]
+    shaft, memory, p1 = tool.Shaft(0, SPACING), projection_fit.blank().rows, seen.places[0]
     for row in seen.rows:
-        prospect.see(memory[0], row[:3], row[3:].reshape(2, 2), shaft)
-    v, known = memory[0], prospect.Prospect(memory)
-    place, covariance = foresight.imaged(v, P)
+        projection_fit.see(memory[0], row[:3], row[3:].reshape(2, 2), shaft)
+    v, known = memory[0], projection_fit.Prospect(memory)
+    place, covariance = projection_prediction.imaged(v, P)
     out = {
         "A of the fit": known.A,
         "g of the fit": known.g,
@@ -244,27 +246,28 @@ def expecting(seen):
         "offset of the fit": known.offset,
         "place": place,
         "covariance": covariance,
-        "expected": foresight.expected(v, p1, shaft),
-        "markers": foresight.located(v, p1, shaft),
-        "motion": foresight.both_motions(v, p1, shaft),
-        "J of the fit": foresight.features_motion(v, p1, seen.points, seen.o_c, shaft),
-        "weakness": foresight.weakness(v, p1, shaft),
-        "pose deviation": foresight.pose_deviation(v, p1, shaft),
-        "without marker 2": foresight.deviation_without(v, p1, 1, shaft),
-        "order": foresight.order(v),
+        "expected": projection_prediction.expected(v, p1, shaft),
+        "markers": projection_prediction.located(v, p1, shaft),
+        "motion": projection_prediction.both_motions(v, p1, shaft),
+        "J of the fit": projection_prediction.features_motion(v, p1, seen.points, seen.o_c, shaft),
+        "weakness": projection_prediction.weakness(v, p1, shaft),
+        "pose deviation": projection_prediction.pose_deviation(v, p1, shaft),
+        "without marker 2": projection_prediction.deviation_without(v, p1, 1, shaft),
+        "order": projection_prediction.order(v),
         "nothing stored": empty_memory(dlt.DltKernel(), ()),
     }
     out |= planned(v, seen, shaft)
-    prospect.empty(v)
-    empty = prospect.Prospect(memory)
+    projection_fit.empty(v)
+    empty = projection_fit.Prospect(memory)
     numbers = {field.name for field in empty.fields} - {"work"}
     return out | {f"emptied {name}": getattr(empty, name) for name in numbers}
 
 
 def planned(v, seen, shaft):
     """How well the way to the target is known, and the next corner."""
-    from rcmservo.method import exploration, kinematics, planning
-    from rcmservo.rows import as_row
+    from rcmservo.control import exploration, exploration_planning
+    from rcmservo.geometry import kinematics
+    from rcmservo.numerics.structs import as_row
 
     x, p1, limits = (
         as_row(exploration.Exploration())[0],
@@ -274,11 +277,11 @@ def planned(v, seen, shaft):
     rcm = kinematics.Rcm(0, 2.0, *limits)
     q = kinematics.joints(rcm, p1)
     tour = exploration.Exploring.of(home=q, goal=q, sides=[0.03, 0.03, 2.5], visits=3)
-    planning.plan(tour.rows[0], v, rcm, shaft, q, seen.target, 9.0)
+    exploration_planning.plan(tour.rows[0], v, rcm, shaft, q, seen.target, 9.0)
     assert not np.array_equal(tour.goal, q)
     return {
-        "off target": planning.off_target(v, p1, seen.target, shaft),
-        "directed": planning.directed(v, p1, seen.target, shaft, x),
+        "off target": exploration_planning.off_target(v, p1, seen.target, shaft),
+        "directed": exploration_planning.directed(v, p1, seen.target, shaft, x),
         "planned": tour.goal,
     }
 
@@ -286,23 +289,25 @@ def planned(v, seen, shaft):
 def drifting(seen):
     """A picture that is off by some px, one marker more than the other, or that is frozen."""
     from conftest import tick_facts
-    from rcmservo.guard import plausible, watch
-    from rcmservo.guard.checks import devices, drift
-    from rcmservo.guard.thresholds import Thresholds
-    from rcmservo.method import exploration, prospect, tool
-    from rcmservo.rows import as_row
+    from rcmservo.control import exploration
+    from rcmservo.estimation import projection_fit
+    from rcmservo.geometry import tool
+    from rcmservo.numerics.structs import as_row
+    from rcmservo.safety import innovation, monitor_state
+    from rcmservo.safety.checks import devices, drift
+    from rcmservo.safety.thresholds import Thresholds
 
-    shaft, known, t = tool.Shaft(0, SPACING), prospect.blank(), as_row(Thresholds())[0]
+    shaft, known, t = tool.Shaft(0, SPACING), projection_fit.blank(), as_row(Thresholds())[0]
     v, out = known.rows[0], {}
     for row in seen.rows:
-        prospect.see(v, row[:3], row[3:].reshape(2, 2), shaft)
+        projection_fit.see(v, row[:3], row[3:].reshape(2, 2), shaft)
     for name, off in {
         "none": np.zeros((2, 2)),
         "both": np.full((2, 2), 9.0),
         "one": np.array([[0.0, 0.0], [20.0, -9.0]]),
         "crossed": seen.points[::-1] - seen.points,
     }.items():
-        w = watch.begin()
+        w = monitor_state.begin()
         for step in range(2 * Thresholds.drift_frames):
             moves = 1e-6 * step if name != "both" else 0.0
             p1 = seen.places[step % 2]
@@ -317,24 +322,24 @@ def drifting(seen):
         out[f"stuck by {name}"] = [
             drift.watch_stuck(w.rows[0], seen.places[0], points, t) for points in places
         ]
-        out[f"misplaced by {name}"] = plausible.misplaced(
+        out[f"misplaced by {name}"] = innovation.misplaced(
             v, seen.places[0], seen.points + off, seen.target, shaft, t
         )
-    old = watch.ObservationRow.of(now=10**9)
-    facts = tick_facts(seen=old, watch=watch.begin(), thresholds=t)
+    old = monitor_state.ObservationRow.of(now=10**9)
+    facts = tick_facts(seen=old, watch=monitor_state.begin(), thresholds=t)
     out["old frame"] = devices.frames_stopped(facts), devices.frame_times_are_invalid(facts)
     return out
 
 
 def learning(seen):
     """The flow rule, Broyden's update, and the others that learn from displacements."""
-    from rcmservo.method.estimators import broyden, correntropy, displacement, flow, kalman, rls
+    from rcmservo.estimation import broyden, correntropy, displacement, flow_rule, kalman, rls
 
     J, delta_p, delta_y = 0.5 * seen.J, np.array([1.0, 2.0, -1.0]), np.array([0.1, 5.0, -3.0])
     p1, p2, both = seen.places[0], seen.places[1], (seen.points, seen.target)
     out = {
-        "learn": flow.learn(J, delta_p, delta_y, 0.02, 0.01),
-        "flow": flow.update(J, seen.step, *both, seen.o_c, 0.02, 0.01),
+        "learn": flow_rule.learn(J, delta_p, delta_y, 0.02, 0.01),
+        "flow": flow_rule.update(J, seen.step, *both, seen.o_c, 0.02, 0.01),
         "learn broyden": broyden.learn(J, delta_p, delta_y),
     }
     for least in (1.0, 1e3):
@@ -353,26 +358,27 @@ def learning(seen):
 
 def guarding(seen):
     """What is believed, the law and the gate."""
-    from rcmservo.guard import gate, plausible, watch
-    from rcmservo.method import controller, kinematics
-    from rcmservo.rows import as_row
+    from rcmservo.control import saturated_controller
+    from rcmservo.geometry import kinematics
+    from rcmservo.numerics.structs import as_row
+    from rcmservo.safety import gate, innovation, monitor_state
 
     J, delta, o_c, both = seen.J, seen.delta, seen.o_c, (seen.target, seen.points)
     still, one, half, q = np.zeros(3), np.ones(3), np.full(3, 0.5), np.full(3, 0.1)
     out = {
-        "leapt": plausible.leapt(*both, 0.5, 1.0, 20.0),
-        "judged": plausible.judged(*both, o_c, J, seen.step, 0.2, 0.75),
+        "leapt": innovation.leapt(*both, 0.5, 1.0, 20.0),
+        "judged": innovation.judged(*both, o_c, J, seen.step, 0.2, 0.75),
     }
-    watch.followed(still, one, half, q, 0.01, 0.025, 1.0)
+    monitor_state.followed(still, one, half, q, 0.01, 0.025, 1.0)
     out["followed"] = [*still, *one]
     b = np.full(3, 0.1)
     for printed in (False, True):
-        heading, error = controller.control(J, delta, b, printed, 2.0, 150.0, 40.0)
+        heading, error = saturated_controller.control(J, delta, b, printed, 2.0, 150.0, 40.0)
         out[f"heading {printed}"] = [*heading.v, heading.condition, heading.open, error]
-        out[f"gradient {printed}"] = controller.potential_gradient(delta, b, printed)
-        out[f"potential {printed}"] = controller.potential(delta, b, printed)
+        out[f"gradient {printed}"] = saturated_controller.potential_gradient(delta, b, printed)
+        out[f"potential {printed}"] = saturated_controller.potential(delta, b, printed)
     damped = np.diag([1.0, 0.2, 0.01])
-    out["damped"] = controller.law(damped, np.ones(3), 2.0, 150.0, 1e6).v
+    out["damped"] = saturated_controller.law(damped, np.ones(3), 2.0, 150.0, 1e6).v
     wish, last = np.array([0.9, -0.4, 70.0]), np.array([0.85, -0.4, 40.0])
     rcm = kinematics.Rcm(0, 0.0, (-1.0, -1.0, 40.0), (1.0, 1.0, 91.0))
     bounds = as_row(gate.Gate((1.0, 1.0, 80.0), (8.0, 8.0, 500.0), 0.05))[0]
@@ -386,13 +392,13 @@ def guarding(seen):
 
 def moded():
     """Modes and what is forgotten with them."""
-    from rcmservo.guard import gate, states
-    from rcmservo.guard.causes import Cause
-    from rcmservo.guard.states import PHASES, REQUESTS, ModeStruct, Signs
-    from rcmservo.guard.thresholds import Thresholds
-    from rcmservo.guard.watch import Watch
-    from rcmservo.method.exploration import Exploring
-    from rcmservo.rows import as_row
+    from rcmservo.control.exploration import Exploring
+    from rcmservo.numerics.structs import as_row
+    from rcmservo.safety import gate, state_machine
+    from rcmservo.safety.causes import Cause
+    from rcmservo.safety.monitor_state import Watch
+    from rcmservo.safety.state_machine import PHASES, REQUESTS, ModeStruct, Signs
+    from rcmservo.safety.thresholds import Thresholds
     from rcmservo.servo import apply_mode, reset
     from rcmservo.servo.state import Decision, Estimate, Stored
 
@@ -403,7 +409,7 @@ def moded():
             d = ModeStruct.of(phase=phase, cause=Cause.LATE.place, good=20, since=1)
             for found in (0, *(cause.bit for cause in causes)):
                 signs = Signs(True, True, True, phase > 1)
-                states.transition(d.rows[0], found, signs, request, 5, t)
+                state_machine.transition(d.rows[0], found, signs, request, 5, t)
             out[f"mode {phase} {request}"] = [d.phase, d.cause, d.since, d.good, d.asks]
     places = {"p1": P, "points": np.array([[300.0, 200.0], [250.0, 150.0]]), "o_c": 90.0}
     for name, change in {
@@ -435,8 +441,8 @@ def moded():
 
 def lagging():
     """How far drives lag behind, of a few readings."""
-    from rcmservo.method import drive_lag
-    from rcmservo.method.exploration import Exploring
+    from rcmservo.control import drive_lag
+    from rcmservo.control.exploration import Exploring
 
     tour, fastest = Exploring.of(), np.array([1.0, 1.0, 80.0])
     drive_lag.begin_lag(tour.rows[0])
@@ -459,21 +465,21 @@ def functions():
 def steps():
     """A few servo steps on exact pictures of a tool that follows its commands: exploring, then
     servoing."""
-    from rcmservo.guard.states import Phase
+    from rcmservo.control.exploration import Exploration
+    from rcmservo.control.saturated_controller import SaturatedController
+    from rcmservo.estimation.affine import AffineEstimator
+    from rcmservo.estimation.broyden import BroydenEstimator
+    from rcmservo.estimation.correntropy import CorrentropyEstimator
+    from rcmservo.estimation.dlt import DltEstimator
+    from rcmservo.estimation.flow_rule import FlowEstimator
+    from rcmservo.estimation.kalman import KalmanEstimator
+    from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
+    from rcmservo.estimation.projection_rule import ProjectionEstimator
+    from rcmservo.estimation.rls import RlsEstimator
+    from rcmservo.geometry.kinematics import PitchYawRcm
+    from rcmservo.geometry.tool import RigidTool, ScaledTool
     from rcmservo.interfaces import Observation, Target
-    from rcmservo.method.controller import SaturatedController
-    from rcmservo.method.estimators.affine import AffineEstimator
-    from rcmservo.method.estimators.broyden import BroydenEstimator
-    from rcmservo.method.estimators.correntropy import CorrentropyEstimator
-    from rcmservo.method.estimators.dlt import DltEstimator
-    from rcmservo.method.estimators.flow import FlowEstimator
-    from rcmservo.method.estimators.kalman import KalmanEstimator
-    from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
-    from rcmservo.method.estimators.projection import ProjectionEstimator
-    from rcmservo.method.estimators.rls import RlsEstimator
-    from rcmservo.method.exploration import Exploration
-    from rcmservo.method.kinematics import PitchYawRcm
-    from rcmservo.method.tool import RigidTool, ScaledTool
+    from rcmservo.safety.state_machine import Phase
     from rcmservo.servo.servo import Servo
 
     C, out, rcm = camera(), {}, PitchYawRcm()

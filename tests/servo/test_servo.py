@@ -24,23 +24,23 @@ from conftest import (
     observation,
     without,
 )
+from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.gate import Gate
-from rcmservo.guard.states import SLOW_SHARE, Phase, Request
-from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import Watch, stays
+from rcmservo.estimation.flow_rule import FlowEstimator
+from rcmservo.estimation.projection_fit import empty
+from rcmservo.estimation.projection_rule import ProjectionEstimator
+from rcmservo.geometry.imaged_rcm import ImagedRcm, solve
+from rcmservo.geometry.kinematics import JointLimits, PitchYawRcm
 from rcmservo.interfaces import Dropped, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import NotShown, teach
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.flow import FlowEstimator
-from rcmservo.method.estimators.projection import ProjectionEstimator
-from rcmservo.method.imaged_rcm import ImagedRcm, solve
-from rcmservo.method.kinematics import JointLimits, PitchYawRcm
-from rcmservo.method.prospect import empty
-from rcmservo.rows import as_row, copied
+from rcmservo.numerics.structs import as_row, copied
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.gate import Gate
+from rcmservo.safety.monitor_state import Watch, stays
+from rcmservo.safety.state_machine import SLOW_SHARE, Phase, Request
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.reset import forget
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import Estimate
@@ -595,7 +595,7 @@ def test_only_the_gate_makes_commands():
             )
             if name == "Command":
                 makers.add(path.relative_to(package).as_posix())
-    assert makers == {"live/arm_link.py", "guard/gate.py"}
+    assert makers == {"live/arm_datagrams.py", "safety/gate.py"}
 
 
 def test_teach_moves_nothing_and_sends_nothing():

@@ -10,17 +10,17 @@ import pytest
 
 import rcmservo as rs
 from conftest import random_from
-from rcmservo.app.cli import main
-from rcmservo.app.simulated_run.target import setup_of
+from rcmservo.cli.cli import main
+from rcmservo.cli.simulated_run.target import setup_of
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import Lab
+from rcmservo.estimation.affine import AffineEstimator
+from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats, Observation
 from rcmservo.loop.plant import Plant
-from rcmservo.method.estimators.affine import AffineEstimator
-from rcmservo.method.tool import Tool
-from rcmservo.record import reader
-from rcmservo.record.recompute import recompute
-from rcmservo.record.writer import Recorder
+from rcmservo.recording import reader
+from rcmservo.recording.replay import recompute
+from rcmservo.recording.writer import Recorder
 from rcmservo.servo.user_estimator import Guard
 from rcmservo.sim import Disturbance, Rig, RigSettings
 from rcmservo.tracking import PointMarkers

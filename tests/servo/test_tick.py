@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from conftest import first_quick, frozen, laboratory
-from rcmservo.guard.states import Phase
+from rcmservo.control.saturated_controller import SaturatedController
+from rcmservo.estimation.base import Estimator, Sample
+from rcmservo.estimation.dlt import DltEstimator
+from rcmservo.estimation.projection_rule import PRINTED, ProjectionEstimator
+from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.estimators.dlt import DltEstimator
-from rcmservo.method.estimators.projection import PRINTED, ProjectionEstimator
-from rcmservo.method.tool import Tool
-from rcmservo.rows import changed
+from rcmservo.numerics.structs import changed
+from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import EstimatorMemory, State
 from rcmservo.sim import Disturbance

@@ -10,7 +10,7 @@ import pytest
 import rcmservo as rs
 from conftest import Laboratory, laboratory
 from rcmservo.interfaces import Floats
-from rcmservo.record.outcome import Judge
+from rcmservo.recording.outcome import Judge
 from rcmservo.servo import user_estimator
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import Guard, UnusableEstimator, examine

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from rcmservo.geometry.kinematics import SphericalRcm
 from rcmservo.interfaces import Clock, Command
-from rcmservo.method.kinematics import SphericalRcm
 from rcmservo.sim import Drive
 from rcmservo.sim.arm import HISTORY_STEPS, STEP, SimulatedArm, SimulatedClock
 

@@ -15,13 +15,13 @@ from test_quiet_disturbances import PERMANENT, TRANSIENT
 
 from conftest import first_quick, frozen, laboratory, random_from, seeds, taught
 from rcmservo.errors import BadInput
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import SLOW_SHARE, Phase, Request
-from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Command, Dropped, Floats, Frame, Observation
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.state_machine import SLOW_SHARE, Phase, Request
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import State
 from rcmservo.sim import Disturbance, Killed, Rig

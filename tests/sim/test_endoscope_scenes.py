@@ -8,8 +8,8 @@ import pytest
 from conftest import first_quick
 from rcmservo.config.rig_file import load_lab
 from rcmservo.errors import BadInput
+from rcmservo.geometry.kinematics import PitchYawRcm
 from rcmservo.interfaces import Floats
-from rcmservo.method.kinematics import PitchYawRcm
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 from rcmservo.sim.rig import drawn
 from rcmservo.sim.rig_file import rig_settings

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rcmservo.method.kinematics import SphericalRcm
+from rcmservo.geometry.kinematics import SphericalRcm
 from rcmservo.sim.arm import Drive, SimulatedArm
 from rcmservo.sim.motor_interface import ArmMotors
 

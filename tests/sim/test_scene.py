@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from conftest import first_quick, laboratory
+from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import Phase, Request
+from rcmservo.estimation.projection_rule import ProjectionEstimator
+from rcmservo.geometry.features import about, difference, features
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.teach import teach
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.projection import ProjectionEstimator
-from rcmservo.method.features import about, difference, features
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.state_machine import Phase, Request
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Rig, RigSettings, SceneSettings
 from rcmservo.tracking import PointMarkers

@@ -7,7 +7,7 @@ import pytest
 
 from conftest import ROOT
 from rcmservo.errors import BadInput
-from rcmservo.method.features import SCALE
+from rcmservo.geometry.features import SCALE
 from rcmservo.sim import RigSettings, SceneSettings
 from rcmservo.sim.ground_truth import feature_jacobian
 from rcmservo.sim.rig import drawn

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from conftest import first_quick, taught
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Command
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Rig, RigSettings
 from rcmservo.sim.disturbances.oracle import (

@@ -3,10 +3,10 @@
 from collections.abc import Generator, Iterable
 from pathlib import Path
 
+from rcmservo.study.execution.chunk import ChunkOrder, Numbers, done
+from rcmservo.study.execution.run_study import Work
 from rcmservo.study.plan.file import StudyFile, plan_of
 from rcmservo.study.plan.plan import StudyPlan
-from rcmservo.study.work.chunk import ChunkOrder, Numbers, done
-from rcmservo.study.work.go import Work
 
 
 class Alone:

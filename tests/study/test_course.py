@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from studies import small
 
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import PHASES, Phase
-from rcmservo.method.features import SCALE
+from rcmservo.geometry.features import SCALE
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.state_machine import PHASES, Phase
 from rcmservo.sim.ground_truth import feature_jacobian
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.joint_paths import imaged_rcm
 from rcmservo.study.batch import Study
-from rcmservo.study.course import StudyRun
-from rcmservo.study.laboratory import Laboratory
+from rcmservo.study.execution.chunk import one_run
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.row import NEVER, StudyRow, row_of
-from rcmservo.study.work.chunk import one_run
+from rcmservo.study.run_outcome import StudyRun
+from rcmservo.study.simulation_engine import Laboratory
 from rcmservo.tracking import MarkerLook
 
 S, A, H = Phase.SERVO, Phase.ACQUIRE, Phase.HOLD

@@ -9,8 +9,8 @@ import pytest
 import rcmservo as rs
 from conftest import derivative
 from rcmservo.errors import BadInput
+from rcmservo.geometry.tool import RigidTool, ScaledTool, Tool
 from rcmservo.interfaces import Floats
-from rcmservo.method.tool import RigidTool, ScaledTool, Tool
 from rcmservo.sim import RigSettings
 from rcmservo.sim.rig import drawn
 from rcmservo.sim.scene import Scene

@@ -20,19 +20,19 @@ from dask_cluster import Cluster, cluster
 from studies import made, small
 
 import rcmservo
-from rcmservo.app.cli import main
+from rcmservo.cli.cli import main
 from rcmservo.errors import BadInput, RcmServoError
-from rcmservo.study.work import crew as crews
-from rcmservo.study.work.chunk import OtherPackage
-from rcmservo.study.work.crew import Crew, WorkLost, crew
-from rcmservo.study.work.go import Work
-from rcmservo.study.work.store import RUNS
+from rcmservo.study.execution import workers as crews
+from rcmservo.study.execution.chunk import OtherPackage
+from rcmservo.study.execution.run_study import Work
+from rcmservo.study.execution.store import RUNS
+from rcmservo.study.execution.workers import Crew, WorkLost, crew
 
 OWN = """
 from dataclasses import dataclass
 import numpy as np
 import rcmservo as rs
-from rcmservo.method.features import about, features_jacobian
+from rcmservo.geometry.features import about, features_jacobian
 
 @dataclass(frozen=True)
 class Least(rs.Estimator):
@@ -200,7 +200,7 @@ def test_that_no_worker_of_its_own_joins_is_told(monkeypatch: pytest.MonkeyPatch
 
 HEARS = """
 import signal
-from rcmservo.study.work.crew import crew
+from rcmservo.study.execution.workers import crew
 
 def blocked():
     import signal
@@ -278,7 +278,7 @@ def test_a_users_own_module_travels_with_its_source(
 
 
 def crews_rows(folder: Path) -> list[dict[str, object]]:
-    from rcmservo.study.work.store import runs_in
+    from rcmservo.study.execution.store import runs_in
 
     return runs_in(folder).to_pylist()
 
@@ -287,7 +287,7 @@ def crews_rows(folder: Path) -> list[dict[str, object]]:
 def test_workers_with_another_rcmservo_are_refused(tmp_path: Path) -> None:
     other = tmp_path / "other"
     shutil.copytree(Path(rcmservo.__file__).parent, other / "rcmservo")
-    law = other / "rcmservo/method/controller.py"
+    law = other / "rcmservo/control/saturated_controller.py"
     law.write_text(law.read_text().replace("SURE = 1e3", "SURE = 1e4"))
     with cluster(1) as lab:
         lab.start(1, env={**os.environ, "PYTHONPATH": str(other)})

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from studies import Alone
 
-from rcmservo.config.own_code import named
+from rcmservo.config.user_code import named
 from rcmservo.errors import BadInput, RcmServoError
+from rcmservo.study.execution.run_study import Work
 from rcmservo.study.plan.file import StudyFile, plan_of
-from rcmservo.study.plan.parcel import Parcel, classes, parcel_of
 from rcmservo.study.plan.plan import StudyPlan
-from rcmservo.study.work.go import Work
+from rcmservo.study.plan.user_module_archive import Parcel, classes, parcel_of
 
 MODULE = "lab_of_parcels"
 HELPER = "SHARE = {share}\n"
@@ -22,7 +22,7 @@ SOURCE = """
 from dataclasses import dataclass
 import lab_of_parcels_helper
 import rcmservo as rs
-from rcmservo.method.estimators.flow import FlowEstimator
+from rcmservo.estimation.flow_rule import FlowEstimator
 
 @dataclass(frozen=True)
 class One(FlowEstimator):

@@ -13,8 +13,8 @@ from studies import made, small
 
 from conftest import ROOT
 from peers import peer
+from rcmservo.study.execution.store import RUNS
 from rcmservo.study.row import MEANINGS, StudyRow
-from rcmservo.study.work.store import RUNS
 
 PEERS = ROOT / ".peers"
 NAMES = [f.name for f in fields(StudyRow)]

@@ -8,9 +8,10 @@ import pytest
 
 from rcmservo.config import texts
 from rcmservo.errors import RcmServoError
-from rcmservo.method.estimators.dlt import DltEstimator
-from rcmservo.method.estimators.projection import PRINTED
+from rcmservo.estimation.dlt import DltEstimator
+from rcmservo.estimation.projection_rule import PRINTED
 from rcmservo.sim.scene import NoScene
+from rcmservo.study.execution.chunk import one_run
 from rcmservo.study.plan.cell import cell_from
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO, PICTURES
 from rcmservo.study.plan.distribution import (
@@ -22,7 +23,6 @@ from rcmservo.study.plan.distribution import (
 )
 from rcmservo.study.plan.file import StudyFile, load, plan_of
 from rcmservo.study.plan.plan import StudyPlan
-from rcmservo.study.work.chunk import one_run
 
 FILE = """
 methods = ["dlt", "careful"]

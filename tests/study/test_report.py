@@ -20,16 +20,16 @@ import pyarrow as pa
 import pytest
 from studies import made, small
 
-from rcmservo.app.studies.told import beside, results
-from rcmservo.app.terminal import console
+from rcmservo.cli.studies.study_report import beside, results
+from rcmservo.cli.terminal import console
 from rcmservo.interfaces import Floats
+from rcmservo.study.execution import manifest
+from rcmservo.study.execution.store import RUNS, runs_in
 from rcmservo.study.plan.plan import StudyPlan
-from rcmservo.study.told import report
-from rcmservo.study.told.maps import AXES, Map, map_of
-from rcmservo.study.told.statistics import Interval
-from rcmservo.study.told.summary import Group
-from rcmservo.study.work import note
-from rcmservo.study.work.store import RUNS, runs_in
+from rcmservo.study.report import report
+from rcmservo.study.report.maps import AXES, Map, map_of
+from rcmservo.study.report.statistics import Interval
+from rcmservo.study.report.summary import Group
 
 PA: Any = pa
 ODD = "<b>&amp;"
@@ -193,7 +193,7 @@ def test_the_worst_runs_are_the_worst_and_their_command_makes_them_again(study: 
     cases = [
         int(case) for case in re.findall(r"rcmservo study --out X --replay (\d+)<", study.page)
     ]
-    made_of, expected = note.read(study.folder), []
+    made_of, expected = manifest.read(study.folder), []
     for noise in (0.3, 2.0):
         for method in ("dlt", "projection", ODD):
             own = [

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from rcmservo.interfaces import Floats
-from rcmservo.study.told.statistics import (
+from rcmservo.study.report.statistics import (
     Interval,
     median_difference,
     quantile,

@@ -9,14 +9,14 @@ import pytest
 
 from conftest import first_quick
 from rcmservo.errors import BadInput
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import PHASES, Phase
-from rcmservo.method.estimators.base import Estimator
-from rcmservo.method.estimators.dlt import DltEstimator
-from rcmservo.method.estimators.flow import FlowEstimator
-from rcmservo.method.estimators.projection import ProjectionEstimator
-from rcmservo.method.kinematics import PitchYawRcm, SphericalRcm
-from rcmservo.method.tool import RigidTool, ScaledTool
+from rcmservo.estimation.base import Estimator
+from rcmservo.estimation.dlt import DltEstimator
+from rcmservo.estimation.flow_rule import FlowEstimator
+from rcmservo.estimation.projection_rule import ProjectionEstimator
+from rcmservo.geometry.kinematics import PitchYawRcm, SphericalRcm
+from rcmservo.geometry.tool import RigidTool, ScaledTool
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.state_machine import PHASES, Phase
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Drive, Rig, RigSettings
 from rcmservo.sim.arm import HARD_STOP
@@ -27,11 +27,11 @@ from rcmservo.sim.scene import Scene
 from rcmservo.sim.tool_body import Body
 from rcmservo.study import Study, StudyRun
 from rcmservo.study.batch import BEGIN
-from rcmservo.study.closed_loop import Goal
-from rcmservo.study.laboratory import Laboratory
+from rcmservo.study.execution.chunk import one_run
+from rcmservo.study.kernel_engine import Goal
 from rcmservo.study.plan.file import StudyFile, plan_of
-from rcmservo.study.twin import advance, count, place, take
-from rcmservo.study.work.chunk import one_run
+from rcmservo.study.plant_kernel import advance, count, place, take
+from rcmservo.study.simulation_engine import Laboratory
 
 QUIET = RigSettings(point_noise=0.0)
 WRIST = RigSettings(mechanism=PitchYawRcm(), tool=ScaledTool(1.3), point_noise=0.0)

@@ -13,13 +13,13 @@ from studies import Alone, made
 from studies import small as usual_study
 
 from rcmservo.errors import RcmServoError, UnusableFile
+from rcmservo.study.execution import manifest, store
+from rcmservo.study.execution.chunk import OtherPackage, done
+from rcmservo.study.execution.run_study import Work
+from rcmservo.study.execution.store import REPORT, RUNS, SCHEMA, SUMMARY, TUNED, key_of, runs_in
 from rcmservo.study.plan import plan
 from rcmservo.study.plan.cell import COMPILED
 from rcmservo.study.row import StudyRow
-from rcmservo.study.work import note, store
-from rcmservo.study.work.chunk import OtherPackage, done
-from rcmservo.study.work.go import Work
-from rcmservo.study.work.store import REPORT, RUNS, SCHEMA, SUMMARY, TUNED, key_of, runs_in
 
 small = partial(usual_study, count=25)
 
@@ -82,8 +82,11 @@ def test_a_changed_setting_makes_anew_what_depends_on_it_and_is_told(tmp_path: P
 def test_what_changed_is_told_in_the_words_of_who_changed_it(
     choices: dict[str, object], words: list[str]
 ) -> None:
-    before, now = note.note_of(small(count=4)), note.note_of(small(**{"count": 4, **choices}))
-    assert note.changed(before, now) == words
+    before, now = (
+        manifest.note_of(small(count=4)),
+        manifest.note_of(small(**{"count": 4, **choices})),
+    )
+    assert manifest.changed(before, now) == words
 
 
 def test_rows_of_another_rcmservo_are_not_taken_for_its_own(
@@ -91,7 +94,7 @@ def test_rows_of_another_rcmservo_are_not_taken_for_its_own(
 ) -> None:
     made(small(), tmp_path)
     monkeypatch.setattr(store, "package", lambda: "0.0.1 abc")
-    monkeypatch.setattr(note, "package", lambda: "0.0.1 abc")
+    monkeypatch.setattr(manifest, "package", lambda: "0.0.1 abc")
     work = Work(small(), tmp_path)
     assert work.changed == ["rcmservo"] and work.runs_left == 50
 
@@ -155,7 +158,7 @@ def test_a_folder_that_holds_something_else_is_refused(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
     (tmp_path / "mine.txt").unlink()
     made(small(count=4), tmp_path)
-    (tmp_path / note.NAME).write_text("{}")
+    (tmp_path / manifest.NAME).write_text("{}")
     with pytest.raises(UnusableFile, match="is not what `rcmservo study` wrote"):
         Work(small(count=4), tmp_path)
 
@@ -180,7 +183,10 @@ def test_nothing_is_written_before_the_first_rows_are_there(tmp_path: Path) -> N
     work = Work(small(count=4), tmp_path / "a" / "b")
     assert not list(tmp_path.iterdir())
     work.go(Alone(), lambda _: None)  # pyright: ignore[reportArgumentType]
-    assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == ["parts", note.NAME]
+    assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == [
+        "parts",
+        manifest.NAME,
+    ]
 
 
 def test_a_folder_that_nobody_may_write_to_is_told_before_anything_is_done(tmp_path: Path) -> None:
@@ -209,7 +215,7 @@ def test_nothing_that_tells_of_other_rows_stays_beside_new_ones(tmp_path: Path) 
     Work(small(count=4), tmp_path).gather()
     assert told <= {path.name for path in tmp_path.iterdir()}
     made(small(count=4, duration=3.0), tmp_path).gather()
-    assert {path.name for path in tmp_path.iterdir()} == {"parts", note.NAME, RUNS}
+    assert {path.name for path in tmp_path.iterdir()} == {"parts", manifest.NAME, RUNS}
 
 
 @pytest.mark.parametrize(
@@ -230,18 +236,18 @@ def test_nothing_that_tells_of_other_rows_stays_beside_new_ones(tmp_path: Path) 
 def test_a_damaged_note_is_told_by_what_is_wrong_in_it(
     tmp_path: Path, damage: dict[str, object], words: str
 ) -> None:
-    note.write(tmp_path, note.note_of(small(count=4)))
-    told = json.loads((tmp_path / note.NAME).read_text())
+    manifest.write(tmp_path, manifest.note_of(small(count=4)))
+    told = json.loads((tmp_path / manifest.NAME).read_text())
     (told if set(damage) <= set(told) else told["cells"][0]).update(damage)
-    (tmp_path / note.NAME).write_text(json.dumps(told))
+    (tmp_path / manifest.NAME).write_text(json.dumps(told))
     with pytest.raises(UnusableFile) as error:
-        note.read(tmp_path)
+        manifest.read(tmp_path)
     assert words in str(error.value) and "\n" not in str(error.value)
 
 
 def test_any_row_can_be_made_again_from_what_the_folder_notes(tmp_path: Path) -> None:
     table = made(small(count=30, repetitions=2, noise=(0.3, 1.0)), tmp_path).gather()
-    told = note.read(tmp_path)
+    told = manifest.read(tmp_path)
     assert told is not None and told.runs == table.num_rows == 2 * 2 * 2 * 30
     for case in (0, 29, 30, 95, 239):
         cell, seed = told.run_of(case)

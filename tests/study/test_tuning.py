@@ -13,23 +13,23 @@ import numpy as np
 import pytest
 from studies import Alone, made
 
-from rcmservo.app.cli import asked_of
-from rcmservo.app.studies.tune import run_command, settings_text
+from rcmservo.cli.cli import asked_of
+from rcmservo.cli.studies.tune import run_command, settings_text
 from rcmservo.config.rig_file import Lab
+from rcmservo.control.exploration import Exploration
+from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput, RcmServoError
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.flow import FlowEstimator
-from rcmservo.method.estimators.projection import PRINTED, ProjectionEstimator
-from rcmservo.method.exploration import Exploration
+from rcmservo.estimation.flow_rule import FlowEstimator
+from rcmservo.estimation.projection_rule import PRINTED, ProjectionEstimator
 from rcmservo.servo.user_estimator import called
+from rcmservo.study.execution.chunk import ChunkOrder, Numbers, one_run
 from rcmservo.study.plan.cell import cell_from
 from rcmservo.study.plan.file import StudyFile, load, plan_of
 from rcmservo.study.plan.method import method_of
 from rcmservo.study.plan.method import tried as servo_of
-from rcmservo.study.told.summary import comparisons, groups
+from rcmservo.study.report.summary import comparisons, groups
 from rcmservo.study.tuning.search import AGAIN, TUNED, Tried, Tuning, best, cost_of, searched
 from rcmservo.study.tuning.space import SearchAxis, axis_from, value_of, with_values
-from rcmservo.study.work.chunk import ChunkOrder, Numbers, one_run
 
 BAD: dict[str, Any] = {
     "estimator": "dlt",

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rcmservo.geometry.kinematics import Kinematics, position_jacobian
+from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
-from rcmservo.method.kinematics import Kinematics, position_jacobian
-from rcmservo.method.tool import Tool
 
 Order = tuple[int, int, int]
 """For each joint, the joint of the rig file whose axis drives it."""

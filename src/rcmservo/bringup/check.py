@@ -27,10 +27,10 @@ from rcmservo.bringup.timing import (
     latency_findings,
 )
 from rcmservo.errors import Stopped
-from rcmservo.guard.gate import Gate
-from rcmservo.guard.thresholds import Thresholds
 from rcmservo.interfaces import Floats
-from rcmservo.live.lab import FallsSilent, Person
+from rcmservo.live.device_protocols import FallsSilent, Person
+from rcmservo.safety.gate import Gate
+from rcmservo.safety.thresholds import Thresholds
 
 SWINGS = 6
 """Motions to and fro that identify the latency."""

@@ -5,8 +5,8 @@ import numpy as np
 from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.findings import Finding
 from rcmservo.bringup.hypotheses import Hypothesis
-from rcmservo.method.identification import SPACING, ZERO, stretched
-from rcmservo.method.tool import RIGID
+from rcmservo.bringup.identification import SPACING, ZERO, stretched
+from rcmservo.geometry.tool import RIGID
 
 MIRRORED = Finding(
     "the picture is mirrored",

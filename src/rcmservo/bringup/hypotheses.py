@@ -17,14 +17,14 @@ from itertools import permutations, product
 import numpy as np
 
 from rcmservo.bringup.axis_wiring import Order, Robot, Wiring
-from rcmservo.interfaces import Floats
-from rcmservo.method.identification import (
+from rcmservo.bringup.identification import (
     SPACING,
     ZERO,
     MarkerViews,
     corrected_markers,
     identify,
 )
+from rcmservo.interfaces import Floats
 
 INSERTION_COUNTS = 2
 """Index of the correction of the insertion's counts."""

@@ -14,11 +14,11 @@ import numpy as np
 from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.findings import CheckAborted
 from rcmservo.bringup.observations import MotionTrace, PixelBound, StillView
-from rcmservo.guard.gate import Gate
 from rcmservo.interfaces import Camera, Clock, Floats, Observation, Tracker
-from rcmservo.live.lab import FallsSilent, LabArm
+from rcmservo.live.device_protocols import FallsSilent, LabArm
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
+from rcmservo.safety.gate import Gate
 
 TICK_RATE = 100.0
 """Commands per s."""

@@ -12,12 +12,12 @@ import numpy as np
 
 from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.hypotheses import Hypothesis, fit_all, most_likely
+from rcmservo.bringup.identification import MarkerViews
 from rcmservo.bringup.motion import Mover
 from rcmservo.bringup.observations import PixelBound, StillView
 from rcmservo.bringup.prompts import require_yes
 from rcmservo.interfaces import Floats
-from rcmservo.live.lab import Person
-from rcmservo.method.identification import MarkerViews
+from rcmservo.live.device_protocols import Person
 
 FIRST_MM, FIRST_COUNTS = 0.06, 50.0
 """First motion of marker 2 according to the rig file, and in counts at most: in a file with a

@@ -17,9 +17,9 @@ from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.hypotheses import Hypothesis, equivalents
 from rcmservo.bringup.prompts import MAX_ATTEMPTS, ask_choice, ask_length
 from rcmservo.errors import Stopped
+from rcmservo.geometry.kinematics import PITCH_YAW, SPHERICAL
 from rcmservo.interfaces import Floats
-from rcmservo.live.lab import Person
-from rcmservo.method.kinematics import PITCH_YAW, SPHERICAL
+from rcmservo.live.device_protocols import Person
 
 VIEWPOINTS = {
     SPHERICAL: "look from the point where the tool goes in, along the line theta = 0",

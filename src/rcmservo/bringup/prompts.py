@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from rcmservo.errors import Stopped
-from rcmservo.live.lab import Person
+from rcmservo.live.device_protocols import Person
 
 Answer = TypeVar("Answer")
 

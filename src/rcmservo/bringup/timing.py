@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from rcmservo.bringup.findings import Finding
+from rcmservo.bringup.identification import fit_residuals
 from rcmservo.bringup.observations import MotionTrace
+from rcmservo.control.drive_lag import DriveLag, begin_lag, follow_drives, measure_lag
 from rcmservo.interfaces import Floats
-from rcmservo.method.drive_lag import DriveLag, begin_lag, follow_drives, measure_lag
-from rcmservo.method.identification import fit_residuals
 
 MAX_TIME_ERROR = 0.3
 """Largest error (s) of reported exposure times."""

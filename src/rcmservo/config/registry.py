@@ -13,21 +13,21 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, get_type_hints
 
-from rcmservo.config.decode import decode, instead, key_of
+from rcmservo.config.strict_decoding import decode, instead, key_of
 from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput
-from rcmservo.method.estimators.affine import AffineEstimator
-from rcmservo.method.estimators.base import Estimator
-from rcmservo.method.estimators.broyden import BroydenEstimator
-from rcmservo.method.estimators.correntropy import CorrentropyEstimator
-from rcmservo.method.estimators.dlt import DltEstimator
-from rcmservo.method.estimators.flow import FlowEstimator
-from rcmservo.method.estimators.kalman import KalmanEstimator
-from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
-from rcmservo.method.estimators.projection import PRINTED, ProjectionEstimator
-from rcmservo.method.estimators.rls import RlsEstimator
-from rcmservo.method.kinematics import PitchYawRcm, SphericalRcm
-from rcmservo.method.tool import RigidTool, ScaledTool
+from rcmservo.estimation.affine import AffineEstimator
+from rcmservo.estimation.base import Estimator
+from rcmservo.estimation.broyden import BroydenEstimator
+from rcmservo.estimation.correntropy import CorrentropyEstimator
+from rcmservo.estimation.dlt import DltEstimator
+from rcmservo.estimation.flow_rule import FlowEstimator
+from rcmservo.estimation.kalman import KalmanEstimator
+from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
+from rcmservo.estimation.projection_rule import PRINTED, ProjectionEstimator
+from rcmservo.estimation.rls import RlsEstimator
+from rcmservo.geometry.kinematics import PitchYawRcm, SphericalRcm
+from rcmservo.geometry.tool import RigidTool, ScaledTool
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import called
 

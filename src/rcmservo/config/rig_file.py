@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from rcmservo.config import texts
-from rcmservo.config.decode import decode, key_of
-from rcmservo.config.files import read_small
+from rcmservo.config.atomic_files import read_small
 from rcmservo.config.registry import KIND, MECHANISMS, PARTS, decode_kind, find_class
+from rcmservo.config.strict_decoding import decode, key_of
 from rcmservo.errors import BadInput
-from rcmservo.guard.gate import Gate
-from rcmservo.guard.thresholds import Thresholds
-from rcmservo.method.kinematics import JointLimits, Kinematics, SphericalRcm
-from rcmservo.method.tool import RigidTool, Tool
+from rcmservo.geometry.kinematics import JointLimits, Kinematics, SphericalRcm
+from rcmservo.geometry.tool import RigidTool, Tool
+from rcmservo.safety.gate import Gate
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import Servo
 from rcmservo.tracking import MarkerLook
 

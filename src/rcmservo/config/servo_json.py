@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass, make_dataclass
 from typing import Any
 
-from rcmservo.config.decode import decode
 from rcmservo.config.registry import (
     ESTIMATORS,
     KIND,
@@ -23,9 +22,10 @@ from rcmservo.config.registry import (
     find_class,
     name_of,
 )
+from rcmservo.config.strict_decoding import decode
 from rcmservo.config.texts import Table, is_table
 from rcmservo.errors import BadInput
-from rcmservo.method.estimators.base import Estimator
+from rcmservo.estimation.base import Estimator
 from rcmservo.servo.servo import Servo
 
 Description: type[object] = make_dataclass(

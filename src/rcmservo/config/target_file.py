@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from rcmservo.config import texts
-from rcmservo.config.decode import decode
-from rcmservo.config.files import read_small, write_whole
+from rcmservo.config.atomic_files import read_small, write_whole
+from rcmservo.config.strict_decoding import decode
 from rcmservo.errors import BadInput, UnusableFile, one_line, require, told
-from rcmservo.guard.thresholds import Thresholds
+from rcmservo.geometry.kinematics import Kinematics
+from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Target
-from rcmservo.method.kinematics import Kinematics
-from rcmservo.method.tool import Tool
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.tracking import MarkerLook
 
 FORMAT = "rcmservo target 1"

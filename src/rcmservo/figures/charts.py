@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rcmservo.config.files import whole
+from rcmservo.config.atomic_files import whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

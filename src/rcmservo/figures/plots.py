@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rcmservo.figures.charts import Bar, Figure, Lane, Panel, curve
-from rcmservo.guard.causes import Action, Cause
-from rcmservo.guard.states import Phase, Request
 from rcmservo.interfaces import Floats
-from rcmservo.record.outcome import TOLERANCE
-from rcmservo.record.reader import Record
-from rcmservo.record.timeline import Span, shown_place, spans
+from rcmservo.recording.outcome import TOLERANCE
+from rcmservo.recording.reader import Record
+from rcmservo.recording.timeline import Span, shown_place, spans
+from rcmservo.safety.causes import Action, Cause
+from rcmservo.safety.state_machine import Phase, Request
 
 DEGREES = np.array([180.0 / np.pi, 1.0, 1.0])
 """Factors that convert (s, r, d) from rad, px, px to deg, px, px."""

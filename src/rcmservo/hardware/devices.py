@@ -17,7 +17,7 @@ from rcmservo.hardware.cameras.settings import (
 )
 from rcmservo.hardware.crtk.settings import CrtkSettings
 from rcmservo.hardware.galil.settings import GalilSettings
-from rcmservo.live.lab import LabArm, LabCamera
+from rcmservo.live.device_protocols import LabArm, LabCamera
 
 DRIVERS: Mapping[type[Any], str] = {
     GalilSettings: "galil.driver:GalilArm",

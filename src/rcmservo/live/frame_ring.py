@@ -8,7 +8,7 @@ import numpy as np
 from rcmservo.constraints import between
 from rcmservo.errors import require
 from rcmservo.interfaces import Frame
-from rcmservo.live.lab import LabCamera
+from rcmservo.live.device_protocols import LabCamera
 from rcmservo.live.shared_ring import SharedRing
 from rcmservo.loop.run_result import CameraAccount
 

@@ -16,20 +16,20 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError, Stopped
 from rcmservo.interfaces import Arm, Camera, Command, Floats, Frame, Target, Tracker
+from rcmservo.live.loop_statistics import ReportThread
 from rcmservo.live.realtime import realtime
-from rcmservo.live.reports import ReportThread
-from rcmservo.live.told_to_end import ToldToEnd
+from rcmservo.live.stop_signals import ToldToEnd
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import Punctuality, WallClock, ticks
+from rcmservo.loop.detection_failure import unseen
 from rcmservo.loop.operator import Operator
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
 from rcmservo.loop.run_result import CameraAccount, RunResult
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
-from rcmservo.loop.unseen import unseen
-from rcmservo.record.outcome import held
-from rcmservo.record.writer import Recorder, ThreadedRecorder
+from rcmservo.recording.outcome import held
+from rcmservo.recording.writer import Recorder, ThreadedRecorder
 from rcmservo.servo.servo import Servo
 
 STANDING, ENABLING = -1, -2

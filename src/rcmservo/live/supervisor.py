@@ -20,11 +20,11 @@ from types import MappingProxyType
 from typing import Any, cast
 
 from rcmservo.errors import RcmServoError, Stopped
-from rcmservo.live.child import END, Child, Context
+from rcmservo.live.child_process import END, Child, Context
+from rcmservo.live.loop_statistics import Report
 from rcmservo.live.realtime import without_huge_pages
-from rcmservo.live.reports import Report
 from rcmservo.live.servo_process import STANDING, Session, serve
-from rcmservo.live.told_to_end import stopped_by_signals
+from rcmservo.live.stop_signals import stopped_by_signals
 from rcmservo.loop.run_result import RunResult
 
 LOOK = 10_000_000

@@ -11,7 +11,7 @@ from types import TracebackType
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Camera, Clock, Explains, Frame, Markers, Tracker
 from rcmservo.loop.clock import ticks
-from rcmservo.loop.first_answer import look_at
+from rcmservo.loop.device_checks import look_at
 
 POLL_S = 0.001
 """Interval in s at which the camera is polled."""

@@ -12,9 +12,9 @@ class JointHistory:
     """Newest `size` measurements of an arm's joints, in order of time.
 
     Plant, simulated arm and simulated camera interpolate the joints at an exposure in it. Two other
-    places interpolate differently: the arm of a study (study/twin.py) stores the joints of each
-    step of 1 ms in an array, and `rig check` (bringup/timing.py) shifts a whole motion by one lag
-    with `np.interp`.
+    places interpolate differently: the arm of a study (study/plant_kernel.py) stores the joints of
+    each step of 1 ms in an array, and `rig check` (bringup/timing.py) shifts a whole motion by one
+    lag with `np.interp`.
     """
 
     def __init__(self, size: int) -> None:

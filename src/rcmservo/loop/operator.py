@@ -12,10 +12,10 @@ import numpy as np
 
 from rcmservo.constraints import Checked, array
 from rcmservo.errors import require
-from rcmservo.guard.states import Request
 from rcmservo.interfaces import Command, Floats, Observation, Target
-from rcmservo.loop.shown import FRAMES, TEACHING_FRAMES, TargetFrames
+from rcmservo.loop.target_frames import FRAMES, TEACHING_FRAMES, TargetFrames
 from rcmservo.loop.tick import Tick
+from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo
 
 REST_TIME_NS = 200_000_000

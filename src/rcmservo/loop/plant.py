@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from rcmservo.errors import BadInput, RcmServoError
-from rcmservo.guard.plausible import NO_PIXEL
 from rcmservo.interfaces import (
     Arm,
     Camera,
@@ -20,8 +19,9 @@ from rcmservo.interfaces import (
     Observation,
     Tracker,
 )
-from rcmservo.loop.first_answer import look_at
+from rcmservo.loop.device_checks import look_at
 from rcmservo.loop.joint_history import JointHistory
+from rcmservo.safety.innovation import NO_PIXEL
 
 JOINT_HISTORY = 256
 """Number of joint measurements that the plant stores."""

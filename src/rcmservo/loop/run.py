@@ -9,12 +9,12 @@ from collections.abc import Callable, Generator
 
 import numpy as np
 
-from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Command, Target
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.operator import Agenda, Operator
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.tick import Tick
+from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo, State
 
 

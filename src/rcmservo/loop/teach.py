@@ -5,9 +5,9 @@ import numpy as np
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Target
 from rcmservo.loop.clock import ticks
+from rcmservo.loop.detection_failure import unseen
 from rcmservo.loop.plant import Plant
-from rcmservo.loop.shown import TEACHING_FRAMES, TargetFrames, require_frames
-from rcmservo.loop.unseen import unseen
+from rcmservo.loop.target_frames import TEACHING_FRAMES, TargetFrames, require_frames
 
 TEACH_TIMEOUT = 2.0
 """Time in s without a frame that shows both markers after which teaching fails."""

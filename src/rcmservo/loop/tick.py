@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from rcmservo.guard.states import Request
 from rcmservo.interfaces import Floats, Observation
+from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo, State
 
 

@@ -8,8 +8,8 @@ is the call, and seconds to compile.
 
 import numpy as np
 
-from rcmservo.compiled import compiled
-from rcmservo.interfaces import Floats
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.structs import Floats
 
 Vector = tuple[float, float, float]
 """Three numbers."""

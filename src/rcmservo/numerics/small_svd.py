@@ -7,9 +7,9 @@ and related results", J. SIAM 6(1), 1958.
 
 import numpy as np
 
-from rcmservo.compiled import compiled
-from rcmservo.interfaces import Floats
-from rcmservo.loops import all_finite, length
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import all_finite, length
+from rcmservo.numerics.structs import Floats
 
 SWEEPS = 30
 """Over all pairs of columns; they converge quadratically, three columns in about five."""

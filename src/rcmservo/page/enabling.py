@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from rcmservo.guard.states import Request
 from rcmservo.interfaces import Target
 from rcmservo.live.servo_process import HeartbeatPlant, go_on
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import NotShown, teach
 from rcmservo.loop.tick import Tick
-from rcmservo.page.desk import Desk
-from rcmservo.page.wants import Between, Enable, InForce, Note
+from rcmservo.page.channels import Desk
+from rcmservo.page.messages import Between, Enable, InForce, Note
+from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo
 
 STILL = np.zeros(3)

@@ -13,17 +13,17 @@ from typing import TypeVar
 import numpy as np
 
 from rcmservo.errors import BadInput
-from rcmservo.guard.states import SLOW_SHARE, Phase, Request
+from rcmservo.geometry.kinematics import joint_rates
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.operator import Jog, Teach, Want, changed_servo
-from rcmservo.loop.shown import TEACHING_FRAMES
+from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.tick import Tick
-from rcmservo.method.kinematics import joint_rates
-from rcmservo.page.desk import Desk
-from rcmservo.page.hand import NONE, Gesture
+from rcmservo.page.channels import Desk
+from rcmservo.page.jog_state import NONE, Gesture
+from rcmservo.page.messages import Aim, Change, Go, InForce, Note, OnTour, Taught, TeachAs, Teaching
 from rcmservo.page.settings import AT_ONCE, Chosen
 from rcmservo.page.tour import BY_ITSELF, GoOnTour, HowFar, Touring
-from rcmservo.page.wants import Aim, Change, Go, InForce, Note, OnTour, Taught, TeachAs, Teaching
+from rcmservo.safety.state_machine import SLOW_SHARE, Phase, Request
 from rcmservo.servo.servo import Servo
 
 GONE = 500_000_000

@@ -11,7 +11,7 @@ from pathlib import Path
 from urllib.parse import quote, unquote
 
 from rcmservo.config import target_file
-from rcmservo.config.files import whole
+from rcmservo.config.atomic_files import whole
 from rcmservo.config.target_file import Setup
 from rcmservo.errors import RcmServoError, UnusableFile
 from rcmservo.interfaces import Target

@@ -10,11 +10,11 @@ from multiprocessing.connection import wait
 from typing import Any
 
 from rcmservo.errors import RcmServoError, Stopped
-from rcmservo.live.reports import Report
+from rcmservo.live.loop_statistics import Report
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import NOTHING, Beside, SwitchOff, run_live
-from rcmservo.page.desk import Desk
-from rcmservo.page.wants import CLEAR, STOP, Between, Change, Note
+from rcmservo.page.channels import Desk
+from rcmservo.page.messages import CLEAR, STOP, Between, Change, Note
 
 
 class Again(Stopped):

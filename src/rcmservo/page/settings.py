@@ -15,8 +15,8 @@ from rcmservo.config.registry import ESTIMATORS, name_of
 from rcmservo.config.rig_file import METHOD_PARTS
 from rcmservo.config.servo_json import rebuild_part
 from rcmservo.errors import require
-from rcmservo.guard.states import Phase
-from rcmservo.page.wants import Change
+from rcmservo.page.messages import Change
+from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 
 AT_ONCE = ("controller",)

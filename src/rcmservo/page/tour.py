@@ -13,11 +13,11 @@ from typing import Annotated
 import numpy as np
 
 from rcmservo.constraints import Checked, Limit, between
-from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Target
 from rcmservo.loop.operator import same
 from rcmservo.loop.tick import Tick
-from rcmservo.record.outcome import TOLERANCE
+from rcmservo.recording.outcome import TOLERANCE
+from rcmservo.safety.state_machine import Phase
 
 STOPS, ROUNDS, LONGEST = 20, 1000, 600.0
 """The most of them, and the longest dwell, s."""

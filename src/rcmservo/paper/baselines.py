@@ -24,9 +24,9 @@ from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Ta
 from rcmservo.paper.statistics import bars, finite, marks, percent
 from rcmservo.sim import RigSettings, SceneSettings
 from rcmservo.sim.rig import drawn
+from rcmservo.study.report import statistics
+from rcmservo.study.report.statistics import Interval
 from rcmservo.study.row import worst_condition
-from rcmservo.study.told import statistics
-from rcmservo.study.told.statistics import Interval
 
 KINDS = ("accepted", "rejected")
 """Kinds of scenes, by our own condition."""

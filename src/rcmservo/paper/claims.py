@@ -10,7 +10,7 @@ from functools import cache
 from importlib import resources
 from typing import Any, Literal
 
-from rcmservo.config.decode import decode
+from rcmservo.config.strict_decoding import decode
 from rcmservo.config.texts import toml
 from rcmservo.paper.plan import Measurement, NotMeasured, Settings
 

@@ -11,17 +11,17 @@ from functools import partial
 import numpy as np
 
 from rcmservo.figures.charts import Figure, Panel, curve
-from rcmservo.guard.gate import Gate
+from rcmservo.geometry.kinematics import JointLimits, Kinematics, PitchYawRcm, SphericalRcm
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick
-from rcmservo.method.kinematics import JointLimits, Kinematics, PitchYawRcm, SphericalRcm
 from rcmservo.paper.lab.cameras import PINHOLE
 from rcmservo.paper.lab.closed_loop import NOISE
 from rcmservo.paper.lab.witness import reasons, settle, settled
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 from rcmservo.paper.statistics import column, finite, mark_panels, median
+from rcmservo.safety.gate import Gate
 from rcmservo.sim import RigSettings
-from rcmservo.study.told.statistics import dashed
+from rcmservo.study.report.statistics import dashed
 
 HANGING = SphericalRcm(
     JointLimits((0.5 * np.pi, -2.0 * np.pi, 40.0), (1.5 * np.pi, 2.0 * np.pi, 240.0))

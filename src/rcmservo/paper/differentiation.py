@@ -10,12 +10,12 @@ from functools import partial
 
 import numpy as np
 
+from rcmservo.control.saturated_controller import scaled
+from rcmservo.estimation.flow_rule import learn
 from rcmservo.figures.charts import Figure
+from rcmservo.geometry.features import about, difference, features
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick, run
-from rcmservo.method.controller import scaled
-from rcmservo.method.estimators.flow import learn
-from rcmservo.method.features import about, difference, features
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
 from rcmservo.paper.lab.closed_loop import FAST_ARM, FLOW, LONG, NOISE, endless
 from rcmservo.paper.lab.streams import velocity

@@ -8,11 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.figures.charts import Figure, Panel, curve
-from rcmservo.interfaces import Floats
-from rcmservo.method.controller import scaled
-from rcmservo.method.estimators.decay import decay
-from rcmservo.method.estimators.projection import (
+from rcmservo.control.saturated_controller import scaled
+from rcmservo.estimation.projection_rule import (
     GAMMA_0,
     ProjectionEstimator,
     feature_jacobian,
@@ -20,8 +17,11 @@ from rcmservo.method.estimators.projection import (
     normal_equations,
     sights,
 )
-from rcmservo.method.features import about
-from rcmservo.method.projection import project
+from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.geometry.features import about
+from rcmservo.geometry.projection import project
+from rcmservo.interfaces import Floats
+from rcmservo.numerics.gradient_flow import decay
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 from rcmservo.paper.statistics import median

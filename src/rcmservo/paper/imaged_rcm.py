@@ -12,8 +12,8 @@ from functools import partial
 import numpy as np
 
 from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.geometry.imaged_rcm import nearest_to_lines, solve
 from rcmservo.interfaces import Floats
-from rcmservo.method.imaged_rcm import nearest_to_lines, solve
 from rcmservo.paper.lab.lines import REFINEMENTS, markers
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 from rcmservo.paper.statistics import rms

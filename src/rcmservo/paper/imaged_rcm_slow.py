@@ -10,12 +10,12 @@ from functools import partial
 import numpy as np
 
 from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.geometry.imaged_rcm import ImagedRcm, follow, nearest_to_lines, solve
 from rcmservo.interfaces import Floats
-from rcmservo.method.imaged_rcm import ImagedRcm, follow, nearest_to_lines, solve
 from rcmservo.paper.lab.lines import REFINEMENTS, markers
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 from rcmservo.paper.statistics import column, finite, rms
-from rcmservo.study.told.statistics import dashed
+from rcmservo.study.report.statistics import dashed
 
 MAX_CONDITION = ImagedRcm().max_condition
 FITS = {

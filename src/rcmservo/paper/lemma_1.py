@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 
 from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.geometry.projection import PARAMETERS, parameters, project, regressor
 from rcmservo.interfaces import Floats
-from rcmservo.method.projection import PARAMETERS, parameters, project, regressor
 from rcmservo.paper.lab.cameras import drawn, seen_by
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 

@@ -11,19 +11,19 @@ from functools import partial
 
 import numpy as np
 
+from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.figures.charts import Curve, Figure, Panel, curve
-from rcmservo.guard.states import Phase, Request
+from rcmservo.geometry.features import SCALE
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.operator import Want
 from rcmservo.loop.run import run
 from rcmservo.loop.tick import Tick
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.features import SCALE
 from rcmservo.paper.lab.closed_loop import FAST_LAW, servo_for
 from rcmservo.paper.lab.methods import FLOW_RULE, OUR_METHODS, Learner
 from rcmservo.paper.lab.witness import STRIDE_TICKS, laboratory
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 from rcmservo.paper.statistics import column, median, rms
+from rcmservo.safety.state_machine import Phase, Request
 from rcmservo.servo.servo import State
 from rcmservo.sim import Rig, SceneSettings
 

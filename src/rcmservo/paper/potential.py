@@ -9,9 +9,9 @@ from functools import partial
 
 import numpy as np
 
+from rcmservo.control.saturated_controller import potential, potential_gradient
 from rcmservo.figures.charts import Curve, Figure, Panel, curve
 from rcmservo.interfaces import Floats
-from rcmservo.method.controller import potential, potential_gradient
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 
 LABELS = {"continuous": "continuous (Fig. 5)", "printed": "as (32) is printed"}

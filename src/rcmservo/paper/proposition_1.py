@@ -8,11 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.figures.charts import Figure, Panel, curve
-from rcmservo.interfaces import Floats
-from rcmservo.method.controller import scaled
-from rcmservo.method.estimators.decay import decay
-from rcmservo.method.estimators.projection import (
+from rcmservo.control.saturated_controller import scaled
+from rcmservo.estimation.projection_rule import (
     GAMMA_0,
     MAX_DECAY,
     ProjectionEstimator,
@@ -22,7 +19,10 @@ from rcmservo.method.estimators.projection import (
     predict,
     sights,
 )
-from rcmservo.method.projection import PARAMETERS, parameters, project
+from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.geometry.projection import PARAMETERS, parameters, project
+from rcmservo.interfaces import Floats
+from rcmservo.numerics.gradient_flow import decay
 from rcmservo.paper.lab.cameras import drawn, seen_by
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 from rcmservo.paper.statistics import column, median

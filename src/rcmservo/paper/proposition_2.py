@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rcmservo.control.saturated_controller import scaled
+from rcmservo.estimation.flow_rule import learn
 from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.geometry.features import SCALE, difference, features
+from rcmservo.geometry.kinematics import axis
 from rcmservo.interfaces import Floats
-from rcmservo.method.controller import scaled
-from rcmservo.method.estimators.flow import learn
-from rcmservo.method.features import SCALE, difference, features
-from rcmservo.method.kinematics import axis
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 from rcmservo.paper.statistics import column, median
 from rcmservo.sim import Rig, RigSettings

@@ -10,11 +10,11 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from rcmservo.control.exploration import Exploration
+from rcmservo.control.saturated_controller import SaturatedController
+from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.figures import plots
 from rcmservo.figures.charts import Curve, Figure, Panel, curve
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.dlt import DltEstimator
-from rcmservo.method.exploration import Exploration
 from rcmservo.paper.lab.closed_loop import PRINTED, WIDE, closed_loop, recorded
 from rcmservo.paper.lab.random_observations import RandomObservations
 from rcmservo.paper.lab.regulation import (

@@ -10,14 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from rcmservo.control.exploration import Exploration
+from rcmservo.estimation.base import Estimator
 from rcmservo.figures.charts import Figure, Panel, curve
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import Phase
+from rcmservo.geometry.features import SCALE
 from rcmservo.interfaces import Target
 from rcmservo.loop.run import Tick
-from rcmservo.method.estimators.base import Estimator
-from rcmservo.method.exploration import Exploration
-from rcmservo.method.features import SCALE
 from rcmservo.paper.lab.closed_loop import (
     FAST_FIT,
     FAST_LAW,
@@ -31,6 +29,8 @@ from rcmservo.paper.lab.closed_loop import (
 )
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 from rcmservo.paper.statistics import column, finite, fraction, median
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.state_machine import Phase
 from rcmservo.sim import RigSettings, SceneSettings
 
 BOUND_MM = 4.0

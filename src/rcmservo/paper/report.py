@@ -11,12 +11,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
-from rcmservo.config.files import write_whole
+from rcmservo.config.atomic_files import write_whole
 from rcmservo.figures import charts
 from rcmservo.paper.claims import FAILS, HOLDS, OURS, REMARK, VERDICTS, ClaimRow, claim_table
 from rcmservo.paper.experiment import Experiment
 from rcmservo.paper.plan import Drawn
-from rcmservo.study.told.html import embedded, rendered
+from rcmservo.study.report.html import embedded, rendered
 
 CLAIMS, FIGURES, REPORT = "claims.json", "figures.json", "report.html"
 

@@ -13,10 +13,9 @@ import numpy as np
 
 from rcmservo.figures import plots
 from rcmservo.figures.charts import Curve, Figure, Panel, curve
-from rcmservo.guard.causes import Cause
+from rcmservo.geometry.features import about, features_jacobian
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick
-from rcmservo.method.features import about, features_jacobian
 from rcmservo.paper.lab.closed_loop import (
     NOISE,
     PAPER_METHODS,
@@ -29,6 +28,7 @@ from rcmservo.paper.lab.closed_loop import (
 )
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 from rcmservo.paper.statistics import column, median
+from rcmservo.safety.causes import Cause
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 
 LABORATORY = RigSettings(scene=SceneSettings(room=18.0), point_noise=NOISE)

@@ -8,13 +8,12 @@ from functools import partial
 
 import numpy as np
 
+from rcmservo.control.saturated_controller import potential_gradient, scaled
 from rcmservo.figures.charts import Figure, Panel, curve
-from rcmservo.guard.states import Phase
+from rcmservo.geometry.features import SCALE
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
-from rcmservo.method.controller import potential_gradient, scaled
-from rcmservo.method.features import SCALE
 from rcmservo.paper.lab.closed_loop import (
     NOISE,
     PAPER_METHODS,
@@ -26,6 +25,7 @@ from rcmservo.paper.lab.closed_loop import (
 from rcmservo.paper.lab.witness import laboratory
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 from rcmservo.paper.statistics import median
+from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import State
 from rcmservo.sim import Rig
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from rcmservo.figures.charts import Curve, Panel, curve
 from rcmservo.interfaces import Floats
-from rcmservo.study.told.statistics import Interval
+from rcmservo.study.report.statistics import Interval
 
 
 def column(found: Iterable[Mapping[str, Any]], *keys: str) -> Floats:

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 import rcmservo
-from rcmservo.config.files import write_whole
+from rcmservo.config.atomic_files import write_whole
 from rcmservo.config.texts import is_table
 from rcmservo.errors import UnusableFile
 from rcmservo.paper.plan import Found, NotMeasured, Task
-from rcmservo.study.work.package import package
+from rcmservo.study.execution.package_version import package
 
 RESULT = "result.json"
 PART = ".part"

@@ -9,18 +9,18 @@ from functools import partial
 
 import numpy as np
 
+from rcmservo.estimation.projection_rule import feature_jacobian
 from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.geometry.features import about
+from rcmservo.geometry.tool import RigidTool, ScaledTool, Tool
 from rcmservo.interfaces import Floats
-from rcmservo.method.estimators.projection import feature_jacobian
-from rcmservo.method.features import about
-from rcmservo.method.tool import RigidTool, ScaledTool, Tool
 from rcmservo.paper.lab.cameras import PINHOLE, true_parameters
 from rcmservo.paper.lab.closed_loop import NOISE
 from rcmservo.paper.lab.witness import reasons, settle, settled
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 from rcmservo.paper.statistics import column, finite, mark_panels, marks, median
 from rcmservo.sim import Rig, RigSettings
-from rcmservo.study.told.statistics import dashed
+from rcmservo.study.report.statistics import dashed
 
 SPACING_MM = 30.0
 """mm between the markers on the real tool."""

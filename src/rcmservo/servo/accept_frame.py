@@ -2,11 +2,16 @@
 
 import numpy as np
 
-from rcmservo.compiled import compiled
-from rcmservo.guard.checks.drift import watch_drift, watch_stuck
-from rcmservo.guard.plausible import leapt, lost, misplaced
-from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import (
+from rcmservo.control.drive_lag import lag_of
+from rcmservo.estimation.base import Estimate
+from rcmservo.estimation.projection_prediction import deviation_without, located
+from rcmservo.geometry.kinematics import point_at, reachable
+from rcmservo.interfaces import Floats
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import distance, put
+from rcmservo.safety.checks.drift import watch_drift, watch_stuck
+from rcmservo.safety.innovation import leapt, lost, misplaced
+from rcmservo.safety.monitor_state import (
     ObservationRow,
     Watch,
     stays,
@@ -14,12 +19,7 @@ from rcmservo.guard.watch import (
     watch_loop,
     watch_markers,
 )
-from rcmservo.interfaces import Floats
-from rcmservo.loops import distance, put
-from rcmservo.method.drive_lag import lag_of
-from rcmservo.method.estimators.estimate import Estimate
-from rcmservo.method.foresight import deviation_without, located
-from rcmservo.method.kinematics import point_at, reachable
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_of, shaft_of
 from rcmservo.servo.state import Stored
 from rcmservo.servo.update_estimate import BELIEVED, LEARN, NOTHING

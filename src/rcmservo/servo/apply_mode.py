@@ -2,10 +2,12 @@
 
 import numpy as np
 
-from rcmservo.compiled import compiled
-from rcmservo.guard.causes import ACTIONS, Cause, Invalidates, gravest, invalidated_by
-from rcmservo.guard.gate import admit, stop
-from rcmservo.guard.states import (
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import put
+from rcmservo.safety.causes import ACTIONS, Cause, Invalidates, gravest, invalidated_by
+from rcmservo.safety.gate import admit, stop
+from rcmservo.safety.monitor_state import unwatch
+from rcmservo.safety.state_machine import (
     ACQUIRE,
     DISABLED,
     FAULT,
@@ -17,9 +19,7 @@ from rcmservo.guard.states import (
     speed_share,
     transition,
 )
-from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import unwatch
-from rcmservo.loops import put
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import TickContext, rcm_of
 from rcmservo.servo.reset import forget, forget_but_places, restart, stand
 from rcmservo.servo.state import Stored

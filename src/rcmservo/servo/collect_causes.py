@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from rcmservo.compiled import compiled
-from rcmservo.guard.causes import find_causes
-from rcmservo.guard.checks.facts import TickFacts
-from rcmservo.guard.states import DISABLED, FAULT, PAUSED, SERVO
+from rcmservo.estimation.projection_prediction import pose_deviation
+from rcmservo.geometry.kinematics import apart, point_at
+from rcmservo.geometry.tool import second_point, stretch
 from rcmservo.interfaces import Floats
-from rcmservo.method.foresight import pose_deviation
-from rcmservo.method.kinematics import apart, point_at
-from rcmservo.method.tool import second_point, stretch
+from rcmservo.numerics.jit import compiled
+from rcmservo.safety.causes import find_causes
+from rcmservo.safety.checks.facts import TickFacts
+from rcmservo.safety.state_machine import DISABLED, FAULT, PAUSED, SERVO
 from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_of, shaft_of
 
 NEAR = 1.0

@@ -1,19 +1,19 @@
 """Velocity of marker 1 and joint rates: by the law where there is an estimate, else by the first
 motion."""
 
-from rcmservo.compiled import compiled
-from rcmservo.guard.plausible import sound
-from rcmservo.guard.states import ACQUIRE, SERVO
-from rcmservo.loops import put
-from rcmservo.method.controller import Heading, control, scaled
-from rcmservo.method.drive_lag import follow_drives, lag_so_far, measure_lag
-from rcmservo.method.estimators.estimate import Estimate
-from rcmservo.method.exploration import CORNERS, arrived, begin, box, disagreement, face, towards
-from rcmservo.method.features import wrapped
-from rcmservo.method.foresight import features_motion, order
-from rcmservo.method.kinematics import Point, blocked, point_at
-from rcmservo.method.planning import directed, plan
-from rcmservo.method.tool import fastest_point
+from rcmservo.control.drive_lag import follow_drives, lag_so_far, measure_lag
+from rcmservo.control.exploration import CORNERS, arrived, begin, box, disagreement, face, towards
+from rcmservo.control.exploration_planning import directed, plan
+from rcmservo.control.saturated_controller import Heading, control, scaled
+from rcmservo.estimation.base import Estimate
+from rcmservo.estimation.projection_prediction import features_motion, order
+from rcmservo.geometry.features import wrapped
+from rcmservo.geometry.kinematics import Point, blocked, point_at
+from rcmservo.geometry.tool import fastest_point
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import put
+from rcmservo.safety.innovation import sound
+from rcmservo.safety.state_machine import ACQUIRE, SERVO
 from rcmservo.servo.kernel_parameters import KernelParameters, TickContext, rcm_of, shaft_of
 from rcmservo.servo.reset import restart, stand
 from rcmservo.servo.state import Workspace

@@ -3,16 +3,16 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from rcmservo.compiled import compiled
-from rcmservo.guard.gate import Gate
-from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import ObservationRow
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.exploration import Exploration
-from rcmservo.method.feature_vectors import FeatureParameters
-from rcmservo.method.imaged_rcm import ImagedRcm
-from rcmservo.method.kinematics import Rcm
-from rcmservo.method.tool import Shaft
+from rcmservo.control.exploration import Exploration
+from rcmservo.control.feature_vectors import FeatureParameters
+from rcmservo.control.saturated_controller import SaturatedController
+from rcmservo.geometry.imaged_rcm import ImagedRcm
+from rcmservo.geometry.kinematics import Rcm
+from rcmservo.geometry.tool import Shaft
+from rcmservo.numerics.jit import compiled
+from rcmservo.safety.gate import Gate
+from rcmservo.safety.monitor_state import ObservationRow
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.setpoint import SetpointRow
 from rcmservo.servo.state import Stored
 

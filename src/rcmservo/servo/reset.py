@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from rcmservo.compiled import compiled
-from rcmservo.loops import fill, put
-from rcmservo.method.drive_lag import forget_lag
+from rcmservo.control.drive_lag import forget_lag
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import fill, put
 from rcmservo.servo.state import Decision, Stored
 
 

@@ -11,24 +11,24 @@ from typing import Any, cast
 import numpy as np
 
 from rcmservo.constraints import Checked
+from rcmservo.control.exploration import Exploration
+from rcmservo.control.feature_vectors import FeatureVector, MarkerPair
+from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import require
-from rcmservo.guard.checks.facts import DetailFacts
-from rcmservo.guard.gate import CommandStruct, Gate
-from rcmservo.guard.states import REQUESTS, Mode, ModeStruct, Phase, Request
-from rcmservo.guard.thresholds import Thresholds
-from rcmservo.guard.watch import begin
+from rcmservo.estimation.base import Estimated, Estimator, EstimatorKernel, Sample
+from rcmservo.estimation.dlt import DltEstimator
+from rcmservo.estimation.projection_prediction import located
+from rcmservo.geometry.features import INTERPRETED
+from rcmservo.geometry.imaged_rcm import ImagedRcm
+from rcmservo.geometry.kinematics import Kinematics, Rcm, position
+from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats, Observation, Target, observed_numbers
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.base import Estimated, Estimator, EstimatorKernel, Sample
-from rcmservo.method.estimators.dlt import DltEstimator
-from rcmservo.method.exploration import Exploration
-from rcmservo.method.feature_vectors import FeatureVector, MarkerPair
-from rcmservo.method.features import INTERPRETED
-from rcmservo.method.foresight import located
-from rcmservo.method.imaged_rcm import ImagedRcm
-from rcmservo.method.kinematics import Kinematics, Rcm, position
-from rcmservo.method.tool import Tool
-from rcmservo.rows import Rows, as_row, changed, copied
+from rcmservo.numerics.structs import Rows, as_row, changed, copied
+from rcmservo.safety.checks.facts import DetailFacts
+from rcmservo.safety.gate import CommandStruct, Gate
+from rcmservo.safety.monitor_state import begin
+from rcmservo.safety.state_machine import REQUESTS, Mode, ModeStruct, Phase, Request
+from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.kernel_parameters import KernelParameters
 from rcmservo.servo.state import Decision, EstimatorMemory, State, Stored, ignorance
 from rcmservo.servo.tick import begin_tick, finish_tick, tick_of

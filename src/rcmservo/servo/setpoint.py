@@ -2,10 +2,10 @@
 
 from typing import Annotated, NamedTuple
 
-from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
-from rcmservo.loops import put
-from rcmservo.rows import Struct
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import put
+from rcmservo.numerics.structs import Struct
 
 
 class Setpoint(NamedTuple):

@@ -4,18 +4,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rcmservo.guard.causes import CAUSES, Cause
-from rcmservo.guard.gate import CommandStruct, command_of
-from rcmservo.guard.progress import TargetProgress
-from rcmservo.guard.states import PHASES, Mode, ModeStruct, Phase
-from rcmservo.guard.watch import Watch
+from rcmservo.control.exploration import Exploring
+from rcmservo.estimation.base import Estimate, Estimated
+from rcmservo.estimation.projection_fit import Prospect, blank
+from rcmservo.geometry.features import MAX_FEATURES
 from rcmservo.interfaces import Command, Floats, Target
-from rcmservo.method.estimators.base import Estimated
-from rcmservo.method.estimators.estimate import Estimate
-from rcmservo.method.exploration import Exploring
-from rcmservo.method.features import MAX_FEATURES
-from rcmservo.method.prospect import Prospect, blank
-from rcmservo.rows import Row, changed, part, reals
+from rcmservo.numerics.structs import Row, changed, part, reals
+from rcmservo.safety.causes import CAUSES, Cause
+from rcmservo.safety.gate import CommandStruct, command_of
+from rcmservo.safety.monitor_state import Watch
+from rcmservo.safety.state_machine import PHASES, Mode, ModeStruct, Phase
+from rcmservo.safety.target_progress import TargetProgress
 from rcmservo.servo.setpoint import SetpointRow
 
 NO_LINES = np.zeros((0, 4))

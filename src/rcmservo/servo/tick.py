@@ -11,12 +11,12 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from rcmservo.compiled import compiled
-from rcmservo.guard.watch import store_observation
+from rcmservo.estimation.base import EstimatorKernel
+from rcmservo.estimation.projection_fit import empty
 from rcmservo.interfaces import Floats, ObservationStruct
-from rcmservo.method.estimators.base import EstimatorKernel
-from rcmservo.method.prospect import empty
-from rcmservo.rows import Rows
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.structs import Rows
+from rcmservo.safety.monitor_state import store_observation
 from rcmservo.servo.accept_frame import accept_frame
 from rcmservo.servo.apply_mode import bound_rates, choose_mode
 from rcmservo.servo.collect_causes import collect_causes

@@ -9,13 +9,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from rcmservo.compiled import compiled, declare_in
-from rcmservo.guard.watch import watch_estimate
-from rcmservo.interfaces import Floats
-from rcmservo.loops import all_finite, multiply, put
-from rcmservo.method.estimators.base import KernelSample
-from rcmservo.method.estimators.estimate import Estimate
-from rcmservo.method.features import (
+from rcmservo.estimation.base import Estimate, KernelSample
+from rcmservo.estimation.projection_fit import see
+from rcmservo.geometry.features import (
     POINTS,
     SRD,
     along_line,
@@ -25,8 +21,11 @@ from rcmservo.method.features import (
     straight_jacobian,
     wrapped,
 )
-from rcmservo.method.imaged_rcm import follow
-from rcmservo.method.prospect import see
+from rcmservo.geometry.imaged_rcm import follow
+from rcmservo.interfaces import Floats
+from rcmservo.numerics.jit import compiled, declare_in
+from rcmservo.numerics.small_linalg import all_finite, multiply, put
+from rcmservo.safety.monitor_state import watch_estimate
 from rcmservo.servo.kernel_parameters import TickContext, shaft_of
 from rcmservo.servo.state import EstimatorMemory, Workspace
 

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, final
 import numpy as np
 
 from rcmservo.errors import RcmServoError, one_line
+from rcmservo.estimation.base import CompiledEstimator, Estimator, Sample
+from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
-from rcmservo.method.estimators.base import CompiledEstimator, Estimator, Sample
-from rcmservo.method.tool import Tool
 
 NOTHING, NOWHERE = np.empty(0), np.full((2, 2), np.nan)
 LOST = np.full((4, 3), np.nan)

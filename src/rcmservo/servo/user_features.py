@@ -3,9 +3,9 @@ in motion it becomes a sentence and a fault, and never ends the loop."""
 
 import numpy as np
 
+from rcmservo.control.feature_vectors import FeatureVector, MarkerPair
 from rcmservo.errors import BadInput, one_line, require
 from rcmservo.interfaces import Floats
-from rcmservo.method.feature_vectors import FeatureVector, MarkerPair
 
 SAMPLE = MarkerPair(
     np.array([[300.0, 180.0], [330.0, 260.0]]), np.array([6.0, 7.0]), np.array([320.0, 100.0])

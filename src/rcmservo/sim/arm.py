@@ -16,10 +16,10 @@ import mujoco
 import numpy as np
 
 from rcmservo.constraints import Checked, Triple, above, angles, between, each, finite, not_negative
-from rcmservo.guard.watchdog import Watchdog
+from rcmservo.geometry.kinematics import FULL_TURN, PITCH_YAW, Kinematics
 from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.loop.joint_history import JointHistory
-from rcmservo.method.kinematics import FULL_TURN, PITCH_YAW, Kinematics
+from rcmservo.safety.watchdog import Watchdog
 
 PHYSICS: Any = mujoco
 """MuJoCo as an untyped module: it creates its names at run time."""

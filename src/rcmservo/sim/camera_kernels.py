@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from rcmservo.compiled import compiled
+from rcmservo.geometry.features import about, features_jacobian
+from rcmservo.geometry.kinematics import Point
+from rcmservo.geometry.tool import Shaft, second_marker, second_marker_jacobian, second_point
 from rcmservo.interfaces import Floats
-from rcmservo.loops import products, put
-from rcmservo.method.features import about, features_jacobian
-from rcmservo.method.kinematics import Point
-from rcmservo.method.tool import Shaft, second_marker, second_marker_jacobian, second_point
-from rcmservo.rows import Row, real, reals, whole
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import products, put
+from rcmservo.numerics.structs import Row, real, reals, whole
 
 
 class Lens(Row):

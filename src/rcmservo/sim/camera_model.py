@@ -17,8 +17,8 @@ import numpy as np
 from rcmservo.constraints import Checked, above, array, positive
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
-from rcmservo.loops import cross
-from rcmservo.rows import Rows
+from rcmservo.numerics.small_linalg import cross
+from rcmservo.numerics.structs import Rows
 from rcmservo.sim.camera_kernels import Lens, project_jacobian
 
 MAX_LENS_SLOPE = 100.0

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from rcmservo.control.saturated_controller import scaled
 from rcmservo.interfaces import Floats
 from rcmservo.loop.tick import Tick
-from rcmservo.method.controller import scaled
-from rcmservo.record.writer import Recorder
+from rcmservo.recording.writer import Recorder
 from rcmservo.sim.arm import SimulatedArm
 from rcmservo.sim.camera_kernels import compute_true_jacobian
 from rcmservo.sim.camera_model import Optics

@@ -8,9 +8,9 @@ import numpy as np
 
 from rcmservo.constraints import Checked, between, not_negative
 from rcmservo.errors import BadInput, require
+from rcmservo.geometry.kinematics import Kinematics, SphericalRcm
+from rcmservo.geometry.tool import RigidTool, Tool
 from rcmservo.interfaces import Camera, Floats, Image
-from rcmservo.method.kinematics import Kinematics, SphericalRcm
-from rcmservo.method.tool import RigidTool, Tool
 from rcmservo.sim.arm import Drive, SimulatedArm, SimulatedClock
 from rcmservo.sim.cameras import (
     PictureCamera,

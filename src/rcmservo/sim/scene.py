@@ -7,8 +7,8 @@ import numpy as np
 
 from rcmservo.constraints import Checked, Limit, Triple, angles, each, finite, not_negative
 from rcmservo.errors import RcmServoError
+from rcmservo.geometry.kinematics import FULL_TURN
 from rcmservo.interfaces import Floats
-from rcmservo.method.kinematics import FULL_TURN
 from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.tool_body import Body

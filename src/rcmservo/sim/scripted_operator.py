@@ -4,12 +4,12 @@ from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import replace
 
-from rcmservo.guard.states import Phase, Request
 from rcmservo.interfaces import Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
-from rcmservo.loop.shown import TEACHING_FRAMES
+from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.teach import NotShown, teach
+from rcmservo.safety.state_machine import Phase, Request
 from rcmservo.servo.servo import Servo, State
 from rcmservo.sim.rig import Rig
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from rcmservo.compiled import compiled
+from rcmservo.geometry.kinematics import Kinematics, Rcm, axis, position
+from rcmservo.geometry.tool import Shaft, Tool, second_marker
 from rcmservo.interfaces import Floats
-from rcmservo.loops import put
-from rcmservo.method.kinematics import Kinematics, Rcm, axis, position
-from rcmservo.method.tool import Shaft, Tool, second_marker
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import put
 
 TIP_BEYOND_MARKER_2_MM = 14.0
 """Distance (mm) from marker 2 to the instrument's tip."""

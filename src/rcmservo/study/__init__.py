@@ -8,8 +8,8 @@ from rcmservo.errors import needing
 
 if TYPE_CHECKING:
     from rcmservo.study.batch import Study
-    from rcmservo.study.course import StudyRun
     from rcmservo.study.cramer_rao import Bound, bound
+    from rcmservo.study.run_outcome import StudyRun
 
 MODULES = "batch", "course", "cramer_rao"
 """Modules with the public names."""

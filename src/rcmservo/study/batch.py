@@ -14,19 +14,19 @@ from rcmservo.config.registry import ESTIMATORS
 from rcmservo.constraints import Checked, positive
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats
-from rcmservo.loop.shown import FRAMES, TEACHING_FRAMES
-from rcmservo.rows import changed, copied
+from rcmservo.loop.target_frames import FRAMES, TEACHING_FRAMES
+from rcmservo.numerics.structs import changed, copied
 from rcmservo.servo.servo import Servo, State
 from rcmservo.servo.user_estimator import compiles
 from rcmservo.sim import RigSettings
 from rcmservo.sim.arm import HARD_STOP
 from rcmservo.sim.scene import Scene
-from rcmservo.study.closed_loop import Course, Goal, Start, closed_loop
-from rcmservo.study.course import StudyRun
 from rcmservo.study.cramer_rao import bound
 from rcmservo.study.inertia import inertia_of
+from rcmservo.study.kernel_engine import Course, Goal, Start, closed_loop
+from rcmservo.study.plant_kernel import QUEUE, STEP, Drives, Pace, Twin
+from rcmservo.study.run_outcome import StudyRun
 from rcmservo.study.trial import frames_of, trial
-from rcmservo.study.twin import QUEUE, STEP, Drives, Pace, Twin
 
 BEGIN = 1_000_000_000
 """ns on the twin's clock at the first tick."""

@@ -24,8 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmservo.constraints import Limit, not_negative
+from rcmservo.geometry.tool import second_marker_jacobian
 from rcmservo.interfaces import Floats
-from rcmservo.method.tool import second_marker_jacobian
 from rcmservo.sim.camera_kernels import markers_jacobian
 from rcmservo.sim.scene import Scene
 

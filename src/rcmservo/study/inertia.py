@@ -19,10 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rcmservo.compiled import compiled
+from rcmservo.geometry.kinematics import SPHERICAL, Kinematics, Point
 from rcmservo.interfaces import Floats
-from rcmservo.method.kinematics import SPHERICAL, Kinematics, Point
-from rcmservo.rows import Row, real, reals, whole
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.structs import Row, real, reals, whole
 from rcmservo.sim.arm import AXES, PHYSICS, UNIT, model_of
 
 

@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.guard.causes import Cause
+from rcmservo.control.saturated_controller import scaled
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run_result import RunResult
-from rcmservo.method.controller import scaled
 from rcmservo.numerics.small_svd import condition
+from rcmservo.safety.causes import Cause
 from rcmservo.sim import RigSettings
 from rcmservo.sim.ground_truth import feature_jacobian
 from rcmservo.sim.scene import Scene
 from rcmservo.sim.scenes.joint_paths import imaged_rcm
-from rcmservo.study.course import StudyRun
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.conditions import PICTURES
+from rcmservo.study.run_outcome import StudyRun
 
 NEAR = 1.0
 """mm of pose error up to which a run is a success."""

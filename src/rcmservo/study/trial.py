@@ -11,7 +11,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.sim import RigSettings
 from rcmservo.sim.rig import drawn
 from rcmservo.sim.scene import Scene
-from rcmservo.study.closed_loop import Goal
+from rcmservo.study.kernel_engine import Goal
 
 NOISE = 1
 """The child of a scene's seed that its noise is drawn from; its own children are repetitions."""

@@ -5,8 +5,8 @@ from functools import cache
 
 import numpy as np
 
-from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats, Image
+from rcmservo.numerics.jit import compiled
 from rcmservo.tracking.circle_fit import (
     RAY_COS,
     RAY_COUNT,

@@ -14,9 +14,9 @@ it from a shift. All lengths are in px.
 
 import numpy as np
 
-from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
-from rcmservo.loops import fill, product
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import fill, product
 from rcmservo.numerics.small_solvers import invert
 
 RAY_COUNT = 64

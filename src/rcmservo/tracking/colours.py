@@ -12,8 +12,8 @@ response, if another channel dominates the background. Where fractions of a pixe
 
 import numpy as np
 
-from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats, Image
+from rcmservo.numerics.jit import compiled
 
 COLOURS = ("red", "green", "blue", "yellow", "cyan", "magenta", "bright")
 """Names of the marker colours. Kernels use their index."""

@@ -14,9 +14,9 @@ The unknowns are those of shading.py, with the ellipse of circle_fit.py.
 
 import numpy as np
 
-from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats, Image
-from rcmservo.loops import fill, product
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import fill, product
 from rcmservo.numerics.small_solvers import invert
 from rcmservo.tracking.circle_fit import ELONGATION_STD, RAY_COS, RAY_COUNT, RAY_SIN
 from rcmservo.tracking.shading import UNKNOWN_COUNT, evaluate_pixel

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
+from rcmservo.numerics.jit import compiled
 from rcmservo.tracking.circle_fit import (
     RAY_COS,
     RAY_COUNT,

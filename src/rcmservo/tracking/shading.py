@@ -13,8 +13,8 @@ The unknowns x are (u, v, r, e1, e2, ambient, l1, l2, l3).
 
 import numpy as np
 
-from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
+from rcmservo.numerics.jit import compiled
 
 UNKNOWN_COUNT = 9
 

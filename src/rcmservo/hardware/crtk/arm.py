@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from rcmservo.errors import one_line
+from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.crtk.bounded_lead import BoundedLead
 from rcmservo.hardware.crtk.messages import (
     ERROR,
@@ -44,8 +45,7 @@ from rcmservo.hardware.crtk.received_state import (
 from rcmservo.hardware.crtk.settings import CrtkSettings
 from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.interfaces import Command, Floats, Measured
-from rcmservo.live.lab import NotReady
-from rcmservo.method.kinematics import JointLimits
+from rcmservo.live.device_protocols import NotReady
 
 FIRST_COMMAND_NS = 1_000_000_000
 """Time after enabling in which the first command must arrive."""

@@ -11,8 +11,8 @@ drag it at once: a step that no motion explains is refused.
 
 import numpy as np
 
+from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.interfaces import Floats
-from rcmservo.method.kinematics import JointLimits
 
 MAX_STEP_NS = 20_000_000
 """Longest time that one step integrates. Time beyond it is lost."""

@@ -12,8 +12,8 @@ from rcmservo.hardware.crtk.messages import (
     message_fields,
     parse_fields,
 )
-from rcmservo.record.cdr import MessageCodec, time_of
-from rcmservo.record.ros2_messages import LINE, STAMPED
+from rcmservo.recording.cdr import MessageCodec, time_of
+from rcmservo.recording.ros2_messages import LINE, STAMPED
 
 ALIGNMENT_BYTES = 4
 """Cyclone pads messages to a multiple of this size."""

@@ -19,6 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.crtk.messages import (
     ERROR,
     MEASURED_JS,
@@ -37,7 +38,6 @@ from rcmservo.hardware.crtk.messages import (
     to_rad_mm,
 )
 from rcmservo.interfaces import Floats
-from rcmservo.method.kinematics import JointLimits
 
 JOINT_NAMES = "yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw"
 JOINT_NUMBERS = tuple(str(i) for i in range(len(JOINT_NAMES)))

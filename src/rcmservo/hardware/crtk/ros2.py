@@ -27,7 +27,7 @@ from rcmservo.hardware.crtk.messages import (
     message_fields,
     parse_fields,
 )
-from rcmservo.record.cdr import MalformedMessage
+from rcmservo.recording.cdr import MalformedMessage
 
 CYCLONE_MODULES = (
     "core",

@@ -13,6 +13,7 @@ from collections.abc import Generator
 import numpy as np
 
 from rcmservo.errors import RcmServoError
+from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.galil.connection import (
     ByteStream,
     GalilConnection,
@@ -22,9 +23,8 @@ from rcmservo.hardware.galil.connection import (
 from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.interfaces import Command, Floats, Measured
-from rcmservo.live.lab import NotReady
+from rcmservo.live.device_protocols import NotReady
 from rcmservo.live.realtime import urgent
-from rcmservo.method.kinematics import JointLimits
 
 POLL_PERIOD_S = 0.004
 """Period of the data records while no command arrives."""

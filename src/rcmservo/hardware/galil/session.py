@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rcmservo.errors import RcmServoError, require, told
+from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.galil.connection import CommandRejected, GalilConnection
 from rcmservo.hardware.galil.data_record import (
     AXIS_LETTERS,
@@ -40,8 +41,7 @@ from rcmservo.hardware.galil.watchdog_program import (
     program_lines,
 )
 from rcmservo.interfaces import Floats
-from rcmservo.live.lab import NotReady
-from rcmservo.method.kinematics import JointLimits
+from rcmservo.live.device_protocols import NotReady
 
 HOMED_VARIABLE = "rcmhome"
 """Controller variable with the checksum of axes and counts for which an operator has set the

@@ -9,7 +9,7 @@ from rcmservo.errors import told
 from rcmservo.hardware.galil.connection import CommandRejected, GalilConnection
 from rcmservo.hardware.galil.data_record import AXIS_LETTERS
 from rcmservo.hardware.galil.watchdog_program import AXIS_AT_REST, STOP_CAUSES
-from rcmservo.live.lab import NotReady
+from rcmservo.live.device_protocols import NotReady
 
 ERROR_TEXTS = {
     1: "Unrecognized command",

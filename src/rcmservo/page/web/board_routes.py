@@ -9,11 +9,11 @@ from typing import Any
 
 from fastapi import APIRouter, Depends, HTTPException, Response
 
-from rcmservo.page.board import Board
 from rcmservo.page.json_text import json_of
-from rcmservo.page.seen.curves import NAMES
+from rcmservo.page.plots.curves import NAMES
 from rcmservo.page.settings import Chosen
-from rcmservo.page.web.doors import Doors
+from rcmservo.page.view_model import Board
+from rcmservo.page.web.access import Doors
 from rcmservo.page.web.setting_fields import forms
 
 

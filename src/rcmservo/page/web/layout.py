@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from nicegui import app, ui
 
-from rcmservo.page.control import NAME
+from rcmservo.page.control_ownership import NAME
+from rcmservo.page.messages import ANSWER
 from rcmservo.page.tour import LONGEST, ROUNDS, STOPS
-from rcmservo.page.wants import ANSWER
 from rcmservo.page.web.site import Site
 
 STATIC = Path(__file__).parent / "static"

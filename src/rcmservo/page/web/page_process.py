@@ -18,22 +18,22 @@ from nicegui import ui
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rcmservo.errors import BadInput
-from rcmservo.guard.states import Request
-from rcmservo.page.board import Board
-from rcmservo.page.control import Control, Unheeded, heard
-from rcmservo.page.desk import Desk
+from rcmservo.page.channels import Desk
+from rcmservo.page.control_ownership import Control, Unheeded, heard
+from rcmservo.page.messages import CLEAR, Beat, Change, Delete, Held, Led, Released, Told, Wrong
 from rcmservo.page.poses import Poses
 from rcmservo.page.settings import AT_ONCE, Chosen
-from rcmservo.page.wants import CLEAR, Beat, Change, Delete, Held, Led, Released, Told, Wrong
+from rcmservo.page.view_model import Board
+from rcmservo.page.web.access import said_on
 from rcmservo.page.web.board_routes import board_routes
-from rcmservo.page.web.doors import said_on
-from rcmservo.page.web.ending import GRACE, until_told
 from rcmservo.page.web.layout import lay_out
+from rcmservo.page.web.origin_check import Porter
 from rcmservo.page.web.pictures import Pictures, packed
-from rcmservo.page.web.porter import Porter
 from rcmservo.page.web.runs_routes import runs_routes
+from rcmservo.page.web.server_process import GRACE, until_told
 from rcmservo.page.web.sign_in import SignIn
 from rcmservo.page.web.site import Site
+from rcmservo.safety.state_machine import Request
 
 
 def serve_page(desk: Desk, site: Site, listening: socket.socket, control: Connection) -> None:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 from rcmservo.config.texts import Table
 from rcmservo.interfaces import Camera, Frame
-from rcmservo.page.board import Board
 from rcmservo.page.json_text import json_of
+from rcmservo.page.view_model import Board
 from rcmservo.tracking import encode_image
 
 LOOK = 0.006

@@ -17,10 +17,10 @@ from fastapi import APIRouter, Depends, HTTPException
 from starlette.responses import Response, StreamingResponse
 
 from rcmservo.errors import RcmServoError
-from rcmservo.page.past.aside import Aside
-from rcmservo.page.past.opened import OpenedRun, figures, opened, picture
-from rcmservo.page.past.shelf import PastRun, Shelf
-from rcmservo.page.web.doors import Doors
+from rcmservo.page.past_runs.background_worker import Aside
+from rcmservo.page.past_runs.run_list import PastRun, Shelf
+from rcmservo.page.past_runs.run_view import OpenedRun, figures, opened, picture
+from rcmservo.page.web.access import Doors
 
 KEPT = 4
 """Runs, and the figures of runs, that are kept in mind."""

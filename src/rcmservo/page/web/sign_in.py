@@ -8,7 +8,7 @@ from urllib.parse import parse_qs
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
-from rcmservo.page.web.doors import drawn_secret, same
+from rcmservo.page.web.access import drawn_secret, same
 
 WRONG, WITHIN, WHOM = 5, 60.0, 1000
 """Tokens that may be wrong within so many s from one address; addresses that are kept in mind."""

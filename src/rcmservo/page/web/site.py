@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from rcmservo.interfaces import Camera
-from rcmservo.page.board import Truth
+from rcmservo.page.plots.mechanism_shape import Shape
 from rcmservo.page.poses import PoseFolder
-from rcmservo.page.seen.shape import Shape
 from rcmservo.page.settings import Chosen
-from rcmservo.page.web.doors import Doors
+from rcmservo.page.view_model import Truth
+from rcmservo.page.web.access import Doors
 
 
 @dataclass(frozen=True)

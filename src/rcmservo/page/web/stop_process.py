@@ -10,11 +10,11 @@ from starlette.applications import Starlette
 from starlette.routing import WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rcmservo.page.desk import Post
-from rcmservo.page.wants import STOP
-from rcmservo.page.web.doors import Doors, said_on
-from rcmservo.page.web.ending import GRACE, until_told
-from rcmservo.page.web.porter import Porter
+from rcmservo.page.channels import Post
+from rcmservo.page.messages import STOP
+from rcmservo.page.web.access import Doors, said_on
+from rcmservo.page.web.origin_check import Porter
+from rcmservo.page.web.server_process import GRACE, until_told
 
 
 def serve_stop(bell: Post, doors: Doors, listening: socket.socket, control: Connection) -> None:

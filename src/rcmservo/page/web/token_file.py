@@ -6,7 +6,7 @@ from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
 
 from rcmservo.errors import BadInput, UnusableFile, require
-from rcmservo.page.web.doors import drawn_secret
+from rcmservo.page.web.access import drawn_secret
 
 SHORTEST, LONGEST = 16, 256
 """Characters of a token."""

@@ -7,22 +7,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rcmservo.guard.states import Phase
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.base import Estimator
-from rcmservo.method.exploration import Exploration
+from rcmservo.control.exploration import Exploration
+from rcmservo.control.saturated_controller import SaturatedController
+from rcmservo.estimation.base import Estimator
 from rcmservo.paper.lab.calibration import Calibration, Quality, handed_over
 from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES, servo_for
 from rcmservo.paper.lab.laws import PoseLaw, drive
 from rcmservo.paper.lab.witness import STRIDE_TICKS
 from rcmservo.paper.statistics import median
+from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
 from rcmservo.sim.rig import drawn
 from rcmservo.study.batch import Study
-from rcmservo.study.course import LAST, StudyRun
-from rcmservo.study.laboratory import Laboratory, LaboratoryLoop
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO
+from rcmservo.study.run_outcome import LAST, StudyRun
+from rcmservo.study.simulation_engine import Laboratory, LaboratoryLoop
 
 STOPPED_FOR_GOOD = Phase.PAUSED, Phase.FAULT
 """Phases that only an operator ends."""

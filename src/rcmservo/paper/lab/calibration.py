@@ -11,12 +11,12 @@ import numpy as np
 from scipy import optimize
 from scipy.spatial.transform import Rotation
 
+from rcmservo.estimation.base import Estimator, Sample
+from rcmservo.estimation.projection_rule import jacobian_at, markers_jacobian, predict
+from rcmservo.geometry.features import about
+from rcmservo.geometry.projection import parameters
+from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
-from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.estimators.projection import jacobian_at, markers_jacobian, predict
-from rcmservo.method.features import about
-from rcmservo.method.projection import parameters
-from rcmservo.method.tool import Tool
 from rcmservo.sim.camera_model import Optics
 
 SCIPY: Any = optimize

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from rcmservo.geometry.projection import parameters
 from rcmservo.interfaces import Floats
-from rcmservo.method.projection import parameters
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 
 PINHOLE = SceneSettings(distortion=(0.0, 0.0))

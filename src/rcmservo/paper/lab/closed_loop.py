@@ -14,21 +14,21 @@ from typing import Any
 
 import numpy as np
 
+from rcmservo.control.exploration import Exploration
+from rcmservo.control.saturated_controller import SaturatedController
+from rcmservo.estimation.base import Estimator
+from rcmservo.estimation.flow_rule import FlowEstimator
+from rcmservo.estimation.projection_rule import PRINTED, ProjectionEstimator
 from rcmservo.figures.overlay import draw, write_picture
-from rcmservo.guard.gate import Gate
+from rcmservo.geometry.imaged_rcm import ImagedRcm
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.base import Estimator
-from rcmservo.method.estimators.flow import FlowEstimator
-from rcmservo.method.estimators.projection import PRINTED, ProjectionEstimator
-from rcmservo.method.exploration import Exploration
-from rcmservo.method.imaged_rcm import ImagedRcm
-from rcmservo.record import reader
-from rcmservo.record.reader import RECORD
-from rcmservo.record.writer import Recorder
+from rcmservo.recording import reader
+from rcmservo.recording.reader import RECORD
+from rcmservo.recording.writer import Recorder
+from rcmservo.safety.gate import Gate
 from rcmservo.servo.servo import Servo, State
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 from rcmservo.tracking import ColourMarkers, PointMarkers

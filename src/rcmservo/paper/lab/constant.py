@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rcmservo.estimation.base import Estimator, Sample
+from rcmservo.geometry.features import about, features_jacobian
+from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
-from rcmservo.loops import products
-from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.features import about, features_jacobian
-from rcmservo.method.tool import Tool
+from rcmservo.numerics.small_linalg import products
 
 
 class FirstFrames(NamedTuple):

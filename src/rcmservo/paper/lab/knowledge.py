@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from rcmservo.control.saturated_controller import scaled
+from rcmservo.estimation.base import Estimator, Sample
+from rcmservo.estimation.projection_fit import UNIT, Prospect
+from rcmservo.estimation.projection_rule import GAMMA_0
+from rcmservo.geometry.features import about, features
+from rcmservo.geometry.projection import parameters
 from rcmservo.interfaces import Floats
-from rcmservo.method.controller import scaled
-from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.estimators.projection import GAMMA_0
-from rcmservo.method.features import about, features
-from rcmservo.method.projection import parameters
-from rcmservo.method.prospect import UNIT, Prospect
 from rcmservo.paper.lab.cameras import true_parameters
 from rcmservo.paper.lab.streams import (
     ESTIMATORS,

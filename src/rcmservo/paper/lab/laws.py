@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import Phase
+from rcmservo.geometry.kinematics import joint_rates
 from rcmservo.interfaces import Floats, Observation, Target
 from rcmservo.loop.clock import ticks
-from rcmservo.method.kinematics import joint_rates
 from rcmservo.paper.lab.calibration import Calibration
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
-from rcmservo.study.laboratory import LaboratoryLoop
+from rcmservo.study.simulation_engine import LaboratoryLoop
 
 
 def saturated(error: Floats, bound: float) -> Floats:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from rcmservo.geometry.imaged_rcm import ImagedRcm
 from rcmservo.interfaces import Floats
-from rcmservo.method.imaged_rcm import ImagedRcm
 
 REFINEMENTS = ImagedRcm().refinements
 """Steps of our own refinement."""

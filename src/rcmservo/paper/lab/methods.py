@@ -9,22 +9,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from rcmservo.guard.thresholds import Thresholds
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.base import Estimator
-from rcmservo.method.estimators.broyden import BroydenEstimator
-from rcmservo.method.estimators.correntropy import CorrentropyEstimator
-from rcmservo.method.estimators.dlt import DltEstimator
-from rcmservo.method.estimators.kalman import KalmanEstimator
-from rcmservo.method.estimators.nflow import NormalisedFlowEstimator
-from rcmservo.method.estimators.projection import PRINTED
-from rcmservo.method.estimators.rls import RlsEstimator
-from rcmservo.method.exploration import Exploration
+from rcmservo.control.exploration import Exploration
+from rcmservo.control.saturated_controller import SaturatedController
+from rcmservo.estimation.base import Estimator
+from rcmservo.estimation.broyden import BroydenEstimator
+from rcmservo.estimation.correntropy import CorrentropyEstimator
+from rcmservo.estimation.dlt import DltEstimator
+from rcmservo.estimation.kalman import KalmanEstimator
+from rcmservo.estimation.normalised_flow import NormalisedFlowEstimator
+from rcmservo.estimation.projection_rule import PRINTED
+from rcmservo.estimation.rls import RlsEstimator
 from rcmservo.paper.lab.attempt import Attempt
 from rcmservo.paper.lab.calibration import Calibrated, Quality
 from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, FLOW, LONG, WIDE
 from rcmservo.paper.lab.constant import ConstantJacobian
-from rcmservo.study.course import StudyRun
+from rcmservo.safety.thresholds import Thresholds
+from rcmservo.study.run_outcome import StudyRun
 
 LINES_ONLY = Exploration(tolerance=1e3)
 """The default exploration, of which a calibrated law needs only the lines for o_c."""

@@ -6,10 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rcmservo.errors import require
-from rcmservo.interfaces import Floats
-from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.estimators.decay import decay
-from rcmservo.method.estimators.projection import (
+from rcmservo.estimation.base import Estimator, Sample
+from rcmservo.estimation.projection_rule import (
     GAMMA_0,
     MOST,
     jacobian_at,
@@ -18,8 +16,10 @@ from rcmservo.method.estimators.projection import (
     predict,
     sights,
 )
-from rcmservo.method.projection import PARAMETERS
-from rcmservo.method.tool import Tool
+from rcmservo.geometry.projection import PARAMETERS
+from rcmservo.geometry.tool import Tool
+from rcmservo.interfaces import Floats
+from rcmservo.numerics.gradient_flow import decay
 
 
 class RandomMemory(NamedTuple):

@@ -13,14 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from rcmservo.control.exploration import Exploration
+from rcmservo.control.saturated_controller import SaturatedController
+from rcmservo.estimation.base import Estimator
 from rcmservo.figures import plots
 from rcmservo.figures.charts import Figure, Panel, curve
-from rcmservo.guard.causes import Cause
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick
-from rcmservo.method.controller import SaturatedController
-from rcmservo.method.estimators.base import Estimator
-from rcmservo.method.exploration import Exploration
 from rcmservo.paper.lab.closed_loop import (
     NOISE,
     PAPER_SCENES,
@@ -32,10 +31,11 @@ from rcmservo.paper.lab.closed_loop import (
 )
 from rcmservo.paper.plan import Drawn, Found, Measurement, NotMeasured, Results, Settings, Task
 from rcmservo.paper.statistics import column, ends_of, fraction, median, rms
-from rcmservo.record.reader import Record
+from rcmservo.recording.reader import Record
+from rcmservo.safety.causes import Cause
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
-from rcmservo.study.told.statistics import dashed
+from rcmservo.study.report.statistics import dashed
 
 LABORATORY = RigSettings(scene=PAPER_SCENES, point_noise=NOISE)
 INITIAL = np.abs(np.array(PAPER_SCENES.errors, dtype=float))

@@ -9,13 +9,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from rcmservo.control.saturated_controller import scaled
+from rcmservo.estimation.base import Estimator, Sample
+from rcmservo.estimation.dlt import DltEstimator
+from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
-from rcmservo.method.controller import scaled
-from rcmservo.method.estimators.base import Estimator, Sample
-from rcmservo.method.estimators.dlt import DltEstimator
-from rcmservo.method.tool import Tool
 from rcmservo.paper.lab.closed_loop import (
     FAST_FIT,
     FLOW,

@@ -12,9 +12,7 @@ import numpy as np
 from rcmservo.interfaces import Floats
 from rcmservo.paper.plan import Found
 from rcmservo.paper.statistics import finite, median, percent
-from rcmservo.study.course import StudyRun
-from rcmservo.study.row import NEAR
-from rcmservo.study.told.statistics import (
+from rcmservo.study.report.statistics import (
     Flags,
     Interval,
     dashed,
@@ -23,6 +21,8 @@ from rcmservo.study.told.statistics import (
     share,
     share_difference,
 )
+from rcmservo.study.row import NEAR
+from rcmservo.study.run_outcome import StudyRun
 
 STRIDE = 10
 """Ticks between two of the errors over time that are stored."""

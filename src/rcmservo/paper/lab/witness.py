@@ -6,17 +6,17 @@ noise leave the tolerance by chance.
 
 import numpy as np
 
-from rcmservo.guard.causes import Cause
+from rcmservo.geometry.features import about, difference, features
+from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import Tick, run
 from rcmservo.loop.teach import teach
-from rcmservo.method.features import about, difference, features
-from rcmservo.method.tool import Tool
 from rcmservo.paper.lab.closed_loop import FAST_FIT, FAST_LAW, TEACHING_FRAMES
 from rcmservo.paper.plan import Found
 from rcmservo.paper.statistics import median, rms
-from rcmservo.record.outcome import SAME_POSE, settle_time
+from rcmservo.recording.outcome import SAME_POSE, settle_time
+from rcmservo.safety.causes import Cause
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 from rcmservo.tracking import PointMarkers

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rcmservo.errors import RcmServoError
-from rcmservo.record.writer import RawFile, created
+from rcmservo.recording.writer import RawFile, created
 from rcmservo.sim.disturbances.schedule import Schedule
 
 

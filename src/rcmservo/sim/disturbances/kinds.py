@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from rcmservo.guard.causes import Cause
+from rcmservo.safety.causes import Cause
 from rcmservo.sim.disturbances.parameters import Choice, Number, Parameter, format_value
 
 

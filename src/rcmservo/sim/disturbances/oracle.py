@@ -10,10 +10,10 @@ after that time while the servo reports no cause.
 
 import numpy as np
 
-from rcmservo.guard.causes import Cause
-from rcmservo.guard.states import Phase
 from rcmservo.interfaces import Floats, Observation
 from rcmservo.loop.tick import Tick
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.state_machine import Phase
 from rcmservo.sim.ground_truth import Truth
 
 INNOVATION_THRESHOLD = 5.0

@@ -16,7 +16,7 @@ from typing import Any
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Command
-from rcmservo.live.arm_link import (
+from rcmservo.live.arm_datagrams import (
     ArmAction,
     ArmRequest,
     ArmState,
@@ -28,7 +28,7 @@ from rcmservo.live.arm_link import (
     open_socket,
     receive,
 )
-from rcmservo.live.child import heard
+from rcmservo.live.child_process import heard
 from rcmservo.live.realtime import realtime
 from rcmservo.sim.arm import STEP
 from rcmservo.sim.disturbances.arm_faults import DisturbedArm

@@ -6,7 +6,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from rcmservo.interfaces import Floats, Frame
-from rcmservo.live.child import heard
+from rcmservo.live.child_process import heard
 from rcmservo.live.frame_ring import FrameRing
 from rcmservo.loop.clock import sleep_until
 from rcmservo.loop.joint_history import JointHistory

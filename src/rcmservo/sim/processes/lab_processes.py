@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from rcmservo.errors import UnusableFile
-from rcmservo.live.arm_link import RemoteArm, teach_and_return
-from rcmservo.live.child import END, Child
+from rcmservo.live.arm_datagrams import RemoteArm, teach_and_return
+from rcmservo.live.child_process import END, Child
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.servo_process import Session
-from rcmservo.loop.shown import TEACHING_FRAMES
-from rcmservo.record.writer import Recorder
+from rcmservo.loop.target_frames import TEACHING_FRAMES
+from rcmservo.recording.writer import Recorder
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.processes.arm_process import run_arm_process
 from rcmservo.sim.processes.camera_process import film

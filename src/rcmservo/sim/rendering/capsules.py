@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
+from rcmservo.numerics.jit import compiled
 from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.rendering.look import Look
 

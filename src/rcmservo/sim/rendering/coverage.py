@@ -6,8 +6,8 @@ exposure, so that pixels on an outline, or passed by a capsule, are known.
 
 import numpy as np
 
-from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats, Image
+from rcmservo.numerics.jit import compiled
 from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.rendering.capsules import (
     Capsule,

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats, Image
+from rcmservo.numerics.jit import compiled
 from rcmservo.sim.rendering.capsules import (
     Capsules,
     find_first_capsule,

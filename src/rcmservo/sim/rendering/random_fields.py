@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rcmservo.compiled import compiled
 from rcmservo.interfaces import Floats
+from rcmservo.numerics.jit import compiled
 
 
 def make_random_field(

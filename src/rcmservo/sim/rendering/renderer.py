@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.compiled import compiled
 from rcmservo.constraints import not_negative
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Image
+from rcmservo.numerics.jit import compiled
 from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.rendering.capsules import build_capsules
 from rcmservo.sim.rendering.coverage import build_tile_cones, find_touched_tiles, identify_capsules

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.compiled import compiled
+from rcmservo.control.saturated_controller import scaled
+from rcmservo.geometry.kinematics import Rcm, position
+from rcmservo.geometry.tool import Shaft, second_marker
 from rcmservo.interfaces import Floats
-from rcmservo.loops import all_finite
-from rcmservo.method.controller import scaled
-from rcmservo.method.kinematics import Rcm, position
-from rcmservo.method.tool import Shaft, second_marker
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import all_finite
 from rcmservo.numerics.small_svd import condition
-from rcmservo.rows import Rows
+from rcmservo.numerics.structs import Rows
 from rcmservo.sim.camera_kernels import (
     Lens,
     compute_true_jacobian,

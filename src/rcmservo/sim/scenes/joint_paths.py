@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from rcmservo.compiled import compiled
+from rcmservo.control.saturated_controller import scaled
+from rcmservo.geometry.features import SCALE, about, difference, features
+from rcmservo.geometry.kinematics import Rcm, joints, position
 from rcmservo.interfaces import Floats
-from rcmservo.loops import put
-from rcmservo.method.controller import scaled
-from rcmservo.method.features import SCALE, about, difference, features
-from rcmservo.method.kinematics import Rcm, joints, position
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.small_linalg import put
 from rcmservo.sim.camera_model import Optics
 from rcmservo.sim.ground_truth import feature_jacobian
 from rcmservo.sim.tool_body import Body

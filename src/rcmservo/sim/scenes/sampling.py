@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rcmservo.geometry.features import features, wrapped
 from rcmservo.interfaces import Floats
-from rcmservo.method.features import features, wrapped
 from rcmservo.sim.camera_model import Optics, look_at
 from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.scene import NoScene, Scene, SceneSettings

@@ -14,10 +14,10 @@ from rcmservo.errors import require
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance
 from rcmservo.study.batch import Study
-from rcmservo.study.laboratory import Laboratory
 from rcmservo.study.plan.conditions import AUTO, COMPILED, MUJOCO, PICTURES
 from rcmservo.study.plan.distribution import Distribution
 from rcmservo.study.plan.method import Own
+from rcmservo.study.simulation_engine import Laboratory
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from rcmservo.constraints import Checked, Limit, between, each, one_of
-from rcmservo.loop.shown import FRAMES, TEACHING_FRAMES
+from rcmservo.loop.target_frames import FRAMES, TEACHING_FRAMES
 
 COMPILED, MUJOCO, PICTURES = "compiled", "mujoco", "pictures"
 ENGINES = COMPILED, MUJOCO, PICTURES

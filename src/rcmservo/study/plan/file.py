@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from rcmservo.config import texts
-from rcmservo.config.decode import decode
-from rcmservo.config.files import read_small
+from rcmservo.config.atomic_files import read_small
+from rcmservo.config.strict_decoding import decode
 from rcmservo.config.texts import is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.study.plan.conditions import StudyConditions

@@ -9,10 +9,10 @@ from rcmservo.config.registry import ESTIMATORS, PARTS, PRESETS, decode_kind
 from rcmservo.config.rig_file import METHOD_PARTS, Lab
 from rcmservo.config.texts import Table, is_table
 from rcmservo.errors import BadInput, require
-from rcmservo.method.estimators.base import Estimator
+from rcmservo.estimation.base import Estimator
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import examine
-from rcmservo.study.plan.parcel import EMPTY, Parcel, parcel_of
+from rcmservo.study.plan.user_module_archive import EMPTY, Parcel, parcel_of
 
 Own = Mapping[str, type[Estimator]]
 """Users' own estimators that the command line has named, by module:class."""

@@ -18,10 +18,10 @@ from rcmservo.constraints import Checked, between, one_of
 from rcmservo.errors import needing, require
 from rcmservo.interfaces import Floats
 from rcmservo.servo.user_estimator import UnusableEstimator
+from rcmservo.study.execution.run_study import Work
+from rcmservo.study.execution.workers import Crew
 from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.tuning.space import SearchAxis, Values, value_of, with_values
-from rcmservo.study.work.crew import Crew
-from rcmservo.study.work.go import Work
 
 with needing("a study", "study"):
     import optuna

@@ -16,7 +16,7 @@ from rcmservo.errors import RcmServoError
 from rcmservo.hardware.cameras.aravis_library import FILL_CALLBACK, load_aravis
 from rcmservo.hardware.cameras.pixel_formats import PIXEL_FORMATS
 from rcmservo.interfaces import Camera, Frame, Image
-from rcmservo.ports import refusal
+from rcmservo.network_ports import refusal
 
 LOOPBACK = "127.0.0.1"
 CONTROL_PORT = 3956

@@ -16,7 +16,7 @@ import numpy as np
 
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Camera, Frame
-from rcmservo.ports import refusal
+from rcmservo.network_ports import refusal
 
 LOOPBACK = "127.0.0.1"
 JPEG_QUALITY = 92

@@ -17,7 +17,7 @@ from rcmservo.errors import RcmServoError
 from rcmservo.hardware.galil.emulator.controller import SAMPLE, SERIAL, TCP, UDP, Controller
 from rcmservo.hardware.galil.emulator.faults import SLOW_REPLY_DELAY_S, Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
-from rcmservo.ports import refusal
+from rcmservo.network_ports import refusal
 
 MAX_READ_BYTES = 1024
 """Bytes of one read from a host."""

@@ -1,0 +1,176 @@
+"""`rcmservo export`: a record as plain tables for other programs, and its frames as a recording.
+
+ticks.csv     one row for every tick, units in the header; what is not known is left empty
+record.npz    the same numbers as arrays, bit for bit, with the stages and settings
+recording/    the frames, if the record holds any, as `replay` reads them
+"""
+
+import csv
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import numpy as np
+import tyro
+
+from rcmservo.cli.folders import new_folder
+from rcmservo.cli.terminal import console
+from rcmservo.config.atomic_files import whole
+from rcmservo.config.servo_json import rebuild_part
+from rcmservo.errors import BadInput, UnusableFile
+from rcmservo.interfaces import Floats
+from rcmservo.recording import reader
+from rcmservo.recording.foreign.frame_folder import RecordingWriter
+from rcmservo.recording.reader import Record
+from rcmservo.recording.tick_schema import FLAGS, INTEGERS, REALS, TRUTH
+
+UNITS = {column.name: column.parts for column in (*INTEGERS, *REALS, *FLAGS)}
+"""What every column of a tick holds, with its unit."""
+
+BLOCK = 1000
+"""Ticks that are turned into text at a time: a long run's would fill the memory."""
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """Write a recorded run as CSV and NumPy arrays and, if it holds frames, as a recording that
+    `replay` reads."""
+
+    record: Annotated[Path, tyro.conf.Positional]
+    """A run's folder, or an .mcap file."""
+    out: Path | None = None
+    """Folder to write to, new or empty; by default a new one under runs/."""
+
+
+def export(options: ExportOptions) -> int:
+    out = console()
+    with new_folder(options.out, "export") as folder:
+        written = write(options.record, folder)
+    what = f"{written.ticks} ticks" + (f" and {written.frames} frames" if written.frames else "")
+    left = (
+        f"; left out, as no tick tells their joints: {written.left_out}" if written.left_out else ""
+    )
+    missing = f"; {written.missing}" if written.missing else ""
+    out.print(f"{what} written to {folder}{left}{missing}", soft_wrap=True)
+    return 0
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written."""
+
+    ticks: int
+    """Rows of ticks.csv."""
+    frames: int
+    """Pictures in recording/."""
+    left_out: int
+    """Frames of the record that are not among them: no tick tells the joints at their exposures."""
+    missing: str
+    """What of the record could not be read, in words; empty where nothing is missing."""
+
+
+def write(path: Path, folder: Path) -> Exported:
+    """Write the record of a run into an empty folder."""
+    rows = reader.read(path)
+    _write_csv(rows, folder / "ticks.csv")
+    with whole(folder / "record.npz") as part, part.open("wb") as file:
+        np.savez_compressed(file, **arrays(rows))
+    frames, left_out = _write_frames(rows, folder / "recording")
+    return Exported(len(rows.time), frames, left_out, rows.missing)
+
+
+def arrays(rows: Record) -> dict[str, Any]:
+    """A record as plain arrays by name: time s, ticks, truth and words (N, …), and the stages (S,
+    …).
+
+    None is of Python's objects, which could only be kept as a pickle.
+    """
+    return {
+        "time": rows.time,
+        **rows.ticks,
+        **{f"truth_{name}": column for name, column in rows.truth.items()},
+        **{name: np.array(words, dtype=np.str_) for name, words in rows.words.items()},
+        "stage_first": np.array([stage.first for stage in rows.stages], dtype=np.int64),
+        "stage_target_points": np.array(
+            [stage.target.points for stage in rows.stages], dtype=np.float64
+        ).reshape(-1, 2, 2),
+        "stage_target_q": np.array(
+            [stage.target.q for stage in rows.stages], dtype=np.float64
+        ).reshape(-1, 3),
+        "stage_servo": np.array([json.dumps(stage.servo) for stage in rows.stages], dtype=np.str_),
+        "about": np.array(json.dumps(rows.about), dtype=np.str_),
+        "missing": np.array(rows.missing, dtype=np.str_),
+    }
+
+
+def _write_csv(rows: Record, path: Path) -> None:
+    titles, columns = _columns(rows)
+    with whole(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(titles)
+        for i in range(0, len(rows.time), BLOCK):
+            block = (_texts(column[i : i + BLOCK]) for column in columns)
+            writer.writerows(zip(*block, strict=True))
+
+
+def _columns(rows: Record) -> tuple[list[str], list[Any]]:
+    """The table's titles, and under each its column (N,)."""
+    titles: list[str] = ["time [s]"]
+    columns: list[Any] = [rows.time]
+    tables = [("", rows.ticks, UNITS), ("truth_", rows.truth, TRUTH)]
+    for start, table, units in tables if len(rows.truth["p1"]) else tables[:1]:
+        for name, column in table.items():
+            for i, unit in enumerate(units.get(name) or _numbered(column)):
+                titles.append(f"{start}{name}{' ' if unit.startswith('[') else '_'}{unit}")
+                columns.append(column[:, i])
+    return [*titles, *rows.words], [*columns, *rows.words.values()]
+
+
+def _numbered(column: Any) -> tuple[str, ...]:
+    """Titles for numbers whose meaning only a user's own estimator knows."""
+    return tuple(f"{i + 1} [own]" for i in range(column.shape[1]))
+
+
+def _texts(column: Any) -> Iterable[Any]:
+    """A column's words or numbers as they are written: none that is lost, and nothing where there
+    is no number."""
+    if isinstance(column, list):
+        return cast(list[str], column)
+    if column.dtype.kind == "f":
+        return ["" if math.isnan(value) else repr(value) for value in column.tolist()]
+    return column.astype(np.int64).tolist()
+
+
+def _write_frames(rows: Record, folder: Path) -> tuple[int, int]:
+    """Write the frames with the joints at their exposures; how many, and how many more no tick
+    tells the joints of."""
+    joints = _joints(rows)
+    writer, count, left_out = None, 0, 0
+    for exposure, jpeg in reader.pictures(rows.path):
+        q = joints.get(exposure)
+        if q is None:
+            left_out += 1
+            continue
+        if writer is None:
+            writer = RecordingWriter(folder, _mechanism(rows))
+        writer.write(jpeg, q, exposure)
+        count += 1
+    return count, left_out
+
+
+def _joints(rows: Record) -> dict[int, Floats]:
+    """The joints (3,) at every exposure that a tick has used."""
+    exposures, joints = rows.ticks["exposure"][:, 0].tolist(), rows.ticks["q_exposure"]
+    return {
+        exposure: q for exposure, q in zip(exposures, joints, strict=True) if np.isfinite(q).all()
+    }
+
+
+def _mechanism(rows: Record) -> Any:
+    try:
+        return rebuild_part(rows.stages[0].servo, "mechanism")
+    except (IndexError, BadInput) as error:
+        raise UnusableFile(rows.path, "does not tell the mechanism that its frames need") from error

@@ -1,0 +1,79 @@
+"""`rcmservo emulate crtk`: an arm that is not there, on ROS topics, with its camera's pictures."""
+
+import time
+from contextlib import closing
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Annotated
+
+from rcmservo.cli.lab.emulated_arm import EmulatedArm
+from rcmservo.cli.terminal import console
+from rcmservo.config.rig_file import Lab
+from rcmservo.errors import RcmServoError, needing
+from rcmservo.hardware.crtk.device import STEP, CrtkDevice
+from rcmservo.hardware.crtk.messages import PICTURES, PlainImage
+from rcmservo.hardware.crtk.settings import NAMESPACE, RosConnection
+from rcmservo.hardware.crtk.transport import open_transport
+from rcmservo.live.frame_ring import FrameRing, RingCamera
+from rcmservo.live.realtime import realtime
+
+LOOK = 0.002
+"""s between two looks for a new picture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RosOptions(RosConnection):
+    """Options of `emulate crtk` alone."""
+
+    namespace: Annotated[str, NAMESPACE] = "PSM1"
+    """Of crtk: the arm's name, before all of its topics."""
+
+
+def emulate_crtk(where: RosOptions, seed: int, lab: Lab) -> int:
+    """Be the arm until Ctrl-C; the exit code is 0."""
+    with needing("emulate", "sim"):
+        arm = EmulatedArm(seed, lab)
+    with arm, closing(open_transport(where)) as transport:
+        arm.offer(send_pictures, where)
+        limits, joints = lab.mechanism.limits, arm.joints()
+        now = time.monotonic_ns()
+        device = CrtkDevice(joints, limits, transport, where.namespace, now, time.time_ns)
+        on = f" (domain {where.domain}, {where.interface})" if where.ros == 2 else ""
+        words = f"emulated CRTK arm {where.namespace} on ROS {where.ros}{on}, simulated arm"
+        console(False).print(f"{words}, seed {seed}; Ctrl-C ends it", soft_wrap=True)
+        try:
+            serve(device)
+        except KeyboardInterrupt:
+            return 0
+    return 0
+
+
+def send_pictures(ring: FrameRing, where: RosOptions, control: Connection) -> None:
+    """Send a camera's pictures on a topic, until the other end of `control` speaks or is gone."""
+    try:
+        transport = open_transport(where)
+    except RcmServoError as error:
+        control.send(RcmServoError(str(error)))
+        return
+    camera, last, topic = RingCamera(ring), None, PICTURES.under(where.namespace)
+    with closing(transport):
+        transport.offer(topic)
+        control.send(topic.name)
+        while not control.poll(LOOK):
+            frame = camera.latest()
+            if frame is None or frame is last or frame.image is None:
+                continue
+            last, (height, width, _) = frame, frame.image.shape
+            stamp = frame.exposure + time.time_ns() - time.monotonic_ns()
+            data = frame.image.tobytes()
+            said = PlainImage(stamp, height, width, "bgr8", 0, 3 * width, data)
+            transport.publish(topic, said)
+
+
+def serve(device: CrtkDevice) -> None:
+    """Let a device live in wall time, until Ctrl-C."""
+    with realtime():
+        while True:
+            now = time.monotonic_ns()
+            device.turn(now)
+            time.sleep((STEP - now % STEP) * 1e-9)

@@ -1,0 +1,133 @@
+"""The simulated arm behind an emulated controller, in wall time, and the camera before it where one
+is asked for.
+
+    emulate ─┬─► camera process    films the arm's motion log into shared memory
+             └─► device process    sends those frames on as a camera does
+"""
+
+import contextlib
+import time
+from collections.abc import Callable
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import Any
+
+import numpy as np
+
+from rcmservo.config.rig_file import Lab
+from rcmservo.errors import RcmServoError
+from rcmservo.hardware.crtk.device import RateJoints
+from rcmservo.hardware.galil.emulator.motors import Motors
+from rcmservo.live.child_process import Child, heard
+from rcmservo.live.frame_ring import FrameRing, RingCamera
+
+
+class EmulatedArm:
+    """A simulated arm drawn from a seed; use it as a context, whose end ends its camera too."""
+
+    def __init__(self, seed: int, lab: Lab) -> None:
+        from rcmservo.sim.rig import Rig
+        from rcmservo.sim.rig_file import rig_settings
+
+        self._seed, self._settings = seed, rig_settings(lab)
+        self._rig = Rig(seed, self._settings, pictures=False)
+        self._arm = self._rig.truth.arm
+        self._stack, self._context = contextlib.ExitStack(), get_context("spawn")
+        self._ring: FrameRing | None = None
+
+    def __enter__(self) -> "EmulatedArm":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    @property
+    def measurements(self) -> str:
+        """The joints at which it stands at first, and the lengths that a ruler shows on its tool:
+        what `rig check` asks a person for."""
+        q = self._rig.scene.start
+        first, second = self._rig.body.points(q)[:2]
+        return (
+            f"the arm stands at {q[0]:.4f} {q[1]:.4f} {q[2]:.2f} (rad, rad, mm); by the ruler its "
+            f"markers are {np.linalg.norm(second - first):.1f} mm apart, and marker 1 is "
+            f"{np.linalg.norm(first):.1f} mm from where the tool goes in"
+        )
+
+    def offer(self, send: Callable[..., None], *arguments: Any) -> str:
+        """Have the camera's frames sent by a process of its own; the address that it tells."""
+        ring = self._ring = self._ring or self._filmed()
+        return self._child(send, ring, *arguments)
+
+    def joints(self) -> RateJoints:
+        """The arm as joints with velocity drives and brakes, in the wall clock's time from now
+        on."""
+        from rcmservo.sim.motor_interface import SimulatedJoints
+
+        self._begin()
+        return SimulatedJoints(self._arm)
+
+    def motors(self, counts: tuple[float, float, float], axes: int) -> Motors:
+        """The arm as motors. Its time is the wall clock's from now on."""
+        from rcmservo.sim.motor_interface import ArmMotors
+
+        self._begin()
+        return ArmMotors(self._arm, np.array(counts), axes)
+
+    def _begin(self) -> None:
+        """Be at the start now."""
+        from rcmservo.sim.arm import STEP
+
+        self._arm.time = time.monotonic_ns() // STEP * STEP
+        self._arm.place(self._rig.scene.start)
+
+    def _filmed(self) -> FrameRing:
+        """Where the frames are that a camera takes of it."""
+        from rcmservo.sim.arm import STEP
+        from rcmservo.sim.processes.camera_process import film
+        from rcmservo.sim.processes.motion_log import MotionLog
+
+        log = MotionLog(self._context)
+        zero, arm = np.zeros(3), self._arm
+
+        def note() -> None:
+            """Log where the step before this one has left the arm."""
+            log.add(arm.time - STEP, time.monotonic_ns(), 0, True, zero, arm.q_true)
+
+        note()
+        arm.before_step = note
+        ring = FrameRing(self._context, self._settings.width, self._settings.height)
+        self._child(film, self._seed, self._settings, log, ring)
+        return ring
+
+    def _child(self, work: Callable[..., None], *arguments: Any) -> Any:
+        """Start a process; the first thing that it says."""
+        child = Child(self._context, work, *arguments)
+        self._stack.callback(child.end)
+        return child.hear()
+
+
+def send_mjpeg(ring: FrameRing, port: int, control: Connection) -> None:
+    """Be a camera that sends JPEGs, until the other end of `control` speaks or is gone."""
+    from rcmservo.hardware.cameras.emulated.mjpeg_server import MjpegServer
+
+    _send(lambda: MjpegServer(RingCamera(ring), port), control)
+
+
+def send_gige(ring: FrameRing, control: Connection) -> None:
+    """Be a GigE Vision camera, until the other end of `control` speaks or is gone."""
+    from rcmservo.hardware.cameras.emulated.gige_camera import GigeCamera
+
+    height, width, _ = ring.shape
+    _send(lambda: GigeCamera(RingCamera(ring), width, height), control)
+
+
+def _send(opened: Callable[[], Any], control: Connection) -> None:
+    """Open a camera, report its address or the reason why there is none, and wait for the end."""
+    try:
+        camera = opened()
+    except RcmServoError as error:
+        control.send(RcmServoError(str(error)))
+        return
+    with contextlib.closing(camera):
+        control.send(camera.address)
+        heard(control)

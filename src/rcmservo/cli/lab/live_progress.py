@@ -1,0 +1,27 @@
+"""Progress of a live run, on simulated devices and on those of a laboratory."""
+
+from rich.live import Live
+from rich.text import Text
+
+from rcmservo.live.loop_statistics import Report
+
+
+class LiveProgress:
+    """Shows a run: a live line, and a lasting one for every new phase or cause.
+
+    The live line begins with the first report.
+    """
+
+    def __init__(self, line: Live, duration: float) -> None:
+        self._line, self._duration, self._said = line, duration, ""
+
+    def __call__(self, report: Report) -> None:
+        self._line.start()
+        time = report.time * 1e-9
+        if report.words != self._said:
+            self._said = report.words
+            words = f"{time:6.2f} s  {report.words}"
+            self._line.console.print(words, soft_wrap=True, highlight=False)
+        self._line.update(
+            Text(f"{time:6.2f} / {self._duration:g} s  {report.words}"), refresh=False
+        )

@@ -1,0 +1,131 @@
+"""`rcmservo markers`: which coloured balls a picture shows, and which two the tracker takes."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from rcmservo.cli.lab.marker_report import markers_report, show_markers, shown_in
+from rcmservo.cli.terminal import console
+from rcmservo.config.rig_file import Lab, load_lab, told_with
+from rcmservo.config.rig_file_edit import told_in, write_markers
+from rcmservo.errors import UnusableFile, require
+from rcmservo.interfaces import Image
+from rcmservo.tracking import COLOURS, MarkerLook, read_image
+from rcmservo.tracking.candidates import Candidate, TakenPair, candidates, chosen, proposed, taken
+
+RADII = {"radius_1", "radius_2"}
+PICTURES = ".png", ".jpg", ".jpeg"
+
+
+@dataclass(frozen=True)
+class MarkersOptions:
+    """Find the coloured balls of a picture that could be markers, show which two the tracker takes,
+    and write them into a rig file. Nothing moves."""
+
+    frame: Annotated[Path, tyro.conf.Positional]
+    """A picture of the tool: a PNG or JPEG file."""
+    choose: Annotated[str, tyro.conf.arg(metavar="COLOUR,COLOUR")] = ""
+    """The markers' colours, such as green,blue: first that of the marker nearer the RCM."""
+    rig: Path | None = None
+    """The lab's TOML file. With --choose the markers are written into its section [markers];
+    without it the tracker looks for those that the file has."""
+    picture: Path | None = None
+    """Write the picture with what was found drawn in it to this PNG or JPEG file."""
+    json: bool = False
+    """Print one JSON object on stdout and nothing else."""
+
+
+def markers(options: MarkersOptions) -> int:
+    """Tell what there is; the exit code is 0, and 1 where the tracker takes no two."""
+    colours = _colours(options.choose) if options.choose else None
+    out = options.picture
+    right = "a file whose name ends in .png or .jpg"
+    require(out is None or out.suffix.lower() in PICTURES, "--picture", out, right)
+    right = "a new file: nothing is overwritten"
+    require(out is None or not out.exists(), "--picture", out, right)
+    lab = load_lab(options.rig)
+    image = read_image(options.frame)
+    found = candidates(image)
+    pair = _pair(image, found, lab, colours, options)
+    numbered = bool(colours or options.rig)
+    words = _words(pair, numbered)
+    if out:
+        from rcmservo.figures.overlay import write_picture
+
+        write_picture(out, shown_in(image, found, pair, words, numbered))
+    written = bool(options.rig and colours and pair)
+    if options.rig and colours and pair:
+        _write(options.rig, pair.look)
+    if options.json:
+        print(json.dumps(asdict(markers_report(found, pair, written))))
+    else:
+        show_markers(console(), found, words)
+        if written:
+            console().print(f"written into [markers] of {options.rig}", soft_wrap=True)
+    return 0 if pair and not pair.why else 1
+
+
+def _colours(text: str) -> tuple[str, str]:
+    parts = [part.strip() for part in text.split(",")]
+    good = len(parts) == 2 and all(part in COLOURS for part in parts)
+    require(good, "--choose", text, f"two of {', '.join(COLOURS)}, such as green,blue")
+    return parts[0], parts[1]
+
+
+def _pair(
+    image: Image,
+    found: list[Candidate],
+    lab: Lab,
+    colours: tuple[str, str] | None,
+    options: MarkersOptions,
+) -> TakenPair | None:
+    """What the tracker takes: for the colours that were chosen, or the rig file's markers, or else
+    the best two balls that it can tell from others."""
+    if colours is None:
+        look = lab.markers
+        return taken(image, look) if options.rig else proposed(image, found, look.radius_1)
+    pair = taken(image, _look(image, lab, colours, options))
+    if pair.why and options.rig:
+        raise UnusableFile(options.frame, f"{pair.why}; nothing was written")
+    return pair
+
+
+def _look(image: Image, lab: Lab, colours: tuple[str, str], options: MarkersOptions) -> MarkerLook:
+    """The chosen colours with the rig file's radii, or where it has none, as the picture shows
+    them. Which of two balls of one colour is nearer the RCM no picture tells."""
+    radii = lab.markers.radius_1, lab.markers.radius_2
+    if options.rig and told_in(options.rig) & RADII:
+        with told_with(options.rig):
+            return MarkerLook(*colours, *radii)
+    right = (
+        "two colours; of two balls of one colour write radius_1 (of the one nearer the RCM) and "
+        "radius_2, which must differ, into [markers] of a --rig before"
+    )
+    require(colours[0] != colours[1], "--choose", options.choose, right)
+    return chosen(image, colours, radii[0]) or MarkerLook(*colours, *radii)
+
+
+def _write(path: Path, look: MarkerLook) -> None:
+    """Write the markers into a rig file; radii that it has stay as they are."""
+    kept = RADII if told_in(path) & RADII else set[str]()
+    write_markers(path, {key: value for key, value in asdict(look).items() if key not in kept})
+
+
+def _words(pair: TakenPair | None, numbered: bool) -> str:
+    """In a sentence what the tracker takes."""
+    if pair is None:
+        return "the picture shows no two balls that the tracker could tell from others"
+    look = pair.look
+    if pair.why:
+        return f"the tracker looks for {look.colour_1} and {look.colour_2}: {pair.why}"
+    sizes = ("larger ", "smaller ") if look.ratio > 1.0 else ("smaller ", "larger ")
+    first, second = (
+        f"the {size if look.alike else ''}{colour} ball"
+        for size, colour in zip(sizes, (look.colour_1, look.colour_2), strict=True)
+    )
+    if numbered:
+        return f"the tracker takes {first} as marker 1, nearer the RCM, and {second} as marker 2"
+    return f"the tracker could take {first} and {second}; which is nearer the RCM is yours to say"

@@ -1,0 +1,126 @@
+"""A laboratory's arm and camera behind the operator's page.
+
+rig file ─► camera, for the size of its pictures ─► sessions
+                                                    arm: leashed for STOP; camera: seen by the page
+
+The person at the page is the one at the arm: who says where it stands, and switches its drive on.
+"""
+
+from collections.abc import Generator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+from rcmservo.cli.lab.hardware_prompts import arm_of, define, require_off, setup_at
+from rcmservo.cli.lab.live_on_hardware import about, bounds, speed_share
+from rcmservo.cli.lab.page_backend import LONGEST, PICTURES, Behind, first_words, recorder
+from rcmservo.cli.lab_options import LabOptions
+from rcmservo.config.rig_file import Lab
+from rcmservo.errors import RcmServoError
+from rcmservo.hardware.devices import open_arm, open_camera
+from rcmservo.interfaces import Target
+from rcmservo.live.device_protocols import LabCamera
+from rcmservo.live.frame_ring import FrameRing, RingCamera, ShownCamera
+from rcmservo.live.reduced_speed import cautious
+from rcmservo.live.remote_stop import Leash, LeashedArm
+from rcmservo.live.servo_process import PATIENCE, HeartbeatPlant, NoFrames, Session
+from rcmservo.loop.clock import WallClock, ticks
+from rcmservo.loop.plant import Plant
+from rcmservo.page.channels import Desk
+from rcmservo.page.enabling import await_enable
+from rcmservo.page.messages import Note
+from rcmservo.page.operator import PageOperator
+from rcmservo.page.prompts import PagePerson
+from rcmservo.page.settings import Chosen, as_set
+from rcmservo.recording.reader import RECORD
+from rcmservo.servo.servo import Servo
+from rcmservo.tracking import ColourMarkers
+
+
+@contextmanager
+def hardware(options: LabOptions) -> Generator[Behind]:
+    """The devices of a rig file, and the servo as the options have it."""
+    lab, share = options.lab, speed_share(options)
+    chosen = Chosen(options.servo, as_set if share == 1.0 else cautious)
+    with closing(open_camera(lab)) as camera:
+        width, height = size_of(camera)
+    context = get_context("spawn")
+    ring, leash = FrameRing(context, width, height), Leash(context)
+
+    def session(desk: Desk, folder: Path) -> Session:
+        leash.renew()
+        limited, record = chosen.limited, folder / RECORD
+        stop = "STOP switches the drive off; have the emergency stop of the arm at hand."
+        intent = f"{first_words(limited)} {bounds(options, limited, share)} {stop}"
+        return Session(
+            limited,
+            LONGEST,
+            arm=partial(leashed, lab, leash, desk),
+            camera=partial(shown, lab, ring),
+            tracker=partial(ColourMarkers, lab.markers),
+            recorder=partial(recorder, record, about(options, LONGEST, share)),
+            target=partial(enabled_at_the_page, AtThePage(desk, limited, lab, intent)),
+            operator=partial(PageOperator, desk, chosen, options.teaching_frames),
+            pictures=PICTURES,
+            consent=require_off,
+        )
+
+    slow = "" if share == 1.0 else f", at {100.0 * share:g} % of the speed until `rig check` passes"
+    title, setup = f"arm and camera of {options.rig}{slow}", setup_at(lab, width, height)
+    yield Behind(title, partial(RingCamera, ring), session, leash.off, setup, chosen, no_trouble)
+
+
+@dataclass(frozen=True)
+class AtThePage:
+    """What is to be done with the help of the page's person; it passes to the servo's process."""
+
+    desk: Desk
+    """Where the person is heard."""
+    servo: Servo
+    """What is going to move the arm."""
+    lab: Lab
+    """The laboratory with its devices."""
+    intent: str
+    """What is going to happen once the drive is on, in words."""
+
+
+def enabled_at_the_page(at: AtThePage, plant: Plant) -> Target:
+    """Where the arm stands, if it does not know; then wait until the person wants the drive on."""
+    assert isinstance(plant, HeartbeatPlant)
+    require_off(plant)
+    if not arm_of(plant).homed():
+        define(PagePerson(at.desk, plant), plant, at.lab)
+    return await_enable(at.desk, at.servo, at.intent, plant)
+
+
+def leashed(lab: Lab, leash: Leash, desk: Desk) -> LeashedArm:
+    """Connect to the arm, so that STOP reaches it."""
+    return LeashedArm(open_arm(lab), leash, partial(tell, desk))
+
+
+def tell(desk: Desk, why: str) -> None:
+    """Tell the page why the drive went off by itself."""
+    desk.said.put(Note(f"the arm: {why}"))
+
+
+def shown(lab: Lab, ring: FrameRing) -> ShownCamera:
+    """Open the camera, so that the page sees what it sees."""
+    return ShownCamera(open_camera(lab), ring)
+
+
+def size_of(camera: LabCamera) -> tuple[int, int]:
+    """Width and height px of a camera's pictures."""
+    for _ in ticks(WallClock(), duration=PATIENCE):
+        frame = camera.latest()
+        if frame is not None and frame.image is not None:
+            height, width = frame.image.shape[:2]
+            return width, height
+    why = camera.account().trouble
+    raise NoFrames(f"the camera has given no picture for {PATIENCE:g} s{why and ': ' + why}")
+
+
+def no_trouble(what: str) -> str:
+    """Nothing goes wrong here on request."""
+    raise RcmServoError("trouble can be asked for of a simulated arm alone")

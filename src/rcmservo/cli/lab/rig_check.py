@@ -1,0 +1,153 @@
+"""`rcmservo rig check`: whether arm, camera and rig file agree, with a person at the terminal."""
+
+import json
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from rcmservo.bringup.axis_wiring import Robot
+from rcmservo.bringup.check import CheckReport, check, warm_up
+from rcmservo.bringup.findings import Finding
+from rcmservo.bringup.motion import PATIENCE, Mover
+from rcmservo.cli.lab.hardware_prompts import AtHand, define, require_off
+from rcmservo.cli.terminal import console
+from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
+from rcmservo.config.verified_rigs import digest_of, forget_checked, note_checked
+from rcmservo.hardware.cameras.settings import known_latency
+from rcmservo.hardware.devices import ARMS, CAMERAS, open_arm, open_camera, wiring_of
+from rcmservo.live.device_protocols import LabArm, LabCamera
+from rcmservo.live.realtime import realtime
+from rcmservo.live.stop_signals import stopped_by_signals
+from rcmservo.live.terminal_operator import Terminal
+from rcmservo.live.tracking_thread import TrackingThread
+from rcmservo.loop.clock import WallClock
+from rcmservo.tracking import ColourMarkers
+
+
+@dataclass(frozen=True)
+class RigOptions:
+    """Connect to the arm and the camera of a rig file, move each joint a little after asking, and
+    tell which lines of the file are wrong. Exit code 0: none; 1: some, or it was ended; 2: bad
+    input."""
+
+    what: Annotated[Literal["check"], tyro.conf.Positional]
+    """The action: check."""
+    file: Annotated[Path, tyro.conf.Positional]
+    """The rig file, such as lab.toml."""
+    json: bool = False
+    """Print one JSON object: ok, findings[{what, where, found, expected, line}]."""
+
+
+def rig_check(
+    options: RigOptions,
+    arm: Callable[[Lab], LabArm] = open_arm,
+    camera: Callable[[Lab], LabCamera] = lambda lab: open_camera(lab, unmeasured=True),
+) -> int:
+    """Check, tell what was found, and note the file that passed by its bytes; the exit code."""
+    data = bytes_of(options.file)
+    lab, digest = lab_of(options.file, data), digest_of(data)
+    with told_with(options.file):
+        lab.device("arm", ARMS)
+        latency = known_latency(lab.device("camera", CAMERAS))
+        robot = Robot(lab.mechanism, lab.tool, wiring_of(lab))
+    with stopped_by_signals(), closing(Terminal()) as terminal:
+        person = AtHand(terminal)
+        person.tell(
+            f"rig check of {options.file}: connecting, with the drive off; the first time, what "
+            "finds the markers is compiled for up to a minute"
+        )
+        warm_up(robot, lab.gate)
+        clock, tracker, silence = WallClock(), ColourMarkers(lab.markers), lab.thresholds.silence
+        with (
+            closing(camera(lab)) as eye,
+            TrackingThread(eye, tracker, clock) as seen,
+            closing(_arm_beside(seen, arm, lab)) as joints,
+        ):
+            told = partial(trouble, eye)
+            mover = Mover(joints, seen, seen, clock, robot, lab.gate, silence, told)
+            require_off(mover.plant)
+            if not joints.homed():
+                define(person, mover.plant, lab)
+            forget_checked(digest)
+            with realtime():
+                report = check(mover, person, robot, lab.thresholds, latency)
+    if joints.why_off:
+        right = "off when the check ends, by its own word"
+        report.findings.append(Finding("the arm ended otherwise", "arm", joints.why_off, right))
+    return concluded(options, report, robot, digest)
+
+
+def _arm_beside(seen: TrackingThread, arm: Callable[[Lab], LabArm], lab: Lab) -> LabArm:
+    """The arm, connected once frames are tracked: one is searched, the next is followed, and then
+    all is compiled."""
+    seen.wait_for(frames=2, patience=PATIENCE)
+    return arm(lab)
+
+
+def concluded(options: RigOptions, report: CheckReport, robot: Robot, digest: str) -> int:
+    """Print the report, and note a file that passed; the exit code."""
+    if options.json:
+        print(json.dumps({"ok": report.ok, "findings": [asdict(one) for one in report.findings]}))
+    else:
+        show(report, robot, console(False))
+    if report.ok:
+        note_checked(digest)
+    return 0 if report.ok else 1
+
+
+def trouble(camera: LabCamera) -> str:
+    """Return the present fault of a camera in a sentence; empty if it has none."""
+    return camera.account().trouble
+
+
+def show(report: CheckReport, robot: Robot, out: Console) -> None:
+    """The report as tables."""
+    seen = Table(title="rig check", show_header=False)
+    for name, words in measured(report, robot):
+        seen.add_row(name, words)
+    out.print(seen)
+    if report.ok:
+        out.print("all is as the rig file says; live may use the full speed with it")
+        return
+    wrong = Table(title="what is wrong")
+    for name in ("what", "where", "found", "expected", "line of the rig file"):
+        wrong.add_column(name, overflow="fold")
+    for one in report.findings:
+        wrong.add_row(one.what, one.where, one.found, one.expected, one.line)
+    out.print(wrong)
+
+
+def measured(report: CheckReport, robot: Robot) -> list[tuple[str, str]]:
+    """Return the names and values of all measurements, in words."""
+    rows: list[tuple[str, str]] = []
+    if report.q is not None:
+        q = [f"{np.degrees(report.q[0]):.2f} deg", f"{np.degrees(report.q[1]):.2f} deg"]
+        told = zip(robot.mechanism.joint_names, [*q, f"{report.q[2]:.2f} mm"], strict=True)
+        rows.append(("joints", ", ".join(f"{name} {value}" for name, value in told)))
+    for name, cadence in (("arm's answers", report.arm), ("frames", report.camera)):
+        if cadence is not None:
+            words = f"{cadence.rate:.1f} per s, jitter {1e3 * cadence.jitter:.1f} ms"
+            rows.append((name, words))
+    if report.rest is not None:
+        rest = report.rest
+        found = 100.0 * rest.frames / (rest.frames + rest.missed)
+        rows.append(("markers", f"{found:.0f} % found, noise {rest.noise:.3f} px at rest"))
+    latency = report.latency
+    if latency is not None:
+        words = f"{1e3 * latency.latency:.1f} ms, to {1e3 * latency.deviation:.1f} ms"
+        rows.append(("latency", f"{words}; jitter {1e3 * latency.jitter:.1f} ms"))
+    if report.lag > 0.0:
+        rows.append(("drives lag", f"{1e3 * report.lag:.0f} ms"))
+    if report.undecided:
+        rows.append(("not told apart by the picture", "\n".join(report.undecided)))
+    if report.unclear:
+        rows.append(("may be wrong unseen", "\n".join(report.unclear)))
+    return rows

@@ -1,0 +1,113 @@
+"""Options of the commands that servo an arm, and what follows from them: laboratory and servo."""
+
+from contextlib import nullcontext
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from rcmservo.cli.servo_options import EstimatorName, ServoOptions
+from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
+from rcmservo.config.verified_rigs import digest_of
+from rcmservo.constraints import Limit, between, not_negative
+from rcmservo.errors import require
+from rcmservo.loop.target_frames import FRAMES, TEACHING_FRAMES
+from rcmservo.servo.servo import Servo
+
+if TYPE_CHECKING:
+    from rcmservo.sim import Disturbance, RigSettings
+
+SEED = not_negative("whole number")
+DURATION = Limit(lambda s: 1.0 < s <= 3600.0, "more than 1 and at most 3600 s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabOptions(ServoOptions):
+    """Options of `run`, `live` and `serve`."""
+
+    seed: Annotated[int, SEED] = 0
+    """Draws camera, start, target and noise."""
+    estimator: EstimatorName = "dlt"
+    """The estimator of the Jacobian: one of those below, or your own."""
+    rig: Path | None = None
+    """TOML file with your own mechanism, tool, markers, camera and scene; live and serve take your
+    own devices too."""
+    teaching_frames: Annotated[int, FRAMES] = TEACHING_FRAMES
+    """Frames that a target is the mean of: 300 are 5 s at 60 frames/s."""
+    out: Path | None = None
+    """Folder to write to, new or empty; by default a new one under runs/."""
+
+    @cached_property
+    def _rig_bytes(self) -> bytes:
+        return b"" if self.rig is None else bytes_of(self.rig)
+
+    @cached_property
+    def lab(self) -> Lab:
+        """The laboratory of the rig file."""
+        return Lab() if self.rig is None else lab_of(self.rig, self._rig_bytes)
+
+    @property
+    def digest(self) -> str:
+        """What the bytes of the rig file are known by."""
+        return digest_of(self._rig_bytes)
+
+    @cached_property
+    def rig_settings(self) -> "RigSettings":
+        """The simulated laboratory of the rig file."""
+        from rcmservo.sim.rig_file import rig_settings
+
+        with told_with(self.rig) if self.rig else nullcontext():
+            return rig_settings(self.lab)
+
+    @cached_property
+    def servo(self) -> Servo:
+        """The servo of these options."""
+        return self.servo_of(self.estimator, self.lab)
+
+    def has_devices(self) -> bool:
+        """Return whether the rig file names an arm; a seed is refused then."""
+        if "arm" not in self.lab.devices:
+            return False
+        right = f"left out: nothing is simulated of {self.rig}"
+        require(self.seed == 0, "--seed", self.seed, right)
+        return True
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunToTargetOptions(LabOptions):
+    """Options of `run` and `live`, which servo to one target."""
+
+    duration: Annotated[float, DURATION] = 30.0
+    """Length of the run, s."""
+    target: Path | None = None
+    """File with the target, as --save-target wrote it; by default the target is shown first."""
+    save_target: Path | None = None
+    """New file to keep the target in that was shown."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(RunToTargetOptions):
+    """Servo a simulated arm to a target that it was shown once, with a camera that nobody has
+    calibrated."""
+
+    video: bool = True
+    """Write the overlay video."""
+    frames: bool = False
+    """Keep all frames in the record, for `export`."""
+    disturb: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """What goes wrong, as kind:at=5,for=0.5,key=value; may be given several times. --disturb help
+    lists all kinds."""
+    resumes: Annotated[int, between(0, 1000, "a whole number")] = 0
+    """How often a scripted person resumes after a pause, or shows the target again where that is
+    needed."""
+
+    @cached_property
+    def disturbances(self) -> "tuple[Disturbance, ...]":
+        """What goes wrong, read from `disturb`."""
+        from rcmservo.sim import Disturbance
+
+        return tuple(map(Disturbance.parse, self.disturb))

@@ -1,0 +1,19 @@
+"""Progress of the compilation of the kernels, before a command starts."""
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.live import Live
+
+
+@contextmanager
+def compiling(line: "Live") -> Generator[None]:
+    """Tell on a live line what is compiled in here."""
+    from numba.core import event
+
+    from rcmservo.cli.progress.compiling import Compiling
+
+    with event.install_listener("numba:compile", Compiling(line)):
+        yield

@@ -1,0 +1,172 @@
+"""`rcmservo replay`: score a recording, or compute the decisions of a recorded run again."""
+
+import json
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from rcmservo.cli.folders import new_folder
+from rcmservo.cli.score_report import centres, numbers, show_score
+from rcmservo.cli.servo_options import GROUPS, OptionalEstimator, ServoOptions
+from rcmservo.cli.terminal import console
+from rcmservo.config.atomic_files import write_whole
+from rcmservo.config.registry import ESTIMATORS, name_of
+from rcmservo.config.rig_file import METHOD_PARTS, load_lab
+from rcmservo.errors import UnusableFile, require
+from rcmservo.estimation.base import Estimator
+from rcmservo.estimation.projection_rule import PRINTED
+from rcmservo.geometry.tool import Tool
+from rcmservo.recording.foreign import scoring
+from rcmservo.recording.reader import Record
+from rcmservo.recording.replay import Rerun, recompute, servo_of
+from rcmservo.servo.servo import Servo
+from rcmservo.servo.user_estimator import examine, strict
+from rcmservo.tracking import ColourMarkers
+
+OTHERWISE = 1
+"""Exit code of a replay in which a decision came out otherwise."""
+
+
+@dataclass(frozen=True)
+class ReplayOptions(ServoOptions):
+    """Put recorded frames and joints through tracking, features, imaged RCM and the estimators, and
+    score them.
+
+    Of a recorded run, compute every decision again instead, with its own settings but for those
+    given here: are they the same, bit for bit, and if not, where do they differ?
+    """
+
+    path: Annotated[Path, tyro.conf.Positional]
+    """Folder with frames/ and poses.csv, or a run's folder or .mcap file."""
+    estimator: OptionalEstimator = None
+    """Of a run: another estimator than the recorded one. Of a recording all are scored."""
+    rig: Path | None = None
+    """TOML file that describes the recorded arm: mechanism, tool and markers. By default the
+    built-in one."""
+    out: Path | None = None
+    """Folder to write replay.json and centres.csv to, new or empty; by default nothing is
+    written."""
+    json: bool = False
+    """Print one JSON object on stdout and nothing else."""
+
+
+def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:
+    """The settings that a run was recorded with, as a command that asks for them.
+
+    The recorded estimator takes the place of its class's settings, but not the printed one where
+    the command names `projection`: that would be itself under another name.
+    """
+    if not then.stages:
+        raise UnusableFile(asked.path, "does not tell the servo of its ticks")
+    servo = servo_of(then, then.stages[0], own_kinds(asked))
+    name = name_of(servo.estimator, ESTIMATORS)
+    groups: dict[str, Any] = {part: getattr(servo, part) for part in METHOD_PARTS if part in GROUPS}
+    other = asked.estimator == "projection" and servo.estimator == PRINTED
+    if not other:
+        groups[asked.OWN.get(name, name)] = servo.estimator
+    own = asked.estimator if asked.estimator == name and not other else None
+    return type(asked)(asked.path, estimator=own, **groups)
+
+
+def own_kinds(options: ReplayOptions) -> dict[str, type[Estimator]]:
+    """The classes of the user's own estimators that the command line names."""
+    return {name: type(estimator) for name, estimator in options.own_estimators.items()}
+
+
+def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) -> int:
+    """The decisions of a recorded run once more; the exit code is 1 where they are others."""
+    right = "left out for a run: its record tells the rig"
+    require(options.rig is None, "--rig", options.rig, right)
+    require(options.out is None, "--out", options.out, "left out for a run: nothing is written")
+    as_recorded = options == replace(usual, json=options.json)
+    other = None if as_recorded else _other(options, then)
+    again = recompute(then, other, own_kinds(options))
+    if options.json:
+        print(json.dumps(again.numbers))
+    else:
+        print("; ".join(filter(None, (again.words, then.missing))))
+        if again.open_loop and not again.same:
+            _show_differences(console(), again)
+    return 0 if again.same else OTHERWISE
+
+
+def _other(options: ReplayOptions, then: Record) -> Servo:
+    """The recorded servo with the settings that the command asks for."""
+    servo = servo_of(then, then.stages[0], own_kinds(options))
+    parts = options.parts(options.estimator or name_of(servo.estimator, ESTIMATORS))
+    return replace(servo, **parts)
+
+
+def _show_differences(console: Console, again: Rerun) -> None:
+    """What the other settings would have made of what was seen."""
+    then, now = again.then, again.now
+    table = Table("", "as recorded", "with these settings")
+    speeds = [np.median(np.linalg.norm(rows.ticks["v"], axis=1)) for rows in (then, now)]
+    table.add_row("wanted speed of marker 1, median", *(f"{speed:.2f} mm/s" for speed in speeds))
+    for name in dict.fromkeys((*then.phase, *now.phase)):
+        counts = [rows.phase.count(name) for rows in (then, now)]
+        table.add_row(f"ticks in {name}", *map(str, counts))
+    apart = np.linalg.norm(then.ticks["v"] - now.ticks["v"], axis=1)
+    table.add_row("the wanted velocities differ by, median", "", f"{np.median(apart):.2f} mm/s")
+    console.print(table)
+
+
+def replay(options: ReplayOptions) -> int:
+    """Score a recording."""
+    if not options.path.exists():
+        raise UnusableFile(options.path, "does not exist")
+    out = console(stderr=options.json)
+    with nullcontext() if options.out is None else new_folder(options.out, "replay") as folder:
+        scored = _scored(options, out)
+        if options.json:
+            print(json.dumps(numbers(scored)))
+        else:
+            show_score(out, scored)
+        if folder is not None:
+            write_whole(folder / "replay.json", json.dumps(numbers(scored), indent=2) + "\n")
+            write_whole(folder / "centres.csv", centres(scored))
+    return 0
+
+
+def _scored(options: ReplayOptions, out: Console) -> scoring.Replay:
+    """The score of a recording, with a bar while its frames are tracked."""
+    lab = load_lab(options.rig)
+    estimators = _estimators(options, lab.tool)
+    bar = Progress(
+        TextColumn("tracking", markup=False),
+        BarColumn(),
+        TextColumn("{task.completed}/{task.total} frames", markup=False),
+        console=out,
+        transient=True,
+    )
+    with bar:
+        task = bar.add_task("tracking", total=None)
+        return scoring.replay(
+            options.path,
+            lab,
+            ColourMarkers(lab.markers),
+            estimators,
+            options.settings["imaged_rcm"],
+            lambda done, total: bar.update(task, completed=done, total=total),
+        )
+
+
+def _estimators(options: ReplayOptions, tool: Tool) -> dict[str, Estimator]:
+    """The estimators to score: all of ours, and the user's own that the command names."""
+    own = options.estimator
+    right = "left out for a recording, where all of ours are scored, or module:class"
+    require(own is None or own in options.own_estimators, "--estimator", own, right)
+    ours = {
+        name: one for name, one in options.estimators.items() if name not in options.own_estimators
+    }
+    if own is None:
+        return ours
+    examine(options.own_estimators[own], tool)
+    return {**ours, own: strict(options.own_estimators[own])}

@@ -1,0 +1,82 @@
+"""Output of a run's result, whatever made the run: figures, metrics.json and the table."""
+
+import json
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from rcmservo.config.atomic_files import write_whole
+from rcmservo.errors import UnusableFile
+from rcmservo.figures import charts, plots
+from rcmservo.loop.run_result import RunResult
+from rcmservo.recording import reader
+from rcmservo.recording.reader import Record
+from rcmservo.recording.summary_text import result_rows, title_of
+
+METRICS = "metrics.json"
+"""Name of the result's file in the folder of a run."""
+
+UNSETTLED = 1
+"""Exit code of a run that did not settle."""
+
+
+def record_in(folder: Path) -> Record | None:
+    """Return the record of a run; None where it holds nothing."""
+    with suppress(UnusableFile):
+        return reader.read(folder)
+    return None
+
+
+def draw_figures(record: Record, folder: Path) -> None:
+    """Draw the figures of a run's record, if it holds anything to draw."""
+    if np.isfinite(record.ticks["delta"]).any():
+        charts.save(plots.errors(record), folder / "errors.png")
+        charts.save(plots.estimate(record), folder / "estimate.png")
+
+
+def save_result(result: RunResult, record: Record | None, folder: Path) -> RunResult:
+    """Write the figures and metrics.json.
+
+    What cannot be written is named in the result that is returned, which is not lost with it.
+    """
+    result = replace(result, folder=str(folder))
+    if record is not None:
+        result = _written(result, lambda: draw_figures(record, folder))
+    text = json.dumps(asdict(result), indent=2) + "\n"
+    return _written(result, lambda: write_whole(folder / METRICS, text))
+
+
+def _written(result: RunResult, write: Callable[[], None]) -> RunResult:
+    """Write, and return the result with the reason if that fails."""
+    try:
+        write()
+    except (UnusableFile, OSError) as error:
+        return replace(
+            result, not_written="; ".join(filter(None, (result.not_written, str(error))))
+        )
+    return result
+
+
+def report(out: Console, result: RunResult, as_json: bool) -> int:
+    """Print the result, as a table or as JSON on stdout; return the exit code of the command."""
+    if as_json:
+        print(json.dumps(asdict(result)))
+    else:
+        out.print(table(title_of(result), result_rows(result)))
+        out.print(f"files in {result.folder}", soft_wrap=True)
+    return 0 if result.settled else UNSETTLED
+
+
+def table(title: str, rows: list[tuple[str, str]]) -> Table:
+    """Return a table of titles and words. Long words are folded, never cropped."""
+    made = Table(title=title, show_header=False)
+    made.add_column(overflow="fold")
+    made.add_column(overflow="fold")
+    for row in rows:
+        made.add_row(*row)
+    return made

@@ -1,0 +1,71 @@
+"""Score of a recording: as JSON, as a table of centres, and in words."""
+
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from rcmservo.cli.terminal import unit
+from rcmservo.interfaces import Floats
+from rcmservo.loop.run_result import known
+from rcmservo.recording.foreign import scoring
+
+Pair = tuple[float, float]
+
+
+def numbers(result: scoring.Replay) -> dict[str, Any]:
+    """Return a score as replay.json has it: None is what was not found or could not be computed."""
+    return {
+        "frames": [
+            {"frame": pose.name, "m1": _pair(found.points[0]), "m2": _pair(found.points[1])}
+            for pose, found in zip(result.poses, result.markers, strict=True)
+        ],
+        "imaged_rcm_px": _pair(result.o_c),
+        "imaged_rcm_condition": known(result.condition),
+        "reprojection_rms_px": dict(
+            zip(("m1", "m2"), map(known, result.reprojection), strict=True)
+        ),
+        "one_step_rms": {
+            name: {"s_deg": known(np.degrees(s)), "r_px": known(r), "d_px": known(d)}
+            for name, (s, r, d) in result.one_step.items()
+        },
+    }
+
+
+def _pair(point: Floats) -> Pair | None:
+    return (float(point[0]), float(point[1])) if np.isfinite(point).all() else None
+
+
+def centres(result: scoring.Replay) -> str:
+    """Return the markers' centres as CSV; what was not found is left empty."""
+    lines = ["frame,m1_u_px,m1_v_px,m2_u_px,m2_v_px"]
+    for pose, found in zip(result.poses, result.markers, strict=True):
+        row = [f"{n:.3f}" if np.isfinite(n) else "" for n in found.points.ravel()]
+        lines.append(",".join([pose.name, *row]))
+    return "\n".join(lines) + "\n"
+
+
+def show_score(console: Console, result: scoring.Replay) -> None:
+    """Print a score in words, and the one-step errors as a table."""
+    found = [[np.isfinite(m).all() for m in markers.points] for markers in result.markers]
+    m1, m2 = (sum(column) for column in zip(*found, strict=True)) if found else (0, 0)
+    rms_1, rms_2 = (unit(known(rms), "px", 2) for rms in result.reprojection)
+    lines = [
+        f"{len(found)} frames, marker 1 found in {m1}, marker 2 in {m2}",
+        f"imaged RCM{_imaged_rcm(result)}",
+        f"reprojection: marker 1 {rms_1}, marker 2 {rms_2} rms",
+    ]
+    for line in lines:
+        console.print(line, soft_wrap=True)
+    table = Table("one-step prediction, rms", "s [°]", "r [px]", "d [px]")
+    for name, (s, r, d) in result.one_step.items():
+        table.add_row(name, *(unit(known(value), "", 2) for value in (np.degrees(s), r, d)))
+    console.print(table)
+
+
+def _imaged_rcm(result: scoring.Replay) -> str:
+    place, condition = result.o_c, result.condition
+    if not (np.isfinite(place).all() and np.isfinite(condition)):
+        return ": not observable, the imaged tool turned too little"
+    return f" ({place[0]:.1f}, {place[1]:.1f}) px, condition number {condition:.0f}"

@@ -1,0 +1,39 @@
+"""Description of a run in its record, in addition to its stages (which hold servo and target)."""
+
+import platform
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Any
+
+from rcmservo.cli.lab_options import LabOptions
+
+PACKAGES = "numpy", "numba", "opencv-python-headless"
+"""Packages whose versions every record holds."""
+
+
+def about_any(options: LabOptions, duration: float, *packages: str) -> dict[str, Any]:
+    """Return the description of a run, simulated or on hardware: settings and versions."""
+    return {
+        "duration_s": duration,
+        "estimator": options.estimator,
+        "mechanism": options.lab.mechanism.name,
+        "teaching_frames": options.teaching_frames,
+        "markers": asdict(options.lab.markers),
+        "versions": {
+            "rcmservo": version("rcmservo"),
+            "python": platform.python_version(),
+            **{name: version(name) for name in (*PACKAGES, *packages)},
+        },
+    }
+
+
+def about(options: LabOptions, duration: float) -> dict[str, Any]:
+    """Return the description of a simulated run."""
+    return {
+        "simulation": True,
+        "seed": options.seed,
+        "disturbances": [],
+        "resumes": 0,
+        "rig": asdict(options.rig_settings),
+        **about_any(options, duration, "mujoco-core"),
+    }

@@ -1,0 +1,137 @@
+"""One simulated run, from its settings to a folder: record, metrics, figures and video.
+
+The servo is given what a real arm and camera would give it. The truth is read beside it, for the
+record and the verdict only.
+"""
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Generator, Iterable
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from rcmservo.cli.lab_options import RunOptions
+from rcmservo.cli.result_output import record_in, save_result
+from rcmservo.cli.simulated_run.about import about
+from rcmservo.cli.simulated_run.pictures import pictures, video_of
+from rcmservo.cli.simulated_run.target import target_of
+from rcmservo.interfaces import Floats
+from rcmservo.loop.detection_failure import unseen
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.run_result import RunResult, known
+from rcmservo.loop.tick import Tick
+from rcmservo.recording.outcome import LAST, held
+from rcmservo.recording.reader import RECORD, Record
+from rcmservo.recording.timeline import rate, summary
+from rcmservo.recording.writer import Recorder
+from rcmservo.sim import Killed, Rig
+from rcmservo.sim.disturbances.computer_faults import disk
+from rcmservo.sim.scripted_operator import ScriptedPerson, attended
+from rcmservo.tracking import ColourMarkers
+
+
+def simulate(
+    options: RunOptions, folder: Path, progress: Callable[[Tick], None] = lambda tick: None
+) -> RunResult:
+    """Run what the options ask for, write the folder, and return the result.
+
+    Stopped by Ctrl-C it raises KeyboardInterrupt as usual, after the record so far was ended and
+    the arm was at rest.
+    """
+    servo, lab, settings = options.servo, options.lab, options.rig_settings
+    rig = Rig(options.seed, settings, disturbances=options.disturbances)
+    plant = Plant(rig.arm, rig.camera, ColourMarkers(lab.markers), rig.clock)
+    target = target_of(options, rig, plant)
+    servo.warm_up()
+    person = ScriptedPerson(rig, plant, options.resumes, options.teaching_frames)
+    wrong = [str(disturbance) for disturbance in options.disturbances]
+    words = about(options, options.duration) | {"disturbances": wrong, "resumes": options.resumes}
+    started = time.perf_counter()
+    with ExitStack() as stack:
+        recorder = stack.enter_context(Recorder(folder / RECORD, words, disk(rig.disk_full)))
+        video = video_of(folder, settings, stack) if options.video else None
+        plant.recorded = recorder.recorded
+        begins = partial(recorder.begin, servo)
+        ticks = attended(rig, plant, servo, target, options.duration, person, begins)
+        shown = pictures(plant, video, recorder if options.frames else None), progress
+        ended = _follow(ticks, rig, plant, recorder, shown)
+    took, record = time.perf_counter() - started, record_in(folder)
+    result = RunResult() if record is None else _by_truth(rig, record)
+    result = replace(
+        result,
+        cause="" if result.settled else ended or result.cause,
+        seed=options.seed,
+        estimator=options.estimator,
+        estimator_time_per_frame_s=getattr(servo.estimator, "estimator_time", 0.0) or None,
+        rejected_scenes=rig.scene.rejected,
+        real_time_factor=None if result.duration_s is None else result.duration_s / took,
+        resumed=person.resumed,
+        refused=person.refused,
+        shown_again=person.shown,
+        not_recorded=recorder.failed,
+        not_filmed=video.failed if video is not None else "",
+    )
+    return save_result(result, record, folder)
+
+
+def _by_truth(rig: Rig, record: Record) -> RunResult:
+    """Return the result of a record, with the true pose error over the last second."""
+    result, p2 = summary(record), record.truth["p2"]
+    p_d = rig.body.points(rig.scene.target)[1]
+    pose: Floats = np.linalg.norm(p2[-round(LAST * rate(record)) :] - p_d, axis=1)
+    error = known(float(np.sqrt(np.mean(pose**2)))) if len(pose) else None
+    return replace(result, pose_error_mm=error)
+
+
+def _follow(
+    ticks: Generator[Tick],
+    rig: Rig,
+    plant: Plant,
+    recorder: Recorder,
+    shown: Iterable[Callable[[Tick], None]],
+) -> str:
+    """Record and show every tick of a run; what ended it before its time, in words."""
+    tick, began, ever = None, rig.clock.now(), False
+    rig.begin()
+    with _between_ticks() as stopped, closing(ticks):
+        try:
+            for tick in ticks:
+                ever = ever or tick.state.believed >= 0
+                rig.truth.write(recorder, tick)
+                for show in shown:
+                    show(tick)
+                stopped()
+        except Killed as end:
+            return f"{end}; the arm's watchdog stops it"
+    if tick is None:
+        return ""
+    return held(tick.state.mode, "" if ever else unseen(plant, tick.seen, began))
+
+
+@contextmanager
+def _between_ticks() -> Generator[Callable[[], None]]:
+    """Ctrl-C takes effect where the function that this gives is called, so that it never cuts a
+    message in two."""
+    pressed = False
+
+    def press(number: int, frame: object) -> None:
+        nonlocal pressed
+        pressed = True
+
+    def stopped() -> None:
+        if pressed:
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield stopped
+        return
+    usual = signal.signal(signal.SIGINT, press)
+    try:
+        yield stopped
+    finally:
+        signal.signal(signal.SIGINT, usual)

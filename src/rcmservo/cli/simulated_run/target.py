@@ -1,0 +1,50 @@
+"""The target of a simulated run: shown first, or read from a file."""
+
+import hashlib
+
+import numpy as np
+
+from rcmservo.cli.lab_options import RunOptions
+from rcmservo.config import target_file
+from rcmservo.config.rig_file import Lab
+from rcmservo.config.target_file import Setup
+from rcmservo.interfaces import Target
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.teach import teach
+from rcmservo.sim import Rig
+
+
+def setup_of(rig: Rig, lab: Lab) -> Setup:
+    """What a target that is shown to a simulated rig is bound to. Its camera's name follows from
+    where it stands."""
+    optics = rig.scene.optics
+    where = np.concatenate(
+        [[optics.focal], optics.centre, optics.distortion, optics.rotation.ravel(), optics.position]
+    )
+    view = hashlib.sha256(np.round(where, 6).tobytes()).hexdigest()[:8]
+    name = f"simulation with seed {rig.seed}, view {view}"
+    return Setup(
+        name,
+        optics.width,
+        optics.height,
+        lab.mechanism,
+        lab.tool,
+        lab.markers,
+        slack=lab.thresholds.slack,
+    )
+
+
+def target_of(options: RunOptions, rig: Rig, plant: Plant) -> Target:
+    """The target of a file, or one that a person shows before bringing the tool back to the
+    start."""
+    setup = setup_of(rig, options.lab)
+    if options.target is not None:
+        target = target_file.load(options.target, setup)
+        options.servo.demand(target)
+        return target
+    rig.show_target()
+    target = teach(plant, options.teaching_frames)
+    rig.go_home()
+    if options.save_target is not None:
+        target_file.save(options.save_target, target, setup)
+    return target

@@ -1,0 +1,101 @@
+"""What the terminal tells of a study."""
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from rcmservo.study.execution.run_study import Work
+    from rcmservo.study.report.statistics import Interval
+    from rcmservo.study.report.summary import PairedComparison, Summary
+
+NUMBERS = "success, %", "to 1 mm, s", "error, mm", "/ bound"
+"""Columns of numbers: the medians of time and error, and the rms of the ratio."""
+
+
+def described(distributions: Iterable[tuple[str, str]]) -> Table:
+    """What every distribution of scenes is."""
+    table = Table.grid(padding=(0, 2))
+    for name, words in distributions:
+        table.add_row(name, words)
+    return table
+
+
+def tell_work(out: Console, work: "Work") -> None:
+    """What is going to be done."""
+    runs, left = work.plan.runs, work.runs_left
+    words = f"{runs} simulated run{'s' if runs > 1 else ''}, into {work.store.folder}"
+    out.print(words, style="dim", soft_wrap=True)
+    if work.changed:
+        words = f"{', '.join(work.changed)} changed since this folder was used last"
+        out.print(f"{words}: {left} of {runs} runs are made anew", soft_wrap=True)
+    elif not left:
+        out.print("all are there already", soft_wrap=True)
+    elif left < runs:
+        out.print(f"{runs - left} are there already; the others follow", soft_wrap=True)
+
+
+def results(rows: list["Summary"]) -> Table:
+    """What the terminal shows of a study: every number with its interval below it."""
+    table = Table(show_lines=True)
+    for words in ("method\nengine", "scenes"):
+        table.add_column(words, overflow="fold")
+    for words in NUMBERS:
+        table.add_column(words, overflow="fold", justify="right")
+    table.add_column("first stops", overflow="fold")
+    for row in rows:
+        stops = [f"{name} {count}" for name, count in row.stops.items()]
+        table.add_row(
+            f"{row.method}\n{row.engine}",
+            row.condition,
+            _spread(row.success, ".1f", 100.0),
+            _spread(row.time_median_s, ".2f", 1.0, "never"),
+            _spread(row.pose_median_mm, ".3f"),
+            _spread(row.ratio_rms, ".2f"),
+            "\n".join(stops) or "–",
+        )
+    return table
+
+
+def beside(one: "PairedComparison") -> str:
+    """A method beside the first one, in a sentence."""
+    return (
+        f"{one.method} beside {one.beside}, {one.condition}, {one.pairs} pairs: success "
+        f"{_inline(one.success, '+.1f', '% points', 100.0)}, {_sooner(one)}, "
+        f"error {_inline(one.pose_mm, '+.3f', 'mm')}"
+    )
+
+
+def _sooner(one: "PairedComparison") -> str:
+    """How much sooner it comes within 1 mm, where both mostly do."""
+    if math.isinf(one.time_s.value):
+        only = one.beside if one.time_s.value > 0.0 else one.method
+        return f"to 1 mm mostly only {only} comes"
+    return f"to 1 mm {_inline(one.time_s, '+.2f', 's')}"
+
+
+def number(value: float, form: str, endless: str = "∞") -> str:
+    """A number, or that it is without end."""
+    if math.isinf(value):
+        return endless if "+" not in form else f"{value:+f}".replace("inf", "∞")
+    return format(value, form)
+
+
+def _spread(one: "Interval", form: str, times: float = 1.0, endless: str = "∞") -> str:
+    """A number, and its interval in the line below."""
+    value, low, high = (number(times * x, form, endless) for x in one)
+    if math.isnan(one.value):
+        return "–"
+    return value if low == high == value else f"{value}\n{low} to {high}"
+
+
+def _inline(one: "Interval", form: str, unit: str, times: float = 1.0) -> str:
+    """A number with its interval and its unit; a dash where there is none."""
+    if math.isnan(one.value):
+        return "–"
+    value, low, high = (number(times * x, form) for x in one)
+    between = "" if low == high == value else f" ({low} to {high})"
+    return f"{value}{between} {unit}"

@@ -1,0 +1,70 @@
+"""Perspective projection by given parameters a: eq. (3)-(5) and (10)-(13), its derivative, and its
+linear form (18).
+
+Measured from the imaged RCM o_c, the projection has nine degrees of freedom (Lemma 1): with c₁₄ =
+c₂₄ = 0 and c₃₄ = 1 a point p projects to m = G p / z, z = gᵀp + 1, where a = [G₁ G₂ g]. z is depth
+relative to the RCM's depth.
+"""
+
+import numpy as np
+
+from rcmservo.interfaces import Floats
+from rcmservo.numerics.jit import compiled
+
+PARAMETERS = 9
+
+
+@compiled
+def depth(a: Floats, p: Floats) -> float:
+    """z = gᵀp + 1, eq. (5) with c₃₄ = 1: the depth of p over the depth of the RCM,
+    dimensionless."""
+    return a[6] * p[0] + a[7] * p[1] + a[8] * p[2] + 1.0
+
+
+@compiled
+def project(a: Floats, p: Floats) -> Floats:
+    """m (2,) px from the imaged RCM, eq. (4) and, with an estimate for a, eq. (34)."""
+    z = depth(a, p)
+    return np.array(
+        [
+            (a[0] * p[0] + a[1] * p[1] + a[2] * p[2]) / z,
+            (a[3] * p[0] + a[4] * p[1] + a[5] * p[2]) / z,
+        ]
+    )
+
+
+@compiled
+def project_jacobian(a: Floats, p: Floats) -> Floats:
+    """∂m/∂p = (G − m gᵀ)/z, shape (2, 3), px/mm."""
+    m = project(a, p)
+    z = depth(a, p)
+    jacobian = np.empty((2, 3))
+    for j in range(3):
+        jacobian[0, j] = (a[j] - m[0] * a[6 + j]) / z
+        jacobian[1, j] = (a[3 + j] - m[1] * a[6 + j]) / z
+    return jacobian
+
+
+@compiled
+def regressor(m: Floats, p: Floats) -> Floats:
+    """W (2, 9) of eq. (19), for which W a = m and W â − m is the projection error e of eq. (17)."""
+    w = np.zeros((2, 9))
+    for j in range(3):
+        w[0, j] = p[j]
+        w[1, 3 + j] = p[j]
+        w[0, 6 + j] = -m[0] * p[j]
+        w[1, 6 + j] = -m[1] * p[j]
+    return w
+
+
+def parameters(C: Floats) -> tuple[Floats, Floats]:
+    """Lemma 1: a (9,) and the imaged RCM o_c (2,) px of a calibration matrix C (3, 4), whatever its
+    scale.
+
+    Shifting the pixel origin to o_c removes two degrees of freedom and scaling c₃₄ to 1 a third,
+    eq. (10)-(12).
+    """
+    C = C / C[2, 3]
+    o_c = C[:2, 3].copy()
+    shifted = C[:2, :3] - np.outer(o_c, C[2, :3])
+    return np.concatenate([shifted.ravel(), C[2, :3]]), o_c

@@ -1,0 +1,295 @@
+"""Datagrams between a servo and an arm in another process.
+
+    servo ─► arm   COMMAND   session, number, time, deadline, rates, enabled
+                   REQUEST   number, session, action
+    arm ─► servo   STATE     session, time, q, enabled, applied rates, number of the newest command
+                   DONE      number of the completed request
+
+Each datagram begins with a mark and ends with a checksum; any other datagram is dropped silently.
+The servo that enables the drive draws a random session number, and the arm accepts motion from that
+session only. A servo that was suspended and resumes while another one controls the arm therefore
+moves nothing. Times are ns of the wall clock, which all processes of a computer share.
+"""
+
+import contextlib
+import os
+import secrets
+import select
+import socket
+import struct
+import time
+import zlib
+from enum import IntEnum
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from rcmservo.errors import RcmServoError, UnusableFile
+from rcmservo.interfaces import Command, Floats, Measured, Target
+from rcmservo.loop.plant import Plant
+from rcmservo.loop.target_frames import TEACHING_FRAMES
+from rcmservo.loop.teach import teach
+
+MARK = b"RCM1"
+HEAD, SUM = struct.Struct("<4sB"), struct.Struct("<I")
+MAX_DATAGRAM_BYTES = 256
+"""Largest datagram in bytes."""
+
+MAX_DATAGRAMS_PER_READ = 32
+"""Datagrams read in one call, so that a flood of them cannot block the reader."""
+
+REQUEST_TIMEOUT_S = 2.0
+"""Time in s within which an arm must complete a request."""
+
+
+class NoAnswer(RcmServoError):
+    """Report an arm that does not answer."""
+
+
+class ArmAction(IntEnum):
+    """ArmAction that a servo requests of the arm: report the state, enable the drive, hold the tool
+    at the target, return to the start."""
+
+    REPORT = 0
+    ENABLE = 1
+    HOLD_AT_TARGET = 2
+    RETURN_TO_START = 3
+
+
+class SessionCommand(NamedTuple):
+    """Command on its way to the arm."""
+
+    session: int
+    """Random number of the servo that enabled the drive."""
+    command: Command
+    """Joint rates, or a request to disable the drive. The arm accepts only the latter from a
+    session that does not control it."""
+
+
+class ArmRequest(NamedTuple):
+    """ArmRequest of an action."""
+
+    number: int
+    """Time of the request in ns, which rises."""
+    session: int
+    """Session of the servo that requests it. After ENABLE the arm accepts motion from this session
+    only."""
+    action: ArmAction
+    """Requested action."""
+
+
+class ArmState(NamedTuple):
+    """State of the arm."""
+
+    session: int
+    """Session that controls the arm; 0 before its drive was first enabled."""
+    time: int
+    """Time at which the joints were read, ns."""
+    q: Floats
+    """Joint values (3,) in rad, rad, mm."""
+    enabled: bool
+    """True while the drive is on."""
+    applied: Floats
+    """Joint rates (3,) in rad/s, rad/s, mm/s that the arm applies."""
+    number: int
+    """Number of the command with these rates; -1 if none arrived since the drive was enabled."""
+
+
+class Done(NamedTuple):
+    """Report that a request is completed."""
+
+    number: int
+    """Number of the request."""
+
+
+Message = SessionCommand | ArmRequest | ArmState | Done
+
+COMMAND, REQUEST, STATE, DONE = (
+    struct.Struct(f"<{form}") for form in ("Qqqq3dB", "qQB", "Qq3dB3dq", "q")
+)
+
+
+def encode(message: Message) -> bytes:
+    """Return a message as one datagram."""
+    match message:
+        case SessionCommand(session, c):
+            kind, body = (
+                1,
+                COMMAND.pack(session, c.number, c.time, c.deadline, *c.rates.tolist(), c.enabled),
+            )
+        case ArmRequest():
+            kind, body = 2, REQUEST.pack(*message)
+        case ArmState(session, at, q, enabled, applied, number):
+            kind, body = (
+                3,
+                STATE.pack(session, at, *q.tolist(), enabled, *applied.tolist(), number),
+            )
+        case Done():
+            kind, body = 4, DONE.pack(*message)
+    whole = HEAD.pack(MARK, kind) + body
+    return whole + SUM.pack(zlib.crc32(whole))
+
+
+def decode(datagram: bytes) -> Message | None:
+    """Return the message in a datagram, or None if the datagram is not exactly one message."""
+    end = len(datagram) - SUM.size
+    if end < HEAD.size or SUM.unpack_from(datagram, end)[0] != zlib.crc32(datagram[:end]):
+        return None
+    mark, kind = HEAD.unpack_from(datagram)
+    try:
+        return _message(kind, datagram[HEAD.size : end]) if mark == MARK else None
+    except (struct.error, ValueError):
+        return None
+
+
+def _message(kind: int, body: bytes) -> Message | None:
+    match kind:
+        case 1:
+            session, number, at, deadline, *rates, enabled = COMMAND.unpack(body)
+            return SessionCommand(
+                session, Command(number, at, deadline, np.array(rates), bool(enabled))
+            )
+        case 2:
+            number, session, action = REQUEST.unpack(body)
+            return ArmRequest(number, session, ArmAction(action))
+        case 3:
+            v = STATE.unpack(body)
+            return ArmState(v[0], v[1], np.array(v[2:5]), bool(v[5]), np.array(v[6:9]), v[9])
+        case 4:
+            return Done(*DONE.unpack(body))
+        case _:
+            return None
+
+
+def open_socket(path: Path) -> socket.socket:
+    """Open a non-blocking datagram socket at a path."""
+    opened = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        opened.bind(str(path))
+    except OSError as error:
+        opened.close()
+        raise UnusableFile(path, f"cannot be a socket: {error.strerror or error}") from error
+    opened.setblocking(False)
+    return opened
+
+
+def receive(sock: socket.socket) -> list[tuple[Message, str]]:
+    """Return the waiting messages with their senders; drop every other datagram."""
+    found: list[tuple[Message, str]] = []
+    with contextlib.suppress(OSError):
+        for _ in range(MAX_DATAGRAMS_PER_READ):
+            datagram, sender = sock.recvfrom(MAX_DATAGRAM_BYTES)
+            message = decode(datagram)
+            if message is not None:
+                found.append((message, sender))
+    return found
+
+
+def arm_socket_path(folder: Path) -> Path:
+    """Return the path of the socket on which the arm of a folder listens."""
+    return folder / "arm"
+
+
+class RemoteArm:
+    """Arm in another process, reached by datagrams. Close it when done.
+
+    The arm reports the rates that it applies in its next state, so `apply` returns the rates of the
+    newest state.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the sockets.
+
+    Raises
+    ------
+    NoAnswer
+        If the arm does not answer.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / f"servo-{os.getpid()}-{secrets.token_hex(4)}"
+        self._socket = open_socket(self._path)
+        self._session = 0
+        self._state: ArmState | None = None
+        try:
+            self._socket.connect(str(arm_socket_path(folder)))
+            self.request(ArmAction.REPORT)
+        except OSError as error:
+            self.close()
+            raise NoAnswer(f"the arm cannot be reached: {error.strerror}") from error
+        except NoAnswer:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        self._socket.close()
+        self._path.unlink(missing_ok=True)
+
+    def enable(self) -> None:
+        """Enable the drive for this servo only."""
+        self._session = secrets.randbits(64)
+        self.request(ArmAction.ENABLE)
+
+    def request(self, action: ArmAction) -> None:
+        """ArmRequest an action and wait until it is completed and a state has arrived.
+
+        Raises
+        ------
+        NoAnswer
+            If the arm does not complete it in time.
+        """
+        self._receive()
+        number = time.monotonic_ns()
+        self._send(ArmRequest(number, self._session, action))
+        done = False
+        while not done or self._state is None:
+            left = REQUEST_TIMEOUT_S - (time.monotonic_ns() - number) * 1e-9
+            if left <= 0.0:
+                raise NoAnswer(f"the arm does not answer within {REQUEST_TIMEOUT_S:g} s")
+            select.select([self._socket], [], [], left)
+            done |= self._receive(number)
+
+    def measure(self) -> Measured:
+        """Return the newest state. The drive counts as enabled only in this servo's session."""
+        self._receive()
+        state = self._newest
+        return Measured(state.time, state.q, state.enabled and state.session == self._session)
+
+    def apply(self, command: Command) -> Floats:
+        self._send(SessionCommand(self._session, command))
+        state = self._newest
+        return state.applied if state.session == self._session else np.zeros(3)
+
+    @property
+    def _newest(self) -> ArmState:
+        assert self._state is not None
+        return self._state
+
+    def _send(self, message: Message) -> None:
+        """Send a message. A datagram that cannot be sent now is lost; an arm that is gone does not
+        answer."""
+        with contextlib.suppress(OSError):
+            self._socket.send(encode(message))
+
+    def _receive(self, number: int = -1) -> bool:
+        """Receive all waiting messages; return True if one completes the request of this number."""
+        done = False
+        for message, _ in receive(self._socket):
+            done |= message == Done(number)
+            if isinstance(message, ArmState) and (
+                self._state is None or message.time > self._state.time
+            ):
+                self._state = message
+        return done
+
+
+def teach_and_return(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
+    """Teach a target while the arm holds the tool there, then return the tool to the start."""
+    arm = plant.arm
+    assert isinstance(arm, RemoteArm)
+    arm.request(ArmAction.HOLD_AT_TARGET)
+    target = teach(plant, frames)
+    arm.request(ArmAction.RETURN_TO_START)
+    return target

@@ -1,0 +1,96 @@
+"""Reports of a live run on its way, and the numbers of its result, collected by a thread."""
+
+import contextlib
+import queue
+import threading
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from types import TracebackType
+
+import numpy as np
+
+from rcmservo.interfaces import Floats, Target
+from rcmservo.live.realtime import Realtime
+from rcmservo.loop.run_result import LoopTiming, known, spread
+from rcmservo.loop.tick import Tick
+from rcmservo.recording.outcome import Judge
+from rcmservo.servo.servo import Servo
+
+EVERY = 10
+"""Ticks from one report to the next."""
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """How the loop stands."""
+
+    time: int
+    """ns since its start."""
+    words: str
+    """Phase, cause and way out."""
+    delta: Floats
+    """The error Δy (3,)."""
+    condition: float
+    """That of the scaled Ĵ."""
+
+
+class ReportThread:
+    """A thread that takes the ticks from the loop, collects what the result needs, and sends
+    reports."""
+
+    def __init__(self, servo: Servo, target: Target, listener: Connection) -> None:
+        self.judge = Judge(servo, target)
+        self._rate, self._listener = servo.rate, listener
+        self._moments: list[int] = []
+        self._times: list[int] = []
+        self._latencies: list[int] = []
+        self._ticks: queue.SimpleQueue[Tick | None] = queue.SimpleQueue()
+        self._frame = -1
+        self._thread = threading.Thread(target=self._work, name="reports", daemon=True)
+        self.put = self._ticks.put
+
+    def __enter__(self) -> "ReportThread":
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._ticks.put(None)
+        self._thread.join()
+
+    def _work(self) -> None:
+        for tick in iter(self._ticks.get, None):
+            self._collect(tick)
+            if len(self._times) % EVERY == 1:
+                self._report(tick)
+
+    def _collect(self, tick: Tick) -> None:
+        self.judge.add(tick)
+        self._moments.append(tick.seen.now)
+        self._times.append(tick.time)
+        if tick.seen.frame > self._frame:
+            self._frame = tick.seen.frame
+            self._latencies.append(tick.state.watch.latency)
+
+    def _report(self, tick: Tick) -> None:
+        state = tick.state
+        with contextlib.suppress(OSError):
+            self._listener.send(Report(tick.time, state.words, state.delta, state.condition))
+
+    def timing(self, lateness: Floats, system: Realtime) -> LoopTiming:
+        """How the loop kept its time, given how late (ns) its waits ended."""
+        count = len(self._times)
+        span = self._moments[-1] - self._moments[0] if count > 1 else np.nan
+        return LoopTiming(
+            ticks=count,
+            missed=round(self._times[-1] * self._rate * 1e-9) + 1 - count if count else 0,
+            rate_hz=known((count - 1) / span * 1e9),
+            lateness_ms=spread(lateness[:count]),
+            latency_ms=spread(np.array(self._latencies, dtype=float)),
+            collections=system.collections,
+            refused=system.refused,
+        )

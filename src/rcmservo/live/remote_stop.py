@@ -1,0 +1,136 @@
+"""STOP from another process, for an arm that only the servo process can disable.
+
+supervisor ── request ──► servo process   the next command disables the drive
+           ◄── is on ────                 state of the drive as the arm reports it
+           ── kill ─────►                 after a time-out; the arm's own watchdog then acts
+"""
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from multiprocessing import active_children
+from multiprocessing.context import BaseContext
+from typing import Any
+
+import numpy as np
+
+from rcmservo.errors import Stopped
+from rcmservo.interfaces import Command, Floats, Measured
+from rcmservo.live.device_protocols import LabArm
+from rcmservo.live.supervisor import left_to_its_watchdog
+
+STOP_TIMEOUT_NS = 80_000_000
+"""Time in ns within which the servo process must disable the drive: some ticks, and the arm's
+report."""
+
+POLL_S = 0.001
+"""Interval in s at which the state of the drive is read meanwhile."""
+
+
+class Leash:
+    """Stop request and drive state in shared memory. A process receives it when it is started.
+
+    Parameters
+    ----------
+    context : BaseContext
+        Start method of the processes that share it.
+    """
+
+    def __init__(self, context: BaseContext) -> None:
+        self._pulled: Any = context.RawValue("b", 0)
+        self._on: Any = context.RawValue("b", 0)
+        self._process: Any = context.RawValue("q", 0)
+
+    @property
+    def pulled(self) -> bool:
+        """True if the drive must be off and stay off."""
+        return bool(self._pulled.value)
+
+    def renew(self) -> None:
+        """Reset the request for a new session, which begins with the drive off."""
+        self._pulled.value = self._on.value = self._process.value = 0
+
+    def hold(self) -> None:
+        """Record that this process controls the arm."""
+        self._process.value = os.getpid()
+
+    def tell(self, on: bool) -> None:
+        """Record that the drive is on, or may be."""
+        self._on.value = on
+
+    def off(self, began: bool) -> str:
+        """Have the drive disabled, and return a sentence on the state of the arm."""
+        self._pulled.value = 1
+        since = time.monotonic_ns()
+        if not self._on.value:
+            return "the arm's drive is off"
+        while time.monotonic_ns() - since < STOP_TIMEOUT_NS:
+            time.sleep(POLL_S)
+            if not self._on.value:
+                after = (time.monotonic_ns() - since) * 1e-6
+                return f"the servo has switched the arm's drive off within {after:.0f} ms"
+        for child in active_children():
+            if child.pid == self._process.value:
+                child.kill()
+        return (
+            f"the servo did not switch the drive off and was killed; {left_to_its_watchdog(began)}"
+        )
+
+
+class LeashedArm:
+    """Arm whose next command disables the drive once a stop is requested.
+
+    Parameters
+    ----------
+    arm : LabArm
+        Arm of the lab.
+    leash : Leash
+        Stop request.
+    told : Callable
+        Function that receives the reason as soon as the drive goes off by itself.
+    """
+
+    def __init__(self, arm: LabArm, leash: Leash, told: Callable[[str], object]) -> None:
+        self._arm, self._leash, self._told = arm, leash, told
+        self._coming, self._why = False, ""
+        leash.hold()
+
+    @property
+    def why_off(self) -> str:
+        return self._arm.why_off
+
+    def homed(self) -> bool:
+        return self._arm.homed()
+
+    def define(self, q: Floats) -> None:
+        self._arm.define(q)
+
+    def enable(self) -> None:
+        """Enable the drive, unless a stop is requested. From here on it may be on."""
+        self._coming = True
+        self._leash.tell(True)
+        if self._leash.pulled:
+            raise Stopped("stopped before the drive was on")
+        self._arm.enable()
+
+    def measure(self) -> Measured:
+        measured, why = self._arm.measure(), self._arm.why_off
+        self._coming = self._coming and not measured.enabled
+        self._leash.tell(measured.enabled or self._coming)
+        if why != self._why:
+            self._why = why
+            if why:
+                self._told(why)
+        return measured
+
+    def apply(self, command: Command) -> Floats:
+        if self._leash.pulled:
+            command = replace(command, rates=np.zeros(3), enabled=False)
+        return self._arm.apply(command)
+
+    def close(self) -> None:
+        """Stop the arm, disable its drive and disconnect."""
+        self._arm.close()
+        if not self._arm.why_off:
+            self._leash.tell(False)

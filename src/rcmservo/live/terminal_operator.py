@@ -1,0 +1,115 @@
+"""Operator at the terminal from which the program was started.
+
+Questions go to the terminal itself (/dev/tty), never to the standard input, so that no file and no
+other program's output can answer. Input typed before a question is discarded, and each answer comes
+with the earliest time at which it can have been typed.
+"""
+
+import os
+import select
+import termios
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from rcmservo.errors import Stopped
+from rcmservo.live.device_protocols import NotReady
+
+TERMINAL = Path("/dev/tty")
+"""Terminal of the process that opens it."""
+
+POLL_S = 0.1
+"""Interval in s at which a request to end is read."""
+
+MAX_LINE_BYTES = 4096
+"""Largest line in bytes that a terminal returns."""
+
+
+class Terminal:
+    """Operator at this program's terminal. Close it at the end.
+
+    Parameters
+    ----------
+    told_to_end : Callable
+        Function that returns True once the program must end.
+
+    Raises
+    ------
+    NotReady
+        If the program has no terminal.
+    """
+
+    def __init__(self, told_to_end: Callable[[], bool] = lambda: False) -> None:
+        self.typed = 0
+        """Earliest time (ns of the wall clock) at which the last answer can have been typed."""
+        self._told_to_end = told_to_end
+        try:
+            self._file = os.open(TERMINAL, os.O_RDWR | os.O_NOCTTY | os.O_CLOEXEC)
+        except OSError as error:
+            raise NotReady(
+                "hardware is enabled only by a person at a terminal, and this program has none"
+            ) from error
+
+    def close(self) -> None:
+        os.close(self._file)
+
+    def tell(self, words: str) -> None:
+        """Print something that needs no answer."""
+        self._write(f"{words}\n")
+
+    def ask(self, question: str) -> str:
+        """Return the operator's answer to a question.
+
+        Raises
+        ------
+        Stopped
+            After Ctrl-D, if the terminal is closed, or if the program must end.
+        NotReady
+            If the program runs in the background.
+        """
+        self._discard_input()
+        self._write(f"{question} ")
+        return self._line()
+
+    def _discard_input(self) -> None:
+        """Discard what was typed before, and what a script types at once."""
+        if os.tcgetpgrp(self._file) != os.getpgrp():
+            raise NotReady("this program runs in the background: bring it to the foreground (fg)")
+        termios.tcflush(self._file, termios.TCIFLUSH)
+        if self._told_to_end():
+            raise Stopped("stopped before the drive was on")
+        select.select([], [], [], POLL_S)
+        self.typed = time.monotonic_ns()
+        termios.tcflush(self._file, termios.TCIFLUSH)
+
+    def _line(self) -> str:
+        """Return the next line.
+
+        A poll that finds nothing proves that nothing was typed before it began, so ``typed`` is
+        never too late, however long the process was suspended.
+        """
+        began = self.typed
+        while not select.select([self._file], [], [], POLL_S)[0]:
+            if self._told_to_end():
+                raise Stopped("stopped before the drive was on")
+            self.typed, began = began, time.monotonic_ns()
+        line = self._read()
+        if not line.endswith(b"\n"):
+            raise Stopped("ended at the terminal, before the drive was on")
+        return line.decode(errors="replace").strip()
+
+    def _read(self) -> bytes:
+        """Return a whole line, or a part of one that Ctrl-D ends; nothing if the terminal is
+        closed."""
+        try:
+            return os.read(self._file, MAX_LINE_BYTES)
+        except OSError:
+            return b""
+
+    def _write(self, words: str) -> None:
+        data = words.encode(errors="replace")
+        try:
+            while data:
+                data = data[os.write(self._file, data) :]
+        except OSError as error:
+            raise Stopped("the terminal was closed") from error

@@ -1,2 +1,0 @@
-"""The paper's method: kinematics, projection, features, imaged RCM, estimators, law, first
-motion."""

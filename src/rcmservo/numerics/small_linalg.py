@@ -1,0 +1,140 @@
+"""Arithmetic on a few numbers, as loops for compiled functions.
+
+Numba compiles NumPy's way of writing the same to many times the code, as it holds broadcasting and
+the words of its errors: `a[:] = b` alone to nineteen times, in forty times the time.
+"""
+
+import numpy as np
+
+from rcmservo.numerics.jit import compiled
+from rcmservo.numerics.structs import Floats
+
+
+@compiled
+def put(into: Floats, numbers: Floats) -> None:
+    """Write the numbers over an array of the same shape."""
+    for i in np.ndindex(into.shape):
+        into[i] = numbers[i]
+
+
+@compiled
+def fill(into: Floats, number: float) -> None:
+    """Write one number over all of an array."""
+    for i in np.ndindex(into.shape):
+        into[i] = number
+
+
+@compiled
+def all_finite(numbers: Floats) -> bool:
+    """Whether all numbers are finite."""
+    for number in numbers.flat:  # noqa: SIM110 Numba compiles no generators in `all`
+        if not np.isfinite(number):
+            return False
+    return True
+
+
+@compiled
+def largest(numbers: Floats) -> float:
+    """The largest absolute value; NaN if a number is NaN."""
+    most = 0.0
+    for number in numbers.flat:
+        if np.isnan(number):
+            return np.nan
+        most = max(most, abs(number))
+    return most
+
+
+@compiled
+def length(numbers: Floats) -> float:
+    """The square root of the sum of squares."""
+    total = 0.0
+    for number in numbers.flat:
+        total += number * number
+    return np.sqrt(total)
+
+
+@compiled
+def minus(one: Floats, other: Floats) -> Floats:
+    """one − other, both (n,)."""
+    out = np.empty(len(one))
+    for i in range(len(one)):
+        out[i] = one[i] - other[i]
+    return out
+
+
+@compiled
+def distance(one: Floats, other: Floats) -> float:
+    """The length of one − other, both (n,)."""
+    total = 0.0
+    for i in range(len(one)):
+        total += (one[i] - other[i]) ** 2
+    return np.sqrt(total)
+
+
+@compiled
+def over(one: Floats, other: Floats) -> Floats:
+    """one / other, number by number, both (n,)."""
+    out = np.empty(len(one))
+    for i in range(len(one)):
+        out[i] = one[i] / other[i]
+    return out
+
+
+@compiled
+def dot(one: Floats, other: Floats) -> float:
+    """oneᵀother, both (n,)."""
+    total = 0.0
+    for i in range(len(one)):
+        total += one[i] * other[i]
+    return total
+
+
+@compiled
+def form(M: Floats, a: Floats, b: Floats) -> float:
+    """aᵀMb of M (n, m), a (n,) and b (m,)."""
+    total = 0.0
+    for i in range(len(a)):
+        row = 0.0
+        for j in range(len(b)):
+            row += M[i, j] * b[j]
+        total += a[i] * row
+    return total
+
+
+@compiled
+def product(A: Floats, x: Floats) -> Floats:
+    """A x (n,), of A (n, m) and x (m,)."""
+    out = np.empty(A.shape[0])
+    for i in range(A.shape[0]):
+        total = 0.0
+        for j in range(A.shape[1]):
+            total += A[i, j] * x[j]
+        out[i] = total
+    return out
+
+
+@compiled
+def products(A: Floats, B: Floats) -> Floats:
+    """A B (n, k), of A (n, m) and B (m, k)."""
+    out = np.empty((A.shape[0], B.shape[1]))
+    multiply(A, B, out)
+    return out
+
+
+@compiled
+def multiply(A: Floats, B: Floats, out: Floats) -> None:
+    """Write A B (n, k), of A (n, m) and B (m, k)."""
+    for i in range(A.shape[0]):
+        for k in range(B.shape[1]):
+            total = 0.0
+            for j in range(A.shape[1]):
+                total += A[i, j] * B[j, k]
+            out[i, k] = total
+
+
+@compiled
+def cross(a: Floats, b: Floats) -> Floats:
+    """a × b (3,)."""
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )

@@ -1,1 +1,0 @@
-"""Recordings by other software: reading them, and scoring the estimators on them."""

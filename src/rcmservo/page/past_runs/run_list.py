@@ -1,0 +1,113 @@
+"""Which runs there are. Each has a name that is made of its place, and is found by nothing else: a
+browser can ask for no other file."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from hashlib import blake2s
+from pathlib import Path
+from threading import Lock
+
+from rcmservo.errors import RcmServoError
+from rcmservo.recording.reader import RECORD
+from rcmservo.recording.record_header import Glance, glance
+from rcmservo.recording.summary_text import what
+
+MOST = 1000
+"""Runs that are listed, the newest."""
+
+QUIET = 5.0
+"""s without a change after which a record that was not ended counts as cut off."""
+
+DEPTHS = f"*/{RECORD}", f"*/*/{RECORD}"
+"""Where records are: in a run's folder, and in a session's."""
+
+
+@dataclass(frozen=True)
+class PastRun:
+    """A run as it is listed."""
+
+    name: str
+    """What it is asked for by."""
+    folder: str
+    """Its folder, below that of all runs."""
+    when: str
+    """Its last change, as a date and time of day."""
+    what: str
+    """Of which arm, by which estimator; or why it cannot be read."""
+    seconds: float | None
+    """Its length; None where it cannot be read."""
+    ended: str
+    """How it ended, in words."""
+    recording: bool
+    """Whether it is being recorded now."""
+
+
+class Shelf:
+    """The runs below a folder."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._lock = Lock()
+        self._places: dict[str, Path] = {}
+        self._glances: dict[Path, tuple[tuple[int, int], Glance | str]] = {}
+
+    def listed(self) -> list[PastRun]:
+        """Those that there are, the newest first."""
+        with self._lock:
+            found = sorted(self._records(), reverse=True)[:MOST]
+            self._places = {self._name(path): path for _, path in found}
+            self._glances = {p: self._glances[p] for _, p in found if p in self._glances}
+            return [self._told(path) for _, path in found]
+
+    def place(self, name: str) -> Path | None:
+        """The record of a run that was listed, while it is there."""
+        path = self._places.get(name)
+        return path if path is not None and path.is_file() else None
+
+    def _records(self) -> Iterator[tuple[int, Path]]:
+        """The records with the times of their last changes. What leads elsewhere is none."""
+        for depth in DEPTHS:
+            for path in self._root.glob(depth):
+                ways = (path, *path.relative_to(self._root).parents)
+                if not any((self._root / way).is_symlink() for way in ways if way != Path()):
+                    yield path.stat().st_mtime_ns, path
+
+    def _name(self, path: Path) -> str:
+        return blake2s(str(path.relative_to(self._root)).encode(), digest_size=8).hexdigest()
+
+    def _told(self, path: Path) -> PastRun:
+        changed = path.stat().st_mtime
+        found = self._glance(path)
+        common = self._name(path), str(path.parent.relative_to(self._root))
+        when = f"{datetime.fromtimestamp(changed):%Y-%m-%d %H:%M:%S}"
+        if isinstance(found, str):
+            return PastRun(*common, when, found, None, "cannot be read", False)
+        recording = not found.ended and time.time() - changed < QUIET
+        words = what(found.about, found.servo)
+        return PastRun(*common, when, words, found.seconds, ending(found, recording), recording)
+
+    def _glance(self, path: Path) -> Glance | str:
+        """What a record tells, or why it tells nothing; looked at anew where it has changed."""
+        about = path.stat()
+        key = about.st_mtime_ns, about.st_size
+        kept = self._glances.get(path)
+        if kept is None or kept[0] != key:
+            kept = self._glances[path] = key, _looked(path)
+        return kept[1]
+
+
+def _looked(path: Path) -> Glance | str:
+    try:
+        return glance(path)
+    except (RcmServoError, ValueError, OSError) as error:
+        return str(error).replace(f"{path.parent}/", "")
+
+
+def ending(found: Glance, recording: bool) -> str:
+    """How a run ended, in words."""
+    last = ", ".join(filter(None, (found.phase, found.cause))) or "no tick"
+    if recording:
+        return f"it is being recorded: {last}"
+    return last if found.ended else f"the record was not ended; at last: {last}"

@@ -1,0 +1,38 @@
+"""What a person is asked at the page before the drive can go on, such as where the arm stands."""
+
+from rcmservo.live.servo_process import HeartbeatPlant, go_on
+from rcmservo.loop.clock import ticks
+from rcmservo.page.channels import Desk
+from rcmservo.page.messages import Between, Note, Reply
+
+READ = 500_000_000
+"""ns that a person needs at least to read a question: what comes before was meant for another."""
+
+LOOKS = 50.0
+"""Looks for an answer, 1/s."""
+
+
+class PagePerson:
+    """A person at the page, whose answers come from the browser that has control, and are fresh."""
+
+    def __init__(self, desk: Desk, plant: HeartbeatPlant) -> None:
+        self._desk, self._plant = desk, plant
+        self._words = "the drive is off"
+
+    def tell(self, words: str) -> None:
+        """Say something that needs no answer: it stands above the next question."""
+        self._words = words
+
+    def ask(self, question: str) -> str:
+        """What the person answers to this question."""
+        plant, asked = self._plant, self._plant.clock.now()
+        list(self._desk.wants.heard())
+        self._desk.said.put(Between(self._words, asks=question))
+        for _ in ticks(plant.clock, LOOKS):
+            go_on(plant.told_to_end)
+            for told in self._desk.wants.heard():
+                if not isinstance(told, Reply):
+                    self._desk.said.put(Note("the drive is off: answer first"))
+                elif told.question == question and plant.clock.now() - asked >= READ:
+                    return told.words.strip()
+        raise AssertionError("the clock has ended")

@@ -1,0 +1,231 @@
+"""What the page shows: the newest tick in words and numbers, and what was said beside it."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from rcmservo.config.texts import Table
+from rcmservo.interfaces import Floats, Target
+from rcmservo.page.channels import DUE, Desk
+from rcmservo.page.messages import Aim, Between, InForce, Note, OnTour, Said, Taught, Teaching
+from rcmservo.page.plots.curves import Curves
+from rcmservo.page.plots.mechanism_shape import Shape
+from rcmservo.page.poses import Poses
+from rcmservo.page.recovery_actions import allowed, ways
+from rcmservo.page.settings import standing
+from rcmservo.page.tour import BY_ITSELF, HowFar
+from rcmservo.recording import ros2_messages
+from rcmservo.recording.ros2_messages import TICK
+from rcmservo.recording.tick_schema import WORDS
+from rcmservo.safety.causes import Cause
+from rcmservo.safety.state_machine import Phase
+from rcmservo.servo.servo import Servo
+
+NOTES = 20
+"""Sentences that are kept."""
+
+Truth = Callable[[Floats], float]
+"""The true pose error, mm, of a target by the joints (3,) at which it was shown."""
+
+
+@dataclass(frozen=True)
+class Status:
+    """State of the servo in words, and the buttons that lead on."""
+
+    phase: str
+    """Name of the phase; OFF where no loop runs."""
+    words: str
+    """The phase in words."""
+    action: str
+    """Action of the cause, which says how grave it is."""
+    can: list[str]
+    """Actions that the browser in control may ask for now."""
+    ways: list[str]
+    """Actions that lead out of the cause, in the order in which they are pressed."""
+    way_out: str
+    """The way out in words."""
+    why: str = ""
+    """The cause in words."""
+    moves: bool = False
+    """Whether the tool moves by itself."""
+    intent: str = ""
+    """What is going to happen once the drive is on."""
+    asks: str = ""
+    """What the person is asked."""
+
+
+@dataclass
+class Board:
+    """What there is to show."""
+
+    desk: Desk
+    """Where it comes from."""
+    poses: Poses
+    """Where poses are kept."""
+    between: Between | None = None
+    """What there is instead of a loop; None while there is one."""
+    target: Target | None = None
+    """Where the loop goes to."""
+    tick: Table = field(default_factory=dict[str, Any])
+    """The newest tick's columns and names."""
+    notes: deque[str] = field(default_factory=lambda: deque[str](maxlen=NOTES))
+    """What was said, the newest last."""
+    in_force: Servo | None = None
+    """The settings that the loop goes by."""
+    kept: int = 0
+    """It rises with each pose that is kept."""
+    changes: int = 0
+    """It rises with each change of settings."""
+    tour: HowFar | None = None
+    """How far a tour is; None where there is none."""
+    teaching: str = ""
+    """How far teaching is, in words; empty where nothing is being taught."""
+    curves: Curves = field(default_factory=Curves)
+    """The loop's last seconds."""
+    shape: Shape | None = None
+    """What the tool is, where that is to be drawn."""
+    truth: Truth | None = None
+    """What tells how far the tool truly is from a target; None where nobody knows."""
+    count: int = -1
+    """That of the newest tick taken."""
+    picture: bytes = b""
+    """The JPEG file that is shown."""
+    looked: int = 0
+    """ns, when it was last made new: what is shown later is no newer."""
+
+    @property
+    def frame(self) -> int:
+        """Number of the frame that the newest tick knows, -1 where there is none."""
+        return int(self.tick["frame"][0]) if self.tick else -1
+
+    def look(self) -> None:
+        """Take what is new."""
+        for said in self.desk.said.heard():
+            self._take(said)
+        self.count, ticks = self.desk.ticks.after(self.count)
+        for one in ticks:
+            self.tick = told(one)
+            self.curves.take(self.tick)
+        if ticks:
+            ended = self.between is not None and self.between.latched
+            if self.tick["phase"] != Phase.DISABLED.name and not ended:
+                self.between = None
+        self.looked = time.monotonic_ns()
+
+    def _take(self, said: Said) -> None:
+        match said:
+            case Note():
+                self.notes.append(said.words)
+            case Between():
+                self.between, self.tick = said, {}
+                self.count = self.desk.ticks.newest
+                self.curves.begin()
+                self.target = self.tour = None
+                self.teaching = ""
+            case OnTour():
+                self.tour = said.progress
+            case Aim():
+                self.target = said.target
+            case Taught():
+                why = self.poses.keep(said.name, said.target, self.picture)
+                self.notes.append(why or f"{said.name} is taught")
+                self.kept += 1
+            case Teaching():
+                self.teaching = said.words
+            case InForce():
+                self.in_force = said.servo
+                self.changes += 1
+            case _:
+                raise TypeError(f"{said!r} is nothing that is said to the page")
+
+    def table(self) -> Table:
+        """What a browser draws: `json_of` encodes it."""
+        tick, target = self.tick, self.target
+        return {
+            **vars(self._status()),
+            "points": pairs(tick.get("points")),
+            "ghost": pairs(ghost(tick)),
+            **{name: tick.get(name) for name in ("y", "quality", "delta", "q")},
+            "rcm": tick.get("o_c"),
+            "target": None if target is None else target.points,
+            "tool": self._tool(tick.get("q")),
+            "tool_target": self._tool(None if target is None else target.q),
+            "truth_mm": self._true_error(target),
+            "at": self.looked,
+            "poses": sorted(self.poses.targets),
+            "refused_poses": self.poses.refused,
+            "kept": self.kept,
+            "tour": self.tour,
+            "settings": self.changes,
+            "standing": self._standing(),
+            "notes": list(self.notes)[-3:],
+        }
+
+    def _true_error(self, target: Target | None) -> float | None:
+        if self.truth is None or target is None or not np.isfinite(target.q).all():
+            return None
+        return round(self.truth(target.q), 4)
+
+    def _standing(self) -> str:
+        """How the estimator stands, in words; empty where no servo looks."""
+        tick = self.tick
+        if self.in_force is None or not tick:
+            return ""
+        explored, condition = bool(tick["explored"][0]), float(tick["condition"][0])
+        return standing(self.in_force, explored, condition, Phase[tick["phase"]])
+
+    def _tool(self, q: Floats | None) -> Floats | None:
+        """Markers and tip (3, 3) mm at the joints; None where they are not known."""
+        if self.shape is None or q is None or not np.isfinite(q).all():
+            return None
+        return self.shape.points(q).round(2)
+
+    def _status(self) -> Status:
+        """State of the servo, or of the wait for it."""
+        if self.between is not None or not self.tick:
+            between = self.between or Between("preparing")
+            return Status(
+                phase="FAULT" if between.latched else "OFF",
+                words=between.words,
+                action="FAULT" if between.latched else "NONE",
+                way_out="find out why, then clear" if between.clears else "",
+                ways=["clear"] if between.clears else [],
+                can=["enable"] * between.ready + ["clear"] * between.clears,
+                intent=between.intent,
+                asks=between.asks,
+            )
+        phase, cause = Phase[self.tick["phase"]], Cause[self.tick["cause"]]
+        return Status(
+            phase=phase.name,
+            words=phase.value,
+            action=self.tick["asks"],
+            why="; ".join(filter(None, (self.teaching, cause.value))),
+            way_out=cause.way_out,
+            ways=ways(phase, cause),
+            can=allowed(phase),
+            moves=phase in BY_ITSELF,
+        )
+
+
+def told(data: bytes) -> Table:
+    """A tick of the ring as columns and names."""
+    columns = ros2_messages.tick_columns(TICK, [data])
+    names = ros2_messages.decode_names(data[: -DUE.size], TICK)
+    words = {one.name: name for one, name in zip(WORDS, names, strict=True)}
+    (due,) = DUE.unpack(data[-DUE.size :])
+    return {name: column[0] for name, column in columns.items()} | words | {"time": due}
+
+
+def ghost(tick: Table) -> Floats | None:
+    """Where the servo expects the markers (4,) px in the picture; NaN where its estimator does not
+    tell."""
+    return tick["model"] + np.tile(tick["o_c"], 2) if tick else None
+
+
+def pairs(numbers: Floats | None) -> Floats | None:
+    """Points [[u, v], ...] of numbers in a row."""
+    return None if numbers is None else np.reshape(numbers, (-1, 2))

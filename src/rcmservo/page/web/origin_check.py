@@ -1,0 +1,90 @@
+"""At the door: what comes neither from a page of this server nor from a person gets no further.
+
+A browser tells by which name it asks, and which page asks. A name of somebody's that is made to
+lead here, and a page of another origin, are known by that. So the name must be the address at
+which the request arrived, and the page one of that address.
+"""
+
+from ipaddress import AddressValueError, IPv4Address
+from typing import NamedTuple
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket
+
+from rcmservo.page.web.access import FORBIDDEN
+from rcmservo.page.web.sign_in import SignIn
+
+
+class TurnedAway(NamedTuple):
+    """What a request is answered that is not let in."""
+
+    status: int
+    """Of HTTP."""
+    why: str
+    """For a person."""
+
+
+def names_of(address: str) -> tuple[str, ...]:
+    """What this server may be called by who reached it at an address of its own."""
+    try:
+        own = IPv4Address(address)
+    except AddressValueError:
+        return ()
+    return (address, "localhost") if own.is_loopback else (address,)
+
+
+def refusal(headers: Headers, address: str, port: int, must_tell: bool) -> TurnedAway | None:
+    """Why what arrived at the address is not from a page of this server, which is at the port. A
+    browser ``must_tell`` the origin of a page that opens a websocket; a page that is fetched has
+    none."""
+    names, hosts, origins = names_of(address), headers.getlist("host"), headers.getlist("origin")
+    if len(hosts) != 1 or hosts[0].partition(":")[0].lower() not in names:
+        return TurnedAway(400, "this server is known by its address alone, not by that name")
+    ours = {f"http://{name}{'' if port == 80 else f':{port}'}" for name in names}
+    if (origins or must_tell) and not (len(origins) == 1 and origins[0] in ours):
+        return TurnedAway(403, "that comes from a page of another server")
+    return None
+
+
+class Porter:
+    """Stands before all that a process serves for the page at the port; whoever must sign in
+    first, does so here."""
+
+    def __init__(self, app: ASGIApp, port: int, sign_in: SignIn | None = None) -> None:
+        self._app, self._port, self._sign_in = app, port, sign_in
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        wire, server = scope["type"] == "websocket", scope.get("server") or ("", 0)
+        headers = Headers(scope=scope)
+        refused = refusal(headers, server[0], self._port, must_tell=wire)
+        unknown = self._sign_in is not None and not self._sign_in.knows(HTTPConnection(scope))
+        if wire and (refused or unknown):
+            await WebSocket(scope, receive, send).close(FORBIDDEN)
+        elif wire:
+            await self._app(scope, receive, send)
+        elif refused:
+            answer = PlainTextResponse(refused.why, refused.status)
+            await answer(scope, receive, send)
+        elif self._sign_in is not None and (unknown or scope["method"] == "POST"):
+            answer = await self._sign_in.answer(Request(scope, receive))
+            await answer(scope, receive, unframed(send))
+        else:
+            await self._app(scope, receive, unframed(send))
+
+
+def unframed(send: Send) -> Send:
+    """Answer so that no page of another origin can show it in a frame, where a person would press
+    what is not seen."""
+
+    async def sent(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            MutableHeaders(scope=message)["x-frame-options"] = "DENY"
+        await send(message)
+
+    return sent

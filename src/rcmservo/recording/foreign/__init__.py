@@ -1,0 +1,1 @@
+"""Recordings of other programs: folders of frames with joints, and their scoring."""

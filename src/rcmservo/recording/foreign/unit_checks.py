@@ -1,0 +1,54 @@
+"""Check of recorded joints against the rig's limits and for confused units.
+
+A value far outside the limits of any arm was recorded in another unit.
+"""
+
+import numpy as np
+
+from rcmservo.errors import BadInput
+from rcmservo.geometry.kinematics import FULL_TURN, LONGEST_TRAVEL, JointLimits
+from rcmservo.interfaces import Floats
+from rcmservo.recording.foreign.pose_table import Table
+
+TO_RECORDED_UNITS = np.array([1.0, 1.0, 1e-3])
+"""Factors from rad, rad, mm to the units of a recording: rad, rad, m."""
+
+RECORDED_UNITS = ("rad", "rad", "m")
+"""Units of a recording."""
+CONFUSED_UNITS = ("degrees", "degrees", "mm")
+"""Units that are often recorded by mistake."""
+
+MAX_JOINT_VALUES = (FULL_TURN, FULL_TURN, LONGEST_TRAVEL)
+"""Largest joint values of any arm, in rad, rad, mm."""
+
+LIMIT_TOLERANCES = (0.01, 0.01, 1.0)
+"""Largest excess over the limits of a real arm, in rad, rad, mm."""
+
+
+def read_joints(table: Table, columns: tuple[str, ...], limits: JointLimits) -> Floats:
+    """Return the joints (n, 3) of all rows in rad, rad, mm.
+
+    Raises
+    ------
+    BadInput
+        If a joint is outside the limits; the message names the likely unit.
+    """
+    q = np.array([row.numbers(columns) for row in table.rows]).reshape(-1, 3) / TO_RECORDED_UNITS
+    lower, upper = limits.arrays
+    for i, column in enumerate(columns):
+        low, high = lower[i] - LIMIT_TOLERANCES[i], upper[i] + LIMIT_TOLERANCES[i]
+        is_outside = (q[:, i] < low) | (q[:, i] > high)
+        if is_outside.any():
+            first = int(np.argmax(is_outside))
+            value = float(f"{q[first, i] * TO_RECORDED_UNITS[i]:.9g}")
+            name = f"{table.rows[first].location}: {column}"
+            raise BadInput(name, value, _expected_range(q, limits, i))
+    return q
+
+
+def _expected_range(q: Floats, limits: JointLimits, i: int) -> str:
+    """Return the range of joint i, and the unit that its column seems to have."""
+    low, high = limits.lower[i] * TO_RECORDED_UNITS[i], limits.upper[i] * TO_RECORDED_UNITS[i]
+    is_implausible = np.abs(q[:, i]).max() > MAX_JOINT_VALUES[i]
+    hint = f" (this looks like {CONFUSED_UNITS[i]})" if is_implausible else ""
+    return f"within the rig's limits, {low:.4g} to {high:.4g} {RECORDED_UNITS[i]}{hint}"

@@ -1,0 +1,60 @@
+"""Identification of an arm and its camera from joints and markers."""
+
+import numpy as np
+import pytest
+
+from rcmservo.bringup.identification import (
+    SPACING,
+    ZERO,
+    MarkerViews,
+    corrected_markers,
+    fit_residuals,
+    identify,
+)
+from rcmservo.geometry.kinematics import SphericalRcm
+from rcmservo.geometry.tool import RigidTool
+from rcmservo.sim import Rig
+
+MECHANISM, TOOL = SphericalRcm(), RigidTool(spacing=30.0)
+NOISE = 0.1
+"""px."""
+
+
+def views_of(correction: list[float], seed: int) -> MarkerViews:
+    """Views of an arm with a correction, over motions of several cm."""
+    rng, rig = np.random.default_rng(seed), Rig(seed, pictures=False)
+    q = rig.scene.start + np.vstack([np.zeros(3), rng.uniform(-1, 1, (39, 3)) * [0.2, 0.2, 20.0]])
+    markers = corrected_markers(MECHANISM, TOOL, q, np.array(correction))
+    points = np.stack([rig.scene.optics.project(pair) for pair in markers])
+    points += rng.normal(0.0, NOISE, points.shape)
+    return MarkerViews(q, points, np.full(len(q), NOISE), (640, 480))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("free", "correction"),
+    [
+        ([0, 2, ZERO], [0.1, 0.0, -0.05, 6.0, 0.0]),
+        ([0, 1, SPACING], [0.05, -0.1, 0.0, 0.0, 0.2]),
+        ([], [0.0] * 5),
+    ],
+)
+def test_several_corrections_are_identified_within_their_covariance(
+    free: list[int], correction: list[float], seed: int
+) -> None:
+    views = views_of(correction, seed)
+    fit = identify(MECHANISM, TOOL, views, free)
+    error = (fit.x - correction)[free]
+    covariance = fit.covariance[np.ix_(free, free)]
+    assert error @ np.linalg.solve(covariance, error) < 25.0
+    assert (np.sqrt(np.diag(fit.covariance)) < [0.05, 0.05, 0.05, 5.0, 0.05]).all()
+    assert fit.misfit < 1.5 * views.points.size
+
+
+def test_the_covariance_of_a_linear_fit_is_that_of_the_normal_equations() -> None:
+    rng = np.random.default_rng(0)
+    A, b = rng.normal(size=(20, 3)), rng.normal(size=20)
+    fit = fit_residuals(lambda x: x @ A.T - b, np.zeros(3))
+    assert np.allclose(fit.x, np.linalg.lstsq(A, b)[0])
+    assert np.allclose(fit.covariance, np.linalg.inv(A.T @ A), rtol=1e-5)
+    assert np.isclose(fit.misfit, ((A @ fit.x - b) ** 2).sum())

@@ -1,0 +1,290 @@
+"""What `rcmservo run` promises: its JSON, its folder, its exit codes, and a record that survives
+Ctrl-C."""
+
+import json
+import math
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import rcmservo as rs
+from conftest import SMALL, wait_until
+from rcmservo.cli.cli import main
+from rcmservo.figures.video import Video
+from rcmservo.recording import reader
+from rcmservo.recording.reader import RECORD
+
+pytestmark = pytest.mark.usefixtures("blank_figures")  # but not in the run that all tests read
+
+KEYS = {
+    "seed",
+    "estimator",
+    "settled",
+    "cause",
+    "settle_time_s",
+    "pose_error_mm",
+    "feature_error",
+    "jacobian_error",
+    "explore",
+    "real_time_factor",
+    "folder",
+}
+
+
+def strict(text: str) -> Any:
+    """JSON without NaN and Infinity."""
+    return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
+    folder = tmp_path_factory.mktemp("run") / "deep" / "run"
+    words = ["run", "--seed", "4", "--duration", "5", "--frames", "--teaching-frames", "30"]
+    return main([*words, "--out", str(folder)]), folder
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """`run` with small pictures, no video, and JSON."""
+    rig = tmp_path_factory.mktemp("rig") / "small.toml"
+    rig.write_text(SMALL)
+    return ["run", "--rig", str(rig), "--no-video", "--json", "--teaching-frames", "30"]
+
+
+def test_run_prints_one_json_object_and_nothing_else(
+    small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = main([*small, "--seed", "2", "--duration", "5", "--out", str(tmp_path)])
+    out = capsys.readouterr().out
+    metrics = strict(out)
+    assert code == 0
+    assert out.count("\n") == 1
+    assert set(metrics) >= KEYS
+    assert set(metrics["feature_error"]) == {"s_rad", "r_px", "d_px"}
+    assert set(metrics["jacobian_error"]) == {"explored", "final"}
+    assert set(metrics["explore"]) == {"time_s", "path_mm", "max_excursion_mm"}
+    assert metrics["settled"] is True
+    assert metrics["cause"] == ""
+    assert metrics["pose_error_mm"] < 1.0
+    assert metrics["explore"]["time_s"] <= 3.0
+    assert metrics["explore"]["max_excursion_mm"] <= 10.0
+    assert metrics == strict((tmp_path / "metrics.json").read_text())
+    assert not (tmp_path / "overlay.webm").exists()
+
+
+def test_a_settled_run_ends_with_0_and_leaves_record_figures_and_video(
+    finished: tuple[int, Path],
+) -> None:
+    code, folder = finished
+    assert code == 0
+    for name in ("errors.png", "estimate.png"):
+        assert cv2.imread(str(folder / name)) is not None
+    video = cv2.VideoCapture(str(folder / "overlay.webm"))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == pytest.approx(5 * 15, abs=2)
+    assert (video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)) == (640, 480)
+    assert not list(folder.glob("*.part"))
+
+
+def test_the_metrics_follow_from_the_record(finished: tuple[int, Path]) -> None:
+    _, folder = finished
+    metrics, rows = (
+        strict((folder / "metrics.json").read_text()),
+        reader.read(folder / RECORD),
+    )
+    last = rows.time > rows.time[-1] - 1.0
+    s, r, d = np.sqrt(np.mean(rows.ticks["delta"][last] ** 2, axis=0))
+    assert metrics["feature_error"] == pytest.approx({"s_rad": s, "r_px": r, "d_px": d})
+    small = (np.abs(rows.ticks["delta"]) < [math.radians(0.5), 1.0, 1.0]).all(axis=1)
+    assert metrics["settle_time_s"] == pytest.approx(rows.time[np.flatnonzero(~small)[-1] + 1])
+    assert metrics["jacobian_error"]["final"] == rows.truth["jacobian_error"][-1, 0]
+    assert rows.complete
+    assert len(rows.time) == 500
+
+
+def test_what_run_recorded_comes_out_the_same_again(
+    finished: tuple[int, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, folder = finished
+    assert main(["replay", str(folder)]) == 0
+    assert capsys.readouterr().out == "all 500 ticks came out the same, bit for bit\n"
+
+
+def test_with_other_settings_replay_tells_what_would_have_differed_and_that_the_loop_is_open(
+    finished: tuple[int, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, folder = finished
+    assert main(["replay", str(folder), "--controller.gain", "4", "--json"]) == 1
+    told = strict(capsys.readouterr().out)
+    assert (
+        told["open_loop"] and not told["same"] and set(told["differs"]) <= {"v", "command", "phase"}
+    )
+    assert main(["replay", str(folder), "--estimator", "flow"]) == 1
+    said = capsys.readouterr().out
+    assert (
+        said.startswith("open loop, with other settings: from tick 0") and "ticks in SERVO" in said
+    )
+    for wrong in (["--rig", "examples/davinci.toml"], ["--out", "somewhere"]):
+        assert main(["replay", str(folder), *wrong]) == 2
+        said = capsys.readouterr().err
+        assert "left out for a run" in said and said.endswith(
+            f", got {wrong[1]!r}; see rcmservo replay --help\n"
+        )
+
+
+@pytest.mark.slow
+def test_replay_tells_the_two_projection_estimators_apart(
+    small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A record made with one of them comes out otherwise with the other only; what is changed is
+    the recorded one's."""
+    names = "projection", "projection-printed"
+    for name in names:
+        main([*small, "--duration", "2", "--estimator", name, "--out", str(tmp_path / name)])
+        for given, same in (((), True), *(((other,), other == name) for other in names)):
+            capsys.readouterr()
+            words = ["--estimator", *given] if given else []
+            assert main(["replay", str(tmp_path / name), *words, "--json"]) == (0 if same else 1)
+            told = strict(capsys.readouterr().out)
+            assert (told["same"], told["open_loop"]) == (same, not same)
+    assert (
+        main(["replay", str(tmp_path / names[1]), "--projection.observations", "30", "--json"]) == 1
+    )
+    assert strict(capsys.readouterr().out)["open_loop"]
+
+
+def test_the_frames_of_a_record_make_a_recording_that_can_be_replayed(
+    finished: tuple[int, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, folder = finished
+    assert main(["export", str(folder), "--out", str(tmp_path / "export")]) == 0
+    capsys.readouterr()
+    assert main(["replay", str(tmp_path / "export" / "recording"), "--json"]) == 0
+    report = strict(capsys.readouterr().out)
+    assert len(report["frames"]) == pytest.approx(5 * 60, abs=3)
+    assert all(row["m1"] and row["m2"] for row in report["frames"])
+    assert max(report["reprojection_rms_px"].values()) < 2.0
+    assert (
+        report["one_step_rms"]["projection"]["r_px"] < report["one_step_rms"]["no_motion"]["r_px"]
+    )
+
+
+@pytest.mark.slow
+def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
+    small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A marker is lost, the camera is moved, the target is shown again; the target of the old view
+    is refused later."""
+    target = str(tmp_path / "target.json")
+    faults = ["--disturb", "occlusion:at=3,for=0.3", "--disturb", "relocate:at=4.5"]
+    saving = [*faults, "--resumes", "3", "--duration", "13", "--save-target", target]
+    assert main([*small, "--seed", "1", *saving, "--out", str(tmp_path / "a")]) == 0
+    captured = capsys.readouterr()
+    metrics = strict(captured.out)
+    assert metrics["shown_again"] == 1 and metrics["pose_error_mm"] < 1.0
+    for cause in (rs.Cause.MARKERS_LOST, rs.Cause.CAMERA_MOVED):
+        assert cause.value in captured.err and cause.way_out in captured.err
+    again = ["--duration", "6", "--target", target]
+    assert main([*small, "--seed", "1", *again, "--out", str(tmp_path / "b")]) == 0
+    capsys.readouterr()
+    assert main([*small, "--seed", "5", *again, "--out", str(tmp_path / "c")]) == 2
+    assert "was taught with camera" in capsys.readouterr().err
+    assert not (tmp_path / "c").exists()
+    assert main([*small, "--save-target", target, "--out", str(tmp_path / "c")]) == 2
+    assert "nothing is overwritten" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words,sentence",
+    [
+        (["--disturb", "oclusion:at=3"], "did you mean occlusion?"),
+        (["--disturb", "frame_drop:at=-1"], "frame_drop: at must be a time in s"),
+        (["--resumes", "-1"], "--resumes must be"),
+        (
+            ["--target", "a.json", "--save-target", "b.json"],
+            "--save-target must be left out with --target: no target",
+        ),
+        (["--save-target", "nowhere/b.json"], "nowhere is no folder that you may use"),
+    ],
+)
+def test_what_cannot_be_done_is_one_sentence(
+    words: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", *words, "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert sentence in said[-1]
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_full_disk_pauses_the_run_and_leaves_what_was_written_readable(
+    small: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    full = ["--seed", "4", "--duration", "6", "--disturb", "disk_full:at=3"]
+    assert main([*small, *full, "--out", str(tmp_path)]) == 1
+    metrics = strict(capsys.readouterr().out)
+    assert (
+        rs.Cause.NOT_RECORDED.value in metrics["cause"]
+        and "No space left" in metrics["not_recorded"]
+    )
+    rows = reader.read(tmp_path / RECORD)
+    assert 2.5 < rows.time[-1] <= 3.1 and not rows.complete
+    monkeypatch.setenv("COLUMNS", "200")
+    assert main(["show", str(tmp_path), "--out", str(tmp_path / "shown")]) == 0
+    assert f"the record ends at {rows.time[-1] + 0.01:.2f} s of 6.00 s" in capsys.readouterr().out
+
+
+def test_a_video_that_cannot_be_written_is_removed_and_told_and_the_run_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(Video, "write", lambda self, image: None)
+    assert main(["run", "--duration", "2", "--teaching-frames", "30", "--out", str(tmp_path)]) == 1
+    assert (
+        "not filmed" in (said := capsys.readouterr().out)
+        and "overlay.webm could not be written" in said
+    )
+    assert "was removed" in strict((tmp_path / "metrics.json").read_text())["not_filmed"]
+    assert not (tmp_path / "overlay.webm").exists() and (tmp_path / RECORD).exists()
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_record(small: list[str], tmp_path: Path) -> None:
+    rows = []
+    for name in "ab":
+        main([*small, "--seed", "5", "--duration", "2", "--out", str(tmp_path / name)])
+        rows.append(reader.read(tmp_path / name / RECORD))
+    for name in rows[0].ticks:
+        np.testing.assert_array_equal(rows[0].ticks[name], rows[1].ticks[name])
+
+
+def test_ctrl_c_in_the_middle_of_a_run_names_the_folder_of_a_readable_record(
+    small: list[str], tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    arguments = [word for word in small if word != "--json"]
+    arguments += ["--duration", "600", "--out", str(folder)]
+    with subprocess.Popen(
+        [sys.executable, "-m", "rcmservo", *arguments],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as run:
+        record = folder / RECORD
+        wait_until(lambda: record.exists() and record.stat().st_size > 100_000, run)
+        run.send_signal(signal.SIGINT)
+        _, errors = run.communicate()
+    assert run.returncode == 130
+    assert errors == f"rcmservo: stopped by Ctrl-C; what was done until then is in {folder}\n"
+    rows = reader.read(folder / RECORD)
+    assert rows.complete
+    assert len(rows.time) > 20
+    assert not (folder / "metrics.json").exists()

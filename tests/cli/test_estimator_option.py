@@ -1,0 +1,126 @@
+"""--estimator module:class on the command line: run, replay, its settings as options, its
+sentences."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from conftest import ROOT
+from rcmservo.cli.cli import asked_of, main
+from rcmservo.recording.reader import read
+
+NAME = "lab_of_mine.rls:RLS"
+SHORT = ["--duration", "2.5", "--no-video", "--json", "--teaching-frames", "30"]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The present folder with a package in which the example's estimator stands."""
+    package = tmp_path / "lab_of_mine"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "rls.py").write_text((ROOT / "examples/02_own_estimator.py").read_text())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    for name in ("lab_of_mine", "lab_of_mine.rls"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    return tmp_path
+
+
+def said(capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.slow
+def test_it_runs_with_its_settings_and_its_replay_is_the_same_bit_for_bit(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--estimator", NAME, "--pixels.forgetting", "0.95", "--out", "run", *SHORT]
+    assert main(["run", *words]) in (0, 1)
+    assert said(capsys)["estimator"] == NAME
+    assert main(["replay", "run", "--json", f"--estimator={NAME}"]) == 0
+    again = said(capsys)
+    assert again["same"] and not again["open_loop"] and again["changed"] == ""
+    assert main(["replay", "run", "--json", "--estimator", NAME, "--pixels.forgetting", "0.8"]) == 1
+    assert said(capsys)["open_loop"]
+    (here / "lab_of_mine/rls.py").open("a").write("# changed\n")
+    assert main(["replay", "run", "--estimator", NAME]) == 0
+    assert f"the source of {NAME} has changed since" in capsys.readouterr().out
+    assert main(["replay", "run"]) == 2
+    assert NAME in capsys.readouterr().err
+
+
+@pytest.mark.alone
+@pytest.mark.slow
+def test_it_servoes_live_in_another_process_and_replays(here: Path) -> None:
+    live = [
+        "live",
+        "--estimator",
+        NAME,
+        "--pixels.forgetting",
+        "0.95",
+        "--duration",
+        "2",
+        "--teaching-frames",
+        "30",
+    ]
+    command = [sys.executable, "-m", "rcmservo", *live, "--out", "run"]
+    done = subprocess.run(command, cwd=here, capture_output=True, text=True, check=False)
+    assert done.returncode in (0, 1), done.stderr
+    assert main(["replay", "run", "--estimator", NAME]) == 0
+    assert read(here / "run").stages[0].servo["estimator"]["forgetting"] == 0.95
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--estimator", NAME, "--pixels.forgettin", "0.9"], "--pixels.forgetting"),
+        (
+            ["--estimator", NAME, "--pixels.forgetting", "much"],
+            "--pixels.forgetting must be a number",
+        ),
+        (["--estimator", "flwo"], "(did you mean flow?), got 'flwo'"),
+        (["--estimator", "lab_of_mine.rls:rls"], "derives from rcmservo.Estimator"),
+    ],
+)
+def test_what_is_wrong_on_its_command_line_is_one_sentence(
+    words: list[str], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", *words, "--out", "run"]) == 2
+    told = capsys.readouterr().err
+    assert sentence in told and len(told.splitlines()) == 1 and not (here / "run").exists()
+
+
+def test_one_that_fails_on_made_up_samples_is_refused_before_anything_is_written(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = here / "lab_of_mine/rls.py"
+    code.write_text(code.read_text().replace("memory[0][:, :3]", "memory[0]"))
+    for command in ("run", "live"):
+        assert main([command, "--estimator", NAME, "--out", "run"]) == 2
+        told = capsys.readouterr().err
+        assert f"estimator {NAME}: its jacobian gave numbers of shape (3, 4), not (3, 3)" in told
+        assert not (here / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "name", "group"),
+    [
+        ("run", "pixels", "pixels"),
+        ("run", "seed", "own"),
+        ("run", "lab", "own"),
+        ("replay path", "path", "own"),
+    ],
+)
+def test_the_options_of_its_settings_take_no_name_that_the_command_has(
+    command: str, name: str, group: str, here: Path
+) -> None:
+    code = here / "lab_of_mine/rls.py"
+    code.write_text(code.read_text().replace('name = "pixels"', f'name = "{name}"'))
+    words = [*command.split(), "--estimator", NAME, f"--{group}.forgetting", "0.5"]
+    options = asked_of(words[0], words[1:])
+    assert options.own_estimators == {NAME: getattr(options, group)}
+    assert getattr(options, group).forgetting == 0.5

@@ -1,0 +1,138 @@
+"""The help of the commands: the basics on one page, everything with --help-all, and nothing loaded
+that it does not need."""
+
+import subprocess
+import sys
+
+import pytest
+
+from conftest import first_quick
+from rcmservo.cli.cli import COMMANDS, main, options_kind
+from rcmservo.cli.command_line.help_text import estimator_words
+from rcmservo.cli.command_line.options import options_of
+from rcmservo.cli.servo_options import NAMES
+
+PAGE = 45
+"""Lines of the basics at most."""
+WITH_SETTINGS = "run", "live", "serve", "replay"
+
+NEEDED_BY_NO_HELP = (
+    "numba",
+    "llvmlite",
+    "cv2",
+    "mujoco",
+    "nicegui",
+    "dask",
+    "distributed",
+    "scipy",
+    "matplotlib",
+    "optuna",
+    "pyarrow",
+    "pydantic",
+    "av",
+    "cyclonedds",
+    "rosbags",
+)
+NEEDED_BY_COMMANDS = "numpy", "tyro", "rich"
+
+
+def help_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    assert main(list(words)) == 0
+    return capsys.readouterr().out
+
+
+def loaded(program: str, *modules: str) -> list[str]:
+    """Those of the modules that a new process has loaded when it has run the program."""
+    told = f"import sys\n{program}\nprint([x for x in {modules!r} if x in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return eval(done.stdout.splitlines()[-1])
+
+
+def asking(*words: str) -> str:
+    return f"from rcmservo.__main__ import main\nsys.argv[1:] = {list(words)!r}\nassert not main()"
+
+
+@pytest.mark.parametrize("option", ["--version", "--help"])
+def test_version_and_list_of_commands_load_no_library(option: str) -> None:
+    assert loaded(asking(option), *NEEDED_BY_COMMANDS, *NEEDED_BY_NO_HELP) == []
+
+
+@pytest.mark.parametrize("command", first_quick(COMMANDS))
+def test_the_help_of_a_command_loads_nothing_that_computes(command: str) -> None:
+    assert loaded(asking(command, "--help"), *NEEDED_BY_NO_HELP) == []
+
+
+@pytest.mark.parametrize("registry", ["rcmservo.config.registry", "rcmservo.hardware.devices"])
+def test_a_registry_loads_nothing_that_computes(registry: str) -> None:
+    assert loaded(f"import {registry}", *NEEDED_BY_NO_HELP, "tyro", "rich") == []
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("columns", [80, 60])
+def test_no_line_of_a_help_is_wider_than_the_terminal(
+    command: str,
+    columns: int,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    for option in ("--help", "--help-all"):
+        lines = help_of(capsys, command, option).splitlines()
+        assert max(map(len, lines)) <= columns
+        assert lines[0].startswith(f"usage: rcmservo {command}")
+
+
+@pytest.mark.parametrize("command", WITH_SETTINGS)
+def test_the_basics_are_one_page_and_explain_every_estimator(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    said = help_of(capsys, command, "--help")
+    assert len(said.splitlines()) <= PAGE
+    rows = said.partition("estimators:\n")[2].splitlines()
+    assert set(NAMES) <= {row.split()[0] for row in rows if row.startswith("  ")}
+    assert "--controller." not in said and f"rcmservo {command} --help-all" in said
+
+
+def test_every_estimator_has_one_sentence_that_a_page_has_room_for() -> None:
+    words = estimator_words()
+    assert list(words) == list(NAMES)
+    assert all(words.values())
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_all_shows_every_option_with_its_default(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = " ".join(help_of(capsys, command, "--help-all").split())
+    for one in options_of(options_kind(command, [])):
+        shown = one.name.replace(".", ".[no-]").replace("--", "--[no-]", "." not in one.name)
+        assert (shown if one.is_flag else f"{one.name} {one.metavar}") in said or one.is_positional
+        assert one.words and " ".join(one.words.split()) in said
+        assert f"(default: {one.default})" in said or not one.default
+    assert ("(default: dlt)" in said) == (command in ("run", "live", "serve"))
+
+
+@pytest.mark.parametrize(
+    ("words", "usage"),
+    [
+        (["rig", "check", "--help"], "usage: rcmservo rig check PATH [options]"),
+        (["emulate", "galil", "--help"], "usage: rcmservo emulate {galil,crtk} [options]"),
+        (["emulate", "crtk", "-h"], "usage: rcmservo emulate {galil,crtk} [options]"),
+        (["tune", "--help"], "usage: rcmservo tune FILE [options]"),
+        (["study", "--help"], "usage: rcmservo study [FILE] [options]"),
+        (["show", "--help"], "usage: rcmservo show PATH [options]"),
+        (["run", "--help"], "usage: rcmservo run [options]"),
+    ],
+)
+def test_the_usage_is_what_can_be_typed(
+    words: list[str], usage: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert help_of(capsys, *words).splitlines()[0] == usage
+
+
+def test_the_list_of_commands_names_each_on_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = help_of(capsys, "--help").splitlines()
+    assert max(map(len, lines)) <= 80
+    assert [line.split()[0] for line in lines if line.startswith("  ")] == list(COMMANDS)

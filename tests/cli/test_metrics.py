@@ -1,0 +1,126 @@
+"""`show` and the metrics of a run tell the same of it, and nothing is lost where writing fails."""
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import pytest
+
+import rcmservo as rs
+from conftest import SMALL
+from rcmservo.cli.cli import main
+from rcmservo.cli.lab_options import RunOptions
+from rcmservo.cli.result_output import METRICS
+from rcmservo.cli.simulated_run.simulate import simulate
+from rcmservo.loop.run_result import RunResult
+from rcmservo.recording import reader
+from rcmservo.recording.timeline import summary
+
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
+ENDINGS = {
+    "settles": (5.5, "", ""),
+    "holds": (3.0, "occlusion:at=2.5,for=9", rs.Cause.MARKERS_LOST.value),
+    "is blocked": (
+        3.0,
+        "gain:at=1.2,factor=0,axis=1",
+        "the joints do not follow the commands: ",
+    ),
+    "is killed": (3.0, "kill:at=1.5", "killed"),
+    "is killed at its very end": (5.5, "kill:at=5.45", ""),
+    "is recorded in part": (4.0, "disk_full:at=1.5", rs.Cause.NOT_RECORDED.value),
+    "has too little time": (1.01, "", "time ran out before the feature errors had settled"),
+}
+"""Length s, what goes wrong, and words of the cause that the metrics tell."""
+
+QUICK = "settles", "is killed"
+"""Of these, those that stand for all in the quick tests."""
+
+
+def metrics_of(folder: Path, duration: float, disturbance: str = "") -> RunResult:
+    """Simulate a run with small pictures."""
+    rig = folder.with_name(f"{folder.name}.toml")
+    rig.write_text(SMALL)
+    options = RunOptions(
+        seed=4,
+        duration=duration,
+        rig=rig,
+        video=False,
+        disturb=tuple(filter(None, [disturbance])),
+        teaching_frames=30,
+    )
+    return simulate(options, folder)
+
+
+def agree(result: RunResult, told: RunResult) -> None:
+    """All that both hold is the same, but for the words of what ended the run."""
+    for name in ("settled", "settle_time_s", "remark", "loop", "feature_error", "jacobian_error"):
+        assert getattr(result, name) == getattr(told, name)
+    assert bool(result.cause) == bool(told.cause) != result.settled
+
+
+@pytest.mark.parametrize(
+    "ending",
+    [pytest.param(one, marks=() if one in QUICK else pytest.mark.slow) for one in ENDINGS],
+)
+def test_show_and_metrics_agree_on_a_run_that(ending: str, tmp_path: Path) -> None:
+    """The metrics tell more only of what the record cannot know: what ended it."""
+    seconds, wrong, words = ENDINGS[ending]
+    metrics = metrics_of(tmp_path, seconds, wrong)
+    told = summary(reader.read(tmp_path))
+    agree(metrics, told)
+    assert words in metrics.cause and metrics.settled == (words == "")
+    whole = "the record ends" not in told.cause
+    assert not whole or told.cause == metrics.cause
+    kept = json.loads((tmp_path / METRICS).read_text())
+    assert kept == json.loads(json.dumps(asdict(metrics)))
+
+
+@pytest.mark.slow
+def test_a_run_that_ends_without_a_marker_says_so_beside_its_verdict(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    metrics = metrics_of(tmp_path, 5.0, "occlusion:at=1.5,marker=1")
+    assert metrics.remark == rs.Cause.WITHOUT_MARKER_1.value
+    agree(metrics, summary(reader.read(tmp_path)))
+    assert main(["show", str(tmp_path)]) == 0
+    assert "marker 1 is not seen" in capsys.readouterr().out
+
+
+def test_a_result_that_cannot_be_written_is_not_lost_and_nothing_is_half_written(
+    tmp_path: Path,
+) -> None:
+    """A folder where the metrics' file would grow stands for a disk that is full."""
+    whole, part = tmp_path / "whole", tmp_path / "part"
+    for folder in (whole, part):
+        folder.mkdir()
+    for name in (METRICS, "errors.png"):
+        (part / f"{name}.part").mkdir()
+    ours, theirs = (metrics_of(folder, 1.5) for folder in (part, whole))
+    for name in (METRICS, "errors.png"):
+        assert f"{name}: cannot be written" in ours.not_written
+        assert not (part / name).exists() and (whole / name).exists()
+    same = {"not_written": "", "folder": "", "real_time_factor": 0.0}
+    assert replace(ours, **same) == replace(theirs, **same) and theirs.not_written == ""
+    assert not [path for path in part.iterdir() if path.suffix == ".part" and path.is_file()]
+
+
+@pytest.mark.parametrize(
+    "disturbance,reason",
+    [
+        ("occlusion:at=0,for=9", "no green ball (marker 1) and no blue ball (marker 2)"),
+        pytest.param(
+            "camera_clock:at=0,for=9,s=3600", "times that cannot be right", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            "frame_drop:at=0,for=9,share=1",
+            "no frame has come from the camera",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_a_start_that_never_saw_the_markers_says_why(
+    disturbance: str, reason: str, tmp_path: Path
+) -> None:
+    metrics = metrics_of(tmp_path, 2.0, disturbance)
+    assert not metrics.settled and reason in metrics.cause

@@ -1,0 +1,42 @@
+"""What a rig file must have before `live --rig` connects to anything."""
+
+from pathlib import Path
+
+import pytest
+
+from rcmservo.cli.lab.live_on_hardware import require_devices
+from rcmservo.config.rig_file import bytes_of, lab_of
+from rcmservo.config.verified_rigs import digest_of, note_checked
+from rcmservo.errors import BadInput
+
+BY_SPEEDS = """
+[arm]
+kind = "crtk"
+namespace = "PSM1"
+jv = true
+[camera]
+kind = "opencv"
+source = "/dev/video0"
+latency = 0.03
+"""
+
+
+def test_speeds_go_only_to_an_arm_that_was_seen_to_stop_by_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    rig = tmp_path / "lab.toml"
+    rig.write_text(BY_SPEEDS)
+    data = bytes_of(rig)
+    lab, digest = lab_of(rig, data), digest_of(data)
+    with pytest.raises(BadInput, match="`rig check` has passed"):
+        require_devices(lab, rig, digest)
+    note_checked(digest)
+    require_devices(lab, rig, digest)
+
+
+def test_a_camera_whose_latency_nobody_has_measured_is_refused(tmp_path: Path) -> None:
+    rig = tmp_path / "lab.toml"
+    rig.write_text(BY_SPEEDS.replace("jv = true\n", "").replace("latency = 0.03\n", ""))
+    with pytest.raises(BadInput, match=r"camera\.latency"):
+        require_devices(lab_of(rig, bytes_of(rig)), rig, "")

@@ -1,0 +1,102 @@
+"""A laboratory's devices behind the page: the speed that its file has earned, and what is refused
+before anything is connected."""
+
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rcmservo.cli.lab import page_rig
+from rcmservo.cli.lab.serve import ServeOptions, serve
+from rcmservo.config.verified_rigs import digest_of, note_checked
+from rcmservo.control.saturated_controller import SaturatedController
+from rcmservo.errors import BadInput
+from rcmservo.interfaces import Frame
+from rcmservo.live.frame_ring import FrameRing, RingCamera, ShownCamera
+from rcmservo.loop.run_result import CameraAccount
+from rcmservo.page.channels import Desk
+from rcmservo.page.messages import Change
+
+RIG = (
+    '[arm]\nkind = "galil"\naddress = "127.0.0.1"\nport = 1\ncounts = [50000.0, 50000.0, 500.0]\n'
+    '[camera]\nkind = "opencv"\nsource = "0"\nlatency = 0.02\n'
+)
+
+
+class Still:
+    """A camera with one picture."""
+
+    def __init__(self, *shape: int) -> None:
+        self.frame = Frame(3, 1, 2, image=np.full((*shape, 3), 7, np.uint8))
+
+    def latest(self) -> Frame:
+        return self.frame
+
+    def account(self) -> CameraAccount:
+        return CameraAccount()
+
+    def close(self) -> None:
+        """It is nothing that could be let go."""
+
+
+@pytest.fixture
+def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr(page_rig, "open_camera", lambda lab: Still(24, 32))
+    (path := tmp_path / "lab.toml").write_text(RIG)
+    return path
+
+
+@pytest.mark.parametrize("checked", [False, True])
+def test_a_session_goes_at_the_speed_that_its_file_has_earned_whatever_is_set(
+    rig: Path, checked: bool, tmp_path: Path
+) -> None:
+    share = 1.0 if checked else 0.1
+    if checked:
+        note_checked(digest_of(rig.read_bytes()))
+    given = ServeOptions(rig=rig)
+    with page_rig.hardware(given) as behind:
+        assert (behind.setup.width, behind.setup.height) == (32, 24)
+        assert ("10 %" in behind.title) is not checked
+        fast = SaturatedController(max_speed=55.0)
+        behind.chosen.take(Change("controller", fast))
+        made = behind.session(Desk(get_context("spawn")), tmp_path / "session-1")
+    assert np.allclose(made.servo.gate.speed, share * np.array(given.servo.gate.speed))
+    assert made.servo.controller.max_speed == pytest.approx(share * 55.0)
+    told: Any = made.target
+    (at,) = told.args
+    assert at.servo is made.servo
+    words = "rig check` has passed" if checked else "10 % of the full speed"
+    assert words in at.intent and "Nothing moves before you hold a jog button" in at.intent
+    recorded: Any = made.recorder
+    assert recorded.args[1]["speed_share"] == share and recorded.args[1]["simulation"] is False
+    assert made.consent is page_rig.require_off
+
+
+@pytest.mark.parametrize(
+    ("more", "options", "why"),
+    [("", {"seed": 3}, "--seed must be left out"), ("latency = 0.02\n", {}, "latency")],
+)
+def test_what_is_wrong_is_told_before_anything_is_connected(
+    rig: Path, tmp_path: Path, more: str, options: dict[str, Any], why: str
+) -> None:
+    rig.write_text(RIG.replace(more, "") if more else RIG)
+    with pytest.raises(BadInput, match=why):
+        serve(ServeOptions(rig=rig, out=tmp_path / "out", **options))
+    assert not (tmp_path / "out").exists()
+
+
+def test_others_see_what_the_camera_shows_but_no_picture_of_another_size() -> None:
+    ring = FrameRing(get_context("spawn"), 32, 24)
+    seen, camera = RingCamera(ring), Still(24, 32)
+    shown = ShownCamera(camera, ring)
+    assert seen.latest() is None and shown.latest() is camera.frame
+    frame = seen.latest()
+    assert frame is not None and frame.image is not None and frame.number == 3
+    assert (frame.image == 7).all()
+    shown.latest()
+    assert ring.entries.newest == 0
+    camera.frame = Still(12, 12).frame
+    assert shown.latest() is camera.frame and ring.entries.newest == 0

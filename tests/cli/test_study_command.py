@@ -1,0 +1,377 @@
+"""`rcmservo study` and `rcmservo tune` from the command line to a folder that others can read, and
+a run of it that can be seen again."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+
+from rcmservo.cli.cli import main
+from rcmservo.errors import RcmServoError
+from rcmservo.interfaces import Image
+from rcmservo.study.execution import workers as crews
+from rcmservo.study.execution.chunk import done
+from rcmservo.study.execution.store import runs_in
+from rcmservo.study.plan.plan import StudyPlan
+
+MODULE = "lab_of_studies"
+OWN = f"{MODULE}:Least"
+SOURCE = """
+from dataclasses import dataclass
+import numpy as np
+import rcmservo as rs
+from rcmservo.geometry.features import about, features_jacobian
+
+@dataclass(frozen=True)
+class Least(rs.Estimator):
+    forgetting: float = 0.98
+    name = "least"
+    def init(self):
+        return np.zeros((4, 4)), 1e6 * np.eye(4)
+    def update(self, memory, tool, sample):
+        A, P = memory
+        x = np.append(sample.p1, 1.0)
+        gain = P @ x / (self.forgetting + x @ P @ x)
+        A = A + np.outer(sample.points.ravel() - A @ x, gain)
+        return A, (P - np.outer(gain, P @ x)) / self.forgetting
+    def jacobian(self, memory, tool, sample):
+        return features_jacobian(about(sample.points, sample.o_c)) @ memory[0][:, :3]
+"""
+FILE = f"""
+methods = ["dlt", "mine"]
+scenes = ["random"]
+count = 50
+duration = 2.0
+[method.mine]
+estimator = "{OWN}"
+controller = {{ gain = 4.0 }}
+"""
+SEARCH = """
+scenes = ["random"]
+count = 5
+duration = 2.0
+[method.start]
+estimator = "dlt"
+[search]
+"controller.gain" = [2.0, 15.0]
+[tune]
+trials = 3
+validation = 12
+"""
+WRITTEN = {"parts", "report.html", "runs.parquet", "study.json", "summary.json"}
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Generator[Path]:
+    """The present folder, with an estimator of a user's own and a file that names it."""
+    folder = tmp_path_factory.mktemp("here")
+    (folder / f"{MODULE}.py").write_text(SOURCE)
+    (folder / "study.toml").write_text(FILE)
+    (folder / "search.toml").write_text(SEARCH)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setattr(sys, "path", [*sys.path])
+        yield folder
+        sys.modules.pop(MODULE, None)
+
+
+@pytest.fixture(scope="module")
+def study(here: Path) -> str:
+    """What the command prints, with two workers: five scenes, by the compiled twin and MuJoCo."""
+    words = ["study.toml", "--own", OWN, "--count", "3", "--workers", "2", "--out", "study"]
+    command = [sys.executable, "-m", "rcmservo", "study", *words]
+    made = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (made.returncode, made.stderr) == (0, "")
+    return made.stdout
+
+
+class Alone:
+    """A crew of one: this process."""
+
+    count, where = 1, "this test"
+
+    def done(self, orders: Any) -> Generator[Any]:
+        for key, order in orders:
+            yield key, done(order)
+
+
+@pytest.fixture
+def alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No workers are started."""
+
+    @contextmanager
+    def crew(address: str | None, workers: int | None) -> Generator[Alone]:
+        yield Alone()
+
+    monkeypatch.setattr(crews, "crew", crew)
+
+
+def rows(folder: str) -> list[dict[str, Any]]:
+    return runs_in(Path(folder)).to_pylist()
+
+
+def test_a_study_leaves_rows_summary_and_report_and_tells_how_far_it_is(study: str) -> None:
+    assert {path.name for path in Path("study").iterdir()} == WRITTEN
+    made = rows("study")
+    assert [(row["method"], row["engine"], row["seed"]) for row in made] == [
+        *(("dlt", "compiled", seed) for seed in range(3)),
+        *(("mine", "mujoco", seed) for seed in range(3)),
+    ]
+    assert made[0]["source"] == "" and len(made[3]["source"]) == 64
+    lines = study.splitlines()
+    assert lines[0] == "6 simulated runs, into study"
+    assert lines[-1] == "rows, summary and report in study"
+    assert "running: 100 % is done" in lines and "mine beside dlt, random, 3 pairs" in study
+    summary = json.loads(Path("study/summary.json").read_text())
+    assert summary["workers"] == "2 on this machine" and "--own" in summary["command"]
+    assert f"--own {OWN} --replay 5</code>" in Path("study/report.html").read_text()
+
+
+def test_an_option_goes_before_the_file_and_the_file_before_the_default(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def work(plan: StudyPlan, folder: Path) -> None:
+        raise RcmServoError(f"{plan.count} {plan.noise} {plan.duration} {plan.first_seed}")
+
+    monkeypatch.setattr("rcmservo.study.execution.run_study.Work", work)
+    file = tmp_path / "study.toml"
+    file.write_text("count = 50\nnoise = [0.3]\nfirst_seed = 7")
+    assert main(["study", str(file), "--count", "3", "--seed", "8"]) == 2
+    assert capsys.readouterr().err == "rcmservo: 3 (0.3,) 15.0 8\n"
+
+
+@pytest.mark.usefixtures("alone")
+def test_the_same_command_again_does_nothing_twice(
+    study: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = Path("study/runs.parquet").read_bytes()
+    assert main(["study", "study.toml", "--own", OWN, "--count", "3", "--out", "study"]) == 0
+    said = capsys.readouterr().out
+    assert "all are there already" in said and "running" not in said
+    assert Path("study/runs.parquet").read_bytes() == before
+
+
+@pytest.mark.usefixtures("alone")
+@pytest.mark.parametrize("before", [True, False])
+def test_what_an_option_says_goes_before_the_file_wherever_it_stands(
+    here: Path, before: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = f"above-{before}"
+    words = ["--own", OWN, "--method", "dlt", "--count", "2", "--no-report", "--out", out]
+    assert main(["study", *words, "study.toml"] if before else ["study", "study.toml", *words]) == 0
+    made = rows(out)
+    assert [(row["method"], row["seed"]) for row in made] == [("dlt", 0), ("dlt", 1)]
+    assert {path.name for path in Path(out).iterdir()} == WRITTEN - {"report.html"}
+    assert f"rows and summary in {out}" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("alone")
+def test_several_noises_stand_behind_the_file(here: Path) -> None:
+    words = ["--method", "dlt", "--count", "1", "--noise", "0.3", "1", "--out", "noises"]
+    assert main(["study", "study.toml", "--own", OWN, *words]) == 0
+    assert [row["noise_px"] for row in rows("noises")] == [0.3, 1.0]
+
+
+def test_scenes_help_says_what_each_is_and_does_nothing(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["study", "--scenes", "help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80 and not list(tmp_path.iterdir())
+    names = [line.split()[0] for line in lines if not line.startswith(" ")]
+    assert names == ["paper", "random", "laparoscopic", "hard"]
+
+
+def seen_again(case: int, *words: str) -> int:
+    return main(["study", "--out", "study", "--own", OWN, "--replay", str(case), *words])
+
+
+@pytest.mark.filterwarnings("error:::tyro")
+@pytest.mark.parametrize(("case", "engine"), [(1, "compiled"), (4, "mujoco")])
+def test_a_row_of_every_engine_comes_out_the_same_and_its_record_can_be_read(
+    study: str, case: int, engine: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert seen_again(case) == 0
+    said, folder = capsys.readouterr().out, f"study/replays/{case}"
+    assert "the same row, bit for bit" in said and engine in said.splitlines()[0]
+    assert ("recorded with MuJoCo's arm" in said) == (engine == "compiled")
+    assert all(words in said for words in ("pose error", "Cramér-Rao bound", "growth of the error"))
+    names = {path.name for path in Path(folder).iterdir()}
+    assert names == {"record.mcap", "metadata.yaml", "errors.png", "estimate.png"}
+    assert main(["show", folder, "--out", f"shown-{case}"]) == 0
+    assert "simulation with seed 1" in capsys.readouterr().out
+    assert (Path(f"shown-{case}") / "errors.png").stat().st_size > 10_000
+    words = ["--estimator", OWN] if engine == "mujoco" else []
+    assert main(["replay", folder, *words]) == 0
+    assert "all 200 ticks came out the same" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_film_of_a_run_plays_and_shows_it(study: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert seen_again(2, "--film") == 0 and seen_again(2) == 0
+    assert re.search(r"in study/replays/2-2;", capsys.readouterr().out)
+    film, frames = cv2.VideoCapture("study/replays/2/overlay.webm"), list[Image]()
+    assert film.get(cv2.CAP_PROP_FPS) == 60
+    while (read := film.read())[0]:
+        frames.append(read[1])
+    assert 115 <= len(frames) <= 121 and frames[0].shape == (480, 640, 3)
+    assert frames[0].std() > 10.0 and (frames[0] != frames[-1]).any(axis=2).mean() > 0.01
+
+
+@pytest.mark.slow
+def test_a_row_of_rendered_frames_comes_out_the_same(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--engine", "pictures", "--count", "1", "--duration", "1.5", "--shown", "5"]
+    assert main(["study", *words, "--workers", "1", "--out", "pictures"]) == 0
+    (row,) = rows("pictures")
+    assert row["bound_mm"] is None and row["noise_px"] is None
+    assert main(["study", "--out", "pictures", "--replay", "0", "--film"]) == 0
+    assert "the same row, bit for bit, recorded in" in capsys.readouterr().out
+
+
+def refused(words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    assert main(words) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1 and said[0].startswith("rcmservo: ") and sentence in said[0]
+
+
+def test_a_run_is_not_made_again_with_other_code_than_it_was_made_with(
+    study: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    note, module = Path("study/study.json"), Path(f"{MODULE}.py")
+    whole, source = note.read_text(), module.read_text()
+    replay = ["study", "--out", "study", "--replay", "4"]
+    beyond = ["study", "--out", "study", "--own", OWN, "--replay"]
+    for case in ("6", "-1"):
+        refused([*beyond, case], f"--replay must be a row from 0 to 5, got {case}", capsys)
+    try:
+        refused(replay, f"the estimator {OWN} is code of others: name it with --own {OWN}", capsys)
+        module.write_text(source + "# changed\n")
+        refused([*replay, "--own", OWN], f"the estimator {OWN} has changed since", capsys)
+        module.write_text(source)
+        note.write_text(re.sub(r'"package": "[^"]*"', '"package": "0.0.1 abc"', whole))
+        refused([*replay, "--own", OWN], "was made by another rcmservo (0.0.1 abc)", capsys)
+    finally:
+        note.write_text(whole)
+        module.write_text(source)
+    assert not Path("study/replays/4-2").exists()
+
+
+@pytest.mark.usefixtures("alone")
+def test_a_row_that_another_processor_made_is_the_same_and_that_is_said(
+    study: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rcmservo.study import row
+
+    monkeypatch.setattr(row, "cpu", lambda: "another one")
+    assert seen_again(0) == 0
+    assert "the same row, bit for bit (cpu was " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (('"engine": "mujoco",', ""), "study.cells[1].engine must be given, got None"),
+        (('"count": 3', '"count": "x"'), "study.count must be a whole number, got 'x'"),
+        (('"count": 3', '"count": 30'), "runs.parquet: has 6 rows, and study.json tells of 60"),
+    ],
+)
+def test_a_run_is_not_made_again_from_a_damaged_note(
+    study: str, damage: tuple[str, str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    note = Path("study/study.json")
+    whole = note.read_text()
+    try:
+        note.write_text(whole.replace(*damage))
+        refused(["study", "--out", "study", "--replay", "0"], words, capsys)
+    finally:
+        note.write_text(whole)
+
+
+def test_a_row_that_comes_out_otherwise_is_told_with_exit_code_1(
+    study: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rcmservo.study import row
+
+    monkeypatch.setattr(row, "NEAR", 1e9)
+    assert seen_again(0) == 1
+    assert "not the same: success, time_to_1mm_s, recorded" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", [["study", "study.toml"], ["tune", "study.toml"]])
+def test_what_a_file_names_of_others_is_not_run(
+    here: Path, command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    sys.modules.pop(MODULE, None)
+    refused(command, f"or module:class that --method or --own names, got '{OWN}'", capsys)
+    assert MODULE not in sys.modules
+
+
+@pytest.mark.usefixtures("alone")
+def test_a_search_leaves_settings_report_and_a_command_and_goes_on_where_it_was(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["tune", "search.toml", "--out", "tuned"]) == 0
+    said = capsys.readouterr().out
+    assert {path.name for path in Path("tuned").iterdir()} == WRITTEN | {"search", "tuned.toml"}
+    assert "searching: 100 % is done" in said and "trying on unseen scenes: 100 % is done" in said
+    assert "to run with them: rcmservo run --estimator dlt" in said
+    made = rows("tuned")
+    assert [(row["method"], row["seed"]) for row in made] == [
+        (method, seed) for method in ("start", "tuned") for seed in range(5, 17)
+    ]
+    page = Path("tuned/report.html").read_text()
+    assert "3 trials of 5 runs, seeds 0 to 4; goal time" in page and "controller.gain" in page
+    before = {path: path.read_bytes() for path in Path("tuned").rglob("*.parquet")}
+    for name in WRITTEN - {"parts"}:
+        (Path("tuned") / name).unlink()
+    shutil.rmtree("tuned/parts")  # as one that was stopped before it was through with the search
+    assert main(["tune", "search.toml", "--out", "tuned"]) == 0
+    assert {path: path.read_bytes() for path in Path("tuned").rglob("*.parquet")} == before
+    assert main(["study", "tuned/tuned.toml", "--count", "1", "--out", "again"]) == 0
+    assert main(["study", "--out", "tuned", "--replay", "13"]) == 0
+    assert "row 13: tuned, random, seed 6" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("alone")
+def test_a_search_says_that_it_goes_on_or_what_changed_and_ends_at_all(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def said(text: str) -> list[str]:
+        Path("short.toml").write_text(text)
+        assert main(["tune", "short.toml", "--out", "short"]) == 0
+        return capsys.readouterr().out.splitlines()
+
+    short = SEARCH.replace("trials = 3", "trials = 1")
+    assert not [line for line in said(short) if "already" in line or "changed" in line]
+    next(Path("short/parts").iterdir()).unlink()
+    again = said(short)
+    assert "trials that are there already are not made again" in again
+    assert "12 are there already; the others follow" in again
+    assert "trying on unseen scenes: 100 % is done" in again
+    other = said(short.replace("duration = 2.0", "duration = 2.5"))
+    assert "duration changed since this folder was used last: trials are made anew" in other
+    assert "duration changed since this folder was used last: 24 of 24 runs are made anew" in other
+
+
+def test_what_a_search_found_is_not_tried_in_its_own_folder_from_which_it_would_go(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = Path("found/tuned.toml")
+    found.parent.mkdir()
+    found.write_text('[method.tuned]\nestimator = "dlt"\n')
+    words = ["study", str(found), "--out", "found"]
+    refused(words, "--out must be another folder than that of FILE, whose tuned.toml", capsys)
+    assert found.exists()

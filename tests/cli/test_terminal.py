@@ -1,0 +1,179 @@
+"""What the commands print: text as it is, nothing cropped, and readable where only ASCII is."""
+
+import io
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from rich.console import Console
+from rich.live import Live
+
+from rcmservo.cli.cli import main
+from rcmservo.cli.progress import compiling as reports
+from rcmservo.cli.progress.preparing import compiling
+from rcmservo.cli.result_output import report
+from rcmservo.cli.score_report import numbers, show_score
+from rcmservo.cli.terminal import console, print_plainly
+from rcmservo.loop.run_result import FeatureError, JacobianError, RunResult
+from rcmservo.recording.foreign.scoring import Replay
+
+LONG = f"runs/{'a folder with a long name/' * 6}[/y]"
+RESULT = RunResult(cause="[b]too far[/b]", folder=LONG)
+
+
+def command(*words: str, **variables: str) -> subprocess.CompletedProcess[bytes]:
+    """`python -m rcmservo` in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "rcmservo", *words],
+        env=os.environ | variables,
+        capture_output=True,
+        check=False,
+    )
+
+
+def test_a_score_keeps_the_units_in_brackets() -> None:
+    steps = {"no_motion": np.array([1.0, 2.0, np.nan])}
+    scored = Replay([], [], np.array([1.0, 2.0]), 3.0, np.array([0.5, np.nan]), steps)
+    assert numbers(scored)["reprojection_rms_px"] == {"m1": 0.5, "m2": None}
+    out = console()
+    with out.capture() as got:
+        show_score(out, scored)
+    for words in ("s [°]", "r [px]", "d [px]", "marker 1 0.50 px, marker 2 –"):
+        assert words in got.get()
+
+
+def test_a_folder_whose_name_looks_like_markup_is_no_traceback(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "x[").mkdir()
+    (tmp_path / "x[" / "y]").write_text("mine")
+    assert main(["show", str(tmp_path), "--out", str(tmp_path / "x[/y]")]) == 2
+    out = console()
+    with out.capture() as got:
+        report(out, RESULT, as_json=False)
+    assert "[b]too far[/b]" in got.get()
+
+
+@pytest.mark.parametrize("columns", ["80", "40", None])
+def test_a_path_is_on_one_line_and_whole_however_wide_the_terminal(
+    columns: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    if columns:
+        monkeypatch.setenv("COLUMNS", columns)
+    out = console()
+    with out.capture() as got:
+        report(out, RESULT, as_json=False)
+    assert f"files in {LONG}\n" in got.get()
+
+
+def test_a_narrow_table_folds_its_words_and_loses_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    out, word = console(), "0123456789" * 12
+    with out.capture() as got:
+        report(out, RunResult(cause=word), as_json=False)
+    kept = "".join(sign for sign in got.get() if sign.isdigit())
+    assert word in kept
+
+
+def test_an_ascii_terminal_gets_ascii_that_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", stream)
+    print_plainly()
+    result = RunResult(
+        feature_error=FeatureError(0.01, 1.0, 2.0), jacobian_error=JacobianError(0.1, 0.1)
+    )
+    report(Console(file=stream, markup=False, width=100), result, as_json=False)
+    stream.flush()
+    said = stream.buffer.getvalue().decode("ascii")  # type: ignore[attr-defined]
+    assert "s 0.573 deg, r 1.00 px" in said and "|J - J|/|J|" in said and "?" not in said
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "--help"],
+        ["run", "--seed", "°"],
+        pytest.param(["--help"], marks=pytest.mark.slow),
+        pytest.param(["run", "--disturb", "help"], marks=pytest.mark.slow),
+    ],
+)
+def test_every_help_and_error_can_be_printed_in_ascii(words: list[str]) -> None:
+    done = command(*words, PYTHONIOENCODING="ascii", LC_ALL="C")
+    assert done.returncode == (2 if "°" in words else 0)
+    assert b"Traceback" not in done.stderr and (done.stdout + done.stderr).isascii()
+
+
+def test_ctrl_c_while_it_loads_is_130_and_no_traceback() -> None:
+    """The signal comes at every import of ours and of the large libraries."""
+    program = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+class Interrupts:
+    def find_spec(self, name, path=None, target=None):
+        if name == WHERE:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupts())
+sys.argv[1:] = ["run"]
+from rcmservo.__main__ import main
+sys.exit(main())
+"""
+    for where in ("rcmservo.cli.cli", "numba", "rcmservo.control.saturated_controller", "tyro"):
+        words = [sys.executable, "-c", program.replace("WHERE", repr(where))]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (130, "rcmservo: stopped by Ctrl-C\n"), where
+
+
+def test_the_command_loads_nothing_that_is_slow_before_it_can_heed_ctrl_c() -> None:
+    program = "import sys, rcmservo.__main__; print('numpy' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "False\n"
+
+
+def test_python_m_rcmservo_tells_its_version() -> None:
+    import rcmservo
+
+    done = command("--version")
+    assert (done.returncode, done.stdout) == (0, f"rcmservo {rcmservo.__version__}\n".encode())
+
+
+def test_it_starts_without_a_home_that_can_be_written_to(tmp_path: Path) -> None:
+    nowhere = str(tmp_path / "file" / "below")
+    (tmp_path / "file").write_text("")
+    done = command("run", "--disturb", "help", HOME=nowhere, XDG_CACHE_HOME=nowhere)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize(("expected", "at_last", "others"), [(100, 100, 20), (5, 21, 0)])
+def test_what_is_compiled_is_told_and_what_is_not_ours_is_not_counted(
+    expected: int, at_last: int, others: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where no live line is seen, one line lasts of every twenty parts; of no more than there
+    are."""
+    monkeypatch.setattr(reports, "parts", lambda: expected)
+    written = io.StringIO()
+    with Live(console=Console(file=written, width=40)) as line, compiling(line):
+        for module in ["somebody.elses"] * others + ["rcmservo.made_up"] * 21:
+            numba.njit(made(module))(1.0)
+    told = [one for one in written.getvalue().splitlines() if one.startswith("compiling")]
+    end = "parts: the next start is quicker"
+    lasting = [f"compiling, 1 of about {expected} {end}", f"compiling, 21 of about {at_last} {end}"]
+    assert told[:2] == lasting
+    assert len(told) <= 3
+
+
+def made(module: str) -> Callable[[float], float]:
+    """A function of a module, which nobody has compiled yet."""
+
+    def double(x: float) -> float:
+        return 2.0 * x
+
+    double.__module__ = module
+    return double

@@ -1,0 +1,114 @@
+"""Kalman's filter on the rows of Ĵ: P is what it says, it drifts by the way alone, and without a
+drift it is recursive least squares."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from conftest import random_from, seeds
+from rcmservo.errors import BadInput
+from rcmservo.estimation.kalman import KalmanEstimator, drifted
+from rcmservo.estimation.rls import RlsEstimator
+from rcmservo.geometry.features import SCALE
+
+drifts = st.floats(0.0, 0.1)
+noises = st.floats(1e-2, 1.0)
+
+
+def learnt(estimator, ways, flows):
+    J_hat, P = np.zeros((3, 3)), estimator.uncertain()
+    for way, flow in zip(ways, flows, strict=True):
+        J_hat, P = estimator.learn(J_hat, P, way, flow)
+    return J_hat, P
+
+
+def noisy(random, J, count, size=4.0, noise=0.05):
+    """Displacements with noise in b."""
+    ways = size * random.standard_normal((count, 3))
+    return ways, ways @ J.T + noise * SCALE * random.standard_normal((count, 3))
+
+
+@given(seeds, st.integers(1, 40), drifts, noises, st.floats(1e-3, 50.0))
+def test_its_covariance_stays_symmetric_and_positive_definite(seed, count, drift, noise, size):
+    random, estimator = random_from(seed), KalmanEstimator(drift=drift, noise=noise)
+    J_hat, P = np.zeros((3, 3)), estimator.uncertain()
+    for _ in range(count):
+        way = size * random.standard_normal(3)
+        J_hat, P = estimator.learn(J_hat, P, way, random.uniform(-50, 50, 3))
+        assert np.array_equal(P, P.T)
+        assert np.linalg.eigvalsh(P).min() > 0.0
+
+
+@given(seeds, st.integers(1, 30), st.floats(0.01, 1.0), st.floats(0.01, 10.0))
+def test_without_drift_it_is_recursive_least_squares_that_forgets_nothing(
+    seed, count, noise, spread
+):
+    ways, flows = noisy(random_from(seed), np.ones((3, 3)), count)
+    kalman = KalmanEstimator(drift=0.0, noise=noise, spread=spread)
+    rls = RlsEstimator(forgetting=1.0, covariance=(spread / noise) ** 2)
+    (J_hat, P), (J_rls, P_rls) = (learnt(one, ways, flows) for one in (kalman, rls))
+    assert np.allclose(J_hat, J_rls, rtol=1e-7, atol=1e-7)
+    assert np.allclose(P, noise**2 * P_rls, rtol=1e-7, atol=1e-12)
+
+
+@given(seeds, drifts)
+def test_two_halves_of_a_way_drift_as_much_as_the_whole_and_rest_not_at_all(seed, drift):
+    way, P = random_from(seed).standard_normal(3), np.diag([1.0, 2.0, 3.0])
+    halves = drifted(drifted(P, way / 2, drift), way / 2, drift)
+    assert np.allclose(halves, drifted(P, way, drift))
+    assert np.array_equal(drifted(P, np.zeros(3), drift), P)
+
+
+def test_what_it_says_of_its_own_error_is_true_of_a_jacobian_that_drifts_so():
+    """Errors of rows, squared in units of P, are three on average; and P is far less than at
+    first."""
+    estimator, scores = KalmanEstimator(), []
+    for seed in range(150):
+        random = random_from(seed)
+        x = estimator.spread * random.standard_normal((3, 3))
+        J_hat, P = np.zeros((3, 3)), estimator.uncertain()
+        for way in 4.0 * random.standard_normal((25, 3)):
+            x += estimator.drift * np.sqrt(np.linalg.norm(way)) * random.standard_normal((3, 3))
+            flow = SCALE * (x @ way + estimator.noise * random.standard_normal(3))
+            J_hat, P = estimator.learn(J_hat, P, way, flow)
+        off = J_hat / SCALE[:, None] - x
+        scores.append(np.einsum("ij,jk,ik->i", off, np.linalg.inv(P), off))
+        assert np.trace(P) < 0.01 * np.trace(estimator.uncertain())
+    assert np.mean(scores) == pytest.approx(3.0, abs=0.35)
+
+
+def test_noise_in_b_counts_alike_in_every_feature():
+    """A radian is no pixel: the gain of every row is the same."""
+    estimator = KalmanEstimator()
+    J_hat, _ = estimator.learn(np.zeros((3, 3)), estimator.uncertain(), np.full(3, 2.0), SCALE)
+    rows = J_hat / SCALE[:, None]
+    assert np.allclose(rows, rows[0])
+    assert np.all(rows > 0.0)
+
+
+def test_a_camera_that_has_rolled_is_learnt_anew():
+    random, estimator = random_from(1), KalmanEstimator()
+    before = random.uniform(-0.5, 0.5, (3, 3)) * SCALE[:, None]
+    after = random.uniform(-0.5, 0.5, (3, 3)) * SCALE[:, None]
+    parts = [noisy(random, J, n) for J, n in ((before, 20), (after, 150))]
+    ways, flows = (np.concatenate(both) for both in zip(*parts, strict=True))
+    J_hat, _ = learnt(estimator, ways, flows)
+    assert np.linalg.norm((J_hat - after) / SCALE[:, None]) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"drift": -0.1}, "estimator.drift must be a number from 0 to 1000, got -0.1"),
+        ({"drift": np.nan}, "estimator.drift must be a number"),
+        ({"noise": 0.0}, "estimator.noise must be a number from 1e-6 to 1000, got 0"),
+        ({"noise": np.inf}, "estimator.noise must be a number"),
+        ({"spread": 0.0}, "estimator.spread must be a number"),
+        ({"spread": np.nan}, "estimator.spread must be a number"),
+    ],
+)
+def test_settings_that_mean_nothing_are_one_sentence(settings, sentence):
+    with pytest.raises(BadInput, match=sentence) as refused:
+        KalmanEstimator(**settings)
+    assert len(str(refused.value).splitlines()) == 1

@@ -1,0 +1,414 @@
+"""Proposition 1 and what was built on it: U never rises, integration is exact, modes decay as
+promised, Ĵ becomes J."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from conftest import (
+    SHAFT,
+    TOOLS,
+    derivative,
+    equations,
+    markers_seen,
+    observed,
+    random_from,
+    seeds,
+    tool_positions,
+    true_camera,
+)
+from rcmservo.errors import BadInput
+from rcmservo.estimation.base import Sample
+from rcmservo.estimation.projection_rule import (
+    GAMMA_0,
+    MIN_DEPTH,
+    ProjectionEstimator,
+    ProjectionMemory,
+    Rule,
+    feature_jacobian,
+    inverse_root,
+    keep_in_front,
+    least_telling,
+    sights,
+    update,
+)
+from rcmservo.geometry.features import SCALE, about, difference, features
+from rcmservo.geometry.projection import depth, parameters, regressor
+from rcmservo.geometry.tool import second_marker
+from rcmservo.numerics.gradient_flow import by_modes, by_series, decay
+
+times = st.one_of(st.floats(1e-4, 1e-1), st.floats(1e-1, 1e3), st.sampled_from([1e-9, 1e4]))
+modes = st.booleans()
+EPSILON = ProjectionEstimator().epsilon
+
+
+def scene(seed, count=12):
+    """Exact rows of `count` observations, the true parameters a and imaged RCM o_c, and an estimate
+    in front of all."""
+    random = random_from(seed)
+    places = tool_positions(random, count)
+    C = true_camera(random, places)
+    a, o_c = parameters(C)
+    a_hat = np.where(random.random() < 0.5, 0.0, a * random.uniform(0.6, 1.4, 9))
+    return observed(C, places), a, o_c, a_hat
+
+
+def step(memory, count, a_hat, row, o_c, t, rate=20.0, both=True):
+    points = row[3:].reshape(2, 2)
+    rule = Rule(float(rate), EPSILON, bool(both))
+    before = ProjectionMemory(memory, count, a_hat)
+    return update(before, row[:3], points, o_c, float(t), rule, SHAFT)
+
+
+def energy(a_hat, a):
+    """U of (22) with Γ₀."""
+    return 0.5 * np.sum((a_hat - a) ** 2 / GAMMA_0)
+
+
+def root_of(A, fast, rate=20.0):
+    """C with C Cᵀ = Γ, as `update` makes it."""
+    if not fast:
+        return np.diag(np.sqrt(GAMMA_0))
+    return np.sqrt(rate) * inverse_root(A, EPSILON)
+
+
+def steepest_rise(seed, t, fast, both, room=8):
+    """The largest rise of U from one frame to the next, as a share of U at â = 0; 20 exact
+    pictures, P = `room`."""
+    rows, a, o_c, a_hat = scene(seed, count=20)
+    memory, count, worst = np.zeros((room + 1, 7)), 0, 0.0
+    for row in rows:
+        before = energy(a_hat, a)
+        memory, count, a_hat = step(memory, count, a_hat, row, o_c, t, 20.0 if fast else 0.0, both)
+        worst = max(worst, (energy(a_hat, a) - before) / energy(0 * a, a))
+    return worst
+
+
+@given(seeds, times, st.booleans())
+def test_proposition_1_u_never_rises_under_the_printed_gamma_even_as_observations_are_exchanged(
+    seed, t, both
+):
+    assert steepest_rise(seed, t, False, both) < 1e-9
+
+
+@given(seeds, times, st.booleans())
+@example(1879503239, 1e3, True)
+@example(30282166, 259.0, False)
+def test_u_never_rises_under_the_fast_gamma_while_observations_are_added(seed, t, both):
+    """½ΔaᵀΓ₀⁻¹Δa, although Γ changes with every observation."""
+    assert steepest_rise(seed, t, True, both, room=20) < 1e-9
+
+
+@pytest.mark.parametrize("t", [1e-4, 1 / 60])
+def test_u_never_rises_under_the_fast_gamma_as_observations_are_exchanged(t):
+    assert (
+        max(steepest_rise(seed, t, True, both) for seed in range(30) for both in (False, True))
+        < 1e-9
+    )
+
+
+@given(seeds, times, st.booleans())
+def test_u_with_gamma_itself_never_rises_in_a_step_even_if_gamma_knows_more_than_mtm(seed, t, both):
+    """(22)-(23) ask only for a constant positive definite Γ."""
+    rows, a, o_c, a_hat = scene(seed)
+    root = inverse_root(equations(rows, o_c, both)[0], EPSILON)
+    A, b = equations(rows[1:], o_c, both)
+    inverse = np.linalg.inv(root)
+
+    def U(a_hat):
+        return np.sum((inverse @ (a_hat - a)) ** 2)
+
+    assert U(decay(A, b, a_hat, np.sqrt(20.0) * root, t)) <= U(a_hat) * (1 + 1e-6) + 1e-9 * U(0 * a)
+
+
+@pytest.mark.parametrize("t", [1e6, 1e9])
+def test_u_never_rises_under_the_printed_gamma_in_weeks_or_years_of_estimator_time(t):
+    assert (
+        max(steepest_rise(seed, t, False, both) for seed in range(10) for both in (False, True))
+        < 1e-9
+    )
+
+
+def test_more_time_than_the_fast_gamma_needs_is_refused():
+    """Beyond it, rounding lets modes that were never observed grow."""
+    with pytest.raises(BadInput, match="estimator_time"):
+        ProjectionEstimator(rate=20.0, estimator_time=1e4)
+    ProjectionEstimator(rate=20.0, estimator_time=1e3)
+
+
+@given(seeds, st.booleans())
+def test_the_equations_are_the_sums_over_the_papers_regressors_of_19(seed, both):
+    rows, _, o_c, _ = scene(seed)
+    A, b = np.zeros((9, 9)), np.zeros(9)
+    for row in rows:
+        p1, m = row[:3].copy(), about(row[3:].copy(), o_c)
+        p2 = second_marker(SHAFT, p1)
+        for W, seen in ((regressor(m[:2], p1), m[:2]), (regressor(m[2:], p2), m[2:]))[: 1 + both]:
+            A, b = A + W.T @ W, b + W.T @ seen
+    got_A, got_b = equations(rows, o_c, both)
+    unit = 1 / np.sqrt(np.diag(A))
+    assert np.allclose(unit[:, None] * got_A * unit, unit[:, None] * A * unit, atol=1e-12)
+    assert np.allclose(unit * got_b, unit * b, atol=1e-12 * np.abs(unit * b).max())
+
+
+@given(seeds, st.booleans())
+def test_the_root_is_that_of_the_regularised_inverse(seed, both):
+    rows, _, o_c, _ = scene(seed)
+    A, _ = equations(rows, o_c, both)
+    root, unit = inverse_root(A, EPSILON), np.sqrt(GAMMA_0)
+    product = root @ root.T @ (A + EPSILON * np.diag(1 / GAMMA_0))
+    assert np.allclose(product / unit[:, None] * unit, np.eye(9), atol=1e-5)
+
+
+@given(seeds, st.booleans())
+def test_the_observation_that_goes_has_the_least_leverage(seed, both):
+    """tr(W (MᵀM + εΓ₀⁻¹)⁻¹ Wᵀ), over all."""
+    rows, _, o_c, _ = scene(seed)
+    A, _ = equations(rows, o_c, both)
+    root = inverse_root(A, EPSILON)
+    shares = [np.trace(root.T @ equations(row[None], o_c, both)[0] @ root) for row in rows]
+    goes = least_telling(sights(rows, len(rows), o_c, both, SHAFT), len(rows), root)
+    assert shares[goes] <= min(shares) * (1 + 1e-6)
+
+
+@given(seeds, times)
+def test_the_cost_of_20_never_rises_either(seed, t):
+    """Q may not rise under (21), noise or not."""
+    random = random_from(seed)
+    rows, _, o_c, a_hat = scene(seed)
+    rows[:, 3:] += 0.5 * random.standard_normal((len(rows), 4))
+    A, b = equations(rows, o_c)
+
+    def cost(a):
+        return 0.5 * a @ A @ a - b @ a
+
+    for fast in (True, False):
+        a_next = decay(A, b, a_hat, root_of(A, fast), t)
+        assert cost(a_next) <= cost(a_hat) + 1e-9 * abs(b @ np.linalg.lstsq(A, b, rcond=None)[0])
+
+
+@given(seeds, st.floats(1e-4, 100.0), modes)
+def test_integration_is_exact(seed, t, fast):
+    """Against the matrix exponential of the linear ODE, in coordinates of one size."""
+    rows, a, o_c, a_hat = scene(seed)
+    A, b = equations(rows, o_c)
+    C = root_of(A, fast)
+    unit = np.sqrt(GAMMA_0)
+    system = np.zeros((10, 10))
+    system[:9, :9] = -(C @ C.T @ A) / unit[:, None] * unit
+    system[:9, 9] = (C @ C.T @ b) / unit
+    assume(np.linalg.norm(system[:9, :9]) * t < 1e4)
+    wanted = unit * (expm(system * t) @ np.append(a_hat / unit, 1.0))[:9]
+    got = decay(A, b, a_hat, C, t)
+    assert np.allclose(got / unit, wanted / unit, rtol=0, atol=1e-6 * np.abs(a / unit).max())
+
+
+@given(seeds, st.floats(1e-3, 3.9))
+def test_the_series_and_the_modes_give_one_integral(seed, size):
+    random = random_from(seed)
+    root = random.standard_normal((9, 9)) * np.geomspace(1.0, 1e-4, 9)
+    H, away = root @ root.T, random.standard_normal(9)
+    t = size / np.linalg.norm(H)
+    same = 1e-12 * t * np.linalg.norm(away)
+    assert np.allclose(by_series(H, away, t), by_modes(H, away, t), rtol=0, atol=same)
+
+
+@given(seeds, st.floats(1e-3, 10.0), st.floats(1e-3, 10.0), modes)
+def test_two_times_after_each_other_are_one(seed, first, second, fast):
+    rows, a, o_c, a_hat = scene(seed)
+    A, b = equations(rows, o_c)
+    C = root_of(A, fast)
+    once = decay(A, b, a_hat, C, first + second)
+    twice = decay(A, b, decay(A, b, a_hat, C, first), C, second)
+    assert np.allclose(
+        once / np.sqrt(GAMMA_0),
+        twice / np.sqrt(GAMMA_0),
+        atol=1e-6 * np.abs(a / np.sqrt(GAMMA_0)).max(),
+    )
+
+
+@given(seeds, st.floats(0.5, 50.0), st.floats(0.001, 0.2))
+def test_under_the_fast_gamma_every_well_observed_mode_decays_at_the_rate_and_weak_ones_more_slowly(
+    seed, rate, t
+):
+    """A mode that MᵀM knows λ times as well as Γ₀⁻¹ has the rate η λ/(λ + ε)."""
+    rows, a, o_c, _ = scene(seed)
+    A, b = equations(rows, o_c)
+    unit = np.sqrt(GAMMA_0)
+    strength, Q = np.linalg.eigh(unit[:, None] * A * unit)
+    start = a + unit * (Q @ np.ones(9))
+    left = Q.T @ ((decay(A, b, start, root_of(A, True, rate), t) - a) / unit)
+    assert strength[-1] > 1e3 * EPSILON
+    assert np.allclose(left, np.exp(-rate * t * strength / (strength + EPSILON)), rtol=0, atol=1e-4)
+
+
+def test_the_floor_of_depth_is_before_the_camera_and_below_what_nothing_known_gives():
+    """ẑ = 1 at â = 0, so that an estimate that starts from nothing starts in front of all."""
+    assert 0 < MIN_DEPTH < depth(np.zeros(9), np.array([30.0, -40.0, 90.0])) == 1.0
+
+
+def test_the_printed_gamma_is_slow_and_the_fast_one_is_not():
+    slow, quick = [], []
+    for seed in range(10):
+        rows, a, o_c, _ = scene(seed)
+        A, b = equations(rows, o_c)
+        start = energy(0 * a, a)
+        slow.append(energy(decay(A, b, 0 * a, root_of(A, False), 1.0), a) / start)
+        quick.append(energy(decay(A, b, 0 * a, root_of(A, True), 1.0), a) / start)
+    assert np.median(quick) < 1e-6
+    assert np.median(slow) > 1e-3
+
+
+@given(seeds, st.floats(0.0, 50.0))
+def test_no_step_puts_an_observation_behind_the_floor_of_depth(seed, size):
+    random = random_from(seed)
+    rows, _, _, a_hat = scene(seed)
+    a_next = a_hat + size * random.standard_normal(9) * np.array([1.0] * 6 + [1e-2] * 3)
+    kept = keep_in_front(a_hat, a_next, rows, len(rows), SHAFT)
+
+    def least(a):
+        return min(
+            min(depth(a, row[:3]), depth(a, second_marker(SHAFT, row[:3].copy()))) for row in rows
+        )
+
+    assume(least(a_hat) >= MIN_DEPTH)
+    assert least(kept) >= MIN_DEPTH - 1e-9
+    if least(a_next) >= MIN_DEPTH:
+        assert np.allclose(kept, a_next, rtol=1e-12)
+    way, all_of_it = kept - a_hat, a_next - a_hat
+    assert np.linalg.norm(np.outer(way, all_of_it) - np.outer(all_of_it, way)) <= 1e-9 * (
+        1 + all_of_it @ all_of_it
+    )
+
+
+@given(seeds, times)
+def test_an_estimate_that_starts_in_front_of_all_stays_there_whatever_the_camera_reports(seed, t):
+    """Wild pixels (outliers of a tracker) included: ẑ of what the memory holds never falls below
+    its floor."""
+    random = random_from(seed)
+    rows, _, o_c, _ = scene(seed)
+    rows[:, 3:] += random.choice([0, 1, 300], (len(rows), 1)) * random.standard_normal(
+        (len(rows), 4)
+    )
+    memory, count, a_hat = np.zeros((9, 7)), 0, np.zeros(9)
+    for row in rows:
+        ahead = min(depth(a_hat, row[:3]), depth(a_hat, second_marker(SHAFT, row[:3].copy())))
+        if ahead < MIN_DEPTH:
+            continue  # it was wrong about a place before it came there: not its step's doing
+        memory, count, a_hat = step(memory, count, a_hat, row, o_c, t)
+        for kept in memory[:count]:
+            assert depth(a_hat, kept[:3].copy()) >= MIN_DEPTH - 1e-9
+            assert depth(a_hat, second_marker(SHAFT, kept[:3].copy())) >= MIN_DEPTH - 1e-9
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_with_perfect_pictures_the_estimate_becomes_the_true_jacobian(seed):
+    random = random_from(seed)
+    places = tool_positions(random, 60)
+    C = true_camera(random, places)
+    o_c = parameters(C)[1]
+    estimator, tool = ProjectionEstimator(), TOOLS["rigid"]
+    memory = estimator.init()
+    for p in places:
+        sample = Sample(p, markers_seen(C, p), o_c, 1.0)
+        memory = estimator.update(memory, tool, sample)
+    J_hat = estimator.jacobian(memory, tool, sample)
+
+    def y(p):
+        return difference(
+            features(about(markers_seen(C, p), o_c)), features(about(sample.points, o_c))
+        )
+
+    J = derivative(y, sample.p1, 1e-2)
+    assert np.linalg.norm((J_hat - J) / SCALE[:, None]) < 1e-3 * np.linalg.norm(J / SCALE[:, None])
+    assert np.allclose(
+        estimator.predict(memory, tool, sample.p1), about(sample.points, o_c), atol=1e-2
+    )
+
+
+@given(seeds)
+def test_nothing_known_is_a_jacobian_without_rank(seed):
+    """â = 0: the picture is expected not to move at all."""
+    rows, _, o_c, _ = scene(seed, count=2)
+    J_hat = feature_jacobian(np.zeros(9), rows[0, :3].copy(), about(rows[0, 3:].copy(), o_c), SHAFT)
+    assert not J_hat.any()
+
+
+@given(seeds)
+def test_an_update_leaves_the_memory_before_it_alone(seed):
+    rows, _, o_c, a_hat = scene(seed, count=12)
+    memory, count = np.zeros((9, 7)), 0
+    for row in rows:
+        before = memory.copy(), a_hat.copy(), row.copy(), o_c.copy()
+        after, count, a_next = step(memory, count, a_hat, row, o_c, 0.02)
+        for now, then in zip((memory, a_hat, row, o_c), before, strict=True):
+            assert np.array_equal(now, then)
+        memory, a_hat = after, a_next
+
+
+def test_holding_still_for_long_keeps_the_observations_that_tell_something():
+    random = random_from(2)
+    places = tool_positions(random, 12)
+    C = true_camera(random, places)
+    o_c = parameters(C)[1]
+    memory, count, a_hat = np.zeros((13, 7)), 0, np.zeros(9)
+    still = observed(C, np.repeat(places[-1:], 300, axis=0))
+    still[:, 3:] += 0.3 * random.standard_normal((300, 4))
+    for row in np.concatenate([observed(C, places), still]):
+        memory, count, a_hat = step(memory, count, a_hat, row, o_c, 0.02)
+    A, _ = equations(memory[:count], o_c)
+    toured, _ = equations(observed(C, places), o_c)
+    unit = np.sqrt(GAMMA_0)
+    least = np.linalg.eigvalsh(unit[:, None] * A * unit)[0]
+    assert least > 0.3 * np.linalg.eigvalsh(unit[:, None] * toured * unit)[0]
+    assert len(np.unique(memory[:count, :3].round(6), axis=0)) >= 10
+
+
+def test_fitting_marker_1_alone_does_not_look_at_marker_2():
+    rows, _, o_c, a_hat = scene(1)
+    hidden = rows.copy()
+    hidden[:, 5:] = 1e3
+    for wanted, got in zip(
+        equations(rows, o_c, both=False), equations(hidden, o_c, both=False), strict=True
+    ):
+        assert np.array_equal(wanted, got)
+    memory = np.zeros((13, 7))
+    assert np.array_equal(
+        step(memory, 0, a_hat, rows[0], o_c, 1.0, both=False)[2],
+        step(memory, 0, a_hat, hidden[0], o_c, 1.0, both=False)[2],
+    )
+
+
+def test_the_estimators_own_time_replaces_the_real_time_between_frames():
+    rows, _, o_c, _ = scene(4)
+    results = []
+    for estimator, dt in (
+        (ProjectionEstimator(), 5.0),
+        (ProjectionEstimator(estimator_time=5.0), 0.016),
+    ):
+        memory = estimator.init()
+        for row in rows:
+            memory = estimator.update(
+                memory, TOOLS["rigid"], Sample(row[:3], row[3:].reshape(2, 2), o_c, dt)
+            )
+        results.append(memory.a_hat)
+    assert np.array_equal(*results)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"gamma": "slow"},
+        {"rate": 0.0},
+        {"rate": np.nan},
+        {"epsilon": 0.0},
+        {"observations": 5},
+        {"estimator_time": -1.0},
+        {"estimator_time": np.inf},
+    ],
+)
+def test_settings_that_cannot_work_are_refused(wrong):
+    with pytest.raises(BadInput, match=next(iter(wrong))):
+        ProjectionEstimator(**wrong)

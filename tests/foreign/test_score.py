@@ -1,0 +1,69 @@
+"""Scores of the recording of a real arm meet the requirements."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from conftest import DATA, ROOT
+from rcmservo.cli.cli import main
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    if not DATA.exists():
+        pytest.skip("../shared/data/dvrk_two_balls is not here")
+    out = tmp_path_factory.mktemp("replay") / "out"
+    assert (
+        main(
+            [
+                "replay",
+                str(DATA),
+                "--rig",
+                str(ROOT / "examples/davinci.toml"),
+                "--out",
+                str(out),
+            ]
+        )
+        == 0
+    )
+    assert len((out / "centres.csv").read_text().splitlines()) == 31
+    return json.loads((out / "replay.json").read_text())
+
+
+def test_both_balls_are_found_in_every_frame_of_the_real_arm(report: Any) -> None:
+    assert [row["frame"] for row in report["frames"]] == [f"{i:02d}" for i in range(30)]
+    for row in report["frames"]:
+        assert row["m1"][0] < row["m2"][0]
+        assert row["m1"][1] < row["m2"][1]
+
+
+def test_one_fit_reprojects_both_balls_to_two_pixels(report: Any) -> None:
+    assert max(report["reprojection_rms_px"].values()) <= 2.0
+
+
+def test_the_imaged_rcm_agrees_with_three_independent_estimates(report: Any) -> None:
+    assert np.linalg.norm(np.array(report["imaged_rcm_px"]) - (-110.0, -252.0)) < 30.0
+    assert 100.0 < report["imaged_rcm_condition"] < 2000.0
+
+
+def test_the_next_frame_is_predicted_over_the_finite_step(report: Any) -> None:
+    row = report["one_step_rms"]["projection"]
+    assert row["s_deg"] <= 0.3
+    assert row["r_px"] <= 2.5
+    assert row["d_px"] <= 1.0
+
+
+def test_the_linear_step_of_every_estimator_beats_predicting_no_motion(report: Any) -> None:
+    no_motion = report["one_step_rms"]["no_motion"]
+    for name in ("projection", "projection-printed", "flow"):
+        row = report["one_step_rms"][f"{name}_linear"]
+        assert all(row[key] < no_motion[key] for key in no_motion)
+
+
+def test_the_finite_step_beats_the_linear_one(report: Any) -> None:
+    rows = report["one_step_rms"]
+    assert all(
+        rows["projection"][key] < rows["projection_linear"][key] for key in rows["projection"]
+    )

@@ -1,0 +1,105 @@
+"""The features: (6)-(9) as printed, an angle that wraps, differences without jumps, what leaves
+them unchanged."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from conftest import random_from, seeds
+from rcmservo.geometry.features import about, difference, features, features_jacobian
+
+angles = st.one_of(
+    st.floats(-10, 10),
+    st.sampled_from([np.pi, -np.pi, 2 * np.pi, 3 * np.pi, np.nextafter(np.pi, 4), 0.0]),
+)
+
+
+def pair(seed):
+    random = random_from(seed)
+    return random.uniform(-400, 400, 4)
+
+
+def test_features_of_a_known_picture():
+    y = features(np.array([3.0, 4.0, 3.0, -6.0]))
+    assert np.allclose(y, [-np.pi / 2, 5.0, 10.0])
+
+
+@given(seeds, st.floats(-np.pi, np.pi))
+def test_turning_the_picture_about_the_rcm_turns_s_and_leaves_the_distances(seed, turn):
+    m = pair(seed)
+    c, s = np.cos(turn), np.sin(turn)
+    turned = (m.reshape(2, 2) @ np.array([[c, s], [-s, c]])).ravel()
+    assert np.allclose(
+        difference(features(turned), features(m) + np.array([turn, 0, 0])), 0, atol=1e-9
+    )
+
+
+@given(seeds, st.floats(0.01, 100))
+def test_enlarging_the_picture_about_the_rcm_enlarges_the_distances_and_leaves_s(seed, factor):
+    m = pair(seed)
+    s, r, d = features(m)
+    assert np.allclose(features(factor * m), [s, factor * r, factor * d])
+
+
+@given(seeds)
+def test_shifting_pixels_and_the_imaged_rcm_together_changes_nothing(seed):
+    random = random_from(seed)
+    points, o_c, shift = (
+        random.uniform(0, 640, (2, 2)),
+        random.uniform(-500, 900, 2),
+        random.uniform(-99, 99, 2),
+    )
+    assert np.allclose(about(points + shift, o_c + shift), about(points, o_c))
+
+
+@given(seeds)
+def test_about_takes_both_shapes_and_leaves_its_input_alone(seed):
+    random = random_from(seed)
+    points, o_c = random.uniform(0, 640, (2, 2)), random.uniform(0, 640, 2)
+    before = points.copy()
+    wanted = (points - o_c).ravel()
+    assert np.array_equal(about(points, o_c), wanted)
+    assert np.array_equal(about(points.ravel(), o_c), wanted)
+    assert np.array_equal(points, before)
+
+
+@given(angles, angles)
+def test_the_difference_of_angles_is_wrapped_and_the_same_angle(s, s_d):
+    y, y_d = np.array([s, 30.0, 40.0]), np.array([s_d, 35.0, 20.0])
+    before = y.copy(), y_d.copy()
+    delta = difference(y, y_d)
+    assert -np.pi <= delta[0] <= np.pi
+    assert np.cos(delta[0]) == pytest.approx(np.cos(s - s_d), abs=1e-9)
+    assert np.sin(delta[0]) == pytest.approx(np.sin(s - s_d), abs=1e-9)
+    assert delta[1:].tolist() == [-5.0, 20.0]
+    assert np.array_equal(y, before[0]) and np.array_equal(y_d, before[1])
+
+
+@pytest.mark.parametrize("s", [np.pi, -np.pi, 3 * np.pi])
+def test_half_a_turn_counts_as_plus_pi(s):
+    assert difference(np.array([s, 0.0, 0.0]), np.zeros(3))[0] == np.pi
+
+
+@given(angles, angles)
+def test_the_difference_is_antisymmetric_except_at_half_a_turn(s, s_d):
+    y, y_d = np.array([s, 30.0, 40.0]), np.array([s_d, 35.0, 20.0])
+    forth, back = difference(y, y_d), difference(y_d, y)
+    assume(abs(forth[0]) < np.pi - 1e-9)
+    assert np.allclose(forth, -back, atol=1e-12)
+
+
+def test_a_small_turn_across_the_cut_of_atan2_is_a_small_difference():
+    near, past = (
+        features(np.array([0.0, 0.0, -100.0, 1.0])),
+        features(np.array([0.0, 0.0, -100.0, -1.0])),
+    )
+    assert near[0] - past[0] > 6
+    assert difference(past, near)[0] == pytest.approx(0.02, rel=1e-3)
+
+
+@pytest.mark.parametrize("m", [[50.0, 60.0, 50.0, 60.0], [0.0, 0.0, 50.0, 60.0]])
+def test_the_derivative_says_that_it_does_not_exist_where_it_does_not(m):
+    """Markers that coincide, or marker 1 at the imaged RCM: not finite, never a number to be
+    believed."""
+    assert not np.isfinite(features_jacobian(np.array(m))).all()

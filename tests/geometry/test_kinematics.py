@@ -1,0 +1,149 @@
+"""The mechanism: eq. (2) as printed, its inverse, joint rates that move the marker as wanted,
+limits with a meaning."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from conftest import kinds, random_from, rcm_of, seeds
+from rcmservo.errors import BadInput
+from rcmservo.geometry.kinematics import (
+    MIN_LEVER,
+    PITCH_YAW,
+    SPHERICAL,
+    JointLimits,
+    PitchYawRcm,
+    SphericalRcm,
+    axis,
+    axis_jacobian,
+    joint_rates,
+    joints,
+    position,
+    position_jacobian,
+)
+from rcmservo.sim.arm import Drive, SimulatedArm
+
+angles = st.floats(-np.pi, np.pi)
+rhos = st.floats(1.0, 300.0)
+zeros = st.floats(-10.0, 10.0)
+rcms = pytest.mark.parametrize(
+    "rcm", [SphericalRcm(), PitchYawRcm(), PitchYawRcm(insertion_zero=-7.0)]
+)
+
+
+@given(angles, angles, rhos)
+def test_spherical_coordinates_are_equation_2(theta, phi, rho):
+    printed = rho * np.array(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]
+    )
+    assert np.allclose(position(rcm_of(SPHERICAL), np.array([theta, phi, rho])), printed)
+
+
+def test_pitch_and_yaw_point_down_at_home_and_turn_to_x_and_against_y():
+    assert np.allclose(axis(rcm_of(PITCH_YAW), np.zeros(3)), [0, 0, -1])
+    assert np.allclose(axis(rcm_of(PITCH_YAW), np.array([np.pi / 2, 0, 0])), [1, 0, 0])
+    assert np.allclose(axis(rcm_of(PITCH_YAW), np.array([0, np.pi / 2, 0])), [0, -1, 0])
+
+
+@given(kinds, angles, angles, rhos, zeros)
+def test_the_distance_from_the_rcm_is_insertion_plus_zero_at_any_angle(
+    kind, first, second, rho, zero
+):
+    p = position(rcm_of(kind, zero), np.array([first, second, rho - zero]))
+    assert np.linalg.norm(p) == pytest.approx(rho)
+
+
+@given(kinds, st.floats(0.01, 1.5), angles, rhos, zeros)
+def test_joints_undo_position(kind, inner, outer, rho, zero):
+    q = np.array(
+        [inner, outer, rho - zero] if kind == SPHERICAL else [outer, inner - 0.75, rho - zero]
+    )
+    assert np.allclose(joints(rcm_of(kind, zero), position(rcm_of(kind, zero), q)), q, atol=1e-9)
+
+
+@given(kinds, angles, angles)
+def test_the_axis_turns_orthogonally_to_itself_and_in_orthogonal_ways(kind, first, second):
+    """What `joint_rates` rests on: it projects instead of inverting."""
+    q = np.array([first, second, 100.0])
+    along = np.column_stack([*axis_jacobian(rcm_of(kind), q), axis(rcm_of(kind), q)])
+    products = along.T @ along
+    assert np.allclose(products - np.diag(np.diag(products)), 0, atol=1e-12)
+
+
+@given(kinds, seeds, angles, angles, rhos, zeros)
+def test_joint_rates_move_the_marker_as_wanted_where_the_mechanism_is_regular(
+    kind, seed, first, second, rho, zero
+):
+    q = np.array([first, second, rho - zero])
+    lever = abs(np.sin(first)) if kind == SPHERICAL else abs(np.cos(second))
+    assume(lever > 2 * MIN_LEVER)
+    v = random_from(seed).uniform(-50, 50, 3)
+    assert np.allclose(
+        position_jacobian(rcm_of(kind, zero), q) @ joint_rates(rcm_of(kind, zero), q, v),
+        v,
+        atol=1e-8,
+    )
+
+
+@given(kinds, seeds, st.one_of(st.just(0.0), st.floats(-1e-2, 1e-2)), angles, rhos)
+def test_joint_rates_stay_bounded_at_the_singular_pose_and_never_push_more_than_wanted(
+    kind, seed, near, other, rho
+):
+    q = np.array([near, other, rho] if kind == SPHERICAL else [other, np.pi / 2 + near, rho])
+    v = random_from(seed).uniform(-50, 50, 3)
+    rcm = rcm_of(kind)
+    rates = joint_rates(rcm, q, v)
+    assert np.all(np.abs(rates[:2]) <= np.linalg.norm(v) / (MIN_LEVER * rho) * 1.001)
+    assert np.linalg.norm(position_jacobian(rcm, q) @ rates) <= np.linalg.norm(v) * (1 + 1e-9)
+
+
+def test_joint_rates_at_theta_zero_and_at_the_rcm_itself_are_finite_or_nan_never_raised():
+    v = np.array([1.0, 2.0, 3.0])
+    assert np.isfinite(joint_rates(rcm_of(SPHERICAL), np.array([0.0, 0.0, 100.0]), v)).all()
+    assert joint_rates(rcm_of(SPHERICAL), np.zeros(3), v)[2] == 3.0
+
+
+@rcms
+@pytest.mark.parametrize("seed", range(3))
+def test_the_physics_puts_the_reference_point_where_equation_2_says(rcm, seed):
+    q = random_from(seed).uniform(rcm.limits.lower, rcm.limits.upper)
+    arm = SimulatedArm(rcm, Drive())
+    arm.place(q)
+    assert np.allclose(arm.p_true, rcm.position(q), atol=1e-6)
+
+
+@rcms
+def test_methods_take_any_memory_order_and_agree_with_the_functions(rcm):
+    q = np.array([[0.4, 9], [-0.3, 9], [90.0, 9]])[:, 0]  # not contiguous
+    assert np.array_equal(rcm.position(q), position(rcm.rcm(), q.copy()))
+    assert np.array_equal(rcm.jacobian(q), position_jacobian(rcm.rcm(), q.copy()))
+    assert np.allclose(rcm.position(rcm.joints(rcm.position(q))), rcm.position(q))
+
+
+@pytest.mark.parametrize(
+    "bad", [(0.0, 0.0, np.nan), (0.0, 0.0, np.inf), (2.0, 0.0, 50.0), (0.0, 1.0, 50.0)]
+)
+def test_limits_that_are_not_finite_or_not_in_order_are_refused_by_name(bad):
+    with pytest.raises(BadInput, match=r"lower|upper"):
+        JointLimits(lower=bad, upper=(1.0, 1.0, 100.0))
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "unit"),
+    [
+        ((8.0, -3.0, 40.0), (85.0, 3.0, 220.0), "degrees"),
+        ((-1.0, -180.0, 40.0), (1.0, 1.0, 220.0), "degrees"),
+        ((-1.0, -1.0, 40_000.0), (1.0, 1.0, 220_000.0), "µm"),
+        ((-1.0, -1.0, 0.04), (1.0, 1.0, 0.22), "like m"),
+    ],
+)
+def test_limits_of_impossible_size_name_their_likely_unit(lower, upper, unit):
+    with pytest.raises(BadInput, match=rf"(lower|upper) must be .*{unit}"):
+        JointLimits(lower, upper)
+
+
+@pytest.mark.parametrize("zero", [np.nan, np.inf, -40.0, -100.0])
+def test_a_zero_that_would_put_the_marker_at_or_behind_the_rcm_is_refused(zero):
+    with pytest.raises(BadInput):
+        PitchYawRcm(insertion_zero=zero)

@@ -1,0 +1,86 @@
+"""While one marker is lost: what the camera should see goes on from the other, and the pose is as
+uncertain as it says."""
+
+import numpy as np
+import pytest
+
+from conftest import SHAFT, derivative, markers_seen, random_from, tool_positions, true_camera
+from rcmservo.estimation.projection_fit import NEAR, blank, see
+from rcmservo.estimation.projection_prediction import (
+    both_motions,
+    deviation_without,
+    expected,
+    imaged,
+)
+from rcmservo.geometry.tool import second_marker
+from rcmservo.interfaces import Floats
+from rcmservo.numerics.structs import changed
+
+NOISE = 0.3
+EITHER = pytest.mark.parametrize("k", [0, 1])
+
+
+class Hidden:
+    """A fit of 60 frames, and of 60 more in which marker k is lost, on the way to somewhere
+    else."""
+
+    def __init__(self, seed: int, k: int) -> None:
+        self.random, self.k = random_from(seed), k
+        places = tool_positions(self.random, 60, 6.0)
+        self.end = places[-1] + self.random.uniform(-12.0, 12.0, 3)
+        self.C = true_camera(self.random, np.stack([*places, self.end]))
+        self.fit = blank()
+        for p1 in places:
+            see(self.fit.rows[0], p1, self.seen(p1), SHAFT)
+        for p1 in np.linspace(places[-1], self.end, 60):
+            points = self.seen(p1)
+            points[k] = np.nan
+            see(self.fit.rows[0], p1, points, SHAFT)
+
+    def seen(self, p1: Floats) -> Floats:
+        return markers_seen(self.C, p1) + NOISE * self.random.standard_normal((2, 2))
+
+    def mistaken(self) -> float:
+        """mm that the pose is off where the lost marker is put where the fit has it."""
+        H = derivative(lambda p: markers_seen(self.C, p).ravel(), self.end, 1e-2)
+        off = np.zeros((2, 2))
+        seen = expected(self.fit.rows[0], self.end, SHAFT)
+        off[self.k] = seen[self.k] - markers_seen(self.C, self.end)[self.k]
+        return float(np.linalg.norm(np.linalg.pinv(H) @ off.ravel()))
+
+
+@EITHER
+def test_the_deviation_of_the_pose_is_that_of_the_books(k: int) -> None:
+    hidden = Hidden(0, k)
+    row, p1 = hidden.fit.rows[0], hidden.end
+    place = p1 if k == 0 else second_marker(SHAFT, p1)
+    back = np.linalg.pinv(both_motions(row, p1, SHAFT))[:, 2 * k : 2 * k + 2]
+    total = np.trace(back @ imaged(row, place)[1] @ back.T)
+    assert deviation_without(row, p1, k, SHAFT) == pytest.approx(np.sqrt(total))
+
+
+@EITHER
+def test_the_pose_is_mistaken_by_as_much_as_its_deviation_says(k: int) -> None:
+    ratios = []
+    for seed in range(150):
+        hidden = Hidden(seed, k)
+        row = hidden.fit.rows[0]
+        ratios.append(hidden.mistaken() / deviation_without(row, hidden.end, k, SHAFT))
+    assert 0.8 < np.sqrt(np.mean(np.minimum(ratios, 4.0) ** 2)) < 1.25
+    assert np.quantile(ratios, 0.95) < 2.5
+
+
+@EITHER
+def test_a_lost_marker_is_counted_nowhere_and_its_offset_fades(k: int) -> None:
+    hidden, points = Hidden(3, k), np.full((2, 2), np.nan)
+    before = changed(hidden.fit, offset=np.ones((2, 2)))
+    after = changed(before)
+    there = hidden.end + np.array([NEAR, 0.0, 0.0])
+    points[1 - k] = markers_seen(hidden.C, there)[1 - k]
+    see(after.rows[0], there, points, SHAFT)
+    assert after.frames == before.frames + 0.5
+    assert np.array_equal(after.apart[k], before.apart[k])
+    assert np.any(after.apart[1 - k] != before.apart[1 - k])
+    assert after.offset[k] == pytest.approx(np.exp(-1.0))
+    assert after.weight[k] == pytest.approx(before.weight[k] * np.exp(-1.0))
+    assert np.isfinite(after.A).all() and np.isfinite(after.noise)

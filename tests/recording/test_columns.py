@@ -1,0 +1,44 @@
+"""Schema of a tick: each column has as many numbers as parts, with the units of its source."""
+
+import numpy as np
+import pytest
+
+from conftest import laboratory
+from rcmservo.loop.run import run
+from rcmservo.numerics.structs import Field, Part
+from rcmservo.recording.tick_schema import FLAGS, INTEGERS, REALS, WORDS, Column
+from rcmservo.safety.monitor_state import Watch
+from rcmservo.servo.state import Decision, Estimate
+
+COLUMNS = (*INTEGERS, *REALS, *FLAGS)
+PAIRS = [
+    (column, field)
+    for row in (Estimate, Decision, Watch)
+    for field in row.fields
+    if not isinstance(field, Part)
+    for column in COLUMNS
+    if column.name == field.name
+]
+
+
+def units(field: Field) -> list[str]:
+    """Return the unit of each number of a field: one for all, or one for each row."""
+    units_of_rows = (field.unit or "1").split(", ")
+    return np.repeat(units_of_rows, np.prod(field.shape, dtype=int) // len(units_of_rows)).tolist()
+
+
+def test_most_decisions_of_the_servo_are_compared_here() -> None:
+    names = {column.name for column, _ in PAIRS}
+    assert names >= {"o_c", "y", "delta", "ahead", "J_hat", "v", "condition", "latency", "period"}
+
+
+@pytest.mark.parametrize(("column", "field"), PAIRS, ids=lambda one: one.name)
+def test_a_column_has_the_units_of_its_source(column: Column, field: Field) -> None:
+    assert [part.partition("[")[2].rstrip("]") for part in column.parts] == units(field)
+
+
+def test_every_column_has_as_many_numbers_as_parts() -> None:
+    lab = laboratory()
+    (tick,) = run(lab.plant, lab.servo(), lab.target, done=lambda tick: True)
+    for column in (*COLUMNS, *WORDS):
+        assert np.size(column.of(tick)) == len(column.parts), column.name

@@ -1,0 +1,235 @@
+"""A replay reproduces the recorded decisions, or reports where other settings differ."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from replays import NAMES, Disturbed, faults, operator
+from replays import recorded as record_of_a_seed
+
+import rcmservo as rs
+from conftest import CONTROLLERS, ESTIMATORS, TOOLS, first_quick, random_from
+from rcmservo.config.servo_json import describe, rebuild
+from rcmservo.estimation.base import Estimator, Sample
+from rcmservo.interfaces import Floats
+from rcmservo.recording import reader
+from rcmservo.recording.replay import recompute
+from rcmservo.recording.writer import Recorder
+from rcmservo.tracking import PointMarkers
+
+
+@dataclass
+class RecordedLab:
+    """Simulated laboratory that records its runs, one stage after the other."""
+
+    folder: Path
+    seed: int
+    plant: Disturbed
+    rig: Any
+    recorder: Recorder
+
+    def teach(self) -> rs.Target:
+        self.rig.show_target()
+        target = rs.teach(self.plant, frames=5)
+        self.rig.go_home()
+        return target
+
+    def stage(
+        self, servo: rs.Servo, target: rs.Target, seconds: float, state: rs.State | None = None
+    ) -> rs.State:
+        self.recorder.begin(servo, target, state)
+        for tick in rs.run(self.plant, servo, target, seconds, state=state, operator=operator):
+            self.recorder.write(tick)
+        return tick.state
+
+
+@pytest.fixture
+def recorded(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[RecordedLab]:
+    seed = getattr(request, "param", 1)
+    rig = rs.sim.Rig(seed, pictures=False)
+    plant = Disturbed(rig.arm, rig.camera, PointMarkers(), rig.clock)
+    with Recorder(tmp_path / reader.RECORD, {"seed": seed}) as recorder:
+        yield RecordedLab(tmp_path, seed, plant, rig, recorder)
+
+
+def make_servo(**settings: Any) -> rs.Servo:
+    return rs.Servo(
+        **({"mechanism": rs.SphericalRcm(), "tool": rs.RigidTool(spacing=30.0)} | settings)
+    )
+
+
+def phases(folder: Path) -> set[str]:
+    return set(reader.read(folder).phase)
+
+
+@pytest.mark.parametrize("recorded", first_quick(range(6)), indirect=True)
+def test_a_disturbed_run_with_pauses_is_reproduced_bit_for_bit(recorded: RecordedLab) -> None:
+    target = recorded.teach()
+    recorded.plant.change = faults(
+        random_from(recorded.seed), recorded.rig.clock, ("points", "stop")
+    )
+    recorded.stage(make_servo(), target, 6.0)
+    recorded.recorder.close()
+    rerun = recompute(recorded.folder)
+    assert rerun.same and not rerun.open_loop and rerun.differs == {}
+    assert "all 600 ticks" in rerun.words and "bit for bit" in rerun.words
+    assert {"HOLD", "PAUSED", "ACQUIRE"} <= phases(recorded.folder)
+    assert "RESUME" in rerun.then.words["request"]
+
+
+@pytest.mark.parametrize("seed", first_quick(range(20, 28)))
+def test_all_disturbances_are_reproduced(seed: int, tmp_path: Path) -> None:
+    assert recompute(record_of_a_seed(tmp_path, seed, 3.0, NAMES)).same
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("tool", TOOLS)
+def test_every_estimator_and_tool_is_reproduced(
+    estimator: str, tool: str, recorded: RecordedLab
+) -> None:
+    servo = make_servo(
+        estimator=ESTIMATORS[estimator], tool=TOOLS[tool], controller=CONTROLLERS["printed"]
+    )
+    recorded.stage(servo, recorded.teach(), 1.5)
+    recorded.recorder.close()
+    assert recompute(recorded.folder).same
+
+
+def test_later_stages_continue_from_their_recorded_origins(recorded: RecordedLab) -> None:
+    target, servo = recorded.teach(), make_servo()
+    explored = recorded.stage(servo, target, 3.0)
+    moved = recorded.stage(servo, target, 2.0, explored)
+    recorded.stage(servo, recorded.teach(), 2.0, moved)
+    recorded.stage(
+        make_servo(controller=rs.SaturatedController(gain=0.5)), recorded.teach(), 2.0, explored
+    )
+    recorded.recorder.close()
+    rerun = recompute(recorded.folder)
+    assert [stage.origin for stage in rerun.then.stages] == [-1, 0, 1, 0]
+    assert rerun.same
+
+
+def test_a_stage_from_an_unrecorded_state_is_refused(recorded: RecordedLab) -> None:
+    target, servo = recorded.teach(), make_servo()
+    *_, tick = rs.run(recorded.plant, servo, target, 0.5)
+    recorded.stage(servo, target, 0.5, tick.state)
+    recorded.recorder.close()
+    with pytest.raises(rs.UnusableFile, match="not in this record"):
+        recompute(recorded.folder)
+
+
+def test_other_settings_show_the_first_different_decision(
+    recorded: RecordedLab,
+) -> None:
+    recorded.stage(make_servo(), recorded.teach(), 4.0)
+    recorded.recorder.close()
+    rerun = recompute(recorded.folder, make_servo(controller=rs.SaturatedController(gain=0.5)))
+    assert rerun.open_loop and not rerun.same
+    assert rerun.first is not None and rerun.then.phase[rerun.first] == "ACQUIRE"
+    assert "open loop" in rerun.words and "v" in rerun.differs and "o_c" not in rerun.differs
+    np.testing.assert_array_equal(rerun.then.ticks["q"], rerun.now.ticks["q"])
+    late = slice(rerun.first + 50, None)
+    assert np.abs(rerun.now.ticks["v"][late]).mean() < np.abs(rerun.then.ticks["v"][late]).mean()
+
+
+def test_the_recorded_settings_given_explicitly_are_no_other_settings(
+    recorded: RecordedLab,
+) -> None:
+    recorded.stage(make_servo(), recorded.teach(), 1.0)
+    recorded.recorder.close()
+    rerun = recompute(recorded.folder, make_servo())
+    assert rerun.same and not rerun.open_loop
+
+
+def test_one_changed_bit_of_an_observation_is_found(recorded: RecordedLab, tmp_path: Path) -> None:
+    target, servo, ticks = recorded.teach(), make_servo(), []
+    for tick in rs.run(recorded.plant, servo, target, 3.0):
+        ticks.append(tick)
+    observation = ticks[150].seen
+    q = observation.q.copy()
+    q[0] = np.nextafter(q[0], np.inf)
+    ticks[150] = replace(ticks[150], seen=replace(observation, q=q))
+    with Recorder(tmp_path / "changed.mcap", {}) as recorder:
+        recorder.begin(servo, target)
+        for tick in ticks:
+            recorder.write(tick)
+    rerun = recompute(tmp_path / "changed.mcap")
+    assert rerun.first == 150 and "command" in rerun.differs
+
+
+def test_a_truncated_record_is_reproduced_up_to_its_end(recorded: RecordedLab) -> None:
+    recorded.stage(make_servo(), recorded.teach(), 2.0)
+    recorded.recorder.close()
+    path = recorded.folder / reader.RECORD
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    rerun = recompute(path)
+    assert rerun.same and 50 < len(rerun.now.time) < 200
+
+
+@dataclass(frozen=True)
+class ConstantEstimator(Estimator):
+    """User-defined estimator."""
+
+    name = "guess"
+    models = False
+    size: float = 1.0
+
+    def init(self) -> Floats:
+        return np.zeros((3, 3))
+
+    def update(self, memory: Floats, tool: Any, sample: Sample) -> Floats:
+        return memory + self.size * np.eye(3)
+
+    def jacobian(self, memory: Floats, tool: Any, sample: Sample) -> Floats:
+        return memory
+
+
+def test_a_servo_with_a_user_defined_estimator_is_replayed_if_given(recorded: RecordedLab) -> None:
+    servo = make_servo(estimator=ConstantEstimator())
+    recorded.stage(servo, recorded.teach(), 0.5)
+    recorded.recorder.close()
+    with pytest.raises(rs.UnusableFile, match=r"estimator\.kind"):
+        recompute(recorded.folder)
+    assert recompute(recorded.folder, servo).same
+
+
+@pytest.mark.parametrize("mechanism", [rs.SphericalRcm(), rs.PitchYawRcm(insertion_zero=1.0 / 3.0)])
+@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_a_servo_is_rebuilt_from_its_description(
+    mechanism: Any, controller: str, estimator: str
+) -> None:
+    servo = make_servo(
+        mechanism=mechanism,
+        controller=CONTROLLERS[controller],
+        estimator=ESTIMATORS[estimator],
+        gate=rs.Gate(latency=0.1 + 0.2),
+        thresholds=rs.Thresholds(jump=np.nextafter(4.0, 5.0)),
+        rate=125.0,
+    )
+    description = json.loads(json.dumps(describe(servo)))
+    assert rebuild(description) == servo
+
+
+@pytest.mark.parametrize(
+    "box", ["mechanism", "tool", "estimator", "controller", "exploration", "gate", "thresholds"]
+)
+def test_a_invalidthat_lacks_a_setting_is_refused_by_name(box: str) -> None:
+    description = describe(make_servo())
+    description[box].popitem()
+    with pytest.raises(rs.BadInput, match=rf"servo\.{box}"):
+        rebuild(description)
+
+
+@pytest.mark.parametrize("invalid", [None, 3, [], "servo", {}, {"rate": 100.0}])
+def test_an_invalid_invalidis_refused(invalid: Any) -> None:
+    with pytest.raises(rs.BadInput):
+        rebuild(invalid)
+    with pytest.raises(rs.BadInput):
+        rebuild(describe(make_servo()) | {"tool": invalid})
+    with pytest.raises(rs.BadInput):
+        rebuild(describe(make_servo()) | {"rate": invalid})

@@ -1,0 +1,69 @@
+"""The table of causes: graver ones stand first, and each is found by its own detector."""
+
+from itertools import pairwise
+
+import pytest
+
+from conftest import tick_facts
+from rcmservo.numerics.structs import as_row, changed
+from rcmservo.safety.causes import (
+    CAUSES,
+    Action,
+    Cause,
+    Invalidates,
+    graver,
+    gravest,
+    invalidated_by,
+)
+from rcmservo.safety.monitor_state import begin
+from rcmservo.safety.thresholds import Thresholds
+
+WITHOUT_DETECTOR = Cause.NONE, Cause.NOT_FINITE, Cause.ASKED
+"""Causes that gate and state machine raise."""
+
+
+def test_graver_actions_stand_first() -> None:
+    assert all(one.action >= other.action for one, other in pairwise(CAUSES[1:]))
+
+
+def test_every_cause_has_a_detector_of_its_own() -> None:
+    detectors = [cause.declared.detector for cause in Cause if cause not in WITHOUT_DETECTOR]
+    assert None not in detectors and len(set(detectors)) == len(detectors)
+    assert [cause for cause in WITHOUT_DETECTOR if cause.declared.detector] == []
+
+
+@pytest.mark.parametrize("cause", CAUSES[1:])
+def test_of_several_causes_the_gravest_is_named(cause: Cause) -> None:
+    assert gravest(cause.bit | Cause.LATE_TICK.bit) == cause.place
+    assert graver(cause.place, 0) == graver(0, cause.place) == cause.place
+    assert graver(cause.place, Cause.NOT_FINITE.place) == Cause.NOT_FINITE.place
+
+
+@pytest.mark.parametrize(
+    ("cause", "explored", "unexplored"),
+    [
+        (Cause.DRIFTS, Invalidates.ESTIMATE_AND_TARGETS, Invalidates.ESTIMATE_AND_TARGETS),
+        (Cause.DIVERGED, Invalidates.ESTIMATE, Invalidates.ESTIMATE),
+        (Cause.SURPRISED, Invalidates.NOTHING, Invalidates.ESTIMATE_AND_TARGETS),
+        (Cause.SWAPPED, Invalidates.NOTHING, Invalidates.ESTIMATE),
+        (Cause.STALLED, Invalidates.NOTHING, Invalidates.NOTHING),
+    ],
+)
+def test_an_estimate_survives_some_causes(
+    cause: Cause, explored: Invalidates, unexplored: Invalidates
+) -> None:
+    assert invalidated_by(cause.place, True) == explored
+    assert invalidated_by(cause.place, False) == unexplored
+
+
+def test_a_detector_reads_nothing_but_what_it_needs() -> None:
+    limits, late = as_row(Thresholds())[0], changed(begin(), late=Thresholds.late_ticks, gap=1)
+    facts = tick_facts(watch=late, period=1, thresholds=limits)
+    found = [
+        cause
+        for cause in (Cause.OVERRUN, Cause.LATE_TICK, Cause.CLOCK_STOOD)
+        if cause.declared.detector and cause.declared.detector(facts)
+    ]
+    assert found == [Cause.OVERRUN, Cause.LATE_TICK]
+    assert gravest(Cause.OVERRUN.bit | Cause.LATE_TICK.bit) == Cause.OVERRUN.place
+    assert Cause.OVERRUN.action is Action.PAUSE

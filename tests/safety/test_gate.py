@@ -1,0 +1,231 @@
+"""The last gate: whatever comes in, what goes out is finite, bounded, no jump, and stops before the
+joint's limit."""
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from conftest import random_from
+from rcmservo.errors import BadInput
+from rcmservo.geometry.kinematics import JointLimits, PitchYawRcm
+from rcmservo.interfaces import Command
+from rcmservo.safety.gate import Gate
+
+GATE = Gate()
+LIMITS = JointLimits((-1.0, -0.5, 40.0), (1.0, 0.8, 240.0))
+RCM = PitchYawRcm(LIMITS).rcm()
+LOWER, UPPER, SPEED, SLEW = (
+    np.array(x) for x in (LIMITS.lower, LIMITS.upper, GATE.speed, GATE.slew)
+)
+TICK = 10_000_000
+
+anything = st.floats(allow_nan=True, allow_infinity=True)
+any_three = st.tuples(anything, anything, anything).map(np.array)
+shares = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
+within_range = st.tuples(*[st.one_of(st.floats(0, 1), st.sampled_from([0.0, 1.0]))] * 3).map(
+    np.array
+)
+
+
+def command_of(number, time, rates):
+    return Command(number, time, time + 50_000_000, rates, True)
+
+
+def after(last_rates, milliseconds=10):
+    return command_of(7, 1_000_000_000 - milliseconds * 1_000_000, last_rates)
+
+
+def admit(rates, last, q, gate=GATE, now=1_000_000_000):
+    return gate.admit(rates, last, q, RCM, now)
+
+
+@given(any_three, shares, any_three, st.integers(-50, 5000))
+@example(np.full(3, 1e308), np.zeros(3), np.array([0.0, 0.0, 100.0]), 10)
+@example(np.full(3, 1.0), np.zeros(3), np.full(3, -1.7e308), 10)
+@example(np.array([np.nan, 0.0, 0.0]), np.ones(3), np.array([0.0, 0.0, 100.0]), 10)
+def test_any_input_gives_a_finite_command_within_speed_and_slew(rates, share, q, milliseconds):
+    last = share * SPEED
+    passed = admit(rates, after(last, milliseconds), q)
+    allowed = passed.command.rates
+    assert np.isfinite(allowed).all()
+    assert np.all(np.abs(allowed) <= SPEED * (1 + 1e-12))
+    assert passed.command.number == 8 and passed.command.time == 1_000_000_000
+    if passed.finite:
+        dt = min(milliseconds * 1e-3, GATE.max_period)
+        assert np.all(np.abs(allowed - last) <= SLEW * dt * (1 + 1e-9))
+
+
+@given(any_three, any_three, shares)
+def test_what_is_not_finite_stops_at_once_and_says_so(rates, q, share):
+    passed = admit(rates, after(share * SPEED), q)
+    good = np.isfinite(rates).all() and np.isfinite(q).all()
+    assert passed.finite == good
+    if not good:
+        assert not passed.command.rates.any()
+
+
+@pytest.mark.parametrize("milliseconds", [0, -10])
+def test_a_tick_without_time_since_the_last_moves_nothing(milliseconds):
+    passed = admit(np.ones(3), after(np.zeros(3), milliseconds), np.array([0.0, 0.0, 100.0]))
+    assert not passed.command.rates.any() and not passed.finite
+
+
+@given(any_three.filter(lambda x: np.isfinite(x).all()), within_range, st.floats(0, 1e6))
+def test_at_or_beyond_a_limit_a_joint_at_rest_never_starts_outwards(rates, where, beyond):
+    """At the ends of their ranges, or past them, the three joints move inwards or not at all."""
+    q = (
+        LOWER
+        + where * (UPPER - LOWER)
+        + np.where(where == 1.0, beyond, 0.0)
+        - np.where(where == 0.0, beyond, 0.0)
+    )
+    allowed = admit(rates, after(np.zeros(3)), q).command.rates
+    assert np.all(allowed[q >= UPPER] <= 0.0) and np.all(allowed[q <= LOWER] >= 0.0)
+
+
+@given(shares, shares, st.sampled_from([-1.0, 1.0]))
+def test_a_joint_still_moving_outwards_at_its_limit_brakes_as_hard_as_the_slew_allows(
+    wanted, share, side
+):
+    q = UPPER.copy() if side > 0 else LOWER.copy()
+    last = side * np.abs(share) * SPEED
+    allowed = admit(wanted * SPEED, after(last), q).command.rates
+    assert np.all(side * allowed <= np.maximum(np.abs(last) - SLEW * 0.01, 0.0) + 1e-12)
+
+
+def pressed(seed, delay, ticks=300):
+    """Joints (ticks, 3) and rates of an arm at rest anywhere that then follows `delay` ticks late.
+
+    The wishes are as large as can be for 0.6 s, then random.
+    """
+    random = random_from(seed)
+    q, command, pipe = (
+        random.uniform(LOWER, UPPER),
+        command_of(0, 0, np.zeros(3)),
+        [np.zeros(3)] * delay,
+    )
+    wish, way, sent = random.choice([-1e9, 1e9], 3), [], []
+    for k in range(1, ticks + 1):
+        if k % 60 == 0:
+            wish = random.uniform(-2, 2, 3) * SPEED
+        command = GATE.admit(wish, command, q, RCM, k * TICK).command
+        pipe.append(command.rates)
+        q = q + pipe.pop(0) * 0.01
+        way.append(q)
+        sent.append(command.rates)
+    return np.array(way), np.array(sent)
+
+
+def beyond_limits(way):
+    return np.max(np.maximum(way - UPPER, LOWER - way), axis=0)
+
+
+@pytest.mark.parametrize("delay,share", [(0, 0.25), (3, 2.0), (5, 8.0)])
+def test_no_wish_drives_a_joint_visibly_past_its_limit(delay, share):
+    """At once, 30 and 50 ms late: past it by less than so many times what the slew limit gives in
+    one tick."""
+    for seed in range(40):
+        assert np.all(beyond_limits(pressed(seed, delay)[0]) <= share * SLEW * 0.01**2 + 1e-9)
+
+
+@pytest.mark.parametrize("delay", [0, 3, 5])
+def test_no_wish_drives_a_joint_past_its_limit_at_all(delay):
+    """The latency allowed for is 50 ms, so that an arm that follows up to 5 ticks late must stop in
+    time."""
+    assert all(np.all(beyond_limits(pressed(seed, delay)[0]) <= 1e-6) for seed in range(40))
+
+
+def test_pressed_against_a_limit_a_joint_comes_to_rest_without_chattering():
+    q, command, sent = np.array([0.0, 0.0, 200.0]), command_of(0, 0, np.zeros(3)), []
+    for k in range(1, 301):
+        command = GATE.admit(SPEED, command, q, RCM, k * TICK).command
+        q = q + command.rates * 0.01
+        sent.append(command.rates)
+    change = np.diff(np.array(sent)[30:], axis=0)  # it has sped up by then
+    assert np.all(change <= 1e-9)
+
+
+def test_a_joint_can_come_close_to_its_limit():
+    """The gate is no reason to stay away: pushed for 3 s, a joint ends within 1 % of its range from
+    the limit."""
+    q, command = np.array([0.0, 0.0, 200.0]), command_of(0, 0, np.zeros(3))
+    for k in range(1, 301):
+        command = GATE.admit(SPEED, command, q, RCM, k * TICK).command
+        q = q + command.rates * 0.01
+    assert np.all(UPPER - q < 0.01 * (UPPER - LOWER))
+
+
+@given(shares.filter(lambda share: np.abs(share).max() > 1e-3), st.floats(1, 1e6))
+def test_too_fast_a_wish_keeps_its_direction(share, factor):
+    wish, q = share * SPEED, np.array([0.0, 0.0, 140.0])
+    wish = wish / np.max(np.abs(wish) / SPEED)
+    allowed = admit(factor * wish, after(wish), q).command.rates
+    assert np.allclose(allowed, wish)
+
+
+@given(shares)
+def test_a_wish_within_all_bounds_passes_unchanged(share):
+    last = 0.3 * share * SPEED
+    wish = last + 0.5 * share * SLEW * 0.01
+    passed = admit(wish, after(last), np.array([0.0, 0.0, 140.0]))
+    assert passed.finite and np.allclose(passed.command.rates, wish, rtol=1e-12)
+
+
+def test_a_late_tick_allows_no_jump():
+    last = after(np.zeros(3), milliseconds=5000)
+    allowed = admit(SPEED, last, np.array([0.0, 0.0, 140.0])).command.rates
+    assert np.allclose(allowed, np.minimum(SLEW * GATE.max_period, SPEED))
+
+
+@given(shares)
+def test_the_gate_leaves_its_inputs_alone(share):
+    rates, q, last = 2 * share * SPEED, np.array([0.9, 0.0, 50.0]), after(0.5 * share * SPEED)
+    before = rates.copy(), q.copy(), last.rates.copy()
+    admit(rates, last, q)
+    for now, then in zip((rates, q, last.rates), before, strict=True):
+        assert np.array_equal(now, then)
+
+
+def test_at_rest_and_stopped_mean_no_rates_and_the_drive_off():
+    for command in (GATE.rest(), GATE.stop(after(SPEED), 1_000_000_000)):
+        assert not command.rates.any() and not command.enabled
+    assert GATE.rest().number == 0 and GATE.stop(after(SPEED), 1_000_000_000).number == 8
+
+
+@given(any_three, shares, st.floats(0, 1))
+def test_a_share_of_the_speed_bounds_every_new_wish_and_none_at_all_ramps_to_zero(
+    rates, last, share
+):
+    passed = admit_share(rates, after(0.9 * last * share * SPEED), share)
+    assert np.all(np.abs(passed.command.rates) <= share * SPEED * (1 + 1e-12))
+    stopping = [after(last * SPEED)]
+    for k in range(1, 11):
+        q, now = np.array([0.0, 0.0, 140.0]), 1_000_000_000 + (k - 1) * TICK
+        stopping.append(GATE.admit(np.ones(3), stopping[-1], q, RCM, now, 0.0).command)
+    assert not stopping[10].rates.any(), "from full speed it stands still within 100 ms"
+    assert stopping[10].deadline == stopping[10].time + 50_000_000
+
+
+def admit_share(rates, last, share):
+    return GATE.admit(rates, last, np.array([0.0, 0.0, 140.0]), RCM, 1_000_000_000, share)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"speed": (1.0, 1.0)},
+        {"speed": (1.0, 1.0, np.inf)},
+        {"slew": (8.0, 0.0, 500.0)},
+        {"slew": (8.0, np.nan, 500.0)},
+        {"latency": -0.01},
+        {"latency": np.nan},
+        {"max_period": 0.0},
+        {"max_period": np.inf},
+        {"deadline": 0.2},
+        {"deadline": np.nan},
+    ],
+)
+def test_settings_that_cannot_work_are_refused_by_name(wrong):
+    with pytest.raises(BadInput, match=next(iter(wrong))):
+        Gate(**wrong)
