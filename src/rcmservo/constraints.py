@@ -41,14 +41,21 @@ COUNTS = {2: "two", 3: "three"}
 
 @dataclass(frozen=True)
 class Limit:
-    """A condition that a value must meet, as metadata of ``Annotated``."""
+    """A condition that a value must meet, as metadata of ``Annotated``.
+
+    Parameters
+    ----------
+    holds : Callable[[Any], bool]
+        Test of a value of the right kind. NaN fails it.
+    expected : str
+        Words for the values that meet it.
+    hint : Callable[[Any], str]
+        Words that follow, made of the refused value.
+    """
 
     holds: Callable[[Any], bool]
-    """Test of a value of the right kind. NaN fails it."""
     expected: str
-    """Words for the values that meet it."""
     hint: Callable[[Any], str] = field(default=lambda value: "")
-    """Words that follow, made of the refused value."""
 
     def require(self, name: str, value: Any) -> None:
         """Raise ``BadInput`` about the field or argument of a name unless its value meets it."""
@@ -157,10 +164,15 @@ def angles(most: float, first: int, unit: str = "rad") -> Limit:
 
 @dataclass(frozen=True)
 class OneOf(Limit):
-    """The limit to some words, such as the names of a registry, which may grow."""
+    """The limit to some words, such as the names of a registry, which may grow.
+
+    Parameters
+    ----------
+    choices : Collection[str]
+        The words.
+    """
 
     choices: Collection[str] = field(default=(), hash=False)
-    """The words."""
 
 
 def one_of(choices: Collection[str]) -> OneOf:

@@ -24,35 +24,52 @@ Pixels = Annotated[Floats, (2, 2)]
 @dataclass(frozen=True, eq=False)
 class Frame:
     """One exposure of a camera. A camera with images fills `image`; a simulated camera that reports
-    only the markers fills `points`."""
+    only the markers fills `points`.
+
+    Parameters
+    ----------
+    number : int
+        Frame number, which rises from frame to frame.
+    exposure : int
+        Middle of the exposure, ns.
+    arrival : int
+        Time at which the computer received the frame, ns.
+    image : Image or None
+        Image (height, width, 3), uint8, blue-green-red as in OpenCV. None if there is none, or if
+        it arrived damaged.
+    points : Floats or None
+        Markers (2, 2) in px: m1 and m2, NaN if hidden. None for a camera with images.
+    """
 
     number: int
-    """Frame number, which rises from frame to frame."""
     exposure: int
-    """Middle of the exposure, ns."""
     arrival: int
-    """Time at which the computer received the frame, ns."""
     image: Image | None = None
-    """Image (height, width, 3), uint8, blue-green-red as in OpenCV. None if there is none, or if it
-    arrived damaged."""
     points: Floats | None = None
-    """Markers (2, 2) in px: m1 and m2, NaN if hidden. None for a camera with images."""
 
 
 @dataclass(frozen=True, eq=False)
 class Markers:
-    """Markers that a tracker detected in a frame."""
+    """Markers that a tracker detected in a frame.
+
+    Parameters
+    ----------
+    points : Floats
+        Centres (2, 2) in px: row 0 is m1 (nearer the RCM), row 1 is m2 (nearer the tip). NaN for a
+        lost marker, never a guess.
+    radius : Floats
+        Radii (2,) of the imaged markers in px; NaN if unknown.
+    quality : Floats
+        Detection quality (2,) from 0 (lost) to 1.
+    covariance : Floats
+        Covariance (2, 3, 3) in px² of the noise in u, v and radius of each marker; NaN if lost or
+        unknown. Errors that are the same in every frame are not part of it.
+    """
 
     points: Floats
-    """Centres (2, 2) in px: row 0 is m1 (nearer the RCM), row 1 is m2 (nearer the tip). NaN for a
-    lost marker, never a guess."""
     radius: Floats
-    """Radii (2,) of the imaged markers in px; NaN if unknown."""
     quality: Floats
-    """Detection quality (2,) from 0 (lost) to 1."""
     covariance: Floats = field(default_factory=lambda: np.full((2, 3, 3), np.nan))
-    """Covariance (2, 3, 3) in px² of the noise in u, v and radius of each marker; NaN if lost or
-    unknown. Errors that are the same in every frame are not part of it."""
 
 
 class Dropped(IntEnum):
@@ -76,38 +93,56 @@ class Dropped(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Input of the servo at one tick. Times are ns on the plant's clock."""
+    """Input of the servo at one tick. Times are ns on the plant's clock.
+
+    Parameters
+    ----------
+    now : int
+        Time of the observation.
+    q : Three
+        Joint values (3,) in rad, rad, mm that the arm reported last.
+    q_time : int
+        Time at which the arm read them.
+    enabled : bool
+        True while the arm's drive is on.
+    applied : Three
+        Joint rates (3,) in rad/s, rad/s, mm/s that the arm applied of the last command; zeros
+        before the first.
+    frame : int
+        Number of the newest frame used; -1 before the first.
+    exposure : int
+        Middle of that frame's exposure; 0 before the first.
+    arrival : int
+        Time at which the computer received that frame; 0 before the first.
+    q_exposure : Three
+        Joint values (3,) at the exposure; NaN if unknown.
+    points : Pixels
+        Raw markers (2, 2) in px in that frame; NaN if lost.
+    dropped : Dropped
+        Reason for not using the newest frame; NONE if it was used.
+    recorded : bool
+        False once a requested record is no longer written.
+    sizes : Floats
+        Apparent radii (2,) of the markers in px; NaN if lost or unknown.
+    quality : Floats
+        Detection quality (2,) from 0 (lost) to 1; NaN if unknown. It is displayed and recorded; no
+        motion depends on it.
+    """
 
     now: int
-    """Time of the observation."""
     q: Three
-    """Joint values (3,) in rad, rad, mm that the arm reported last."""
     q_time: int
-    """Time at which the arm read them."""
     enabled: bool
-    """True while the arm's drive is on."""
     applied: Three
-    """Joint rates (3,) in rad/s, rad/s, mm/s that the arm applied of the last command; zeros before
-    the first."""
     frame: int
-    """Number of the newest frame used; -1 before the first."""
     exposure: int
-    """Middle of that frame's exposure; 0 before the first."""
     arrival: int
-    """Time at which the computer received that frame; 0 before the first."""
     q_exposure: Three
-    """Joint values (3,) at the exposure; NaN if unknown."""
     points: Pixels
-    """Raw markers (2, 2) in px in that frame; NaN if lost."""
     dropped: Dropped = Dropped.NONE
-    """Reason for not using the newest frame; NONE if it was used."""
     recorded: bool = True
-    """False once a requested record is no longer written."""
     sizes: Floats = field(default_factory=lambda: np.full(2, np.nan))
-    """Apparent radii (2,) of the markers in px; NaN if lost or unknown."""
     quality: Floats = field(default_factory=lambda: np.full(2, np.nan))
-    """Detection quality (2,) from 0 (lost) to 1; NaN if unknown. It is displayed and recorded; no
-    motion depends on it."""
 
 
 if TYPE_CHECKING:
@@ -121,35 +156,53 @@ observed_numbers = struct_reader(Observation, ObservationStruct)
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """Joint rates for the arm. Only the gate makes a command."""
+    """Joint rates for the arm. Only the gate makes a command.
+
+    Parameters
+    ----------
+    number : int
+        Command number, which rises from command to command.
+    time : int
+        Time of its tick, ns.
+    deadline : int
+        Time (ns) after which the command is void. An arm without a newer command then stops and
+        disables its drive.
+    rates : Three
+        Joint rates (3,) in rad/s, rad/s, mm/s.
+    enabled : bool
+        False disables the arm's drive at once.
+    """
 
     number: int
-    """Command number, which rises from command to command."""
     time: int
-    """Time of its tick, ns."""
     deadline: int
-    """Time (ns) after which the command is void. An arm without a newer command then stops and
-    disables its drive."""
     rates: Three
-    """Joint rates (3,) in rad/s, rad/s, mm/s."""
     enabled: bool
-    """False disables the arm's drive at once."""
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Taught pose. The servo computes y_d from it about its present estimate of the imaged RCM."""
+    """Taught pose. The servo computes y_d from it about its present estimate of the imaged RCM.
+
+    Parameters
+    ----------
+    points : Floats
+        Raw markers (2, 2) in px.
+    q : Floats
+        Joint values (3,) in rad, rad, mm during teaching; NaN if unknown. No motion is computed
+        from them. The servo compares them to detect a pose that only looks like the target, and
+        stops.
+    shown : int
+        Time at which teaching began, ns on the plant's clock (0: before all known times). The servo
+        refuses a target that was taught before the camera was moved.
+    sizes : Floats
+        Apparent radii (2,) of the markers in px during teaching; NaN if unknown.
+    """
 
     points: Floats
-    """Raw markers (2, 2) in px."""
     q: Floats
-    """Joint values (3,) in rad, rad, mm during teaching; NaN if unknown. No motion is computed from
-    them. The servo compares them to detect a pose that only looks like the target, and stops."""
     shown: int = 0
-    """Time at which teaching began, ns on the plant's clock (0: before all known times). The servo
-    refuses a target that was taught before the camera was moved."""
     sizes: Floats = field(default_factory=lambda: np.full(2, np.nan))
-    """Apparent radii (2,) of the markers in px during teaching; NaN if unknown."""
 
 
 class Clock(Protocol):
@@ -169,14 +222,21 @@ class Clock(Protocol):
 
 
 class Measured(NamedTuple):
-    """State of an arm that it reported last."""
+    """State of an arm that it reported last.
+
+    Parameters
+    ----------
+    time : int
+        Time at which the joints were read, ns on the plant's clock.
+    q : Floats
+        Joint values (3,) in rad, rad, mm.
+    enabled : bool
+        True while the drive is on.
+    """
 
     time: int
-    """Time at which the joints were read, ns on the plant's clock."""
     q: Floats
-    """Joint values (3,) in rad, rad, mm."""
     enabled: bool
-    """True while the drive is on."""
 
 
 class Arm(Protocol):

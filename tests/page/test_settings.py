@@ -13,7 +13,7 @@ from boards import board_at
 
 import rcmservo as rs
 from conftest import laboratory
-from rcmservo.config.field_docs import words_of
+from rcmservo.config.field_docs import describe_field
 from rcmservo.config.servo_json import describe
 from rcmservo.errors import BadInput
 from rcmservo.live.reduced_speed import cautious
@@ -231,7 +231,8 @@ def test_every_field_of_a_form_has_its_words_and_its_unit() -> None:
     units = {name: field["unit"] for name, field in law.items() if field["unit"]}
     assert units == {"gain": "1/s", "bounds": "rad, px, px", "max_speed": "mm/s", "tip": "mm"}
     assert law["features"]["choices"] == ["srd", "points", "size"] and law["gain"]["default"] == 8.0
-    assert words_of(rs.SaturatedController, "tip") == "How far the tip is beyond marker 2, mm."
+    described = describe_field(rs.SaturatedController, "tip")
+    assert described == "How far the tip is beyond marker 2, mm."
 
 
 def test_the_estimators_standing_is_told_in_words() -> None:

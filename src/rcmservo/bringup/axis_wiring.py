@@ -19,14 +19,21 @@ MIN_LEVER_MM = 1.0
 
 @dataclass(frozen=True)
 class Wiring:
-    """Motors and encoders in a rig file. An arm that reports rad and mm has counts of 1 and -1."""
+    """Motors and encoders in a rig file. An arm that reports rad and mm has counts of 1 and -1.
+
+    Parameters
+    ----------
+    counts : tuple[float, float, float]
+        Counts per rad, rad and mm of the joints, negative where they fall as one rises.
+    key : str
+        Name of this setting in the section of the arm.
+    axes : str
+        Letters of the axes that drive the joints, `axes` in the section; empty if it has none.
+    """
 
     counts: tuple[float, float, float]
-    """Counts per rad, rad and mm of the joints, negative where they fall as one rises."""
     key: str = "counts"
-    """Name of this setting in the section of the arm."""
     axes: str = ""
-    """Letters of the axes that drive the joints, `axes` in the section; empty if it has none."""
 
     @property
     def steps(self) -> Floats:
@@ -53,14 +60,21 @@ class Wiring:
 
 @dataclass(frozen=True)
 class Robot:
-    """The arm as a rig file describes it."""
+    """The arm as a rig file describes it.
+
+    Parameters
+    ----------
+    mechanism : Kinematics
+        Its kinematics.
+    tool : Tool
+        Positions of the markers on the tool.
+    wiring : Wiring
+        Its motors and encoders.
+    """
 
     mechanism: Kinematics
-    """Its kinematics."""
     tool: Tool
-    """Positions of the markers on the tool."""
     wiring: Wiring
-    """Its motors and encoders."""
 
     def joint_per_mm(self, q: Floats) -> Floats:
         """Return the motion (3,) of each joint, rad or mm, that moves marker 2 by one mm at the

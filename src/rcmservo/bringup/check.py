@@ -44,28 +44,42 @@ LIMIT_MARGIN_MM = 3.0
 
 @dataclass
 class CheckReport:
-    """Findings and measurements of a check."""
+    """Findings and measurements of a check.
+
+    Parameters
+    ----------
+    findings : list[Finding]
+        All mismatches.
+    q : Floats or None
+        The joints (3,) at first.
+    arm : Cadence or None
+        Answers of the arm.
+    camera : Cadence or None
+        Exposures of the camera.
+    rest : StillView or None
+        Joints and markers at first.
+    latency : CameraLatency or None
+        Latency of the camera.
+    lag : float
+        Lag (s) of the drives; 0 if it was not measured.
+    undecided : list[str]
+        Hypotheses that only the operator distinguished, in words.
+    unclear : list[str]
+        Errors that the picture does not show, in words.
+    done : bool
+        True if the check came to its end.
+    """
 
     findings: list[Finding] = field(default_factory=list[Finding])
-    """All mismatches."""
     q: Floats | None = None
-    """The joints (3,) at first."""
     arm: Cadence | None = None
-    """Answers of the arm."""
     camera: Cadence | None = None
-    """Exposures of the camera."""
     rest: StillView | None = None
-    """Joints and markers at first."""
     latency: CameraLatency | None = None
-    """Latency of the camera."""
     lag: float = 0.0
-    """Lag (s) of the drives; 0 if it was not measured."""
     undecided: list[str] = field(default_factory=list[str])
-    """Hypotheses that only the operator distinguished, in words."""
     unclear: list[str] = field(default_factory=list[str])
-    """Errors that the picture does not show, in words."""
     done: bool = False
-    """True if the check came to its end."""
 
     @property
     def ok(self) -> bool:

@@ -7,18 +7,27 @@ from rcmservo.errors import RcmServoError
 
 @dataclass(frozen=True)
 class Finding:
-    """A mismatch between the rig file, the devices and the picture."""
+    """A mismatch between the rig file, the devices and the picture.
+
+    Parameters
+    ----------
+    what : str
+        The mismatch in a few words.
+    where : str
+        The setting, such as arm.counts[1], or the device.
+    found : str
+        The present value, or the observation.
+    expected : str
+        The value that it would have to be.
+    line : str
+        The line of the rig file that corrects it; empty where none does.
+    """
 
     what: str
-    """The mismatch in a few words."""
     where: str
-    """The setting, such as arm.counts[1], or the device."""
     found: str
-    """The present value, or the observation."""
     expected: str
-    """The value that it would have to be."""
     line: str = ""
-    """The line of the rig file that corrects it; empty where none does."""
 
 
 class CheckAborted(RcmServoError):

@@ -49,22 +49,33 @@ MAX_MEAN_SQUARE = 4.0
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A possible mistake in the rig file, or none."""
+    """A possible mistake in the rig file, or none.
+
+    Parameters
+    ----------
+    order : Order
+        The joints of the file whose axes drive joints 1, 2 and 3.
+    reversed : tuple[bool, bool, bool]
+        Joints that run in the other direction.
+    mirrored : bool
+        True if the picture is mirrored.
+    number : int or None
+        Index of the number of the arm to correct: counts of joint 1, 2, 3, `ZERO` or `SPACING`.
+    size : float
+        Its correction: the logarithm of a factor, or mm of the zero.
+    deviation : float
+        Standard deviation of that size, where it was fitted.
+    misfit : float
+        Sum of the squared residuals in standard deviations, where it was fitted.
+    """
 
     order: Order = (0, 1, 2)
-    """The joints of the file whose axes drive joints 1, 2 and 3."""
     reversed: tuple[bool, bool, bool] = (False, False, False)
-    """Joints that run in the other direction."""
     mirrored: bool = False
-    """True if the picture is mirrored."""
     number: int | None = None
-    """Index of the number of the arm to correct: counts of joint 1, 2, 3, `ZERO` or `SPACING`."""
     size: float = 0.0
-    """Its correction: the logarithm of a factor, or mm of the zero."""
     deviation: float = field(default=0.0, compare=False)
-    """Standard deviation of that size, where it was fitted."""
     misfit: float = field(default=0.0, compare=False)
-    """Sum of the squared residuals in standard deviations, where it was fitted."""
 
     @property
     def corrects_counts(self) -> bool:

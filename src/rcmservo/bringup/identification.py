@@ -56,14 +56,21 @@ MAX_RESIDUAL_PX = 1e3
 
 @dataclass(frozen=True, eq=False)
 class LeastSquaresFit:
-    """Solution of a nonlinear least-squares problem."""
+    """Solution of a nonlinear least-squares problem.
+
+    Parameters
+    ----------
+    x : Floats
+        The unknowns (n,).
+    covariance : Floats
+        Their covariance (n, n) if the residuals are in standard deviations.
+    misfit : float
+        Sum of the squared residuals.
+    """
 
     x: Floats
-    """The unknowns (n,)."""
     covariance: Floats
-    """Their covariance (n, n) if the residuals are in standard deviations."""
     misfit: float
-    """Sum of the squared residuals."""
 
 
 def fit_residuals(residuals: Callable[[Floats], Floats], x: Floats) -> LeastSquaresFit:
@@ -97,16 +104,24 @@ def fit_residuals(residuals: Callable[[Floats], Floats], x: Floats) -> LeastSqua
 
 @dataclass(frozen=True, eq=False)
 class MarkerViews:
-    """Joints and markers at several poses, at rest."""
+    """Joints and markers at several poses, at rest.
+
+    Parameters
+    ----------
+    q : Floats
+        The measured joints (n, 3) in rad, rad, mm.
+    points : Floats
+        The markers (n, 2, 2) px, each the mean over many frames.
+    noise : Floats
+        Standard deviations (n,) of these means, px.
+    size : tuple[int, int]
+        Width and height of the picture, px.
+    """
 
     q: Floats
-    """The measured joints (n, 3) in rad, rad, mm."""
     points: Floats
-    """The markers (n, 2, 2) px, each the mean over many frames."""
     noise: Floats
-    """Standard deviations (n,) of these means, px."""
     size: tuple[int, int]
-    """Width and height of the picture, px."""
 
     def mirrored(self) -> "MarkerViews":
         """Return the same poses in a mirrored picture."""
@@ -176,18 +191,27 @@ def identify(
 
 @dataclass(frozen=True, eq=False)
 class _Camera:
-    """The camera at which a search begins."""
+    """The camera at which a search begins.
+
+    Parameters
+    ----------
+    rotation : Floats
+        R (3, 3).
+    centre : Floats
+        P₀ (3,) mm, the mean of all markers.
+    pixel : Floats
+        Picture (2,) px of P₀.
+    scale : float
+        Size of the picture of P₀ in px per mm.
+    size : Floats
+        Width and height (2,) px of the picture.
+    """
 
     rotation: Floats
-    """R (3, 3)."""
     centre: Floats
-    """P₀ (3,) mm, the mean of all markers."""
     pixel: Floats
-    """Picture (2,) px of P₀."""
     scale: float
-    """Size of the picture of P₀ in px per mm."""
     size: Floats
-    """Width and height (2,) px of the picture."""
 
     @classmethod
     def about(cls, markers: Floats, views: MarkerViews) -> "_Camera":

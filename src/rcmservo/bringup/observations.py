@@ -9,18 +9,27 @@ from rcmservo.interfaces import Floats
 
 @dataclass(frozen=True, eq=False)
 class StillView:
-    """Joints and markers at one pose, at rest."""
+    """Joints and markers at one pose, at rest.
+
+    Parameters
+    ----------
+    q : Floats
+        The measured joints (3,), the mean.
+    points : Floats
+        The markers (2, 2) px, the mean over frames.
+    noise : float
+        Standard deviation of a coordinate in one frame, px.
+    frames : int
+        Frames with both markers.
+    missed : int
+        Frames without.
+    """
 
     q: Floats
-    """The measured joints (3,), the mean."""
     points: Floats
-    """The markers (2, 2) px, the mean over frames."""
     noise: float
-    """Standard deviation of a coordinate in one frame, px."""
     frames: int
-    """Frames with both markers."""
     missed: int
-    """Frames without."""
 
     @property
     def mean_noise(self) -> float:
@@ -30,12 +39,18 @@ class StillView:
 
 @dataclass(frozen=True, eq=False)
 class PixelBound:
-    """Bound on the motion of the markers in the picture, beyond which the joint turns back."""
+    """Bound on the motion of the markers in the picture, beyond which the joint turns back.
+
+    Parameters
+    ----------
+    home : Floats
+        The markers (2, 2) px from which it counts.
+    px : float
+        Largest distance from there.
+    """
 
     home: Floats
-    """The markers (2, 2) px from which it counts."""
     px: float
-    """Largest distance from there."""
 
     def is_left(self, points: Floats) -> bool:
         """Return whether a visible marker (2, 2) is further away."""
@@ -44,11 +59,17 @@ class PixelBound:
 
 @dataclass(eq=False)
 class MotionTrace:
-    """All answers and frames of one motion."""
+    """All answers and frames of one motion.
+
+    Parameters
+    ----------
+    answers : list[tuple[int, Floats, Floats]]
+        Time of a measurement (ns), joints (3,), and the rates (3,) applied before.
+    frames : list[tuple[int, int, Floats]]
+        Exposure and arrival of a frame (ns), and its markers (2, 2) px.
+    """
 
     answers: list[tuple[int, Floats, Floats]] = field(
         default_factory=list[tuple[int, Floats, Floats]]
     )
-    """Time of a measurement (ns), joints (3,), and the rates (3,) applied before."""
     frames: list[tuple[int, int, Floats]] = field(default_factory=list[tuple[int, int, Floats]])
-    """Exposure and arrival of a frame (ns), and its markers (2, 2) px."""

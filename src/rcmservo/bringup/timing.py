@@ -30,26 +30,40 @@ LAG_TOLERANCE = 0.01
 
 @dataclass(frozen=True)
 class Cadence:
-    """Rate and evenness of a sequence of events."""
+    """Rate and evenness of a sequence of events.
+
+    Parameters
+    ----------
+    rate : float
+        1/s.
+    jitter : float
+        Standard deviation of the time from one to the next, s.
+    """
 
     rate: float
-    """1/s."""
     jitter: float
-    """Standard deviation of the time from one to the next, s."""
 
 
 @dataclass(frozen=True)
 class CameraLatency:
-    """Delay of frames, from the middle of an exposure to the arrival."""
+    """Delay of frames, from the middle of an exposure to the arrival.
+
+    Parameters
+    ----------
+    latency : float
+        Delay (s) identified from the motion.
+    reported : float
+        Delay (s) that the frames themselves report.
+    deviation : float
+        Standard deviation of the first, s.
+    jitter : float
+        Standard deviation of the reported delays, s.
+    """
 
     latency: float
-    """Delay (s) identified from the motion."""
     reported: float
-    """Delay (s) that the frames themselves report."""
     deviation: float
-    """Standard deviation of the first, s."""
     jitter: float
-    """Standard deviation of the reported delays, s."""
 
 
 def cadence(times: list[int]) -> Cadence:

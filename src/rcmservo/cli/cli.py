@@ -19,13 +19,19 @@ INDENT = 11
 
 
 class CommandEntry(NamedTuple):
-    """A command that is not imported yet."""
+    """A command that is not imported yet.
+
+    Parameters
+    ----------
+    place : str
+        Module below rcmservo.cli and its function that does it, as module:function. The dataclass
+        of the function's `options` is the only list of the command's options.
+    summary : str
+        One line for the list of commands.
+    """
 
     place: str
-    """Module below rcmservo.cli and its function that does it, as module:function. The dataclass of
-    the function's `options` is the only list of the command's options."""
     summary: str
-    """One line for the list of commands."""
 
     def load(self) -> tuple[type[Any], Callable[[Any], int]]:
         """Import the command: its options, and what it does."""

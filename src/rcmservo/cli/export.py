@@ -37,12 +37,18 @@ BLOCK = 1000
 @dataclass(frozen=True)
 class ExportOptions:
     """Write a recorded run as CSV and NumPy arrays and, if it holds frames, as a recording that
-    `replay` reads."""
+    `replay` reads.
+
+    Parameters
+    ----------
+    record : Path
+        A run's folder, or an .mcap file.
+    out : Path or None
+        Folder to write to, new or empty; by default a new one under runs/.
+    """
 
     record: Annotated[Path, tyro.conf.Positional]
-    """A run's folder, or an .mcap file."""
     out: Path | None = None
-    """Folder to write to, new or empty; by default a new one under runs/."""
 
 
 def export(options: ExportOptions) -> int:
@@ -60,16 +66,24 @@ def export(options: ExportOptions) -> int:
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written."""
+    """What was written.
+
+    Parameters
+    ----------
+    ticks : int
+        Rows of ticks.csv.
+    frames : int
+        Pictures in recording/.
+    left_out : int
+        Frames of the record that are not among them: no tick tells the joints at their exposures.
+    missing : str
+        What of the record could not be read, in words; empty where nothing is missing.
+    """
 
     ticks: int
-    """Rows of ticks.csv."""
     frames: int
-    """Pictures in recording/."""
     left_out: int
-    """Frames of the record that are not among them: no tick tells the joints at their exposures."""
     missing: str
-    """What of the record could not be read, in words; empty where nothing is missing."""
 
 
 def write(path: Path, folder: Path) -> Exported:

@@ -25,19 +25,28 @@ DURATION = Limit(lambda s: 1.0 < s <= 3600.0, "more than 1 and at most 3600 s")
 
 @dataclass(frozen=True, kw_only=True)
 class LabOptions(ServoOptions):
-    """Options of `run`, `live` and `serve`."""
+    """Options of `run`, `live` and `serve`.
+
+    Parameters
+    ----------
+    seed : int
+        Draws camera, start, target and noise.
+    estimator : EstimatorName
+        The estimator of the Jacobian: one of those below, or your own.
+    rig : Path or None
+        TOML file with your own mechanism, tool, markers, camera and scene; live and serve take your
+        own devices too.
+    teaching_frames : int
+        Frames that a target is the mean of: 300 are 5 s at 60 frames/s.
+    out : Path or None
+        Folder to write to, new or empty; by default a new one under runs/.
+    """
 
     seed: Annotated[int, SEED] = 0
-    """Draws camera, start, target and noise."""
     estimator: EstimatorName = "dlt"
-    """The estimator of the Jacobian: one of those below, or your own."""
     rig: Path | None = None
-    """TOML file with your own mechanism, tool, markers, camera and scene; live and serve take your
-    own devices too."""
     teaching_frames: Annotated[int, FRAMES] = TEACHING_FRAMES
-    """Frames that a target is the mean of: 300 are 5 s at 60 frames/s."""
     out: Path | None = None
-    """Folder to write to, new or empty; by default a new one under runs/."""
 
     @cached_property
     def _rig_bytes(self) -> bytes:
@@ -77,33 +86,49 @@ class LabOptions(ServoOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class RunToTargetOptions(LabOptions):
-    """Options of `run` and `live`, which servo to one target."""
+    """Options of `run` and `live`, which servo to one target.
+
+    Parameters
+    ----------
+    duration : float
+        Length of the run, s.
+    target : Path or None
+        File with the target, as --save-target wrote it; by default the target is shown first.
+    save_target : Path or None
+        New file to keep the target in that was shown.
+    json : bool
+        Print one JSON object and nothing else.
+    """
 
     duration: Annotated[float, DURATION] = 30.0
-    """Length of the run, s."""
     target: Path | None = None
-    """File with the target, as --save-target wrote it; by default the target is shown first."""
     save_target: Path | None = None
-    """New file to keep the target in that was shown."""
     json: bool = False
-    """Print one JSON object and nothing else."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions(RunToTargetOptions):
     """Servo a simulated arm to a target that it was shown once, with a camera that nobody has
-    calibrated."""
+    calibrated.
+
+    Parameters
+    ----------
+    video : bool
+        Write the overlay video.
+    frames : bool
+        Keep all frames in the record, for `export`.
+    disturb : tyro.conf.UseAppendAction[tuple[str, ...]]
+        What goes wrong, as kind:at=5,for=0.5,key=value; may be given several times. --disturb help
+        lists all kinds.
+    resumes : int
+        How often a scripted person resumes after a pause, or shows the target again where that is
+        needed.
+    """
 
     video: bool = True
-    """Write the overlay video."""
     frames: bool = False
-    """Keep all frames in the record, for `export`."""
     disturb: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """What goes wrong, as kind:at=5,for=0.5,key=value; may be given several times. --disturb help
-    lists all kinds."""
     resumes: Annotated[int, between(0, 1000, "a whole number")] = 0
-    """How often a scripted person resumes after a pause, or shows the target again where that is
-    needed."""
 
     @cached_property
     def disturbances(self) -> "tuple[Disturbance, ...]":

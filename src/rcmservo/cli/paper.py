@@ -32,18 +32,26 @@ VERDICTS = ("holds", "holds with a remark", "does not hold")
 @dataclass(frozen=True)
 class PaperOptions(EstimatorOptions):
     """Run every experiment of the paper in simulation, and write one report that judges its
-    claims."""
+    claims.
+
+    Parameters
+    ----------
+    out : Path or None
+        Folder to write to: new or empty, or that of an earlier run, which then goes on where it
+        stopped. By default a new one under runs/.
+    quick : bool
+        A reduced set: few seeds, a camera that delivers points, one run on rendered frames. One or
+        two runs of a thing give numbers, but no verdict.
+    only : str or None
+        One experiment by its name.
+    estimator : OptionalEstimator
+        A user's own estimator, as module:class, to stand beside the others in `baselines`.
+    """
 
     out: Path | None = None
-    """Folder to write to: new or empty, or that of an earlier run, which then goes on where it
-    stopped. By default a new one under runs/."""
     quick: bool = False
-    """A reduced set: few seeds, a camera that delivers points, one run on rendered frames. One or
-    two runs of a thing give numbers, but no verdict."""
     only: str | None = None
-    """One experiment by its name."""
     estimator: OptionalEstimator = None
-    """A user's own estimator, as module:class, to stand beside the others in `baselines`."""
 
 
 def paper(options: PaperOptions) -> int:

@@ -41,20 +41,27 @@ class ReplayOptions(ServoOptions):
 
     Of a recorded run, compute every decision again instead, with its own settings but for those
     given here: are they the same, bit for bit, and if not, where do they differ?
+
+    Parameters
+    ----------
+    path : Path
+        Folder with frames/ and poses.csv, or a run's folder or .mcap file.
+    estimator : OptionalEstimator
+        Of a run: another estimator than the recorded one. Of a recording all are scored.
+    rig : Path or None
+        TOML file that describes the recorded arm: mechanism, tool and markers. By default the
+        built-in one.
+    out : Path or None
+        Folder to write replay.json and centres.csv to, new or empty; by default nothing is written.
+    json : bool
+        Print one JSON object on stdout and nothing else.
     """
 
     path: Annotated[Path, tyro.conf.Positional]
-    """Folder with frames/ and poses.csv, or a run's folder or .mcap file."""
     estimator: OptionalEstimator = None
-    """Of a run: another estimator than the recorded one. Of a recording all are scored."""
     rig: Path | None = None
-    """TOML file that describes the recorded arm: mechanism, tool and markers. By default the
-    built-in one."""
     out: Path | None = None
-    """Folder to write replay.json and centres.csv to, new or empty; by default nothing is
-    written."""
     json: bool = False
-    """Print one JSON object on stdout and nothing else."""
 
 
 def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:

@@ -41,12 +41,18 @@ LOOKS = {
 @dataclass(frozen=True)
 class ShowOptions:
     """Tell what happened in a recorded run: a summary, a timeline of phases and causes, and
-    figures."""
+    figures.
+
+    Parameters
+    ----------
+    record : Path
+        A run's folder, or an .mcap file.
+    out : Path or None
+        Folder to write the figures to, new or empty; by default a new one under runs/.
+    """
 
     record: Annotated[Path, tyro.conf.Positional]
-    """A run's folder, or an .mcap file."""
     out: Path | None = None
-    """Folder to write the figures to, new or empty; by default a new one under runs/."""
 
 
 def show(options: ShowOptions) -> int:

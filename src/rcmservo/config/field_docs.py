@@ -1,8 +1,7 @@
-"""The explanations under the fields of settings, for the command line's help and the page."""
+"""Descriptions of settings in their classes' Parameters sections, for options, help and page."""
 
-import ast
 import inspect
-import textwrap
+import re
 from collections.abc import Mapping
 from dataclasses import is_dataclass
 from functools import cache
@@ -10,9 +9,18 @@ from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 
 from rcmservo.constraints import OneOf
 
+PARAMETERS = re.compile(r"^Parameters\n-+\n(.*?)(?=\n\n\S|\Z)", re.DOTALL | re.MULTILINE)
+"""Parameters section of a numpydoc docstring."""
 
-def words_of(kind: type[Any], name: str) -> str:
-    """Return the docstring of a field of a dataclass, with a sentence on each of its choices."""
+SECTION = re.compile(r"\n\n[A-Z]\w+(?: \w+)?\n-+\n")
+"""Head of a section of a numpydoc docstring."""
+
+ENTRY = re.compile(r"^(\w+) :[^\n]*\n((?: +[^\n]+(?:\n|\Z))+)", re.MULTILINE)
+"""One parameter: its name, and the indented lines that describe it."""
+
+
+def describe_field(kind: type[Any], name: str) -> str:
+    """Return the description of a field of a dataclass, with a sentence on each of its choices."""
     hint = get_type_hints(kind, include_extras=True)[name]
     limits = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
     choices = [one.choices for one in limits if isinstance(one, OneOf)]
@@ -22,34 +30,32 @@ def words_of(kind: type[Any], name: str) -> str:
         if isinstance(registry, Mapping)
         for choice, value in cast(Mapping[str, Any], registry).items()
     ]
-    return " ".join((docstrings(kind).get(name, ""), *described))
+    return " ".join((parameter_descriptions(kind).get(name, ""), *described))
 
 
 def first_sentence(kind: type[Any]) -> str:
     """Return the first sentence of a class's docstring, without its full stop."""
-    words = " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
-    return words.partition(". ")[0].rstrip(".")
+    return " ".join(describe_class(kind).split("\n\n")[0].split()).partition(". ")[0].rstrip(".")
+
+
+def describe_class(kind: type[Any]) -> str:
+    """Return the paragraphs of a class's docstring that stand before its sections."""
+    return SECTION.split(inspect.getdoc(kind) or "")[0]
 
 
 @cache
-def docstrings(kind: type[Any]) -> dict[str, str]:
-    """The docstring below each field of a dataclass, on one line; of those that it inherits too."""
+def parameter_descriptions(kind: type[Any]) -> dict[str, str]:
+    """Return the descriptions in the Parameters sections of a dataclass and its parents, each on
+    one line."""
     found: dict[str, str] = {}
     for parent in reversed(kind.__mro__):
         if is_dataclass(parent):
-            found |= _own_docstrings(cast(type[Any], parent))
+            found |= _described_parameters(inspect.cleandoc(parent.__doc__ or ""))
     return found
 
 
-def _own_docstrings(kind: type[Any]) -> dict[str, str]:
-    """Those that stand in the class itself."""
-    body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
-    assert isinstance(body, ast.ClassDef)
-    found: dict[str, str] = {}
-    for field, below in zip(body.body, body.body[1:], strict=False):
-        match field, below:
-            case ast.AnnAssign(target=ast.Name(name)), ast.Expr(ast.Constant(str(words))):
-                found[name] = " ".join(words.split())
-            case _:
-                """No field with a docstring."""
-    return found
+def _described_parameters(docstring: str) -> dict[str, str]:
+    """Return the descriptions in the Parameters section of a docstring."""
+    section = PARAMETERS.search(docstring)
+    entries = ENTRY.findall(section[1]) if section else []
+    return {name: " ".join(words.split()) for name, words in entries}

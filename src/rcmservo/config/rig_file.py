@@ -42,22 +42,33 @@ def default_markers() -> MarkerLook:
 @dataclass(frozen=True)
 class Lab:
     """A laboratory: the robot's knowledge of itself, how its markers look, and the sections for a
-    simulation of it."""
+    simulation of it.
+
+    Parameters
+    ----------
+    mechanism : Kinematics
+        The arm's kinematics.
+    tool : Tool
+        Where the markers are on the tool.
+    markers : MarkerLook
+        What the markers look like, so that they are found in pictures.
+    gate : Gate
+        Bounds on every command.
+    thresholds : Thresholds
+        From where on something is a fault.
+    devices : Tables
+        Those of DEVICE_SECTIONS that the file has, as they are written; `device` reads them.
+    simulation : Tables
+        Those of SIMULATION_SECTIONS that the file has, as they are written; `section` reads them.
+    """
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
-    """The arm's kinematics."""
     tool: Tool = field(default_factory=lambda: RigidTool(spacing=30.0))
-    """Where the markers are on the tool."""
     markers: MarkerLook = field(default_factory=default_markers)
-    """What the markers look like, so that they are found in pictures."""
     gate: Gate = field(default_factory=Gate)
-    """Bounds on every command."""
     thresholds: Thresholds = field(default_factory=Thresholds)
-    """From where on something is a fault."""
     devices: Tables = field(default_factory=dict[str, texts.Table])
-    """Those of DEVICE_SECTIONS that the file has, as they are written; `device` reads them."""
     simulation: Tables = field(default_factory=dict[str, texts.Table])
-    """Those of SIMULATION_SECTIONS that the file has, as they are written; `section` reads them."""
 
     def servo(self, **parts: Any) -> Servo:
         """A servo of this laboratory with these METHOD_PARTS; those left out are the default

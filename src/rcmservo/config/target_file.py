@@ -34,39 +34,59 @@ TAUGHT = "%Y-%m-%dT%H:%M:%SZ"
 
 @dataclass(frozen=True)
 class Setup:
-    """What a target is bound to."""
+    """What a target is bound to.
+
+    Parameters
+    ----------
+    camera : str
+        Names the camera in its place. A place that it is brought to anew has another name.
+    width : int
+        Of its picture, px.
+    height : int
+        Of its picture, px.
+    mechanism : Kinematics
+        The kinematics of the arm that holds the tool.
+    tool : Tool
+        Where the markers are on the tool.
+    markers : MarkerLook
+        What the markers look like.
+    slack : float
+        Share of a joint's range by which it may stand beyond its limit. A target is not bound to
+        it.
+    """
 
     camera: str
-    """Names the camera in its place. A place that it is brought to anew has another name."""
     width: int
-    """Of its picture, px."""
     height: int
-    """Of its picture, px."""
     mechanism: Kinematics
-    """The kinematics of the arm that holds the tool."""
     tool: Tool
-    """Where the markers are on the tool."""
     markers: MarkerLook
-    """What the markers look like."""
     slack: float = Thresholds.slack
-    """Share of a joint's range by which it may stand beyond its limit. A target is not bound to
-    it."""
 
 
 @dataclass(frozen=True)
 class Content:
-    """What a file holds beside its format and checksum."""
+    """What a file holds beside its format and checksum.
+
+    Parameters
+    ----------
+    taught : str
+        When the file was written, in UTC: a time like 2026-11-21T11:30:00Z.
+    markers_px : tuple[tuple[float, float], tuple[float, float]]
+        (u, v) raw px of marker 1, then of marker 2.
+    joints : tuple[float, float, float]
+        rad, rad, mm while the target was shown.
+    setup : texts.Table
+        The Setup that it was shown by, in plain words and numbers.
+    sizes_px : texts.Sizes
+        Apparent radii, px, of marker 1 and of marker 2; null where not known.
+    """
 
     taught: str
-    """When the file was written, in UTC: a time like 2026-11-21T11:30:00Z."""
     markers_px: tuple[tuple[float, float], tuple[float, float]]
-    """(u, v) raw px of marker 1, then of marker 2."""
     joints: tuple[float, float, float]
-    """rad, rad, mm while the target was shown."""
     setup: texts.Table
-    """The Setup that it was shown by, in plain words and numbers."""
     sizes_px: texts.Sizes = texts.NO_SIZES
-    """Apparent radii, px, of marker 1 and of marker 2; null where not known."""
 
     def __post_init__(self) -> None:
         try:

@@ -43,27 +43,39 @@ they would swing about it."""
 
 @dataclass(frozen=True)
 class Exploration(Checked, section="exploration"):
-    """How the tool moves while nothing is known yet."""
+    """How the tool moves while nothing is known yet.
+
+    Parameters
+    ----------
+    leg : float
+        Time from corner to corner in the first round, s.
+    share : float
+        Share of every joint's greatest speed at which it moves.
+    reach : float
+        How far marker 1 goes from corner to corner at most, mm.
+    growth : float
+        How many times as large every round is as the one before.
+    uncertainty : float
+        Share of the way to the target by which the estimate may mistake it as servoing begins, one
+        standard deviation.
+    tolerance : float
+        Share by which Ĵ may differ from what the camera should see.
+    legs : int
+        Least number of corners to visit.
+    max_time : float
+        Time after which exploration is given up, s.
+    """
 
     name = "tour"
 
     leg: Annotated[float, positive("time in s")] = 0.15
-    """Time from corner to corner in the first round, s."""
     share: Annotated[float, FRACTION] = 0.2
-    """Share of every joint's greatest speed at which it moves."""
     reach: Annotated[float, positive("length in mm")] = 8.0
-    """How far marker 1 goes from corner to corner at most, mm."""
     growth: Annotated[float, between(1.0, 10.0, "a factor")] = 1.5
-    """How many times as large every round is as the one before."""
     uncertainty: Annotated[float, positive("share")] = 1.0
-    """Share of the way to the target by which the estimate may mistake it as servoing begins, one
-    standard deviation."""
     tolerance: Annotated[float, positive("share")] = 0.3
-    """Share by which Ĵ may differ from what the camera should see."""
     legs: Annotated[int, between(1, 1000, "a whole number")] = 3
-    """Least number of corners to visit."""
     max_time: Annotated[float, positive("time in s")] = 10.0
-    """Time after which exploration is given up, s."""
 
 
 class Exploring(DriveLag):

@@ -30,14 +30,21 @@ UNITS = {"rad": 0, "px": 1}
 
 
 class MarkerPair(NamedTuple):
-    """Both markers as a feature vector measures them."""
+    """Both markers as a feature vector measures them.
+
+    Parameters
+    ----------
+    points : Floats
+        Centres (2, 2), raw px; NaN where lost.
+    sizes : Floats
+        Apparent radii (2,) px; NaN where lost or unknown.
+    o_c : Floats
+        Imaged RCM (2,), raw px.
+    """
 
     points: Floats
-    """Centres (2, 2), raw px; NaN where lost."""
     sizes: Floats
-    """Apparent radii (2,) px; NaN where lost or unknown."""
     o_c: Floats
-    """Imaged RCM (2,), raw px."""
 
 
 class FeatureParameters(Row):

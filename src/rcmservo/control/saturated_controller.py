@@ -99,17 +99,25 @@ def largest_scaled(J: Floats) -> float:
 
 
 class Heading(NamedTuple):
-    """Where the law goes, and how well it can."""
+    """Where the law goes, and how well it can.
+
+    Parameters
+    ----------
+    v : Point
+        mm/s of marker 1.
+    condition : float
+        Of Ĵ, scaled.
+    open : float
+        Share of the error, scaled, that v works off: 1 where nothing is damped, 0 where no motion
+        that Ĵ knows of makes it smaller.
+    left : float
+        mm that marker 1 is away from the target by what v works off, however slow v is.
+    """
 
     v: Point
-    """mm/s of marker 1."""
     condition: float
-    """Of Ĵ, scaled."""
     open: float
-    """Share of the error, scaled, that v works off: 1 where nothing is damped, 0 where no motion
-    that Ĵ knows of makes it smaller."""
     left: float
-    """mm that marker 1 is away from the target by what v works off, however slow v is."""
 
 
 @compiled
@@ -186,35 +194,45 @@ def control(
 
 @dataclass(frozen=True)
 class SaturatedController(Checked, section="controller"):
-    """The law (31) with the saturated potential (32)."""
+    """The law (31) with the saturated potential (32).
+
+    Parameters
+    ----------
+    features : str
+        Feature vector that it acts on; by least squares, where that has more than three components.
+    gain : float
+        k, 1/s. The greatest gain without overshoot is 1/(e T), where the drives follow T s after
+        the joints were read: as built in T = 46 ms, of delay, lag and tick. The camera's latency
+        does not count, as the error is carried on to the present joints, and noise neither, where
+        the estimator averages it out; where it does not (all but dlt and affine), a smaller gain is
+        quieter.
+    bounds : Triple
+        b, the feature errors (rad, px, px) from which on the action is saturated; the angle is at
+        most π.
+    potential : Literal['continuous', 'printed']
+        V: continuous as Fig. 5 asks, or printed as (32) reads, where the action drops to half at b.
+    max_speed : float
+        Cap on the speed of both markers and of the tip, mm/s.
+    tip : float
+        How far the tip is beyond marker 2, mm.
+    max_condition : float
+        Condition number of the scaled Jacobian up to which its inverse is not damped by much: the
+        damping begins at half of it.
+    """
 
     name = "saturated"
 
     features: Annotated[str, one_of(FEATURE_VECTORS)] = "srd"
-    """Feature vector that it acts on; by least squares, where that has more than three
-    components."""
     gain: Annotated[float, positive("gain in 1/s")] = 8.0
-    """k, 1/s. The greatest gain without overshoot is 1/(e T), where the drives follow T s after the
-    joints were read: as built in T = 46 ms, of delay, lag and tick. The camera's latency does not
-    count, as the error is carried on to the present joints, and noise neither, where the estimator
-    averages it out; where it does not (all but dlt and affine), a smaller gain is quieter."""
     bounds: Annotated[Triple, three_positive("rad, px, px"), angles(np.pi, first=1)] = (
         float(np.radians(50.0)),
         50.0,
         50.0,
     )
-    """b, the feature errors (rad, px, px) from which on the action is saturated; the angle is at
-    most π."""
     potential: Literal["continuous", "printed"] = "continuous"
-    """V: continuous as Fig. 5 asks, or printed as (32) reads, where the action drops to half at
-    b."""
     max_speed: Annotated[float, positive("speed in mm/s")] = 40.0
-    """Cap on the speed of both markers and of the tip, mm/s."""
     tip: Annotated[float, between(0.0, 1000.0, "a length", "mm")] = 0.0
-    """How far the tip is beyond marker 2, mm."""
     max_condition: Annotated[float, above(1.0)] = 150.0
-    """Condition number of the scaled Jacobian up to which its inverse is not damped by much: the
-    damping begins at half of it."""
 
     @property
     def feature_vector(self) -> FeatureVector:

@@ -112,11 +112,16 @@ def sized_rcm(memory: Rows[SizedBall]) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class AffineEstimator(Estimator):
-    """Ĵ by the markers' places and apparent sizes. Both are affine in the tool's place."""
+    """Ĵ by the markers' places and apparent sizes. Both are affine in the tool's place.
+
+    Parameters
+    ----------
+    size_noise : float
+        px by which a marker's size is off for every px of its centre. Below 1, as what is wrong
+        with the joints moves the centres, and hardly the sizes.
+    """
 
     size_noise: Annotated[float, between(0.01, 100.0, "a number of px for a px")] = 0.3
-    """px by which a marker's size is off for every px of its centre. Below 1, as what is wrong with
-    the joints moves the centres, and hardly the sizes."""
 
     name = "affine"
     models = True

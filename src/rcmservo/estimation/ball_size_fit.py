@@ -53,14 +53,21 @@ class SizedBall(Row):
 
 
 class Pictured(NamedTuple):
-    """What the fit has of the picture of a point."""
+    """What the fit has of the picture of a point.
+
+    Parameters
+    ----------
+    x : Floats
+        (4,) x̄.
+    m : Floats
+        (2,) px from m₀.
+    shrink : float
+        1/R, in 1/px, that a ball would have there.
+    """
 
     x: Floats
-    """(4,) x̄."""
     m: Floats
-    """(2,) px from m₀."""
     shrink: float
-    """1/R, in 1/px, that a ball would have there."""
 
 
 def no_balls() -> Rows[SizedBall]:

@@ -15,19 +15,28 @@ from rcmservo.numerics.structs import Row, flag, real, reals, whole
 
 
 class Sample(NamedTuple):
-    """One new frame as an estimator sees it: measured, never commanded."""
+    """One new frame as an estimator sees it: measured, never commanded.
+
+    Parameters
+    ----------
+    p1 : Floats
+        p₁ (3,) mm: where the robot's joints put marker 1 at the exposure.
+    points : Floats
+        The markers (2, 2) raw px.
+    o_c : Floats
+        The imaged RCM (2,) px as known now; NaN where the estimator is to tell it.
+    dt : float
+        s since the exposure of the sample before; 0 for the first of a run, and for the first after
+        all was forgotten.
+    sizes : Floats
+        The markers' apparent radii (2,) px, NaN where not known.
+    """
 
     p1: Floats
-    """p₁ (3,) mm: where the robot's joints put marker 1 at the exposure."""
     points: Floats
-    """The markers (2, 2) raw px."""
     o_c: Floats
-    """The imaged RCM (2,) px as known now; NaN where the estimator is to tell it."""
     dt: float
-    """s since the exposure of the sample before; 0 for the first of a run, and for the first after
-    all was forgotten."""
     sizes: Floats = np.full(2, np.nan)
-    """The markers' apparent radii (2,) px, NaN where not known."""
 
 
 class Estimated(Row):
@@ -43,22 +52,33 @@ class Estimated(Row):
 
 
 class KernelSample(NamedTuple):
-    """One new frame as an estimator's kernel sees it."""
+    """One new frame as an estimator's kernel sees it.
+
+    Parameters
+    ----------
+    p1 : Floats
+        Marker 1 (3,) mm by the joints at the exposure.
+    points : Floats
+        Markers (2, 2), raw px.
+    o_c : Floats
+        Imaged RCM (2,), raw px.
+    dt : float
+        Time since the exposure of the sample before, s; 0 for the first.
+    shaft : Shaft
+        Tool.
+    needs_motion : bool
+        Whether ∂m/∂p₁ is asked for.
+    fit_changed : bool
+        Whether the fit of the projection is another one than at the last frame.
+    """
 
     p1: Floats
-    """Marker 1 (3,) mm by the joints at the exposure."""
     points: Floats
-    """Markers (2, 2), raw px."""
     o_c: Floats
-    """Imaged RCM (2,), raw px."""
     dt: float
-    """Time since the exposure of the sample before, s; 0 for the first."""
     shaft: Shaft
-    """Tool."""
     needs_motion: bool
-    """Whether ∂m/∂p₁ is asked for."""
     fit_changed: bool
-    """Whether the fit of the projection is another one than at the last frame."""
 
 
 class EstimatorKernel(Protocol):

@@ -52,23 +52,35 @@ def update(
 
 
 class BroydenMemory(NamedTuple):
-    """Ĵ, and where its last update was made."""
+    """Ĵ, and where its last update was made.
+
+    Parameters
+    ----------
+    J_hat : Floats
+        Ĵ (3, 3) rad/mm, px/mm, px/mm; zeros at first.
+    p1 : Floats or None
+        p₁ (3,) mm at the last update, or in the first frame; None before it.
+    points : Floats or None
+        The markers (2, 2) raw px then; None before the first frame.
+    """
 
     J_hat: Floats
-    """Ĵ (3, 3) rad/mm, px/mm, px/mm; zeros at first."""
     p1: Floats | None
-    """p₁ (3,) mm at the last update, or in the first frame; None before it."""
     points: Floats | None
-    """The markers (2, 2) raw px then; None before the first frame."""
 
 
 @dataclass(frozen=True)
 class BroydenEstimator(Estimator):
-    """Ĵ by Broyden's rank-1 update."""
+    """Ĵ by Broyden's rank-1 update.
+
+    Parameters
+    ----------
+    min_step : float
+        Least displacement of marker 1 between two updates, mm: a pixel of noise enters Ĵ as
+        1/min_step px/mm.
+    """
 
     min_step: Annotated[float, positive("length in mm")] = 3.0
-    """Least displacement of marker 1 between two updates, mm: a pixel of noise enters Ĵ as
-    1/min_step px/mm."""
 
     name = "broyden"
     models = False

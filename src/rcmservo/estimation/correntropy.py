@@ -80,10 +80,15 @@ def learn(
 @dataclass(frozen=True)
 class CorrentropyEstimator(Drifting):
     """Ĵ by Kalman's filter with maximum correntropy. Outliers do not lead it astray. The default
-    exploration is enough for it."""
+    exploration is enough for it.
+
+    Parameters
+    ----------
+    bandwidth : float
+        β, width of the kernel in σ: errors far beyond it hardly count.
+    """
 
     bandwidth: Annotated[float, between(0.1, 1e6, "a number of σ")] = 3.0
-    """β, width of the kernel in σ: errors far beyond it hardly count."""
 
     name = "correntropy"
     models = False

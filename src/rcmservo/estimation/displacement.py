@@ -85,26 +85,39 @@ def corrected(J: Floats, delta_p: Floats, delta_y: Floats, K: Floats) -> Floats:
 
 
 class DisplacementMemory(NamedTuple):
-    """Ĵ, and where the last displacement ended."""
+    """Ĵ, and where the last displacement ended.
+
+    Parameters
+    ----------
+    J_hat : Floats
+        Ĵ (3, 3) rad/mm, px/mm, px/mm; zeros at first.
+    P : Floats
+        Covariance of the rows of Ĵ: (3, 3) of each, (3, 3, 3) where they differ, empty where an
+        estimator has none.
+    p1 : Floats or None
+        p₁ (3,) mm there; None before the first frame.
+    points : Floats or None
+        The markers (2, 2) raw px there; None before the first frame.
+    """
 
     J_hat: Floats
-    """Ĵ (3, 3) rad/mm, px/mm, px/mm; zeros at first."""
     P: Floats
-    """Covariance of the rows of Ĵ: (3, 3) of each, (3, 3, 3) where they differ, empty where an
-    estimator has none."""
     p1: Floats | None
-    """p₁ (3,) mm there; None before the first frame."""
     points: Floats | None
-    """The markers (2, 2) raw px there; None before the first frame."""
 
 
 @dataclass(frozen=True)
 class ByDisplacements(Estimator):
-    """Learns Ĵ from one displacement after the other."""
+    """Learns Ĵ from one displacement after the other.
+
+    Parameters
+    ----------
+    min_step : float
+        Way of marker 1 from which on it is a displacement, mm: a pixel of noise is 1/min_step px/mm
+        of it.
+    """
 
     min_step: Annotated[float, positive("length in mm")] = 2.0
-    """Way of marker 1 from which on it is a displacement, mm: a pixel of noise is 1/min_step px/mm
-    of it."""
 
     @abstractmethod
     def uncertain(self) -> Floats:

@@ -45,22 +45,34 @@ def update(
 
 
 class FlowMemory(NamedTuple):
-    """Ĵ, and the frame before."""
+    """Ĵ, and the frame before.
+
+    Parameters
+    ----------
+    J_hat : Floats
+        Ĵ (3, 3) rad/mm, px/mm, px/mm; zeros at first.
+    p1 : Floats or None
+        p₁ (3,) mm in the frame before; None at first.
+    points : Floats or None
+        The markers (2, 2) raw px in the frame before; None at first.
+    """
 
     J_hat: Floats
-    """Ĵ (3, 3) rad/mm, px/mm, px/mm; zeros at first."""
     p1: Floats | None
-    """p₁ (3,) mm in the frame before; None at first."""
     points: Floats | None
-    """The markers (2, 2) raw px in the frame before; None at first."""
 
 
 @dataclass(frozen=True)
 class FlowEstimator(Estimator):
-    """Ĵ from flow, rule (28)."""
+    """Ĵ from flow, rule (28).
+
+    Parameters
+    ----------
+    gamma : float
+        γ, s/mm² whatever the unit of y.
+    """
 
     gamma: Annotated[float, positive("gain in s/mm²")] = 0.001
-    """γ, s/mm² whatever the unit of y."""
 
     name = "flow"
     models = False

@@ -56,16 +56,23 @@ def learn(
 
 @dataclass(frozen=True)
 class Drifting(ByDisplacements, ABC):
-    """Takes the rows of J for states that drift."""
+    """Takes the rows of J for states that drift.
+
+    Parameters
+    ----------
+    drift : float
+        q, what a derivative drifts by in 1 mm of way, one standard deviation in b/mm; it grows with
+        the root of the way.
+    noise : float
+        r, noise of a displacement's flow, one standard deviation in b: 0.05 is half a degree of s
+        and half a pixel of r and d.
+    spread : float
+        Root of P at first, b/mm: how large a derivative is thought to be before anything is seen.
+    """
 
     drift: Annotated[float, between(0.0, 1000.0)] = 0.007
-    """q, what a derivative drifts by in 1 mm of way, one standard deviation in b/mm; it grows with
-    the root of the way."""
     noise: Annotated[float, between(1e-6, 1000.0)] = 0.05
-    """r, noise of a displacement's flow, one standard deviation in b: 0.05 is half a degree of s
-    and half a pixel of r and d."""
     spread: Annotated[float, between(1e-6, 1000.0)] = 1.0
-    """Root of P at first, b/mm: how large a derivative is thought to be before anything is seen."""
 
     advice = LOOK_FURTHER
 

@@ -26,10 +26,15 @@ from rcmservo.interfaces import Floats
 
 @dataclass(frozen=True)
 class NormalisedFlowEstimator(ByDisplacements):
-    """Ĵ from flow, normalised by the speed. It takes the default exploration a round further."""
+    """Ĵ from flow, normalised by the speed. It takes the default exploration a round further.
+
+    Parameters
+    ----------
+    mu : float
+        μ, the share of what is new in a displacement that is learnt from it.
+    """
 
     mu: Annotated[float, inside(0.0, 2.0)] = 0.5
-    """μ, the share of what is new in a displacement that is learnt from it."""
 
     name = "nflow"
     models = False

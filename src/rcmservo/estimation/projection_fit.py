@@ -93,14 +93,21 @@ class Prospect(Row):
 
 
 class Foretold(NamedTuple):
-    """Where the fit has the picture of a point."""
+    """Where the fit has the picture of a point.
+
+    Parameters
+    ----------
+    x : tuple[float, float, float, float]
+        x̄.
+    m : tuple[float, float]
+        px from m₀.
+    z : float
+        Its depth, in units of that of p₀.
+    """
 
     x: tuple[float, float, float, float]
-    """x̄."""
     m: tuple[float, float]
-    """px from m₀."""
     z: float
-    """Its depth, in units of that of p₀."""
 
 
 def blank() -> Prospect:

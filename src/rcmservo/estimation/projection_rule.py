@@ -179,14 +179,21 @@ def root_of_gamma(root: Floats, rate: float) -> Floats:
 
 
 class ProjectionMemory(NamedTuple):
-    """The chosen observations, and what was fitted to them."""
+    """The chosen observations, and what was fitted to them.
+
+    Parameters
+    ----------
+    observations : Floats
+        (P + 1, 7) rows [p₁ mm, raw m₁ m₂ px]; the last is spare.
+    filled : int
+        How many rows are used, from the first on.
+    a_hat : Floats
+        â (9,); zeros at first.
+    """
 
     observations: Floats
-    """(P + 1, 7) rows [p₁ mm, raw m₁ m₂ px]; the last is spare."""
     filled: int
-    """How many rows are used, from the first on."""
     a_hat: Floats
-    """â (9,); zeros at first."""
 
 
 @compiled
@@ -266,16 +273,24 @@ def empty_kernel(kernel: "Rule", memory: ProjectionMemory) -> ProjectionMemory:
 
 
 class Rule(NamedTuple):
-    """Settings of rule (21), the compiled form of the estimator."""
+    """Settings of rule (21), the compiled form of the estimator.
+
+    Parameters
+    ----------
+    rate : float
+        η of the fast Γ, 1/s; 0 for the printed Γ.
+    epsilon : float
+        ε of the fast Γ, which the choice of observations needs with either Γ.
+    both : bool
+        Whether m₂ is fitted as well as m₁.
+    time : float
+        Time that every new frame gives it, s; 0 for the real time between frames.
+    """
 
     rate: float
-    """η of the fast Γ, 1/s; 0 for the printed Γ."""
     epsilon: float
-    """ε of the fast Γ, which the choice of observations needs with either Γ."""
     both: bool
-    """Whether m₂ is fitted as well as m₁."""
     time: float = 0.0
-    """Time that every new frame gives it, s; 0 for the real time between frames."""
 
     places_rcm = False
     update = update_kernel
@@ -293,21 +308,31 @@ def predict(a: Floats, p1: Floats, shaft: Shaft) -> Floats:
 
 @dataclass(frozen=True)
 class ProjectionEstimator(Estimator):
-    """Ĵ through the projection parameters, rule (21)."""
+    """Ĵ through the projection parameters, rule (21).
+
+    Parameters
+    ----------
+    gamma : Literal['fast', 'printed']
+        Γ of rule (21): fast, or the paper's as printed.
+    rate : float
+        η of the fast Γ, 1/s.
+    epsilon : float
+        ε of the fast Γ: modes of MᵀM weaker than ε Γ₀⁻¹ learn more slowly.
+    observations : int
+        P, the number of observations kept.
+    both_markers : bool
+        Fit m₂ as well as the paper's m₁.
+    estimator_time : float
+        Time that the rule is given for every new frame, s; 0 stands for the real time between
+        frames.
+    """
 
     gamma: Literal["fast", "printed"] = "fast"
-    """Γ of rule (21): fast, or the paper's as printed."""
     rate: Annotated[float, positive("rate in 1/s")] = 20.0
-    """η of the fast Γ, 1/s."""
     epsilon: Annotated[float, at_least(LEAST_EPSILON, "(less is lost in rounding)")] = 1e-7
-    """ε of the fast Γ: modes of MᵀM weaker than ε Γ₀⁻¹ learn more slowly."""
     observations: Annotated[int, between(6, MOST, "a whole number (by Proposition 1)")] = 20
-    """P, the number of observations kept."""
     both_markers: bool = True
-    """Fit m₂ as well as the paper's m₁."""
     estimator_time: Annotated[float, not_negative("time in s")] = 0.0
-    """Time that the rule is given for every new frame, s; 0 stands for the real time between
-    frames."""
 
     name = "projection"
     models = True

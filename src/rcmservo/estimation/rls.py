@@ -64,13 +64,19 @@ def learn(
 @dataclass(frozen=True)
 class RlsEstimator(ByDisplacements):
     """Ĵ by recursive least squares with exponential forgetting. The default exploration is enough
-    for it."""
+    for it.
+
+    Parameters
+    ----------
+    forgetting : float
+        λ, the weight of a displacement after the next one, from 0 to 1 (nothing is forgotten).
+    covariance : float
+        P₀, 1/mm²: that Ĵ is zero counts as much as one displacement of 1/√P₀ mm in each direction
+        that brought no flow.
+    """
 
     forgetting: Annotated[float, FRACTION] = 0.95
-    """λ, the weight of a displacement after the next one, from 0 to 1 (nothing is forgotten)."""
     covariance: Annotated[float, between(1e-9, MOST, "a number", "1/mm²")] = 100.0
-    """P₀, 1/mm²: that Ĵ is zero counts as much as one displacement of 1/√P₀ mm in each direction
-    that brought no flow."""
 
     name = "rls"
     models = False

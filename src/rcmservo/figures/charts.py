@@ -24,19 +24,27 @@ Dashes = str | tuple[int, tuple[int, ...]]
 
 
 class Style(NamedTuple):
-    """Style of a curve."""
+    """Style of a curve.
+
+    Parameters
+    ----------
+    colour : str
+        Colour, as a hexadecimal RGB code.
+    dashes : Dashes
+        Dash pattern of the line.
+    width : float
+        Width of the line in points.
+    marker : str
+        Marker at the points of a curve without a line.
+    """
 
     colour: str
-    """Colour, as a hexadecimal RGB code."""
 
     dashes: Dashes
-    """Dash pattern of the line."""
 
     width: float
-    """Width of the line in points."""
 
     marker: str
-    """Marker at the points of a curve without a line."""
 
 
 STYLES = (
@@ -69,105 +77,151 @@ RC: Any = {
 
 @dataclass(frozen=True)
 class Curve:
-    """Line or points."""
+    """Line or points.
+
+    Parameters
+    ----------
+    label : str
+        Entry in the legend; empty for no entry.
+    x : list[float]
+        x of each point.
+    y : list[float or None]
+        y of each point; None is a gap.
+    style : int
+        Index in `STYLES`; -1 selects `MEASURED`.
+    marks : bool
+        True for markers at the points instead of a line.
+    """
 
     label: str
-    """Entry in the legend; empty for no entry."""
 
     x: list[float]
-    """x of each point."""
 
     y: list[float | None]
-    """y of each point; None is a gap."""
 
     style: int = 0
-    """Index in `STYLES`; -1 selects `MEASURED`."""
 
     marks: bool = False
-    """True for markers at the points instead of a line."""
 
 
 @dataclass(frozen=True)
 class Bar:
-    """Span of x in one of the `TONES`."""
+    """Span of x in one of the `TONES`.
+
+    Parameters
+    ----------
+    start : float
+        Smallest x.
+    end : float
+        Largest x.
+    tone : int
+        Index in `TONES`.
+    """
 
     start: float
-    """Smallest x."""
 
     end: float
-    """Largest x."""
 
     tone: int
-    """Index in `TONES`."""
 
 
 @dataclass(frozen=True)
 class Lane:
-    """Row of bars."""
+    """Row of bars.
+
+    Parameters
+    ----------
+    label : str
+        Label next to the row, of one or more lines.
+    bars : list[Bar]
+        Bars, which may overlap.
+    """
 
     label: str
-    """Label next to the row, of one or more lines."""
 
     bars: list[Bar]
-    """Bars, which may overlap."""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes."""
+    """One pair of axes.
+
+    Parameters
+    ----------
+    x : str
+        Label of the x axis, with its unit.
+    y : str
+        Label of the y axis, with its unit.
+    curves : list[Curve]
+        Curves of the panel.
+    levels : list[tuple[str, float]]
+        Dashed horizontal lines, each with a label and its y.
+    shaded : list[tuple[float, float]]
+        Shaded spans of x.
+    log_x : bool
+        True for a logarithmic x axis.
+    log_y : bool
+        True for a logarithmic y axis.
+    y_limits : tuple[float, float] or None
+        Smallest and largest visible y; None for all.
+    categories : list[str]
+        Words along x; x then counts them from 0.
+    lanes : list[Lane]
+        Rows of bars, the first on top.
+    bands : list[Bar]
+        Bars behind the curves, over the full height of the panel.
+    map : bool
+        True for the same scale of x and y.
+    downward : bool
+        True for y that grows downwards, as in an image.
+    """
 
     x: str
-    """Label of the x axis, with its unit."""
 
     y: str
-    """Label of the y axis, with its unit."""
 
     curves: list[Curve]
-    """Curves of the panel."""
 
     levels: list[tuple[str, float]] = field(default_factory=list[tuple[str, float]])
-    """Dashed horizontal lines, each with a label and its y."""
 
     shaded: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
-    """Shaded spans of x."""
 
     log_x: bool = False
-    """True for a logarithmic x axis."""
 
     log_y: bool = False
-    """True for a logarithmic y axis."""
 
     y_limits: tuple[float, float] | None = None
-    """Smallest and largest visible y; None for all."""
 
     categories: list[str] = field(default_factory=list[str])
-    """Words along x; x then counts them from 0."""
 
     lanes: list[Lane] = field(default_factory=list[Lane])
-    """Rows of bars, the first on top."""
 
     bands: list[Bar] = field(default_factory=list[Bar])
-    """Bars behind the curves, over the full height of the panel."""
 
     map: bool = False
-    """True for the same scale of x and y."""
 
     downward: bool = False
-    """True for y that grows downwards, as in an image."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """Panels in rows under one title."""
+    """Panels in rows under one title.
+
+    Parameters
+    ----------
+    title : str
+        Title above all panels.
+    panels : list[Panel]
+        Panels, row by row.
+    columns : int
+        Panels per row.
+    """
 
     title: str
-    """Title above all panels."""
 
     panels: list[Panel]
-    """Panels, row by row."""
 
     columns: int = 1
-    """Panels per row."""
 
 
 def curve(label: str, x: Any, y: Any, style: int = 0, marks: bool = False) -> Curve:

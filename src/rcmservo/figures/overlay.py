@@ -80,18 +80,27 @@ def draw(
 
 
 class Ring(NamedTuple):
-    """Circle with a label around a ball in an image."""
+    """Circle with a label around a ball in an image.
+
+    Parameters
+    ----------
+    u : float
+        Column of the centre (px).
+    v : float
+        Row of the centre (px).
+    radius : float
+        Radius of the ball (px).
+    words : str
+        Label next to the ring.
+    strong : bool
+        True to highlight the ball.
+    """
 
     u: float
-    """Column of the centre (px)."""
     v: float
-    """Row of the centre (px)."""
     radius: float
-    """Radius of the ball (px)."""
     words: str
-    """Label next to the ring."""
     strong: bool
-    """True to highlight the ball."""
 
 
 def draw_balls(image: Image, rings: Sequence[Ring], words: str) -> Image:

@@ -183,20 +183,28 @@ def follow(
 @dataclass(frozen=True)
 class ImagedRcm(Checked, section="imaged_rcm"):
     """How the imaged RCM is computed: eq. (16) over the most telling lines, then refined; or as
-    printed."""
+    printed.
+
+    Parameters
+    ----------
+    lines : int
+        H, the number of lines kept.
+    refinements : int
+        Gauss-Newton steps after (16), to the nearest bundle of lines; none if as printed.
+    max_condition : float
+        Condition of (16), about 1 / variance of the line angle (1/rad²), above which o_c is not yet
+        observable.
+    fit : Literal['refined', 'printed']
+        Printed is eq. (16) exactly: unit normals, the last H lines, no steps after it. As the tool
+        comes to rest these lines are one, and the run pauses because o_c is not known.
+    """
 
     name = "lines"
 
     lines: Annotated[int, between(2, MOST, "a whole number of lines")] = 50
-    """H, the number of lines kept."""
     refinements: Annotated[int, between(0, 100, "a whole number")] = 3
-    """Gauss-Newton steps after (16), to the nearest bundle of lines; none if as printed."""
     max_condition: Annotated[float, above(1.0, 1e12)] = 2e4
-    """Condition of (16), about 1 / variance of the line angle (1/rad²), above which o_c is not yet
-    observable."""
     fit: Literal["refined", "printed"] = "refined"
-    """Printed is eq. (16) exactly: unit normals, the last H lines, no steps after it. As the tool
-    comes to rest these lines are one, and the run pauses because o_c is not known."""
 
     @property
     def printed(self) -> bool:

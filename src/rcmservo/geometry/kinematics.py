@@ -34,16 +34,24 @@ Point = tuple[float, float, float]
 
 
 class Rcm(NamedTuple):
-    """What compiled functions know of a mechanism and of one point on its tool."""
+    """What compiled functions know of a mechanism and of one point on its tool.
+
+    Parameters
+    ----------
+    kind : int
+        Its coordinates: SPHERICAL or PITCH_YAW.
+    zero : float
+        mm: the point is at ρ = q₃ + zero.
+    lower : tuple[float, float, float]
+        The joints' lower limits, rad, rad, mm.
+    upper : tuple[float, float, float]
+        Their upper limits, rad, rad, mm.
+    """
 
     kind: int
-    """Its coordinates: SPHERICAL or PITCH_YAW."""
     zero: float
-    """mm: the point is at ρ = q₃ + zero."""
     lower: tuple[float, float, float]
-    """The joints' lower limits, rad, rad, mm."""
     upper: tuple[float, float, float]
-    """Their upper limits, rad, rad, mm."""
 
 
 def floats(numbers: Sequence[float]) -> tuple[float, float, float]:
@@ -209,12 +217,18 @@ LIMITS = (
 
 @dataclass(frozen=True)
 class JointLimits(Checked):
-    """The configurations that the tool may take: lower <= q <= upper."""
+    """The configurations that the tool may take: lower <= q <= upper.
+
+    Parameters
+    ----------
+    lower : Triple
+        rad, rad, mm.
+    upper : Triple
+        rad, rad, mm; above `lower` in every joint.
+    """
 
     lower: Annotated[Triple, *LIMITS]
-    """rad, rad, mm."""
     upper: Annotated[Triple, *LIMITS]
-    """rad, rad, mm; above `lower` in every joint."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -233,7 +247,15 @@ class JointLimits(Checked):
 @dataclass(frozen=True)
 class Kinematics(Checked, ABC):
     """What a robot knows of its own RCM mechanism: coordinates, limits, and where the insertion
-    axis reads zero."""
+    axis reads zero.
+
+    Parameters
+    ----------
+    limits : JointLimits
+        How far each joint may go.
+    insertion_zero : float
+        mm: ρ of the tool's reference point where the insertion joint reads zero.
+    """
 
     kind: ClassVar[int]
     """SPHERICAL or PITCH_YAW, for compiled functions."""
@@ -243,9 +265,7 @@ class Kinematics(Checked, ABC):
     """What files, records and sentences call these coordinates."""
 
     limits: JointLimits
-    """How far each joint may go."""
     insertion_zero: Annotated[float, finite("length in mm")] = 0.0
-    """mm: ρ of the tool's reference point where the insertion joint reads zero."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -279,7 +299,13 @@ class Kinematics(Checked, ABC):
 @dataclass(frozen=True)
 class SphericalRcm(Kinematics):
     """The paper's coordinates q = [θ φ ρ], eq. (1)-(2): singular at θ = 0, so its limits must leave
-    that pose out."""
+    that pose out.
+
+    Parameters
+    ----------
+    limits : JointLimits
+        By default 8° to 85°, a full turn, and 40 to 220 mm.
+    """
 
     kind = SPHERICAL
     joint_names = ("theta", "phi", "rho")
@@ -290,13 +316,18 @@ class SphericalRcm(Kinematics):
             lower=(np.radians(8.0), -np.pi, 40.0), upper=(np.radians(85.0), np.pi, 220.0)
         )
     )
-    """By default 8° to 85°, a full turn, and 40 to 220 mm."""
 
 
 @dataclass(frozen=True)
 class PitchYawRcm(Kinematics):
     """Yaw about y, pitch about x, insertion towards −z, as a da Vinci arm counts: regular at its
-    home pose q = 0."""
+    home pose q = 0.
+
+    Parameters
+    ----------
+    limits : JointLimits
+        By default those of a da Vinci research kit's patient-side manipulator.
+    """
 
     kind = PITCH_YAW
     joint_names = ("yaw", "pitch", "insertion")
@@ -305,4 +336,3 @@ class PitchYawRcm(Kinematics):
     limits: JointLimits = field(
         default=JointLimits(lower=(-1.588, -0.925, 40.0), upper=(1.588, 0.925, 240.0))
     )
-    """By default those of a da Vinci research kit's patient-side manipulator."""

@@ -22,12 +22,18 @@ RIGID, SCALED = 0, 1
 
 
 class Shaft(NamedTuple):
-    """What compiled functions know of a tool."""
+    """What compiled functions know of a tool.
+
+    Parameters
+    ----------
+    kind : int
+        RIGID or SCALED.
+    value : float
+        l in mm of a rigid one, λ of a scaled one.
+    """
 
     kind: int
-    """RIGID or SCALED."""
     value: float
-    """l in mm of a rigid one, λ of a scaled one."""
 
 
 @compiled
@@ -123,7 +129,15 @@ class Tool(Checked, ABC, section="tool"):
 
 @dataclass(frozen=True)
 class RigidTool(Tool):
-    """Two markers at a fixed spacing l on one rigid shaft: p₂ = p₁ (1 + l/ρ)."""
+    """Two markers at a fixed spacing l on one rigid shaft: p₂ = p₁ (1 + l/ρ).
+
+    Parameters
+    ----------
+    spacing : float
+        l, mm from m₁ to m₂ along the tool, away from the RCM.
+    offset : float
+        mm from the tool's reference point to m₁, positive away from the RCM.
+    """
 
     kind = RIGID
     name = "rigid"
@@ -134,9 +148,7 @@ class RigidTool(Tool):
         at_least(SHORTEST, "mm (this looks like m)"),
         at_most(LONGEST, "mm (this looks like µm)"),
     ]
-    """l, mm from m₁ to m₂ along the tool, away from the RCM."""
     offset: Annotated[float, OFFSET] = 0.0
-    """mm from the tool's reference point to m₁, positive away from the RCM."""
 
     @property
     def value(self) -> float:
@@ -146,15 +158,21 @@ class RigidTool(Tool):
 @dataclass(frozen=True)
 class ScaledTool(Tool):
     """The paper's model p₂ = λ p₁ with λ constant: right at one insertion only, kept to reproduce
-    the paper."""
+    the paper.
+
+    Parameters
+    ----------
+    scale : float
+        λ, above 1.
+    offset : float
+        mm from the tool's reference point to m₁, positive away from the RCM.
+    """
 
     kind = SCALED
     name = "scaled"
 
     scale: Annotated[float, above(1.0, what="a factor λ")]
-    """λ, above 1."""
     offset: Annotated[float, OFFSET] = 0.0
-    """mm from the tool's reference point to m₁, positive away from the RCM."""
 
     @property
     def value(self) -> float:

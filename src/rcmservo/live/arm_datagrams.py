@@ -58,49 +58,77 @@ class ArmAction(IntEnum):
 
 
 class SessionCommand(NamedTuple):
-    """Command on its way to the arm."""
+    """Command on its way to the arm.
+
+    Parameters
+    ----------
+    session : int
+        Random number of the servo that enabled the drive.
+    command : Command
+        Joint rates, or a request to disable the drive. The arm accepts only the latter from a
+        session that does not control it.
+    """
 
     session: int
-    """Random number of the servo that enabled the drive."""
     command: Command
-    """Joint rates, or a request to disable the drive. The arm accepts only the latter from a
-    session that does not control it."""
 
 
 class ArmRequest(NamedTuple):
-    """ArmRequest of an action."""
+    """ArmRequest of an action.
+
+    Parameters
+    ----------
+    number : int
+        Time of the request in ns, which rises.
+    session : int
+        Session of the servo that requests it. After ENABLE the arm accepts motion from this session
+        only.
+    action : ArmAction
+        Requested action.
+    """
 
     number: int
-    """Time of the request in ns, which rises."""
     session: int
-    """Session of the servo that requests it. After ENABLE the arm accepts motion from this session
-    only."""
     action: ArmAction
-    """Requested action."""
 
 
 class ArmState(NamedTuple):
-    """State of the arm."""
+    """State of the arm.
+
+    Parameters
+    ----------
+    session : int
+        Session that controls the arm; 0 before its drive was first enabled.
+    time : int
+        Time at which the joints were read, ns.
+    q : Floats
+        Joint values (3,) in rad, rad, mm.
+    enabled : bool
+        True while the drive is on.
+    applied : Floats
+        Joint rates (3,) in rad/s, rad/s, mm/s that the arm applies.
+    number : int
+        Number of the command with these rates; -1 if none arrived since the drive was enabled.
+    """
 
     session: int
-    """Session that controls the arm; 0 before its drive was first enabled."""
     time: int
-    """Time at which the joints were read, ns."""
     q: Floats
-    """Joint values (3,) in rad, rad, mm."""
     enabled: bool
-    """True while the drive is on."""
     applied: Floats
-    """Joint rates (3,) in rad/s, rad/s, mm/s that the arm applies."""
     number: int
-    """Number of the command with these rates; -1 if none arrived since the drive was enabled."""
 
 
 class Done(NamedTuple):
-    """Report that a request is completed."""
+    """Report that a request is completed.
+
+    Parameters
+    ----------
+    number : int
+        Number of the request.
+    """
 
     number: int
-    """Number of the request."""
 
 
 Message = SessionCommand | ArmRequest | ArmState | Done

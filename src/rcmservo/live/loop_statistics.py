@@ -22,16 +22,24 @@ EVERY = 10
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """How the loop stands."""
+    """How the loop stands.
+
+    Parameters
+    ----------
+    time : int
+        ns since its start.
+    words : str
+        Phase, cause and way out.
+    delta : Floats
+        The error Δy (3,).
+    condition : float
+        That of the scaled Ĵ.
+    """
 
     time: int
-    """ns since its start."""
     words: str
-    """Phase, cause and way out."""
     delta: Floats
-    """The error Δy (3,)."""
     condition: float
-    """That of the scaled Ĵ."""
 
 
 class ReportThread:

@@ -49,12 +49,18 @@ SET_NO_HUGE_PAGES, GET_NO_HUGE_PAGES = 41, 42
 
 @dataclass
 class Realtime:
-    """Result of the requests to the operating system."""
+    """Result of the requests to the operating system.
+
+    Parameters
+    ----------
+    refused : list[str]
+        One sentence for each refused request.
+    collections : int
+        Number of garbage collections that paused the process nevertheless.
+    """
 
     refused: list[str] = field(default_factory=list[str])
-    """One sentence for each refused request."""
     collections: int = 0
-    """Number of garbage collections that paused the process nevertheless."""
 
     def _count(self, moment: str, about: object) -> None:
         self.collections += moment == "start"

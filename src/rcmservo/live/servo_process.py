@@ -53,29 +53,42 @@ class Session:
     The devices are made in the servo process, which is spawned: so each comes as a factory that can
     be imported there, a function of a module, or `functools.partial` of one with plain arguments.
     What a factory makes is closed at the end if it has a method `close`.
+
+    Parameters
+    ----------
+    servo : Servo
+        Its settings at the start.
+    duration : float
+        Length of the run, s.
+    arm : Callable[[], Arm]
+        Connects to the arm.
+    camera : Callable[[], Camera]
+        Opens the camera.
+    tracker : Callable[[], Tracker]
+        Makes what finds the markers in its frames.
+    recorder : Callable[[], Recorder]
+        Opens the record.
+    target : Callable[[Plant], Target]
+        Gets the target, before the drive is on. By default it is what the camera sees then.
+    operator : Callable[[], Operator] or None
+        Makes the person beside the loop; without one a pause ends the run.
+    pictures : float
+        Pictures that the record gets, 1/s; 0 for none.
+    consent : Callable[[Plant], None] or None
+        Asks for leave at the last moment before the drive is switched on, and raises an error where
+        it is not given; without it nobody is asked.
     """
 
     servo: Servo
-    """Its settings at the start."""
     duration: float
-    """Length of the run, s."""
     arm: Callable[[], Arm]
-    """Connects to the arm."""
     camera: Callable[[], Camera]
-    """Opens the camera."""
     tracker: Callable[[], Tracker]
-    """Makes what finds the markers in its frames."""
     recorder: Callable[[], Recorder]
-    """Opens the record."""
     target: Callable[[Plant], Target] = teach
-    """Gets the target, before the drive is on. By default it is what the camera sees then."""
     operator: Callable[[], Operator] | None = None
-    """Makes the person beside the loop; without one a pause ends the run."""
     pictures: float = 0.0
-    """Pictures that the record gets, 1/s; 0 for none."""
     consent: Callable[[Plant], None] | None = None
-    """Asks for leave at the last moment before the drive is switched on, and raises an error where
-    it is not given; without it nobody is asked."""
 
 
 class HeartbeatPlant(Plant):

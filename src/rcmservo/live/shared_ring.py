@@ -17,12 +17,18 @@ EMPTY = -1
 
 
 class Entry(NamedTuple):
-    """A copy of an entry."""
+    """A copy of an entry.
+
+    Parameters
+    ----------
+    data : bytes
+        Its bytes.
+    is_sound : bool
+        False if they are not those that were written.
+    """
 
     data: bytes
-    """Its bytes."""
     is_sound: bool
-    """False if they are not those that were written."""
 
 
 class SharedRing:

@@ -13,12 +13,18 @@ from rcmservo.interfaces import Frame, Markers
 
 
 class Contract(NamedTuple):
-    """Values that a method may return."""
+    """Values that a method may return.
+
+    Parameters
+    ----------
+    is_met : Callable[[Any], bool]
+        Test of a value.
+    expected : str
+        Noun phrase for the values that pass the test.
+    """
 
     is_met: Callable[[Any], bool]
-    """Test of a value."""
     expected: str
-    """Noun phrase for the values that pass the test."""
 
 
 def _array(value: Any, *shape: int) -> bool:

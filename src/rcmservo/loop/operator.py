@@ -31,10 +31,14 @@ class Teach(Checked):
 
     The tool stands still until enough frames show both markers, or until the next request. It then
     stays paused until the operator resumes.
+
+    Parameters
+    ----------
+    frames : int
+        Number of frames whose mean becomes the target.
     """
 
     frames: Annotated[int, FRAMES] = TEACHING_FRAMES
-    """Number of frames whose mean becomes the target."""
 
 
 STILL = np.zeros(3)
@@ -48,10 +52,14 @@ class Jog(Checked, section="jog"):
 
     The request must be repeated after every tick. Otherwise the arm comes to rest and the servo
     pauses.
+
+    Parameters
+    ----------
+    rates : Floats
+        Joint rates (3,) rad/s, rad/s, mm/s.
     """
 
     rates: Annotated[Floats, array(3)]
-    """Joint rates (3,) rad/s, rad/s, mm/s."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -68,16 +76,24 @@ Operator = Callable[[Tick], Want]
 
 @dataclass
 class Showing:
-    """Teaching of a target during a run."""
+    """Teaching of a target during a run.
+
+    Parameters
+    ----------
+    frames : int
+        Number of frames requested.
+    since : int or None
+        Time of the first command of zero rates, ns; None while the tool moves.
+    shown : TargetFrames
+        Frames so far.
+    last : int
+        Number of the newest frame examined.
+    """
 
     frames: int
-    """Number of frames requested."""
     since: int | None = None
-    """Time of the first command of zero rates, ns; None while the tool moves."""
     shown: TargetFrames = field(default_factory=TargetFrames)
-    """Frames so far."""
     last: int = -1
-    """Number of the newest frame examined."""
 
     def add(self, seen: Observation, command: Command) -> Target | None:
         """Add the frame of a tick; return the target once enough frames agree."""

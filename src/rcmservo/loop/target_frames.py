@@ -48,14 +48,21 @@ def mean_known(rows: Floats) -> Floats:
 
 @dataclass
 class TargetFrames:
-    """Frames whose mean becomes a target."""
+    """Frames whose mean becomes a target.
+
+    Parameters
+    ----------
+    points : list[Floats]
+        Markers (2, 2) in px of each frame.
+    sizes : list[Floats]
+        Apparent radii (2,) in px of each frame; NaN if unknown.
+    joints : list[Floats]
+        Joint values (3,) at each frame.
+    """
 
     points: list[Floats] = field(default_factory=list[Floats])
-    """Markers (2, 2) in px of each frame."""
     sizes: list[Floats] = field(default_factory=list[Floats])
-    """Apparent radii (2,) in px of each frame; NaN if unknown."""
     joints: list[Floats] = field(default_factory=list[Floats])
-    """Joint values (3,) at each frame."""
 
     def add(self, seen: Observation) -> None:
         """Add the newest frame of a tick."""

@@ -51,10 +51,15 @@ def _is_name(text: str) -> bool:
 
 @dataclass(frozen=True)
 class Named(Checked):
-    """Arguments of a message that names a pose."""
+    """Arguments of a message that names a pose.
+
+    Parameters
+    ----------
+    name : str
+        The pose.
+    """
 
     name: Annotated[str, Limit(_is_name, f"a name of 1 to {NAME} characters")]
-    """The pose."""
 
 
 PLAIN: dict[str, Told] = {
@@ -76,14 +81,21 @@ class Unheeded(Exception):
 
 @dataclass
 class Control:
-    """Who has control: a browser by what it was named at random, or nobody."""
+    """Who has control: a browser by what it was named at random, or nobody.
+
+    Parameters
+    ----------
+    holder : str
+        Its name; empty where nobody has control.
+    asking : str
+        Who asks for it while somebody else has it.
+    heard : int
+        ns, when the holder last said something fresh, or came to be the holder.
+    """
 
     holder: str = ""
-    """Its name; empty where nobody has control."""
     asking: str = ""
-    """Who asks for it while somebody else has it."""
     heard: int = 0
-    """ns, when the holder last said something fresh, or came to be the holder."""
 
     def join(self, now: int) -> str:
         """Another browser; it has control if nobody has."""

@@ -15,22 +15,33 @@ SLOTS = 2
 
 
 class Gesture(NamedTuple):
-    """What the hand does."""
+    """What the hand does.
+
+    Parameters
+    ----------
+    life : int
+        It rises with each sign of life.
+    press : int
+        Which press of a button it is, NONE where none is held.
+    a : float
+        rad/s of joint 1, or mm/s along x.
+    b : float
+        rad/s of joint 2, or mm/s along y.
+    c : float
+        mm/s of joint 3, or along z.
+    share : float
+        Of the speed that a jog may have.
+    leads : bool
+        Whether the button leads marker 1 in the arm's base frame, and no single joint.
+    """
 
     life: int = 0
-    """It rises with each sign of life."""
     press: int = NONE
-    """Which press of a button it is, NONE where none is held."""
     a: float = 0.0
-    """rad/s of joint 1, or mm/s along x."""
     b: float = 0.0
-    """rad/s of joint 2, or mm/s along y."""
     c: float = 0.0
-    """mm/s of joint 3, or along z."""
     share: float = 1.0
-    """Of the speed that a jog may have."""
     leads: bool = False
-    """Whether the button leads marker 1 in the arm's base frame, and no single joint."""
 
 
 class Hand:

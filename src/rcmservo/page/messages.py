@@ -32,52 +32,81 @@ class Enable:
 
 @dataclass(frozen=True, eq=False)
 class Go:
-    """Wanted: that the tool goes to a target."""
+    """Wanted: that the tool goes to a target.
+
+    Parameters
+    ----------
+    target : Target
+        Where to.
+    """
 
     target: Target
-    """Where to."""
 
 
 @dataclass(frozen=True)
 class TeachAs:
     """Wanted: that the tool pauses, and that what the camera then sees becomes the target, and is
-    kept by this name."""
+    kept by this name.
+
+    Parameters
+    ----------
+    name : str
+        Of the pose; empty where it is not kept.
+    """
 
     name: str
-    """Of the pose; empty where it is not kept."""
 
 
 @dataclass(frozen=True)
 class Delete:
-    """Wanted: that a pose is forgotten."""
+    """Wanted: that a pose is forgotten.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    """
 
     name: str
-    """Its name."""
 
 
 @dataclass(frozen=True)
 class Held(Checked, section="jog"):
-    """A person holds a jog button down, now."""
+    """A person holds a jog button down, now.
+
+    Parameters
+    ----------
+    rates : Triple
+        Joint rates rad/s, rad/s, mm/s.
+    press : int
+        Which press it is: what ended one press is not gone on with before the next.
+    share : float
+        Of the speed that a jog may have.
+    """
 
     rates: Annotated[Triple, each(LARGEST, "three numbers (rad/s, rad/s, mm/s) of at most 10⁹")]
-    """Joint rates rad/s, rad/s, mm/s."""
     press: Annotated[int, PRESS]
-    """Which press it is: what ended one press is not gone on with before the next."""
     share: Annotated[float, FRACTION] = 1.0
-    """Of the speed that a jog may have."""
 
 
 @dataclass(frozen=True)
 class Led(Checked, section="jog"):
     """A person holds a button down, now, that leads marker 1 in a direction of the arm's base
-    frame."""
+    frame.
+
+    Parameters
+    ----------
+    velocity : Triple
+        Of marker 1 along x, y, z, mm/s.
+    press : int
+        Which press it is, as for Held.
+    share : float
+        Of the speed that a jog may have.
+    """
 
     velocity: Annotated[Triple, each(LARGEST, "three numbers (mm/s) of at most 10⁹")]
-    """Of marker 1 along x, y, z, mm/s."""
     press: Annotated[int, PRESS]
-    """Which press it is, as for Held."""
     share: Annotated[float, FRACTION] = 1.0
-    """Of the speed that a jog may have."""
 
 
 @dataclass(frozen=True)
@@ -92,30 +121,47 @@ class Released:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Wanted: that a box of the servo has other settings."""
+    """Wanted: that a box of the servo has other settings.
+
+    Parameters
+    ----------
+    box : str
+        Which one.
+    value : Any
+        Its settings.
+    """
 
     box: str
-    """Which one."""
     value: Any
-    """Its settings."""
 
 
 @dataclass(frozen=True)
 class Wrong(Checked, section="trouble"):
-    """Wanted: that something goes wrong with a simulated laboratory."""
+    """Wanted: that something goes wrong with a simulated laboratory.
+
+    Parameters
+    ----------
+    what : str
+        As `--disturb` takes it, without `at`; empty: all that goes wrong ends.
+    """
 
     what: Annotated[str, one_line(200, "a disturbance")]
-    """As `--disturb` takes it, without `at`; empty: all that goes wrong ends."""
 
 
 @dataclass(frozen=True)
 class Reply(Checked, section="answer"):
-    """What a person answers to a question."""
+    """What a person answers to a question.
+
+    Parameters
+    ----------
+    question : str
+        Which one, in its words: an answer to another one counts for nothing.
+    words : str
+        The answer.
+    """
 
     question: Annotated[str, one_line(400)]
-    """Which one, in its words: an answer to another one counts for nothing."""
     words: Annotated[str, one_line(ANSWER)]
-    """The answer."""
 
 
 Told = (
@@ -138,70 +184,111 @@ Told = (
 
 @dataclass(frozen=True)
 class Note:
-    """A sentence for the person."""
+    """A sentence for the person.
+
+    Parameters
+    ----------
+    words : str
+        The sentence.
+    """
 
     words: str
-    """The sentence."""
 
 
 @dataclass(frozen=True)
 class Between:
-    """There is no loop: before the drive is on, or after a stop."""
+    """There is no loop: before the drive is on, or after a stop.
+
+    Parameters
+    ----------
+    words : str
+        What there is instead.
+    ready : bool
+        Whether the drive can be switched on.
+    latched : bool
+        Whether it stays so until the person clears it,
+    clears : bool
+        and whether that can be done now.
+    intent : str
+        What is going to happen once the drive is on.
+    asks : str
+        What the person is asked; empty where that is nothing.
+    """
 
     words: str
-    """What there is instead."""
     ready: bool = False
-    """Whether the drive can be switched on."""
     latched: bool = False
-    """Whether it stays so until the person clears it,"""
     clears: bool = False
-    """and whether that can be done now."""
     intent: str = ""
-    """What is going to happen once the drive is on."""
     asks: str = ""
-    """What the person is asked; empty where that is nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class Aim:
-    """What the loop goes to from now on."""
+    """What the loop goes to from now on.
+
+    Parameters
+    ----------
+    target : Target
+        What was shown.
+    """
 
     target: Target
-    """What was shown."""
 
 
 @dataclass(frozen=True, eq=False)
 class Taught:
-    """A target was taught."""
+    """A target was taught.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    target : Target
+        What the camera saw.
+    """
 
     name: str
-    """What it is called."""
     target: Target
-    """What the camera saw."""
 
 
 @dataclass(frozen=True, eq=False)
 class InForce:
-    """What the loop goes by from now on."""
+    """What the loop goes by from now on.
+
+    Parameters
+    ----------
+    servo : Servo
+        Its settings.
+    """
 
     servo: Servo
-    """Its settings."""
 
 
 @dataclass(frozen=True)
 class OnTour:
-    """How far a tour is."""
+    """How far a tour is.
+
+    Parameters
+    ----------
+    progress : HowFar or None
+        None where there is none, or none any more.
+    """
 
     progress: HowFar | None
-    """None where there is none, or none any more."""
 
 
 @dataclass(frozen=True)
 class Teaching:
-    """How far teaching is."""
+    """How far teaching is.
+
+    Parameters
+    ----------
+    words : str
+        In words; empty where nothing is being taught.
+    """
 
     words: str
-    """In words; empty where nothing is being taught."""
 
 
 Said = Note | Between | Aim | Taught | InForce | OnTour | Teaching

@@ -25,24 +25,37 @@ MOST = 200
 
 @dataclass(frozen=True)
 class PoseFolder:
-    """Where poses are, and what they are bound to."""
+    """Where poses are, and what they are bound to.
+
+    Parameters
+    ----------
+    folder : Path
+        It is made for the first pose.
+    setup : Setup
+        The camera, arm, tool and markers that see them.
+    """
 
     folder: Path
-    """It is made for the first pose."""
     setup: Setup
-    """The camera, arm, tool and markers that see them."""
 
 
 @dataclass
 class Poses:
-    """The poses of a folder; `read` begins."""
+    """The poses of a folder; `read` begins.
+
+    Parameters
+    ----------
+    of : PoseFolder
+        Where they are.
+    targets : dict[str, Target]
+        Those that this setup can go to, by their names.
+    refused : dict[str, str]
+        Those that it cannot, and why.
+    """
 
     of: PoseFolder
-    """Where they are."""
     targets: dict[str, Target] = field(default_factory=dict[str, Target])
-    """Those that this setup can go to, by their names."""
     refused: dict[str, str] = field(default_factory=dict[str, str])
-    """Those that it cannot, and why."""
 
     def read(self) -> None:
         """Take what is there. A file that is damaged, or another setup's, is refused."""

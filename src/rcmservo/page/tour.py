@@ -28,52 +28,80 @@ BY_ITSELF = Phase.ACQUIRE, Phase.SERVO, Phase.HOLD
 
 @dataclass(frozen=True)
 class Stay(Checked):
-    """A pose of a tour."""
+    """A pose of a tour.
+
+    Parameters
+    ----------
+    pose : str
+        Its name.
+    dwell : float
+        s for which the errors stay small before the tool goes on.
+    """
 
     pose: str
-    """Its name."""
     dwell: Annotated[float, between(0.0, LONGEST, "a time", "s")]
-    """s for which the errors stay small before the tool goes on."""
 
 
 @dataclass(frozen=True)
 class Plan(Checked, section="tour"):
-    """What a person asks for."""
+    """What a person asks for.
+
+    Parameters
+    ----------
+    stops : tuple[Stay, ...]
+        In the order of the visits.
+    rounds : int
+        How often all are visited.
+    """
 
     stops: Annotated[
         tuple[Stay, ...], Limit(lambda stops: 1 <= len(stops) <= STOPS, f"1 to {STOPS} poses")
     ]
-    """In the order of the visits."""
     rounds: Annotated[int, between(1, ROUNDS, "a whole number")] = 1
-    """How often all are visited."""
 
 
 @dataclass(frozen=True, eq=False)
 class GoOnTour:
-    """Wanted: that the tool goes on a tour."""
+    """Wanted: that the tool goes on a tour.
+
+    Parameters
+    ----------
+    plan : Plan
+        Where to, and for how long.
+    targets : tuple[Target, ...]
+        Those of its stops.
+    """
 
     plan: Plan
-    """Where to, and for how long."""
     targets: tuple[Target, ...]
-    """Those of its stops."""
 
 
 @dataclass(frozen=True)
 class HowFar:
-    """How far a tour is."""
+    """How far a tour is.
+
+    Parameters
+    ----------
+    pose : str
+        The one that the tool goes to or is at.
+    stop : int
+        Which of the stops that is, from 1,
+    stops : int
+        of how many.
+    lap : int
+        Which round, from 1,
+    laps : int
+        of how many.
+    left : int or None
+        s of the dwell that are left, rounded up; None on the way there.
+    """
 
     pose: str
-    """The one that the tool goes to or is at."""
     stop: int
-    """Which of the stops that is, from 1,"""
     stops: int
-    """of how many."""
     lap: int
-    """Which round, from 1,"""
     laps: int
-    """of how many."""
     left: int | None
-    """s of the dwell that are left, rounded up; None on the way there."""
 
 
 class Touring:

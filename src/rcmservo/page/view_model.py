@@ -34,68 +34,103 @@ Truth = Callable[[Floats], float]
 
 @dataclass(frozen=True)
 class Status:
-    """State of the servo in words, and the buttons that lead on."""
+    """State of the servo in words, and the buttons that lead on.
+
+    Parameters
+    ----------
+    phase : str
+        Name of the phase; OFF where no loop runs.
+    words : str
+        The phase in words.
+    action : str
+        Action of the cause, which says how grave it is.
+    can : list[str]
+        Actions that the browser in control may ask for now.
+    ways : list[str]
+        Actions that lead out of the cause, in the order in which they are pressed.
+    way_out : str
+        The way out in words.
+    why : str
+        The cause in words.
+    moves : bool
+        Whether the tool moves by itself.
+    intent : str
+        What is going to happen once the drive is on.
+    asks : str
+        What the person is asked.
+    """
 
     phase: str
-    """Name of the phase; OFF where no loop runs."""
     words: str
-    """The phase in words."""
     action: str
-    """Action of the cause, which says how grave it is."""
     can: list[str]
-    """Actions that the browser in control may ask for now."""
     ways: list[str]
-    """Actions that lead out of the cause, in the order in which they are pressed."""
     way_out: str
-    """The way out in words."""
     why: str = ""
-    """The cause in words."""
     moves: bool = False
-    """Whether the tool moves by itself."""
     intent: str = ""
-    """What is going to happen once the drive is on."""
     asks: str = ""
-    """What the person is asked."""
 
 
 @dataclass
 class Board:
-    """What there is to show."""
+    """What there is to show.
+
+    Parameters
+    ----------
+    desk : Desk
+        Where it comes from.
+    poses : Poses
+        Where poses are kept.
+    between : Between or None
+        What there is instead of a loop; None while there is one.
+    target : Target or None
+        Where the loop goes to.
+    tick : Table
+        The newest tick's columns and names.
+    notes : deque[str]
+        What was said, the newest last.
+    in_force : Servo or None
+        The settings that the loop goes by.
+    kept : int
+        It rises with each pose that is kept.
+    changes : int
+        It rises with each change of settings.
+    tour : HowFar or None
+        How far a tour is; None where there is none.
+    teaching : str
+        How far teaching is, in words; empty where nothing is being taught.
+    curves : Curves
+        The loop's last seconds.
+    shape : Shape or None
+        What the tool is, where that is to be drawn.
+    truth : Truth or None
+        What tells how far the tool truly is from a target; None where nobody knows.
+    count : int
+        That of the newest tick taken.
+    picture : bytes
+        The JPEG file that is shown.
+    looked : int
+        ns, when it was last made new: what is shown later is no newer.
+    """
 
     desk: Desk
-    """Where it comes from."""
     poses: Poses
-    """Where poses are kept."""
     between: Between | None = None
-    """What there is instead of a loop; None while there is one."""
     target: Target | None = None
-    """Where the loop goes to."""
     tick: Table = field(default_factory=dict[str, Any])
-    """The newest tick's columns and names."""
     notes: deque[str] = field(default_factory=lambda: deque[str](maxlen=NOTES))
-    """What was said, the newest last."""
     in_force: Servo | None = None
-    """The settings that the loop goes by."""
     kept: int = 0
-    """It rises with each pose that is kept."""
     changes: int = 0
-    """It rises with each change of settings."""
     tour: HowFar | None = None
-    """How far a tour is; None where there is none."""
     teaching: str = ""
-    """How far teaching is, in words; empty where nothing is being taught."""
     curves: Curves = field(default_factory=Curves)
-    """The loop's last seconds."""
     shape: Shape | None = None
-    """What the tool is, where that is to be drawn."""
     truth: Truth | None = None
-    """What tells how far the tool truly is from a target; None where nobody knows."""
     count: int = -1
-    """That of the newest tick taken."""
     picture: bytes = b""
-    """The JPEG file that is shown."""
     looked: int = 0
-    """ns, when it was last made new: what is shown later is no newer."""
 
     @property
     def frame(self) -> int:

@@ -116,18 +116,27 @@ def tallies(settings: Settings, results: Results) -> Tallies:
 
 
 class Comparison(NamedTuple):
-    """A claim on one method in the accepted scenes, or on two in the same scenes."""
+    """A claim on one method in the accepted scenes, or on two in the same scenes.
+
+    Parameters
+    ----------
+    claim : str
+        Key of the claim.
+    number : Callable[[Tally, Tally], Interval]
+        Number of the claim, from both.
+    one : str
+        Name of the method that the claim is on.
+    other : str
+        Name of the method that it is compared with.
+    case : tuple[str, ...]
+        Row and column among the cases of the claim.
+    """
 
     claim: str
-    """Key of the claim."""
     number: Callable[[Tally, Tally], Interval]
-    """Number of the claim, from both."""
     one: str
-    """Name of the method that the claim is on."""
     other: str
-    """Name of the method that it is compared with."""
     case: tuple[str, ...] = ()
-    """Row and column among the cases of the claim."""
 
 
 def worst(one: Tally, other: Tally) -> Interval:

@@ -25,66 +25,102 @@ UNDECIDED = "the interval of 95 % holds both sides of the bound"
 
 @dataclass(frozen=True)
 class Sentence:
-    """A sentence of the paper that can be measured."""
+    """A sentence of the paper that can be measured.
+
+    Parameters
+    ----------
+    where : str
+        Section, equation or figure.
+    words : str
+        Wording of the paper, shortened.
+    """
 
     where: str
-    """Section, equation or figure."""
     words: str
-    """Wording of the paper, shortened."""
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A row of the table. Its texts may hold settings and measured words in braces."""
+    """A row of the table. Its texts may hold settings and measured words in braces.
+
+    Parameters
+    ----------
+    claim : str
+        Measured statement, which is true or false.
+    relation : Literal['<=', '>=']
+        Relation of the measured number to the bound if the claim holds.
+    bound : float or None
+        Bound; None in a table whose experiment computes it from its settings.
+    about : str
+        Key of the paper's sentence, or OURS.
+    unit : str
+        Unit of number and bound; empty for a plain number.
+    follows : bool
+        True if the claim only follows from the paper's sentence.
+    remark : str
+        Condition under which it holds, or the reason why it does not.
+    detail : str
+        Further observations.
+    figure : str
+        Key of the figure that shows it.
+    trap : str
+        Key of the pitfall of the paper that the number bears on.
+    """
 
     claim: str
-    """Measured statement, which is true or false."""
     relation: Literal["<=", ">="]
-    """Relation of the measured number to the bound if the claim holds."""
     bound: float | None = None
-    """Bound; None in a table whose experiment computes it from its settings."""
     about: str = OURS
-    """Key of the paper's sentence, or OURS."""
     unit: str = ""
-    """Unit of number and bound; empty for a plain number."""
     follows: bool = False
-    """True if the claim only follows from the paper's sentence."""
     remark: str = ""
-    """Condition under which it holds, or the reason why it does not."""
     detail: str = ""
-    """Further observations."""
     figure: str = ""
-    """Key of the figure that shows it."""
     trap: str = ""
-    """Key of the pitfall of the paper that the number bears on."""
 
 
 @dataclass(frozen=True)
 class Caption:
-    """Text of a figure."""
+    """Text of a figure.
+
+    Parameters
+    ----------
+    where : str
+        Part of the paper that it stands for, or another heading.
+    caption : str
+        Description in sentences.
+    """
 
     where: str
-    """Part of the paper that it stands for, or another heading."""
     caption: str
-    """Description in sentences."""
 
 
 @dataclass(frozen=True)
 class ExperimentTexts:
-    """Texts and settings of an experiment."""
+    """Texts and settings of an experiment.
+
+    Parameters
+    ----------
+    title : str
+        Heading of its chapter.
+    about : str
+        Description in sentences.
+    whole : dict[str, Any]
+        Settings of a whole run.
+    claim : dict[str, Claim]
+        Claims by their keys.
+    figure : dict[str, Caption]
+        Figures by their names.
+    quick : dict[str, Any]
+        Settings in which a reduced run differs.
+    """
 
     title: str
-    """Heading of its chapter."""
     about: str
-    """Description in sentences."""
     whole: dict[str, Any]
-    """Settings of a whole run."""
     claim: dict[str, Claim]
-    """Claims by their keys."""
     figure: dict[str, Caption]
-    """Figures by their names."""
     quick: dict[str, Any] = field(default_factory=dict[str, Any])
-    """Settings in which a reduced run differs."""
 
     def settings(self, quick: bool) -> Settings:
         """Return the settings of a whole or a reduced run."""
@@ -93,14 +129,21 @@ class ExperimentTexts:
 
 @dataclass(frozen=True)
 class ClaimTable:
-    """Content of claims.toml."""
+    """Content of claims.toml.
+
+    Parameters
+    ----------
+    trap : dict[str, str]
+        Pitfalls of the project's critical reading of the paper.
+    sentence : dict[str, Sentence]
+        Sentences of the paper, in its order.
+    experiment : dict[str, ExperimentTexts]
+        Experiments, in the order of the report.
+    """
 
     trap: dict[str, str]
-    """Pitfalls of the project's critical reading of the paper."""
     sentence: dict[str, Sentence]
-    """Sentences of the paper, in its order."""
     experiment: dict[str, ExperimentTexts]
-    """Experiments, in the order of the report."""
 
 
 @cache
@@ -112,30 +155,45 @@ def claim_table() -> ClaimTable:
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimRow(Claim):
-    """A claim as it stands in claims.json: its row of the table, texts filled in, and judged."""
+    """A claim as it stands in claims.json: its row of the table, texts filled in, and judged.
+
+    Parameters
+    ----------
+    experiment : str
+        Name of its experiment.
+    number : int
+        Index among the claims of its experiment.
+    whose : str
+        Author of the sentence that is judged: ours, the paper's, or follows from the paper.
+    case : tuple[str, str]
+        Row and column among the cases of the same words; empty where it has none.
+    where : str
+        Place of that sentence in the paper, or OURS.
+    measured : float
+        Number, in ``unit``.
+    interval : tuple[float, float] or None
+        Confidence interval of 95 %; None if there is none or the trials are too few for it.
+    verdict : str or None
+        One of VERDICTS; None for one or two trials.
+    trials : int
+        Number of trials; 0 for a computation without chance.
+    seed : list[int]
+        Seeds of the trials; empty for a computation without chance.
+    trap_confirmed : bool or None
+        True if the number confirms that pitfall; None without a pitfall or a verdict.
+    """
 
     experiment: str
-    """Name of its experiment."""
     number: int
-    """Index among the claims of its experiment."""
     whose: str
-    """Author of the sentence that is judged: ours, the paper's, or follows from the paper."""
     case: tuple[str, str]
-    """Row and column among the cases of the same words; empty where it has none."""
     where: str
-    """Place of that sentence in the paper, or OURS."""
     measured: float
-    """Number, in ``unit``."""
     interval: tuple[float, float] | None
-    """Confidence interval of 95 %; None if there is none or the trials are too few for it."""
     verdict: str | None
-    """One of VERDICTS; None for one or two trials."""
     trials: int
-    """Number of trials; 0 for a computation without chance."""
     seed: list[int]
-    """Seeds of the trials; empty for a computation without chance."""
     trap_confirmed: bool | None
-    """True if the number confirms that pitfall; None without a pitfall or a verdict."""
 
     @property
     def anchor(self) -> str:

@@ -10,20 +10,30 @@ from rcmservo.paper.plan import Drawn, Measurement, Results, Settings, Task
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment, from its settings to its claims and figures."""
+    """An experiment, from its settings to its claims and figures.
+
+    Parameters
+    ----------
+    name : str
+        Name in folders, links and the table of claims, and after ``--only``.
+    tasks : Callable[[Settings], Iterable[Task]]
+        Work that the settings ask for.
+    measure : Callable[[Settings, Results], Iterable[Measurement]]
+        Measurements of the claims, in the order of the report.
+    draw : Callable[[Settings, Results], Iterable[Drawn]]
+        Figures, in the order of the report.
+    fixed : Mapping[str, object]
+        Settings that are no plain numbers and the same in every run, for the report.
+    added : Mapping[str, object]
+        Settings that the caller adds to those of the table.
+    """
 
     name: str
-    """Name in folders, links and the table of claims, and after ``--only``."""
     tasks: Callable[[Settings], Iterable[Task]]
-    """Work that the settings ask for."""
     measure: Callable[[Settings, Results], Iterable[Measurement]]
-    """Measurements of the claims, in the order of the report."""
     draw: Callable[[Settings, Results], Iterable[Drawn]]
-    """Figures, in the order of the report."""
     fixed: Mapping[str, object] = field(default_factory=dict[str, object])
-    """Settings that are no plain numbers and the same in every run, for the report."""
     added: Mapping[str, object] = field(default_factory=dict[str, object])
-    """Settings that the caller adds to those of the table."""
 
     @property
     def texts(self) -> ExperimentTexts:

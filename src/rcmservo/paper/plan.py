@@ -32,16 +32,24 @@ class NotMeasured(RcmServoError):
 
 @dataclass(frozen=True)
 class Task:
-    """A piece of work that needs no other."""
+    """A piece of work that needs no other.
+
+    Parameters
+    ----------
+    name : str
+        Name of its folder, unique in the experiment.
+    work : partial[Found]
+        Function that returns the results.
+    cost : float
+        Approximate time in s; the long ones begin first.
+    in_folder : bool
+        True if the function takes its folder, to leave a record and pictures there.
+    """
 
     name: str
-    """Name of its folder, unique in the experiment."""
     work: "partial[Found]"
-    """Function that returns the results."""
     cost: float = 1.0
-    """Approximate time in s; the long ones begin first."""
     in_folder: bool = False
-    """True if the function takes its folder, to leave a record and pictures there."""
 
     @classmethod
     def per_seed(
@@ -58,12 +66,18 @@ class Task:
 
 @dataclass(frozen=True)
 class Results:
-    """Results of all tasks of an experiment."""
+    """Results of all tasks of an experiment.
+
+    Parameters
+    ----------
+    found : Mapping[str, Found]
+        Results by the tasks' names.
+    folders : Mapping[str, Path]
+        Folders with the tasks' records and pictures, by the tasks' names.
+    """
 
     found: Mapping[str, Found]
-    """Results by the tasks' names."""
     folders: Mapping[str, Path]
-    """Folders with the tasks' records and pictures, by the tasks' names."""
 
     def __getitem__(self, task: str) -> Found:
         return self.found[task]
@@ -130,17 +144,27 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure of the report."""
+    """A figure of the report.
+
+    Parameters
+    ----------
+    name : str
+        Key in the table of claims, and the name in links and figures.json.
+    seeds : Sequence[int]
+        Seeds named below it; empty for a computation without chance.
+    chart : Figure or None
+        None where it consists of pictures alone.
+    pictures : Sequence[Path]
+        PNG files that stand before the chart.
+    words : Mapping[str, object]
+        Values for the caption's text.
+    key : str
+        Key in the table of claims, where that is not the name.
+    """
 
     name: str
-    """Key in the table of claims, and the name in links and figures.json."""
     seeds: Sequence[int]
-    """Seeds named below it; empty for a computation without chance."""
     chart: Figure | None = None
-    """None where it consists of pictures alone."""
     pictures: Sequence[Path] = ()
-    """PNG files that stand before the chart."""
     words: Mapping[str, object] = field(default_factory=dict[str, object])
-    """Values for the caption's text."""
     key: str = ""
-    """Key in the table of claims, where that is not the name."""

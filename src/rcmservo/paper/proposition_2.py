@@ -30,16 +30,24 @@ def tasks(settings: Settings) -> list[Task]:
 
 
 class Round(NamedTuple):
-    """One round of a closed path, step by step."""
+    """One round of a closed path, step by step.
+
+    Parameters
+    ----------
+    dp : Floats
+        (n, 3) mm.
+    dy : Floats
+        (n, 3) rad, px, px.
+    J : Floats
+        (n, 3, 3), at the steps' ends.
+    J_start : Floats
+        (3, 3).
+    """
 
     dp: Floats
-    """(n, 3) mm."""
     dy: Floats
-    """(n, 3) rad, px, px."""
     J: Floats
-    """(n, 3, 3), at the steps' ends."""
     J_start: Floats
-    """(3, 3)."""
 
 
 def loops(settings: Settings, seed: int) -> Found:

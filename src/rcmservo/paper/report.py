@@ -22,14 +22,21 @@ CLAIMS, FIGURES, REPORT = "claims.json", "figures.json", "report.html"
 
 
 class Chapter(NamedTuple):
-    """Findings of an experiment."""
+    """Findings of an experiment.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Its texts and settings.
+    rows : list[ClaimRow]
+        Claims, in the order of the report.
+    figures : list[Drawn]
+        Figures, in the order of the report.
+    """
 
     experiment: Experiment
-    """Its texts and settings."""
     rows: list[ClaimRow]
-    """Claims, in the order of the report."""
     figures: list[Drawn]
-    """Figures, in the order of the report."""
 
 
 def write(out: Path, chapters: list[Chapter], quick: bool, left_out: Mapping[str, str]) -> Path:
@@ -109,14 +116,21 @@ def counts(rows: Iterable[ClaimRow]) -> dict[str | None, int]:
 
 @dataclass(frozen=True)
 class Trap:
-    """A pitfall and the claims that bear on it."""
+    """A pitfall and the claims that bear on it.
+
+    Parameters
+    ----------
+    name : str
+        T0, T1, ...
+    words : str
+        Description.
+    rows : list[ClaimRow]
+        Claims that bear on it, in the order of the report.
+    """
 
     name: str
-    """T0, T1, ..."""
     words: str
-    """Description."""
     rows: list[ClaimRow]
-    """Claims that bear on it, in the order of the report."""
 
     @property
     def verdict(self) -> str:
@@ -135,31 +149,48 @@ def traps_met(rows: list[ClaimRow]) -> list[Trap]:
 
 
 class Cases(NamedTuple):
-    """Cases of one wording, as a small table."""
+    """Cases of one wording, as a small table.
+
+    Parameters
+    ----------
+    claim : str
+        Wording.
+    rows : list[str]
+        Labels, in the order of the cells.
+    columns : list[str]
+        Labels; a single empty one where the rows alone distinguish the cases.
+    cells : list[list[ClaimRow or None]]
+        Claims by row and column.
+    """
 
     claim: str
-    """Wording."""
     rows: list[str]
-    """Labels, in the order of the cells."""
     columns: list[str]
-    """Labels; a single empty one where the rows alone distinguish the cases."""
     cells: list[list[ClaimRow | None]]
-    """Claims by row and column."""
 
 
 class Judged(NamedTuple):
-    """A sentence, or a wording of ours, on the first page."""
+    """A sentence, or a wording of ours, on the first page.
+
+    Parameters
+    ----------
+    where : str
+        Place in the paper; empty for ours.
+    words : str
+        Words of the paper, or of our claim.
+    head : ClaimRow
+        Claim nearest to the words: the first one.
+    others : list[ClaimRow]
+        Other wordings.
+    cases : list[Cases]
+        A table for each wording with several cases.
+    """
 
     where: str
-    """Place in the paper; empty for ours."""
     words: str
-    """Words of the paper, or of our claim."""
     head: ClaimRow
-    """Claim nearest to the words: the first one."""
     others: list[ClaimRow]
-    """Other wordings."""
     cases: list[Cases]
-    """A table for each wording with several cases."""
 
 
 def first_page(rows: list[ClaimRow]) -> tuple[list[Judged], list[Judged]]:

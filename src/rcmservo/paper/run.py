@@ -46,14 +46,21 @@ def chosen(only: str | None, own: "Own | None" = None) -> dict[str, Experiment]:
 
 
 class Written(NamedTuple):
-    """A report that was written."""
+    """A report that was written.
+
+    Parameters
+    ----------
+    page : Path
+        The HTML file.
+    rows : list[ClaimRow]
+        Judged claims, in the order of the report.
+    left_out : Mapping[str, str]
+        Experiments that are not in it, each with what could not be measured.
+    """
 
     page: Path
-    """The HTML file."""
     rows: list[ClaimRow]
-    """Judged claims, in the order of the report."""
     left_out: Mapping[str, str]
-    """Experiments that are not in it, each with what could not be measured."""
 
 
 def run(

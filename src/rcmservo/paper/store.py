@@ -52,14 +52,21 @@ def prepare(out: Path, quick: bool) -> None:
 
 
 class Assignment(NamedTuple):
-    """A task, and the folder of its result."""
+    """A task, and the folder of its result.
+
+    Parameters
+    ----------
+    task : Task
+        Work to be done.
+    folder : Path
+        Folder of the result.
+    mark : str
+        Fingerprint of all that the result depends on.
+    """
 
     task: Task
-    """Work to be done."""
     folder: Path
-    """Folder of the result."""
     mark: str
-    """Fingerprint of all that the result depends on."""
 
     @property
     def finished(self) -> bool:

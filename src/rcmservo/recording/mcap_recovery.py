@@ -58,16 +58,24 @@ DAMAGE_ERRORS = McapError, ValueError, struct.error, zstandard.ZstdError
 
 
 class Message(NamedTuple):
-    """One message of a file."""
+    """One message of a file.
+
+    Parameters
+    ----------
+    topic : str
+        Name of its channel, such as rcmservo/tick.
+    definition : str
+        Definition of its type in the ROS 2 format; empty if the file holds none.
+    time : int
+        Log time in ns since the start of the record.
+    data : bytes
+        Bytes in CDR.
+    """
 
     topic: str
-    """Name of its channel, such as rcmservo/tick."""
     definition: str
-    """Definition of its type in the ROS 2 format; empty if the file holds none."""
     time: int
-    """Log time in ns since the start of the record."""
     data: bytes
-    """Bytes in CDR."""
 
 
 @dataclass

@@ -52,28 +52,42 @@ Name = TypeVar("Name", bound=Enum)
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Run of N ticks as columns."""
+    """Run of N ticks as columns.
+
+    Parameters
+    ----------
+    path : Path
+        File of the record.
+    about : dict[str, Any]
+        Settings, seed and versions of the run, and its planned duration.
+    time : Floats
+        Time of each tick (N,) in s since the start of the record.
+    ticks : dict[str, Column]
+        Values of the ticks by column name, (N, size) each; see tick_schema.py.
+    words : dict[str, list[str]]
+        Enum names of the ticks by column name, N each, such as `phase` and `cause`.
+    operating : list[tuple[int, str]]
+        Operating states as sentences, each with the index of its first tick.
+    truth : dict[str, Floats]
+        Values known to the simulation by name, (N, size) each; (0, size) if the record has none.
+    stages : list[Stage]
+        Stages in order, with the servo and target of their ticks.
+    missing : str
+        Sentence about the part that could not be read; empty if the record is `complete`.
+    unread : int
+        Bytes of the file that could not be read.
+    """
 
     path: Path
-    """File of the record."""
     about: dict[str, Any]
-    """Settings, seed and versions of the run, and its planned duration."""
     time: Floats
-    """Time of each tick (N,) in s since the start of the record."""
     ticks: dict[str, Column]
-    """Values of the ticks by column name, (N, size) each; see tick_schema.py."""
     words: dict[str, list[str]]
-    """Enum names of the ticks by column name, N each, such as `phase` and `cause`."""
     operating: list[tuple[int, str]]
-    """Operating states as sentences, each with the index of its first tick."""
     truth: dict[str, Floats]
-    """Values known to the simulation by name, (N, size) each; (0, size) if the record has none."""
     stages: list[Stage]
-    """Stages in order, with the servo and target of their ticks."""
     missing: str
-    """Sentence about the part that could not be read; empty if the record is `complete`."""
     unread: int
-    """Bytes of the file that could not be read."""
 
     @property
     def version(self) -> str:

@@ -22,20 +22,30 @@ MAX_CHUNKS_SEARCHED = 20
 
 @dataclass(frozen=True)
 class Glance:
-    """Settings, last state and completeness of a record."""
+    """Settings, last state and completeness of a record.
+
+    Parameters
+    ----------
+    about : dict[str, Any]
+        Settings, seed and versions of the run.
+    servo : Any
+        Description of the first servo; empty if there is none.
+    seconds : float
+        Time of the last tick in s.
+    phase : str
+        Phase at the last tick, as a sentence; empty without a tick.
+    cause : str
+        Cause at the last tick, as a sentence; empty if there is none.
+    ended : bool
+        True if the file was closed properly.
+    """
 
     about: dict[str, Any]
-    """Settings, seed and versions of the run."""
     servo: Any
-    """Description of the first servo; empty if there is none."""
     seconds: float
-    """Time of the last tick in s."""
     phase: str
-    """Phase at the last tick, as a sentence; empty without a tick."""
     cause: str
-    """Cause at the last tick, as a sentence; empty if there is none."""
     ended: bool
-    """True if the file was closed properly."""
 
 
 def glance(path: Path) -> Glance:

@@ -34,20 +34,30 @@ from rcmservo.servo.user_estimator import called
 
 @dataclass(frozen=True, eq=False)
 class Rerun:
-    """Comparison of a record with its replay."""
+    """Comparison of a record with its replay.
+
+    Parameters
+    ----------
+    then : Record
+        Record as it was written.
+    now : Record
+        Record with the replayed decisions; it can be plotted like any other record.
+    first : int or None
+        Index of the first tick that differs in any bit; None if there is none.
+    differs : dict[str, int]
+        Number of differing ticks by column; columns without a difference are left out.
+    open_loop : bool
+        True if other settings than the recorded ones were used.
+    changed : str
+        Sentence about user-defined estimators whose source has changed since; empty if none has.
+    """
 
     then: Record
-    """Record as it was written."""
     now: Record
-    """Record with the replayed decisions; it can be plotted like any other record."""
     first: int | None
-    """Index of the first tick that differs in any bit; None if there is none."""
     differs: dict[str, int]
-    """Number of differing ticks by column; columns without a difference are left out."""
     open_loop: bool
-    """True if other settings than the recorded ones were used."""
     changed: str = ""
-    """Sentence about user-defined estimators whose source has changed since; empty if none has."""
 
     @property
     def same(self) -> bool:

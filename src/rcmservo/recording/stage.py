@@ -29,22 +29,33 @@ outside the record."""
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Servo and target of a section of ticks."""
+    """Servo and target of a section of ticks.
+
+    Parameters
+    ----------
+    first : int
+        Index of the first tick.
+    servo : Any
+        Description from which the servo can be rebuilt.
+    target : Target
+        Target of the stage.
+    origin : int
+        Number of the stage that it continues, or `NO_ORIGIN` or `UNRECORDED_ORIGIN`.
+    mid_run : bool
+        True if the loop continued from the previous tick without a restart.
+    version : str
+        Version of rcmservo that wrote the stage; empty if unknown.
+    source : str
+        Hash of the source file of a user-defined estimator; empty for a built-in one.
+    """
 
     first: int
-    """Index of the first tick."""
     servo: Any
-    """Description from which the servo can be rebuilt."""
     target: Target
-    """Target of the stage."""
     origin: int
-    """Number of the stage that it continues, or `NO_ORIGIN` or `UNRECORDED_ORIGIN`."""
     mid_run: bool = False
-    """True if the loop continued from the previous tick without a restart."""
     version: str = ""
-    """Version of rcmservo that wrote the stage; empty if unknown."""
     source: str = ""
-    """Hash of the source file of a user-defined estimator; empty for a built-in one."""
 
 
 def stage_text(servo: Servo, target: Target, origin: int, mid_run: bool) -> str:
@@ -58,34 +69,52 @@ def stage_text(servo: Servo, target: Target, origin: int, mid_run: bool) -> str:
 
 @dataclass(frozen=True)
 class TargetTable:
-    """Target in the JSON of a stage."""
+    """Target in the JSON of a stage.
+
+    Parameters
+    ----------
+    points : tuple[tuple[float, float], tuple[float, float]]
+        (u, v) in raw px of marker 1, then of marker 2.
+    q : tuple[float, float, float]
+        Joints in rad, rad, mm.
+    shown : int
+        Time at which the target was taught, in ns on the plant's clock; 0 if unknown.
+    sizes : Sizes
+        Apparent radii of both markers in px; null if unknown.
+    """
 
     points: tuple[tuple[float, float], tuple[float, float]]
-    """(u, v) in raw px of marker 1, then of marker 2."""
     q: tuple[float, float, float]
-    """Joints in rad, rad, mm."""
     shown: int = 0
-    """Time at which the target was taught, in ns on the plant's clock; 0 if unknown."""
     sizes: Sizes = NO_SIZES
-    """Apparent radii of both markers in px; null if unknown."""
 
 
 @dataclass(frozen=True)
 class StageTable:
-    """JSON of a stage. Its position in the record determines its first tick."""
+    """JSON of a stage. Its position in the record determines its first tick.
+
+    Parameters
+    ----------
+    origin : int
+        Number of the stage that it continues, or `NO_ORIGIN` or `UNRECORDED_ORIGIN`.
+    target : TargetTable
+        Target of the stage.
+    servo : Table
+        Description from which the servo can be rebuilt.
+    mid_run : bool
+        True if the loop continued from the previous tick without a restart.
+    version : str
+        Version of rcmservo that wrote the stage; empty if unknown.
+    source : str
+        Hash of the source file of a user-defined estimator; empty for a built-in one.
+    """
 
     origin: int
-    """Number of the stage that it continues, or `NO_ORIGIN` or `UNRECORDED_ORIGIN`."""
     target: TargetTable
-    """Target of the stage."""
     servo: Table
-    """Description from which the servo can be rebuilt."""
     mid_run: bool = False
-    """True if the loop continued from the previous tick without a restart."""
     version: str = ""
-    """Version of rcmservo that wrote the stage; empty if unknown."""
     source: str = ""
-    """Hash of the source file of a user-defined estimator; empty for a built-in one."""
 
 
 def stage_of(table: object, first: int, number: int) -> Stage:

@@ -30,14 +30,21 @@ TIME, COUNT, FLAG = ("[ns]",), ("[1]",), ("[0 or 1]",)
 
 
 class Column(NamedTuple):
-    """One entry of a tick."""
+    """One entry of a tick.
+
+    Parameters
+    ----------
+    name : str
+        Name in messages, tables and comparisons.
+    parts : tuple[str, ...]
+        Name and unit of each number.
+    of : Callable[[Tick], Any]
+        Function that returns the value of a tick.
+    """
 
     name: str
-    """Name in messages, tables and comparisons."""
     parts: tuple[str, ...]
-    """Name and unit of each number."""
     of: Callable[[Tick], Any]
-    """Function that returns the value of a tick."""
 
 
 def _a_hat(tick: Tick) -> Floats:

@@ -42,24 +42,35 @@ class Span:
     """A stretch of ticks with one phase and one cause.
 
     A tick at which a person asked for something always begins one.
+
+    Parameters
+    ----------
+    start : float
+        s of its first tick.
+    end : float
+        s at which its last tick ends.
+    phase : Phase
+        What the servo was doing.
+    cause : Cause
+        Why; NONE if all was well.
+    detail : str
+        What a person should know beside it, such as which joint it is.
+    asks : Action
+        The action that was taken in it.
+    request : Request
+        What a person asked for at its first tick.
+    stage : int
+        The number of the stage within the record.
     """
 
     start: float
-    """s of its first tick."""
     end: float
-    """s at which its last tick ends."""
     phase: Phase
-    """What the servo was doing."""
     cause: Cause
-    """Why; NONE if all was well."""
     detail: str
-    """What a person should know beside it, such as which joint it is."""
     asks: Action
-    """The action that was taken in it."""
     request: Request
-    """What a person asked for at its first tick."""
     stage: int
-    """The number of the stage within the record."""
 
     @property
     def why(self) -> str:

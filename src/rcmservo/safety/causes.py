@@ -39,24 +39,36 @@ class Invalidates(IntEnum):
 
 
 class Declaration(NamedTuple):
-    """Declaration of a cause."""
+    """Declaration of a cause.
+
+    Parameters
+    ----------
+    action : Action
+        Action that it requests.
+    sentence : str
+        Description for the operator.
+    way_out : str
+        Remedy for the operator.
+    detector : Callable[[TickFacts], bool] or None
+        Compiled function that detects it at a tick; None where gate or state machine raise it.
+    invalidates : Invalidates
+        Knowledge that it invalidates.
+    invalidates_unexplored : Invalidates
+        Knowledge that it invalidates before an exploration is done, if that is more.
+    hides_markers : bool
+        True if it explains why no marker is detected.
+    detail : Callable[[DetailFacts], str]
+        Function that words which joint it is, its value and its limit.
+    """
 
     action: Action
-    """Action that it requests."""
     sentence: str
-    """Description for the operator."""
     way_out: str = ""
-    """Remedy for the operator."""
     detector: Callable[[TickFacts], bool] | None = None
-    """Compiled function that detects it at a tick; None where gate or state machine raise it."""
     invalidates: Invalidates = Invalidates.NOTHING
-    """Knowledge that it invalidates."""
     invalidates_unexplored: Invalidates = Invalidates.NOTHING
-    """Knowledge that it invalidates before an exploration is done, if that is more."""
     hides_markers: bool = False
-    """True if it explains why no marker is detected."""
     detail: Callable[[DetailFacts], str] = lambda facts: ""
-    """Function that words which joint it is, its value and its limit."""
 
 
 warn, slow, hold, pause, fault = (partial(Declaration, action) for action in list(Action)[1:])

@@ -113,33 +113,48 @@ def stop(last: CommandStruct, now: int, gate: "Gate") -> None:
 
 
 class Passed(NamedTuple):
-    """What the gate let through."""
+    """What the gate let through.
+
+    Parameters
+    ----------
+    command : Command
+        What the arm may be sent.
+    finite : bool
+        Whether all numbers that came in were finite and time had passed. If not, the command is
+        zero at once.
+    """
 
     command: Command
-    """What the arm may be sent."""
     finite: bool
-    """Whether all numbers that came in were finite and time had passed. If not, the command is zero
-    at once."""
 
 
 @dataclass(frozen=True)
 class Gate(Checked, section="gate"):
-    """Bounds on every command."""
+    """Bounds on every command.
+
+    Parameters
+    ----------
+    speed : Triple
+        Bound on each joint's rate, rad/s, rad/s, mm/s.
+    slew : Triple
+        Bound on its change, rad/s², rad/s², mm/s².
+    latency : float
+        How long the arm may go on at its last speed before a command takes hold, s.
+    max_period : float
+        Longest time over which one command may change, s: a late tick must not allow a jump.
+    deadline : float
+        Time after its tick from which on a command is void, s.
+    """
 
     name = "gate"
 
     speed: Annotated[
         Triple, three_positive("rad/s, rad/s, mm/s"), angles(FASTEST_TURN, first=2, unit="rad/s")
     ] = (1.0, 1.0, 80.0)
-    """Bound on each joint's rate, rad/s, rad/s, mm/s."""
     slew: Annotated[Triple, three_positive("rad/s², rad/s², mm/s²")] = (10.0, 10.0, 800.0)
-    """Bound on its change, rad/s², rad/s², mm/s²."""
     latency: Annotated[float, not_negative("time in s")] = 0.05
-    """How long the arm may go on at its last speed before a command takes hold, s."""
     max_period: Annotated[float, positive("time in s")] = 0.02
-    """Longest time over which one command may change, s: a late tick must not allow a jump."""
     deadline: Annotated[float, between(0.01, 0.05, "a time", "s")] = 0.05
-    """Time after its tick from which on a command is void, s."""
 
     @cached_property
     def row(self) -> "Rows[Gate]":

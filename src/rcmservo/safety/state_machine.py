@@ -65,20 +65,30 @@ ASKED, OVERRUN = Cause.ASKED.place, Cause.OVERRUN.bit
 
 @dataclass(frozen=True)
 class Mode:
-    """A phase, and why."""
+    """A phase, and why.
+
+    Parameters
+    ----------
+    phase : Phase
+        What the servo is doing.
+    cause : Cause
+        Why; NONE if all is well.
+    since : int
+        Since when, ns.
+    good : int
+        Good frames counted in it.
+    asks : Action
+        The action that is being taken: in SERVO and ACQUIRE at most SLOW, in JOG always that.
+    detail : str
+        What a person should know beside the cause's sentence, such as which joint it is.
+    """
 
     phase: Phase = Phase.DISABLED
-    """What the servo is doing."""
     cause: Cause = Cause.NONE
-    """Why; NONE if all is well."""
     since: int = 0
-    """Since when, ns."""
     good: int = 0
-    """Good frames counted in it."""
     asks: Action = Action.NONE
-    """The action that is being taken: in SERVO and ACQUIRE at most SLOW, in JOG always that."""
     detail: str = ""
-    """What a person should know beside the cause's sentence, such as which joint it is."""
 
     @property
     def words(self) -> str:
@@ -101,16 +111,24 @@ class ModeStruct(Struct, source=Mode):
 
 
 class Signs(NamedTuple):
-    """What a transition depends on beside the causes."""
+    """What a transition depends on beside the causes.
+
+    Parameters
+    ----------
+    enabled : bool
+        Whether the arm's drive is on.
+    seen : bool
+        Whether both markers have been seen.
+    good : bool
+        Whether a new frame came and was accepted in this tick.
+    ready : bool
+        Whether there is an estimate to servo with.
+    """
 
     enabled: bool
-    """Whether the arm's drive is on."""
     seen: bool
-    """Whether both markers have been seen."""
     good: bool
-    """Whether a new frame came and was accepted in this tick."""
     ready: bool
-    """Whether there is an estimate to servo with."""
 
 
 @compiled

@@ -20,49 +20,75 @@ from rcmservo.servo.state import Stored
 @dataclass(frozen=True)
 class KernelParameters:
     """Settings of a servo's parts, which no tick changes. Compiled functions take them as one
-    row."""
+    row.
+
+    Parameters
+    ----------
+    rcm : Rcm
+        Mechanism, with marker 1 as the point on its tool.
+    tool : Shaft
+        Position of marker 2 on the tool.
+    controller : SaturatedController
+        Control law.
+    features : FeatureParameters
+        Feature vector that the law acts on.
+    needs_motion : bool
+        Whether the estimator must estimate ∂m/∂p₁ for it.
+    printed_potential : bool
+        Whether the potential (32) is as printed.
+    imaged_rcm : ImagedRcm
+        Solution of eq. (16).
+    printed_rcm : bool
+        Whether eq. (16) is as printed.
+    places_rcm : bool
+        Whether the estimator gives the imaged RCM.
+    spares_marker : bool
+        Whether the estimator goes on while one marker is lost.
+    gate : Gate
+        Bounds on every command.
+    thresholds : Thresholds
+        Values from which on something is a fault.
+    exploration : Exploration
+        First motion.
+    period : int
+        Time from tick to tick, ns.
+    """
 
     rcm: Rcm
-    """Mechanism, with marker 1 as the point on its tool."""
     tool: Shaft
-    """Position of marker 2 on the tool."""
     controller: SaturatedController
-    """Control law."""
     features: FeatureParameters
-    """Feature vector that the law acts on."""
     needs_motion: bool
-    """Whether the estimator must estimate ∂m/∂p₁ for it."""
     printed_potential: bool
-    """Whether the potential (32) is as printed."""
     imaged_rcm: ImagedRcm
-    """Solution of eq. (16)."""
     printed_rcm: bool
-    """Whether eq. (16) is as printed."""
     places_rcm: bool
-    """Whether the estimator gives the imaged RCM."""
     spares_marker: bool
-    """Whether the estimator goes on while one marker is lost."""
     gate: Gate
-    """Bounds on every command."""
     thresholds: Thresholds
-    """Values from which on something is a fault."""
     exploration: Exploration
-    """First motion."""
     period: int
-    """Time from tick to tick, ns."""
 
 
 class TickContext(NamedTuple):
-    """All that the compiled parts of a tick read and write, but for the estimator's own memory."""
+    """All that the compiled parts of a tick read and write, but for the estimator's own memory.
+
+    Parameters
+    ----------
+    stored : Stored
+        State, which the tick writes over.
+    observation : ObservationRow
+        What the plant read, in the state too.
+    setpoint : SetpointRow
+        Target and request, in the state too.
+    parameters : KernelParameters
+        Settings.
+    """
 
     stored: Stored
-    """State, which the tick writes over."""
     observation: ObservationRow
-    """What the plant read, in the state too."""
     setpoint: SetpointRow
-    """Target and request, in the state too."""
     parameters: KernelParameters
-    """Settings."""
 
 
 @compiled

@@ -42,26 +42,39 @@ WARM_UP = 8
 
 @dataclass(frozen=True)
 class Servo(Checked):
-    """The paper's block diagram. What the robot knows of itself, and a choice for every box."""
+    """The paper's block diagram. What the robot knows of itself, and a choice for every box.
+
+    Parameters
+    ----------
+    mechanism : Kinematics
+        The arm's kinematics.
+    tool : Tool
+        Where the markers are on the tool.
+    estimator : Estimator
+        How Ĵ is learnt.
+    controller : SaturatedController
+        The law.
+    exploration : Exploration
+        The first motion, from nothing.
+    imaged_rcm : ImagedRcm
+        How the imaged RCM is computed.
+    gate : Gate
+        Bounds on every command.
+    thresholds : Thresholds
+        From where on something is a fault.
+    rate : float
+        Number of ticks a second that it is stepped at.
+    """
 
     mechanism: Kinematics
-    """The arm's kinematics."""
     tool: Tool
-    """Where the markers are on the tool."""
     estimator: Estimator = field(default_factory=DltEstimator)
-    """How Ĵ is learnt."""
     controller: SaturatedController = field(default_factory=SaturatedController)
-    """The law."""
     exploration: Exploration = field(default_factory=Exploration)
-    """The first motion, from nothing."""
     imaged_rcm: ImagedRcm = field(default_factory=ImagedRcm)
-    """How the imaged RCM is computed."""
     gate: Gate = field(default_factory=Gate)
-    """Bounds on every command."""
     thresholds: Thresholds = field(default_factory=Thresholds)
-    """From where on something is a fault."""
     rate: float = 100.0
-    """Number of ticks a second that it is stepped at."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -9,20 +9,30 @@ from rcmservo.numerics.structs import Struct
 
 
 class Setpoint(NamedTuple):
-    """Target and operator's request at a tick."""
+    """Target and operator's request at a tick.
+
+    Parameters
+    ----------
+    points : Floats
+        The target's markers (2, 2) raw px.
+    q : Floats
+        The joints (3,) while it was taught.
+    shown : int
+        When it was taught, ns.
+    is_new : bool
+        Whether it is another target than at the last tick.
+    request : int
+        Code of the operator's request: its position in Request.
+    jog : Floats
+        Requested joint rates (3,) rad/s, rad/s, mm/s where that is JOG.
+    """
 
     points: Annotated[Floats, (2, 2)]
-    """The target's markers (2, 2) raw px."""
     q: Annotated[Floats, (3,)]
-    """The joints (3,) while it was taught."""
     shown: int
-    """When it was taught, ns."""
     is_new: bool
-    """Whether it is another target than at the last tick."""
     request: int
-    """Code of the operator's request: its position in Request."""
     jog: Annotated[Floats, (3,)]
-    """Requested joint rates (3,) rad/s, rad/s, mm/s where that is JOG."""
 
 
 class SetpointRow(Struct, source=Setpoint):

@@ -57,27 +57,42 @@ class Stored(Row):
 
 
 class EstimatorMemory(NamedTuple):
-    """Memory of an estimator that works about the imaged RCM of eq. (16)."""
+    """Memory of an estimator that works about the imaged RCM of eq. (16).
+
+    Parameters
+    ----------
+    lines : Floats
+        The imaged tool's lines that eq. (16) is made of.
+    memory : Any
+        The estimator's own memory.
+    """
 
     lines: Floats
-    """The imaged tool's lines that eq. (16) is made of."""
     memory: Any
-    """The estimator's own memory."""
 
 
 class Learnt(NamedTuple):
-    """All that is forgotten when the estimate is learnt anew."""
+    """All that is forgotten when the estimate is learnt anew.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        What frames have taught, in numbers.
+    lines : Floats
+        The imaged tool's lines that eq. (16) is made of.
+    prospect : Prospect
+        What the camera should see.
+    memory : Any
+        The estimator's own memory.
+    tour : Exploring
+        Where an exploration stands.
+    """
 
     estimate: Estimate
-    """What frames have taught, in numbers."""
     lines: Floats
-    """The imaged tool's lines that eq. (16) is made of."""
     prospect: Prospect
-    """What the camera should see."""
     memory: Any
-    """The estimator's own memory."""
     tour: Exploring
-    """Where an exploration stands."""
 
 
 def ignorance() -> dict[str, Row]:
@@ -90,16 +105,24 @@ def ignorance() -> dict[str, Row]:
 
 
 class State(NamedTuple):
-    """All that the servo remembers, and what it decided at the last tick."""
+    """All that the servo remembers, and what it decided at the last tick.
+
+    Parameters
+    ----------
+    stored : Stored
+        Its numbers.
+    memory : EstimatorMemory or tuple[()]
+        The estimator's memory; nothing where the fit of the projection is all that it is.
+    target : Target or None
+        Where it servoes to.
+    detail : str
+        What a person should know beside the cause's sentence, such as which joint it is.
+    """
 
     stored: Stored
-    """Its numbers."""
     memory: EstimatorMemory | tuple[()]
-    """The estimator's memory; nothing where the fit of the projection is all that it is."""
     target: Target | None = None
-    """Where it servoes to."""
     detail: str = ""
-    """What a person should know beside the cause's sentence, such as which joint it is."""
 
     def but(
         self, *, mode: Mode | None = None, watch: Watch | None = None, learnt: Learnt | None = None

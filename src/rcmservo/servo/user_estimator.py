@@ -27,25 +27,37 @@ class UnusableEstimator(RcmServoError):
 
 
 class Guarded(NamedTuple):
-    """What an estimator remembers, and what came of it at the newest frame."""
+    """What an estimator remembers, and what came of it at the newest frame.
+
+    Parameters
+    ----------
+    memory : Any
+        Its own.
+    J_hat : Floats
+        Ĵ (3, 3) as it gave it; NaN where it failed.
+    points : Floats
+        Where it has the markers (2, 2) px.
+    motion : Floats
+        ∂m/∂p₁ (4, 3) where it tells it; NaN elsewhere, and where it failed.
+    size_motion : Floats
+        ∂R/∂p₁ (2, 3) where it tells it; NaN elsewhere, and where it failed.
+    placed : tuple[Floats, Floats] or None
+        Where it has the imaged RCM (2,) px, and the covariance (2, 2) px²; None where eq. (16) is
+        to tell it.
+    numbers : Floats
+        What a record keeps of its memory (n,).
+    failure : str
+        What it did wrong; empty while all is well.
+    """
 
     memory: Any
-    """Its own."""
     J_hat: Floats
-    """Ĵ (3, 3) as it gave it; NaN where it failed."""
     points: Floats
-    """Where it has the markers (2, 2) px."""
     motion: Floats
-    """∂m/∂p₁ (4, 3) where it tells it; NaN elsewhere, and where it failed."""
     size_motion: Floats
-    """∂R/∂p₁ (2, 3) where it tells it; NaN elsewhere, and where it failed."""
     placed: tuple[Floats, Floats] | None
-    """Where it has the imaged RCM (2,) px, and the covariance (2, 2) px²; None where eq. (16) is to
-    tell it."""
     numbers: Floats
-    """What a record keeps of its memory (n,)."""
     failure: str
-    """What it did wrong; empty while all is well."""
 
 
 def name_of_class(kind: type[Any]) -> str:

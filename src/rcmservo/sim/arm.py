@@ -50,6 +50,22 @@ NOT_NEGATIVE_JOINTS = each(not_negative(), "three numbers that are not negative 
 class Drive(Checked, section="drive"):
     """Drives and encoders of the simulated arm: delay, lag, deadband and errors.
 
+    Parameters
+    ----------
+    delay : float
+        Time (s) from a command until the drives follow it.
+    lag : float
+        Time constant (s) of each drive's first-order response.
+    deadband : Triple
+        Rates (rad/s, rad/s, mm/s) below which a joint does not move.
+    encoder : Triple
+        Resolution (rad, rad, mm) of the encoders: the joint motion of one count.
+    encoder_offset : Triple
+        Encoder offset (rad, rad, mm): measured joints minus true joints. An emulated motion
+        controller ignores it, because its encoders count from the joints at which they are homed.
+    rate_error : Triple
+        Relative rate errors: a joint's actual rate is 1 + rate_error times its commanded rate.
+
     Raises
     ------
     BadInput
@@ -57,29 +73,22 @@ class Drive(Checked, section="drive"):
     """
 
     delay: Annotated[float, between(0.0, 1.0, "a time", "s")] = 0.004
-    """Time (s) from a command until the drives follow it."""
 
     lag: Annotated[float, between(0.001, 10.0, "a time", "s")] = 0.02
-    """Time constant (s) of each drive's first-order response."""
 
     deadband: Annotated[Triple, NOT_NEGATIVE_JOINTS] = (1e-4, 1e-4, 0.01)
-    """Rates (rad/s, rad/s, mm/s) below which a joint does not move."""
 
     encoder: Annotated[Triple, NOT_NEGATIVE_JOINTS] = (2e-5, 2e-5, 2e-3)
-    """Resolution (rad, rad, mm) of the encoders: the joint motion of one count."""
 
     encoder_offset: Annotated[
         Triple, each(finite(), "three finite numbers (rad, rad, mm)"), angles(FULL_TURN, first=2)
     ] = (0.0, 0.0, 0.0)
-    """Encoder offset (rad, rad, mm): measured joints minus true joints. An emulated motion
-    controller ignores it, because its encoders count from the joints at which they are homed."""
 
     rate_error: Annotated[Triple, each(above(-1.0, 1.0), "three ratios above -1 and at most 1")] = (
         0.0,
         0.0,
         0.0,
     )
-    """Relative rate errors: a joint's actual rate is 1 + rate_error times its commanded rate."""
 
     def told(self, q: Floats) -> Floats:
         """Return the joints (3,) that unquantised encoders report at the true joints q (3,)."""

@@ -35,6 +35,23 @@ SILHOUETTE_POINTS = 256
 class Optics(Checked):
     """Pose and lens of a camera, with its projection and the images of spheres.
 
+    Parameters
+    ----------
+    width : int
+        Width of the image, px.
+    height : int
+        Height of the image, px.
+    focal : float
+        Focal length, px.
+    centre : Floats
+        Principal point (2,), px.
+    distortion : Floats
+        Radial distortion (2,): k1 and k2.
+    rotation : Floats
+        Rotation (3, 3) R_c_w from world axes to camera axes.
+    position : Floats
+        Camera centre (3,) in the world, mm.
+
     Raises
     ------
     BadInput
@@ -43,25 +60,18 @@ class Optics(Checked):
     """
 
     width: Annotated[int, above(0, what="a whole number of px")]
-    """Width of the image, px."""
 
     height: Annotated[int, above(0, what="a whole number of px")]
-    """Height of the image, px."""
 
     focal: Annotated[float, positive("number of px")]
-    """Focal length, px."""
 
     centre: Annotated[Floats, array(2)]
-    """Principal point (2,), px."""
 
     distortion: Annotated[Floats, array(2)]
-    """Radial distortion (2,): k1 and k2."""
 
     rotation: Annotated[Floats, array(3, 3)]
-    """Rotation (3, 3) R_c_w from world axes to camera axes."""
 
     position: Annotated[Floats, array(3)]
-    """Camera centre (3,) in the world, mm."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -57,6 +57,15 @@ DELAY_LIMIT = between(0.0, 0.5, "a time", "s")
 class Timing(Checked, section="camera"):
     """Frame rate, exposure and delay of a camera.
 
+    Parameters
+    ----------
+    frame_rate : float
+        Frame rate, frames/s.
+    exposure : float
+        Exposure time, s.
+    delay : float
+        Time (s) from the end of an exposure to the arrival of its frame.
+
     Raises
     ------
     BadInput
@@ -64,13 +73,10 @@ class Timing(Checked, section="camera"):
     """
 
     frame_rate: Annotated[float, FRAME_RATE_LIMIT] = 60.0
-    """Frame rate, frames/s."""
 
     exposure: Annotated[float, EXPOSURE_LIMIT] = 0.004
-    """Exposure time, s."""
 
     delay: Annotated[float, DELAY_LIMIT] = 0.02
-    """Time (s) from the end of an exposure to the arrival of its frame."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -42,21 +42,43 @@ POINT_NOISE_LIMIT = not_negative("number of px")
 
 @dataclass(frozen=True, kw_only=True)
 class Picture(Checked):
-    """Image of a simulated camera."""
+    """Image of a simulated camera.
+
+    Parameters
+    ----------
+    width : int
+        Width of the image, px.
+    height : int
+        Height of the image, px.
+    point_noise : float
+        Root mean square noise (px) of the markers of the camera without images.
+    """
 
     width: Annotated[int, IMAGE_SIZE_LIMIT] = 640
-    """Width of the image, px."""
 
     height: Annotated[int, IMAGE_SIZE_LIMIT] = 480
-    """Height of the image, px."""
 
     point_noise: Annotated[float, POINT_NOISE_LIMIT] = 0.3
-    """Root mean square noise (px) of the markers of the camera without images."""
 
 
 @dataclass(frozen=True)
 class RigSettings(Picture, section="rig"):
     """Parts of a simulated laboratory.
+
+    Parameters
+    ----------
+    mechanism : Kinematics
+        Kinematics of the arm.
+    tool : Tool
+        Positions of the markers on the tool.
+    drive : Drive
+        Delay, lag, deadband and errors of the drives and encoders.
+    timing : Timing
+        Frame rate, exposure and delay of the camera.
+    look : Look
+        Geometry, colours, light and sensor noise of rendered images.
+    scene : SceneSettings
+        Distributions from which camera, start and target are sampled.
 
     Raises
     ------
@@ -65,22 +87,16 @@ class RigSettings(Picture, section="rig"):
     """
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
-    """Kinematics of the arm."""
 
     tool: Tool = field(default_factory=lambda: RigidTool(spacing=30.0))
-    """Positions of the markers on the tool."""
 
     drive: Drive = field(default_factory=Drive)
-    """Delay, lag, deadband and errors of the drives and encoders."""
 
     timing: Timing = field(default_factory=Timing)
-    """Frame rate, exposure and delay of the camera."""
 
     look: Look = field(default_factory=Look)
-    """Geometry, colours, light and sensor noise of rendered images."""
 
     scene: SceneSettings = field(default_factory=SceneSettings)
-    """Distributions from which camera, start and target are sampled."""
 
 
 def drawn(seed: int, settings: RigSettings) -> tuple[Scene, np.random.Generator]:

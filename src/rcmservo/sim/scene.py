@@ -35,6 +35,43 @@ class NoScene(RcmServoError):
 class SceneSettings(Checked, section="scene"):
     """Distributions from which scenes are sampled. A pair of numbers is (least, greatest).
 
+    Parameters
+    ----------
+    focal : Range
+        Focal length of the camera, px.
+    distance : Range
+        Distance from the camera to the tool, mm.
+    elevation : Range
+        Elevation (rad) of the camera above the tool; down is the direction from the RCM straight
+        into the body.
+    ports : Range or None
+        Distance (mm) from the tool's port, which is the RCM, to the port of an endoscope. The
+        camera is then inside the body, ``distance`` from the tool; ``elevation`` and the limits of
+        the condition number have no effect, because the RCM may be behind the camera. None: the
+        camera is anywhere around the tool, with the RCM in front of it.
+    distortion : Range
+        Radial distortion k₁ and k₂ of the lens.
+    travel : Range
+        Distance from start to target, mm.
+    insertion : Range
+        Distance (mm) of marker 1 from the RCM at the start.
+    max_condition : float
+        Largest condition number of the scaled Jacobian on the straight path to the target.
+    min_condition : float
+        The condition number exceeds this somewhere on that path. 40 with an unlimited
+        ``max_condition`` gives the hard scenes that the default excludes.
+    room : float
+        Distance (mm) that both markers can move from the start without leaving the image: room to
+        explore.
+    errors : Triple or None
+        Initial error Δy = y − y_d (rad, px, px). The path is then that of the saturated law (33),
+        and ``room`` holds at its midpoint too.
+    start : Triple or None
+        Joints (rad, rad, mm) of the start; None samples them. If start and target are both given,
+        the scene only has to show both markers.
+    target : Triple or None
+        Joints (rad, rad, mm) of the target; None samples them.
+
     Raises
     ------
     BadInput
@@ -42,51 +79,30 @@ class SceneSettings(Checked, section="scene"):
     """
 
     focal: Annotated[Range, POSITIVE_RANGE] = (500.0, 900.0)
-    """Focal length of the camera, px."""
 
     distance: Annotated[Range, POSITIVE_RANGE] = (120.0, 300.0)
-    """Distance from the camera to the tool, mm."""
 
     elevation: Annotated[Range, ELEVATION_RANGE] = (-0.2, 0.9)
-    """Elevation (rad) of the camera above the tool; down is the direction from the RCM straight
-    into the body."""
 
     ports: Annotated[Range | None, POSITIVE_RANGE] = None
-    """Distance (mm) from the tool's port, which is the RCM, to the port of an endoscope. The camera
-    is then inside the body, ``distance`` from the tool; ``elevation`` and the limits of the
-    condition number have no effect, because the RCM may be behind the camera. None: the camera is
-    anywhere around the tool, with the RCM in front of it."""
 
     distortion: Annotated[Range, each(finite(), "two finite numbers k1, k2")] = (-0.08, 0.02)
-    """Radial distortion k₁ and k₂ of the lens."""
 
     travel: Annotated[Range, POSITIVE_RANGE] = (20.0, 60.0)
-    """Distance from start to target, mm."""
 
     insertion: Annotated[Range, POSITIVE_RANGE] = (70.0, 150.0)
-    """Distance (mm) of marker 1 from the RCM at the start."""
 
     max_condition: Annotated[float, Limit(lambda x: x > 1.0, "a number above 1")] = 40.0
-    """Largest condition number of the scaled Jacobian on the straight path to the target."""
 
     min_condition: float = 0.0
-    """The condition number exceeds this somewhere on that path. 40 with an unlimited
-    ``max_condition`` gives the hard scenes that the default excludes."""
 
     room: Annotated[float, not_negative("length in mm")] = 10.0
-    """Distance (mm) that both markers can move from the start without leaving the image: room to
-    explore."""
 
     errors: Annotated[Triple | None, INITIAL_ERROR_LIMIT, angles(np.pi, first=1)] = None
-    """Initial error Δy = y − y_d (rad, px, px). The path is then that of the saturated law (33),
-    and ``room`` holds at its midpoint too."""
 
     start: Annotated[Triple | None, JOINT_VALUES_LIMIT, angles(FULL_TURN, first=2)] = None
-    """Joints (rad, rad, mm) of the start; None samples them. If start and target are both given,
-    the scene only has to show both markers."""
 
     target: Annotated[Triple | None, JOINT_VALUES_LIMIT, angles(FULL_TURN, first=2)] = None
-    """Joints (rad, rad, mm) of the target; None samples them."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -109,25 +125,35 @@ class SceneSettings(Checked, section="scene"):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Sampled scene."""
+    """Sampled scene.
+
+    Parameters
+    ----------
+    optics : Optics
+        True camera.
+    body : Body
+        Tool.
+    way : Floats
+        Joints (n, 3) on the path from the start to the target.
+    half_way : Floats
+        Joints (3,) at the path's midpoint.
+    tissue : Tissue
+        Tissue behind the tool.
+    rejected : int
+        Number of infeasible samples before this one.
+    """
 
     optics: Optics
-    """True camera."""
 
     body: Body
-    """Tool."""
 
     way: Floats
-    """Joints (n, 3) on the path from the start to the target."""
 
     half_way: Floats
-    """Joints (3,) at the path's midpoint."""
 
     tissue: Tissue
-    """Tissue behind the tool."""
 
     rejected: int
-    """Number of infeasible samples before this one."""
 
     @property
     def start(self) -> Floats:

@@ -34,16 +34,24 @@ BEGIN = 1_000_000_000
 
 @dataclass(frozen=True)
 class Study(Checked):
-    """A servo, and what its scenes are drawn from. The servo's step is the live one."""
+    """A servo, and what its scenes are drawn from. The servo's step is the live one.
+
+    Parameters
+    ----------
+    servo : Servo
+        The servo; its estimator must be one whose step is compiled.
+    settings : RigSettings
+        The laboratory, with the camera that tells points.
+    duration : float
+        Length of each closed loop, s.
+    shown : int
+        Frames that the target is the mean of.
+    """
 
     servo: Servo
-    """The servo; its estimator must be one whose step is compiled."""
     settings: RigSettings = field(default_factory=RigSettings)
-    """The laboratory, with the camera that tells points."""
     duration: Annotated[float, positive("time in s")] = 15.0
-    """Length of each closed loop, s."""
     shown: Annotated[int, FRAMES] = TEACHING_FRAMES
-    """Frames that the target is the mean of."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -32,10 +32,15 @@ from rcmservo.sim.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """How near to the target marker 2 can come, on an average over the noise."""
+    """How near to the target marker 2 can come, on an average over the noise.
+
+    Parameters
+    ----------
+    covariance : Floats
+        Σ (3, 3) mm² of its position error.
+    """
 
     covariance: Floats
-    """Σ (3, 3) mm² of its position error."""
 
     @property
     def rms(self) -> float:

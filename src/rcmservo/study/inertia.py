@@ -58,25 +58,37 @@ def inertia_of(mechanism: Kinematics) -> Inertia:
 
 class Near(NamedTuple):
     """The equations about a place, for the few ms that the arm is near it: linear in the way of
-    slide and inner hinge from there, what they leave out being a millionth."""
+    slide and inner hinge from there, what they leave out being a millionth.
+
+    Parameters
+    ----------
+    z : float
+        The slide there, mm.
+    angle : float
+        The inner hinge there, rad.
+    by : Point
+        h/(M + h k) of outer hinge, inner hinge and slide.
+    by_z : tuple[float, float]
+        How those of the hinges change with the slide, by mm.
+    by_angle : float
+        How that of the outer one changes with the inner hinge's angle, by rad.
+    c : Point
+        Numbers a, b, e: c of the outer hinge is 2 v_outer (a v_inner + b v_slide), of the inner one
+        2 e v_slide v_inner - a v_outer², and of the slide -(b v_outer² + e v_inner²).
+    c_z : Point
+        How they change with the slide, by mm.
+    c_angle : tuple[float, float]
+        How the first two change with the inner hinge's angle, by rad.
+    """
 
     z: float
-    """The slide there, mm."""
     angle: float
-    """The inner hinge there, rad."""
     by: Point
-    """h/(M + h k) of outer hinge, inner hinge and slide."""
     by_z: tuple[float, float]
-    """How those of the hinges change with the slide, by mm."""
     by_angle: float
-    """How that of the outer one changes with the inner hinge's angle, by rad."""
     c: Point
-    """Numbers a, b, e: c of the outer hinge is 2 v_outer (a v_inner + b v_slide), of the inner one
-    2 e v_slide v_inner - a v_outer², and of the slide -(b v_outer² + e v_inner²)."""
     c_z: Point
-    """How they change with the slide, by mm."""
     c_angle: tuple[float, float]
-    """How the first two change with the inner hinge's angle, by rad."""
 
 
 @compiled

@@ -43,40 +43,63 @@ STILL = np.zeros(3)
 
 
 class Start(NamedTuple):
-    """What a closed loop begins with."""
+    """What a closed loop begins with.
+
+    Parameters
+    ----------
+    stored : Rows[Stored]
+        State of the servo.
+    memory : Any
+        Memory of its estimator.
+    parameters : Rows[KernelParameters]
+        Settings of the servo's parts.
+    kernel : Any
+        Compiled form of its estimator.
+    now : int
+        When the first tick is, ns.
+    """
 
     stored: Rows[Stored]
-    """State of the servo."""
     memory: Any
-    """Memory of its estimator."""
     parameters: Rows[KernelParameters]
-    """Settings of the servo's parts."""
     kernel: Any
-    """Compiled form of its estimator."""
     now: int
-    """When the first tick is, ns."""
 
 
 class Goal(NamedTuple):
-    """What a closed loop goes to."""
+    """What a closed loop goes to.
+
+    Parameters
+    ----------
+    points : Floats
+        The target's markers (2, 2) raw px.
+    q : Floats
+        The joints (3,) then, as the arm told them.
+    p2 : Floats
+        Where marker 2 truly was, (3,) mm.
+    """
 
     points: Floats
-    """The target's markers (2, 2) raw px."""
     q: Floats
-    """The joints (3,) then, as the arm told them."""
     p2: Floats
-    """Where marker 2 truly was, (3,) mm."""
 
 
 class Course(NamedTuple):
-    """What a closed loop leaves, of every tick."""
+    """What a closed loop leaves, of every tick.
+
+    Parameters
+    ----------
+    error : Floats
+        (n,) mm from marker 2 to where it was shown.
+    phase : NDArray[np.int8]
+        (n,) places in Phase.
+    cause : NDArray[np.int8]
+        (n,) places in Cause.
+    """
 
     error: Floats
-    """(n,) mm from marker 2 to where it was shown."""
     phase: NDArray[np.int8]
-    """(n,) places in Phase."""
     cause: NDArray[np.int8]
-    """(n,) places in Cause."""
 
 
 @compiled

@@ -20,27 +20,40 @@ SERVO = PHASES.index(Phase.SERVO)
 
 @dataclass(frozen=True, eq=False)
 class StudyRun:
-    """How one closed loop went: numbers of every tick."""
+    """How one closed loop went: numbers of every tick.
+
+    Parameters
+    ----------
+    seed : int
+        That its scene and noise were drawn from.
+    rate : float
+        Ticks per s.
+    error : Floats
+        (n,) mm from marker 2 to where it was shown, by the truth.
+    phases : NDArray[np.int8]
+        (n,) places in Phase.
+    causes : NDArray[np.int8]
+        (n,) places in Cause.
+    bound : float
+        mm, rms: the Cramér-Rao bound of the error, at the laboratory's noise, of a target that was
+        shown so, with all frames of the closed loop; NaN where the noise is not known.
+    scene : Scene
+        Where it took place, as it was drawn.
+    engine : str
+        Engine that made it, where that is of interest.
+    jacobian_error : float
+        Median scaled error of Ĵ while servoing; NaN on the compiled twin, or without a Ĵ.
+    """
 
     seed: int
-    """That its scene and noise were drawn from."""
     rate: float
-    """Ticks per s."""
     error: Floats
-    """(n,) mm from marker 2 to where it was shown, by the truth."""
     phases: NDArray[np.int8]
-    """(n,) places in Phase."""
     causes: NDArray[np.int8]
-    """(n,) places in Cause."""
     bound: float
-    """mm, rms: the Cramér-Rao bound of the error, at the laboratory's noise, of a target that was
-    shown so, with all frames of the closed loop; NaN where the noise is not known."""
     scene: Scene
-    """Where it took place, as it was drawn."""
     engine: str = ""
-    """Engine that made it, where that is of interest."""
     jacobian_error: float = np.nan
-    """Median scaled error of Ĵ while servoing; NaN on the compiled twin, or without a Ĵ."""
 
     def first_within(self, mm: float) -> float:
         """s until the error was first at most so large; inf if it never was."""

@@ -99,22 +99,33 @@ class LaboratoryLoop:
 
 @dataclass(frozen=True)
 class Laboratory(Checked):
-    """A servo, and the laboratory that its scenes are drawn in."""
+    """A servo, and the laboratory that its scenes are drawn in.
+
+    Parameters
+    ----------
+    servo : Servo
+        The servo.
+    settings : RigSettings
+        The laboratory.
+    duration : float
+        Length of each closed loop, s.
+    shown : int
+        Frames that the target is the mean of.
+    disturbances : Sequence[Disturbance]
+        What goes wrong in every run.
+    pictures : bool
+        Rendered frames instead of a camera that tells points.
+    look : MarkerLook
+        What the tracker looks for in them.
+    """
 
     servo: Servo
-    """The servo."""
     settings: RigSettings = field(default_factory=RigSettings)
-    """The laboratory."""
     duration: Annotated[float, positive("time in s")] = 15.0
-    """Length of each closed loop, s."""
     shown: Annotated[int, FRAMES] = TEACHING_FRAMES
-    """Frames that the target is the mean of."""
     disturbances: Sequence[Disturbance] = ()
-    """What goes wrong in every run."""
     pictures: bool = False
-    """Rendered frames instead of a camera that tells points."""
     look: MarkerLook = field(default_factory=MarkerLook)
-    """What the tracker looks for in them."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -18,14 +18,21 @@ NOISE = 1
 
 
 class StudyTrial(NamedTuple):
-    """One scene, one target, one noise."""
+    """One scene, one target, one noise.
+
+    Parameters
+    ----------
+    scene : Scene
+        Drawn from the seed alone.
+    goal : Goal
+        The target, its markers the mean of the frames that it was shown for.
+    noise : Floats
+        (frames, 2, 2) px, of the frames from the first tick on.
+    """
 
     scene: Scene
-    """Drawn from the seed alone."""
     goal: Goal
-    """The target, its markers the mean of the frames that it was shown for."""
     noise: Floats
-    """(frames, 2, 2) px, of the frames from the first tick on."""
 
 
 def frames_of(settings: RigSettings, duration: float) -> int:

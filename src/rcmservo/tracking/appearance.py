@@ -20,6 +20,17 @@ class MarkerLook(Checked):
     The tracker distinguishes two balls of one colour by their size in the image, so the larger one
     must also look larger. This fails if the tool points its smaller ball steeply at the camera.
 
+    Parameters
+    ----------
+    colour_1 : str
+        Colour of marker 1: red, green, blue, yellow, cyan, magenta or bright.
+    colour_2 : str
+        Colour of marker 2: red, green, blue, yellow, cyan, magenta or bright.
+    radius_1 : float
+        Radius of marker 1 in mm, 0.01 to 1000. Only the ratio of the two radii matters.
+    radius_2 : float
+        Radius of marker 2 in mm, 0.01 to 1000.
+
     Raises
     ------
     BadInput
@@ -28,16 +39,12 @@ class MarkerLook(Checked):
     """
 
     colour_1: Annotated[str, one_of(COLOURS)] = "green"
-    """Colour of marker 1: red, green, blue, yellow, cyan, magenta or bright."""
 
     colour_2: Annotated[str, one_of(COLOURS)] = "blue"
-    """Colour of marker 2: red, green, blue, yellow, cyan, magenta or bright."""
 
     radius_1: Annotated[float, RADIUS_LIMIT] = 4.0
-    """Radius of marker 1 in mm, 0.01 to 1000. Only the ratio of the two radii matters."""
 
     radius_2: Annotated[float, RADIUS_LIMIT] = 4.0
-    """Radius of marker 2 in mm, 0.01 to 1000."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -74,25 +74,35 @@ exposure: shading and the shaft shift the ramp that blur makes of an edge."""
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """Silhouette of a whole ball, including any hidden part."""
+    """Silhouette of a whole ball, including any hidden part.
+
+    Parameters
+    ----------
+    u : float
+        Column of the centre (px).
+    v : float
+        Row of the centre (px).
+    radius : float
+        Radius (px).
+    quality : float
+        Quality of the observation, above 0 and at most 1.
+    covariance : Floats
+        Noise covariance of u, v and radius, (3, 3) px². NaN after a coarse fit.
+    support : float
+        Observed fraction of the outline, 0 to 1.
+    """
 
     u: float
-    """Column of the centre (px)."""
 
     v: float
-    """Row of the centre (px)."""
 
     radius: float
-    """Radius (px)."""
 
     quality: float
-    """Quality of the observation, above 0 and at most 1."""
 
     covariance: Floats = field(default_factory=lambda: np.full((3, 3), np.nan))
-    """Noise covariance of u, v and radius, (3, 3) px². NaN after a coarse fit."""
 
     support: float = 0.0
-    """Observed fraction of the outline, 0 to 1."""
 
     @property
     def has_enough_outline(self) -> bool:

@@ -21,26 +21,40 @@ UNSEEN = "the picture shows no ball of a colour that the tracker knows"
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Ball of an image with the colour that shows it best."""
+    """Ball of an image with the colour that shows it best.
+
+    Parameters
+    ----------
+    colour : str
+        One of `COLOURS`.
+    ball : Ball
+        Position, size and quality.
+    """
 
     colour: str
-    """One of `COLOURS`."""
     ball: Ball
-    """Position, size and quality."""
 
 
 @dataclass(frozen=True, eq=False)
 class TakenPair:
-    """Markers that the tracker finds in one image for a given appearance."""
+    """Markers that the tracker finds in one image for a given appearance.
+
+    Parameters
+    ----------
+    look : MarkerLook
+        Appearance of the markers.
+    points : Floats
+        Markers 1 and 2, (2, 2) px; NaN for a marker that is not found.
+    radius : Floats
+        Radii of the markers in the image, (2,) px.
+    why : str
+        Reason why the tracker does not find both markers, a sentence; empty if it does.
+    """
 
     look: MarkerLook
-    """Appearance of the markers."""
     points: Floats
-    """Markers 1 and 2, (2, 2) px; NaN for a marker that is not found."""
     radius: Floats
-    """Radii of the markers in the image, (2,) px."""
     why: str
-    """Reason why the tracker does not find both markers, a sentence; empty if it does."""
 
 
 def candidates(image: Image) -> list[Candidate]:

@@ -37,16 +37,24 @@ TEMPLATE_BORDER_PX = 3.0
 
 
 class TemplateMatch(NamedTuple):
-    """Best match of a motion-blurred disc in an image."""
+    """Best match of a motion-blurred disc in an image.
+
+    Parameters
+    ----------
+    u : int
+        Column of the centre (px).
+    v : int
+        Row of the centre (px).
+    correlation : float
+        Correlation of image and template, at most 1.
+    template : Floats
+        Image of the blurred disc.
+    """
 
     u: int
-    """Column of the centre (px)."""
     v: int
-    """Row of the centre (px)."""
     correlation: float
-    """Correlation of image and template, at most 1."""
     template: Floats
-    """Image of the blurred disc."""
 
     def contrast(self, response: Floats) -> float:
         """Return the contrast between the disc and its surroundings in the image."""

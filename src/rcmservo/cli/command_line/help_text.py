@@ -4,12 +4,11 @@ import shutil
 import textwrap
 from collections.abc import Iterator
 from dataclasses import fields
-from inspect import getdoc
 from itertools import groupby
 from typing import Any
 
 from rcmservo.cli.command_line.options import Option, groups_of, options_of
-from rcmservo.config.field_docs import first_sentence
+from rcmservo.config.field_docs import describe_class, first_sentence
 from rcmservo.config.registry import ESTIMATORS, PRESETS, name_of
 from rcmservo.config.user_code import OPTION as ESTIMATOR_OPTION
 
@@ -34,13 +33,13 @@ def _lines(command: str, kind: type[Any], everything: bool, width: int) -> Itera
     given = [one for one in options if one.is_positional]
     usage = ["usage: rcmservo", command, *(one.name for one in given), "[options]"]
     yield " ".join(usage)
-    for paragraph in (getdoc(kind) or "").split("\n\n"):
+    for paragraph in describe_class(kind).split("\n\n"):
         yield ""
         yield from textwrap.wrap(" ".join(paragraph.split()), width)
     for group, ones in groupby(options, key=lambda one: one.group):
         if everything or not group:
             yield ""
-            words = " ".join((getdoc(classes[group]) or "").split()) if group else ""
+            words = " ".join(describe_class(classes[group]).split()) if group else ""
             head = f"{group} options:" if group else "options:"
             yield from textwrap.wrap(f"{head} {words}", width)
             for one in ones:

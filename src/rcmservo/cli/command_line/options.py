@@ -9,7 +9,7 @@ from typing import Annotated, Any, Union, cast, get_args, get_origin, get_type_h
 
 import tyro
 
-from rcmservo.config.field_docs import words_of
+from rcmservo.config.field_docs import describe_field
 from rcmservo.constraints import choices_of
 
 METAVARS: dict[type[Any], str] = {int: "INT", float: "FLOAT", str: "TEXT", Path: "PATH"}
@@ -18,25 +18,35 @@ METAVARS: dict[type[Any], str] = {int: "INT", float: "FLOAT", str: "TEXT", Path:
 
 @dataclass(frozen=True)
 class Option:
-    """One option or positional argument of a command."""
+    """One option or positional argument of a command.
+
+    Parameters
+    ----------
+    owner : type[Any]
+        The dataclass whose field it is.
+    field : str
+        The name of that field.
+    group : str
+        Part of its name that it shares with other options, such as controller; or empty.
+    name : str
+        As typed, such as --controller.gain; of a positional argument its metavar.
+    metavar : str
+        What its values are called; empty for a flag.
+    default : str
+        Its default as it would be typed; empty if there is none to show.
+    """
 
     owner: type[Any]
-    """The dataclass whose field it is."""
     field: str
-    """The name of that field."""
     group: str
-    """Part of its name that it shares with other options, such as controller; or empty."""
     name: str
-    """As typed, such as --controller.gain; of a positional argument its metavar."""
     metavar: str
-    """What its values are called; empty for a flag."""
     default: str
-    """Its default as it would be typed; empty if there is none to show."""
 
     @property
     def words(self) -> str:
         """What it means, read from the source of its dataclass."""
-        return words_of(self.owner, self.field)
+        return describe_field(self.owner, self.field)
 
     @property
     def is_positional(self) -> bool:

@@ -29,34 +29,50 @@ PORT = between(0, 65535, "a whole number")
 
 @dataclass(frozen=True, kw_only=True)
 class GalilOptions(Checked):
-    """Options of `emulate galil` alone."""
+    """Options of `emulate galil` alone.
+
+    Parameters
+    ----------
+    port : int
+        Where galil listens on 127.0.0.1, by TCP and UDP; 0 takes one that is free.
+    serial : bool
+        Of galil: offer a serial port too, a pseudo-terminal whose path is told.
+    mjpeg : int or None
+        Of galil: offer the arm's camera too, as Motion JPEG on this port of 127.0.0.1; 0 takes one
+        that is free.
+    gige : bool
+        Of galil: offer it as a GigE Vision camera at 127.0.0.1 (apt-get install libaravis-0.8-0).
+    fault : tyro.conf.UseAppendAction[tuple[str, ...]]
+        Of galil: what goes wrong, as kind:at=5,for=0.5; may be given several times. --fault help
+        lists the kinds.
+    """
 
     port: Annotated[int, PORT] = 2323
-    """Where galil listens on 127.0.0.1, by TCP and UDP; 0 takes one that is free."""
     serial: bool = False
-    """Of galil: offer a serial port too, a pseudo-terminal whose path is told."""
     mjpeg: Annotated[int | None, PORT] = None
-    """Of galil: offer the arm's camera too, as Motion JPEG on this port of 127.0.0.1; 0 takes one
-    that is free."""
     gige: bool = False
-    """Of galil: offer it as a GigE Vision camera at 127.0.0.1 (apt-get install libaravis-0.8-0)."""
     fault: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """Of galil: what goes wrong, as kind:at=5,for=0.5; may be given several times. --fault help
-    lists the kinds."""
 
 
 @dataclass(frozen=True)
 class EmulateOptions(RosOptions, GalilOptions):
     """A motion controller on 127.0.0.1, or an arm on ROS topics, that drives a simulated arm, for
-    developing without the hardware. It runs until Ctrl-C. Nothing real moves."""
+    developing without the hardware. It runs until Ctrl-C. Nothing real moves.
+
+    Parameters
+    ----------
+    device : Literal['galil', 'crtk']
+        The controller: galil (a DMC-4040 with four axes, the joints on A, B and C), or crtk (an arm
+        on ROS topics, with its camera's pictures).
+    seed : int
+        Draws where the arm and its camera stand.
+    rig : Path or None
+        TOML file with your own mechanism, drives and scene.
+    """
 
     device: Annotated[Literal["galil", "crtk"], tyro.conf.Positional]
-    """The controller: galil (a DMC-4040 with four axes, the joints on A, B and C), or crtk (an arm
-    on ROS topics, with its camera's pictures)."""
     seed: Annotated[int, not_negative("whole number")] = 0
-    """Draws where the arm and its camera stand."""
     rig: Path | None = None
-    """TOML file with your own mechanism, drives and scene."""
 
 
 def emulate(options: EmulateOptions) -> int:

@@ -23,10 +23,15 @@ LOOK = 0.002
 
 @dataclass(frozen=True, kw_only=True)
 class RosOptions(RosConnection):
-    """Options of `emulate crtk` alone."""
+    """Options of `emulate crtk` alone.
+
+    Parameters
+    ----------
+    namespace : str
+        Of crtk: the arm's name, before all of its topics.
+    """
 
     namespace: Annotated[str, NAMESPACE] = "PSM1"
-    """Of crtk: the arm's name, before all of its topics."""
 
 
 def emulate_crtk(where: RosOptions, seed: int, lab: Lab) -> int:

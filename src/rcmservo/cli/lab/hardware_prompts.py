@@ -35,18 +35,27 @@ UNITS = "rad", "rad", "mm"
 
 @dataclass(frozen=True)
 class Preparing:
-    """What is to be done with a person's help; it passes to the servo's process."""
+    """What is to be done with a person's help; it passes to the servo's process.
+
+    Parameters
+    ----------
+    lab : Lab
+        The laboratory with its devices.
+    intent : str
+        What is going to happen once the drive is on, in words.
+    target : Path or None
+        The file that holds the target; None where it is shown by hand.
+    save_target : Path or None
+        A new file to keep the target in that is shown; None where it is not kept.
+    frames : int
+        Frames that a target is the mean of.
+    """
 
     lab: Lab
-    """The laboratory with its devices."""
     intent: str
-    """What is going to happen once the drive is on, in words."""
     target: Path | None = None
-    """The file that holds the target; None where it is shown by hand."""
     save_target: Path | None = None
-    """A new file to keep the target in that is shown; None where it is not kept."""
     frames: int = TEACHING_FRAMES
-    """Frames that a target is the mean of."""
 
 
 class AtHand:

@@ -17,34 +17,52 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CandidateReport:
-    """A ball that could be a marker."""
+    """A ball that could be a marker.
+
+    Parameters
+    ----------
+    colour : str
+        The colour that shows it best.
+    u_px : float
+        Of its centre.
+    v_px : float
+        Of its centre.
+    radius_px : float
+        Of its outline.
+    quality : float
+        How well it is seen: above 0, at most 1.
+    """
 
     colour: str
-    """The colour that shows it best."""
     u_px: float
-    """Of its centre."""
     v_px: float
-    """Of its centre."""
     radius_px: float
-    """Of its outline."""
     quality: float
-    """How well it is seen: above 0, at most 1."""
 
 
 @dataclass(frozen=True)
 class MarkersReport:
-    """What `rcmservo markers --json` tells."""
+    """What `rcmservo markers --json` tells.
+
+    Parameters
+    ----------
+    candidates : list[CandidateReport]
+        The balls of the picture, best seen first.
+    look : MarkerLook or None
+        The markers that the tracker looked for; None where no two balls could be.
+    markers : list[tuple[float, float]] or None
+        The centres (u, v) px of markers 1 and 2; None where the tracker does not take two.
+    why : str
+        Why it does not; empty where it does.
+    written : bool
+        Whether the markers were written into the rig file.
+    """
 
     candidates: list[CandidateReport]
-    """The balls of the picture, best seen first."""
     look: MarkerLook | None
-    """The markers that the tracker looked for; None where no two balls could be."""
     markers: list[tuple[float, float]] | None
-    """The centres (u, v) px of markers 1 and 2; None where the tracker does not take two."""
     why: str
-    """Why it does not; empty where it does."""
     written: bool
-    """Whether the markers were written into the rig file."""
 
 
 def markers_report(found: list[Candidate], pair: TakenPair | None, written: bool) -> MarkersReport:

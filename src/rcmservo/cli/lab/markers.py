@@ -23,19 +23,28 @@ PICTURES = ".png", ".jpg", ".jpeg"
 @dataclass(frozen=True)
 class MarkersOptions:
     """Find the coloured balls of a picture that could be markers, show which two the tracker takes,
-    and write them into a rig file. Nothing moves."""
+    and write them into a rig file. Nothing moves.
+
+    Parameters
+    ----------
+    frame : Path
+        A picture of the tool: a PNG or JPEG file.
+    choose : str
+        The markers' colours, such as green,blue: first that of the marker nearer the RCM.
+    rig : Path or None
+        The lab's TOML file. With --choose the markers are written into its section [markers];
+        without it the tracker looks for those that the file has.
+    picture : Path or None
+        Write the picture with what was found drawn in it to this PNG or JPEG file.
+    json : bool
+        Print one JSON object on stdout and nothing else.
+    """
 
     frame: Annotated[Path, tyro.conf.Positional]
-    """A picture of the tool: a PNG or JPEG file."""
     choose: Annotated[str, tyro.conf.arg(metavar="COLOUR,COLOUR")] = ""
-    """The markers' colours, such as green,blue: first that of the marker nearer the RCM."""
     rig: Path | None = None
-    """The lab's TOML file. With --choose the markers are written into its section [markers];
-    without it the tracker looks for those that the file has."""
     picture: Path | None = None
-    """Write the picture with what was found drawn in it to this PNG or JPEG file."""
     json: bool = False
-    """Print one JSON object on stdout and nothing else."""
 
 
 def markers(options: MarkersOptions) -> int:

@@ -26,26 +26,39 @@ PICTURES = 5.0
 
 @dataclass(frozen=True)
 class Behind:
-    """What is behind the page."""
+    """What is behind the page.
+
+    Parameters
+    ----------
+    title : str
+        What it is, in words.
+    camera : Callable[[], Camera]
+        Opens what the person sees, in the page's process.
+    session : Callable[['Desk', Path], Session]
+        Makes a session, recorded in a folder that is new.
+    off : SwitchOff
+        Has the drive switched off from outside of the session's process.
+    setup : Setup
+        What a pose is bound to.
+    chosen : Chosen
+        The servo, which the page may set anew for the sessions to come.
+    befall : Callable[[str], str]
+        Lets something go wrong, and says in words what began.
+    troubles : tuple[dict[str, Any], ...]
+        What can go wrong.
+    truth : Truth | None
+        Tells the true pose error, where there is one who knows it.
+    """
 
     title: str
-    """What it is, in words."""
     camera: Callable[[], Camera]
-    """Opens what the person sees, in the page's process."""
     session: Callable[["Desk", Path], Session]
-    """Makes a session, recorded in a folder that is new."""
     off: SwitchOff
-    """Has the drive switched off from outside of the session's process."""
     setup: Setup
-    """What a pose is bound to."""
     chosen: "Chosen"
-    """The servo, which the page may set anew for the sessions to come."""
     befall: Callable[[str], str]
-    """Lets something go wrong, and says in words what began."""
     troubles: tuple[dict[str, Any], ...] = ()
-    """What can go wrong."""
     truth: "Truth | None" = None
-    """Tells the true pose error, where there is one who knows it."""
 
 
 def recorder(path: Path, words: dict[str, Any]) -> Recorder:

@@ -74,16 +74,24 @@ def hardware(options: LabOptions) -> Generator[Behind]:
 
 @dataclass(frozen=True)
 class AtThePage:
-    """What is to be done with the help of the page's person; it passes to the servo's process."""
+    """What is to be done with the help of the page's person; it passes to the servo's process.
+
+    Parameters
+    ----------
+    desk : Desk
+        Where the person is heard.
+    servo : Servo
+        What is going to move the arm.
+    lab : Lab
+        The laboratory with its devices.
+    intent : str
+        What is going to happen once the drive is on, in words.
+    """
 
     desk: Desk
-    """Where the person is heard."""
     servo: Servo
-    """What is going to move the arm."""
     lab: Lab
-    """The laboratory with its devices."""
     intent: str
-    """What is going to happen once the drive is on, in words."""
 
 
 def enabled_at_the_page(at: AtThePage, plant: Plant) -> Target:

@@ -36,14 +36,21 @@ from rcmservo.tracking import ColourMarkers
 class RigOptions:
     """Connect to the arm and the camera of a rig file, move each joint a little after asking, and
     tell which lines of the file are wrong. Exit code 0: none; 1: some, or it was ended; 2: bad
-    input."""
+    input.
+
+    Parameters
+    ----------
+    what : Literal['check']
+        The action: check.
+    file : Path
+        The rig file, such as lab.toml.
+    json : bool
+        Print one JSON object: ok, findings[{what, where, found, expected, line}].
+    """
 
     what: Annotated[Literal["check"], tyro.conf.Positional]
-    """The action: check."""
     file: Annotated[Path, tyro.conf.Positional]
-    """The rig file, such as lab.toml."""
     json: bool = False
-    """Print one JSON object: ok, findings[{what, where, found, expected, line}]."""
 
 
 def rig_check(

@@ -48,20 +48,29 @@ TROUBLE = "trouble.jsonl"
 @dataclass(frozen=True, kw_only=True)
 class ServeOptions(LabOptions):
     """The operator's page in the browser: see, teach, go, stop. The arm and its camera are
-    simulated, unless the rig file names an arm. It serves until Ctrl-C."""
+    simulated, unless the rig file names an arm. It serves until Ctrl-C.
+
+    Parameters
+    ----------
+    port : int or None
+        Port of the page, and the next one of STOP: by default the first free pair from 8080 on. 0
+        takes any pair.
+    browser : bool
+        Open the page in the browser that this computer has.
+    poses : Path
+        Folder with the poses that are taught on the page, in the files that --target takes.
+    host : str
+        Address of this computer to listen on, 0.0.0.0 for all; others than 127.0.0.1 need
+        --token-file.
+    token_file : Path or None
+        File with the token that browsers must give; made if absent.
+    """
 
     port: Annotated[int | None, *PORT] = None
-    """Port of the page, and the next one of STOP: by default the first free pair from 8080 on. 0
-    takes any pair."""
     browser: bool = True
-    """Open the page in the browser that this computer has."""
     poses: Path = Path("runs/poses")
-    """Folder with the poses that are taught on the page, in the files that --target takes."""
     host: str = "127.0.0.1"
-    """Address of this computer to listen on, 0.0.0.0 for all; others than 127.0.0.1 need
-    --token-file."""
     token_file: Path | None = None
-    """File with the token that browsers must give; made if absent."""
 
 
 def serve(options: ServeOptions) -> int:

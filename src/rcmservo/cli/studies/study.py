@@ -39,43 +39,63 @@ Names = tyro.conf.UseAppendAction[tuple[str, ...]]
 
 @dataclass(frozen=True, kw_only=True)
 class WorkOptions(Checked):
-    """Options of `study` and `tune`."""
+    """Options of `study` and `tune`.
+
+    Parameters
+    ----------
+    own : Names
+        Your own estimator, as module:class, that FILE names: code of others is run only where the
+        command line names it too.
+    out : Path or None
+        Folder to write to, or that of an earlier study or search, which then goes on where it
+        stopped. By default a new one under runs/.
+    workers : int or None
+        Processes of this machine (one for each processor).
+    cluster : str or None
+        Address of a dask scheduler whose workers are to do it, such as tls://host:8786.
+    """
 
     own: Names = ()
-    """Your own estimator, as module:class, that FILE names: code of others is run only where the
-    command line names it too."""
     out: Path | None = None
-    """Folder to write to, or that of an earlier study or search, which then goes on where it
-    stopped. By default a new one under runs/."""
     workers: Annotated[int | None, between(1, 4096, "a whole number")] = None
-    """Processes of this machine (one for each processor)."""
     cluster: str | None = None
-    """Address of a dask scheduler whose workers are to do it, such as tls://host:8786."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyOptions(RunConditions, WorkOptions):
     """Try methods in many simulated scenes, and write one row a run, a report that compares them
-    with intervals, and a summary."""
+    with intervals, and a summary.
+
+    Parameters
+    ----------
+    file : OptionalFile
+        TOML file with methods, scenes and conditions. What an option says goes before it.
+    method : Names
+        What is tried: an estimator by its name, or your own as module:class; may be given several
+        times. The first is what the others are held against.
+    scenes : Names
+        What scenes are drawn from: random, paper, laparoscopic, hard, or a rig file; may be given
+        several times. --scenes help says what each is.
+    seed : int or None
+        Of the first scene (0); the others follow one by one.
+    disturb : Names
+        What goes wrong in every run, as `rcmservo run --disturb` has it.
+    report : bool
+        Write report.html too.
+    replay : int or None
+        Instead of all this make one run of the study in --out again, by its row, and record it.
+    film : bool
+        Make a film of it too.
+    """
 
     file: OptionalFile = None
-    """TOML file with methods, scenes and conditions. What an option says goes before it."""
     method: Names = ()
-    """What is tried: an estimator by its name, or your own as module:class; may be given several
-    times. The first is what the others are held against."""
     scenes: Names = ()
-    """What scenes are drawn from: random, paper, laparoscopic, hard, or a rig file; may be given
-    several times. --scenes help says what each is."""
     seed: int | None = None
-    """Of the first scene (0); the others follow one by one."""
     disturb: Names = ()
-    """What goes wrong in every run, as `rcmservo run --disturb` has it."""
     report: bool = True
-    """Write report.html too."""
     replay: int | None = None
-    """Instead of all this make one run of the study in --out again, by its row, and record it."""
     film: bool = False
-    """Make a film of it too."""
 
     @cached_property
     def asked(self) -> "StudyFile":

@@ -31,10 +31,15 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class TuneOptions(WorkOptions):
     """Search a method's settings by study, and try what was found on scenes that the search has not
-    seen."""
+    seen.
+
+    Parameters
+    ----------
+    file : Path
+        TOML file of a study with one method, with [search] and [tune]; docs/studies.md shows one.
+    """
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
-    """TOML file of a study with one method, with [search] and [tune]; docs/studies.md shows one."""
 
 
 def tune(options: TuneOptions) -> int:

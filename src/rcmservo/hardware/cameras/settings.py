@@ -25,26 +25,37 @@ EXPOSURE_TIME = Limit(lambda exposure: 1e-5 <= exposure <= 1.0, "a time from 0.0
 @dataclass(frozen=True)
 class OpencvSettings(Checked, section="camera"):
     """Video device, video file, numbered image sequence or network address, read with OpenCV. It
-    has no time stamps."""
+    has no time stamps.
+
+    Parameters
+    ----------
+    source : str
+        Device such as /dev/video0 or its number, file, sequence such as frames/%04d.png, or address
+        such as http://...
+    latency : float
+        Time from the middle of the exposure to the frame's arrival, s; 0 if it is not measured.
+    width : int or None
+        Image width of a device, px.
+    height : int or None
+        Image height of a device, px.
+    frame_rate : float or None
+        Frame rate of a device, or playback rate of a file or sequence, frames/s.
+    exposure : float or None
+        Exposure time of a device, s.
+    gain : float or None
+        Gain of a device, in its own units.
+    """
 
     name: ClassVar[str] = "opencv"
     """Kind of the camera in rig files."""
 
     source: Annotated[str, not_empty("a device, a file, a sequence of pictures, or an address")]
-    """Device such as /dev/video0 or its number, file, sequence such as frames/%04d.png, or address
-    such as http://..."""
     latency: Annotated[float, LATENCY] = 0.0
-    """Time from the middle of the exposure to the frame's arrival, s; 0 if it is not measured."""
     width: Annotated[int | None, IMAGE_SIZE] = None
-    """Image width of a device, px."""
     height: Annotated[int | None, IMAGE_SIZE] = None
-    """Image height of a device, px."""
     frame_rate: Annotated[float | None, FRAME_RATE] = None
-    """Frame rate of a device, or playback rate of a file or sequence, frames/s."""
     exposure: Annotated[float | None, EXPOSURE_TIME] = None
-    """Exposure time of a device, s."""
     gain: float | None = None
-    """Gain of a device, in its own units."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,29 +80,41 @@ class OpencvSettings(Checked, section="camera"):
 
 @dataclass(frozen=True)
 class AravisSettings(Checked, section="camera"):
-    """GigE Vision or USB3 Vision camera, read with the Aravis library."""
+    """GigE Vision or USB3 Vision camera, read with the Aravis library.
+
+    Parameters
+    ----------
+    address : str
+        IP address, or name as `arv-tool-0.8` lists it.
+    latency : float
+        Time from the middle of the exposure to the arrival of an undelayed frame, s; 0 if it is not
+        measured. The camera's time stamps give the delays of the other frames.
+    width : int or None
+        Image width, px.
+    height : int or None
+        Image height, px.
+    frame_rate : float or None
+        Frame rate, frames/s.
+    exposure : float or None
+        Exposure time, s.
+    gain : float or None
+        Gain in the camera's own units.
+    packet_size : int or None
+        Packet size in bytes that the whole network path supports. By default 1400, which every
+        network supports, or 9000 for an emulated camera on this computer.
+    """
 
     name: ClassVar[str] = "aravis"
     """Kind of the camera in rig files."""
 
     address: Annotated[str, not_empty("an address or a name")]
-    """IP address, or name as `arv-tool-0.8` lists it."""
     latency: Annotated[float, LATENCY] = 0.0
-    """Time from the middle of the exposure to the arrival of an undelayed frame, s; 0 if it is not
-    measured. The camera's time stamps give the delays of the other frames."""
     width: Annotated[int | None, IMAGE_SIZE] = None
-    """Image width, px."""
     height: Annotated[int | None, IMAGE_SIZE] = None
-    """Image height, px."""
     frame_rate: Annotated[float | None, FRAME_RATE] = None
-    """Frame rate, frames/s."""
     exposure: Annotated[float | None, EXPOSURE_TIME] = None
-    """Exposure time, s."""
     gain: float | None = None
-    """Gain in the camera's own units."""
     packet_size: Annotated[int | None, between(576, 16000, "a whole number of bytes")] = None
-    """Packet size in bytes that the whole network path supports. By default 1400, which every
-    network supports, or 9000 for an emulated camera on this computer."""
 
     @property
     def effective_packet_size(self) -> int:
@@ -103,7 +126,17 @@ class AravisSettings(Checked, section="camera"):
 
 @dataclass(frozen=True)
 class TopicSettings(RosConnection, section="camera"):
-    """Camera that publishes images on a ROS topic, stamped with their exposure times."""
+    """Camera that publishes images on a ROS topic, stamped with their exposure times.
+
+    Parameters
+    ----------
+    topic : str
+        Name of the topic, such as PSM1/camera/image_raw.
+    compressed : bool
+        True for sensor_msgs/CompressedImage, false for sensor_msgs/Image.
+    latency : float
+        Time from the middle of the exposure to the stamp, s.
+    """
 
     name: ClassVar[str] = "topic"
     """Kind of the camera in rig files."""
@@ -114,11 +147,8 @@ class TopicSettings(RosConnection, section="camera"):
             TOPIC_PATTERN, "a topic's name without a slash before it, such as PSM1/camera/image_raw"
         ),
     ]
-    """Name of the topic, such as PSM1/camera/image_raw."""
     compressed: bool = False
-    """True for sensor_msgs/CompressedImage, false for sensor_msgs/Image."""
     latency: Annotated[float, LATENCY] = 0.0
-    """Time from the middle of the exposure to the stamp, s."""
 
 
 CameraSettings = OpencvSettings | AravisSettings | TopicSettings

@@ -28,23 +28,34 @@ class CameraLost(RcmServoError):
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """Result of one exposure."""
+    """Result of one exposure.
+
+    Parameters
+    ----------
+    image : Image or None
+        Blue-green-red image (height, width, 3); None if the frame is incomplete.
+    exposure : int
+        Middle of the exposure, ns on the computer's clock.
+    arrival : int
+        Arrival at the computer, ns.
+    lost : int
+        Number of frames just before this one that never arrived.
+    skipped : int
+        Number of complete frames just before this one, skipped for it.
+    incomplete : int
+        Number of incomplete frames just before this one.
+    uncertainty : float
+        Uncertainty of the exposure time in s; NaN without time stamps, or with those of another
+        computer's clock.
+    """
 
     image: Image | None
-    """Blue-green-red image (height, width, 3); None if the frame is incomplete."""
     exposure: int
-    """Middle of the exposure, ns on the computer's clock."""
     arrival: int
-    """Arrival at the computer, ns."""
     lost: int = 0
-    """Number of frames just before this one that never arrived."""
     skipped: int = 0
-    """Number of complete frames just before this one, skipped for it."""
     incomplete: int = 0
-    """Number of incomplete frames just before this one."""
     uncertainty: float = float("nan")
-    """Uncertainty of the exposure time in s; NaN without time stamps, or with those of another
-    computer's clock."""
 
 
 class CameraStream(Protocol):

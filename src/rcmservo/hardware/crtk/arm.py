@@ -67,19 +67,28 @@ JUMPED = "reported a position far from its setpoint, or is beyond a limit"
 
 @dataclass(frozen=True)
 class CommandCounts:
-    """Numbers of commands by outcome, and of the arm's reports."""
+    """Numbers of commands by outcome, and of the arm's reports.
+
+    Parameters
+    ----------
+    sent : int
+        Commands sent to the arm.
+    withheld : int
+        Valid commands that were not sent: the arm reported no recent or no plausible position, or
+        the transport failed.
+    refused : int
+        Void commands: late, repeated, not finite, or with the drive off.
+    warned : int
+        Warnings of the arm. It refuses a command as a whole.
+    stale : int
+        Reports of the arm that were rejected.
+    """
 
     sent: int = 0
-    """Commands sent to the arm."""
     withheld: int = 0
-    """Valid commands that were not sent: the arm reported no recent or no plausible position, or
-    the transport failed."""
     refused: int = 0
-    """Void commands: late, repeated, not finite, or with the drive off."""
     warned: int = 0
-    """Warnings of the arm. It refuses a command as a whole."""
     stale: int = 0
-    """Reports of the arm that were rejected."""
 
 
 class CrtkArm:

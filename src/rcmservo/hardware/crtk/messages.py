@@ -46,7 +46,21 @@ MessageT = TypeVar("MessageT", bound=RosMessage)
 
 @dataclass(frozen=True)
 class JointState:
-    """Measured or commanded joints. A quantity that is not given is empty."""
+    """Measured or commanded joints. A quantity that is not given is empty.
+
+    Parameters
+    ----------
+    stamp : int
+        Calendar time in ns.
+    name : tuple[str, ...]
+        Names of the joints.
+    position : tuple[float, ...]
+        Position of each joint in rad or m.
+    velocity : tuple[float, ...]
+        Velocity of each joint in rad/s or m/s.
+    effort : tuple[float, ...]
+        Torque or force of each joint in N m or N.
+    """
 
     ros_type: ClassVar[str] = "sensor_msgs/JointState"
     """Name of the ROS type."""
@@ -56,20 +70,23 @@ class JointState:
     """Fields after the header."""
 
     stamp: int
-    """Calendar time in ns."""
     name: tuple[str, ...] = ()
-    """Names of the joints."""
     position: tuple[float, ...] = ()
-    """Position of each joint in rad or m."""
     velocity: tuple[float, ...] = ()
-    """Velocity of each joint in rad/s or m/s."""
     effort: tuple[float, ...] = ()
-    """Torque or force of each joint in N m or N."""
 
 
 @dataclass(frozen=True)
 class PoseStamped:
-    """Commanded pose of a tool."""
+    """Commanded pose of a tool.
+
+    Parameters
+    ----------
+    stamp : int
+        Calendar time in ns.
+    pose : Any
+        Position and quaternion, as in ``NESTED_TYPES``.
+    """
 
     ros_type: ClassVar[str] = "geometry_msgs/PoseStamped"
     """Name of the ROS type."""
@@ -77,14 +94,24 @@ class PoseStamped:
     """Fields after the header."""
 
     stamp: int
-    """Calendar time in ns."""
     pose: Any = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    """Position and quaternion, as in ``NESTED_TYPES``."""
 
 
 @dataclass(frozen=True)
 class OperatingState:
-    """Operating state of an arm."""
+    """Operating state of an arm.
+
+    Parameters
+    ----------
+    stamp : int
+        Calendar time in ns.
+    state : str
+        State: DISABLED, ENABLED, PAUSED or FAULT.
+    is_homed : bool
+        True if the arm knows its position.
+    is_busy : bool
+        True if the arm moves or is about to move.
+    """
 
     ros_type: ClassVar[str] = "crtk_msgs/OperatingState"
     """Name of the ROS type."""
@@ -92,18 +119,22 @@ class OperatingState:
     """Fields after the header."""
 
     stamp: int
-    """Calendar time in ns."""
     state: str
-    """State: DISABLED, ENABLED, PAUSED or FAULT."""
     is_homed: bool = False
-    """True if the arm knows its position."""
     is_busy: bool = False
-    """True if the arm moves or is about to move."""
 
 
 @dataclass(frozen=True)
 class StringStamped:
-    """Command, warning or error as text."""
+    """Command, warning or error as text.
+
+    Parameters
+    ----------
+    stamp : int
+        Calendar time in ns.
+    string : str
+        Text.
+    """
 
     ros_type: ClassVar[str] = "crtk_msgs/StringStamped"
     """Name of the ROS type."""
@@ -111,14 +142,30 @@ class StringStamped:
     """Fields after the header."""
 
     stamp: int
-    """Calendar time in ns."""
     string: str
-    """Text."""
 
 
 @dataclass(frozen=True)
 class PlainImage:
-    """Uncompressed image."""
+    """Uncompressed image.
+
+    Parameters
+    ----------
+    stamp : int
+        Calendar time of the exposure in ns.
+    height : int
+        Number of rows.
+    width : int
+        Pixels per row.
+    encoding : str
+        Pixel format, such as bgr8.
+    is_bigendian : int
+        Byte order of numbers of several bytes: 1 for big-endian.
+    step : int
+        Bytes per row.
+    data : bytes
+        All rows.
+    """
 
     ros_type: ClassVar[str] = "sensor_msgs/Image"
     """Name of the ROS type."""
@@ -129,24 +176,27 @@ class PlainImage:
     """Fields after the header."""
 
     stamp: int
-    """Calendar time of the exposure in ns."""
     height: int
-    """Number of rows."""
     width: int
-    """Pixels per row."""
     encoding: str
-    """Pixel format, such as bgr8."""
     is_bigendian: int
-    """Byte order of numbers of several bytes: 1 for big-endian."""
     step: int
-    """Bytes per row."""
     data: bytes
-    """All rows."""
 
 
 @dataclass(frozen=True)
 class CompressedImage:
-    """Image as the content of an image file."""
+    """Image as the content of an image file.
+
+    Parameters
+    ----------
+    stamp : int
+        Calendar time of the exposure in ns.
+    format : str
+        File format, jpeg or png; more words may follow.
+    data : bytes
+        Content of the file.
+    """
 
     ros_type: ClassVar[str] = "sensor_msgs/CompressedImage"
     """Name of the ROS type."""
@@ -154,25 +204,30 @@ class CompressedImage:
     """Fields after the header."""
 
     stamp: int
-    """Calendar time of the exposure in ns."""
     format: str
-    """File format, jpeg or png; more words may follow."""
     data: bytes
-    """Content of the file."""
 
 
 @dataclass(frozen=True)
 class Topic(Generic[MessageT]):
-    """Topic with the type of its messages and its quality of service."""
+    """Topic with the type of its messages and its quality of service.
+
+    Parameters
+    ----------
+    name : str
+        Name without a leading slash.
+    kind : type[MessageT]
+        Class of its messages.
+    latched : bool
+        True if a new subscriber gets the last messages.
+    lossy : bool
+        True if lost messages are not sent again (best effort).
+    """
 
     name: str
-    """Name without a leading slash."""
     kind: type[MessageT]
-    """Class of its messages."""
     latched: bool = False
-    """True if a new subscriber gets the last messages."""
     lossy: bool = False
-    """True if lost messages are not sent again (best effort)."""
 
     def under(self, namespace: str) -> "Topic[MessageT]":
         """Return the topic of the arm with this namespace."""

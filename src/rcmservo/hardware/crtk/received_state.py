@@ -19,14 +19,21 @@ ENABLED = "ENABLED"
 
 
 class ReportedJoints(NamedTuple):
-    """Joint position that the arm has reported."""
+    """Joint position that the arm has reported.
+
+    Parameters
+    ----------
+    time : int
+        Time of the measurement, ns of this computer's clock.
+    position : tuple[float, ...]
+        Position of each joint in rad or m.
+    name : tuple[str, ...]
+        Names of the joints.
+    """
 
     time: int
-    """Time of the measurement, ns of this computer's clock."""
     position: tuple[float, ...]
-    """Position of each joint in rad or m."""
     name: tuple[str, ...]
-    """Names of the joints."""
 
 
 class ReceivedState:

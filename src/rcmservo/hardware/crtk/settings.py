@@ -22,35 +22,51 @@ INTERFACE = matching(r"[\w.:-]{1,15}", "a network interface's name, such as lo")
 
 @dataclass(frozen=True, kw_only=True)
 class RosConnection(Checked):
-    """Version of ROS, and the network that it uses."""
+    """Version of ROS, and the network that it uses.
+
+    Parameters
+    ----------
+    ros : int
+        ROS version: 2, or 1 with the master in ROS_MASTER_URI.
+    domain : int
+        Domain of ROS 2 (ROS_DOMAIN_ID).
+    interface : str
+        Network interface of ROS 2; lo is within this computer.
+    """
 
     ros: Annotated[int, ROS_VERSION] = 2
-    """ROS version: 2, or 1 with the master in ROS_MASTER_URI."""
     domain: Annotated[int, DOMAIN] = 0
-    """Domain of ROS 2 (ROS_DOMAIN_ID)."""
     interface: Annotated[str, INTERFACE] = "lo"
-    """Network interface of ROS 2; lo is within this computer."""
 
 
 @dataclass(frozen=True)
 class CrtkSettings(RosConnection, section="arm"):
-    """Connection of a CRTK arm whose first three joints are those of the mechanism."""
+    """Connection of a CRTK arm whose first three joints are those of the mechanism.
+
+    Parameters
+    ----------
+    namespace : str
+        Namespace of the arm's topics, such as PSM1.
+    signs : Triple
+        Direction of each joint relative to the mechanism's, 1 or -1.
+    lead : Triple
+        Largest distance of the setpoint from the measured position, rad, rad, mm. When this program
+        dies, the arm moves by this distance at most.
+    jv : bool
+        True to send speeds (servo_jv) instead of positions. Only for an arm that `rig check` has
+        observed to stop by itself without commands.
+    answer_within : float
+        Time limit for the arm to execute a state command, s.
+    """
 
     name: ClassVar[str] = "crtk"
     """Kind of the arm in rig files."""
 
     namespace: Annotated[str, NAMESPACE]
-    """Namespace of the arm's topics, such as PSM1."""
     signs: Annotated[Triple, SIGNS] = (1.0, 1.0, 1.0)
-    """Direction of each joint relative to the mechanism's, 1 or -1."""
     lead: Annotated[Triple, LEAD] = (0.1, 0.1, 10.0)
-    """Largest distance of the setpoint from the measured position, rad, rad, mm. When this program
-    dies, the arm moves by this distance at most."""
     jv: bool = False
-    """True to send speeds (servo_jv) instead of positions. Only for an arm that `rig check` has
-    observed to stop by itself without commands."""
     answer_within: Annotated[float, between(0.1, 30.0, "a time", "s")] = 2.0
-    """Time limit for the arm to execute a state command, s."""
 
     @property
     def wiring(self) -> Wiring:

@@ -89,12 +89,18 @@ class InvalidRecord(RcmServoError):
 
 
 class DataRecord(NamedTuple):
-    """Decoded data record."""
+    """Decoded data record.
+
+    Parameters
+    ----------
+    general : Any
+        Controller part, one row of ``GENERAL_DTYPE``.
+    axes : NDArray[Any]
+        Axis parts, one row of ``AXIS_DTYPE`` per axis.
+    """
 
     general: Any
-    """Controller part, one row of ``GENERAL_DTYPE``."""
     axes: NDArray[Any]
-    """Axis parts, one row of ``AXIS_DTYPE`` per axis."""
 
 
 def record_size(axis_count: int) -> int:

@@ -68,18 +68,27 @@ SWITCH_OFF_TIMEOUT_S = 0.2
 
 @dataclass(frozen=True, eq=False)
 class ArmReading:
-    """State of the arm from one data record."""
+    """State of the arm from one data record.
+
+    Parameters
+    ----------
+    q : Floats
+        Joint position (3,) in rad, rad, mm.
+    all_on : bool
+        True if all three motors are on.
+    all_off : bool
+        True if all three motors are off.
+    time : float
+        Time of the measurement, s on the connection's clock.
+    record : DataRecord
+        The complete record.
+    """
 
     q: Floats
-    """Joint position (3,) in rad, rad, mm."""
     all_on: bool
-    """True if all three motors are on."""
     all_off: bool
-    """True if all three motors are off."""
     time: float
-    """Time of the measurement, s on the connection's clock."""
     record: DataRecord
-    """The complete record."""
 
 
 class GalilSession:

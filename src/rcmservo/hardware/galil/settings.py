@@ -28,33 +28,47 @@ THREE_AXES = Limit(
 
 @dataclass(frozen=True)
 class GalilSettings(Checked, section="arm"):
-    """Connection and axes of an arm on a Galil DMC-40x0 controller."""
+    """Connection and axes of an arm on a Galil DMC-40x0 controller.
+
+    Parameters
+    ----------
+    address : str
+        Host name, IP address, or serial port of the controller, such as /dev/ttyUSB0.
+    counts : Triple
+        Encoder counts per rad, rad and mm of the joints; negative if the counts fall as the joint
+        rises.
+    port : int
+        TCP port of the controller.
+    baud : Literal[9600, 19200, 38400, 115200]
+        Bit rate of a serial port, bits/s.
+    axes : str
+        Axes that drive the first, second and third joint.
+    acceleration : Triple
+        Acceleration of the joints, rad/s², rad/s², mm/s².
+    deceleration : Triple
+        Deceleration with which the controller slows down and stops the joints, rad/s², rad/s²,
+        mm/s².
+    following_error : Triple
+        Following error of a joint above which its motor goes off, rad, rad, mm.
+    patience : float
+        Time in s without a valid command after which the controller stops the arm by itself.
+    answer_within : float
+        Time limit for a reply of the controller, s.
+    """
 
     name: ClassVar[str] = "galil"
     """Kind of the arm in rig files."""
 
     address: Annotated[str, not_empty("a name or an address")]
-    """Host name, IP address, or serial port of the controller, such as /dev/ttyUSB0."""
     counts: Annotated[Triple, COUNTS_PER_UNIT]
-    """Encoder counts per rad, rad and mm of the joints; negative if the counts fall as the joint
-    rises."""
     port: Annotated[int, between(1, 65535, "a whole number")] = 23
-    """TCP port of the controller."""
     baud: Literal[9600, 19200, 38400, 115200] = 115200
-    """Bit rate of a serial port, bits/s."""
     axes: Annotated[str, THREE_AXES] = "ABC"
-    """Axes that drive the first, second and third joint."""
     acceleration: Annotated[Triple, POSITIVE_PER_JOINT] = (10.0, 10.0, 1000.0)
-    """Acceleration of the joints, rad/s², rad/s², mm/s²."""
     deceleration: Annotated[Triple, POSITIVE_PER_JOINT] = (10.0, 10.0, 1000.0)
-    """Deceleration with which the controller slows down and stops the joints, rad/s², rad/s²,
-    mm/s²."""
     following_error: Annotated[Triple, POSITIVE_PER_JOINT] = (0.02, 0.02, 2.0)
-    """Following error of a joint above which its motor goes off, rad, rad, mm."""
     patience: Annotated[float, between(0.01, 0.05, "a time", "s")] = 0.04
-    """Time in s without a valid command after which the controller stops the arm by itself."""
     answer_within: Annotated[float, between(0.02, 2.0, "a time", "s")] = 0.25
-    """Time limit for a reply of the controller, s."""
 
     @property
     def wiring(self) -> Wiring:

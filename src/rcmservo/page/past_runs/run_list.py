@@ -26,22 +26,33 @@ DEPTHS = f"*/{RECORD}", f"*/*/{RECORD}"
 
 @dataclass(frozen=True)
 class PastRun:
-    """A run as it is listed."""
+    """A run as it is listed.
+
+    Parameters
+    ----------
+    name : str
+        What it is asked for by.
+    folder : str
+        Its folder, below that of all runs.
+    when : str
+        Its last change, as a date and time of day.
+    what : str
+        Of which arm, by which estimator; or why it cannot be read.
+    seconds : float or None
+        Its length; None where it cannot be read.
+    ended : str
+        How it ended, in words.
+    recording : bool
+        Whether it is being recorded now.
+    """
 
     name: str
-    """What it is asked for by."""
     folder: str
-    """Its folder, below that of all runs."""
     when: str
-    """Its last change, as a date and time of day."""
     what: str
-    """Of which arm, by which estimator; or why it cannot be read."""
     seconds: float | None
-    """Its length; None where it cannot be read."""
     ended: str
-    """How it ended, in words."""
     recording: bool
-    """Whether it is being recorded now."""
 
 
 class Shelf:

@@ -38,12 +38,18 @@ Where = tuple[int, int]
 
 @dataclass(frozen=True)
 class OpenedRun:
-    """A run as a browser gets it."""
+    """A run as a browser gets it.
+
+    Parameters
+    ----------
+    told : bytes
+        JSON: all but pictures and figures.
+    pictures : list[Where]
+        Where its pictures are.
+    """
 
     told: bytes
-    """JSON: all but pictures and figures."""
     pictures: list[Where]
-    """Where its pictures are."""
 
 
 def opened(path: Path) -> OpenedRun:

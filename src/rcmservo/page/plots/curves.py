@@ -42,22 +42,33 @@ Tick = dict[str, Any]
 
 @dataclass
 class Curves:
-    """The samples there are."""
+    """The samples there are.
+
+    Parameters
+    ----------
+    count : int
+        How many there have been.
+    samples : deque[list[float]]
+        The last of them, each as `NAMES` has it.
+    _start : int or None
+        ns on the loop's clock of its time 0, were its earliest tick not late at all.
+    _due : int
+        ns from the start to when the newest tick was due.
+    _late : int
+        ns, the worst lateness since the last sample.
+    _next : int
+        ns from which on the next sample is taken.
+    _before : Tick or None
+        The tick of the last sample.
+    """
 
     count: int = 0
-    """How many there have been."""
     samples: deque[list[float]] = field(default_factory=lambda: deque[list[float]](maxlen=KEPT))
-    """The last of them, each as `NAMES` has it."""
     _start: int | None = None
-    """ns on the loop's clock of its time 0, were its earliest tick not late at all."""
     _due: int = 0
-    """ns from the start to when the newest tick was due."""
     _late: int = 0
-    """ns, the worst lateness since the last sample."""
     _next: int = 0
-    """ns from which on the next sample is taken."""
     _before: Tick | None = None
-    """The tick of the last sample."""
 
     def begin(self) -> None:
         """Another session: its schedule is another one."""

@@ -16,14 +16,21 @@ STEPS = 16
 
 @dataclass(frozen=True)
 class Shape:
-    """What of a servo tells where its tool is."""
+    """What of a servo tells where its tool is.
+
+    Parameters
+    ----------
+    mechanism : Kinematics
+        The arm's joints.
+    tool : Tool
+        Its markers.
+    tip : float
+        mm from marker 2 to the tip.
+    """
 
     mechanism: Kinematics
-    """The arm's joints."""
     tool: Tool
-    """Its markers."""
     tip: float
-    """mm from marker 2 to the tip."""
 
     @classmethod
     def of(cls, servo: Servo) -> "Shape":

@@ -36,14 +36,21 @@ class PortTaken(NoPagePort):
 
 @dataclass(frozen=True)
 class Doors:
-    """What a browser must know."""
+    """What a browser must know.
+
+    Parameters
+    ----------
+    port : int
+        That of the page.
+    secret : str
+        Drawn when the server starts.
+    token : str
+        What a browser must give before it gets the page; empty where none is asked for.
+    """
 
     port: int
-    """That of the page."""
     secret: str
-    """Drawn when the server starts."""
     token: str = ""
-    """What a browser must give before it gets the page; empty where none is asked for."""
 
     def knows(self, secret: str) -> bool:
         """Whether it is the secret that stands in the page."""

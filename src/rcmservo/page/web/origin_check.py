@@ -19,12 +19,18 @@ from rcmservo.page.web.sign_in import SignIn
 
 
 class TurnedAway(NamedTuple):
-    """What a request is answered that is not let in."""
+    """What a request is answered that is not let in.
+
+    Parameters
+    ----------
+    status : int
+        Of HTTP.
+    why : str
+        For a person.
+    """
 
     status: int
-    """Of HTTP."""
     why: str
-    """For a person."""
 
 
 def names_of(address: str) -> tuple[str, ...]:

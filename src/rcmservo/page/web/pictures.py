@@ -29,16 +29,24 @@ LENGTH = struct.Struct("<I")
 
 @dataclass(frozen=True)
 class ShownPicture:
-    """A picture as browsers get it."""
+    """A picture as browsers get it.
+
+    Parameters
+    ----------
+    count : int
+        It rises.
+    number : int
+        That of its frame.
+    jpeg : bytes
+        Empty where there is none.
+    table : Table
+        The board beside it.
+    """
 
     count: int = 0
-    """It rises."""
     number: int = -1
-    """That of its frame."""
     jpeg: bytes = b""
-    """Empty where there is none."""
     table: Table = field(default_factory=dict[str, object])
-    """The board beside it."""
 
 
 class Pictures:

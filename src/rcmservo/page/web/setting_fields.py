@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, get_type_hints
 
-from rcmservo.config.field_docs import words_of
+from rcmservo.config.field_docs import describe_class, describe_field
 from rcmservo.config.registry import PARTS
 from rcmservo.config.servo_json import describe
 from rcmservo.constraints import choices_of
@@ -18,18 +18,27 @@ UNIT = re.compile(rf"(?:^|, |\()({PART}(?:, {PART})*)(?=[.:;)]|$| whatever)")
 
 @dataclass(frozen=True)
 class SettingField:
-    """A field of a form."""
+    """A field of a form.
+
+    Parameters
+    ----------
+    name : str
+        As files and the command line call it.
+    unit : str
+        Of its number, or one for each of its numbers; empty where it has none.
+    words : str
+        What it is.
+    default : Any
+        Its default.
+    choices : list[str]
+        What it can be, where that is a word.
+    """
 
     name: str
-    """As files and the command line call it."""
     unit: str
-    """Of its number, or one for each of its numbers; empty where it has none."""
     words: str
-    """What it is."""
     default: Any
-    """Its default."""
     choices: list[str]
-    """What it can be, where that is a word."""
 
 
 def fields_of(kind: type[Any]) -> list[SettingField]:
@@ -40,8 +49,8 @@ def fields_of(kind: type[Any]) -> list[SettingField]:
     return [
         SettingField(
             name=f.name,
-            unit=unit_in(words_of(kind, f.name)),
-            words=words_of(kind, f.name),
+            unit=unit_in(describe_field(kind, f.name)),
+            words=describe_field(kind, f.name),
             default=getattr(given, f.name),
             choices=list(choices_of(types[f.name])),
         )
@@ -80,4 +89,4 @@ def forms(chosen: Servo, in_force: Servo | None) -> list[dict[str, Any]]:
 
 
 def _words(kind: type[Any]) -> str:
-    return " ".join((kind.__doc__ or "").split())
+    return " ".join(describe_class(kind).split())

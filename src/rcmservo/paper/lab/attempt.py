@@ -32,14 +32,21 @@ AT_REST_S = 0.5
 
 @dataclass(frozen=True)
 class Attempt:
-    """A method's attempt in one scene."""
+    """A method's attempt in one scene.
+
+    Parameters
+    ----------
+    seed : int
+        Source of all that is drawn.
+    settings : RigSettings
+        Laboratory.
+    duration : float
+        s after the exploration.
+    """
 
     seed: int
-    """Source of all that is drawn."""
     settings: RigSettings
-    """Laboratory."""
     duration: float
-    """s after the exploration."""
 
     def calibration(self, quality: Quality) -> Calibration:
         """Return the calibration that is handed over; wrong in directions drawn from the seed."""

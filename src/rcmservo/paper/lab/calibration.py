@@ -40,12 +40,18 @@ WRONG = (
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Parameters of a calibration matrix C (3, 4) by Lemma 1."""
+    """Parameters of a calibration matrix C (3, 4) by Lemma 1.
+
+    Parameters
+    ----------
+    a : Floats
+        Nine parameters (9,).
+    o_c : Floats
+        Image of the RCM, (2,) px.
+    """
 
     a: Floats
-    """Nine parameters (9,)."""
     o_c: Floats
-    """Image of the RCM, (2,) px."""
 
     def locate(self, points: Floats, guess: Floats, tool: Tool) -> Floats:
         """Return p̂₁ (3,) mm from raw pixels (2, 2), by least squares from a first guess (3,)."""
@@ -95,10 +101,15 @@ def _direction(random: np.random.Generator) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Calibrated(Estimator):
-    """Ĵ of (15) from given parameters, the traditional approach [12], which estimates nothing."""
+    """Ĵ of (15) from given parameters, the traditional approach [12], which estimates nothing.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Source of ``a``; o_c, about which the features are measured, stays the servo's own.
+    """
 
     calibration: Calibration
-    """Source of ``a``; o_c, about which the features are measured, stays the servo's own."""
 
     name = "calibrated"
     models = False

@@ -13,20 +13,31 @@ from rcmservo.numerics.small_linalg import products
 
 
 class FirstFrames(NamedTuple):
-    """Observations of the first frames."""
+    """Observations of the first frames.
+
+    Parameters
+    ----------
+    p1 : Floats
+        (n, 3) mm, p₁ by the joints.
+    m : Floats
+        (n, 4) px, raw pixels there.
+    """
 
     p1: Floats
-    """(n, 3) mm, p₁ by the joints."""
     m: Floats
-    """(n, 4) px, raw pixels there."""
 
 
 @dataclass(frozen=True)
 class ConstantJacobian(Estimator):
-    """L (4, 3) px/mm of m ≈ m₀ + L (p₁ − p₀), by least squares over the first frames."""
+    """L (4, 3) px/mm of m ≈ m₀ + L (p₁ − p₀), by least squares over the first frames.
+
+    Parameters
+    ----------
+    frames : int
+        Number of frames; an exploration takes about as many.
+    """
 
     frames: int = 60
-    """Number of frames; an exploration takes about as many."""
 
     name = "constant"
 

@@ -24,18 +24,27 @@ def saturated(error: Floats, bound: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class PoseLaw:
-    """Pose-based control [20]: v = −k sat(p̂₁ − p̂₁d), both poses by the calibration."""
+    """Pose-based control [20]: v = −k sat(p̂₁ − p̂₁d), both poses by the calibration.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Calibration that locates marker 1; the present joints give the first guess of both fits.
+    robot : Servo
+        Servo whose tool is used.
+    target : Target
+        Target, of which only the pixels are used.
+    gain : float
+        k, 1/s.
+    bound : float
+        Largest error in mm; a larger one is shortened to it.
+    """
 
     calibration: Calibration
-    """Calibration that locates marker 1; the present joints give the first guess of both fits."""
     robot: Servo
-    """Servo whose tool is used."""
     target: Target
-    """Target, of which only the pixels are used."""
     gain: float
-    """k, 1/s."""
     bound: float = 20.0
-    """Largest error in mm; a larger one is shortened to it."""
 
     def velocity(self, points: Floats, p1: Floats) -> Floats:
         """Return v (3,) mm/s of marker 1, for raw pixels (2, 2) and p₁ (3,) mm by the joints."""

@@ -36,12 +36,18 @@ POINTS_LAW = replace(FAST_LAW, features="points")
 
 @dataclass(frozen=True)
 class Method(ABC):
-    """A way to take the tool to a target."""
+    """A way to take the tool to a target.
+
+    Parameters
+    ----------
+    name : str
+        Name in sentences.
+    short : str
+        Name in figures and tables.
+    """
 
     name: str
-    """Name in sentences."""
     short: str
-    """Name in figures and tables."""
 
     @abstractmethod
     def run(self, attempt: Attempt) -> StudyRun:
@@ -50,14 +56,21 @@ class Method(ABC):
 
 @dataclass(frozen=True)
 class Learner(Method):
-    """A method without a calibration: it explores and estimates Ĵ."""
+    """A method without a calibration: it explores and estimates Ĵ.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Source of Ĵ.
+    exploration : Exploration
+        First motion, as this estimator needs it.
+    controller : SaturatedController or None
+        Its own law; None for that of all methods.
+    """
 
     estimator: Estimator
-    """Source of Ĵ."""
     exploration: Exploration = field(default_factory=Exploration)
-    """First motion, as this estimator needs it."""
     controller: SaturatedController | None = field(default=None, kw_only=True)
-    """Its own law; None for that of all methods."""
 
     def run(self, attempt: Attempt) -> StudyRun:
         return attempt.run(attempt.servo(self.estimator, self.exploration, self.controller))
@@ -65,21 +78,32 @@ class Learner(Method):
 
 @dataclass(frozen=True)
 class Own(Learner):
-    """A user's own estimator, with our default exploration."""
+    """A user's own estimator, with our default exploration.
+
+    Parameters
+    ----------
+    source : str
+        Hash of its file: another one makes other results.
+    """
 
     source: str = ""
-    """Hash of its file: another one makes other results."""
 
 
 @dataclass(frozen=True)
 class CalibratedMethod(Method):
     """A law with a calibration: the traditional image-based one [12] on [s r d] or on the four
-    marker coordinates, or the pose-based one [20]."""
+    marker coordinates, or the pose-based one [20].
+
+    Parameters
+    ----------
+    acts_on : Literal['features', 'points', 'poses']
+        Error that the law acts on.
+    quality : Quality
+        Quality of the calibration: exact, wrong, or from before the camera was rolled.
+    """
 
     acts_on: Literal["features", "points", "poses"]
-    """Error that the law acts on."""
     quality: Quality
-    """Quality of the calibration: exact, wrong, or from before the camera was rolled."""
 
     def run(self, attempt: Attempt) -> StudyRun:
         calibration = attempt.calibration(self.quality)

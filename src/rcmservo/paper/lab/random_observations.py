@@ -23,14 +23,21 @@ from rcmservo.numerics.gradient_flow import decay
 
 
 class RandomMemory(NamedTuple):
-    """State of the estimator."""
+    """State of the estimator.
+
+    Parameters
+    ----------
+    observations : Floats
+        Rows (P, 7) [p₁ mm, raw m₁ m₂ px].
+    seen : int
+        Number of samples that they were drawn from.
+    a_hat : Floats
+        Parameters (9,).
+    """
 
     observations: Floats
-    """Rows (P, 7) [p₁ mm, raw m₁ m₂ px]."""
     seen: int
-    """Number of samples that they were drawn from."""
     a_hat: Floats
-    """Parameters (9,)."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +45,17 @@ class RandomObservations(Estimator):
     """Rule (21) with the printed Γ as the paper words it, on P random observations.
 
     Of all samples so far each is as likely to be among them.
+
+    Parameters
+    ----------
+    observations : int
+        P.
+    estimator_time : float
+        s of its own time that the rule is given at every frame; 0 for the real time between two.
     """
 
     observations: int = 10
-    """P."""
     estimator_time: float = 1e4
-    """s of its own time that the rule is given at every frame; 0 for the real time between two."""
 
     name = "random"
     models = True

@@ -58,20 +58,30 @@ SMOOTH_FRAMES = 60
 
 @dataclass(frozen=True)
 class Regulation:
-    """Plan of a regulation."""
+    """Plan of a regulation.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Source of Ĵ.
+    exploration : Exploration
+        First motion, as this estimator needs it.
+    pictures : bool
+        True for rendered frames; otherwise the camera delivers points.
+    duration : float
+        s from the start on.
+    half_way : bool
+        True to explore where half of the errors are left.
+    controller : SaturatedController
+        Law of the way back to the start, and of that to the target.
+    """
 
     estimator: Estimator
-    """Source of Ĵ."""
     exploration: Exploration
-    """First motion, as this estimator needs it."""
     pictures: bool
-    """True for rendered frames; otherwise the camera delivers points."""
     duration: float
-    """s from the start on."""
     half_way: bool = False
-    """True to explore where half of the errors are left."""
     controller: SaturatedController = PRINTED_LAW
-    """Law of the way back to the start, and of that to the target."""
 
     @property
     def servo(self) -> Servo:

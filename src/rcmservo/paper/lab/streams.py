@@ -66,18 +66,27 @@ WINDOW_NS = 20_000_000
 
 
 class Stream(NamedTuple):
-    """Observations of a servo, frame by frame, and the truth."""
+    """Observations of a servo, frame by frame, and the truth.
+
+    Parameters
+    ----------
+    samples : list[Sample]
+        One for each frame that the servo used, n of them.
+    time : Floats
+        (n,) s.
+    phase : Floats
+        (n,): exploring, saturated, at the end; or learning, touring.
+    J : Floats
+        (n, 3, 3), scaled.
+    v : Floats
+        (n, 3) mm/s of marker 1.
+    """
 
     samples: list[Sample]
-    """One for each frame that the servo used, n of them."""
     time: Floats
-    """(n,) s."""
     phase: Floats
-    """(n,): exploring, saturated, at the end; or learning, touring."""
     J: Floats
-    """(n, 3, 3), scaled."""
     v: Floats
-    """(n, 3) mm/s of marker 1."""
 
 
 def stream(seed: int, noise: float, settings: Settings, kind: Kind) -> tuple[Rig, Stream]:

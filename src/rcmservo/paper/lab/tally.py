@@ -54,16 +54,24 @@ def numbers_of(runs: Sequence[StudyRun]) -> Found:
 
 @dataclass(frozen=True, eq=False)
 class Tally:
-    """One method in all scenes of one kind."""
+    """One method in all scenes of one kind.
+
+    Parameters
+    ----------
+    name : str
+        Name in sentences.
+    short : str
+        Name in figures and tables.
+    runs : Found
+        `numbers_of` its runs.
+    never : float
+        s that count as the time of a run that never was within 1 mm, the same for all methods.
+    """
 
     name: str
-    """Name in sentences."""
     short: str
-    """Name in figures and tables."""
     runs: Found
-    """`numbers_of` its runs."""
     never: float
-    """s that count as the time of a run that never was within 1 mm, the same for all methods."""
 
     @property
     def pose_errors(self) -> Floats:

@@ -40,20 +40,30 @@ that the description of the arm does not match the recording."""
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Frame of a recording with the pose of the tool."""
+    """Frame of a recording with the pose of the tool.
+
+    Parameters
+    ----------
+    name : str
+        Name of the frame in poses.csv, which is also the stem of its image file.
+    picture : Path or None
+        Image file, or None in a recording of points.
+    points : Floats or None
+        Markers (2, 2) px, NaN for an undetected one; None if there is an image.
+    q : Floats
+        Joints (3,) in rad, rad, mm.
+    p1 : Floats
+        Position p₁ (3,) of marker 1 in mm.
+    time : float or None
+        Time of the exposure in s, or None if unknown.
+    """
 
     name: str
-    """Name of the frame in poses.csv, which is also the stem of its image file."""
     picture: Path | None
-    """Image file, or None in a recording of points."""
     points: Floats | None
-    """Markers (2, 2) px, NaN for an undetected one; None if there is an image."""
     q: Floats
-    """Joints (3,) in rad, rad, mm."""
     p1: Floats
-    """Position p₁ (3,) of marker 1 in mm."""
     time: float | None
-    """Time of the exposure in s, or None if unknown."""
 
 
 def load(folder: Path, mechanism: Kinematics, tool: Tool) -> list[Pose]:

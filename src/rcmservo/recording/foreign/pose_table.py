@@ -17,14 +17,21 @@ SEPARATORS = ",;\t"
 
 @dataclass(frozen=True)
 class TableRow:
-    """Row of a table."""
+    """Row of a table.
+
+    Parameters
+    ----------
+    location : str
+        File and row, for messages.
+    cells : dict[str, str]
+        Texts by column title.
+    decimal : str
+        Decimal separator of the numbers.
+    """
 
     location: str
-    """File and row, for messages."""
     cells: dict[str, str]
-    """Texts by column title."""
     decimal: str
-    """Decimal separator of the numbers."""
 
     def numbers(self, columns: tuple[str, ...]) -> Floats:
         """Return the finite numbers of these columns, or raise ``BadInput``."""
@@ -49,14 +56,21 @@ class TableRow:
 
 @dataclass(frozen=True)
 class Table:
-    """Table of a file."""
+    """Table of a file.
+
+    Parameters
+    ----------
+    path : Path
+        File of the table.
+    titles : list[str]
+        Column titles from left to right.
+    rows : list[TableRow]
+        Rows below the titles, without empty ones.
+    """
 
     path: Path
-    """File of the table."""
     titles: list[str]
-    """Column titles from left to right."""
     rows: list[TableRow]
-    """Rows below the titles, without empty ones."""
 
     def require(self, columns: tuple[str, ...], purpose: str) -> None:
         """Raise ``UnusableFile`` if a column is missing; `purpose` is its use, for the message."""

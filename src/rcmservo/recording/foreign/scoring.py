@@ -35,20 +35,30 @@ ASSUMED_SPEED_MM_S = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """Scores and intermediate results of a recording."""
+    """Scores and intermediate results of a recording.
+
+    Parameters
+    ----------
+    poses : list[Pose]
+        All rows of the recording, in order.
+    markers : list[Markers]
+        Markers of each frame.
+    o_c : Floats
+        Imaged RCM (2,) px after the last frame; NaN if it is not observable.
+    condition : float
+        Condition number of (16); infinite if (16) is singular.
+    reprojection : Floats
+        Root mean square (2,) px of each marker's 2-D error under the final fit.
+    one_step : dict[str, Floats]
+        Root mean square error (3,) in rad, px, px of each predictor; NaN if it predicted no step.
+    """
 
     poses: list[Pose]
-    """All rows of the recording, in order."""
     markers: list[Markers]
-    """Markers of each frame."""
     o_c: Floats
-    """Imaged RCM (2,) px after the last frame; NaN if it is not observable."""
     condition: float
-    """Condition number of (16); infinite if (16) is singular."""
     reprojection: Floats
-    """Root mean square (2,) px of each marker's 2-D error under the final fit."""
     one_step: dict[str, Floats]
-    """Root mean square error (3,) in rad, px, px of each predictor; NaN if it predicted no step."""
 
 
 @dataclass(frozen=True, eq=False)

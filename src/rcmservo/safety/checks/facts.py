@@ -14,40 +14,60 @@ from rcmservo.safety.thresholds import Thresholds
 
 
 class TickFacts(NamedTuple):
-    """Facts of a tick that a detector may read, in compiled functions."""
+    """Facts of a tick that a detector may read, in compiled functions.
+
+    Parameters
+    ----------
+    seen : ObservationRow
+        The observation.
+    watch : Watch
+        State of the checks.
+    estimate : Estimate
+        Estimate of Ĵ, imaged RCM and features.
+    tour : Exploring
+        State of the exploration.
+    progress : TargetProgress
+        Progress towards the target.
+    prospect : Prospect
+        Fit of the camera's projection.
+    drive_requested : bool
+        True if the arm's drive should be on.
+    paused : bool
+        True in the phase PAUSED.
+    taught : int
+        ns, when the target was taught.
+    estimator_failed : bool
+        True if a user's estimator failed at this tick.
+    rcm : Rcm
+        Mechanism, with marker 1 as the point on its tool.
+    period : int
+        ns from tick to tick.
+    gain : float
+        1/s, k of the law (31).
+    max_rcm_condition : float
+        Condition of eq. (16) up to which o_c is known.
+    exploration : Exploration
+        Settings of the exploration.
+    thresholds : Thresholds
+        Values from which on something is a fault.
+    """
 
     seen: ObservationRow
-    """The observation."""
     watch: Watch
-    """State of the checks."""
     estimate: Estimate
-    """Estimate of Ĵ, imaged RCM and features."""
     tour: Exploring
-    """State of the exploration."""
     progress: TargetProgress
-    """Progress towards the target."""
     prospect: Prospect
-    """Fit of the camera's projection."""
     drive_requested: bool
-    """True if the arm's drive should be on."""
     paused: bool
-    """True in the phase PAUSED."""
     taught: int
-    """ns, when the target was taught."""
     estimator_failed: bool
-    """True if a user's estimator failed at this tick."""
     rcm: Rcm
-    """Mechanism, with marker 1 as the point on its tool."""
     period: int
-    """ns from tick to tick."""
     gain: float
-    """1/s, k of the law (31)."""
     max_rcm_condition: float
-    """Condition of eq. (16) up to which o_c is known."""
     exploration: Exploration
-    """Settings of the exploration."""
     thresholds: Thresholds
-    """Values from which on something is a fault."""
 
 
 @compiled
@@ -57,15 +77,24 @@ def has_frame(c: TickFacts) -> bool:
 
 
 class DetailFacts(NamedTuple):
-    """Facts of a tick that the detail of a cause may be made of."""
+    """Facts of a tick that the detail of a cause may be made of.
+
+    Parameters
+    ----------
+    seen : Observation
+        The observation.
+    watch : Watch
+        State of the checks.
+    mechanism : Kinematics
+        The arm's kinematics.
+    thresholds : Thresholds
+        Values from which on something is a fault.
+    advice : str
+        Advice of the estimator for an exploration that fails.
+    """
 
     seen: Observation
-    """The observation."""
     watch: Watch
-    """State of the checks."""
     mechanism: Kinematics
-    """The arm's kinematics."""
     thresholds: Thresholds
-    """Values from which on something is a fault."""
     advice: str
-    """Advice of the estimator for an exploration that fails."""

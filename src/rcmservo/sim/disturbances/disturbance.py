@@ -28,6 +28,18 @@ PARAMETERS_LIMIT = Limit(
 class Disturbance:
     """Fault of a simulated laboratory. Omitted values take the kind's defaults.
 
+    Parameters
+    ----------
+    kind : str
+        Name in `KINDS`.
+    at : float
+        Start, s after the start of the run.
+    duration : float or None
+        Duration (s) of the disturbance or of the motion that it makes; inf lasts to the end of the
+        run.
+    parameters : Mapping[str, Value]
+        Parameters of its kind, by name.
+
     Raises
     ------
     BadInput
@@ -35,17 +47,12 @@ class Disturbance:
     """
 
     kind: str
-    """Name in `KINDS`."""
 
     at: float = 0.0
-    """Start, s after the start of the run."""
 
     duration: float | None = None
-    """Duration (s) of the disturbance or of the motion that it makes; inf lasts to the end of the
-    run."""
 
     parameters: Mapping[str, Value] = field(default_factory=dict[str, Value])
-    """Parameters of its kind, by name."""
 
     def __post_init__(self) -> None:
         _require_kind(self.kind)

@@ -14,27 +14,36 @@ from rcmservo.sim.disturbances.parameters import Choice, Number, Parameter, form
 
 @dataclass(frozen=True)
 class Kind:
-    """Kind of disturbance."""
+    """Kind of disturbance.
+
+    Parameters
+    ----------
+    effect : str
+        Effect, as a sentence.
+    causes : tuple[Cause, ...]
+        Causes that name it correctly, warnings included; none if the servo cannot report any more.
+    parameters : Mapping[str, Parameter]
+        Parameters by name.
+    lasts : float or None
+        Default of `for` (s). 0: it happens at once, or within a given time, and is permanent. None:
+        it happens at once and cannot be undone.
+    sampled_duration : tuple[float, float]
+        Least and greatest `for` (s) of random disturbances.
+    pictures : bool
+        False if only a camera without images can have it.
+    """
 
     effect: str
-    """Effect, as a sentence."""
 
     causes: tuple[Cause, ...]
-    """Causes that name it correctly, warnings included; none if the servo cannot report any
-    more."""
 
     parameters: Mapping[str, Parameter] = field(default_factory=dict[str, Parameter])
-    """Parameters by name."""
 
     lasts: float | None = math.inf
-    """Default of `for` (s). 0: it happens at once, or within a given time, and is permanent. None:
-    it happens at once and cannot be undone."""
 
     sampled_duration: tuple[float, float] = (0.05, 2.0)
-    """Least and greatest `for` (s) of random disturbances."""
 
     pictures: bool = True
-    """False if only a camera without images can have it."""
 
     @property
     def stays(self) -> bool:

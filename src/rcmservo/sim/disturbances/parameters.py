@@ -12,25 +12,35 @@ Value = float | str
 
 @dataclass(frozen=True)
 class Number:
-    """Parameter that is a number."""
+    """Parameter that is a number.
+
+    Parameters
+    ----------
+    default : float
+        Default value.
+    low : float
+        Least value.
+    high : float
+        Greatest value.
+    sampled_range : tuple[float, float]
+        Least and greatest value of random disturbances.
+    unit : str
+        Unit, empty if there is none.
+    is_whole : bool
+        True if the value must be a whole number.
+    """
 
     default: float
-    """Default value."""
 
     low: float
-    """Least value."""
 
     high: float
-    """Greatest value."""
 
     sampled_range: tuple[float, float]
-    """Least and greatest value of random disturbances."""
 
     unit: str = ""
-    """Unit, empty if there is none."""
 
     is_whole: bool = False
-    """True if the value must be a whole number."""
 
     def read(self, where: str, value: object) -> float:
         """Return the value as a number; raise `BadInput` if it is outside the range."""
@@ -55,13 +65,19 @@ class Number:
 
 @dataclass(frozen=True)
 class Choice:
-    """Parameter that is one of a few words."""
+    """Parameter that is one of a few words.
+
+    Parameters
+    ----------
+    default : str
+        Default value.
+    words : tuple[str, ...]
+        Accepted words.
+    """
 
     default: str
-    """Default value."""
 
     words: tuple[str, ...]
-    """Accepted words."""
 
     def read(self, where: str, value: object) -> str:
         """Return the value; raise `BadInput` if it is none of the words."""

@@ -10,19 +10,27 @@ from rcmservo.sim.disturbances.disturbance import Disturbance
 
 @dataclass(eq=False)
 class Event:
-    """Disturbance in one run."""
+    """Disturbance in one run.
+
+    Parameters
+    ----------
+    disturbance : Disturbance
+        Disturbance.
+    start : int
+        Start, ns.
+    end : float
+        End, ns; inf if it lasts to the end of the run.
+    random : np.random.Generator
+        Generator of its own random numbers.
+    """
 
     disturbance: Disturbance
-    """Disturbance."""
 
     start: int
-    """Start, ns."""
 
     end: float
-    """End, ns; inf if it lasts to the end of the run."""
 
     random: np.random.Generator
-    """Generator of its own random numbers."""
 
     @property
     def kind(self) -> str:

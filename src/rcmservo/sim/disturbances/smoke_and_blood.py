@@ -27,13 +27,19 @@ MARKER_LOST_OPACITY = 0.8
 
 
 class VeilLayer(NamedTuple):
-    """Veil at one time, on its grid."""
+    """Veil at one time, on its grid.
+
+    Parameters
+    ----------
+    opacity : Floats
+        Opacity (h, w) from 0 to 1.
+    colour : Floats
+        Light (h, w, 3) of the veil, grey levels.
+    """
 
     opacity: Floats
-    """Opacity (h, w) from 0 to 1."""
 
     colour: Floats
-    """Light (h, w, 3) of the veil, grey levels."""
 
 
 class Veil(ABC):

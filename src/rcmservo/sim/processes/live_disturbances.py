@@ -12,12 +12,18 @@ from rcmservo.sim.disturbances.schedule import Schedule
 
 @dataclass(frozen=True)
 class Mischief:
-    """Start or end of disturbances, sent to all processes of the laboratory."""
+    """Start or end of disturbances, sent to all processes of the laboratory.
+
+    Parameters
+    ----------
+    at : int
+        Wall time, ns.
+    begins : Disturbance or None
+        Disturbance that starts; None ends all that act.
+    """
 
     at: int
-    """Wall time, ns."""
     begins: Disturbance | None
-    """Disturbance that starts; None ends all that act."""
 
     def befalls(self, schedule: Schedule) -> None:
         """Write it into a schedule."""

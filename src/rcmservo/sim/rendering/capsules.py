@@ -22,34 +22,47 @@ Vector = tuple[float, float, float]
 
 
 class Capsule(NamedTuple):
-    """Capsule in one pose, with the products that every ray needs."""
+    """Capsule in one pose, with the products that every ray needs.
+
+    Parameters
+    ----------
+    A : Vector
+        One end A of the axis, mm.
+    n : Vector
+        Vector from A to the other end B, mm.
+    radius : float
+        Radius, mm; 0 if the capsule is absent or entirely behind the camera.
+    nn : float
+        n·n.
+    An : float
+        A·n.
+    AA : float
+        A·A − radius².
+    BB : float
+        B·B − radius².
+    colour : Vector
+        Colour (blue, green, red), grey levels.
+    highlight : float
+        Specular intensity, grey levels.
+    """
 
     A: Vector
-    """One end A of the axis, mm."""
 
     n: Vector
-    """Vector from A to the other end B, mm."""
 
     radius: float
-    """Radius, mm; 0 if the capsule is absent or entirely behind the camera."""
 
     nn: float
-    """n·n."""
 
     An: float
-    """A·n."""
 
     AA: float
-    """A·A − radius²."""
 
     BB: float
-    """B·B − radius²."""
 
     colour: Vector
-    """Colour (blue, green, red), grey levels."""
 
     highlight: float
-    """Specular intensity, grey levels."""
 
 
 def build_capsules(poses: Floats, optics: Optics, look: Look) -> Capsules:

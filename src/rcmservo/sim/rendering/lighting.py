@@ -33,22 +33,31 @@ CELLS_PER_TILE = TILE_PX // SHADOW_STEP_PX
 
 
 class Lamp(NamedTuple):
-    """Light of a `Look`, as kernels read it."""
+    """Light of a `Look`, as kernels read it.
+
+    Parameters
+    ----------
+    position : Vector
+        Position in camera axes, mm.
+    radius : float
+        Radius, mm.
+    reach : float
+        Distance at which a surface has its nominal colour, mm.
+    ambient : float
+        Fraction of ambient light.
+    exponent : float
+        Exponent of specular highlights.
+    """
 
     position: Vector
-    """Position in camera axes, mm."""
 
     radius: float
-    """Radius, mm."""
 
     reach: float
-    """Distance at which a surface has its nominal colour, mm."""
 
     ambient: float
-    """Fraction of ambient light."""
 
     exponent: float
-    """Exponent of specular highlights."""
 
 
 def build_lamp(look: Look) -> Lamp:

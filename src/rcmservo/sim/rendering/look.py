@@ -30,6 +30,46 @@ FINITE_COLOUR = each(finite(), "three finite numbers (blue, green, red)")
 class Look(Checked):
     """Appearance of a rendered scene. A part of the tool with a radius of 0 mm is absent.
 
+    Parameters
+    ----------
+    marker_radii : tuple[float, float]
+        Radii of the balls 1 and 2, mm.
+    shaft_radius : float
+        Radius of the shaft, mm.
+    jaw_radius : float
+        Radius (mm) of the jaw, from half-way between marker 2 and the tip on.
+    marker_colours : tuple[Colour, Colour]
+        Colours (blue, green, red) of the balls 1 and 2, grey levels.
+    shaft_colour : Colour
+        Colour (blue, green, red) of the shaft, grey levels.
+    jaw_colour : Colour
+        Colour (blue, green, red) of the jaw, grey levels.
+    tissue_colour : Colour
+        Mean colour (blue, green, red) of the tissue, grey levels.
+    texture : float
+        Period (mm) of the tissue's texture.
+    contrast : float
+        Relative standard deviation of the tissue's brightness.
+    relief : float
+        Standard deviation (mm) of the tissue's height.
+    light : Triple
+        Position (mm) of the lamp in camera axes.
+    lamp_radius : float
+        Radius (mm) of the lamp. A larger lamp makes softer shadows.
+    reach : float
+        Distance (mm) from the lamp at which a surface that faces it has its nominal colour. A
+        nearer surface is at most twice as bright.
+    ambient : float
+        Fraction of ambient light.
+    specular : float
+        Intensity of specular highlights.
+    exponent : float
+        Exponent of specular highlights: larger is sharper.
+    full_well : float
+        Electrons at grey level 255, which set the shot noise; inf for none.
+    read_noise : float
+        Standard deviation (grey levels) of the noise in the dark.
+
     Raises
     ------
     BadInput
@@ -39,59 +79,40 @@ class Look(Checked):
     marker_radii: Annotated[
         tuple[float, float], each(not_negative(), "two numbers of mm that are not negative")
     ] = (3.5, 3.5)
-    """Radii of the balls 1 and 2, mm."""
 
     shaft_radius: Annotated[float, NOT_NEGATIVE] = 2.5
-    """Radius of the shaft, mm."""
 
     jaw_radius: Annotated[float, NOT_NEGATIVE] = 1.2
-    """Radius (mm) of the jaw, from half-way between marker 2 and the tip on."""
 
     marker_colours: Annotated[
         tuple[Colour, Colour],
         each(FINITE_COLOUR, "two times three finite numbers (blue, green, red)"),
     ] = ((60.0, 185.0, 30.0), (205.0, 80.0, 25.0))
-    """Colours (blue, green, red) of the balls 1 and 2, grey levels."""
 
     shaft_colour: Annotated[Colour, FINITE_COLOUR] = (46.0, 44.0, 42.0)
-    """Colour (blue, green, red) of the shaft, grey levels."""
 
     jaw_colour: Annotated[Colour, FINITE_COLOUR] = (150.0, 150.0, 150.0)
-    """Colour (blue, green, red) of the jaw, grey levels."""
 
     tissue_colour: Annotated[Colour, FINITE_COLOUR] = (128.0, 132.0, 215.0)
-    """Mean colour (blue, green, red) of the tissue, grey levels."""
 
     texture: Annotated[float, positive()] = 150.0
-    """Period (mm) of the tissue's texture."""
 
     contrast: Annotated[float, NOT_NEGATIVE] = 0.1
-    """Relative standard deviation of the tissue's brightness."""
 
     relief: Annotated[float, NOT_NEGATIVE] = 0.45
-    """Standard deviation (mm) of the tissue's height."""
 
     light: Annotated[Triple, each(finite(), "three finite numbers of mm")] = (35.0, -45.0, 0.0)
-    """Position (mm) of the lamp in camera axes."""
 
     lamp_radius: Annotated[float, positive()] = 4.0
-    """Radius (mm) of the lamp. A larger lamp makes softer shadows."""
 
     reach: Annotated[float, positive()] = 200.0
-    """Distance (mm) from the lamp at which a surface that faces it has its nominal colour. A nearer
-    surface is at most twice as bright."""
 
     ambient: Annotated[float, between(0.0, 1.0, "a fraction")] = 0.2
-    """Fraction of ambient light."""
 
     specular: Annotated[float, NOT_NEGATIVE] = 0.8
-    """Intensity of specular highlights."""
 
     exponent: Annotated[float, positive()] = 50.0
-    """Exponent of specular highlights: larger is sharper."""
 
     full_well: Annotated[float, Limit(lambda x: x > 0.0, "a positive number, or inf")] = 12000.0
-    """Electrons at grey level 255, which set the shot noise; inf for none."""
 
     read_noise: Annotated[float, NOT_NEGATIVE] = 1.0
-    """Standard deviation (grey levels) of the noise in the dark."""

@@ -26,20 +26,28 @@ SAMPLES_PER_PIXEL = 32
 
 
 class PaintInputs(NamedTuple):
-    """Inputs of the painting of one image."""
+    """Inputs of the painting of one image.
+
+    Parameters
+    ----------
+    rays : Floats
+        Rays (H, W, 6): x, y of each pixel's ray, and dx/du, dy/du, dx/dv, dy/dv.
+    capsules : Capsules
+        Tool during the exposure.
+    lamp : Lamp
+        Lamp.
+    pattern : Floats
+        Samples (SAMPLES_PER_PIXEL, 3): u, v (px) from the pixel's centre, and the index of the
+        pose.
+    """
 
     rays: Floats
-    """Rays (H, W, 6): x, y of each pixel's ray, and dx/du, dy/du, dx/dv, dy/dv."""
 
     capsules: Capsules
-    """Tool during the exposure."""
 
     lamp: Lamp
-    """Lamp."""
 
     pattern: Floats
-    """Samples (SAMPLES_PER_PIXEL, 3): u, v (px) from the pixel's centre, and the index of the
-    pose."""
 
 
 def build_pattern(poses: int) -> Floats:

@@ -34,6 +34,13 @@ LIGHT_GUARD = 1e-12
 class Tissue(Checked):
     """Plane behind the tool, in the world.
 
+    Parameters
+    ----------
+    point : Floats
+        Point (3,) of the plane, mm.
+    normal : Floats
+        Normal (3,) of the plane, of any length and sign.
+
     Raises
     ------
     BadInput
@@ -41,10 +48,8 @@ class Tissue(Checked):
     """
 
     point: Annotated[Floats, array(3)]
-    """Point (3,) of the plane, mm."""
 
     normal: Annotated[Floats, array(3), Limit(np.any, "a direction")]
-    """Normal (3,) of the plane, of any length and sign."""
 
     def intersect_rays(self, slopes: Floats, optics: Optics) -> Floats:
         """Return the points (..., 3) at which rays of `slopes` (..., 2) meet the plane.
@@ -66,16 +71,23 @@ class Tissue(Checked):
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """Surface of the tissue at each pixel."""
+    """Surface of the tissue at each pixel.
+
+    Parameters
+    ----------
+    mottle : Floats
+        Brightness (H, W) of standard deviation 1.
+    veins : Floats
+        Strength (H, W) of veins, from 0 to 2.
+    normal : Floats
+        Unit normal (H, W, 3) of the rough surface.
+    """
 
     mottle: Floats
-    """Brightness (H, W) of standard deviation 1."""
 
     veins: Floats
-    """Strength (H, W) of veins, from 0 to 2."""
 
     normal: Floats
-    """Unit normal (H, W, 3) of the rough surface."""
 
 
 def render_tissue(

@@ -40,16 +40,23 @@ JOINT_MARGIN_FRACTION = 0.03
 
 @dataclass(frozen=True, eq=False)
 class SceneFeasibility:
-    """Test of scenes."""
+    """Test of scenes.
+
+    Parameters
+    ----------
+    settings : SceneSettings
+        Distributions of the scenes.
+    body : Body
+        Tool.
+    radius : float
+        Radius (mm) of the larger ball.
+    """
 
     settings: SceneSettings
-    """Distributions of the scenes."""
 
     body: Body
-    """Tool."""
 
     radius: float
-    """Radius (mm) of the larger ball."""
 
     def is_feasible(self, scene: Scene) -> bool:
         """Return True if a scene is feasible.

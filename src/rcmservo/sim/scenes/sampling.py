@@ -30,22 +30,31 @@ MIN_RELOCATION_ROLL_RAD = 0.5
 
 @dataclass(frozen=True, eq=False)
 class SceneSampler:
-    """Settings and random generator of the sampling."""
+    """Settings and random generator of the sampling.
+
+    Parameters
+    ----------
+    settings : SceneSettings
+        Distributions of the scenes.
+    body : Body
+        Tool.
+    size : tuple[int, int]
+        Width and height of the image, px.
+    radius : float
+        Radius (mm) of the larger ball.
+    random : np.random.Generator
+        Random generator.
+    """
 
     settings: SceneSettings
-    """Distributions of the scenes."""
 
     body: Body
-    """Tool."""
 
     size: tuple[int, int]
-    """Width and height of the image, px."""
 
     radius: float
-    """Radius (mm) of the larger ball."""
 
     random: np.random.Generator
-    """Random generator."""
 
     @property
     def is_endoscope(self) -> bool:

@@ -18,18 +18,27 @@ class OtherPackage(RcmServoError):
 
 
 class ChunkOrder(NamedTuple):
-    """What a worker is to do: plain texts, whatever has been imported there."""
+    """What a worker is to do: plain texts, whatever has been imported there.
+
+    Parameters
+    ----------
+    cell : str
+        The cell, as text.
+    begin : int
+        The first seed.
+    end : int
+        The last seed, and one more.
+    package : str
+        What the package must be known by.
+    parcel : Parcel
+        The user's own module that is needed.
+    """
 
     cell: str
-    """The cell, as text."""
     begin: int
-    """The first seed."""
     end: int
-    """The last seed, and one more."""
     package: str
-    """What the package must be known by."""
     parcel: Parcel
-    """The user's own module that is needed."""
 
 
 Numbers = tuple[Any, ...]

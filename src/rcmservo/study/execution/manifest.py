@@ -35,16 +35,24 @@ FROM_1 = Limit(lambda number: number >= 1, "a whole number from 1 on")
 
 @dataclass(frozen=True)
 class StudyNote(Checked):
-    """A study as its folder tells it."""
+    """A study as its folder tells it.
+
+    Parameters
+    ----------
+    package : str
+        Of the rcmservo that made it.
+    count : int
+        Scenes of each cell.
+    first_seed : int
+        Of the first of them.
+    cells : tuple[Cell, ...]
+        In the order of their rows, `count` each.
+    """
 
     package: str
-    """Of the rcmservo that made it."""
     count: Annotated[int, FROM_1]
-    """Scenes of each cell."""
     first_seed: Annotated[int, FROM_0]
-    """Of the first of them."""
     cells: Annotated[tuple[Cell, ...], not_empty("one at least")]
-    """In the order of their rows, `count` each."""
 
     def run_of(self, case: int) -> tuple[Cell, int]:
         """The cell and the seed of a row."""

@@ -48,14 +48,21 @@ class WorkLost(RcmServoError):
 
 
 class Given(NamedTuple):
-    """An order that is under way."""
+    """An order that is under way.
+
+    Parameters
+    ----------
+    key : str
+        What its result is kept by.
+    order : ChunkOrder
+        What is to be done.
+    losses : int
+        Workers that died with it.
+    """
 
     key: str
-    """What its result is kept by."""
     order: ChunkOrder
-    """What is to be done."""
     losses: int
-    """Workers that died with it."""
 
 
 class Crew:

@@ -22,32 +22,48 @@ from rcmservo.study.simulation_engine import Laboratory
 
 @dataclass(frozen=True)
 class Cell:
-    """All that the runs of a cell depend on, but for their seeds."""
+    """All that the runs of a cell depend on, but for their seeds.
+
+    Parameters
+    ----------
+    method : str
+        Its name in the study.
+    servo : Mapping[str, Any]
+        The servo, as records tell it, in the middle of the scenes' ranges.
+    source : str
+        SHA-256 of the user's own module, in hexadecimal; empty for ours.
+    condition : str
+        Scenes, noise, latency and disturbances, in words.
+    scenes : str
+        The distribution's name.
+    tables : Mapping[str, Any]
+        Its sections.
+    vary : Mapping[str, Any]
+        Its ranges.
+    disturb : tuple[str, ...]
+        What goes wrong in every run, as `--disturb` has it.
+    repetition : int
+        Which noise of each scene.
+    engine : str
+        One of ENGINES.
+    duration : float
+        Length of each closed loop, s.
+    shown : int
+        Frames that the target is shown for.
+    """
 
     method: str
-    """Its name in the study."""
     servo: Mapping[str, Any]
-    """The servo, as records tell it, in the middle of the scenes' ranges."""
     source: str
-    """SHA-256 of the user's own module, in hexadecimal; empty for ours."""
     condition: str
-    """Scenes, noise, latency and disturbances, in words."""
     scenes: str
-    """The distribution's name."""
     tables: Mapping[str, Any]
-    """Its sections."""
     vary: Mapping[str, Any]
-    """Its ranges."""
     disturb: tuple[str, ...]
-    """What goes wrong in every run, as `--disturb` has it."""
     repetition: int
-    """Which noise of each scene."""
     engine: str
-    """One of ENGINES."""
     duration: float
-    """Length of each closed loop, s."""
     shown: int
-    """Frames that the target is shown for."""
 
     @cached_property
     def text(self) -> str:

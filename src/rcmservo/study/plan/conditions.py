@@ -26,32 +26,49 @@ SEED = Limit(lambda n: 0 <= n < 2**53, f"a whole number from 0 to {2**53 - 1}")
 
 @dataclass(frozen=True, kw_only=True)
 class RunConditions(Checked):
-    """Conditions that an option of `rcmservo study` sets as a file does."""
+    """Conditions that an option of `rcmservo study` sets as a file does.
+
+    Parameters
+    ----------
+    count : int
+        Scenes of each kind.
+    noise : tuple[float, ...]
+        px of the camera that measures points; several are tried one after the other: write FILE
+        before this option. By default that of the scenes.
+    latency : tuple[float, ...]
+        s from a frame's exposure to its arrival; several are tried one after the other: write FILE
+        before this option. By default that of the scenes.
+    repetitions : int
+        Runs in each scene, with different noise.
+    duration : float
+        Length of each run, s.
+    shown : int
+        Frames that the target is shown for: 300 are 5 s.
+    engine : str
+        auto, which is the compiled twin where it can do it, else MuJoCo; or compiled, mujoco, or
+        pictures, which is MuJoCo with rendered frames.
+    """
 
     count: Annotated[int, between(1, MOST, "a whole number")] = 200
-    """Scenes of each kind."""
     noise: Annotated[tuple[float, ...], NOISE] = ()
-    """px of the camera that measures points; several are tried one after the other: write FILE
-    before this option. By default that of the scenes."""
     latency: Annotated[tuple[float, ...], LATENCY] = ()
-    """s from a frame's exposure to its arrival; several are tried one after the other: write FILE
-    before this option. By default that of the scenes."""
     repetitions: Annotated[int, between(1, 1000, "a whole number")] = 1
-    """Runs in each scene, with different noise."""
     duration: Annotated[float, DURATION] = 15.0
-    """Length of each run, s."""
     shown: Annotated[int, FRAMES] = TEACHING_FRAMES
-    """Frames that the target is shown for: 300 are 5 s."""
     engine: Annotated[str, one_of((AUTO, *ENGINES))] = AUTO
-    """auto, which is the compiled twin where it can do it, else MuJoCo; or compiled, mujoco, or
-    pictures, which is MuJoCo with rendered frames."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyConditions(RunConditions):
-    """Conditions of every run of a study."""
+    """Conditions of every run of a study.
+
+    Parameters
+    ----------
+    first_seed : int
+        Of the first scene; the others follow one by one.
+    disturb : tuple[tuple[str, ...], ...]
+        What goes wrong, one set after the other.
+    """
 
     first_seed: Annotated[int, SEED] = 0
-    """Of the first scene; the others follow one by one."""
     disturb: tuple[tuple[str, ...], ...] = ((),)
-    """What goes wrong, one set after the other."""

@@ -41,14 +41,21 @@ Range = tuple[Any, Any]
 
 @dataclass(frozen=True)
 class Distribution:
-    """What the scenes of a study are drawn from."""
+    """What the scenes of a study are drawn from.
+
+    Parameters
+    ----------
+    name : str
+        In rows and reports.
+    tables : Table
+        The sections of a rig file.
+    vary : Mapping[str, Range]
+        The range of every number that varies, by section.key.
+    """
 
     name: str
-    """In rows and reports."""
     tables: Table = field(default_factory=dict[str, Any])
-    """The sections of a rig file."""
     vary: Mapping[str, Range] = field(default_factory=dict[str, Range])
-    """The range of every number that varies, by section.key."""
 
     def __post_init__(self) -> None:
         for name, ends in self.vary.items():

@@ -36,20 +36,30 @@ LARGEST = 1_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class StudyFile(StudyConditions):
-    """A study as a file, and the command line above it, request it."""
+    """A study as a file, and the command line above it, request it.
+
+    Parameters
+    ----------
+    methods : tuple[str, ...] or None
+        Names of what is tried; None for all of `method`.
+    scenes : tuple[str, ...] or None
+        Names of what scenes are drawn from; None for all of `distribution`.
+    method : dict[str, Any]
+        Methods of its own, by their names.
+    distribution : dict[str, Any]
+        Distributions of its own, by their names.
+    search : dict[str, Any]
+        What `rcmservo tune` searches; a study leaves it alone.
+    tune : dict[str, Any]
+        How it does.
+    """
 
     methods: tuple[str, ...] | None = None
-    """Names of what is tried; None for all of `method`."""
     scenes: tuple[str, ...] | None = None
-    """Names of what scenes are drawn from; None for all of `distribution`."""
     method: dict[str, Any] = field(default_factory=dict[str, Any])
-    """Methods of its own, by their names."""
     distribution: dict[str, Any] = field(default_factory=dict[str, Any])
-    """Distributions of its own, by their names."""
     search: dict[str, Any] = field(default_factory=dict[str, Any])
-    """What `rcmservo tune` searches; a study leaves it alone."""
     tune: dict[str, Any] = field(default_factory=dict[str, Any])
-    """How it does."""
 
 
 def load(path: Path) -> StudyFile:

@@ -20,12 +20,18 @@ Own = Mapping[str, type[Estimator]]
 
 @dataclass(frozen=True)
 class StudyMethod:
-    """A method that a study tries."""
+    """A method that a study tries.
+
+    Parameters
+    ----------
+    name : str
+        In rows and reports.
+    parts : Mapping[str, Any]
+        Every one of METHOD_PARTS.
+    """
 
     name: str
-    """In rows and reports."""
     parts: Mapping[str, Any]
-    """Every one of METHOD_PARTS."""
 
     @property
     def estimator(self) -> Estimator:

@@ -20,23 +20,35 @@ SIZES = {COMPILED: 100, MUJOCO: 4, PICTURES: 1}
 
 
 class Chunk(NamedTuple):
-    """Runs that are made, kept and lost together."""
+    """Runs that are made, kept and lost together.
+
+    Parameters
+    ----------
+    cell : Cell
+        What they are runs of.
+    seeds : range
+        Of their scenes.
+    """
 
     cell: Cell
-    """What they are runs of."""
     seeds: range
-    """Of their scenes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyPlan(StudyConditions):
-    """Methods and scenes that a study tries, and the conditions."""
+    """Methods and scenes that a study tries, and the conditions.
+
+    Parameters
+    ----------
+    methods : tuple[StudyMethod, ...]
+        Compared on the same scenes with the same noise; the first is what the others are held
+        against.
+    scenes : tuple[Distribution, ...]
+        What scenes are drawn from.
+    """
 
     methods: tuple[StudyMethod, ...]
-    """Compared on the same scenes with the same noise; the first is what the others are held
-    against."""
     scenes: tuple[Distribution, ...]
-    """What scenes are drawn from."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -30,14 +30,21 @@ STAMP = (1980, 1, 1, 0, 0, 0)
 
 
 class Parcel(NamedTuple):
-    """A user's own module."""
+    """A user's own module.
+
+    Parameters
+    ----------
+    name : str
+        The class that is needed, as module:class.
+    data : bytes
+        A zip of its source.
+    digest : str
+        Its SHA-256, in hexadecimal.
+    """
 
     name: str = ""
-    """The class that is needed, as module:class."""
     data: bytes = b""
-    """A zip of its source."""
     digest: str = ""
-    """Its SHA-256, in hexadecimal."""
 
 
 EMPTY = Parcel()

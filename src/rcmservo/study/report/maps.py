@@ -17,12 +17,18 @@ LEAST = 10
 
 
 class MapAxis(NamedTuple):
-    """A column that maps are drawn over."""
+    """A column that maps are drawn over.
+
+    Parameters
+    ----------
+    column : str
+        Of the rows.
+    words : str
+        With its unit.
+    """
 
     column: str
-    """Of the rows."""
     words: str
-    """With its unit."""
 
 
 AXES = (
@@ -40,18 +46,27 @@ AXES = (
 
 @dataclass(frozen=True)
 class Map:
-    """Shares by rows and columns."""
+    """Shares by rows and columns.
+
+    Parameters
+    ----------
+    down : MapAxis
+        What its rows go by.
+    across : MapAxis
+        What its columns go by.
+    rows : list[str]
+        Ranges of `down`.
+    columns : list[str]
+        Ranges of `across`.
+    cells : list[list[tuple[int, Interval] or None]]
+        Runs, and the share of them that succeeded; None where there are no runs.
+    """
 
     down: MapAxis
-    """What its rows go by."""
     across: MapAxis
-    """What its columns go by."""
     rows: list[str]
-    """Ranges of `down`."""
     columns: list[str]
-    """Ranges of `across`."""
     cells: list[list[tuple[int, Interval] | None]]
-    """Runs, and the share of them that succeeded; None where there are no runs."""
 
     @property
     def divides(self) -> bool:

@@ -36,48 +36,74 @@ STEPS = 200
 
 
 class Bad(NamedTuple):
-    """A run that went badly."""
+    """A run that went badly.
+
+    Parameters
+    ----------
+    case : int
+        Its row in runs.parquet, from 0.
+    seed : int
+        Of its scene.
+    repetition : int
+        Which noise.
+    pose_mm : float
+        Off at the end.
+    unnoticed_mm : float
+        By which the error grew without a word.
+    stop : str
+        Cause of its first stop; empty if none.
+    """
 
     case: int
-    """Its row in runs.parquet, from 0."""
     seed: int
-    """Of its scene."""
     repetition: int
-    """Which noise."""
     pose_mm: float
-    """Off at the end."""
     unnoticed_mm: float
-    """By which the error grew without a word."""
     stop: str
-    """Cause of its first stop; empty if none."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """All that is told of one condition."""
+    """All that is told of one condition.
+
+    Parameters
+    ----------
+    name : str
+        In words.
+    summaries : list[Summary]
+        Of every method.
+    comparisons : list[PairedComparison]
+        Of all methods but the first with that.
+    figure : str
+        As data that the page embeds.
+    maps : list[tuple[str, list[Map]]]
+        By method; none where they would repeat its success rate.
+    worst : list[tuple[str, list[Bad]]]
+        By method.
+    """
 
     name: str
-    """In words."""
     summaries: list[Summary]
-    """Of every method."""
     comparisons: list[PairedComparison]
-    """Of all methods but the first with that."""
     figure: str
-    """As data that the page embeds."""
     maps: list[tuple[str, list[Map]]]
-    """By method; none where they would repeat its success rate."""
     worst: list[tuple[str, list[Bad]]]
-    """By method."""
 
 
 @dataclass(frozen=True)
 class ReportTold:
-    """What the terminal tells of a study."""
+    """What the terminal tells of a study.
+
+    Parameters
+    ----------
+    summaries : list[Summary]
+        Of every method under every condition.
+    comparisons : list[PairedComparison]
+        Of every method with the first one.
+    """
 
     summaries: list[Summary]
-    """Of every method under every condition."""
     comparisons: list[PairedComparison]
-    """Of every method with the first one."""
 
 
 def write(

@@ -20,14 +20,21 @@ SURE = 0.95
 
 
 class Interval(NamedTuple):
-    """A number, and between what it is."""
+    """A number, and between what it is.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+    low : float
+        The least that it is thought to be.
+    high : float
+        The greatest.
+    """
 
     value: float
-    """The number."""
     low: float
-    """The least that it is thought to be."""
     high: float
-    """The greatest."""
 
     def __format__(self, form: str) -> str:
         """Return the number and its interval as text; an infinite number never came."""

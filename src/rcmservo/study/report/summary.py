@@ -24,16 +24,24 @@ from rcmservo.study.report.statistics import (
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """All runs of one method under one condition."""
+    """All runs of one method under one condition.
+
+    Parameters
+    ----------
+    method : str
+        Its name.
+    condition : str
+        Scenes, noise, latency and disturbances, in words.
+    firsts : list[int]
+        The row of the first run of each of its repetitions.
+    rows : Any
+        Its runs, repetition by repetition, as a table.
+    """
 
     method: str
-    """Its name."""
     condition: str
-    """Scenes, noise, latency and disturbances, in words."""
     firsts: list[int]
-    """The row of the first run of each of its repetitions."""
     rows: Any
-    """Its runs, repetition by repetition, as a table."""
 
     def case(self, i: int) -> int:
         """The row of its i-th run in the table of all."""
@@ -75,56 +83,85 @@ class Group:
 
 @dataclass(frozen=True)
 class Summary:
-    """A method under a condition, in numbers."""
+    """A method under a condition, in numbers.
+
+    Parameters
+    ----------
+    method : str
+        Its name.
+    condition : str
+        In words.
+    engine : str
+        What made the runs.
+    runs : int
+        How many.
+    success : Interval
+        Share of the runs that ended within 1 mm.
+    time_median_s : Interval
+        s until first within 1 mm, runs that never were counting as infinite.
+    time_95_s : Interval
+        The same, 95 % of the runs.
+    pose_median_mm : Interval
+        mm at the end, of all runs.
+    pose_95_mm : Interval
+        The same, 95 % of the runs.
+    ratio_median : Interval
+        Pose error over the Cramér-Rao bound, of the runs that succeeded.
+    ratio_rms : Interval
+        The same, root mean square.
+    unnoticed_99_mm : Interval
+        mm that the true error grew by without a word.
+    unnoticed_worst_mm : float
+        The most of it.
+    stops : dict[str, int]
+        First stops by their causes.
+    """
 
     method: str
-    """Its name."""
     condition: str
-    """In words."""
     engine: str
-    """What made the runs."""
     runs: int
-    """How many."""
     success: Interval
-    """Share of the runs that ended within 1 mm."""
     time_median_s: Interval
-    """s until first within 1 mm, runs that never were counting as infinite."""
     time_95_s: Interval
-    """The same, 95 % of the runs."""
     pose_median_mm: Interval
-    """mm at the end, of all runs."""
     pose_95_mm: Interval
-    """The same, 95 % of the runs."""
     ratio_median: Interval
-    """Pose error over the Cramér-Rao bound, of the runs that succeeded."""
     ratio_rms: Interval
-    """The same, root mean square."""
     unnoticed_99_mm: Interval
-    """mm that the true error grew by without a word."""
     unnoticed_worst_mm: float
-    """The most of it."""
     stops: dict[str, int]
-    """First stops by their causes."""
 
 
 @dataclass(frozen=True)
 class PairedComparison:
-    """A method beside the first one, in the same scenes with the same noise."""
+    """A method beside the first one, in the same scenes with the same noise.
+
+    Parameters
+    ----------
+    method : str
+        Its name.
+    beside : str
+        The first one's.
+    condition : str
+        In words.
+    pairs : int
+        How many.
+    success : Interval
+        Difference of the shares that succeeded.
+    time_s : Interval
+        Median difference of the times until first within 1 mm, where one of them came.
+    pose_mm : Interval
+        Median difference of the pose errors, where both succeeded.
+    """
 
     method: str
-    """Its name."""
     beside: str
-    """The first one's."""
     condition: str
-    """In words."""
     pairs: int
-    """How many."""
     success: Interval
-    """Difference of the shares that succeeded."""
     time_s: Interval
-    """Median difference of the times until first within 1 mm, where one of them came."""
     pose_mm: Interval
-    """Median difference of the pose errors, where both succeeded."""
 
 
 def groups(plan: StudyPlan, table: Any) -> list[Group]:

@@ -36,28 +36,42 @@ TUNED, AGAIN = "tuned", "tuned-again"
 
 @dataclass(frozen=True, kw_only=True)
 class TuneSection(Checked, section="tune"):
-    """[tune] of a study's file: length and goal of a search."""
+    """[tune] of a study's file: length and goal of a search.
+
+    Parameters
+    ----------
+    trials : int
+        Settings that are tried.
+    goal : str
+        What is to be small, on an average over the runs: `time`, s until first within 1 mm, a run
+        that fails counting as twice its length; or `error`, mm off at the end, a run that fails
+        counting as FAILED_MM.
+    seed : int
+        Of the optimiser's chance.
+    validation : int
+        Scenes that the search has not seen, on which it is tried.
+    """
 
     trials: Annotated[int, between(1, 100_000, "a whole number")] = 50
-    """Settings that are tried."""
     goal: Annotated[str, one_of(GOALS)] = "time"
-    """What is to be small, on an average over the runs: `time`, s until first within 1 mm, a run
-    that fails counting as twice its length; or `error`, mm off at the end, a run that fails
-    counting as FAILED_MM."""
     seed: Annotated[int, between(0, 2**32 - 1, "a whole number")] = 0
-    """Of the optimiser's chance."""
     validation: Annotated[int, between(10, 1_000_000, "a whole number")] = 1000
-    """Scenes that the search has not seen, on which it is tried."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tuning(TuneSection):
-    """Settings that are searched, and the length and goal of the search."""
+    """Settings that are searched, and the length and goal of the search.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        Its one method is where the search starts; its scenes are those of the search.
+    axes : tuple[SearchAxis, ...]
+        What is searched.
+    """
 
     plan: StudyPlan
-    """Its one method is where the search starts; its scenes are those of the search."""
     axes: tuple[SearchAxis, ...]
-    """What is searched."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -77,16 +91,24 @@ class Tuning(TuneSection):
 
 
 class Tried(NamedTuple):
-    """One trial."""
+    """One trial.
+
+    Parameters
+    ----------
+    number : int
+        From 0 on.
+    values : Values
+        Of the settings that are searched.
+    cost : float
+        What was to be small; inf for settings that cannot be.
+    success : float
+        Share of the runs.
+    """
 
     number: int
-    """From 0 on."""
     values: Values
-    """Of the settings that are searched."""
     cost: float
-    """What was to be small; inf for settings that cannot be."""
     success: float
-    """Share of the runs."""
 
 
 def searched(

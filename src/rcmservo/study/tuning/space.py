@@ -22,18 +22,27 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class SearchAxis:
-    """One setting, and the values that it may have."""
+    """One setting, and the values that it may have.
+
+    Parameters
+    ----------
+    name : str
+        box.name.
+    low : float
+        The least.
+    high : float
+        The greatest.
+    log : bool
+        Whether a factor counts as much at either end.
+    words : tuple[str, ...]
+        What it may be, where it is no number.
+    """
 
     name: str
-    """box.name."""
     low: float = 0.0
-    """The least."""
     high: float = 0.0
-    """The greatest."""
     log: bool = False
-    """Whether a factor counts as much at either end."""
     words: tuple[str, ...] = ()
-    """What it may be, where it is no number."""
 
     def has(self, value: Any) -> bool:
         """Whether it may have a value."""

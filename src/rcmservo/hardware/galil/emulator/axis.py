@@ -35,68 +35,103 @@ class StopCode:
 
 @dataclass
 class AxisSettings:
-    """Settings of one axis in counts and seconds, named like the commands that set them."""
+    """Settings of one axis in counts and seconds, named like the commands that set them.
+
+    Parameters
+    ----------
+    AC : float
+        Acceleration.
+    DC : float
+        Deceleration.
+    SD : float
+        Deceleration at a limit.
+    SP : float
+        Speed of a positioning move.
+    JG : float
+        Signed speed of a jog.
+    PR : float
+        Distance of a relative move.
+    PA : float
+        Target of an absolute move.
+    FL : float
+        Forward soft limit.
+    BL : float
+        Reverse soft limit.
+    ER : float
+        Limit of the position error.
+    OE : float
+        1 and 3 switch the motor off when the position error exceeds ER.
+    LD : float
+        Disabled limit switches: 1 the forward one, 2 the reverse one, 3 both.
+    ZA : float
+        User variable in the data record.
+    MT : float
+        Motor type.
+    """
 
     AC: float = 256000.0
-    """Acceleration."""
     DC: float = 256000.0
-    """Deceleration."""
     SD: float = 256000.0
-    """Deceleration at a limit."""
     SP: float = 25000.0
-    """Speed of a positioning move."""
     JG: float = 25000.0
-    """Signed speed of a jog."""
     PR: float = 0.0
-    """Distance of a relative move."""
     PA: float = 0.0
-    """Target of an absolute move."""
     FL: float = NO_SOFT_LIMIT
-    """Forward soft limit."""
     BL: float = -NO_SOFT_LIMIT - 1
-    """Reverse soft limit."""
     ER: float = 16384.0
-    """Limit of the position error."""
     OE: float = 0.0
-    """1 and 3 switch the motor off when the position error exceeds ER."""
     LD: float = 0.0
-    """Disabled limit switches: 1 the forward one, 2 the reverse one, 3 both."""
     ZA: float = 0.0
-    """User variable in the data record."""
     MT: float = 1.0
-    """Motor type."""
 
 
 @dataclass
 class Axis:
-    """State of one axis. `step` advances it by one sample."""
+    """State of one axis. `step` advances it by one sample.
+
+    Parameters
+    ----------
+    settings : AxisSettings
+        Settings of the axis.
+    mode : MoveMode
+        Kind of motion that BG begins or has begun.
+    motor_off : bool
+        True if the motor is off (MO).
+    moving : bool
+        True while the profile runs (_BG).
+    stop_code : int
+        Reason of the last or present stop (SC).
+    stopping : bool
+        True while the axis decelerates before the end of its move.
+    speed : float
+        Speed of the profile.
+    reference : float
+        Reference position (RP).
+    position : float
+        Encoder position (TP).
+    target : float
+        End of a positioning move.
+    forward_tripped : bool
+        True if the forward limit switch is tripped.
+    reverse_tripped : bool
+        True if the reverse limit switch is tripped.
+    velocity : float
+        Filtered encoder velocity (TV).
+    """
 
     settings: AxisSettings = field(default_factory=AxisSettings)
-    """Settings of the axis."""
     mode: MoveMode = MoveMode.JOG
-    """Kind of motion that BG begins or has begun."""
     motor_off: bool = False
-    """True if the motor is off (MO)."""
     moving: bool = False
-    """True while the profile runs (_BG)."""
     stop_code: int = StopCode.DONE
-    """Reason of the last or present stop (SC)."""
     stopping: bool = False
-    """True while the axis decelerates before the end of its move."""
     speed: float = 0.0
-    """Speed of the profile."""
     reference: float = 0.0
-    """Reference position (RP)."""
     position: float = 0.0
-    """Encoder position (TP)."""
     target: float = 0.0
-    """End of a positioning move."""
     forward_tripped: bool = False
-    """True if the forward limit switch is tripped."""
     reverse_tripped: bool = False
-    """True if the reverse limit switch is tripped."""
     velocity: float = 0.0
-    """Filtered encoder velocity (TV)."""
 
     @property
     def error(self) -> float:

@@ -39,24 +39,36 @@ SERIAL = HANDLE_COUNT
 
 @dataclass
 class HostConnection:
-    """Input and output of one host."""
+    """Input and output of one host.
+
+    Parameters
+    ----------
+    host : Host
+        The host.
+    kind : int
+        TCP, UDP, or 0 for the serial port.
+    text : str
+        Characters of the incomplete command.
+    line_length : int
+        Characters of the present line so far.
+    download_ended : bool
+        True if the last character ended a download. Line ends after it are ignored.
+    pending : deque[str]
+        Commands that wait for an earlier one.
+    output : bytearray
+        Bytes to send.
+    echo : bool
+        True if received bytes are sent back.
+    """
 
     host: Host
-    """The host."""
     kind: int
-    """TCP, UDP, or 0 for the serial port."""
     text: str = ""
-    """Characters of the incomplete command."""
     line_length: int = 0
-    """Characters of the present line so far."""
     download_ended: bool = False
-    """True if the last character ended a download. Line ends after it are ignored."""
     pending: deque[str] = field(default_factory=deque[str])
-    """Commands that wait for an earlier one."""
     output: bytearray = field(default_factory=bytearray)
-    """Bytes to send."""
     echo: bool = False
-    """True if received bytes are sent back."""
 
 
 class Controller:

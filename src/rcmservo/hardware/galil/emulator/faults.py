@@ -27,14 +27,21 @@ MAX_START_TIME_S = 1e6
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault with its start and duration."""
+    """One fault with its start and duration.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the fault, a key of ``KINDS``.
+    at : float
+        Start in s after the start of the emulator.
+    duration : float
+        Duration in s.
+    """
 
     kind: str
-    """Kind of the fault, a key of ``KINDS``."""
     at: float = 0.0
-    """Start in s after the start of the emulator."""
     duration: float = math.inf
-    """Duration in s."""
 
     def __post_init__(self) -> None:
         one_of(KINDS).require("--fault", self.kind)

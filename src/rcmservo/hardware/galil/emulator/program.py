@@ -17,12 +17,18 @@ LABEL_PATTERN = re.compile(r"#([A-Za-z][A-Za-z0-9]{0,6})$")
 
 
 class Instruction(NamedTuple):
-    """One command of a program."""
+    """One command of a program.
+
+    Parameters
+    ----------
+    line : int
+        Number of its line, counted from 0.
+    text : str
+        Text of the command.
+    """
 
     line: int
-    """Number of its line, counted from 0."""
     text: str
-    """Text of the command."""
 
 
 def split_line(line: str) -> list[str]:
@@ -32,14 +38,21 @@ def split_line(line: str) -> list[str]:
 
 @dataclass
 class Program:
-    """Lines of a program, with its instructions and labels."""
+    """Lines of a program, with its instructions and labels.
+
+    Parameters
+    ----------
+    lines : list[str]
+        Lines as received.
+    instructions : list[Instruction]
+        Commands of the lines.
+    labels : dict[str, int]
+        Index of the instruction that follows each label.
+    """
 
     lines: list[str] = field(default_factory=list[str])
-    """Lines as received."""
     instructions: list[Instruction] = field(default_factory=list[Instruction])
-    """Commands of the lines."""
     labels: dict[str, int] = field(default_factory=dict[str, int])
-    """Index of the instruction that follows each label."""
 
     def add(self, line: str) -> None:
         """Append a line, or raise :class:`CommandError`."""

@@ -32,14 +32,21 @@ class NoPort(RcmServoError):
 
 @dataclass
 class Peer:
-    """Connected host."""
+    """Connected host.
+
+    Parameters
+    ----------
+    stream : socket.socket or SerialPort
+        Its connection; for UDP the server's common socket.
+    address : tuple[str, int] or None
+        UDP address of the host; None for TCP and the serial port.
+    delayed : deque[tuple[float, bytes]]
+        Replies with the times (s) at which they are sent.
+    """
 
     stream: socket.socket | SerialPort
-    """Its connection; for UDP the server's common socket."""
     address: tuple[str, int] | None = None
-    """UDP address of the host; None for TCP and the serial port."""
     delayed: deque[tuple[float, bytes]] = field(default_factory=deque[tuple[float, bytes]])
-    """Replies with the times (s) at which they are sent."""
 
 
 class Server:

@@ -22,10 +22,15 @@ Wait = Callable[[], bool]
 
 @dataclass
 class Caller:
-    """Origin of a command: a thread of the program, or a host."""
+    """Origin of a command: a thread of the program, or a host.
+
+    Parameters
+    ----------
+    wait : Wait or None
+        Condition for which the caller waits; None if it does not wait.
+    """
 
     wait: Wait | None = None
-    """Condition for which the caller waits; None if it does not wait."""
 
     def can_continue(self) -> bool:
         """Return True if the caller does not wait, or its wait has just ended."""
@@ -36,29 +41,43 @@ class Caller:
 
 @dataclass
 class Host(Caller):
-    """Connected host."""
+    """Connected host.
+
+    Parameters
+    ----------
+    handle : int
+        Index of its handle.
+    download : Program or None
+        Program that it downloads (DL); None outside a download.
+    """
 
     handle: int = 0
-    """Index of its handle."""
     download: Program | None = None
-    """Program that it downloads (DL); None outside a download."""
 
 
 @dataclass
 class Thread(Caller):
-    """Thread of the program."""
+    """Thread of the program.
+
+    Parameters
+    ----------
+    number : int
+        Number of the thread.
+    next_index : int or None
+        Index of the next instruction; None if the thread does not run.
+    line : int
+        Line of the last instruction.
+    return_stack : list[tuple[int or None, Wait or None]]
+        Next instruction and wait condition of each interrupted level, for subroutines and
+        interrupts.
+    """
 
     number: int = 0
-    """Number of the thread."""
     next_index: int | None = None
-    """Index of the next instruction; None if the thread does not run."""
     line: int = 0
-    """Line of the last instruction."""
     return_stack: list[tuple[int | None, Wait | None]] = field(
         default_factory=list[tuple[int | None, Wait | None]]
     )
-    """Next instruction and wait condition of each interrupted level, for subroutines and
-    interrupts."""
 
     @property
     def is_running(self) -> bool:

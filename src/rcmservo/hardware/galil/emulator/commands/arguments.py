@@ -16,12 +16,18 @@ NAMED_AXES = re.compile(r"\s*([A-HW-Z]+|\*)\s*=\s*(.+)$")
 
 
 class AxisAssignment(NamedTuple):
-    """Value that a command assigns to one axis."""
+    """Value that a command assigns to one axis.
+
+    Parameters
+    ----------
+    axis : int
+        Index of the axis.
+    text : str
+        Expression, or "?" as a query.
+    """
 
     axis: int
-    """Index of the axis."""
     text: str
-    """Expression, or "?" as a query."""
 
 
 def parse_axes(text: str, count: int) -> list[int]:

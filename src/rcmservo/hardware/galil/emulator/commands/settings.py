@@ -32,16 +32,24 @@ SAMPLE_TIME_RANGE_US = 125.0, 20000.0
 
 
 class SettingRange(NamedTuple):
-    """Allowed values of an axis setting."""
+    """Allowed values of an axis setting.
+
+    Parameters
+    ----------
+    minimum : float
+        Smallest value.
+    maximum : float
+        Largest value.
+    step : float
+        Step to which values are rounded towards zero; 0 for no rounding.
+    only_at_rest : bool
+        True if the setting cannot change during motion.
+    """
 
     minimum: float
-    """Smallest value."""
     maximum: float
-    """Largest value."""
     step: float = 0.0
-    """Step to which values are rounded towards zero; 0 for no rounding."""
     only_at_rest: bool = False
-    """True if the setting cannot change during motion."""
 
 
 SETTING_RANGES = {
