@@ -36,13 +36,13 @@ from emulated_lab import COUNTS, EmulatedLab, Host
 import rcmservo as rs
 from rcmservo.config.rig_file import Lab
 from rcmservo.interfaces import Floats
-from rcmservo.live.child_process import Child, heard
+from rcmservo.live.child_process import ChildProcess, receive_from_parent
 from rcmservo.live.loop_statistics import Report
 from rcmservo.live.realtime import realtime
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import ServoProcess
 from rcmservo.loop.run_result import RunResult
-from rcmservo.recording.reader import read
+from rcmservo.recording.reader import read_record
 from rcmservo.safety.state_machine import Phase
 
 BOUND = 100.0
@@ -75,7 +75,7 @@ def pass_on(port: int, control: Connection) -> None:
         said = ""
         while said != "end":
             cable.turn(said)
-            said = heard(control) if control.poll() else said
+            said = receive_from_parent(control) if control.poll() else said
     cable.part()
 
 
@@ -163,10 +163,10 @@ class Words:
         self.child, self.last, self.ended = child, "", False
 
     def hear(self, seconds: float = 0.0) -> None:
-        wait([self.child.wire], seconds)
-        while not self.ended and self.child.wire.poll():
+        wait([self.child.pipe], seconds)
+        while not self.ended and self.child.pipe.poll():
             try:
-                said = self.child.wire.recv()
+                said = self.child.pipe.recv()
             except (EOFError, OSError):
                 self.ended = True
                 return
@@ -177,7 +177,7 @@ class Words:
                 self.last = said.cause if isinstance(said, RunResult) else str(said)
 
 
-def happen(kind: str, cable: Child, child: ServoProcess, port: int) -> Callable[[], None]:
+def happen(kind: str, cable: ChildProcess, child: ServoProcess, port: int) -> Callable[[], None]:
     """Have it happen; what ends it."""
     if kind == "stopped":
         assert child.process.pid is not None
@@ -187,12 +187,12 @@ def happen(kind: str, cable: Child, child: ServoProcess, port: int) -> Callable[
         other = Host(port)
         other.ask("JG 12000,-12000,3000")
         return other.close
-    cable.tell(kind)
+    cable.send(kind)
     return lambda: None
 
 
 def trial(
-    lab: EmulatedLab, session: Session, record: Path, cable: Child, kind: str, tick: int
+    lab: EmulatedLab, session: Session, record: Path, cable: ChildProcess, kind: str, tick: int
 ) -> Pulled:
     child = ServoProcess(session)
     words, moving = Words(child), Host(lab.port)
@@ -214,7 +214,7 @@ def trial(
         child.process.kill()
         child.end()
         moving.close()
-    return judged(kind, speed, rows, read(record).phase[-1], words.last)
+    return judged(kind, speed, rows, read_record(record).phase[-1], words.last)
 
 
 def until_moving(words: Words, host: Host, tick: int) -> Floats:
@@ -275,9 +275,9 @@ def main() -> int:
         while len(trials) < chosen.count:
             kind = list(CAUSES)[len(trials) % len(CAUSES)]
             record = Path(folder) / f"{time.monotonic_ns()}.mcap"
-            cable = Child(get_context("spawn"), pass_on, emulated.port)
+            cable = ChildProcess(get_context("spawn"), pass_on, emulated.port)
             try:
-                session = emulated.session(servo, 60.0, record, cable.hear())
+                session = emulated.session(servo, 60.0, record, cable.receive())
                 tick = int(chance.integers(20, 230))
                 one = trial(emulated, session, record, cable, kind, tick)
             except RuntimeError as why:

@@ -25,7 +25,7 @@ from rcmservo.hardware.cameras.aravis import open_aravis_camera
 from rcmservo.hardware.cameras.opencv import open_opencv_camera
 from rcmservo.hardware.cameras.settings import AravisSettings, OpencvSettings
 from rcmservo.interfaces import Camera, Frame, Image
-from rcmservo.live.child_process import Child
+from rcmservo.live.child_process import ChildProcess
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.tracking_thread import TrackingThread
 from rcmservo.loop.clock import WallClock, sleep_until
@@ -100,9 +100,9 @@ def main(seconds: float) -> int:
     with ExitStack() as stack:
 
         def child(work: Callable[..., None], *arguments: object) -> str:
-            one = Child(context, work, *arguments)
+            one = ChildProcess(context, work, *arguments)
             stack.callback(one.end)
-            return one.hear()
+            return one.receive()
 
         child(publish, ring)
         web, gige = child(send_mjpeg, ring, 0), child(send_gige, ring)

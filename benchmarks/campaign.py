@@ -32,9 +32,9 @@ from rcmservo.loop.plant import NotEnabled
 from rcmservo.recording.outcome import TOLERANCE, Judge
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Disturbance, Killed, RigSettings
-from rcmservo.sim.disturbances import KINDS, causes_of, random_disturbances
-from rcmservo.sim.disturbances.oracle import Oracle, Unnoticed
-from rcmservo.sim.scripted_operator import ScriptedPerson, attended
+from rcmservo.sim.disturbances import DISTURBANCE_KINDS, expected_causes, sample_disturbances
+from rcmservo.sim.disturbances.oracle import Oracle, UnnoticedGrowth
+from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
 from rcmservo.tracking import PointMarkers
 
 DURATION = 30.0
@@ -118,7 +118,7 @@ def disturbances_of(seed: int, kind: str) -> list[Disturbance]:
     if kind == "none":
         return []
     if kind == "faults":
-        return random_disturbances(random, FAULTS_UNTIL)
+        return sample_disturbances(random, FAULTS_UNTIL)
     chosen = random.choice(SHORT, size=random.integers(1, 4), replace=False).tolist()
     at, last = (
         random.uniform(0.0, FAULTS_UNTIL, len(chosen)),
@@ -151,20 +151,20 @@ def disturbed(seed: int, disturbances: list[Disturbance]) -> Run:
     p_d = rig.truth.markers(rig.clock.now())[1]
     rig.go_home()
     rig.begin()
-    person, judge = ScriptedPerson(rig, plant, PATIENCE, frames=30), Judge(servo, target)
-    start, unnoticed = rig.clock.now(), Unnoticed(Oracle(rig.truth, NOISE))
-    ticks = attended(
-        rig, plant, servo, target, DURATION, person, lambda *begins: unnoticed.oracle.learn()
+    person, judge = ScriptedOperator(rig, plant, PATIENCE, frames=30), Judge(servo, target)
+    start, unnoticed = rig.clock.now(), UnnoticedGrowth(Oracle(rig.truth, NOISE))
+    ticks = run_attended(
+        rig, plant, servo, target, DURATION, person, lambda *begins: unnoticed.oracle.restart()
     )
     try:
         for tick in watched(run, ticks, disturbances, start):
             judge.add(tick)
-            unnoticed.look(tick, float(np.linalg.norm(rig.truth.markers(tick.seen.now)[1] - p_d)))
+            unnoticed.update(tick, float(np.linalg.norm(rig.truth.markers(tick.seen.now)[1] - p_d)))
     except Killed:
         run.end = "killed"
     except NotEnabled as why:
         run.end, run.words = "not enabled", str(why)
-    run.resumed, run.shown, run.unnoticed = person.resumed, person.shown, unnoticed.grown
+    run.resumed, run.shown, run.unnoticed = person.resumed, person.taught, unnoticed.growth
     run.pose_error = float(np.linalg.norm(rig.truth.markers(rig.clock.now())[1] - p_d))
     if not run.end:
         run.end, run.words = ended(tick, judge)
@@ -206,10 +206,16 @@ def accepted(disturbances: list[Disturbance], now: float) -> set[rs.Cause]:
     """The causes that name a fault which was active within the second before, or which stays."""
     causes: set[rs.Cause] = set()
     for disturbance in disturbances:
-        kind = KINDS[disturbance.kind]
-        lasts = np.inf if kind.stays else 0.0 if kind.lasts is None else disturbance.lasts
+        kind = DISTURBANCE_KINDS[disturbance.kind]
+        lasts = (
+            np.inf
+            if kind.is_permanent
+            else 0.0
+            if kind.default_duration is None
+            else disturbance.duration_s
+        )
         if disturbance.at <= now <= disturbance.at + lasts + BEFORE:
-            causes |= causes_of(disturbance.kind)
+            causes |= expected_causes(disturbance.kind)
     return causes
 
 

@@ -23,7 +23,7 @@ from rcmservo.config.rig_file import default_markers
 from rcmservo.hardware.cameras.settings import TopicSettings
 from rcmservo.hardware.cameras.topic import open_topic_camera
 from rcmservo.hardware.crtk.arm import CrtkArm
-from rcmservo.hardware.crtk.messages import PICTURES
+from rcmservo.hardware.crtk.messages import IMAGE_TOPIC
 from rcmservo.interfaces import Command, Floats
 from rcmservo.live.realtime import realtime
 from rcmservo.live.tracking_thread import TrackingThread
@@ -34,7 +34,7 @@ from rcmservo.loop.teach import teach
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.rig import Rig
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.tool_body import ToolBody
 from rcmservo.tracking import ColourMarkers
 
 DOMAIN = 70
@@ -81,7 +81,7 @@ def servo(ros: int, seeds: int) -> int:
 def servoed(ros: int, seed: int) -> tuple[float, str]:
     """mm from where the target was shown at the end of a run over topics, and how it ended."""
     rig, clock = Rig(seed, pictures=False), WallClock()
-    settings = TopicSettings(PICTURES.under(NAME).name, ros=ros, domain=DOMAIN)
+    settings = TopicSettings(IMAGE_TOPIC.under(NAME).name, ros=ros, domain=DOMAIN)
     with (
         emulated(ros, seed),
         closing(client_arm(ros, DOMAIN)) as arm,
@@ -99,7 +99,7 @@ def servoed(ros: int, seed: int) -> tuple[float, str]:
         phase = ""
         for tick in run(plant, box, target, DURATION):
             phase = f"{tick.state.phase.value} {tick.state.mode.cause.words} {arm.why_off}".strip()
-        body = Body(rig.settings.mechanism, rig.settings.tool)
+        body = ToolBody(rig.settings.mechanism, rig.settings.tool)
         tips = [body.points(q)[1] for q in (arm.measure().q, shown)]
         return float(np.linalg.norm(tips[0] - tips[1])), phase
 

@@ -20,7 +20,7 @@ import numpy as np
 from rcmservo.geometry.kinematics import SphericalRcm
 from rcmservo.hardware.crtk import messages as m
 from rcmservo.hardware.crtk.arm import CrtkArm
-from rcmservo.hardware.crtk.device import STEP, CrtkDevice
+from rcmservo.hardware.crtk.device import STEP_NS, CrtkDevice
 from rcmservo.hardware.crtk.messages import MessageHandler, Transport
 from rcmservo.hardware.crtk.settings import CrtkSettings, RosConnection
 from rcmservo.hardware.crtk.transport import open_transport
@@ -82,10 +82,10 @@ class RunningDevice:
         joints = SimulatedJoints(arm)
         limits = rig.settings.mechanism.limits
         now = time.monotonic_ns()
-        arm.time = now // STEP * STEP
+        arm.time = now // STEP_NS * STEP_NS
         arm.place(rig.scene.start)
         self._rows = deque[tuple[int, Floats]](maxlen=ROWS)
-        arm.before_step = lambda: self._rows.append((arm.time - STEP, arm.q_true))
+        arm.before_step = lambda: self._rows.append((arm.time - STEP_NS, arm.q_true))
         self.device = CrtkDevice(joints, limits, self.transport, NAME, now, time.time_ns)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._live, daemon=True)
@@ -96,7 +96,7 @@ class RunningDevice:
             while not self._over.is_set():
                 now = time.monotonic_ns()
                 self.device.turn(now)
-                time.sleep((STEP - now % STEP) * 1e-9)
+                time.sleep((STEP_NS - now % STEP_NS) * 1e-9)
 
     def close(self) -> None:
         self._over.set()

@@ -76,13 +76,13 @@ def original(folder: Path, duration: float, pictures: bool, stages: int = 1) -> 
                     noise = random.integers(0, 30, (120, 160, 3)).astype(np.uint8)
                     recorder.write_frame(rs.Frame(count, tick.seen.now, tick.seen.now, image=noise))
             state = tick.state
-    return Original(path.read_bytes(), reader.read(path), list(reader.frames(path)))
+    return Original(path.read_bytes(), reader.read_record(path), list(reader.iterate_frames(path)))
 
 
 def read(path: Path, before: Original) -> str:
     """How a damaged record was read; AssertionError where something wrong was taken for right."""
     try:
-        rows = reader.read(path)
+        rows = reader.read_record(path)
     except rs.UnusableFile as error:
         assert "\n" not in str(error)
         return REFUSED
@@ -112,7 +112,9 @@ def read(path: Path, before: Original) -> str:
 def _frames(path: Path, before: Original) -> bool:
     """Whether all frames are there; those that are must be as they were."""
     count = 0
-    for (exposure, image), (then, written) in zip(reader.frames(path), before.frames, strict=False):
+    for (exposure, image), (then, written) in zip(
+        reader.iterate_frames(path), before.frames, strict=False
+    ):
         assert exposure == then
         assert image.tobytes() == written.tobytes()
         count += 1

@@ -140,7 +140,7 @@ def recorded(
     """Teach the target, run under a person who acts `patience` times, and return the run."""
     from rcmservo.loop.plant import NotEnabled
     from rcmservo.sim import Killed
-    from rcmservo.sim.scripted_operator import ScriptedPerson, attended
+    from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
 
     plant.recorded = lambda: not rig.disk_full()
     rig.show_target()
@@ -153,9 +153,9 @@ def recorded(
     def begun(target: rs.Target, state: rs.State | None) -> None:
         stages.append((len(ticks), state is not None, target))
 
-    person = ScriptedPerson(rig, plant, patience, frames=30)
+    person = ScriptedOperator(rig, plant, patience, frames=30)
     with suppress(Killed, NotEnabled):
-        for tick in attended(rig, plant, servo, target, duration, person, begun):
+        for tick in run_attended(rig, plant, servo, target, duration, person, begun):
             ticks.append(tick)
     return arrays(ticks, stages)
 

@@ -27,7 +27,7 @@ from rcmservo.loop.teach import teach
 from rcmservo.recording.writer import Recorder
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.rig import Rig
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.tool_body import ToolBody
 from rcmservo.tracking import ColourMarkers
 
 COUNTS = np.array([50000.0, 50000.0, 500.0])
@@ -147,7 +147,7 @@ class EmulatedLab:
 
     def error(self) -> float:
         """‖p₂ − p_d‖ mm by the encoders: how far the tool is from where it was shown."""
-        body = Body(Lab().mechanism, Lab().tool)
+        body = ToolBody(Lab().mechanism, Lab().tool)
         now = self.host.places() / COUNTS
         ends = [body.points(q)[1] for q in (now, self.target)]
         return float(np.linalg.norm(ends[0] - ends[1]))

@@ -30,10 +30,10 @@ from rcmservo.loop.teach import NotShown
 from rcmservo.loop.tick import Tick
 from rcmservo.safety.state_machine import PHASES, Phase
 from rcmservo.sim import Disturbance
-from rcmservo.sim.camera_model import Optics, look_at
+from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
 from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.scene import Scene
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.tool_body import ToolBody
 from rcmservo.study import Study, StudyRun
 from rcmservo.study.kernel_engine import Goal
 from rcmservo.study.report import statistics
@@ -51,7 +51,7 @@ NEAR_PLANE = 0.3
 OPTICS = rs.sim.Rig(0, pictures=False).scene.optics
 
 
-def ends(random: np.random.Generator, body: Body) -> Floats:
+def ends(random: np.random.Generator, body: ToolBody) -> Floats:
     """Joints (2, 3) of a start, and of a target near by."""
     limits = body.mechanism.limits
     start = random.uniform(limits.lower, limits.upper)
@@ -59,17 +59,17 @@ def ends(random: np.random.Generator, body: Body) -> Floats:
     return np.stack([start, start + random.uniform(-1.0, 1.0, 3) * np.array([0.15, 0.15, 15.0])])
 
 
-def camera(random: np.random.Generator, middle: Floats) -> Optics:
+def camera(random: np.random.Generator, middle: Floats) -> CameraModel:
     """An endoscope that looks at `middle` (3,) mm through a port of its own."""
     way = random.standard_normal(3)
     port = random.uniform(70.0, 130.0) * way / np.linalg.norm(way)
     sight = (middle - port) / np.linalg.norm(middle - port)
     place = middle - random.uniform(60.0, 120.0) * sight
-    rotation = look_at(place, middle, random.uniform(-np.pi, np.pi))
+    rotation = compute_look_at_rotation(place, middle, random.uniform(-np.pi, np.pi))
     return replace(OPTICS, focal=random.uniform(500.0, 800.0), position=place, rotation=rotation)
 
 
-def draw(seed: int, body: Body) -> Scene:
+def draw(seed: int, body: ToolBody) -> Scene:
     """The first scene that shows both markers apart, at the start and at the target."""
     random, size = np.random.default_rng([seed, 77]), np.array([OPTICS.width, OPTICS.height])
     lower, upper = body.mechanism.limits.arrays
@@ -85,7 +85,7 @@ def draw(seed: int, body: Body) -> Scene:
             return Scene(optics, body, way, way[0], behind(optics, body, way), 0)
 
 
-def behind(optics: Optics, body: Body, way: Floats) -> Tissue:
+def behind(optics: CameraModel, body: ToolBody, way: Floats) -> Tissue:
     """Tissue across the view, behind all of the tool at the joints `way` (2, 3)."""
     sight = optics.rotation[2]
     tool = np.concatenate([body.points(q) for q in way])
@@ -142,7 +142,7 @@ def by_twin(options: Options, seed: int) -> Ended:
     settings = settings_of(options)
     estimator = ServoOptions().estimator_of(options.estimator)
     study = Study(rs.Servo(settings.mechanism, settings.tool, estimator), settings, shown=30)
-    scene = draw(seed, Body(settings.mechanism, settings.tool))
+    scene = draw(seed, ToolBody(settings.mechanism, settings.tool))
     random, markers = np.random.default_rng(seed), scene.body.points(scene.target)[:2]
     blur = random.standard_normal((2, 2)) / np.sqrt(SHOWN)
     points = scene.optics.project(markers) + options.noise * blur
@@ -159,7 +159,7 @@ def by_twin(options: Options, seed: int) -> Ended:
 
 def by_laboratory(options: Options, seed: int) -> Ended:
     """One closed loop of the laboratory, with rendered pictures."""
-    scene = draw(seed, Body(rs.SphericalRcm(), settings_of(options).tool))
+    scene = draw(seed, ToolBody(rs.SphericalRcm(), settings_of(options).tool))
     try:
         return shown(options, seed, scene)
     except NotShown:

@@ -32,7 +32,7 @@ from rcmservo.config.registry import MECHANISMS
 from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.config.target_file import Setup
 from rcmservo.sim import Drive, Look, SceneSettings
-from rcmservo.sim.rig_file import CameraSection, rig_settings
+from rcmservo.sim.rig_file import CameraSection, read_rig_settings
 from rcmservo.tracking import COLOURS
 
 ROOM = 256 * 2**20
@@ -324,7 +324,7 @@ def rig_file(random: Random) -> bytes:
 def try_rig(path: Path) -> None:
     """Read a rig file; AssertionError where what it says and what was read differ."""
     lab = load_lab(path)
-    settings = rig_settings(lab)
+    settings = read_rig_settings(lab)
     tables = tomllib.loads(path.read_bytes().decode())
     for name in lab.devices:
         assert lab.devices[name] == tables.pop(name), f"the device [{name}] is not what it says"

@@ -15,7 +15,7 @@ from rcmservo.errors import RcmServoError
 from rcmservo.geometry.kinematics import JointLimits, SphericalRcm
 from rcmservo.hardware.galil.connection import GalilConnection
 from rcmservo.hardware.galil.driver import GalilArm
-from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
+from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, Controller
 from rcmservo.hardware.galil.session import GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
 
@@ -60,10 +60,10 @@ class EmulatedStream:
         self.controller.sample()  # the transmission takes one sample
 
     def receive(self, seconds: float) -> bytes:
-        end = self.controller.state.samples * SAMPLE + seconds
+        end = self.controller.state.samples * SAMPLE_TIME_S + seconds
         while self.handle in self.controller.connections:
             output = self.controller.take_output(self.handle)
-            if output or self.controller.state.samples * SAMPLE >= end:
+            if output or self.controller.state.samples * SAMPLE_TIME_S >= end:
                 return output
             self.controller.sample()
         raise ConnectionResetError("gone")
@@ -157,7 +157,7 @@ def run_with_garbling(chance: random.Random) -> tuple[float, bool, bool]:
     streams = [GarblingStream(controller, chance, probability) for _ in range(2)]
 
     def now() -> float:
-        return controller.state.samples * SAMPLE
+        return controller.state.samples * SAMPLE_TIME_S
 
     connections = [GalilConnection(stream, 0.25, now) for stream in streams]
     session = GalilSession(*connections, SETTINGS, LIMITS)

@@ -30,9 +30,9 @@ from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import ServoProcess, supervise
 from rcmservo.loop.run_result import RunResult
 from rcmservo.recording import reader
-from rcmservo.sim.processes.lab_processes import Bench
-from rcmservo.sim.processes.motion_log import stopped
-from rcmservo.sim.rig_file import rig_settings
+from rcmservo.sim.processes.lab_processes import SimulatedLab
+from rcmservo.sim.processes.motion_log import find_stop
+from rcmservo.sim.rig_file import read_rig_settings
 from rcmservo.tracking import ColourMarkers
 
 BOUND = 60.0  # ms from the signal until the drive is off: the watchdog's patience and one period
@@ -78,7 +78,7 @@ def prepare() -> None:
     ColourMarkers(lab.markers).find(rs.Frame(0, 0, 0, image=np.zeros((480, 640, 3), np.uint8)))
 
 
-def trial(bench: Bench, session: Session, record: Path, kind: str, tick: int) -> Trial:
+def trial(bench: SimulatedLab, session: Session, record: Path, kind: str, tick: int) -> Trial:
     first = bench.log.count
     child = ServoProcess(session, get_context("forkserver"))
     try:
@@ -91,7 +91,7 @@ def trial(bench: Bench, session: Session, record: Path, kind: str, tick: int) ->
             words = awaken(child)
             time.sleep(0.1)
         else:
-            words = supervise(child, bench.off).cause
+            words = supervise(child, bench.switch_off).cause
     finally:
         child.end()
     return judged(kind, tick, struck, words, bench.log.since(first), record)
@@ -103,24 +103,24 @@ def until(good: Any, child: ServoProcess) -> None:
     while not good():
         if time.monotonic() > end or child.process.exitcode is not None:
             raise NotBegun("no tick in time")
-        wait([child.wire], 0.001)
-        while child.wire.poll():
-            said = child.wire.recv()
+        wait([child.pipe], 0.001)
+        while child.pipe.poll():
+            said = child.pipe.recv()
             if isinstance(said, str | RunResult | Exception):
                 raise NotBegun(said.cause if isinstance(said, RunResult) else str(said))
 
 
 def awaken(child: ServoProcess) -> str:
     """What a servo process says of its run that was stopped and goes on."""
-    while child.wire.poll(DEADLINE):
-        said = child.wire.recv()
+    while child.pipe.poll(DEADLINE):
+        said = child.pipe.recv()
         if isinstance(said, RunResult):
             return said.cause
     raise SystemExit("the servo process that was woken up says nothing")
 
 
 def judged(kind: str, tick: int, struck: int, words: str, rows: Any, path: Path) -> Trial:
-    stop = stopped(rows)
+    stop = find_stop(rows)
     if stop is None:
         raise SystemExit(f"trial at tick {tick}: the drive is still on")
     taken, off = (int(rows["wall"][i]) for i in stop)
@@ -129,7 +129,7 @@ def judged(kind: str, tick: int, struck: int, words: str, rows: Any, path: Path)
     still = int(rows["wall"][min(moving[-1] + 1, len(rows) - 1)]) if len(moving) else off
     awake = rows["enabled"][stop[1] :].any() or rows["applied"][stop[1] :].any()
     moved = bool(awake or (np.abs(speed[stop[1] + 50 :]) > STILL).any())
-    kept = len(reader.read(path).time)
+    kept = len(reader.read_record(path).time)
     return Trial(
         kind,
         tick,
@@ -168,7 +168,7 @@ def main() -> int:
     trials: list[Trial] = []
     with (
         tempfile.TemporaryDirectory() as folder,
-        Bench(chosen.seed, rig_settings(lab)) as bench,
+        SimulatedLab(chosen.seed, read_rig_settings(lab)) as bench,
         contextlib.suppress(KeyboardInterrupt),
     ):
         while len(trials) < chosen.count:

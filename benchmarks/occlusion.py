@@ -20,7 +20,7 @@ from rcmservo.config.rig_file import default_markers
 from rcmservo.interfaces import Floats
 from rcmservo.safety.innovation import lost
 from rcmservo.sim import Disturbance
-from rcmservo.sim.scripted_operator import ScriptedPerson, attended
+from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
 from rcmservo.tracking import ColourMarkers
 
 DURATION = 20.0
@@ -57,9 +57,9 @@ def one(seed: int) -> Run:
     p_d = rig.truth.markers(rig.clock.now())[1]
     rig.go_home()
     rig.begin()
-    person, gone, blind, moved = ScriptedPerson(rig, plant, 20, frames=30), -1, 0, 0.0
+    person, gone, blind, moved = ScriptedOperator(rig, plant, 20, frames=30), -1, 0, 0.0
     stood: Floats | None = None
-    for tick in attended(rig, plant, servo, target, DURATION, person):
+    for tick in run_attended(rig, plant, servo, target, DURATION, person):
         now, p2 = tick.seen.now, rig.truth.markers(rig.clock.now())[1]
         if any(lost(tick.seen.points)):
             gone = now if gone < 0 else gone
@@ -70,7 +70,7 @@ def one(seed: int) -> Run:
         else:
             gone, stood = -1, None
     error = float(np.linalg.norm(rig.truth.markers(rig.clock.now())[1] - p_d))
-    return Run(seed, error, moved, blind / 100.0, person.resumed, person.shown, tick.state.words)
+    return Run(seed, error, moved, blind / 100.0, person.resumed, person.taught, tick.state.words)
 
 
 def main() -> None:

@@ -22,7 +22,7 @@ from rcmservo.estimation.affine import AffineEstimator
 from rcmservo.estimation.base import Sample
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats, Frame, Markers
-from rcmservo.recording.foreign.frame_folder import frames, load
+from rcmservo.recording.foreign.frame_folder import iterate_frames, load_recording
 from rcmservo.tracking import ColourMarkers
 from rcmservo.tracking.circle_fit import find_colour_centroid, fit_outline
 from rcmservo.tracking.colours import COLOURS, colour_response
@@ -43,8 +43,8 @@ class Still:
 
 def stills(folder: Path, lab: Lab) -> list[Still]:
     """All of a recording in which both balls are found."""
-    poses, tracker = load(folder, lab.mechanism, lab.tool), ColourMarkers(lab.markers)
-    found = [(frame, tracker.find(frame)) for frame in frames(poses)]
+    poses, tracker = load_recording(folder, lab.mechanism, lab.tool), ColourMarkers(lab.markers)
+    found = [(frame, tracker.find(frame)) for frame in iterate_frames(poses)]
     return [
         Still(pose.p1, markers.points, markers.radius, outlines(frame, markers, lab))
         for pose, (frame, markers) in zip(poses, found, strict=True)

@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 from page_lab import Client, PageLab, awaited, board, machine, page_lab, reached
 
-from rcmservo.live.child_process import Child
+from rcmservo.live.child_process import ChildProcess
 from rcmservo.live.supervisor import run_live
-from rcmservo.loop.operator import Operator, Want
+from rcmservo.loop.operator import Operator, OperatorRequest
 from rcmservo.loop.run_result import LoopTiming
 from rcmservo.loop.teach import teach
 from rcmservo.loop.tick import Tick
@@ -38,7 +38,7 @@ BAR = 1.0  # ms
 BEAT = 0.1  # s
 
 
-def paused(tick: Tick) -> Want:
+def paused(tick: Tick) -> OperatorRequest:
     """Somebody beside the loop who has it paused, as the page has."""
     return Request.PAUSE
 
@@ -82,9 +82,9 @@ def with_page(lab: PageLab, turn: int, seconds: float) -> tuple[LoopTiming, Any]
     session = replace(lab.behind.session(desk, lab.folder / f"with-{turn}"), duration=seconds)
     with lab.served(desk):
         awaited(partial(reached, lab.options.port))
-        child = Child(context, clients, lab.address, pictures)
+        child = ChildProcess(context, clients, lab.address, pictures)
         try:
-            child.hear()
+            child.receive()
             counted: list[tuple[float, Any]] = []
 
             def note(report: object) -> None:

@@ -40,13 +40,13 @@ from websockets.typing import Origin
 from rcmservo.cli.lab import serve
 from rcmservo.cli.lab.serve import Behind, ServeOptions
 from rcmservo.interfaces import Camera, Frame, Image
-from rcmservo.live.child_process import Child
+from rcmservo.live.child_process import ChildProcess
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.loop.clock import sleep_until
 from rcmservo.loop.operator import Operator
 from rcmservo.page.channels import Desk
-from rcmservo.sim.processes.lab_processes import Bench
+from rcmservo.sim.processes.lab_processes import SimulatedLab
 
 RATE = 60.0  # frames/s that are played
 FRAMES = 60  # that are recorded
@@ -62,7 +62,7 @@ class PageLab:
 
     options: ServeOptions
     behind: Behind
-    bench: Bench
+    bench: SimulatedLab
     folder: Path
     servo: Any
     page: Any
@@ -118,11 +118,11 @@ def page_lab(seed: int = 0, recorded: bool = False, token: str = "") -> Generato
         pids = context.RawValue("q", 0), context.RawValue("q", 0)
         arrivals = context.RawArray("q", NUMBERS)
         with serve._bench(options) as known, contextlib.ExitStack() as stack:
-            bench = cast(Bench, cast(Any, known.off).__self__)
+            bench = cast(SimulatedLab, cast(Any, known.off).__self__)
             if recorded:
                 frames = filmed(bench.ring)
                 bench.camera.end()
-                player = Child(context, replayed, frames, bench.ring, arrivals)
+                player = ChildProcess(context, replayed, frames, bench.ring, arrivals)
                 stack.callback(player.end)
             make = known.session
 

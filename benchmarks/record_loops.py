@@ -26,7 +26,7 @@ import rcmservo as rs
 from rcmservo.config.registry import ESTIMATORS
 from rcmservo.interfaces import Floats
 from rcmservo.sim import Disturbance
-from rcmservo.sim.disturbances import random_disturbances
+from rcmservo.sim.disturbances import sample_disturbances
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "tests/data/loops"
@@ -67,7 +67,7 @@ def chosen_in(seed: int) -> Table:
 def disturbances_of(seed: int) -> list[Disturbance]:
     """What goes wrong: 0 to 3 faults."""
     random = np.random.default_rng([seed, 5])
-    drawn = random_disturbances(random, DURATION, pictures=True)
+    drawn = sample_disturbances(random, DURATION, pictures=True)
     return drawn if random.random() < 0.75 else []
 
 

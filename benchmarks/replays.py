@@ -22,7 +22,7 @@ import numpy as np
 import rcmservo as rs
 from rcmservo.interfaces import Clock, Dropped
 from rcmservo.recording import reader
-from rcmservo.recording.replay import Rerun, recompute
+from rcmservo.recording.replay import ReplayResult, replay_record
 from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import PointMarkers
 
@@ -122,19 +122,19 @@ def recorded(folder: Path, seed: int, duration: float, names: tuple[str, ...] = 
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 100
     causes: Counter[str] = Counter()
-    other: list[Rerun] = []
+    other: list[ReplayResult] = []
     ticks, seconds = 0, 0.0
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(count):
             path = recorded(Path(folder), seed, 8.0, NAMES if seed % 2 else MILD)
             started = time.perf_counter()
-            again = recompute(path)
+            again = replay_record(path)
             seconds += time.perf_counter() - started
-            ticks += len(again.then.time)
-            causes.update({cause for cause in reader.read(path).cause if cause != "NONE"})
+            ticks += len(again.recorded.time)
+            causes.update({cause for cause in reader.read_record(path).cause if cause != "NONE"})
             if not again.same:
                 other.append(again)
-                print(f"seed {seed}: {again.words}")
+                print(f"seed {seed}: {again.sentence}")
     seen = ", ".join(f"{cause} {runs}" for cause, runs in causes.most_common())
     print(f"{count} records, {ticks} ticks: {count - len(other)} came out the same, bit for bit")
     print(f"{seconds / ticks * 1e6:.0f} us a tick; runs in which a cause was seen: {seen}")

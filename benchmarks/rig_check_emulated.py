@@ -19,7 +19,7 @@ from rcmservo.bringup.motion import PATIENCE, Mover
 from rcmservo.cli.lab.rig_check import trouble
 from rcmservo.config.rig_file import Lab
 from rcmservo.geometry.tool import RigidTool
-from rcmservo.hardware.devices import open_arm, open_camera, wiring_of
+from rcmservo.hardware.devices import open_arm, open_camera, read_wiring
 from rcmservo.interfaces import Floats, Frame
 from rcmservo.live.device_protocols import LabCamera
 from rcmservo.live.realtime import realtime
@@ -50,7 +50,7 @@ class Mirror:
         return self._given
 
     def account(self) -> CameraAccount:
-        return self._camera.account()
+        return self._camera.counts()
 
     def close(self) -> None:
         self._camera.close()
@@ -103,7 +103,7 @@ class WrongEmulatedLab:
         with ExitStack() as stack:
             emulated = stack.enter_context(EmulatedLab(self._seed, self._camera))
             lab = self._file(emulated.lab())
-            robot = Robot(lab.mechanism, lab.tool, wiring_of(lab))
+            robot = Robot(lab.mechanism, lab.tool, read_wiring(lab))
             warm_up(robot, lab.gate)
             clock, arm = WallClock(), open_arm(lab)
             stack.callback(arm.close)

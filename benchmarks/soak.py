@@ -29,8 +29,8 @@ from rcmservo.loop.run_result import RunResult
 from rcmservo.numerics.structs import as_row
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Mode, ModeStruct, Phase, Signs, transition
-from rcmservo.sim.processes.lab_processes import Bench
-from rcmservo.sim.rig_file import rig_settings
+from rcmservo.sim.processes.lab_processes import SimulatedLab
+from rcmservo.sim.rig_file import read_rig_settings
 
 CALLS = 20_000
 
@@ -82,11 +82,14 @@ def main() -> None:
     servo = rs.Servo(mechanism=lab.mechanism, tool=lab.tool, gate=lab.gate)
     functions(servo)
     left = chosen.seconds
-    with tempfile.TemporaryDirectory() as folder, Bench(chosen.seed, rig_settings(lab)) as bench:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        SimulatedLab(chosen.seed, read_rig_settings(lab)) as bench,
+    ):
         while left >= 1.0:
             record = Path(folder) / f"{left:g}.mcap"
             result = run_live(
-                bench.session(servo, lab.markers, left, record, frames=30), bench.off, show
+                bench.session(servo, lab.markers, left, record, frames=30), bench.switch_off, show
             )
             print(f"load of the machine: {os.getloadavg()[0]:.2f}")
             judge(result, bench)
@@ -95,7 +98,7 @@ def main() -> None:
             left -= max(result.loop.ticks / servo.rate, 1.0)
 
 
-def judge(result: RunResult, bench: Bench) -> None:
+def judge(result: RunResult, bench: SimulatedLab) -> None:
     """How one run went."""
     print(result)
     if result.loop is None:
@@ -111,7 +114,7 @@ def judge(result: RunResult, bench: Bench) -> None:
     )
     print(f"{'exposure to command':<22} median {latency.median:.1f}, 99 % {latency.p99:.1f} ms")
     print(f"{'garbage collections':<22} {loop.collections}   (bar: 0)")
-    print(f"{'pose error':<22} {bench.error():.2f} mm")
+    print(f"{'pose error':<22} {bench.true_error():.2f} mm")
     gap = np.diff(bench.log.since(0)["wall"]).max() * 1e-6
     print(f"{'arm, last half minute':<22} its own process was held up for {gap:.1f} ms at most")
 

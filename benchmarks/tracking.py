@@ -30,9 +30,9 @@ from tracking_measures import (
 )
 
 from rcmservo.interfaces import Floats, Frame, Image
-from rcmservo.sim.camera_model import Optics, look_at
+from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
 from rcmservo.sim.rendering import Look, Renderer, Tissue
-from rcmservo.tracking import ColourMarkers, MarkerLook
+from rcmservo.tracking import ColourMarkers, MarkerAppearance
 
 SIZE = 640, 480
 SPACING = 30.0  # mm
@@ -61,12 +61,14 @@ def _scene(random: np.random.Generator, number: int, shaft_radius: float) -> Sce
     """A camera looking down at a tool inclined to it by up to 60 degrees, towards it or away from
     it."""
     distance, focal = random.uniform(120, 300), random.uniform(500, 900)
-    optics = Optics(
+    optics = CameraModel(
         *SIZE,
         focal=focal,
         centre=np.array(SIZE) / 2 + random.uniform(-20, 20, 2),
         distortion=np.zeros(2),
-        rotation=look_at(np.array([0.0, 0.0, distance]), np.zeros(3), random.uniform(0, 2 * np.pi)),
+        rotation=compute_look_at_rotation(
+            np.array([0.0, 0.0, distance]), np.zeros(3), random.uniform(0, 2 * np.pi)
+        ),
         position=np.array([0.0, 0.0, distance]),
     )
     radii = tuple(random.uniform(3, 4, 2))
@@ -99,7 +101,7 @@ def _tool(random: np.random.Generator, distance: float, focal: float) -> tuple[F
 def errors(count: int, seed: int, shaft_radius: float) -> tuple[Floats, Floats, float]:
     """Distances to the truth [px] and qualities, of every marker that should be seen; ms a frame
     once followed."""
-    look = MarkerLook("green", "blue", 3.5, 3.5)
+    look = MarkerAppearance("green", "blue", 3.5, 3.5)
     missed, quality, spent = [], [], []
     for scene in scenes(count, seed, shaft_radius):
         tracker = ColourMarkers(look)

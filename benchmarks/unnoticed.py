@@ -48,8 +48,8 @@ from rcmservo.loop.teach import NotShown
 from rcmservo.recording.outcome import SAME_POSE, TOLERANCE, Judge
 from rcmservo.servo.state import State
 from rcmservo.sim import Disturbance, RigSettings
-from rcmservo.sim.disturbances import causes_of
-from rcmservo.sim.disturbances.oracle import STOPPED, Oracle, Unnoticed
+from rcmservo.sim.disturbances import expected_causes
+from rcmservo.sim.disturbances.oracle import STOPPED_PHASES, Oracle, UnnoticedGrowth
 from rcmservo.tracking import PointMarkers
 
 DURATION = 20.0
@@ -96,7 +96,7 @@ class Trial:
         self.plant = rs.Plant(self.rig.arm, self.rig.camera, PointMarkers(), self.rig.clock)
         learner = ServoOptions().estimator_of(estimator)
         self.servo = rs.Servo(settings.mechanism, settings.tool, learner)
-        self.unnoticed = Unnoticed(Oracle(self.rig.truth, NOISE))
+        self.unnoticed = UnnoticedGrowth(Oracle(self.rig.truth, NOISE))
         self.shown = self.marker_2()
 
     def marker_2(self) -> Floats:
@@ -134,7 +134,7 @@ class Trial:
         run.settled = self.settled(tick, target, judge)
         run.end = judge.result().cause
         run.error = float(np.linalg.norm(self.marker_2() - self.shown))
-        run.grown = self.unnoticed.grown
+        run.grown = self.unnoticed.growth
 
     def settled(self, last: rs.Tick, target: Target, judge: Judge) -> bool:
         """Whether a run ends as if all were well."""
@@ -149,12 +149,12 @@ class Trial:
         phase, events = None, self.rig.schedule.events
         began = max((event.start for event in events), default=0)
         for tick in ticks:
-            self.unnoticed.look(tick, float(np.linalg.norm(self.marker_2() - self.shown)))
-            visible = self.unnoticed.oracle.visible
+            self.unnoticed.update(tick, float(np.linalg.norm(self.marker_2() - self.shown)))
+            visible = self.unnoticed.oracle.visible_since
             if visible is not None and np.isnan(self.run.visible):
                 self.run.visible = tick.time * 1e-9
             state = tick.state
-            if state.phase in STOPPED and phase not in STOPPED:
+            if state.phase in STOPPED_PHASES and phase not in STOPPED_PHASES:
                 right = tick.seen.now >= began and state.cause in self.right
                 name = state.cause.name
                 self.run.stops.append((tick.time * 1e-9, state.phase.name, name, right))
@@ -164,7 +164,7 @@ class Trial:
     @property
     def right(self) -> set[rs.Cause]:
         """The causes that name what goes wrong."""
-        return set(self.row.causes).union(*(causes_of(one.kind) for one in self.disturbances))
+        return set(self.row.causes).union(*(expected_causes(one.kind) for one in self.disturbances))
 
 
 def one(name: str, seed: int, estimator: str = "dlt") -> Run:

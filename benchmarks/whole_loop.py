@@ -27,8 +27,8 @@ from rcmservo.config.rig_file import Lab
 from rcmservo.live.realtime import urgent
 from rcmservo.live.supervisor import run_live
 from rcmservo.loop.run_result import RunResult
-from rcmservo.sim.processes.lab_processes import Bench
-from rcmservo.sim.rig_file import rig_settings
+from rcmservo.sim.processes.lab_processes import SimulatedLab
+from rcmservo.sim.rig_file import read_rig_settings
 
 DURATION = 15.0
 """s of each run."""
@@ -94,9 +94,11 @@ def emulated(seed: int, camera: str, servo: rs.Servo, record: Path) -> Row:
 def simulated(seed: int, servo: rs.Servo, record: Path) -> Row:
     found: list[float] = []
     lab = Lab()
-    with Bench(seed, rig_settings(lab)) as bench, stalls(found):
-        result = run_live(bench.session(servo, lab.markers, DURATION, record, frames=30), bench.off)
-        error = bench.error()
+    with SimulatedLab(seed, read_rig_settings(lab)) as bench, stalls(found):
+        result = run_live(
+            bench.session(servo, lab.markers, DURATION, record, frames=30), bench.switch_off
+        )
+        error = bench.true_error()
     return Row(result, error, max(found))
 
 

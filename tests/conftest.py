@@ -260,9 +260,9 @@ class Laboratory:
 
 def taught(rig: Rig, plant: Plant) -> Target:
     """The target as it was shown; the tool is back at the start."""
-    rig.show_target()
+    rig.move_to_target()
     target = teach(plant, frames=5)
-    rig.go_home()
+    rig.move_to_start()
     return target
 
 

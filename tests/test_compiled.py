@@ -21,9 +21,9 @@ from rcmservo.numerics import jit
 from rcmservo.numerics.small_linalg import length
 
 PROGRAM = (
-    "import numpy as np; from rcmservo import compiled; "
+    "import numpy as np; from rcmservo.numerics import jit; "
     "from rcmservo.geometry.features import features; "
-    "print(compiled.cache_folder()); print(features(np.array([1.0, 2.0, 3.0, 5.0]))[1])"
+    "print(jit.cache_folder()); print(features(np.array([1.0, 2.0, 3.0, 5.0]))[1])"
 )
 
 

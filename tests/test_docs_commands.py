@@ -16,13 +16,13 @@ from rcmservo.cli.command_line import options
 from rcmservo.cli.studies.tune import TuneOptions, _tuning
 from rcmservo.config.registry import MECHANISMS, TOOLS
 from rcmservo.config.rig_file import Lab, load_lab
-from rcmservo.hardware.devices import ARMS, CAMERAS
+from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.sim import Drive, Look, SceneSettings
-from rcmservo.sim.rig_file import CameraSection, rig_settings
+from rcmservo.sim.rig_file import CameraSection, read_rig_settings
 from rcmservo.study.plan.file import StudyFile, load, plan_of
-from rcmservo.tracking import MarkerLook
+from rcmservo.tracking import MarkerAppearance
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 IDS = [path.stem for path in PAGES]
@@ -34,11 +34,11 @@ END = re.compile(r"\s(?:\||&&|;|#)\s|;\s|$")
 SECTIONS: dict[str, list[type[Any]]] = {
     "mechanism": list(MECHANISMS.values()),
     "tool": list(TOOLS.values()),
-    "markers": [MarkerLook],
+    "markers": [MarkerAppearance],
     "gate": [Gate],
     "thresholds": [Thresholds],
-    "arm": list(ARMS.values()),
-    "camera": [CameraSection, *CAMERAS.values()],
+    "arm": list(ARM_KINDS.values()),
+    "camera": [CameraSection, *CAMERA_KINDS.values()],
     "drive": [Drive],
     "look": [Look],
     "scene": [SceneSettings],
@@ -184,10 +184,10 @@ def test_every_file_of_a_page_can_be_read_with_all_of_its_keys(block: str, tmp_p
 
 def read(lab: Lab) -> None:
     """Read all sections of a rig file."""
-    for name, kinds in (("arm", ARMS), ("camera", CAMERAS)):
+    for name, kinds in (("arm", ARM_KINDS), ("camera", CAMERA_KINDS)):
         if name in lab.devices:
             lab.device(name, kinds)
-    rig_settings(lab)
+    read_rig_settings(lab)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=IDS)

@@ -25,7 +25,7 @@ ADVICE = ", which is not installed: run pip install -e '.[{extra}]' in the clone
 
 
 def test_python_names_the_command_that_installs_what_is_missing(tmp_path: Path) -> None:
-    parts = {"work.store": "pyarrow", "work.crew": "distributed"}
+    parts = {"execution.store": "pyarrow", "execution.workers": "distributed"}
     code = "from importlib import import_module\nfrom rcmservo.errors import NotInstalled\n"
     code += f"for part in {tuple(parts)}:\n try: import_module('rcmservo.study.' + part)\n"
     code += " except NotInstalled as error: print(error)"

@@ -8,7 +8,7 @@ import pytest
 
 import rcmservo as rs
 from rcmservo.config.rig_file import Lab, load_lab
-from rcmservo.sim.rig_file import rig_settings
+from rcmservo.sim.rig_file import read_rig_settings
 
 
 def test_no_odd_input_gives_a_traceback_a_hang_or_wrong_data() -> None:
@@ -48,7 +48,7 @@ def test_what_once_was_a_traceback_a_hang_or_passed_over_is_a_sentence(
     path = tmp_path / "rig.toml"
     path.write_text(text)
     with pytest.raises(rs.RcmServoError) as refused:
-        rig_settings(load_lab(path))
+        read_rig_settings(load_lab(path))
     assert reason in str(refused.value)
     assert str(refused.value).isprintable()
 

@@ -13,7 +13,7 @@ from page_lab import free_port
 from conftest import first_quick
 from rcmservo.cli.cli import main
 from rcmservo.hardware.galil.emulator.controller import Controller
-from rcmservo.hardware.galil.emulator.server import NoPort, Server
+from rcmservo.hardware.galil.emulator.server import PortUnavailable, Server
 from rcmservo.page.web import access
 from rcmservo.page.web.access import NoPagePort, PortTaken, bound_pair
 
@@ -70,11 +70,11 @@ def test_an_address_of_another_computer_is_not_tried_at_other_ports(default: int
 
 def test_the_emulated_controller_reports_the_holder_of_its_port_by_tcp_and_by_udp() -> None:
     port = free_port()
-    with held(port), pytest.raises(NoPort, match=f"port {port}: {HELD}"):
+    with held(port), pytest.raises(PortUnavailable, match=f"port {port}: {HELD}"):
         Server(Controller(IdealMotors()), port)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
         wire.bind((HERE, port))
-        with pytest.raises(NoPort, match=f"port {port}: {HELD}"):
+        with pytest.raises(PortUnavailable, match=f"port {port}: {HELD}"):
             Server(Controller(IdealMotors()), port)
 
 

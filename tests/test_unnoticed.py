@@ -6,7 +6,7 @@ from unnoticed import DURATION, UNREADY, one, report
 from unnoticed_rows import ROWS, RUN, SHOWING, TWO_RUNS
 
 from conftest import first_quick
-from rcmservo.sim.disturbances import KINDS
+from rcmservo.sim.disturbances import DISTURBANCE_KINDS
 
 
 @pytest.mark.parametrize("name", ROWS)
@@ -15,7 +15,7 @@ def test_every_row_draws_what_a_rig_can_suffer_within_the_time_of_its_run(name: 
     assert row.when in (RUN, SHOWING, TWO_RUNS)
     for seed in range(20):
         for disturbance in row.draw(np.random.default_rng(seed)):
-            assert disturbance.kind in KINDS
+            assert disturbance.kind in DISTURBANCE_KINDS
             assert disturbance.at < DURATION - 5.0
 
 

@@ -74,7 +74,7 @@ def test_an_unreachable_target(
     assert metrics["settled"] is False
     assert metrics["settle_time_s"] is None
     assert words in metrics["cause"]
-    rows = reader.read(out / "record.mcap")
+    rows = reader.read_record(out / "record.mcap")
     if rows.phase[-1] == "PAUSED":
         assert not rows.ticks["command"][-1].any()
         noticed = max(i for i, phase in enumerate(rows.phase) if phase not in ("HOLD", "PAUSED"))

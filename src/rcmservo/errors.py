@@ -20,7 +20,7 @@ def one_line(text: object) -> str:
     return line if len(line) <= MAX_QUOTED_LENGTH else line[: MAX_QUOTED_LENGTH - 3] + "..."
 
 
-def told(value: object) -> str:
+def quoted(value: object) -> str:
     """Return a value as a message quotes it."""
     try:
         return one_line(repr(str(value) if isinstance(value, PurePath) else value))
@@ -41,9 +41,9 @@ class BadInput(RcmServoError, ValueError):
         Noun phrase for the values that are valid.
     """
 
-    def __init__(self, field: str, value: object, right: str) -> None:
-        super().__init__(f"{field} must be {right}, got {told(value)}")
-        self.field, self.value, self.right = field, value, right
+    def __init__(self, field: str, value: object, expected: str) -> None:
+        super().__init__(f"{field} must be {expected}, got {quoted(value)}")
+        self.field, self.value, self.right = field, value, expected
 
 
 class UnusableFile(RcmServoError):

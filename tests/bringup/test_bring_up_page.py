@@ -20,7 +20,7 @@ from rcmservo.cli.lab.rig_check import RigOptions
 from rcmservo.cli.live import LiveOptions
 from rcmservo.config.rig_file import Lab, lab_from, load_lab
 from rcmservo.errors import BadInput
-from rcmservo.hardware.devices import ARMS, CAMERAS, wiring_of
+from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, read_wiring
 
 SEED = int(re.search(r"--seed (\d+)", PAGE)[1])  # type: ignore[index]
 """Of the page's laboratory."""
@@ -44,9 +44,9 @@ def test_the_rig_file_of_the_page_is_that_of_the_emulated_laboratory(tmp_path: P
     path = tmp_path / "lab.toml"
     path.write_text(block)
     lab = load_lab(path)
-    assert wiring_of(lab).counts == COUNTS
-    assert lab.device("arm", ARMS).port == 2323
-    assert "8080" in lab.device("camera", CAMERAS).source
+    assert read_wiring(lab).counts == COUNTS
+    assert lab.device("arm", ARM_KINDS).port == 2323
+    assert "8080" in lab.device("camera", CAMERA_KINDS).source
 
 
 REQUIRED = re.search(r"\*\*Required\*\*.*?\n\n", PAGE, re.S)[0]  # type: ignore[index]
@@ -55,7 +55,7 @@ REQUIRED = re.search(r"\*\*Required\*\*.*?\n\n", PAGE, re.S)[0]  # type: ignore[
 
 def test_the_page_names_every_key_without_a_default() -> None:
     named = set(re.findall(r"`(\w+)`", REQUIRED))
-    devices = [*ARMS.values(), *CAMERAS.values()]
+    devices = [*ARM_KINDS.values(), *CAMERA_KINDS.values()]
     needed = {f.name for kind in devices for f in fields(kind) if f.default is MISSING}
     kinds = {kind.name for kind in devices}
     assert named == needed | kinds | {"kind", "latency", "live", "serve"}

@@ -41,7 +41,7 @@ from rcmservo.hardware.cameras.emulated.gige_camera import GigeCamera, encode_im
 from rcmservo.hardware.cameras.pixel_formats import PIXEL_FORMATS, decode_raw_image
 from rcmservo.hardware.cameras.settings import AravisSettings
 from rcmservo.hardware.cameras.streamed_camera import CameraLost
-from rcmservo.hardware.devices import CAMERAS
+from rcmservo.hardware.devices import CAMERA_KINDS
 
 FAKE = "arv-fake-gv-camera-0.8"
 
@@ -342,7 +342,7 @@ def test_the_document_shows_a_valid_camera(tmp_path: Path) -> None:
     assert block is not None
     rig = tmp_path / "lab.toml"
     rig.write_text(block[1])
-    settings = load_lab(rig).device("camera", CAMERAS)
+    settings = load_lab(rig).device("camera", CAMERA_KINDS)
     assert settings == AravisSettings("192.168.1.20", 0.012, 640, 480, 60.0, 0.004, 6.0)
 
 

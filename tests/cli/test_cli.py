@@ -16,7 +16,7 @@ import pytest
 import rcmservo as rs
 from conftest import SMALL, wait_until
 from rcmservo.cli.cli import main
-from rcmservo.figures.video import Video
+from rcmservo.figures.video import VideoWriter
 from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD
 
@@ -95,7 +95,7 @@ def test_the_metrics_follow_from_the_record(finished: tuple[int, Path]) -> None:
     _, folder = finished
     metrics, rows = (
         strict((folder / "metrics.json").read_text()),
-        reader.read(folder / RECORD),
+        reader.read_record(folder / RECORD),
     )
     last = rows.time > rows.time[-1] - 1.0
     s, r, d = np.sqrt(np.mean(rows.ticks["delta"][last] ** 2, axis=0))
@@ -235,7 +235,7 @@ def test_a_full_disk_pauses_the_run_and_leaves_what_was_written_readable(
         rs.Cause.NOT_RECORDED.value in metrics["cause"]
         and "No space left" in metrics["not_recorded"]
     )
-    rows = reader.read(tmp_path / RECORD)
+    rows = reader.read_record(tmp_path / RECORD)
     assert 2.5 < rows.time[-1] <= 3.1 and not rows.complete
     monkeypatch.setenv("COLUMNS", "200")
     assert main(["show", str(tmp_path), "--out", str(tmp_path / "shown")]) == 0
@@ -246,7 +246,7 @@ def test_a_video_that_cannot_be_written_is_removed_and_told_and_the_run_goes_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
-    monkeypatch.setattr(Video, "write", lambda self, image: None)
+    monkeypatch.setattr(VideoWriter, "write", lambda self, image: None)
     assert main(["run", "--duration", "2", "--teaching-frames", "30", "--out", str(tmp_path)]) == 1
     assert (
         "not filmed" in (said := capsys.readouterr().out)
@@ -261,7 +261,7 @@ def test_the_same_seed_gives_the_same_record(small: list[str], tmp_path: Path) -
     rows = []
     for name in "ab":
         main([*small, "--seed", "5", "--duration", "2", "--out", str(tmp_path / name)])
-        rows.append(reader.read(tmp_path / name / RECORD))
+        rows.append(reader.read_record(tmp_path / name / RECORD))
     for name in rows[0].ticks:
         np.testing.assert_array_equal(rows[0].ticks[name], rows[1].ticks[name])
 
@@ -284,7 +284,7 @@ def test_ctrl_c_in_the_middle_of_a_run_names_the_folder_of_a_readable_record(
         _, errors = run.communicate()
     assert run.returncode == 130
     assert errors == f"rcmservo: stopped by Ctrl-C; what was done until then is in {folder}\n"
-    rows = reader.read(folder / RECORD)
+    rows = reader.read_record(folder / RECORD)
     assert rows.complete
     assert len(rows.time) > 20
     assert not (folder / "metrics.json").exists()

@@ -10,7 +10,7 @@ import pytest
 
 from conftest import ROOT
 from rcmservo.cli.cli import asked_of, main
-from rcmservo.recording.reader import read
+from rcmservo.recording.reader import read_record
 
 NAME = "lab_of_mine.rls:RLS"
 SHORT = ["--duration", "2.5", "--no-video", "--json", "--teaching-frames", "30"]
@@ -71,7 +71,7 @@ def test_it_servoes_live_in_another_process_and_replays(here: Path) -> None:
     done = subprocess.run(command, cwd=here, capture_output=True, text=True, check=False)
     assert done.returncode in (0, 1), done.stderr
     assert main(["replay", "run", "--estimator", NAME]) == 0
-    assert read(here / "run").stages[0].servo["estimator"]["forgetting"] == 0.95
+    assert read_record(here / "run").stages[0].servo["estimator"]["forgetting"] == 0.95
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from rcmservo.cli.export import UNITS, arrays
 from rcmservo.recording import reader
 from rcmservo.recording.foreign import frame_folder as recording
 from rcmservo.recording.ros2_messages import TICK, TRUTH_LAYOUT
-from rcmservo.recording.tick_schema import TRUTH
+from rcmservo.recording.tick_schema import TRUTH_COLUMNS
 from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import ColourMarkers
 
@@ -51,7 +51,7 @@ def exported(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_column_of_a_record_has_its_units() -> None:
-    for units, layout in ((UNITS, TICK), (TRUTH, TRUTH_LAYOUT)):
+    for units, layout in ((UNITS, TICK), (TRUTH_COLUMNS, TRUTH_LAYOUT)):
         names = [name for name in layout.names or () if layout[name].shape]
         assert {name: (len(parts),) for name, parts in units.items()} == {
             name: layout[name].shape for name in names
@@ -61,7 +61,7 @@ def test_every_column_of_a_record_has_its_units() -> None:
 def test_the_arrays_are_the_record_bit_for_bit_and_need_no_pickle(
     run: Path, exported: Path
 ) -> None:
-    rows = reader.read(run)
+    rows = reader.read_record(run)
     with np.load(exported / "record.npz", allow_pickle=False) as got:
         assert set(got) == set(arrays(rows))
         assert got["time"].tobytes() == rows.time.tobytes()
@@ -83,12 +83,12 @@ def test_no_array_is_of_objects_and_numpy_is_asked_for_nothing_that_its_oldest_v
     kept: dict[str, object] = {}
     monkeypatch.setattr(np, "savez_compressed", lambda file, **given: kept.update(given))
     assert main(["export", str(run), "--out", str(tmp_path / "out")]) == 0
-    assert list(kept) == list(arrays(reader.read(run)))
+    assert list(kept) == list(arrays(reader.read_record(run)))
     assert not any(np.asarray(array).dtype.hasobject for array in kept.values())
 
 
 def test_the_table_has_every_tick_and_loses_no_digit(run: Path, exported: Path) -> None:
-    rows = reader.read(run)
+    rows = reader.read_record(run)
     with (exported / "ticks.csv").open(encoding="utf-8", newline="") as file:
         table = list(csv.DictReader(file))
     assert len(table) == len(rows.time) == 80
@@ -109,14 +109,14 @@ def test_the_table_has_every_tick_and_loses_no_digit(run: Path, exported: Path) 
 def test_the_frames_come_out_as_a_recording_that_replay_reads(
     run: Path, exported: Path, tmp_path: Path
 ) -> None:
-    rows = reader.read(run)
+    rows = reader.read_record(run)
     used = sorted(set(rows.ticks["exposure"][rows.ticks["frame"][:, 0] >= 0, 0].tolist()))
-    poses = recording.load(exported / "recording", SERVO.mechanism, SERVO.tool)
+    poses = recording.load_recording(exported / "recording", SERVO.mechanism, SERVO.tool)
     assert [pose.time for pose in poses] == pytest.approx(
         [exposure * 1e-9 for exposure in used], abs=1e-9
     )
     for pose, frame, (_, image) in zip(
-        poses, recording.frames(poses), reader.frames(run), strict=False
+        poses, recording.iterate_frames(poses), reader.iterate_frames(run), strict=False
     ):
         i = int(np.argmax(rows.ticks["exposure"][:, 0] == round(pose.time * 1e9)))
         np.testing.assert_allclose(pose.q, rows.ticks["q_exposure"][i], rtol=1e-8, atol=1e-9)

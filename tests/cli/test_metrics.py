@@ -67,7 +67,7 @@ def test_show_and_metrics_agree_on_a_run_that(ending: str, tmp_path: Path) -> No
     """The metrics tell more only of what the record cannot know: what ended it."""
     seconds, wrong, words = ENDINGS[ending]
     metrics = metrics_of(tmp_path, seconds, wrong)
-    told = summary(reader.read(tmp_path))
+    told = summary(reader.read_record(tmp_path))
     agree(metrics, told)
     assert words in metrics.cause and metrics.settled == (words == "")
     whole = "the record ends" not in told.cause
@@ -82,7 +82,7 @@ def test_a_run_that_ends_without_a_marker_says_so_beside_its_verdict(
 ) -> None:
     metrics = metrics_of(tmp_path, 5.0, "occlusion:at=1.5,marker=1")
     assert metrics.remark == rs.Cause.WITHOUT_MARKER_1.value
-    agree(metrics, summary(reader.read(tmp_path)))
+    agree(metrics, summary(reader.read_record(tmp_path)))
     assert main(["show", str(tmp_path)]) == 0
     assert "marker 1 is not seen" in capsys.readouterr().out
 

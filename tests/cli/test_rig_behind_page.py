@@ -14,7 +14,7 @@ from rcmservo.config.verified_rigs import digest_of, note_checked
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Frame
-from rcmservo.live.frame_ring import FrameRing, RingCamera, ShownCamera
+from rcmservo.live.frame_ring import FrameRing, RecordingCamera, RingCamera
 from rcmservo.loop.run_result import CameraAccount
 from rcmservo.page.channels import Desk
 from rcmservo.page.messages import Change
@@ -91,7 +91,7 @@ def test_what_is_wrong_is_told_before_anything_is_connected(
 def test_others_see_what_the_camera_shows_but_no_picture_of_another_size() -> None:
     ring = FrameRing(get_context("spawn"), 32, 24)
     seen, camera = RingCamera(ring), Still(24, 32)
-    shown = ShownCamera(camera, ring)
+    shown = RecordingCamera(camera, ring)
     assert seen.latest() is None and shown.latest() is camera.frame
     frame = seen.latest()
     assert frame is not None and frame.image is not None and frame.number == 3

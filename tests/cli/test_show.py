@@ -80,7 +80,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> Told:
 
 
 def test_spans_are_every_tick_in_order_and_no_two_alike_follow(told: Told) -> None:
-    rows = reader.read(told.path)
+    rows = reader.read_record(told.path)
     found = spans(rows)
     assert found[0].start == 0.0 and found[-1].end == pytest.approx(rows.time[-1] + 0.01)
     for one, next in pairwise(found):
@@ -105,7 +105,7 @@ def test_a_tick_is_late_by_the_threshold_of_the_recorded_servo(
         for i, tick in enumerate(told.ticks[:20]):
             now = tick.seen.now + 3_000_000 * (i >= 10)
             recorder.write(replace(tick, servo=servo, seen=replace(tick.seen, now=now)))
-    loop = summary(reader.read(tmp_path)).loop
+    loop = summary(reader.read_record(tmp_path)).loop
     assert loop is not None and loop.late == late
 
 
@@ -120,14 +120,14 @@ def test_every_request_of_a_person_is_shown_also_one_that_is_refused_once_more(
         recorder.begin(told.servo, told.target)
         for i in range(40):
             recorder.write(replace(paused, time=i * 10**7, request=asking.get(i, rs.Request.NONE)))
-    rows = reader.read(tmp_path)
+    rows = reader.read_record(tmp_path)
     requests = [(round(span.start, 2), span.request) for span in spans(rows)]
     assert requests[1:] == [(i * 0.01, request) for i, request in asking.items()]
     show.draw(rows, tmp_path)
     assert (tmp_path / "timeline.csv").read_text().count("RESUME") == 3
     (asked,) = [
         lane
-        for panel in plots.timeline(rows).panels
+        for panel in plots.plot_timeline(rows).panels
         for lane in panel.lanes
         if "operator requests" in lane.label
     ]
@@ -135,7 +135,7 @@ def test_every_request_of_a_person_is_shown_also_one_that_is_refused_once_more(
 
 
 def test_the_summary_is_what_the_ticks_say(told: Told) -> None:
-    got = summary(reader.read(told.path))
+    got = summary(reader.read_record(told.path))
     loop, used = got.loop, got.frames
     assert loop is not None and used is not None
     frames = {tick.seen.frame: tick for tick in reversed(told.ticks) if tick.seen.frame >= 0}
@@ -151,7 +151,7 @@ def test_the_summary_is_what_the_ticks_say(told: Told) -> None:
 
 
 def test_the_verdict_is_that_of_the_run_while_it_happened(told: Told) -> None:
-    got, live = summary(reader.read(told.path)), told.judge.result()
+    got, live = summary(reader.read_record(told.path)), told.judge.result()
     assert (got.settled, got.cause) == (live.settled, live.cause)
     assert astuple(got.feature_error) == pytest.approx(astuple(live.feature_error))
     assert got.settled
@@ -161,7 +161,7 @@ def test_the_verdict_is_that_of_the_run_while_it_happened(told: Told) -> None:
 
 def test_a_record_of_an_earlier_version_gives_the_numbers_of_its_metrics() -> None:
     folder = Path(__file__).parents[1] / "data/v0.1.0"
-    now = asdict(summary(reader.read(folder)))
+    now = asdict(summary(reader.read_record(folder)))
     then = json.loads((folder / METRICS).read_text())
     for name in ("settled", "cause", "settle_time_s", "jacobian_error"):
         assert now[name] == then[name]
@@ -194,7 +194,7 @@ def test_show_tells_causes_and_ways_out_in_words_and_draws(
         assert cv2.imread(str(tmp_path / "out" / f"{name}.png")) is not None
     assert text.endswith(f"\nfigures and timeline.csv in {tmp_path / 'out'}\n")
     lines = (tmp_path / "out" / "timeline.csv").read_text().splitlines()
-    assert len(lines) == 1 + len(spans(reader.read(told.path)))
+    assert len(lines) == 1 + len(spans(reader.read_record(told.path)))
 
 
 @pytest.mark.usefixtures("blank_figures")
@@ -223,7 +223,7 @@ def recorded_until(told: Told, path: Path, seconds: float, **about: object) -> P
 def test_a_record_that_ends_before_its_run_was_to_end_gives_no_verdict_on_it(
     until: float, planned: float, told: Told, tmp_path: Path
 ) -> None:
-    rows = reader.read(recorded_until(told, tmp_path / "r.mcap", until, duration_s=planned))
+    rows = reader.read_record(recorded_until(told, tmp_path / "r.mcap", until, duration_s=planned))
     got = summary(rows)
     assert rows.complete
     assert (got.settled, got.settle_time_s) == (False, None)
@@ -239,7 +239,9 @@ def test_a_record_that_ends_before_its_run_was_to_end_gives_no_verdict_on_it(
 def test_a_record_that_holds_its_run_to_the_end_gives_its_verdict(
     about: dict[str, float], told: Told, tmp_path: Path
 ) -> None:
-    assert summary(reader.read(recorded_until(told, tmp_path / "r.mcap", 8.5, **about))).settled
+    assert summary(
+        reader.read_record(recorded_until(told, tmp_path / "r.mcap", 8.5, **about))
+    ).settled
 
 
 def test_a_run_that_was_over_before_its_time_keeps_the_words_that_ended_it(
@@ -249,7 +251,7 @@ def test_a_run_that_was_over_before_its_time_keeps_the_words_that_ended_it(
         tick for tick in told.ticks[told.stages[1] :] if tick.state.phase is rs.Phase.PAUSED
     )
     path = recorded_until(told, tmp_path / "r.mcap", paused.time * 1e-9 + 0.001, duration_s=60.0)
-    assert summary(reader.read(path)).cause == rs.Cause.ASKED.words
+    assert summary(reader.read_record(path)).cause == rs.Cause.ASKED.words
 
 
 @pytest.mark.parametrize(("about", "words"), [({"duration_s": 8.5}, " s of 8.50 s"), ({}, " s: ")])
@@ -260,7 +262,7 @@ def test_a_record_cut_anywhere_never_says_settled_or_that_time_ran_out(
     causes = []
     for share in (0.03, 0.3, 0.5, 0.7, 0.9):
         (tmp_path / "cut.mcap").write_bytes(data[: int(len(data) * share)])
-        got = summary(reader.read(tmp_path / "cut.mcap"))
+        got = summary(reader.read_record(tmp_path / "cut.mcap"))
         assert not got.settled and "time ran out" not in got.cause
         causes.append(got.cause)
     assert all(cause.startswith("the record ends at ") and words in cause for cause in causes)
@@ -302,7 +304,7 @@ def test_replay_of_a_run_says_that_it_came_out_the_same(
 def test_replay_reads_a_record_once(told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[Path] = []
     monkeypatch.setattr(
-        reader, "read", lambda path, usual=reader.read: read.append(path) or usual(path)
+        reader, "read", lambda path, usual=reader.read_record: read.append(path) or usual(path)
     )
     assert main(["replay", str(told.path), "--controller.gain", "4"]) == 1
     assert len(read) == 1
@@ -313,15 +315,15 @@ def test_a_long_timeline_is_cut_in_the_middle_and_says_so(
 ) -> None:
     monkeypatch.setattr(show, "MOST", 3)
     monkeypatch.setattr(show, "LAST", 2)
-    found = spans(reader.read(told.path))
+    found = spans(reader.read_record(told.path))
     table = show._timeline(found)
     assert table.row_count == 3 + 1 + 2
     assert f"… {len(found) - 5} more, in timeline.csv" in list(table.columns[2].cells)
 
 
 def test_exploration_is_shaded_while_the_servo_explores_and_nowhere_else(told: Told) -> None:
-    rows = reader.read(told.path)
-    shaded = plots.exploration(rows)
+    rows = reader.read_record(told.path)
+    shaded = plots.exploration_spans(rows)
     inside = np.array([any(start <= time < end for start, end in shaded) for time in rows.time])
     exploring = [
         tick.state.phase is rs.Phase.ACQUIRE and not tick.state.explored for tick in told.ticks
@@ -331,8 +333,8 @@ def test_exploration_is_shaded_while_the_servo_explores_and_nowhere_else(told: T
 
 
 def test_every_phase_and_cause_has_its_line_in_the_figure(told: Told) -> None:
-    rows = reader.read(told.path)
-    figure = plots.timeline(rows)
+    rows = reader.read_record(told.path)
+    figure = plots.plot_timeline(rows)
     labels = [lane.label.replace("\n", " ") for panel in figure.panels for lane in panel.lanes]
     for span in spans(rows):
         assert span.phase.value in labels
@@ -342,7 +344,7 @@ def test_every_phase_and_cause_has_its_line_in_the_figure(told: Told) -> None:
 
 
 def test_the_path_goes_from_exploration_to_where_the_target_was_shown(told: Told) -> None:
-    front, top, picture = plots.path(reader.read(told.path)).panels
+    front, top, picture = plots.plot_path(reader.read_record(told.path)).panels
     place = told.servo.marker_1(told.target.q)
     for panel, axes in ((front, [0, 1]), (top, [0, 2])):
         exploring, then, shown = panel.curves

@@ -21,8 +21,8 @@ from rcmservo.loop.plant import Plant
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.page.operator import PageOperator
 from rcmservo.sim import Rig, RigSettings
-from rcmservo.sim.processes.lab_processes import Bench
-from rcmservo.sim.scripted_operator import ScriptedPerson
+from rcmservo.sim.processes.lab_processes import SimulatedLab
+from rcmservo.sim.scripted_operator import ScriptedOperator
 from rcmservo.study.batch import Study
 from rcmservo.study.plan.plan import StudyPlan
 from rcmservo.study.simulation_engine import Laboratory
@@ -34,9 +34,9 @@ FRAMES: dict[Callable[..., object], str] = {
     Study: "shown",
     Laboratory: "shown",
     StudyPlan: "shown",
-    ScriptedPerson: "frames",
+    ScriptedOperator: "frames",
     teach_and_return: "frames",
-    Bench.session: "frames",
+    SimulatedLab.session: "frames",
     Preparing: "frames",
     PageOperator: "frames",
     RunOptions: "teaching_frames",

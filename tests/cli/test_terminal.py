@@ -20,7 +20,7 @@ from rcmservo.cli.result_output import report
 from rcmservo.cli.score_report import numbers, show_score
 from rcmservo.cli.terminal import console, print_plainly
 from rcmservo.loop.run_result import FeatureError, JacobianError, RunResult
-from rcmservo.recording.foreign.scoring import Replay
+from rcmservo.recording.foreign.scoring import RecordingScore
 
 LONG = f"runs/{'a folder with a long name/' * 6}[/y]"
 RESULT = RunResult(cause="[b]too far[/b]", folder=LONG)
@@ -38,7 +38,7 @@ def command(*words: str, **variables: str) -> subprocess.CompletedProcess[bytes]
 
 def test_a_score_keeps_the_units_in_brackets() -> None:
     steps = {"no_motion": np.array([1.0, 2.0, np.nan])}
-    scored = Replay([], [], np.array([1.0, 2.0]), 3.0, np.array([0.5, np.nan]), steps)
+    scored = RecordingScore([], [], np.array([1.0, 2.0]), 3.0, np.array([0.5, np.nan]), steps)
     assert numbers(scored)["reprojection_rms_px"] == {"m1": 0.5, "m2": None}
     out = console()
     with out.capture() as got:

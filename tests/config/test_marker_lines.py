@@ -9,7 +9,7 @@ from conftest import ROOT
 from rcmservo.config.rig_file import load_lab
 from rcmservo.config.rig_file_edit import Values, told_in, write_markers
 from rcmservo.errors import BadInput, UnusableFile
-from rcmservo.tracking import MarkerLook
+from rcmservo.tracking import MarkerAppearance
 
 NEW: Values = {"colour_1": "cyan", "colour_2": "yellow", "radius_1": 5.0, "radius_2": 4.25}
 LINES = 'colour_1 = "cyan"\ncolour_2 = "yellow"\nradius_1 = 5.0\nradius_2 = 4.25\n'
@@ -34,7 +34,7 @@ def test_only_the_markers_change(before: str, tmp_path: Path) -> None:
     path.write_bytes(before.encode())
     write_markers(path, NEW)
     assert path.read_bytes().decode() == TEXTS[before]
-    assert load_lab(path).markers == MarkerLook("cyan", "yellow", 5.0, 4.25)
+    assert load_lab(path).markers == MarkerAppearance("cyan", "yellow", 5.0, 4.25)
     assert list(tmp_path.iterdir()) == [path]
 
 

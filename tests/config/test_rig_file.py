@@ -14,14 +14,14 @@ from conftest import ROOT
 from rcmservo.config.registry import MECHANISMS
 from rcmservo.config.rig_file import Lab, lab_from, load_lab
 from rcmservo.config.strict_decoding import decode
-from rcmservo.hardware.devices import ARMS, CAMERAS
+from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS
 from rcmservo.sim import Drive, Look, SceneSettings
-from rcmservo.sim.rig_file import CameraSection, rig_settings
-from rcmservo.tracking import MarkerLook
+from rcmservo.sim.rig_file import CameraSection, read_rig_settings
+from rcmservo.tracking import MarkerAppearance
 
 SECTIONS: dict[str, type[Any]] = {
     "gate": rs.Gate,
-    "markers": MarkerLook,
+    "markers": MarkerAppearance,
     "camera": CameraSection,
     "drive": Drive,
     "look": Look,
@@ -44,8 +44,8 @@ def test_the_da_vinci_rig_is_what_its_recording_says() -> None:
         rs.JointLimits((-1.588, -0.925, 90.0), (1.588, 0.925, 240.0)), -15.6
     )
     assert lab.tool == rs.RigidTool(spacing=50.0, offset=-67.0)
-    assert lab.markers == MarkerLook("red", "red", 12.0, 10.0)
-    settings = rig_settings(lab)
+    assert lab.markers == MarkerAppearance("red", "red", 12.0, 10.0)
+    settings = read_rig_settings(lab)
     assert (settings.width, settings.height) == (800, 600)
     assert settings.look.marker_radii == (12.0, 10.0)
 
@@ -91,7 +91,7 @@ def test_any_bytes_are_a_laboratory_or_refused(
 )
 def test_radii_whose_ratio_no_float_can_hold_are_refused(one: float, other: float) -> None:
     with pytest.raises(rs.BadInput, match="radius"):
-        decode(MarkerLook, {"radius_1": one, "radius_2": other}, "markers")
+        decode(MarkerAppearance, {"radius_1": one, "radius_2": other}, "markers")
 
 
 BARE: dict[str, dict[str, Any]] = {
@@ -100,7 +100,7 @@ BARE: dict[str, dict[str, Any]] = {
     **{name: {} for name in (*SECTIONS, "thresholds")},
 }
 """Every table that may be left out of a rig file, with one key or none."""
-DEVICES: dict[str, Any] = {"arm": ARMS, "camera": CAMERAS}
+DEVICES: dict[str, Any] = {"arm": ARM_KINDS, "camera": CAMERA_KINDS}
 NEEDED: dict[str, dict[str, Any]] = {
     "arm": {"kind": "galil", "address": "127.0.0.1", "counts": [1e4, 1e4, 1e2]},
     "camera": {"kind": "opencv", "source": "0"},
@@ -114,7 +114,7 @@ def everything_of(tables: dict[str, Any]) -> Lab:
     for name, kinds in DEVICES.items():
         if name in lab.devices:
             lab.device(name, kinds)
-    rig_settings(lab)
+    read_rig_settings(lab)
     return lab
 
 

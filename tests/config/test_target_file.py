@@ -16,9 +16,11 @@ from rcmservo.cli.simulated_run.target import setup_of
 from rcmservo.config import target_file
 from rcmservo.config.rig_file import Lab, load_lab
 from rcmservo.config.target_file import Setup, checksum
-from rcmservo.tracking import MarkerLook
+from rcmservo.tracking import MarkerAppearance
 
-SETUP = Setup("one camera", 640, 480, rs.SphericalRcm(), rs.RigidTool(spacing=30.0), MarkerLook())
+SETUP = Setup(
+    "one camera", 640, 480, rs.SphericalRcm(), rs.RigidTool(spacing=30.0), MarkerAppearance()
+)
 TARGET = rs.Target(
     np.array([[100.1, 50.25], [200.3, 1.0 / 3.0]]), np.array([0.7, 0.1, 120.0 / 7.0 + 100.0])
 )
@@ -31,7 +33,9 @@ OTHERS = {
     "mechanism.insertion_zero 0.0, this rig has 1.0": replace(
         SETUP, mechanism=rs.SphericalRcm(insertion_zero=1.0)
     ),
-    "markers.radius_2 4.0, this rig has 5.0": replace(SETUP, markers=MarkerLook(radius_2=5.0)),
+    "markers.radius_2 4.0, this rig has 5.0": replace(
+        SETUP, markers=MarkerAppearance(radius_2=5.0)
+    ),
     "camera 'one camera', this rig has 'another'": replace(SETUP, camera="another"),
     "width 640, this rig has 800": replace(SETUP, width=800),
 }

@@ -17,8 +17,8 @@ from rcmservo.config.servo_json import describe
 from rcmservo.config.target_file import Setup
 from rcmservo.recording import reader
 from rcmservo.recording.writer import Recorder
-from rcmservo.sim.rig_file import rig_settings
-from rcmservo.tracking import MarkerLook
+from rcmservo.sim.rig_file import read_rig_settings
+from rcmservo.tracking import MarkerAppearance
 
 OLD = ROOT / "tests/data/v0.1.0"
 
@@ -28,10 +28,10 @@ def test_its_rig_file_is_read_as_it_was_meant() -> None:
     limits = rs.JointLimits((-1.5, -0.9, 45.0), (1.5, 0.9, 235.0))
     assert lab.mechanism == rs.PitchYawRcm(limits, 5.0)
     assert lab.tool == rs.RigidTool(spacing=28.0, offset=-2.0)
-    assert lab.markers == MarkerLook("yellow", "cyan", 3.0, 4.0)
+    assert lab.markers == MarkerAppearance("yellow", "cyan", 3.0, 4.0)
     assert (lab.gate.speed, lab.gate.latency) == ((0.8, 0.8, 70.0), 0.04)
     assert (lab.thresholds.jump, lab.thresholds.following) == (3.5, (0.008, 0.008, 0.6))
-    settings = rig_settings(lab)
+    settings = read_rig_settings(lab)
     assert (settings.timing.frame_rate, settings.point_noise) == (50.0, 0.2)
     assert settings.drive.lag == 0.025 and settings.scene.insertion == (60.0, 150.0)
 
@@ -56,13 +56,13 @@ def test_its_record_shows_and_exports(tmp_path: Path) -> None:
 
 
 def test_its_record_tells_no_sizes_of_markers() -> None:
-    rows = reader.read(OLD / "record.mcap")
+    rows = reader.read_record(OLD / "record.mcap")
     assert rows.ticks["sizes"].shape == (300, 2) and np.isnan(rows.ticks["sizes"]).all()
     assert np.isfinite(rows.ticks["points"]).any() and rows.complete
 
 
 def test_its_record_names_the_version_that_wrote_it() -> None:
-    assert reader.read(OLD / "record.mcap").version == "0.1.0"
+    assert reader.read_record(OLD / "record.mcap").version == "0.1.0"
 
 
 def test_a_record_whose_settings_this_version_does_not_know_names_the_version_that_does(
@@ -99,6 +99,6 @@ def test_a_stage_of_today_names_the_version_that_writes_it(tmp_path: Path) -> No
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(spacing=30.0))
         recorder.begin(servo, rs.Target(np.zeros((2, 2)), np.zeros(3)))
-    stage = reader.read(tmp_path / "record.mcap").stages[0]
+    stage = reader.read_record(tmp_path / "record.mcap").stages[0]
     assert (stage.version, stage.source) == (rs.__version__, "")
     assert json.dumps(stage.servo) == json.dumps(describe(servo))

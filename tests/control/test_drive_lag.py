@@ -90,9 +90,9 @@ def went(
     settings = RigSettings(drive=Drive(delay, lag), point_noise=0.1)
     rig = Rig(1, settings, pictures=False)
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
-    rig.show_target()
+    rig.move_to_target()
     target = teach(plant, frames=30)
-    rig.go_home()
+    rig.move_to_start()
     servo = Servo(settings.mechanism, settings.tool, thresholds=thresholds)
     states = [tick.state for tick in run(plant, servo, target, 4.0)]
     return {s.cause for s in states if s.cause.stopping}, states[-1].learnt.tour.lag

@@ -65,12 +65,12 @@ def test_the_command_prints_its_address_and_the_documents_rig_file_opens_arm_and
                 contextlib.closing(open_camera(rig_file)) as camera,
             ):
                 assert arm.homed() and not arm.measure().enabled
-                assert reached(lambda: camera.latest() is not None), camera.account()
+                assert reached(lambda: camera.latest() is not None), camera.counts()
                 frame = camera.latest()
                 assert frame is not None and frame.image is not None
                 assert frame.image.shape == (240, 320, 3) and np.ptp(frame.image) > 50
                 assert 0 < frame.arrival - frame.exposure < 1_000_000_000
-                account = camera.account()
+                account = camera.counts()
                 assert account.uncertainty_ms < 10.0 and not account.trouble
                 arm.enable()
                 assert arm.measure().enabled

@@ -19,7 +19,7 @@ from rcmservo.hardware.cameras.topic import TopicStream
 from rcmservo.hardware.crtk import messages
 
 MS = 1_000_000
-TOPIC = messages.PICTURES.under("PSM1")
+TOPIC = messages.IMAGE_TOPIC.under("PSM1")
 COLOUR = np.arange(6 * 8 * 3, dtype=np.uint8).reshape(6, 8, 3)
 
 

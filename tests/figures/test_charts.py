@@ -15,9 +15,9 @@ from rcmservo.figures.charts import (
     Figure,
     Panel,
     _canvas,
-    curve,
-    save,
-    svg,
+    make_curve,
+    render_svg,
+    save_figure,
 )
 
 
@@ -28,13 +28,13 @@ def example() -> Figure:
         Panel(
             "time [s]",
             "$y$ [px]",
-            [curve("one", x, y), curve("two", x, 1.0 - x, 1, marks=True)],
+            [make_curve("one", x, y), make_curve("two", x, 1.0 - x, 1, marks=True)],
             [("2 %", 0.02)],
         ),
         Panel(
             "time [s]",
             "$z$ [mm]",
-            [curve("", x + 0.1, x + 0.1, -1)],
+            [make_curve("", x + 0.1, x + 0.1, -1)],
             shaded=[(0.1, 0.2)],
             log_x=True,
             log_y=True,
@@ -44,8 +44,8 @@ def example() -> Figure:
 
 
 def test_the_same_figure_gives_the_same_drawing() -> None:
-    text = svg(example())
-    assert text == svg(example())
+    text = render_svg(example())
+    assert text == render_svg(example())
     assert ElementTree.fromstring(text).tag.endswith("svg")
     assert "<image" not in text
 
@@ -64,18 +64,18 @@ def test_curves_are_distinguishable_without_colour() -> None:
 
 
 def test_a_figure_is_saved_as_png(tmp_path: Path) -> None:
-    save(example(), tmp_path / "figure.png")
+    save_figure(example(), tmp_path / "figure.png")
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_figure_that_cannot_be_saved_leaves_no_file(tmp_path: Path) -> None:
     (tmp_path / "figure.png.part").mkdir()
     with pytest.raises(UnusableFile, match=r"figure.png: cannot be written"):
-        save(example(), tmp_path / "figure.png")
+        save_figure(example(), tmp_path / "figure.png")
     assert not (tmp_path / "figure.png").exists()
 
 
 def test_a_map_has_one_scale_for_both_axes_and_can_grow_downwards() -> None:
-    panel = Panel("u [px]", "v [px]", [curve("", [0, 400], [0, 100])], map=True, downward=True)
+    panel = Panel("u [px]", "v [px]", [make_curve("", [0, 400], [0, 100])], map=True, downward=True)
     (axis,) = _canvas(Figure("", [panel])).axes
     assert axis.get_aspect() == 1.0 and axis.yaxis_inverted()

@@ -12,7 +12,7 @@ import pytest
 
 from conftest import first_quick
 from rcmservo.figures import video
-from rcmservo.figures.video import Video
+from rcmservo.figures.video import VideoWriter
 from rcmservo.interfaces import Image
 
 FRAMES = 60
@@ -28,9 +28,9 @@ def file_size_limit(size: int) -> Generator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, previous)
 
 
-def write_video(path: Path, count: int = FRAMES, size: tuple[int, int] = (320, 240)) -> Video:
+def write_video(path: Path, count: int = FRAMES, size: tuple[int, int] = (320, 240)) -> VideoWriter:
     random = np.random.default_rng(0)
-    video = Video(path, size, 60.0)
+    video = VideoWriter(path, size, 60.0)
     for _ in range(count):
         video.write(random.integers(0, 256, (size[1], size[0], 3), dtype=np.uint8))
     video.close()
@@ -54,7 +54,7 @@ def test_a_browser_can_play_the_video(tmp_path: Path, capfd: pytest.CaptureFixtu
 
 
 def test_a_video_holds_every_frame_in_order_with_its_colours(tmp_path: Path) -> None:
-    video = Video(tmp_path / "whole.webm", (64, 48), 60.0)
+    video = VideoWriter(tmp_path / "whole.webm", (64, 48), 60.0)
     colours = [(4 * i, 255 - 4 * i, 2 * i) for i in range(FRAMES)]
     for colour in colours:
         video.write(np.full((48, 64, 3), colour, dtype=np.uint8))
@@ -105,7 +105,7 @@ def test_a_video_without_frames_or_folder_is_absent_with_the_reason(tmp_path: Pa
 
 
 def test_an_open_video_has_another_name(tmp_path: Path) -> None:
-    video = Video(tmp_path / "film.webm", (64, 48), 60.0)
+    video = VideoWriter(tmp_path / "film.webm", (64, 48), 60.0)
     for _ in range(100):
         video.write(np.zeros((48, 64, 3), dtype=np.uint8))
     assert not (tmp_path / "film.webm").exists()
@@ -123,7 +123,7 @@ def test_a_missing_vp8_encoder_is_reported_in_one_sentence(
 
 
 def test_a_frame_that_opencv_refuses_ends_the_video_and_not_the_run(tmp_path: Path) -> None:
-    video = Video(tmp_path / "film.webm", (64, 48), 60.0)
+    video = VideoWriter(tmp_path / "film.webm", (64, 48), 60.0)
     video.write(np.zeros((48, 64, 3)))
     video.write(np.zeros((48, 64, 3), dtype=np.uint8))
     video.close()

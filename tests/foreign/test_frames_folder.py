@@ -10,7 +10,7 @@ import pytest
 
 import rcmservo as rs
 from rcmservo.errors import RcmServoError
-from rcmservo.recording.foreign.frame_folder import POINT_COLUMNS, Pose, load
+from rcmservo.recording.foreign.frame_folder import POINT_COLUMNS, RecordedPose, load_recording
 
 MECHANISM, TOOL = rs.SphericalRcm(), rs.RigidTool(spacing=30.0)
 TITLES = ("frame", "theta_rad", "phi_rad", "rho_m", "x_m", "y_m", "z_m", "time_s")
@@ -51,12 +51,12 @@ class Recording:
             _, data = cv2.imencode(Path(name).suffix, np.full((12, 16, 3), 90, dtype=np.uint8))
             (self.folder / "frames" / name.format(frame)).write_bytes(data.tobytes())
 
-    def load(self) -> list[Pose]:
+    def load(self) -> list[RecordedPose]:
         rows = [list(self.table), *map(list, zip(*self.table.values(), strict=True))]
         rows[1:] = [[cell.replace(".", self.decimal) for cell in row] for row in rows[1:]]
         text = "".join(self.separator.join(row) + self.end for row in rows)
         (self.folder / "poses.csv").write_bytes(text.encode(self.encoding))
-        return load(self.folder, MECHANISM, TOOL)
+        return load_recording(self.folder, MECHANISM, TOOL)
 
     def error_sentence(self) -> str:
         with pytest.raises(RcmServoError) as caught:
@@ -71,8 +71,8 @@ def recording(tmp_path: Path) -> Recording:
     return Recording(tmp_path)
 
 
-def are_equal(poses: list[Pose], others: list[Pose]) -> bool:
-    def numbers(pose: Pose) -> list[float]:
+def are_equal(poses: list[RecordedPose], others: list[RecordedPose]) -> bool:
+    def numbers(pose: RecordedPose) -> list[float]:
         assert pose.points is not None and pose.time is not None
         return [*pose.q, *pose.p1, *pose.points.ravel(), pose.time]
 
@@ -87,7 +87,7 @@ def are_equal(poses: list[Pose], others: list[Pose]) -> bool:
 def test_points_alone_are_a_recording(recording: Recording) -> None:
     poses = recording.load()
     assert len(poses) == COUNT
-    assert poses[1].picture is None and poses[1].points is not None
+    assert poses[1].image_path is None and poses[1].points is not None
     np.testing.assert_allclose(poses[1].points, [[322.0, 311.0], [355.0, 333.0]])
     np.testing.assert_allclose(poses[1].q, [0.62, -0.45, 101.0])
     assert poses[1].time == 0.1
@@ -121,7 +121,7 @@ def test_images_are_found_with_any_common_suffix(name: str, recording: Recording
     recording.write_images(name)
     (recording.folder / "frames" / f".{name}").write_bytes(b"left by another system")
     poses = recording.load()
-    assert [pose.picture and pose.picture.name for pose in poses] == [
+    assert [pose.image_path and pose.image_path.name for pose in poses] == [
         name.format(f"{i:02d}") for i in range(COUNT)
     ]
 

@@ -16,8 +16,13 @@ from rcmservo.estimation.projection_rule import ProjectionEstimator
 from rcmservo.geometry.imaged_rcm import ImagedRcm, solve
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
-from rcmservo.recording.foreign.frame_folder import POINT_COLUMNS, load
-from rcmservo.recording.foreign.scoring import ASSUMED_SPEED_MM_S, MIN_FRAMES, Replay, replay
+from rcmservo.recording.foreign.frame_folder import POINT_COLUMNS, load_recording
+from rcmservo.recording.foreign.scoring import (
+    ASSUMED_SPEED_MM_S,
+    MIN_FRAMES,
+    RecordingScore,
+    score_recording,
+)
 from rcmservo.tracking import PointMarkers
 
 LAB = Lab()
@@ -39,9 +44,9 @@ def write_recording(folder: Path, count: int, lost: int = 0) -> Path:
     return folder
 
 
-def score(folder: Path) -> Replay:
+def score(folder: Path) -> RecordingScore:
     estimators = {"projection": ProjectionEstimator(rate=20.0)}
-    return replay(folder, LAB, PointMarkers(), estimators, ImagedRcm())
+    return score_recording(folder, LAB, PointMarkers(), estimators, ImagedRcm())
 
 
 def test_exact_points_leave_a_small_fraction_of_the_motion_unpredicted(tmp_path: Path) -> None:
@@ -55,7 +60,9 @@ def test_eq_16_as_printed_can_be_scored(tmp_path: Path) -> None:
     """The fit uses the lines of the last frames."""
     estimators = {"projection": ProjectionEstimator(rate=20.0)}
     printed = ImagedRcm(lines=4, fit="printed", max_condition=1e12)
-    result = replay(write_recording(tmp_path, 40), LAB, PointMarkers(), estimators, printed)
+    result = score_recording(
+        write_recording(tmp_path, 40), LAB, PointMarkers(), estimators, printed
+    )
     last = np.array([found.points.ravel() for found in result.markers[-4:]])
     assert np.array_equal(result.o_c, solve(last, 4, 0, True)[0])
 
@@ -87,14 +94,14 @@ def test_an_estimator_receives_the_time_since_its_last_update(tmp_path: Path) ->
     """The first time is 0. Frames without o_c are skipped, and their time counts."""
     folder = write_recording(tmp_path, 20)
     recorded_intervals.clear()
-    replay(
+    score_recording(
         folder,
         LAB,
         PointMarkers(),
         {"intervals": IntervalEstimator()},
         ImagedRcm(max_condition=17.0),
     )
-    poses = load(folder, LAB.mechanism, LAB.tool)
+    poses = load_recording(folder, LAB.mechanism, LAB.tool)
     distances = [np.linalg.norm(b.p1 - a.p1) for a, b in itertools.pairwise(poses)]
     times = np.cumsum(distances) / ASSUMED_SPEED_MM_S
     first, *others = recorded_intervals[-1]

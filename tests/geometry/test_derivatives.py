@@ -46,9 +46,9 @@ from rcmservo.geometry.tool import (
     second_marker,
     second_marker_jacobian,
 )
-from rcmservo.sim.camera_model import Optics, look_at
-from rcmservo.sim.ground_truth import feature_jacobian as true_feature_jacobian
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
+from rcmservo.sim.ground_truth import compute_feature_jacobian as true_feature_jacobian
+from rcmservo.sim.tool_body import ToolBody
 
 angles = st.one_of(
     st.floats(-np.pi, np.pi), st.sampled_from([0.0, 1e-9, 1e-4, np.pi / 2, np.pi / 2 - 1e-6])
@@ -192,17 +192,17 @@ def test_the_printed_potential_is_continuous_but_its_gradient_drops_by_half_at_t
 def test_of_the_features_through_the_simulated_lens(seed, mechanism, tool, k1, k2):
     """The judge's Jacobian, along all joints: ∂y/∂q = J ∂p₁/∂q."""
     random = random_from(seed)
-    body = Body(mechanism, tool)
+    body = ToolBody(mechanism, tool)
     lower, upper = np.array(mechanism.limits.lower), np.array(mechanism.limits.upper)
     q = random.uniform(lower + 0.1 * (upper - lower), upper - 0.1 * (upper - lower))
     places = body.points(q)[:2]
     way = random.standard_normal(3)
     position_of_camera = places.mean(axis=0) + 250 * way / np.linalg.norm(way)
     centre = np.array([320.0, 240.0])
-    rotation = look_at(
+    rotation = compute_look_at_rotation(
         position_of_camera, places.mean(axis=0) + random.uniform(-30, 30, 3), random.uniform(-3, 3)
     )
-    optics = Optics(640, 480, 700.0, centre, np.array([k1, k2]), rotation, position_of_camera)
+    optics = CameraModel(640, 480, 700.0, centre, np.array([k1, k2]), rotation, position_of_camera)
     o_c = random.uniform(-200, 800, 2)
 
     def seen(q):

@@ -17,7 +17,7 @@ from galil_measures import IdealMotors
 from rcmservo.geometry.kinematics import SphericalRcm
 from rcmservo.hardware.galil.connection import ConnectionLost, GalilConnection, SerialStream
 from rcmservo.hardware.galil.driver import GalilArm
-from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
+from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, Controller
 from rcmservo.hardware.galil.emulator.faults import Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 from rcmservo.hardware.galil.emulator.server import Server
@@ -54,7 +54,7 @@ class WallTimeEmulator:
         while not self._closing.is_set():
             self._unfrozen.wait()
             self._server.turn(time.monotonic() - start)
-            self._server.wait(SAMPLE)
+            self._server.wait(SAMPLE_TIME_S)
 
     @contextlib.contextmanager
     def frozen(self) -> Iterator[None]:

@@ -16,7 +16,7 @@ from hardware.test_galil_session import Rig
 from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.galil import watchdog_program as program
 from rcmservo.hardware.galil.connection import CommandRejected, ConnectionLost
-from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
+from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, Controller
 from rcmservo.live.device_protocols import NotReady
 
 
@@ -229,9 +229,9 @@ class LateStream(EmulatedStream):
         self.in_transit: list[tuple[float, bytes]] = []
 
     def receive(self, seconds: float) -> bytes:
-        end = self.controller.state.samples * SAMPLE + seconds
+        end = self.controller.state.samples * SAMPLE_TIME_S + seconds
         while self.handle in self.controller.connections:
-            now = self.controller.state.samples * SAMPLE
+            now = self.controller.state.samples * SAMPLE_TIME_S
             self.in_transit.append((now + self.delay, self.controller.take_output(self.handle)))
             arrived = b"".join(data for due, data in self.in_transit if due <= now)
             self.in_transit = [(due, data) for due, data in self.in_transit if due > now]

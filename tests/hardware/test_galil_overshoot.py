@@ -3,9 +3,9 @@
 import numpy as np
 
 from rcmservo.geometry.kinematics import SphericalRcm
-from rcmservo.hardware.galil.emulator.controller import SAMPLE, TCP, Controller
+from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, TCP, Controller
 from rcmservo.sim.arm import Drive, SimulatedArm
-from rcmservo.sim.motor_interface import ArmMotors
+from rcmservo.sim.motor_interface import SimulatedMotors
 
 COUNTS = np.array([50000.0, 50000.0, 500.0])
 
@@ -15,7 +15,7 @@ def test_a_jog_and_its_stop_overshoot_by_at_most_10_percent() -> None:
     following error."""
     arm = SimulatedArm(SphericalRcm(), Drive())
     arm.place(np.array([1.0, 0.2, 100.0]))
-    controller = Controller(ArmMotors(arm, COUNTS, 4), 4)
+    controller = Controller(SimulatedMotors(arm, COUNTS, 4), 4)
     handle = controller.connect(TCP)
     assert handle is not None
     controller.receive(handle, b"AC ,,500000;DC ,,500000;SH ABC;JG 0,0,10000;BG ABC\r")
@@ -26,7 +26,7 @@ def test_a_jog_and_its_stop_overshoot_by_at_most_10_percent() -> None:
         controller.sample()
         positions.append(arm.q_true[2])
     motion = np.array(positions)
-    fast, end = (motion[40:450] - motion[:410]) / (40 * SAMPLE), motion[450:]
+    fast, end = (motion[40:450] - motion[:410]) / (40 * SAMPLE_TIME_S), motion[450:]
     assert 20.0 * 0.97 < fast[-1] < 20.0 * 1.03
     assert fast.max() < 20.0 * 1.10
     assert end.max() - end[-1] < 0.1

@@ -9,8 +9,8 @@ from galil_measures import IdealMotors
 
 from rcmservo.errors import BadInput
 from rcmservo.hardware.galil.emulator.controller import Controller
-from rcmservo.hardware.galil.emulator.faults import KINDS, Fault
-from rcmservo.hardware.galil.emulator.server import SLOW_REPLY_DELAY_S, NoPort, Server
+from rcmservo.hardware.galil.emulator.faults import FAULT_KINDS, Fault
+from rcmservo.hardware.galil.emulator.server import SLOW_REPLY_DELAY_S, PortUnavailable, Server
 
 
 class Lab:
@@ -107,7 +107,7 @@ def test_a_reset_drops_all_hosts(lab: Lab) -> None:
 
 
 def test_each_fault_acts_as_described_and_only_in_its_time() -> None:
-    for kind in KINDS:
+    for kind in FAULT_KINDS:
         with closing(Lab(f"{kind}:at=1,for=1")) as lab:
             stream = lab.host()
             assert lab.send(stream, b"AC 1073740800;JG 2048;BG A;TP A\r") == b"::: 0\r\n:"
@@ -160,5 +160,5 @@ def test_an_invalid_fault_is_refused(text: str, field: str) -> None:
 
 
 def test_a_port_in_use_is_reported_in_a_sentence(lab: Lab) -> None:
-    with pytest.raises(NoPort, match="cannot be listened on"):
+    with pytest.raises(PortUnavailable, match="cannot be listened on"):
         Server(Controller(IdealMotors()), lab.server.port)

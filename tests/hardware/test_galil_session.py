@@ -9,7 +9,7 @@ from galil_measures import HOME, LIMITS, RATES, SETTINGS, EmulatedStream, IdealM
 from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.galil.connection import ConnectionLost, GalilConnection
 from rcmservo.hardware.galil.emulator.axis import StopCode
-from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
+from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, Controller
 from rcmservo.hardware.galil.session import ArmReading, GalilSession
 from rcmservo.hardware.galil.settings import GalilSettings
 from rcmservo.hardware.galil.stop_reasons import decode_amplifier_errors
@@ -43,10 +43,10 @@ class Rig:
         return GalilConnection(self.streams[-1], timeout, self.now)
 
     def now(self) -> float:
-        return self.controller.state.samples * SAMPLE
+        return self.controller.state.samples * SAMPLE_TIME_S
 
     def wait(self, seconds: float) -> None:
-        for _ in range(round(seconds / SAMPLE)):
+        for _ in range(round(seconds / SAMPLE_TIME_S)):
             self.controller.sample()
 
     def start(self) -> "Rig":
@@ -105,7 +105,7 @@ def stopping_times(rig: Rig, seconds: float) -> tuple[float, float]:
     """Return the times (s) without commands until the axes are at rest and the motors are off."""
     begin, rest, off = rig.now(), np.inf, np.inf
     while rig.now() - begin < seconds:
-        rig.wait(SAMPLE)
+        rig.wait(SAMPLE_TIME_S)
         rest = min(rest, rig.now() - begin) if rig.at_rest else np.inf
         off = min(off, rig.now() - begin) if rig.motors_off else np.inf
     return rest, off
@@ -139,9 +139,9 @@ def test_a_single_jog_of_another_host_stops_the_arm_at_any_time(phase: int) -> N
     rig = Rig().start()
     rig.jog(RATES, 0.5)
     other = rig.connect()
-    rig.wait(phase * SAMPLE)
+    rig.wait(phase * SAMPLE_TIME_S)
     other.execute("JG 700")
-    rig.wait((10 - phase) * SAMPLE)
+    rig.wait((10 - phase) * SAMPLE_TIME_S)
     for _ in range(10):
         reading = rig.session.exchange(RATES)
         rig.wait(TICK)
@@ -433,7 +433,7 @@ def test_joints_of_a_delayed_reply_have_the_time_of_their_sample() -> None:
     stream.receive = receive_late  # type: ignore[method-assign]
     for _ in range(5):
         reading = rig.session.read()
-        sample = int(reading.record.general["sample"]) * SAMPLE
+        sample = int(reading.record.general["sample"]) * SAMPLE_TIME_S
         assert reading.time == pytest.approx(sample, abs=2e-3)
         assert before - 2e-3 < reading.time <= rig.now() - 0.01
         before = rig.now()

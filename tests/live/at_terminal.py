@@ -20,7 +20,7 @@ from rcmservo.cli.lab.emulate import COUNTS
 from rcmservo.config.rig_file import load_lab
 from rcmservo.interfaces import Floats
 from rcmservo.sim import Rig
-from rcmservo.sim.rig_file import rig_settings
+from rcmservo.sim.rig_file import read_rig_settings
 
 PATIENCE = 120.0
 """s within which all that is waited for must come on a machine that is busy."""
@@ -122,7 +122,7 @@ class Laboratory:
         said = re.search(r"127\.0\.0\.1:(\d+), .*its camera at (\S+),", line)
         assert said is not None, line
         self.port, self.camera = int(said[1]), said[2]
-        drawn = Rig(seed, rig_settings(load_lab(scene)), pictures=False).scene
+        drawn = Rig(seed, read_rig_settings(load_lab(scene)), pictures=False).scene
         self.start, self.target = drawn.start, drawn.target
         self.wire: Any = None
         self.reach()

@@ -15,7 +15,7 @@ import numpy as np
 
 import rcmservo as rs
 from rcmservo.live.servo_process import Session
-from rcmservo.loop.operator import Operator, Want
+from rcmservo.loop.operator import Operator, OperatorRequest
 from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import ColourMarkers
 
@@ -127,10 +127,10 @@ class Person:
     again."""
 
     def __init__(self, slow: rs.Servo, done: Any) -> None:
-        self.wants: list[Want] = [rs.Request.PAUSE, slow, rs.Teach(frames=5)]
+        self.wants: list[OperatorRequest] = [rs.Request.PAUSE, slow, rs.Teach(frames=5)]
         self.servoed, self.done = 0, done
 
-    def __call__(self, tick: rs.Tick) -> Want:
+    def __call__(self, tick: rs.Tick) -> OperatorRequest:
         state = tick.state
         self.servoed += state.phase is rs.Phase.SERVO
         taught = len(self.wants) > 0 or state.target.shown > tick.seen.now - tick.time

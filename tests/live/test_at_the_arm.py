@@ -27,7 +27,7 @@ from rcmservo.geometry.tool import RigidTool
 from rcmservo.interfaces import Floats, Measured, Target
 from rcmservo.live.device_protocols import NotReady
 from rcmservo.live.servo_process import HeartbeatPlant
-from rcmservo.loop.clock import Punctuality, WallClock
+from rcmservo.loop.clock import RecordingClock, WallClock
 
 WORD, JOINTS, SO = "ends this:", "0.1 -0.2 100:", "Enter if so:"
 TARGET, START = (
@@ -79,7 +79,7 @@ class Arm:
 
 
 def plant_of(arm: Arm) -> HeartbeatPlant:
-    clock: Any = Punctuality(WallClock())
+    clock: Any = RecordingClock(WallClock())
     nothing: Any = None
     return HeartbeatPlant(arm, nothing, clock, nothing, nothing)  # type: ignore[arg-type]
 

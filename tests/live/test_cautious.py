@@ -8,7 +8,7 @@ import pytest
 from conftest import first_quick, laboratory
 from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
-from rcmservo.live.reduced_speed import SHARE, cautious
+from rcmservo.live.reduced_speed import UNCHECKED_SPEED_SCALE, reduce_speed
 from rcmservo.loop.run import run
 from rcmservo.recording.outcome import Judge
 from rcmservo.safety.gate import Gate
@@ -18,14 +18,14 @@ from rcmservo.safety.gate import Gate
 def test_a_cautious_run_explores_and_settles_and_no_command_exceeds_its_speed(seed: int) -> None:
     lab = laboratory(seed)
     full = lab.servo()
-    servo = cautious(full)
+    servo = reduce_speed(full)
     judge, fastest = Judge(servo, lab.target), np.zeros(3)
     for tick in run(lab.plant, servo, lab.target, 40.0):
         judge.add(tick)
         fastest = np.maximum(fastest, np.abs(tick.state.command.rates))
     result = judge.result()
     assert result.settled, result.cause
-    assert (fastest <= SHARE * np.array(full.gate.speed)).all()
+    assert (fastest <= UNCHECKED_SPEED_SCALE * np.array(full.gate.speed)).all()
     assert fastest.max() > 0.0
 
 
@@ -35,7 +35,7 @@ def test_all_that_bounds_the_speed_is_scaled_and_the_rest_stays() -> None:
         controller=SaturatedController(max_speed=30.0, gain=3.0),
         exploration=Exploration(max_time=8.0, reach=5.0),
     )
-    servo = cautious(own, 0.25)
+    servo = reduce_speed(own, 0.25)
     assert servo.gate == replace(own.gate, speed=(0.5, 0.25, 12.5))
     assert servo.controller == replace(own.controller, max_speed=7.5)
     assert servo.exploration == replace(own.exploration, max_time=32.0)

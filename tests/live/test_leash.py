@@ -9,7 +9,7 @@ import pytest
 
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Command, Floats, Measured
-from rcmservo.live.remote_stop import Leash, LeashedArm
+from rcmservo.live.remote_stop import RemotelyStoppableArm, RemoteStop
 
 
 class ToyArm:
@@ -43,10 +43,10 @@ class ToyArm:
 GOES = Command(0, 0, 10**18, np.array([0.1, 0.0, 1.0]), True)
 
 
-def held() -> tuple[Leash, ToyArm, LeashedArm, list[str]]:
-    leash, arm, told = Leash(get_context("spawn")), ToyArm(), list[str]()
+def held() -> tuple[RemoteStop, ToyArm, RemotelyStoppableArm, list[str]]:
+    leash, arm, told = RemoteStop(get_context("spawn")), ToyArm(), list[str]()
     leash.renew()
-    return leash, arm, LeashedArm(arm, leash, told.append), told
+    return leash, arm, RemotelyStoppableArm(arm, leash, told.append), told
 
 
 def test_once_the_leash_is_pulled_the_next_command_switches_the_drive_off() -> None:
@@ -84,9 +84,9 @@ def test_why_the_drive_went_off_is_told_once() -> None:
     assert told == ["its limit switch"]
 
 
-def serves(leash: Leash, obeys: bool, said: Any) -> None:
+def serves(leash: RemoteStop, obeys: bool, said: Any) -> None:
     """A servo's loop, or one that hangs."""
-    arm = LeashedArm(ToyArm(), leash, said.send)
+    arm = RemotelyStoppableArm(ToyArm(), leash, said.send)
     arm.enable()
     arm.measure()
     said.send("on")
@@ -100,7 +100,7 @@ def serves(leash: Leash, obeys: bool, said: Any) -> None:
 @pytest.mark.parametrize("obeys", [True, False])
 def test_a_servo_that_does_not_switch_off_is_killed_and_one_that_does_is_not(obeys: bool) -> None:
     context = get_context("spawn")
-    leash = Leash(context)
+    leash = RemoteStop(context)
     leash.renew()
     here, there = context.Pipe()
     process = context.Process(target=serves, args=(leash, obeys, there), daemon=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rcmservo.live.child_process import Child, heard
+from rcmservo.live.child_process import ChildProcess, receive_from_parent
 from rcmservo.live.realtime import realtime, without_huge_pages
 
 STATUS = Path("/proc/self/status")
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(
 
 def tell_huge(control: Connection) -> None:
     control.send(huge())
-    heard(control)
+    receive_from_parent(control)
 
 
 @pytest.mark.parametrize("context", [without_huge_pages, realtime])
@@ -42,8 +42,8 @@ def test_memory_is_left_alone_in_it_and_afterwards_is_as_before(context) -> None
 
 
 def test_that_of_every_process_that_is_started_is_left_alone_for_good() -> None:
-    child = Child(get_context("spawn"), tell_huge)
+    child = ChildProcess(get_context("spawn"), tell_huge)
     try:
-        assert child.hear() is False
+        assert child.receive() is False
     finally:
         child.end()

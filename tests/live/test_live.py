@@ -42,16 +42,16 @@ from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.loop_statistics import Report
 from rcmservo.live.shared_ring import EMPTY, HEAD
 from rcmservo.live.supervisor import LOOK, SILENT, ServoProcess, nobody, supervise
-from rcmservo.recording.reader import read
+from rcmservo.recording.reader import read_record
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.safety.watchdog import PATIENCE
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings
 from rcmservo.sim.processes.arm_process import ArmDevice
-from rcmservo.sim.processes.camera_process import Elsewhere
-from rcmservo.sim.processes.lab_processes import Bench
-from rcmservo.sim.processes.motion_log import MotionLog, stopped
-from rcmservo.sim.rig_file import rig_settings
+from rcmservo.sim.processes.camera_process import LoggedArm
+from rcmservo.sim.processes.lab_processes import SimulatedLab
+from rcmservo.sim.processes.motion_log import MotionLog, find_stop
+from rcmservo.sim.rig_file import read_rig_settings
 from stalls import undisturbed
 
 MS = 1_000_000
@@ -168,7 +168,7 @@ class Lone:
 
     def turn(self, wait=0):
         self.now += wait
-        self.device.turn(self.now)
+        self.device.step(self.now)
 
     def send(self, message, wait=0):
         self.host.send(message if isinstance(message, bytes) else encode(message))
@@ -300,7 +300,7 @@ def test_the_log_tells_where_the_joints_were(lone):
     lone.enable()
     for k in range(10):
         lone.send(lone.command(k, (0.5, 0.0, 0.0)), 10 * MS)
-    rows, camera_side = lone.log.since(0), Elsewhere(lone.log)
+    rows, camera_side = lone.log.since(0), LoggedArm(lone.log)
     for i in (5, 60, len(rows) - 2):
         halfway = (rows["q"][i] + rows["q"][i + 1]) / 2.0
         assert np.allclose(
@@ -308,9 +308,9 @@ def test_the_log_tells_where_the_joints_were(lone):
         )
     assert np.array_equal(camera_side.joints_at(int(rows["time"][-1]) + 9 * MS), rows["q"][-1])
     assert np.array_equal(camera_side.joints_at(0), rows["q"][0])
-    assert stopped(rows) is None
+    assert find_stop(rows) is None
     lone.turn(PATIENCE + 5 * MS)
-    taken, off = stopped(lone.log.since(0))
+    taken, off = find_stop(lone.log.since(0))
     assert lone.log.rows["time"][off] - lone.log.rows["time"][taken] <= PATIENCE + MS
 
 
@@ -330,7 +330,7 @@ def served(tmp_path):
     def work():
         while not ended.is_set():
             wait([wire], 0.001)
-            device.turn(time.monotonic_ns())
+            device.step(time.monotonic_ns())
 
     thread = threading.Thread(target=work)
     thread.start()
@@ -379,7 +379,7 @@ def session_of(bench, path, seconds, **choices):
 
 @pytest.fixture(scope="module")
 def bench():
-    with Bench(1, rig_settings(LAB)) as bench:
+    with SimulatedLab(1, read_rig_settings(LAB)) as bench:
         yield bench
 
 
@@ -389,9 +389,9 @@ def started(session):
     end = time.monotonic() + DEADLINE
     while servo.beats.value < 3:
         assert time.monotonic() < end
-        wait([servo.wire], 0.01)
-        while servo.wire.poll():
-            assert isinstance(said := servo.wire.recv(), Report), said
+        wait([servo.pipe], 0.01)
+        while servo.pipe.poll():
+            assert isinstance(said := servo.pipe.recv(), Report), said
     return servo
 
 
@@ -403,7 +403,7 @@ def live(bench, path, seconds, progress=nobody, **choices):
     finally:
         servo.end()
     assert result.loop is not None, result.cause
-    return read(path), result
+    return read_record(path), result
 
 
 @pytest.mark.alone
@@ -458,12 +458,12 @@ def test_a_servo_process_that_is_killed_or_stopped_is_noticed_and_the_arm_stands
     last = bench.log.last()
     assert not last["enabled"]
     assert not last["applied"].any()
-    assert len(read(tmp_path / "run.mcap").time) >= 0
+    assert len(read_record(tmp_path / "run.mcap").time) >= 0
     servo.end()
 
 
 def test_a_laboratory_that_cannot_be_is_one_sentence_also_from_another_process():
-    with pytest.raises(RcmServoError, match="seed must be"), Bench(-1, RigSettings()):
+    with pytest.raises(RcmServoError, match="seed must be"), SimulatedLab(-1, RigSettings()):
         pass
 
 
@@ -471,7 +471,7 @@ def test_a_folder_too_deep_for_sockets_is_refused_before_anything_is_started(tmp
     deep = tmp_path / ("d" * 100)
     deep.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(deep))
-    with pytest.raises(UnusableFile, match="TMPDIR"), Bench(1, RigSettings()):
+    with pytest.raises(UnusableFile, match="TMPDIR"), SimulatedLab(1, RigSettings()):
         pass
     assert not list(deep.iterdir())
 
@@ -525,4 +525,4 @@ def test_ctrl_c_ends_a_run_in_order_and_a_supervisor_that_is_killed_leaves_no_pr
     assert (b"stopped" in said) == (blow is signal.SIGINT)
     assert not os.listdir(there)
     os.rmdir(there)
-    assert read(path).complete
+    assert read_record(path).complete

@@ -19,7 +19,7 @@ from rcmservo.cli.lab.live_on_hardware import require_devices
 from rcmservo.config.rig_file import load_lab
 from rcmservo.config.verified_rigs import digest_of, note_checked
 from rcmservo.live import terminal_operator
-from rcmservo.recording.reader import read
+from rcmservo.recording.reader import read_record
 from rcmservo.sim import Rig
 from stalls import undisturbed
 
@@ -176,7 +176,7 @@ def test_ctrl_c_in_a_motion_leaves_the_arm_off_at_rest_and_the_record_whole(
         os.killpg(at.process.pid, signal.SIGINT)
         assert at.end() in (130, 1)  # and no process of it holds the terminal any more
     wait_for(lambda: at_rest(lab))
-    record = read(tmp_path / "out")
+    record = read_record(tmp_path / "out")
     speeds = np.abs(record.ticks["command"]) / np.array(load_lab(lab.lab()).gate.speed)
     assert record.complete and 0.0 < speeds.max() <= 0.1 * (1.0 + 1e-9)
 
@@ -192,7 +192,7 @@ def test_a_window_that_is_closed_in_a_motion_leaves_the_same(
         at.hang_up()
         assert at.process.wait(PATIENCE) in (1, 2)
     wait_for(lambda: at_rest(lab))
-    assert read(tmp_path / "out").complete
+    assert read_record(tmp_path / "out").complete
 
 
 @pytest.mark.alone
@@ -243,5 +243,5 @@ def test_it_goes_to_the_target_at_the_full_speed_that_a_checked_file_has_earned(
     assert metrics["settled"], json.dumps(metrics)
     assert metrics["simulated"] is False and metrics["pose_error_mm"] is None
     assert metrics["camera"]["frames"] > 100 and (folder / "target.json").is_file()
-    assert metrics["speed_share"] == 1.0 and read(folder / "out").complete
+    assert metrics["speed_share"] == 1.0 and read_record(folder / "out").complete
     assert (np.abs(lab.q - lab.target) < np.array([0.03, 0.03, 2.0])).all()

@@ -10,8 +10,8 @@ import pytest
 
 import rcmservo as rs
 from conftest import ROOT, with_tests
-from rcmservo.recording.reader import read
-from rcmservo.recording.replay import recompute
+from rcmservo.recording.reader import read_record
+from rcmservo.recording.replay import replay_record
 
 pytestmark = pytest.mark.alone
 
@@ -64,7 +64,7 @@ def test_the_live_wing_runs_an_arm_and_a_camera_of_ones_own_where_there_is_no_si
         ran(tmp_path / "script.py", SCRIPT.format(path=str(path)))
         == "as somebody who has seen enough\n"
     )
-    record = read(path)
+    record = read_record(path)
     assert record.complete
     assert "SERVO" in record.phase
     assert all(stage.target.shown > 0 for stage in record.stages)
@@ -72,7 +72,7 @@ def test_the_live_wing_runs_an_arm_and_a_camera_of_ones_own_where_there_is_no_si
     assert [stage.mid_run for stage in record.stages] == [False, True, True]
     assert [stage.servo["controller"]["gain"] for stage in record.stages] == [2.0, 1.0, 1.0]
     assert record.stages[2].target.points.tobytes() != record.stages[1].target.points.tobytes()
-    assert recompute(record).same
+    assert replay_record(record).same
 
 
 STOPPED = """

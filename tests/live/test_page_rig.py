@@ -20,7 +20,7 @@ from page_lab import awaited
 
 from conftest import HEEDING_CTRL_C, SMALL, with_tests
 from rcmservo.config.rig_file import load_lab
-from rcmservo.recording.reader import read
+from rcmservo.recording.reader import read_record
 
 pytestmark = [pytest.mark.alone, pytest.mark.slow]
 
@@ -157,6 +157,6 @@ def test_a_laboratory_is_homed_enabled_jogged_and_stopped_at_the_page(
         at.cleared()
 
     assert lab.off
-    first = read(tmp_path / "out/session-1")
+    first = read_record(tmp_path / "out/session-1")
     speeds = np.abs(first.ticks["command"]) / np.array(load_lab(lab.lab()).gate.speed)
     assert first.complete and 0.0 < speeds.max() <= 0.1 * 0.2 * (1.0 + 1e-9)

@@ -15,7 +15,7 @@ from rcmservo.interfaces import Dropped, Frame, Markers, Measured
 from rcmservo.live import realtime as module
 from rcmservo.live.realtime import realtime, urgent
 from rcmservo.live.tracking_thread import TrackingThread
-from rcmservo.loop.clock import Punctuality, WallClock, ticks
+from rcmservo.loop.clock import RecordingClock, WallClock, ticks
 from rcmservo.loop.plant import Plant
 
 PATIENCE = 20.0
@@ -43,7 +43,7 @@ def test_the_wall_clock_never_ends_a_wait_early():
 
 
 def test_punctuality_notes_how_late_each_wait_ended():
-    clock = Punctuality(Stepped(late=7))
+    clock = RecordingClock(Stepped(late=7))
     assert len(list(ticks(clock, 100.0, 0.05))) == 5
     assert list(clock.lateness) == [7] * 5
 

@@ -17,10 +17,10 @@ import rcmservo as rs
 from rcmservo.errors import RcmServoError
 from rcmservo.live import servo_process
 from rcmservo.live.servo_process import ENABLING, STANDING, Session
-from rcmservo.live.stop_signals import ORDERLY
+from rcmservo.live.stop_signals import END_SIGNALS
 from rcmservo.live.supervisor import SILENT, Watchman, left_to_its_watchdog, supervise
 from rcmservo.loop.plant import Plant
-from rcmservo.recording.reader import read
+from rcmservo.recording.reader import read_record
 from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import ColourMarkers
 
@@ -89,7 +89,7 @@ def serve(tmp_path: Path) -> Iterator[Any]:
             said = ours.recv()
         return said
 
-    usual = {one: signal.getsignal(one) for one in (signal.SIGINT, *ORDERLY)}
+    usual = {one: signal.getsignal(one) for one in (signal.SIGINT, *END_SIGNALS)}
     yield run
     for one, handler in usual.items():
         signal.signal(one, handler)
@@ -103,7 +103,7 @@ def test_a_live_run_that_never_saw_the_markers_says_why(serve: Any, tmp_path: Pa
     assert not result.settled
     assert "the picture is grey" in result.cause
     assert noted == [ENABLING] and beats.value == STANDING
-    assert len(read(tmp_path / "run.mcap").time) == result.loop.ticks > 0
+    assert len(read_record(tmp_path / "run.mcap").time) == result.loop.ticks > 0
 
 
 def test_what_a_servo_process_cannot_use_is_said_in_the_supervisor(

@@ -6,7 +6,7 @@ import signal
 import pytest
 
 from rcmservo.errors import Stopped
-from rcmservo.live.stop_signals import ORDERLY, stopped_by_signals
+from rcmservo.live.stop_signals import END_SIGNALS, stopped_by_signals
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
@@ -14,7 +14,9 @@ def test_the_first_signal_stops_in_order_and_the_next_interrupts_nothing(
     number: signal.Signals,
 ) -> None:
     heard: list[int] = []
-    usual = {one: signal.signal(one, lambda n, _: heard.append(n)) for one in {*ORDERLY, number}}
+    usual = {
+        one: signal.signal(one, lambda n, _: heard.append(n)) for one in {*END_SIGNALS, number}
+    }
     try:
         with pytest.raises(Stopped, match=number.name), stopped_by_signals():
             try:

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 import rcmservo as rs
 from conftest import Laboratory, laboratory
 from rcmservo.interfaces import Floats
-from rcmservo.loop.operator import Want
+from rcmservo.loop.operator import OperatorRequest
 from rcmservo.recording import reader
-from rcmservo.recording.replay import recompute
+from rcmservo.recording.replay import replay_record
 from rcmservo.recording.timeline import spans
 from rcmservo.recording.writer import Recorder
 from rcmservo.safety.state_machine import SLOW_SHARE
@@ -30,19 +30,21 @@ COME_TO_REST = 0.15
 """s after which nothing moves any more."""
 
 
-def told(tick: rs.Tick, *wants: tuple[float, float, Want]) -> Want:
+def told(tick: rs.Tick, *wants: tuple[float, float, OperatorRequest]) -> OperatorRequest:
     """What is wanted for the tick after this one, by the times s from when until when."""
     now = tick.time * 1e-9 + 0.01
     return next((want for a, b, want in wants if a <= now < b - 1e-9), rs.Request.NONE)
 
 
-def a_while(want: Want = JOG, begin: float = BEGIN, end: float = END) -> Callable[[rs.Tick], Want]:
+def a_while(
+    want: OperatorRequest = JOG, begin: float = BEGIN, end: float = END
+) -> Callable[[rs.Tick], OperatorRequest]:
     """Paused at once, and moved by hand for a while."""
     return lambda tick: told(tick, (0.0, 0.02, rs.Request.PAUSE), (begin, end, want))
 
 
 def ticks_of(
-    lab: Laboratory, operator: Callable[[rs.Tick], Want], seconds: float = 3.0
+    lab: Laboratory, operator: Callable[[rs.Tick], OperatorRequest], seconds: float = 3.0
 ) -> list[rs.Tick]:
     return list(rs.run(lab.plant, lab.servo(), lab.target, seconds, operator=operator))
 
@@ -107,7 +109,7 @@ def test_while_the_servo_moves_the_arm_nobody_jogs(phase: rs.Phase) -> None:
     plain = ticks_of(laboratory(), lambda tick: rs.Request.NONE)
     first = next(i for i, tick in enumerate(plain) if tick.state.phase is phase) + 5
 
-    def operator(tick: rs.Tick) -> Want:
+    def operator(tick: rs.Tick) -> OperatorRequest:
         now = round(tick.time * 1e-7)
         return rs.Jog(RATES) if first <= now < first + 10 else rs.Request.NONE
 
@@ -144,7 +146,7 @@ def test_it_ends_at_the_limit_and_leads_back_from_there(joint: int, way: float) 
     far = (upper if way > 0.0 else lower)[joint] - lab.rig.scene.start[joint]
     ends = 1.0 + abs(far / rates[joint]) + 1.0
 
-    def operator(tick: rs.Tick) -> Want:
+    def operator(tick: rs.Tick) -> OperatorRequest:
         ways = (0.5, ends, rs.Jog(rates)), (ends + 0.5, ends + 1.5, rs.Jog(-rates))
         return told(tick, (0.0, 0.02, rs.Request.PAUSE), *ways)
 
@@ -193,7 +195,7 @@ ENDS = {
 }
 
 
-def disturbed(text: str, operator: Callable[[rs.Tick], Want]) -> list[rs.Tick]:
+def disturbed(text: str, operator: Callable[[rs.Tick], OperatorRequest]) -> list[rs.Tick]:
     lab = laboratory(disturbances=[Disturbance.parse(text)])
     lab.plant.recorded = lambda: not lab.rig.disk_full()
     lab.rig.begin()
@@ -219,7 +221,7 @@ def test_a_fault_of_the_arm_or_a_late_loop_ends_it_and_the_arm_stands_still(text
 
 
 def test_from_where_a_person_brought_the_tool_the_servo_goes_on_to_its_target() -> None:
-    def operator(tick: rs.Tick) -> Want:
+    def operator(tick: rs.Tick) -> OperatorRequest:
         way = (6.0, 6.02, rs.Request.PAUSE), (6.5, 7.5, rs.Jog(RATES))
         return told(tick, *way, (8.0, 8.01, rs.Request.RESUME))
 
@@ -239,7 +241,7 @@ def test_from_where_a_person_brought_the_tool_the_servo_goes_on_to_its_target() 
 
 
 def test_a_camera_that_was_moved_meanwhile_is_told_at_the_end() -> None:
-    def operator(tick: rs.Tick) -> Want:
+    def operator(tick: rs.Tick) -> OperatorRequest:
         return told(tick, (4.0, 4.02, rs.Request.PAUSE), (4.5, 5.5, rs.Jog(RATES)))
 
     lab = laboratory(disturbances=[Disturbance.parse("relocate:at=5")])
@@ -257,16 +259,16 @@ def test_it_is_recorded_with_its_rates_in_one_span_and_comes_out_again_bit_for_b
         recorder.begin(lab.servo(), lab.target)
         for tick in ticks_of(lab, a_while()):
             recorder.write(tick)
-    again = recompute(tmp_path)
-    assert again.same, again.words
-    asked = again.then.ticks["jog"]
-    during = np.array(again.then.words["request"]) == "JOG"
+    again = replay_record(tmp_path)
+    assert again.same, again.sentence
+    asked = again.recorded.ticks["jog"]
+    during = np.array(again.recorded.words["request"]) == "JOG"
     assert during.sum() == round(100 * (END - BEGIN))
     assert (asked[during] == RATES).all() and not asked[~during].any()
-    found = [span for span in spans(again.then) if span.phase is rs.Phase.JOG]
+    found = [span for span in spans(again.recorded) if span.phase is rs.Phase.JOG]
     assert len(found) == 1 and found[0].length == pytest.approx(END - BEGIN)
-    other = replace(again.then, ticks={**again.then.ticks, "jog": np.zeros_like(asked)})
-    assert "command" in recompute(other).differs
+    other = replace(again.recorded, ticks={**again.recorded.ticks, "jog": np.zeros_like(asked)})
+    assert "command" in replay_record(other).difference_counts
 
 
 def test_rates_that_are_no_three_numbers_are_refused() -> None:

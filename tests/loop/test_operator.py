@@ -11,19 +11,19 @@ import pytest
 
 import rcmservo as rs
 from conftest import Laboratory, laboratory
-from rcmservo.loop.operator import Teach, Want
+from rcmservo.loop.operator import OperatorRequest, Teach
 from rcmservo.recording import reader
-from rcmservo.recording.replay import recompute
+from rcmservo.recording.replay import replay_record
 from rcmservo.recording.writer import Recorder, ThreadedRecorder
 
 
 class Scripted:
     """An operator that wants things at given ticks."""
 
-    def __init__(self, wants: dict[int, Want]) -> None:
+    def __init__(self, wants: dict[int, OperatorRequest]) -> None:
         self.wants, self.tick = wants, -1
 
-    def __call__(self, tick: rs.Tick) -> Want:
+    def __call__(self, tick: rs.Tick) -> OperatorRequest:
         self.tick += 1
         return self.wants.get(self.tick, rs.Request.NONE)
 
@@ -45,7 +45,7 @@ def elsewhere(lab: Laboratory) -> rs.Target:
     scene = lab.rig.scene
     lab.rig.place((scene.start + scene.target) / 2.0)
     target = rs.teach(lab.plant, frames=5)
-    lab.rig.go_home()
+    lab.rig.move_to_start()
     return target
 
 
@@ -86,17 +86,17 @@ def test_teaching_retargeting_and_other_settings_in_mid_run_are_stages_that_come
         for tick in ticks_of(lab, servo, 8.0, wants):
             recorder.write(tick)
             ticks.append(tick)
-    again = recompute(tmp_path)
-    stages = again.then.stages
-    assert again.same, again.words
+    again = replay_record(tmp_path)
+    stages = again.recorded.stages
+    assert again.same, again.sentence
     assert [stage.origin for stage in stages] == [-1, 0, 1, 2, 3, 4]
     assert [stage.mid_run for stage in stages] == [False] + [True] * 5
     taught = stages[3].first
     assert [stage.first for stage in stages] == [0, 251, 351, taught, 621, 641]
     assert 450 < taught < 560
-    assert arm.enabled == 1 and again.then.ticks["enabled"].all()
-    assert again.then.phase[taught] == "PAUSED" and again.then.phase[-1] == "SERVO"
-    assert again.then.words["request"][451] == "PAUSE"
+    assert arm.enabled == 1 and again.recorded.ticks["enabled"].all()
+    assert again.recorded.phase[taught] == "PAUSED" and again.recorded.phase[-1] == "SERVO"
+    assert again.recorded.words["request"][451] == "PAUSE"
     at = [stage.servo["controller"]["gain"] for stage in stages]
     assert at == [servo.controller.gain, *[0.7] * 3, *[servo.controller.gain] * 2]
     assert np.abs(ticks[-1].state.delta / (0.02, 1.5, 1.5)).max() < 1.0
@@ -159,8 +159,8 @@ def test_the_same_target_once_more_is_no_change(tmp_path: Path) -> None:
         recorder.begin(servo, lab.target)
         for tick in ticks_of(lab, servo, 2.5, {200: replace(lab.target)}):
             recorder.write(tick)
-    assert len(reader.read(tmp_path).stages) == 1
-    assert recompute(tmp_path).same
+    assert len(reader.read_record(tmp_path).stages) == 1
+    assert replay_record(tmp_path).same
 
 
 def test_a_servo_that_cannot_go_on_with_what_was_learnt_is_refused_and_the_arm_rests() -> None:

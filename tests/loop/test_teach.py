@@ -10,9 +10,9 @@ from conftest import Laboratory, laboratory
 from rcmservo.interfaces import Frame, Image, Markers, Tracker
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.teach import NotShown, teach
-from rcmservo.tracking import ColourMarkers, MarkerLook, PointMarkers
+from rcmservo.tracking import ColourMarkers, MarkerAppearance, PointMarkers
 
-LOOK = MarkerLook("green", "blue", 3.5, 3.5)
+LOOK = MarkerAppearance("green", "blue", 3.5, 3.5)
 GROUND = (70, 80, 120)
 PAINT = {"green": (40, 190, 50), "blue": (215, 80, 30), "red": (40, 30, 210)}
 GREEN, BLUE = ("green", 80.0, 100.0, 14.0), ("blue", 200.0, 120.0, 14.0)
@@ -57,7 +57,7 @@ def reason(change: Change, tracker: Tracker | None = None) -> str:
     return why
 
 
-def reason_of(image: Image, look: MarkerLook = LOOK) -> str:
+def reason_of(image: Image, look: MarkerAppearance = LOOK) -> str:
     """What teaching says of a camera that shows always the same picture."""
     return reason(lambda frame: replace(frame, points=None, image=image), ColourMarkers(look))
 
@@ -121,7 +121,7 @@ def test_a_marker_that_is_not_in_the_picture_is_named(
 
 
 def test_of_two_alike_it_is_told_how_many_are_seen() -> None:
-    look = MarkerLook("red", "red", 12.0, 10.0)
+    look = MarkerAppearance("red", "red", 12.0, 10.0)
     one = picture(("red", 80.0, 100.0, 18.0))
     assert reason_of(one, look) == "of two red balls the picture shows 1 whole"
 

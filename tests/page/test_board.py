@@ -23,8 +23,8 @@ from rcmservo.page.recovery_actions import allowed
 from rcmservo.page.tour import HowFar
 from rcmservo.page.view_model import Board
 from rcmservo.sim import RigSettings
-from rcmservo.sim.processes.motion_log import MotionLog, TrueError
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.processes.motion_log import MotionLog, TruePositionError
+from rcmservo.sim.tool_body import ToolBody
 
 
 def seen(
@@ -150,8 +150,8 @@ def test_the_true_pose_error_is_that_of_the_targets_joints_and_none_where_nobody
     log = MotionLog(get_context("spawn"))
     log.add(0, 0, 0, False, np.zeros(3), lab.rig.scene.start)
     desk = Desk(get_context("spawn"))
-    board = board_at(desk, target=lab.target, truth=TrueError(settings, log))
-    body = Body(settings.mechanism, settings.tool)
+    board = board_at(desk, target=lab.target, truth=TruePositionError(settings, log))
+    body = ToolBody(settings.mechanism, settings.tool)
     off = body.points(lab.rig.scene.start)[1] - body.points(lab.target.q)[1]
     assert board.table()["truth_mm"] == pytest.approx(np.linalg.norm(off), abs=1e-3)
     log.add(0, 0, 0, False, np.zeros(3), lab.target.q)

@@ -13,7 +13,7 @@ from conftest import ROOT, laboratory
 from rcmservo.page.plots.mechanism_shape import Shape
 from rcmservo.page.web.access import Doors
 from rcmservo.page.web.layout import lay_out
-from rcmservo.sim.processes.live_disturbances import menu
+from rcmservo.sim.processes.live_disturbances import list_live_disturbances
 
 PAGE = ROOT / "src/rcmservo/page"
 STATIC = PAGE / "web/static"
@@ -34,7 +34,11 @@ def test_no_html_stands_in_python_and_no_element_is_made_by_hand_in_the_browser(
 def test_each_component_of_the_page_is_placed_and_served() -> None:
     shape = Shape.of(laboratory().servo())
     site: Any = SimpleNamespace(
-        title="a page", doors=Doors(1, "s"), stop_port=2, shape=shape, troubles=menu()
+        title="a page",
+        doors=Doors(1, "s"),
+        stop_port=2,
+        shape=shape,
+        troubles=list_live_disturbances(),
     )
     app = FastAPI()
     lay_out(site)

@@ -8,7 +8,7 @@ import pytest
 
 import rcmservo as rs
 from conftest import Laboratory, laboratory
-from rcmservo.loop.operator import Want, same
+from rcmservo.loop.operator import OperatorRequest, same
 from rcmservo.page.channels import DUE, SLOTS, Desk
 from rcmservo.page.control_ownership import Control
 from rcmservo.page.jog_state import Hand
@@ -42,7 +42,7 @@ class Browser:
         self.operator = PageOperator(desk, Chosen(laboratory().servo()), frames=30)
         self.said: list[object] = []
 
-    def __call__(self, tick: rs.Tick) -> Want:
+    def __call__(self, tick: rs.Tick) -> OperatorRequest:
         self.tick += 1
         if self.tick < self.there and self.tick % 10 == 0 and self.tick not in self.says:
             assert done(Beat(), self.desk)
@@ -87,7 +87,7 @@ def test_go_aims_and_resumes_and_the_tool_arrives_and_on_the_way_it_aims_anew() 
     scene = lab.rig.scene
     lab.rig.place((scene.start + scene.target) / 2.0)
     other = rs.teach(lab.plant, frames=5)
-    lab.rig.go_home()
+    lab.rig.move_to_start()
     ticks, browser = ran({50: [Go(lab.target)], 300: [Go(other)]}, 6.0, lab=lab)
     assert phases(ticks).count(rs.Phase.PAUSED) == 1 and rs.Phase.SERVO in phases(ticks)
     assert np.abs(ticks[-1].state.delta / (0.02, 1.5, 1.5)).max() < 1.0
@@ -191,7 +191,7 @@ def test_where_control_changes_hands_what_is_in_motion_is_paused() -> None:
     control.ask(second, 1)
 
     class Handing(Browser):
-        def __call__(self, tick: rs.Tick) -> Want:
+        def __call__(self, tick: rs.Tick) -> OperatorRequest:
             if self.tick + 1 == 200:
                 with changing_hands(control, self.desk):
                     control.give(first, 2)

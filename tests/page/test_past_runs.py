@@ -50,7 +50,7 @@ def filmed(path: Path) -> int:
     rig = rs.sim.Rig(1, replace(rs.sim.Rig(1, pictures=False).settings, width=160, height=120))
     plant = rs.Plant(rig.arm, rig.camera, ColourMarkers(), rig.clock)
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0))
-    target = rs.Target(reader.read(OLD).stages[0].target.points / 4.0, plant.read().q)
+    target = rs.Target(reader.read_record(OLD).stages[0].target.points / 4.0, plant.read().q)
     recorder, film, count = Recorder(path, {"simulation": True, "seed": 1}), Film(20.0), 0
     recorder.begin(servo, target)
     for tick in rs.run(plant, servo, target, duration=0.5):
@@ -124,7 +124,7 @@ def test_the_figures_of_a_run_can_be_had_as_drawings_and_as_pictures(root: Path)
 def test_a_run_that_was_killed_shows_each_of_its_pictures(tmp_path: Path) -> None:
     path = tmp_path / "killed/record.mcap"
     count = filmed(path)
-    kept = [jpeg for _, jpeg in reader.pictures(path)]
+    kept = [jpeg for _, jpeg in reader.iterate_jpegs(path)]
     assert len(kept) == count == 10
     browser = Browser(tmp_path)
     name = browser.name("killed")

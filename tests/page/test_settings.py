@@ -16,8 +16,8 @@ from conftest import laboratory
 from rcmservo.config.field_docs import describe_field
 from rcmservo.config.servo_json import describe
 from rcmservo.errors import BadInput
-from rcmservo.live.reduced_speed import cautious
-from rcmservo.loop.operator import Want
+from rcmservo.live.reduced_speed import reduce_speed
+from rcmservo.loop.operator import OperatorRequest
 from rcmservo.page.channels import Desk
 from rcmservo.page.control_ownership import Control, Unheeded, heard
 from rcmservo.page.messages import Beat, Between, Change, Go, InForce, Note
@@ -27,7 +27,7 @@ from rcmservo.page.settings import BOXES, Chosen, change_of, standing
 from rcmservo.page.web.page_process import done, set_box
 from rcmservo.page.web.setting_fields import forms
 from rcmservo.recording import reader
-from rcmservo.recording.replay import recompute
+from rcmservo.recording.replay import replay_record
 from rcmservo.recording.writer import Recorder
 
 NOW = 10**12
@@ -50,7 +50,7 @@ def ran(
     lab, desk, ticks = laboratory(), Desk(get_context("spawn")), list[rs.Tick]()
     operator, said = PageOperator(desk, chosen), list[object]()
 
-    def person(tick: rs.Tick) -> Want:
+    def person(tick: rs.Tick) -> OperatorRequest:
         for one in says.get(len(ticks) - 1, [Beat()]):
             assert done(one, desk)
         want = operator(tick)
@@ -83,9 +83,9 @@ def test_a_changed_controller_holds_from_the_next_tick_on_and_its_record_replays
     assert [ticks[k].servo.controller.gain for k in (220, 221, -1)] == [8.0, 0.7, 0.7]
     speeds = [np.linalg.norm(tick.state.v) for tick in ticks[220:222]]
     assert ticks[220].state.phase is rs.Phase.SERVO and speeds[1] < 0.3 * speeds[0]
-    again = recompute(tmp_path)
-    assert again.same, again.words
-    stages = again.then.stages
+    again = replay_record(tmp_path)
+    assert again.same, again.sentence
+    stages = again.recorded.stages
     assert [stage.mid_run for stage in stages] == [False, True] and stages[1].first == 221
     assert [stage.servo["controller"]["gain"] for stage in stages] == [8.0, 0.7]
     forced = [one.servo.controller.gain for one in said if isinstance(one, InForce)]
@@ -106,12 +106,12 @@ def test_a_change_in_motion_goes_through_the_gate_without_a_jump() -> None:
 
 
 def test_no_setting_undoes_the_limit_that_was_handed_in() -> None:
-    chosen = Chosen(laboratory().servo(), cautious)
+    chosen = Chosen(laboratory().servo(), reduce_speed)
     fast = changed("controller", max_speed=1e6)
     ticks, _ = ran({20: [fast, go()]}, 3.0, chosen)
     full, held = chosen.servo, ticks[-1].servo
     assert held.controller.max_speed == pytest.approx(1e5)
-    assert held.gate.speed == cautious(full).gate.speed
+    assert held.gate.speed == reduce_speed(full).gate.speed
     fastest = np.abs([tick.state.command.rates for tick in ticks]).max(axis=0)
     assert (fastest <= 0.1 * (1.0 + 1e-9) * np.array(full.gate.speed)).all() and fastest.any()
     assert not {"gate", "thresholds", "mechanism", "tool"} & set(BOXES)

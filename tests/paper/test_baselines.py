@@ -247,7 +247,7 @@ def test_a_users_own_stands_in_claims_and_figures() -> None:
     assert sum("mylab:Own" in row.case for row in rows) == 4
     drawn_of = {drawn.name: drawn.chart for drawn in figures}
     final = drawn_of["baselines-final"]
-    assert final is not None and "<svg" in charts.svg(final)
+    assert final is not None and "<svg" in charts.render_svg(final)
     for chart in drawn_of.values():
         assert chart is not None
         panels = chart.panels

@@ -22,7 +22,7 @@ from rcmservo.paper.lab.methods import DEFAULT
 from rcmservo.paper.lab.random_observations import RandomObservations
 from rcmservo.paper.lab.witness import laboratory
 from rcmservo.paper.plan import Settings
-from rcmservo.recording.reader import read
+from rcmservo.recording.reader import read_record
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Rig, RigSettings, SceneSettings
 
@@ -59,7 +59,7 @@ def test_a_run_can_have_the_papers_random_observations(tmp_path: Path) -> None:
         )
         == 1
     )
-    (stage,) = read(tmp_path / "run").stages
+    (stage,) = read_record(tmp_path / "run").stages
     assert stage.servo["estimator"] == {
         "kind": name,
         "observations": 12,

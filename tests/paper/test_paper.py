@@ -154,7 +154,7 @@ def test_the_systems_that_the_paper_compares_itself_with_are_judged(
 @pytest.mark.parametrize("method", ["projection", "flow"])
 def test_what_is_left_of_the_errors_agrees_with_the_record(method: str, quick: Path) -> None:
     run = values(quick, f"regulation-{method}/seed-0")
-    rows = reader.read(quick / f"regulation-{method}" / "seed-0" / "record.mcap")
+    rows = reader.read_record(quick / f"regulation-{method}" / "seed-0" / "record.mcap")
     end = rows.time > rows.time[-1] - 2.0
     left = np.sqrt(np.mean(rows.ticks["delta"][end] ** 2, axis=0)) / (np.radians(40.0), 80.0, 60.0)
     assert run["left"] == pytest.approx(left.max(), rel=0.2)
@@ -172,7 +172,7 @@ def test_the_slope_agrees_with_the_record(
     task: str, case: str, quick: Path, claims: list[dict[str, Any]]
 ) -> None:
     row = of(claims, task.partition("/")[0], "falls by 1 px/s", case)
-    rows = reader.read(quick / task / "record.mcap")
+    rows = reader.read_record(quick / task / "record.mcap")
     began = values(quick, task)["began"]
     size = np.abs(rows.ticks["delta"][:, 1])
     saturated = (rows.time > began + 0.1) & (size > 12.0)
@@ -187,7 +187,7 @@ def test_the_pose_errors_of_the_visits_agree_with_the_record(
 ) -> None:
     folder = f"showing/{method}-0"
     found = values(quick, folder)
-    rows = reader.read(quick / folder / "record.mcap")
+    rows = reader.read_record(quick / folder / "record.mcap")
     errors = list[float]()
     for visit in found["visits"]:
         last = np.flatnonzero(rows.time <= visit["ended"])[-1]
@@ -202,7 +202,7 @@ def test_the_pose_errors_of_the_visits_agree_with_the_record(
 
 
 def test_the_relocated_camera_is_in_the_record(quick: Path) -> None:
-    rows = reader.read(quick / "relocation" / "projection-0" / "record.mcap")
+    rows = reader.read_record(quick / "relocation" / "projection-0" / "record.mcap")
     found = values(quick, "relocation/projection-0")
     after = rows.time > found["moved"] + found["stopped_after"] - 1e-6
     waiting = after & (rows.time < found["again"])
@@ -216,7 +216,7 @@ def test_the_relocated_camera_is_in_the_record(quick: Path) -> None:
 
 def test_errors_of_the_jacobian_in_the_report_are_those_of_the_record(quick: Path) -> None:
     run = values(quick, "regulation-projection/seed-0")
-    rows = reader.read(quick / "regulation-projection" / "seed-0" / "record.mcap")
+    rows = reader.read_record(quick / "regulation-projection" / "seed-0" / "record.mcap")
     explored = next(i for i, phase in enumerate(rows.phase) if phase == "SERVO")
     assert run["explored"] == pytest.approx(rows.truth["jacobian_error"][explored, 0], rel=1e-9)
 

@@ -6,11 +6,17 @@ import pytest
 from conftest import laboratory
 from rcmservo.loop.run import run
 from rcmservo.numerics.structs import Field, Part
-from rcmservo.recording.tick_schema import FLAGS, INTEGERS, REALS, WORDS, Column
+from rcmservo.recording.tick_schema import (
+    FLAG_COLUMNS,
+    INTEGER_COLUMNS,
+    NAME_COLUMNS,
+    REAL_COLUMNS,
+    Column,
+)
 from rcmservo.safety.monitor_state import Watch
 from rcmservo.servo.state import Decision, Estimate
 
-COLUMNS = (*INTEGERS, *REALS, *FLAGS)
+COLUMNS = (*INTEGER_COLUMNS, *REAL_COLUMNS, *FLAG_COLUMNS)
 PAIRS = [
     (column, field)
     for row in (Estimate, Decision, Watch)
@@ -40,5 +46,5 @@ def test_a_column_has_the_units_of_its_source(column: Column, field: Field) -> N
 def test_every_column_has_as_many_numbers_as_parts() -> None:
     lab = laboratory()
     (tick,) = run(lab.plant, lab.servo(), lab.target, done=lambda tick: True)
-    for column in (*COLUMNS, *WORDS):
-        assert np.size(column.of(tick)) == len(column.parts), column.name
+    for column in (*COLUMNS, *NAME_COLUMNS):
+        assert np.size(column.value_of(tick)) == len(column.parts), column.name

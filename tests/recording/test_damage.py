@@ -23,7 +23,7 @@ from conftest import first_quick
 from rcmservo.recording import mcap_recovery, reader
 from rcmservo.recording import ros2_messages as ros2
 from rcmservo.recording.mcap_recovery import MAGIC, MAX_RECORD_BYTES
-from rcmservo.recording.replay import recompute
+from rcmservo.recording.replay import replay_record
 from rcmservo.recording.ros2_messages import DEFINITIONS, TICK, TOPICS
 
 MIB = 2**20
@@ -59,14 +59,14 @@ def test_a_record_truncated_anywhere_is_read_up_to_the_cut(
         outcome = read(path, small_record)
         assert outcome == (SHORT if len(data) > 1000 else outcome) and outcome != WHOLE
         if outcome == SHORT:
-            counts.append(len(reader.read(path).time))
+            counts.append(len(reader.read_record(path).time))
     assert counts == sorted(counts)
     assert counts[-1] >= len(small_record.rows.time) - 10 and len(set(counts)) > 10
 
 
 def test_a_truncated_record_reports_the_missing_part(small_record: Original, path: Path) -> None:
     path.write_bytes(small_record.data[: len(small_record.data) // 2])
-    rows = reader.read(path)
+    rows = reader.read_record(path)
     assert f"read up to {rows.time[-1]:.2f} s" in rows.missing
     assert "how much more there was is not known" in rows.missing
     assert str(len(small_record.data) // 2) not in rows.missing, (
@@ -76,7 +76,7 @@ def test_a_truncated_record_reports_the_missing_part(small_record: Original, pat
     middle = len(small_record.data) // 2
     flipped = bytes([small_record.data[middle] ^ 0xFF])
     path.write_bytes(small_record.data[:middle] + flipped + small_record.data[middle + 1 :])
-    rows = reader.read(path)
+    rows = reader.read_record(path)
     assert f"{rows.time[-1]:.2f} s of {small_record.rows.time[-1]:.2f} s" in rows.missing
     assert rows.unread > len(small_record.data) // 2 - 8000
 
@@ -123,7 +123,7 @@ def test_reading_stops_at_a_chunk_with_the_kind_of_an_index(
         path.write_bytes(data)
         outcomes.append(read(path, record_with_stages))
         if outcomes[-1] == SHORT:
-            assert reader.read(path).unread == len(data) - position
+            assert reader.read_record(path).unread == len(data) - position
     assert outcomes == [REFUSED] + [SHORT] * (len(chunks_at) - 1)
 
 
@@ -189,14 +189,14 @@ def test_a_damaged_end_gives_no_statistics(small_record: Original, path: Path) -
     chunk = [i for i, part in enumerate(parts) if part[0] == CHUNK][5]
     parts[chunk] = parts[chunk][:-1] + bytes([parts[chunk][-1] ^ 1])
     path.write_bytes(joined(parts))
-    assert f" s of {small_record.rows.time[-1]:.2f} s" in reader.read(path).missing
+    assert f" s of {small_record.rows.time[-1]:.2f} s" in reader.read_record(path).missing
     statistics = next(i for i, part in enumerate(parts) if part[0] == 0x0B)
     end = 9 + 8 + 2 + 4 * 4 + 8
     parts[statistics] = (
         parts[statistics][:end] + struct.pack("<Q", 10**12) + parts[statistics][end + 8 :]
     )
     path.write_bytes(joined(parts))
-    assert " s of " not in reader.read(path).missing
+    assert " s of " not in reader.read_record(path).missing
 
 
 def test_a_file_that_unpacks_to_far_more_than_its_size_is_read_to_a_bound(
@@ -212,7 +212,7 @@ def test_a_record_is_complete_without_its_indices(small_record: Original, path: 
     """The tests above stop at the damage: without damage the same file is complete."""
     parts = records(small_record.data)
     path.write_bytes(joined([part for part in parts if part[0] != 0x07]))
-    assert len(reader.read(path).time) == len(small_record.rows.time)
+    assert len(reader.read_record(path).time) == len(small_record.rows.time)
 
 
 def chunk(
@@ -264,7 +264,7 @@ def test_hostile_bytes_are_refused_in_little_memory(data: bytes, path: Path) -> 
     path.write_bytes(data)
     tracemalloc.start()
     with pytest.raises(rs.UnusableFile):
-        reader.read(path)
+        reader.read_record(path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 128 * MIB
@@ -353,12 +353,12 @@ def test_a_record_without_an_end_reports_the_planned_duration_if_known(
     until, unknown = f"it is read up to 0.00 s{suffix}, ", "how much more there was is not known"
     end = len(MAGIC) + sum(map(len, records(data)[:3]))
     path.write_bytes(data[:end])
-    assert reader.read(path).missing == f"the record was not ended: {until}and {unknown}"
+    assert reader.read_record(path).missing == f"the record was not ended: {until}and {unknown}"
     path.write_bytes(data[: end + 3])
     cut = (
         f"the record is damaged or cut off: {until}3 bytes that follow are left out, and {unknown}"
     )
-    assert reader.read(path).missing == cut
+    assert reader.read_record(path).missing == cut
 
 
 ABOUT = ("rcmservo/about", ros2.encode_text("{}"))
@@ -394,19 +394,19 @@ def stage_message(**changes: object) -> tuple[str, bytes]:
 def test_malformed_messages_are_refused(contents: list[tuple[str, bytes]], path: Path) -> None:
     path.write_bytes(forged_file(contents))
     with pytest.raises(rs.UnusableFile, match="cannot be read"):
-        reader.read(path)
+        reader.read_record(path)
 
 
 def test_ticks_of_another_version_are_refused(path: Path) -> None:
     path.write_bytes(forged_file([ABOUT, ("rcmservo/tick", b"")], {"rcmservo/tick": "float64 x\n"}))
     with pytest.raises(rs.UnusableFile, match="another version"):
-        reader.read(path)
+        reader.read_record(path)
 
 
 def test_a_file_of_other_software_is_no_record(path: Path) -> None:
     path.write_bytes(forged_file([("measured_js", b"anything")]))
     with pytest.raises(rs.UnusableFile, match="not a record"):
-        reader.read(path)
+        reader.read_record(path)
 
 
 def test_a_frame_that_is_no_image_is_refused(path: Path) -> None:
@@ -418,7 +418,7 @@ def test_a_frame_that_is_no_image_is_refused(path: Path) -> None:
     ):
         path.write_bytes(forged_file([ABOUT, ("image_raw/compressed", data)]))
         with pytest.raises(rs.UnusableFile):
-            list(reader.frames(path))
+            list(reader.iterate_frames(path))
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -431,7 +431,7 @@ def test_any_messages_are_read_or_refused(
     path: Path, contents: list[tuple[str, bytes]], with_start: bool
 ) -> None:
     path.write_bytes(forged_file([ABOUT, stage_message(), *contents] if with_start else contents))
-    for use in (reader.read, recompute, lambda path: list(reader.frames(path))):
+    for use in (reader.read_record, replay_record, lambda path: list(reader.iterate_frames(path))):
         try:
             use(path)
         except rs.UnusableFile as error:
@@ -452,12 +452,12 @@ def test_a_tick_of_any_numbers_and_words_is_replayed_or_refused(
     path.write_bytes(
         forged_file([ABOUT, ("rcmservo/stage", ros2.encode_text(stage)), ("rcmservo/tick", tick)])
     )
-    rows = reader.read(path)
+    rows = reader.read_record(path)
     assert [
         rows.words[name][0] for name in ("phase", "cause", "asks", "request", "dropped")
     ] == words
     with pytest.raises(rs.UnusableFile, match="does not know"):
-        recompute(path)
+        replay_record(path)
 
 
 def test_ticks_of_two_versions_in_one_record_are_refused(path: Path) -> None:

@@ -16,7 +16,7 @@ from rcmservo.cli.export import arrays
 from rcmservo.cli.export import write as export
 from rcmservo.config.user_code import named, source
 from rcmservo.recording import estimator_memory, reader
-from rcmservo.recording.replay import recompute
+from rcmservo.recording.replay import replay_record
 from rcmservo.recording.ros2_messages import decode_memory, encode_memory
 from rcmservo.recording.writer import Recorder
 
@@ -52,11 +52,11 @@ def test_the_memory_is_recorded_with_every_tick_and_replayed_bit_for_bit(
     RLS: Any, lab: Laboratory, tmp_path: Path
 ) -> None:
     folder = record_run(lab, tmp_path / "run", RLS(forgetting=0.9))
-    rerun = recompute(folder, own={NAME: RLS})
+    rerun = replay_record(folder, own={NAME: RLS})
     assert rerun.same and not rerun.open_loop and not rerun.changed
-    memories = rerun.then.ticks["memory"]
-    assert memories.shape == (len(rerun.then.time), 16) and np.abs(memories[-1]).max() > 0.0
-    np.testing.assert_array_equal(memories[:, :16], rerun.now.ticks["memory"])
+    memories = rerun.recorded.ticks["memory"]
+    assert memories.shape == (len(rerun.recorded.time), 16) and np.abs(memories[-1]).max() > 0.0
+    np.testing.assert_array_equal(memories[:, :16], rerun.recomputed.ticks["memory"])
 
 
 def test_other_settings_give_a_reported_difference_of_the_memory(
@@ -64,34 +64,34 @@ def test_other_settings_give_a_reported_difference_of_the_memory(
 ) -> None:
     folder = record_run(lab, tmp_path / "run", RLS(forgetting=0.9))
     servo = lab.servo(estimator=RLS(forgetting=0.8))
-    rerun = recompute(folder, servo)
-    assert rerun.open_loop and "memory" in rerun.differs
+    rerun = replay_record(folder, servo)
+    assert rerun.open_loop and "memory" in rerun.difference_counts
 
 
 def test_an_unnamed_estimator_is_not_replayed(RLS: Any, lab: Laboratory, tmp_path: Path) -> None:
     folder = record_run(lab, tmp_path / "run", RLS())
     with pytest.raises(rs.UnusableFile, match=f"estimator.kind .* got '{NAME}'"):
-        recompute(folder)
+        replay_record(folder)
 
 
 def test_a_changed_source_is_reported(RLS: Any, lab: Laboratory, tmp_path: Path) -> None:
     folder = record_run(lab, tmp_path / "run", RLS())
-    assert reader.read(folder).stages[0].source == source(RLS())
+    assert reader.read_record(folder).stages[0].source == source(RLS())
     code = tmp_path / "code/own_rls.py"
     code.write_text(code.read_text() + "# a word more\n")
-    rerun = recompute(folder, own={NAME: RLS})
+    rerun = replay_record(folder, own={NAME: RLS})
     assert rerun.same and rerun.changed == f"the source of {NAME} has changed since"
-    assert rerun.changed in rerun.words
+    assert rerun.changed in rerun.sentence
 
 
 def test_a_stage_of_a_built_in_estimator_next_to_a_users_has_no_memory(
     RLS: Any, lab: Laboratory, tmp_path: Path
 ) -> None:
     folder = record_run(lab, tmp_path / "run", rs.FlowEstimator(), RLS())
-    rerun = recompute(folder, own={NAME: RLS})
-    second = rerun.then.stages[1].first
-    assert rerun.same and np.isnan(rerun.then.ticks["memory"][:second]).all()
-    assert np.isfinite(rerun.then.ticks["memory"][second:]).all()
+    rerun = replay_record(folder, own={NAME: RLS})
+    second = rerun.recorded.stages[1].first
+    assert rerun.same and np.isnan(rerun.recorded.ticks["memory"][:second]).all()
+    assert np.isfinite(rerun.recorded.ticks["memory"][second:]).all()
 
 
 def test_the_memory_is_exported_and_readable_by_other_software(
@@ -104,7 +104,7 @@ def test_the_memory_is_exported_and_readable_by_other_software(
     assert [f"memory_{i} [own]" for i in range(1, 17)] == [
         title for title in titles if title.startswith("memory")
     ]
-    rows = reader.read(folder)
+    rows = reader.read_record(folder)
     assert arrays(rows)["memory"].shape == (len(rows.time), 16)
     with AnyReader([folder]) as bag:
         connections = [one for one in bag.connections if one.topic == estimator_memory.TOPIC]

@@ -17,7 +17,7 @@ from rcmservo.config.servo_json import describe, rebuild
 from rcmservo.estimation.base import Estimator, Sample
 from rcmservo.interfaces import Floats
 from rcmservo.recording import reader
-from rcmservo.recording.replay import recompute
+from rcmservo.recording.replay import replay_record
 from rcmservo.recording.writer import Recorder
 from rcmservo.tracking import PointMarkers
 
@@ -63,7 +63,7 @@ def make_servo(**settings: Any) -> rs.Servo:
 
 
 def phases(folder: Path) -> set[str]:
-    return set(reader.read(folder).phase)
+    return set(reader.read_record(folder).phase)
 
 
 @pytest.mark.parametrize("recorded", first_quick(range(6)), indirect=True)
@@ -74,16 +74,16 @@ def test_a_disturbed_run_with_pauses_is_reproduced_bit_for_bit(recorded: Recorde
     )
     recorded.stage(make_servo(), target, 6.0)
     recorded.recorder.close()
-    rerun = recompute(recorded.folder)
-    assert rerun.same and not rerun.open_loop and rerun.differs == {}
-    assert "all 600 ticks" in rerun.words and "bit for bit" in rerun.words
+    rerun = replay_record(recorded.folder)
+    assert rerun.same and not rerun.open_loop and rerun.difference_counts == {}
+    assert "all 600 ticks" in rerun.sentence and "bit for bit" in rerun.sentence
     assert {"HOLD", "PAUSED", "ACQUIRE"} <= phases(recorded.folder)
-    assert "RESUME" in rerun.then.words["request"]
+    assert "RESUME" in rerun.recorded.words["request"]
 
 
 @pytest.mark.parametrize("seed", first_quick(range(20, 28)))
 def test_all_disturbances_are_reproduced(seed: int, tmp_path: Path) -> None:
-    assert recompute(record_of_a_seed(tmp_path, seed, 3.0, NAMES)).same
+    assert replay_record(record_of_a_seed(tmp_path, seed, 3.0, NAMES)).same
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
@@ -96,7 +96,7 @@ def test_every_estimator_and_tool_is_reproduced(
     )
     recorded.stage(servo, recorded.teach(), 1.5)
     recorded.recorder.close()
-    assert recompute(recorded.folder).same
+    assert replay_record(recorded.folder).same
 
 
 def test_later_stages_continue_from_their_recorded_origins(recorded: RecordedLab) -> None:
@@ -108,8 +108,8 @@ def test_later_stages_continue_from_their_recorded_origins(recorded: RecordedLab
         make_servo(controller=rs.SaturatedController(gain=0.5)), recorded.teach(), 2.0, explored
     )
     recorded.recorder.close()
-    rerun = recompute(recorded.folder)
-    assert [stage.origin for stage in rerun.then.stages] == [-1, 0, 1, 0]
+    rerun = replay_record(recorded.folder)
+    assert [stage.origin for stage in rerun.recorded.stages] == [-1, 0, 1, 0]
     assert rerun.same
 
 
@@ -119,7 +119,7 @@ def test_a_stage_from_an_unrecorded_state_is_refused(recorded: RecordedLab) -> N
     recorded.stage(servo, target, 0.5, tick.state)
     recorded.recorder.close()
     with pytest.raises(rs.UnusableFile, match="not in this record"):
-        recompute(recorded.folder)
+        replay_record(recorded.folder)
 
 
 def test_other_settings_show_the_first_different_decision(
@@ -127,13 +127,23 @@ def test_other_settings_show_the_first_different_decision(
 ) -> None:
     recorded.stage(make_servo(), recorded.teach(), 4.0)
     recorded.recorder.close()
-    rerun = recompute(recorded.folder, make_servo(controller=rs.SaturatedController(gain=0.5)))
+    rerun = replay_record(recorded.folder, make_servo(controller=rs.SaturatedController(gain=0.5)))
     assert rerun.open_loop and not rerun.same
-    assert rerun.first is not None and rerun.then.phase[rerun.first] == "ACQUIRE"
-    assert "open loop" in rerun.words and "v" in rerun.differs and "o_c" not in rerun.differs
-    np.testing.assert_array_equal(rerun.then.ticks["q"], rerun.now.ticks["q"])
-    late = slice(rerun.first + 50, None)
-    assert np.abs(rerun.now.ticks["v"][late]).mean() < np.abs(rerun.then.ticks["v"][late]).mean()
+    assert (
+        rerun.first_difference is not None
+        and rerun.recorded.phase[rerun.first_difference] == "ACQUIRE"
+    )
+    assert (
+        "open loop" in rerun.sentence
+        and "v" in rerun.difference_counts
+        and "o_c" not in rerun.difference_counts
+    )
+    np.testing.assert_array_equal(rerun.recorded.ticks["q"], rerun.recomputed.ticks["q"])
+    late = slice(rerun.first_difference + 50, None)
+    assert (
+        np.abs(rerun.recomputed.ticks["v"][late]).mean()
+        < np.abs(rerun.recorded.ticks["v"][late]).mean()
+    )
 
 
 def test_the_recorded_settings_given_explicitly_are_no_other_settings(
@@ -141,7 +151,7 @@ def test_the_recorded_settings_given_explicitly_are_no_other_settings(
 ) -> None:
     recorded.stage(make_servo(), recorded.teach(), 1.0)
     recorded.recorder.close()
-    rerun = recompute(recorded.folder, make_servo())
+    rerun = replay_record(recorded.folder, make_servo())
     assert rerun.same and not rerun.open_loop
 
 
@@ -157,8 +167,8 @@ def test_one_changed_bit_of_an_observation_is_found(recorded: RecordedLab, tmp_p
         recorder.begin(servo, target)
         for tick in ticks:
             recorder.write(tick)
-    rerun = recompute(tmp_path / "changed.mcap")
-    assert rerun.first == 150 and "command" in rerun.differs
+    rerun = replay_record(tmp_path / "changed.mcap")
+    assert rerun.first_difference == 150 and "command" in rerun.difference_counts
 
 
 def test_a_truncated_record_is_reproduced_up_to_its_end(recorded: RecordedLab) -> None:
@@ -166,8 +176,8 @@ def test_a_truncated_record_is_reproduced_up_to_its_end(recorded: RecordedLab) -
     recorded.recorder.close()
     path = recorded.folder / reader.RECORD
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    rerun = recompute(path)
-    assert rerun.same and 50 < len(rerun.now.time) < 200
+    rerun = replay_record(path)
+    assert rerun.same and 50 < len(rerun.recomputed.time) < 200
 
 
 @dataclass(frozen=True)
@@ -193,8 +203,8 @@ def test_a_servo_with_a_user_defined_estimator_is_replayed_if_given(recorded: Re
     recorded.stage(servo, recorded.teach(), 0.5)
     recorded.recorder.close()
     with pytest.raises(rs.UnusableFile, match=r"estimator\.kind"):
-        recompute(recorded.folder)
-    assert recompute(recorded.folder, servo).same
+        replay_record(recorded.folder)
+    assert replay_record(recorded.folder, servo).same
 
 
 @pytest.mark.parametrize("mechanism", [rs.SphericalRcm(), rs.PitchYawRcm(insertion_zero=1.0 / 3.0)])

@@ -20,7 +20,7 @@ import rcmservo as rs
 from rcmservo.estimation.projection_rule import ProjectionEstimator
 from rcmservo.recording import reader
 from rcmservo.recording import ros2_messages as ros2
-from rcmservo.recording.replay import recompute
+from rcmservo.recording.replay import replay_record
 from rcmservo.recording.tick_schema import LATER
 from rcmservo.recording.writer import (
     MAX_QUEUED_FRAMES,
@@ -128,7 +128,7 @@ def test_every_number_and_name_of_a_tick_is_read_back_bit_for_bit(
 ) -> None:
     """This includes the estimator's memory: â, or its recorded numbers."""
     run: RecordedRun = request.getfixturevalue(which)
-    rows = reader.read(run.folder)
+    rows = reader.read_record(run.folder)
     assert rows.complete and rows.missing == ""
     assert rows.about == {"seed": 1}
     assert len(rows.time) == len(run.ticks) == 300
@@ -150,7 +150,7 @@ def test_every_number_and_name_of_a_tick_is_read_back_bit_for_bit(
 
 
 def test_the_model_column_is_the_prediction_of_the_estimate(run: RecordedRun) -> None:
-    state, rows = run.ticks[200].state, reader.read(run.path)
+    state, rows = run.ticks[200].state, reader.read_record(run.path)
     predicted = run.servo.estimator.predict(state.learnt.memory, run.servo.tool, state.p1)
     np.testing.assert_array_equal(rows.ticks["model"][200], predicted)
 
@@ -160,12 +160,12 @@ def test_integers_beyond_float_precision_are_read_back(run: RecordedRun, tmp_pat
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         recorder.begin(run.servo, run.target)
         recorder.write(replace(tick, seen=replace(tick.seen, now=now, exposure=now - 3)))
-    rows = reader.read(tmp_path)
+    rows = reader.read_record(tmp_path)
     assert (rows.ticks["now"][0, 0], rows.ticks["exposure"][0, 0]) == (now, now - 3)
 
 
 def test_a_stage_holds_the_whole_servo_and_its_target(run: RecordedRun) -> None:
-    (stage,) = reader.read(run.folder).stages
+    (stage,) = reader.read_record(run.folder).stages
     assert (stage.first, stage.origin) == (0, -1)
     np.testing.assert_array_equal(stage.target.points, run.target.points)
     np.testing.assert_array_equal(stage.target.q, run.target.q)
@@ -183,7 +183,7 @@ def test_a_later_stage_holds_its_origin(run: RecordedRun, tmp_path: Path) -> Non
         recorder.write(ticks[0])
         recorder.begin(servo, other_target, ticks[1].state)
         recorder.begin(servo, other_target, ticks[2].state)
-    stages = reader.read(tmp_path).stages
+    stages = reader.read_record(tmp_path).stages
     assert [stage.first for stage in stages] == [0, 2, 3, 3]
     assert [stage.origin for stage in stages] == [-1, 0, 0, -2]
 
@@ -198,12 +198,12 @@ def test_times_continue_when_a_stage_restarts_them(run: RecordedRun, tmp_path: P
             for tick in stage:
                 recorder.write(tick)
     np.testing.assert_allclose(
-        reader.read(tmp_path).time, [0.0, 0.01, 0.02, 10.0, 10.01, 10.02], atol=2e-3
+        reader.read_record(tmp_path).time, [0.0, 0.01, 0.02, 10.0, 10.01, 10.02], atol=2e-3
     )
 
 
 def test_another_decoder_reads_the_same_ticks_and_joints(run: RecordedRun) -> None:
-    rows = reader.read(run.folder)
+    rows = reader.read_record(run.folder)
     count = 0
     with run.path.open("rb") as file:
         mcap = make_reader(file, decoder_factories=[DecoderFactory()])
@@ -273,8 +273,8 @@ def test_frames_are_read_back_with_their_exposure(run: RecordedRun, tmp_path: Pa
         recorder.begin(run.servo, run.target)
         recorder.write_frame(frame)
         recorder.write_frame(rs.Frame(7, -5, 0, image=frame.image))
-    assert reader.read(tmp_path).complete
-    (first, picture), (second, _) = reader.frames(tmp_path)
+    assert reader.read_record(tmp_path).complete
+    (first, picture), (second, _) = reader.iterate_frames(tmp_path)
     assert (first, second) == (frame.exposure, -5)
     assert picture.shape == frame.image.shape
     assert np.abs(picture.astype(int) - frame.image).mean() < 3.0
@@ -316,9 +316,9 @@ def test_a_full_disk_raises_nothing_and_keeps_the_written_part(
     assert path.stat().st_size == capacity
     if capacity < 10_000:
         with pytest.raises(rs.UnusableFile):
-            reader.read(path)
+            reader.read_record(path)
         return
-    rows = reader.read(path)
+    rows = reader.read_record(path)
     assert not rows.complete
     assert len(rows.time) > 5
     np.testing.assert_array_equal(
@@ -371,7 +371,7 @@ with Recorder(Path({str(path)!r}), {{"seed": 1}}) as recorder:
 """
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "cannot be written" in out.stdout
-    assert reader.read(tmp_path).about == {"seed": 1}
+    assert reader.read_record(tmp_path).about == {"seed": 1}
 
 
 def test_a_run_pauses_when_its_record_fails(tmp_path: Path) -> None:
@@ -397,7 +397,7 @@ def test_a_killed_process_loses_only_the_last_ticks(run: RecordedRun, tmp_path: 
             copy = tmp_path / "copy.mcap"
             copy.write_bytes(recorder.path.read_bytes())
             assert copy.stat().st_size == size
-            rows = reader.read(copy)
+            rows = reader.read_record(copy)
             assert not rows.complete and "not ended" in rows.missing
             assert len(rows.time) >= count + 1 - 20
     recorder.close()
@@ -451,7 +451,7 @@ def test_a_blocked_disk_never_delays_the_loop(run: RecordedRun, tmp_path: Path) 
         unblocked.set()
     assert MAX_QUEUED_MESSAGES <= count_written <= MAX_QUEUED_MESSAGES + 20
     assert "too slow" in recorder.failed
-    rows = reader.read(path)
+    rows = reader.read_record(path)
     assert not rows.complete
     assert count_written - MAX_QUEUED_MESSAGES - 10 <= len(rows.time) <= count_written
 
@@ -492,21 +492,21 @@ def test_an_error_in_the_thread_is_reported_and_not_raised(
         recorder.write(run.ticks[0])
         recorder.write(replace(run.ticks[1], applied=np.zeros(4)))
     assert "ValueError" in recorder.failed
-    rows = reader.read(tmp_path)
+    rows = reader.read_record(tmp_path)
     assert len(rows.time) == 1 and not rows.complete
 
 
 def test_a_missing_record_is_named(tmp_path: Path) -> None:
     with pytest.raises(rs.UnusableFile, match=r"nothing\.mcap"):
-        reader.read(tmp_path / "nothing.mcap")
+        reader.read_record(tmp_path / "nothing.mcap")
     with pytest.raises(rs.UnusableFile, match=r"record\.mcap"):
-        reader.read(tmp_path)
+        reader.read_record(tmp_path)
 
 
 def test_a_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(rs.UnusableFile, match="not a file"):
-        reader.read(tmp_path / "pipe")
+        reader.read_record(tmp_path / "pipe")
 
 
 def test_operating_states_hold_phase_cause_and_recovery_in_words(
@@ -535,7 +535,7 @@ def test_operating_states_hold_phase_cause_and_recovery_in_words(
 def test_ticks_of_every_version_are_replayed_with_missing_columns_unknown(
     run: RecordedRun, version: int
 ) -> None:
-    record, layout = reader.read(run.folder), list(ros2.TICKS.values())[version]
+    record, layout = reader.read_record(run.folder), list(ros2.TICKS.values())[version]
     rows: list[bytes] = []
     for tick in run.ticks:
         now = np.frombuffer(ros2.encode_tick(tick)[: ros2.TICK.itemsize], ros2.TICK)
@@ -547,7 +547,7 @@ def test_ticks_of_every_version_are_replayed_with_missing_columns_unknown(
     assert set(ticks) == set(record.ticks) & set(ros2.TICK.names or ())
     missing = {name for name, column in ticks.items() if np.isnan(column).all()}
     assert missing >= {name for names in LATER[version:] for name in names}
-    assert recompute(replace(record, ticks={**record.ticks, **ticks})).same
+    assert replay_record(replace(record, ticks={**record.ticks, **ticks})).same
 
 
 def test_the_sizes_of_the_markers_are_read_back(run: RecordedRun, tmp_path: Path) -> None:
@@ -556,4 +556,4 @@ def test_the_sizes_of_the_markers_are_read_back(run: RecordedRun, tmp_path: Path
     with Recorder(tmp_path / "record.mcap", {}) as recorder:
         recorder.begin(run.servo, run.target)
         recorder.write(changed)
-    np.testing.assert_array_equal(reader.read(tmp_path).ticks["sizes"], [[9.5, np.nan]])
+    np.testing.assert_array_equal(reader.read_record(tmp_path).ticks["sizes"], [[9.5, np.nan]])

@@ -15,9 +15,9 @@ def test_the_predicted_error_is_nearer_to_the_present_one_than_the_last_measured
     rig = Rig(2, RigSettings(point_noise=0.0), pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(rs.SphericalRcm(), rs.RigidTool(30.0))
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant, 30)
-    rig.go_home()
+    rig.move_to_start()
     ticks = [t for t in rs.run(plant, servo, target, 3.0) if t.state.phase is rs.Phase.SERVO]
     measured = {t.seen.exposure: t.state.learnt.estimate.delta for t in ticks}
     predicted, last = 0.0, 0.0

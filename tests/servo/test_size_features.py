@@ -19,7 +19,7 @@ from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats, Observation
 from rcmservo.loop.plant import Plant
 from rcmservo.recording import reader
-from rcmservo.recording.replay import recompute
+from rcmservo.recording.replay import replay_record
 from rcmservo.recording.writer import Recorder
 from rcmservo.servo.user_estimator import Guard
 from rcmservo.sim import Disturbance, Rig, RigSettings
@@ -59,9 +59,9 @@ class SizedLab:
         settings = RigSettings(point_noise=NOISE)
         self.rig = Rig(1, settings, pictures=False, disturbances=disturbances)
         self.plant = SizedPlant(self.rig)
-        self.rig.show_target()
+        self.rig.move_to_target()
         self.target = rs.teach(self.plant, frames=30)
-        self.rig.go_home()
+        self.rig.move_to_start()
         self.rig.begin()
 
     def servo(self, **choices: Any) -> rs.Servo:
@@ -145,14 +145,14 @@ def test_its_record_tells_the_target_and_replays_but_not_to_a_target_without_siz
         recorder.begin(lab.servo(), lab.target)
         for tick in rs.run(lab.plant, lab.servo(), lab.target, 3.5):
             recorder.write(tick)
-    then = reader.read(tmp_path)
+    then = reader.read_record(tmp_path)
     assert then.stages[0].target.sizes.tobytes() == lab.target.sizes.tobytes()
-    assert recompute(then).same
+    assert replay_record(then).same
     less = lab.servo(controller=rs.SaturatedController(features="points"))
-    assert not recompute(then, less).same
+    assert not replay_record(then, less).same
     blind = replace(then.stages[0], target=replace(lab.target, sizes=np.full(2, np.nan)))
     with pytest.raises(rs.BadInput, match=SENTENCE):
-        recompute(replace(then, stages=[blind]))
+        replay_record(replace(then, stages=[blind]))
 
 
 SENTENCE = (

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from conftest import random_from, seeds
 from rcmservo.errors import BadInput
 from rcmservo.sim.camera_kernels import project
-from rcmservo.sim.camera_model import Optics, look_at
+from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
 
 POSITION = np.array([-70.0, -60.0, 20.0])
 TARGET = np.array([0.0, 0.0, -110.0])
@@ -16,8 +16,10 @@ UP = np.array([0.0, 0.0, 5.0])
 
 
 def camera(k1=-0.15, k2=0.03, focal=700.0, roll=0.3):
-    rotation = look_at(POSITION, TARGET, roll)
-    return Optics(640, 480, focal, np.array([322.0, 236.0]), np.array([k1, k2]), rotation, POSITION)
+    rotation = compute_look_at_rotation(POSITION, TARGET, roll)
+    return CameraModel(
+        640, 480, focal, np.array([322.0, 236.0]), np.array([k1, k2]), rotation, POSITION
+    )
 
 
 @settings(max_examples=15, deadline=None)
@@ -45,7 +47,7 @@ def test_rolling_the_camera_clockwise_turns_the_picture_anticlockwise():
 
 
 def test_looking_straight_down_is_no_special_case():
-    rotation = look_at(np.zeros(3), np.array([0.0, 0.0, -1.0]))
+    rotation = compute_look_at_rotation(np.zeros(3), np.array([0.0, 0.0, -1.0]))
     assert np.allclose(rotation @ rotation.T, np.eye(3))
     assert np.linalg.det(rotation) == pytest.approx(1)
 
@@ -96,7 +98,9 @@ def test_on_the_axis_a_spheres_outline_is_a_circle_about_its_centre():
 
 
 def test_off_the_axis_perspective_pulls_the_centroid_outwards_by_the_known_amount():
-    optics = Optics(640, 480, 700.0, np.array([320.0, 240.0]), np.zeros(2), np.eye(3), np.zeros(3))
+    optics = CameraModel(
+        640, 480, 700.0, np.array([320.0, 240.0]), np.zeros(2), np.eye(3), np.zeros(3)
+    )
     centre, R = np.array([40.0, -25.0, 100.0]), 5.0
     image = optics.project(centre[None])[0]
     expected = image + (image - optics.centre) * R**2 / (100.0**2 - R**2)
@@ -139,11 +143,11 @@ def test_impossible_geometry_is_refused_in_one_sentence(change):
         "rotation": np.eye(3),
         "position": np.zeros(3),
     }
-    Optics(**good)
+    CameraModel(**good)
     with pytest.raises(BadInput, match=f"{next(iter(change))} must be"):
-        Optics(**(good | change))
+        CameraModel(**(good | change))
 
 
 def test_a_camera_cannot_look_at_itself():
     with pytest.raises(BadInput):
-        look_at(POSITION, POSITION)
+        compute_look_at_rotation(POSITION, POSITION)

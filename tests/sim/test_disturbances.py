@@ -25,10 +25,15 @@ from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import State
 from rcmservo.sim import Disturbance, Killed, Rig
-from rcmservo.sim.disturbances import KINDS, causes_of, describe, random_disturbances
+from rcmservo.sim.disturbances import (
+    DISTURBANCE_KINDS,
+    describe_kinds,
+    expected_causes,
+    sample_disturbances,
+)
 from rcmservo.sim.disturbances.old_names import OLD_NAMES
 from rcmservo.sim.disturbances.smoke_and_blood import Smoke
-from rcmservo.sim.scripted_operator import ScriptedPerson, attended
+from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
 from rcmservo.tracking import ColourMarkers, PointMarkers
 
 ONSET = 1.3
@@ -144,7 +149,7 @@ def test_the_servo_responds_with_the_tables_phase_and_cause_in_time(
     stop = done.stop()
     assert (stop.state.phase, stop.state.cause) == (phase, cause)
     assert stop.time * 1e-9 <= ONSET + bound + 1e-6
-    assert done.causes() <= causes_of(kind_of(text))
+    assert done.causes() <= expected_causes(kind_of(text))
 
 
 ONE_LOST = {
@@ -248,26 +253,26 @@ def test_every_kind_occurs_in_these_tests() -> None:
     elsewhere = {"jitter", "kill"}
     frame_by_frame = {kind_of(text) for text in (*TRANSIENT, *PERMANENT)}
     tested = {kind_of(text) for text in (*TABLE, *FOLLOWING, *CREEP)} | elsewhere | frame_by_frame
-    assert tested == set(KINDS)
+    assert tested == set(DISTURBANCE_KINDS)
 
 
 def test_smoke_is_a_hold_for_lost_markers_until_it_has_gone() -> None:
     done = running("occlusion:at=1.3,for=0.9,by=smoke", seconds=5.0)
     assert done.stop().state.phase is Phase.HOLD
-    assert Cause.MARKERS_LOST in done.causes() <= causes_of("occlusion")
+    assert Cause.MARKERS_LOST in done.causes() <= expected_causes("occlusion")
     assert done.ticks[-1].state.phase is Phase.SERVO
 
 
 def test_latency_within_100_ms_is_compensated_and_beyond_it_the_servo_holds() -> None:
     assert not running("latency:at=1.3,s=0.02").stops()
     late = running("latency:at=1.3,s=0.15")
-    assert Cause.LATE in late.causes() <= causes_of("latency")
+    assert Cause.LATE in late.causes() <= expected_causes("latency")
     assert late.ticks[-1].state.phase is Phase.PAUSED
 
 
 def test_random_latency_is_a_hold_with_its_cause() -> None:
     done = running("latency:at=1.3,for=0.6,s=0,jitter=0.3", seconds=4.5)
-    assert {Cause.LATE, Cause.STALE} <= done.causes() <= causes_of("latency")
+    assert {Cause.LATE, Cause.STALE} <= done.causes() <= expected_causes("latency")
     assert done.ticks[-1].state.phase is Phase.SERVO
 
 
@@ -288,7 +293,7 @@ def test_slightly_late_ticks_are_only_a_warning() -> None:
 
 @pytest.mark.parametrize("text", ["jitter:at=1.3,for=0.5,s=0.03", "stall:at=1.3,for=0.03"])
 def test_late_ticks_have_their_causes(text: str) -> None:
-    assert running(text).causes() <= causes_of(kind_of(text))
+    assert running(text).causes() <= expected_causes(kind_of(text))
 
 
 def test_one_tick_that_takes_30_ms_longer_is_a_warning() -> None:
@@ -302,12 +307,12 @@ def test_after_the_process_is_killed_the_arm_stops_50_ms_after_its_last_command(
     last, arm = done.ticks[-1], done.rig.truth.arm
     assert last.time == pytest.approx(ONSET * 1e9)
     assert last.state.command.rates.any()
-    done.rig.let_pass(last.seen.now + 49_000_000)
+    done.rig.advance_until(last.seen.now + 49_000_000)
     assert arm.watchdog.enabled
-    done.rig.let_pass(last.seen.now + 52_000_000)
+    done.rig.advance_until(last.seen.now + 52_000_000)
     assert not arm.watchdog.enabled
     q = arm.q_true
-    done.rig.let_pass(last.seen.now + 300_000_000)
+    done.rig.advance_until(last.seen.now + 300_000_000)
     assert np.all(np.abs(arm.q_true - q) < [1e-3, 1e-3, 0.1])
 
 
@@ -364,7 +369,7 @@ def test_a_disturbance_that_never_starts_changes_no_bit(
 
 def test_no_disturbance_acts_before_the_run_starts() -> None:
     rig = rig_with("occlusion arm_silent encoder_nan disk_full kill")
-    rig.show_target()
+    rig.move_to_target()
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     teach(plant, frames=5)
     assert not rig.disk_full()
@@ -377,7 +382,7 @@ def test_no_disturbance_acts_before_the_run_starts() -> None:
 @settings(max_examples=8)
 @given(seeds)
 def test_the_same_seed_and_disturbances_give_the_same_run(seed: int) -> None:
-    text = " ".join(map(str, random_disturbances(random_from(seed), 1.0)))
+    text = " ".join(map(str, sample_disturbances(random_from(seed), 1.0)))
     first, again = (running(text, seconds=1.2) for _ in range(2))
     assert [frozen((tick.seen, tick.state.command)) for tick in first.ticks] == [
         frozen((tick.seen, tick.state.command)) for tick in again.ticks
@@ -386,7 +391,7 @@ def test_the_same_seed_and_disturbances_give_the_same_run(seed: int) -> None:
 
 @given(seeds, st.booleans())
 def test_a_disturbance_survives_its_text_and_a_pickle(seed: int, pictures: bool) -> None:
-    chosen = random_disturbances(random_from(seed), 20.0, pictures)
+    chosen = sample_disturbances(random_from(seed), 20.0, pictures)
     assert 1 <= len(chosen) <= 3
     for disturbance in chosen:
         assert (
@@ -395,13 +400,15 @@ def test_a_disturbance_survives_its_text_and_a_pickle(seed: int, pictures: bool)
             == pickle.loads(pickle.dumps(disturbance))
         )
         assert disturbance.at <= 20.0
-        assert KINDS[disturbance.kind].pictures or not pictures
+        assert DISTURBANCE_KINDS[disturbance.kind].pictures or not pictures
 
 
 @given(
     st.one_of(
         st.text(max_size=30),
-        st.builds("{}:{}".format, st.sampled_from([*KINDS, *OLD_NAMES]), st.text(max_size=20)),
+        st.builds(
+            "{}:{}".format, st.sampled_from([*DISTURBANCE_KINDS, *OLD_NAMES]), st.text(max_size=20)
+        ),
     )
 )
 def test_any_text_is_a_disturbance_or_refused_with_a_sentence(text: str) -> None:
@@ -442,8 +449,8 @@ def test_old_names_are_read_in_records_and_refused_elsewhere_with_the_new_spelli
 
 
 def test_each_old_name_is_read_and_none_is_a_kind() -> None:
-    assert {Disturbance.read(name).kind for name in OLD_NAMES} <= set(KINDS)
-    assert not set(OLD_NAMES) & set(KINDS)
+    assert {Disturbance.read(name).kind for name in OLD_NAMES} <= set(DISTURBANCE_KINDS)
+    assert not set(OLD_NAMES) & set(DISTURBANCE_KINDS)
 
 
 @pytest.mark.parametrize(
@@ -477,14 +484,14 @@ def test_only_a_camera_without_images_can_report_points_that_are_not_finite() ->
 
 
 def test_every_kind_of_rcmservo_run_is_described_in_a_line() -> None:
-    lines = describe().splitlines()
+    lines = describe_kinds().splitlines()
     assert [line.split(":")[0] for line in lines] == [
-        kind for kind in KINDS if kind != "nan_points"
+        kind for kind in DISTURBANCE_KINDS if kind != "nan_points"
     ]
 
 
 def test_every_kind_has_causes_unless_the_servo_is_dead() -> None:
-    assert {name for name in KINDS if not causes_of(name)} == {"kill"}
+    assert {name for name in DISTURBANCE_KINDS if not expected_causes(name)} == {"kill"}
 
 
 # ---------------------------------------------------------------- images
@@ -617,13 +624,13 @@ def test_a_moved_camera_images_the_tool_by_its_new_model(text: str) -> None:
 def test_the_operator_counts_accepted_and_refused_requests() -> None:
     rig = rig_with("occlusion:at=1.3,for=3.5")
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
-    rig.show_target()
+    rig.move_to_target()
     target = teach(plant, frames=30)
-    rig.go_home()
+    rig.move_to_start()
     rig.begin()
-    operator = ScriptedPerson(rig, plant, 9, frames=30)
+    operator = ScriptedOperator(rig, plant, 9, frames=30)
     ticks = list(
-        attended(
+        run_attended(
             rig, plant, Servo(rig.settings.mechanism, rig.settings.tool), target, 8.0, operator
         )
     )

@@ -8,8 +8,8 @@ from rcmservo.errors import BadInput
 from rcmservo.interfaces import Floats
 from rcmservo.loop.teach import teach
 from rcmservo.sim import Disturbance, Drive, Rig, RigSettings
-from rcmservo.sim.arm import HARD_STOP, SimulatedArm
-from rcmservo.sim.processes.motion_log import TrueError
+from rcmservo.sim.arm import HARD_STOP_RATIO, SimulatedArm
+from rcmservo.sim.processes.motion_log import TruePositionError
 from rcmservo.tracking import PointMarkers
 
 OFFSET, ERROR = (0.02, -0.03, 1.5), (0.1, -0.2, 0.3)
@@ -32,8 +32,8 @@ def test_encoders_report_joints_with_their_offset() -> None:
     np.testing.assert_array_less(
         np.abs(arm.measure().q - arm.q_true - OFFSET), 0.51 * np.array(FAULTY.encoder)
     )
-    assert (FAULTY.true(FAULTY.told(START)) == pytest.approx(START)) and (
-        FAULTY.told(START) != START
+    assert (FAULTY.true(FAULTY.measured(START)) == pytest.approx(START)) and (
+        FAULTY.measured(START) != START
     ).all()
 
 
@@ -45,7 +45,7 @@ def test_every_joint_moves_faster_than_commanded_by_its_rate_error() -> None:
 def test_the_hard_stop_is_at_the_true_joints() -> None:
     arm = moved(FAULTY, np.array([0.0, 0.0, 5.0]), 3.0, np.array([0.6, 0.3, 215.0]))
     lower, upper = arm.mechanism.limits.arrays
-    stop = (lower + upper)[2] / 2.0 + HARD_STOP * (upper - lower)[2] / 2.0
+    stop = (lower + upper)[2] / 2.0 + HARD_STOP_RATIO * (upper - lower)[2] / 2.0
     assert arm.q_true[2] == pytest.approx(stop, abs=0.5)
     assert arm.measure().q[2] == pytest.approx(arm.q_true[2] + OFFSET[2], abs=0.01)
 
@@ -75,16 +75,16 @@ def test_the_true_error_uses_the_true_joints() -> None:
     settings = RigSettings(drive=Drive(encoder_offset=OFFSET))
     rig = Rig(3, settings, pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
-    rig.show_target()
+    rig.move_to_target()
     target = teach(plant)
 
     class Log:
         def last(self) -> dict[str, Floats]:
             return {"q": rig.arm.q_true}
 
-    error = TrueError(settings, Log())  # type: ignore[arg-type]
+    error = TruePositionError(settings, Log())  # type: ignore[arg-type]
     assert error(target.q) < 0.01
-    rig.go_home()
+    rig.move_to_start()
     way = rig.body.points(rig.scene.start)[1] - rig.body.points(rig.scene.target)[1]
     assert error(target.q) == pytest.approx(np.linalg.norm(way), abs=0.01)
 

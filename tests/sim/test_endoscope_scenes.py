@@ -11,8 +11,8 @@ from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import PitchYawRcm
 from rcmservo.interfaces import Floats
 from rcmservo.sim import Rig, RigSettings, SceneSettings
-from rcmservo.sim.rig import drawn
-from rcmservo.sim.rig_file import rig_settings
+from rcmservo.sim.rig import sample_scene_of_seed
+from rcmservo.sim.rig_file import read_rig_settings
 from rcmservo.sim.scene import NoScene, Scene
 from rcmservo.sim.scenes.endoscope import MAX_WALL_SLOPE_RAD, MIN_INSERTED_LENGTH_MM
 from rcmservo.tracking import ColourMarkers
@@ -38,21 +38,21 @@ def test_the_endoscope_passes_the_wall_at_the_requested_distance(
     settings: RigSettings,
 ) -> None:
     for seed in range(40):
-        line = line_of_ports(drawn(seed, settings)[0])
+        line = line_of_ports(sample_scene_of_seed(seed, settings)[0])
         distance = np.linalg.norm(line, axis=1)
         wall = np.abs(line[:, 2]) <= distance * np.sin(MAX_WALL_SLOPE_RAD + 1e-3)
         assert (wall & (distance > PORTS[0] - 0.1) & (distance < PORTS[1] + 0.1)).any()
 
 
 def test_the_rcm_is_behind_or_in_front_of_the_lens() -> None:
-    optics = [drawn(seed, SETTINGS)[0].optics for seed in range(40)]
+    optics = [sample_scene_of_seed(seed, SETTINGS)[0].optics for seed in range(40)]
     behind = [one.depth(np.zeros((1, 3)))[0] < 0.0 for one in optics]
     assert 0.25 < np.mean(behind) < 0.75
 
 
 def test_travel_and_camera_distance_are_within_their_ranges() -> None:
     for seed in range(20):
-        scene, _ = drawn(seed, SETTINGS)
+        scene, _ = sample_scene_of_seed(seed, SETTINGS)
         markers = np.stack([scene.body.points(q)[:2] for q in (scene.start, scene.target)])
         assert 10.0 <= np.linalg.norm(markers[1, 0] - markers[0, 0]) <= 30.0
         assert 60.0 <= np.linalg.norm(scene.optics.position - markers.mean(axis=(0, 1))) <= 120.0
@@ -81,13 +81,13 @@ def test_a_camera_that_cannot_image_the_rcm_can_be_relocated() -> None:
 
 def test_a_camera_outside_its_port_is_no_endoscope() -> None:
     with pytest.raises(NoScene):
-        drawn(0, RigSettings(scene=replace(SCENE, distance=(400.0, 500.0))))
+        sample_scene_of_seed(0, RigSettings(scene=replace(SCENE, distance=(400.0, 500.0))))
 
 
 def test_a_rig_file_may_have_ports(tmp_path) -> None:
     path = tmp_path / "lab.toml"
     path.write_text("[scene]\nports = [70.0, 130.0]\n")
-    assert rig_settings(load_lab(path)).scene.ports == PORTS
+    assert read_rig_settings(load_lab(path)).scene.ports == PORTS
 
 
 @pytest.mark.parametrize(

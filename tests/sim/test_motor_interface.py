@@ -5,20 +5,22 @@ import pytest
 
 from rcmservo.geometry.kinematics import SphericalRcm
 from rcmservo.sim.arm import Drive, SimulatedArm
-from rcmservo.sim.motor_interface import ArmMotors
+from rcmservo.sim.motor_interface import SimulatedMotors
 
 COUNTS = np.array([50000.0, -40000.0, 500.0])
 SAMPLE = 1.0 / 1024.0
 ON, OFF = [True] * 4, [False] * 4
 
 
-def motors(q: list[float]) -> ArmMotors:
+def motors(q: list[float]) -> SimulatedMotors:
     arm = SimulatedArm(SphericalRcm(), Drive())
     arm.place(np.array(q))
-    return ArmMotors(arm, COUNTS, 4)
+    return SimulatedMotors(arm, COUNTS, 4)
 
 
-def turned(motors: ArmMotors, speeds: list[float], on: list[bool], seconds: float) -> list[float]:
+def turned(
+    motors: SimulatedMotors, speeds: list[float], on: list[bool], seconds: float
+) -> list[float]:
     for _ in range(round(seconds / SAMPLE)):
         counts = motors.step(speeds, on, SAMPLE)
     return list(counts)

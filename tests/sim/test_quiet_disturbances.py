@@ -7,7 +7,7 @@ import pytest
 
 from rcmservo.interfaces import Command, Floats, Frame
 from rcmservo.sim import Disturbance, Rig, RigSettings
-from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.camera_model import CameraModel
 from rcmservo.tracking import ColourMarkers
 
 START, END = 0.2, 0.7
@@ -40,7 +40,7 @@ class TrueFrame(NamedTuple):
     frame: Frame
     error: Floats
     """Errors (2, 2) px of the markers from their images by the first camera."""
-    optics: Optics
+    optics: CameraModel
     """True camera."""
 
 

@@ -9,19 +9,19 @@ import pytest
 
 from conftest import with_tests
 from rcmservo.errors import BadInput
-from rcmservo.sim.camera_model import Optics, look_at
+from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
 from rcmservo.sim.rendering import Look, Renderer, Tissue
 
 POSITION = np.array([-70.0, -60.0, 20.0])
 TARGET = np.array([0.0, 0.0, -110.0])
 TISSUE = Tissue(np.array([0.0, 0.0, -165.0]), np.array([0.0, 0.0, 1.0]))
-OPTICS = Optics(
+OPTICS = CameraModel(
     640,
     480,
     700.0,
     np.array([322.0, 236.0]),
     np.array([-0.15, 0.03]),
-    look_at(POSITION, TARGET, 0.2),
+    compute_look_at_rotation(POSITION, TARGET, 0.2),
     POSITION,
 )
 QUIET = Look(full_well=np.inf, read_noise=0.0)

@@ -41,9 +41,9 @@ def test_a_scene_starts_with_exactly_the_requested_errors(seed, errors):
     np.testing.assert_allclose(
         true_error(rig, rig.scene.half_way), np.array(errors) / 2.0, atol=1e-7
     )
-    sizes = np.abs([true_error(rig, q) for q in rig.scene.way])
+    sizes = np.abs([true_error(rig, q) for q in rig.scene.path])
     assert (np.diff(sizes, axis=0) <= 1e-6).all(), "no error grows on the path"
-    assert np.abs(np.diff(rig.scene.way, axis=0))[:, :2].max() < 1.0, (
+    assert np.abs(np.diff(rig.scene.path, axis=0))[:, :2].max() < 1.0, (
         "the path does not jump at the angles' wrap"
     )
 
@@ -74,9 +74,9 @@ def test_a_relocated_camera_stops_the_servo_until_it_has_explored_again():
     again = list(run(lab.plant, servo, lab.target, 1.0, state=held[-1].state))
     assert again[-1].state.cause is Cause.TARGET_OLD, "the target of the old view is refused"
     assert not any(tick.applied.any() for tick in again)
-    lab.rig.show_target()
+    lab.rig.move_to_target()
     target = teach(lab.plant, frames=30)
-    lab.rig.go_home()
+    lab.rig.move_to_start()
     *_, last = run(lab.plant, servo, target, 12.0, state=again[-1].state)
     assert last.state.phase is Phase.SERVO
     assert (np.abs(last.state.delta) < (0.02, 2.0, 2.0)).all()
@@ -91,9 +91,9 @@ def test_a_camera_bumped_during_exploration_is_detected():
         disturbances=[Disturbance.parse("camera_pan:at=1.828,px=17.1")],
     )
     plant = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
-    rig.show_target()
+    rig.move_to_target()
     target = teach(plant, frames=30)
-    rig.go_home()
+    rig.move_to_start()
     rig.begin()
     *_, last = run(plant, Servo(rig.settings.mechanism, rig.settings.tool), target, 4.0)
     assert last.state.cause is Cause.CAMERA_MOVED and last.time < 1.95e9
@@ -145,9 +145,9 @@ def test_a_new_target_gives_the_stall_rule_a_new_start():
     lab = laboratory(seed=3)
     servo = lab.servo()
     *_, there = run(lab.plant, servo, lab.target, 8.0)
-    lab.rig.go_home()
+    lab.rig.move_to_start()
     elsewhere = teach(lab.plant, frames=30)
-    lab.rig.show_target()
+    lab.rig.move_to_target()
     *_, last = run(lab.plant, servo, elsewhere, 8.0, state=there.state)
     assert last.state.phase is Phase.SERVO
     assert (np.abs(last.state.delta) < (0.02, 2.0, 2.0)).all()
@@ -167,9 +167,9 @@ def test_a_component_that_rises_while_the_potential_falls_is_no_stall():
 
 def test_after_the_tool_is_moved_by_hand_no_frame_has_earlier_joints():
     lab = laboratory(seed=2)
-    lab.rig.show_target()
+    lab.rig.move_to_target()
     teach(lab.plant, frames=5)
-    lab.rig.go_home()
+    lab.rig.move_to_start()
     home = lab.rig.scene.start
     seen = [
         tick.seen for tick in run(lab.plant, lab.servo(), lab.target, 0.1) if tick.seen.frame >= 0

@@ -17,7 +17,7 @@ from rcmservo.sim.disturbances.oracle import (
     INNOVATION_THRESHOLD,
     MIN_DURATION_NS,
     Oracle,
-    Unnoticed,
+    UnnoticedGrowth,
 )
 from rcmservo.tracking import PointMarkers
 
@@ -36,9 +36,9 @@ def when_visible(text: str, seconds: float = 2.0, moving: bool = True, seed: int
     for k in range(round(seconds * 100)):
         rig.clock.wait_until(began + (k + 1) * 10_000_000)
         seen = plant.read()
-        oracle.look(seen)
+        oracle.update(seen)
         plant.send(Command(k, seen.now, seen.now + 50_000_000, rates, True))
-    return np.nan if oracle.visible is None else (oracle.visible - began) * 1e-9
+    return np.nan if oracle.visible_since is None else (oracle.visible_since - began) * 1e-9
 
 
 @pytest.mark.parametrize("seed", first_quick(range(1, 4)))
@@ -69,10 +69,10 @@ def test_after_a_restart_the_oracle_uses_the_present_camera() -> None:
     plant, oracle = Plant(rig.arm, rig.camera, PointMarkers(), rig.clock), Oracle(rig.truth, NOISE)
     rig.begin()
     plant.read()
-    rig.let_pass(rig.clock.now() + 60_000_000)
+    rig.advance_until(rig.clock.now() + 60_000_000)
     seen = plant.read()
     before = np.abs(oracle.innovation(seen)).max()
-    oracle.learn()
+    oracle.restart()
     assert before > INNOVATION_THRESHOLD > np.abs(oracle.innovation(seen)).max()
 
 
@@ -86,10 +86,10 @@ def test_nothing_is_visible_in_20_runs_without_disturbances() -> None:
         servo = Servo(rig.settings.mechanism, rig.settings.tool)
         oracle = Oracle(rig.truth, NOISE)
         for tick in run(plant, servo, target, 3.0):
-            oracle.look(tick.seen)
+            oracle.update(tick.seen)
             if tick.seen.frame >= 0:
                 innovations.append(oracle.innovation(tick.seen))
-        assert oracle.visible is None
+        assert oracle.visible_since is None
     assert np.std(innovations) == pytest.approx(1.0, rel=0.05)
 
 
@@ -115,10 +115,10 @@ def ticks(*phases: Phase, cause: Cause = Cause.NONE) -> list[SimpleNamespace]:
 
 
 def grown(seen: list[SimpleNamespace], errors: list[float], k: int = 2) -> float:
-    unnoticed = Unnoticed(StubOracle(k))
+    unnoticed = UnnoticedGrowth(StubOracle(k))
     for tick, error in zip(seen, errors, strict=True):
-        unnoticed.look(tick, error)
-    return unnoticed.grown
+        unnoticed.update(tick, error)
+    return unnoticed.growth
 
 
 def test_growth_counts_from_the_moment_of_visibility() -> None:

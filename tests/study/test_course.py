@@ -9,16 +9,16 @@ from studies import small
 from rcmservo.geometry.features import SCALE
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import PHASES, Phase
-from rcmservo.sim.ground_truth import feature_jacobian
+from rcmservo.sim.ground_truth import compute_feature_jacobian
 from rcmservo.sim.scene import Scene
-from rcmservo.sim.scenes.joint_paths import imaged_rcm
+from rcmservo.sim.scenes.joint_paths import compute_imaged_rcm
 from rcmservo.study.batch import Study
 from rcmservo.study.execution.chunk import one_run
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.row import NEVER, StudyRow, row_of
 from rcmservo.study.run_outcome import StudyRun
 from rcmservo.study.simulation_engine import Laboratory
-from rcmservo.tracking import MarkerLook
+from rcmservo.tracking import MarkerAppearance
 
 S, A, H = Phase.SERVO, Phase.ACQUIRE, Phase.HOLD
 QUIET, SAID = Cause.NONE, Cause.STALE
@@ -103,7 +103,7 @@ def test_a_target_that_cannot_be_taught_ends_its_run_and_not_the_study() -> None
     cell = small(duration=1.1, shown=1, engine="pictures", methods=("dlt",)).cells[0]
     engine = cell.engine_for(0, cell.rebuilt({}))
     assert isinstance(engine, Laboratory)
-    run = replace(engine, look=MarkerLook("magenta", "cyan")).run(0)
+    run = replace(engine, look=MarkerAppearance("magenta", "cyan")).run(0)
     assert not run.began and not run.stops
     assert run.error == pytest.approx(np.full(110, run.pose_error))
     assert run.pose_error == pytest.approx(row(0)[0].start_error_mm, rel=1e-3)
@@ -119,9 +119,9 @@ def test_the_balls_of_an_endoscopes_scenes_are_seen_in_pictures() -> None:
 @pytest.mark.parametrize("scenes", ["random", "hard", "laparoscopic"])
 def test_the_condition_is_the_largest_of_the_true_scaled_jacobian_on_the_way(scenes: str) -> None:
     told, scene = row(3, scenes=(scenes,))
-    assert np.allclose([scene.way[0], scene.way[-1]], [scene.start, scene.target], atol=1e-9)
-    o_c = imaged_rcm(scene.optics)
-    J = [feature_jacobian(scene.body, scene.optics, q, o_c) for q in scene.way]
+    assert np.allclose([scene.path[0], scene.path[-1]], [scene.start, scene.target], atol=1e-9)
+    o_c = compute_imaged_rcm(scene.optics)
+    J = [compute_feature_jacobian(scene.body, scene.optics, q, o_c) for q in scene.path]
     scaled = [one / np.array(SCALE)[:, None] for one in J]
     most = max(np.linalg.cond(one) if np.isfinite(one).all() else np.inf for one in scaled)
     assert told.condition == pytest.approx(most, rel=1e-6)

@@ -12,9 +12,9 @@ from rcmservo.errors import BadInput
 from rcmservo.geometry.tool import RigidTool, ScaledTool, Tool
 from rcmservo.interfaces import Floats
 from rcmservo.sim import RigSettings
-from rcmservo.sim.rig import drawn
+from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.sim.scene import Scene
-from rcmservo.sim.scenes.joint_paths import imaged_rcm
+from rcmservo.sim.scenes.joint_paths import compute_imaged_rcm
 from rcmservo.study.cramer_rao import pixels_jacobian
 
 NOISE, SEEN, SHOWN = 0.3, 60, 30
@@ -25,7 +25,7 @@ SCENES = range(20)
 
 
 def scene_of(seed: int, tool: Tool = RigidTool(30.0)) -> Scene:  # noqa: B008
-    return drawn(seed, RigSettings(tool=tool))[0]
+    return sample_scene_of_seed(seed, RigSettings(tool=tool))[0]
 
 
 def pixels(scene: Scene, p2: Floats) -> Floats:
@@ -37,7 +37,7 @@ def pixels(scene: Scene, p2: Floats) -> Floats:
 
 def features(scene: Scene, m: Floats) -> Floats:
     """[s r d] (N, 3) about the true imaged RCM, s from where the target has it."""
-    o_c, way = imaged_rcm(scene.optics), m[:, 2:] - m[:, :2]
+    o_c, way = compute_imaged_rcm(scene.optics), m[:, 2:] - m[:, :2]
     at = pixels(scene, target(scene)[None])[0]
     turned = np.arctan2(way[:, 1], way[:, 0]) - np.arctan2(*(at[2:] - at[:2])[::-1])
     s = (turned + np.pi) % (2.0 * np.pi) - np.pi

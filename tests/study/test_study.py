@@ -19,12 +19,12 @@ from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import PHASES, Phase
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import Drive, Rig, RigSettings
-from rcmservo.sim.arm import HARD_STOP
-from rcmservo.sim.camera_model import Optics, look_at
+from rcmservo.sim.arm import HARD_STOP_RATIO
+from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
 from rcmservo.sim.rendering import Tissue
-from rcmservo.sim.rig import drawn
+from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.sim.scene import Scene
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.tool_body import ToolBody
 from rcmservo.study import Study, StudyRun
 from rcmservo.study.batch import BEGIN
 from rcmservo.study.execution.chunk import one_run
@@ -54,7 +54,7 @@ def by_physics(study: Study, seed: int) -> StudyRun:
 
 def shown(seed: int, settings: RigSettings) -> Goal:
     """What a seed's target looks like, without noise."""
-    scene, _ = drawn(seed, settings)
+    scene, _ = sample_scene_of_seed(seed, settings)
     markers = scene.body.points(scene.target)[:2]
     return Goal(scene.optics.project(markers), scene.target, markers[1])
 
@@ -170,13 +170,15 @@ def test_averaged_markers_bring_the_tool_nearer_at_the_same_speed() -> None:
     assert times[1] < 1.1 * times[0] < 6.0
 
 
-def behind(optics: Optics, body: Body) -> Scene:
+def behind(optics: CameraModel, body: ToolBody) -> Scene:
     """A scene as an endoscope sees it: through a port of its own, with the arm's RCM behind it."""
     q = np.array([0.6, 0.3, 120.0])
     start, port = body.points(q)[:2].mean(axis=0), np.array([-80.0, 40.0, 0.0])
     sight = (start - port) / np.linalg.norm(start - port)
     place = start - 80.0 * sight
-    endoscope = replace(optics, focal=600.0, position=place, rotation=look_at(place, start))
+    endoscope = replace(
+        optics, focal=600.0, position=place, rotation=compute_look_at_rotation(place, start)
+    )
     assert endoscope.depth(np.zeros((1, 3)))[0] < 0.0
     target = q + np.array([0.08, 0.1, 9.0])
     return Scene(endoscope, body, np.stack([q, target]), q, Tissue(place, sight), 0)
@@ -189,8 +191,8 @@ def test_where_the_rcm_is_behind_the_camera_the_whole_projection_servoes(
     estimator: Estimator, arrives: bool
 ) -> None:
     settings = replace(QUIET, tool=RigidTool(15.0))
-    body = Body(settings.mechanism, settings.tool)
-    scene = behind(drawn(0, QUIET)[0].optics, body)
+    body = ToolBody(settings.mechanism, settings.tool)
+    scene = behind(sample_scene_of_seed(0, QUIET)[0].optics, body)
     study = Study(Servo(settings.mechanism, settings.tool, estimator), settings)
     markers = body.points(scene.target)[:2]
     goal = Goal(scene.optics.project(markers), scene.target, markers[1])
@@ -203,7 +205,13 @@ def test_what_it_tells_of_a_run_is_counted_from_its_first_tick() -> None:
     places = np.array([PHASES.index(phase) for phase in phases], np.int8)
     causes = np.array([0, Cause.STALE.place, Cause.STALE.place, 0, Cause.DRIVE_OFF.place], np.int8)
     run = StudyRun(
-        0, 100.0, np.array([3.0, 2.0, 1.0, 0.5, 1.5]), places, causes, 0.1, drawn(0, QUIET)[0]
+        0,
+        100.0,
+        np.array([3.0, 2.0, 1.0, 0.5, 1.5]),
+        places,
+        causes,
+        0.1,
+        sample_scene_of_seed(0, QUIET)[0],
     )
     assert run.first_within(1.0) == 0.02
     assert run.stops == [(0.01, Cause.STALE), (0.04, Cause.DRIVE_OFF)]
@@ -234,7 +242,7 @@ def test_a_seed_or_a_noise_that_cannot_be_is_one_sentence() -> None:
     study = study_of(QUIET, duration=1.0)
     with pytest.raises(BadInput, match="seed must be"):
         study.run(-1)
-    scene, _ = drawn(0, QUIET)
+    scene, _ = sample_scene_of_seed(0, QUIET)
     with pytest.raises(BadInput, match="noise must be"):
         study.of(0, scene, shown(0, QUIET), np.zeros((10, 2, 2)))
 
@@ -266,14 +274,14 @@ def test_noise_that_cannot_be_given_is_one_sentence() -> None:
 
 def test_the_twin_stops_at_its_hard_stop_by_the_true_joints() -> None:
     study = study_of(replace(QUIET, drive=WRONG))
-    laboratory = study._twin(drawn(0, QUIET)[0])
+    laboratory = study._twin(sample_scene_of_seed(0, QUIET)[0])
     twin = laboratory.rows[0]
     place(twin, BEGIN)
     for k in range(500):
         take(twin, np.array([0.0, 0.0, 100.0]), True)
         advance(twin, BEGIN + (k + 1) * 10_000_000)
     lower, upper = study.settings.mechanism.limits.arrays
-    stop = (lower + upper) / 2.0 + HARD_STOP * (upper - lower) / 2.0
+    stop = (lower + upper) / 2.0 + HARD_STOP_RATIO * (upper - lower) / 2.0
     told = np.empty(3)
     count(twin, told)
     assert laboratory.drives.q[2] == stop[2]

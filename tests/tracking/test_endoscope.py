@@ -11,7 +11,7 @@ from endoscope import Options, draw, settings_of
 
 from rcmservo.interfaces import Floats, Frame
 from rcmservo.sim.rig import Rig
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.tool_body import ToolBody
 from rcmservo.tracking import ColourMarkers
 
 
@@ -23,7 +23,7 @@ def tracking_errors(seed: int, pose: str) -> tuple[Floats, Floats]:
     ball.
     """
     settings = settings_of(Options(pictures=True))
-    scene = draw(seed, Body(settings.mechanism, settings.tool))
+    scene = draw(seed, ToolBody(settings.mechanism, settings.tool))
     rig, q = Rig(seed, settings, scene=scene), getattr(scene, pose)
     rig.place(q)
     markers = ColourMarkers().find(Frame(0, 0, 0, rig.camera.latest().image))

@@ -11,9 +11,9 @@ from scipy.optimize import least_squares
 from conftest import DATA
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Floats, Frame, Image
-from rcmservo.sim.camera_model import Optics, look_at
+from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
 from rcmservo.sim.rendering import Look, Renderer, Tissue
-from rcmservo.tracking import ColourMarkers, MarkerLook, PointMarkers, read_image
+from rcmservo.tracking import ColourMarkers, MarkerAppearance, PointMarkers, read_image
 
 SIZE = 320, 240
 PAINT = {"red": (40, 30, 210), "blue": (215, 80, 30), "green": (50, 190, 40)}
@@ -70,7 +70,7 @@ def frame(image: Image, number: int = 0) -> Frame:
     return Frame(number, 0, 0, image)
 
 
-RED_BLUE = MarkerLook("red", "blue")
+RED_BLUE = MarkerAppearance("red", "blue")
 BLUE = Disc(250.3, 60.7, colour="blue")
 
 
@@ -123,8 +123,14 @@ def _rendered_error(seed: int, shaft_radius: float) -> Floats:
     """Return the distances (2,) px of the tracked balls from their silhouettes' centroids."""
     random = np.random.default_rng(seed)
     eye = np.array([0.0, 0.0, 200.0])
-    optics = Optics(
-        400, 300, 600.0, np.array([200.0, 150.0]), np.zeros(2), look_at(eye, np.zeros(3)), eye
+    optics = CameraModel(
+        400,
+        300,
+        600.0,
+        np.array([200.0, 150.0]),
+        np.zeros(2),
+        compute_look_at_rotation(eye, np.zeros(3)),
+        eye,
     )
     pitch, yaw = random.uniform(-1.0, 1.0), random.uniform(0, 2 * np.pi)
     along = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
@@ -133,7 +139,7 @@ def _rendered_error(seed: int, shaft_radius: float) -> Floats:
     renderer = Renderer(optics, Look(shaft_radius=shaft_radius, jaw_radius=0.0), tissue, seed)
     image = renderer.render(np.array([[m1, m2, m1 - 80 * along, m2 + 15 * along]]), 0)
     truth = [optics.silhouette_centre(m, 3.5) for m in (m1, m2)]
-    markers = ColourMarkers(MarkerLook("green", "blue")).find(frame(image))
+    markers = ColourMarkers(MarkerAppearance("green", "blue")).find(frame(image))
     return np.linalg.norm(markers.points - truth, axis=1)
 
 
@@ -243,7 +249,7 @@ def test_markers_of_two_colours_are_never_swapped_where_their_paths_cross(
 def test_markers_of_one_colour_are_distinguished_by_size_after_any_jump(
     moves: list[tuple[float, float]],
 ) -> None:
-    tracker = ColourMarkers(MarkerLook("red", "red", radius_1=12.0, radius_2=10.0))
+    tracker = ColourMarkers(MarkerAppearance("red", "red", radius_1=12.0, radius_2=10.0))
     for du, dv in moves:
         large, small = Disc(130 + du, 100 + dv, 24.0), Disc(190 + du, 140 + dv, 20.0)
         markers = tracker.find(frame(painted(large, small)))
@@ -257,7 +263,7 @@ def test_a_ring_is_no_ball() -> None:
 
 
 def test_one_ball_alone_of_two_of_one_colour_is_no_marker() -> None:
-    tracker = ColourMarkers(MarkerLook("red", "red", radius_1=12.0, radius_2=10.0))
+    tracker = ColourMarkers(MarkerAppearance("red", "red", radius_1=12.0, radius_2=10.0))
     tracker.find(frame(painted(Disc(100.0, 100.0, 24.0), Disc(180.0, 140.0, 20.0))))
     assert np.isnan(tracker.find(frame(painted(Disc(100.0, 100.0, 24.0)))).points).all()
 
@@ -274,7 +280,7 @@ def test_one_ball_alone_of_two_of_one_colour_is_no_marker() -> None:
 )
 def test_an_unusable_appearance_is_refused(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(BadInput, match=message):
-        MarkerLook(**arguments)  # type: ignore[arg-type]
+        MarkerAppearance(**arguments)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("image", [None, np.zeros((9, 9), np.uint8), np.zeros((9, 9, 3))])
@@ -304,7 +310,7 @@ def test_point_markers_return_the_finite_points() -> None:
 def test_both_real_balls_are_found_in_every_frame_within_two_pixels_of_one_projection() -> None:
     if not DATA.is_dir():
         pytest.skip("the recorded da Vinci frames are not here")
-    tracker = ColourMarkers(MarkerLook("red", "red", radius_1=12.0, radius_2=10.0))
+    tracker = ColourMarkers(MarkerAppearance("red", "red", radius_1=12.0, radius_2=10.0))
     images = [read_image(path) for path in sorted((DATA / "frames").glob("*.jpg"))]
     pixels = np.array([tracker.find(frame(image, i)).points for i, image in enumerate(images)])
     assert pixels.shape == (30, 2, 2)

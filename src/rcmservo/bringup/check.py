@@ -28,7 +28,7 @@ from rcmservo.bringup.timing import (
 )
 from rcmservo.errors import Stopped
 from rcmservo.interfaces import Floats
-from rcmservo.live.device_protocols import FallsSilent, Person
+from rcmservo.live.device_protocols import OperatorTerminal, SuspendsCommunication
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
 
@@ -88,7 +88,11 @@ class CheckReport:
 
 
 def check(
-    mover: Mover, person: Person, robot: Robot, thresholds: Thresholds, latency: float | None
+    mover: Mover,
+    person: OperatorTerminal,
+    robot: Robot,
+    thresholds: Thresholds,
+    latency: float | None,
 ) -> CheckReport:
     """Look, move a little, and decide.
 
@@ -113,7 +117,7 @@ class _Check:
     """The steps of a check."""
 
     mover: Mover
-    person: Person
+    person: OperatorTerminal
     robot: Robot
     thresholds: Thresholds
     latency: float | None
@@ -195,7 +199,7 @@ class _Check:
 
     def _require_stop(self, escalation: MotionEscalation, joint: int) -> None:
         """Abort unless an arm that takes rates comes to rest by itself once nothing is sent."""
-        if not (isinstance(self.mover.arm, FallsSilent) and self.mover.arm.by_speeds):
+        if not (isinstance(self.mover.arm, SuspendsCommunication) and self.mover.arm.by_speeds):
             return
         motion = float(escalation.motions[joint])
         question = escalation.question(joint, motion, ", and be left alone on the way")

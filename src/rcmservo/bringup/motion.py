@@ -15,7 +15,7 @@ from rcmservo.bringup.axis_wiring import Robot
 from rcmservo.bringup.findings import CheckAborted
 from rcmservo.bringup.observations import MotionTrace, PixelBound, StillView
 from rcmservo.interfaces import Camera, Clock, Floats, Observation, Tracker
-from rcmservo.live.device_protocols import FallsSilent, LabArm
+from rcmservo.live.device_protocols import LabArm, SuspendsCommunication
 from rcmservo.loop.clock import ticks
 from rcmservo.loop.plant import Plant
 from rcmservo.safety.gate import Gate
@@ -141,7 +141,7 @@ class Mover:
     def stops_by_itself(self, joint: int, offset: float) -> bool:
         """Return whether an arm that takes rates comes to rest once nothing is sent, while a joint
         moves by an offset at most."""
-        assert isinstance(self.arm, FallsSilent)
+        assert isinstance(self.arm, SuspendsCommunication)
         path: list[float] = []
         with self._driving() as home:
             self._leg = leg = Leg(joint, offset, offset, home)

@@ -17,7 +17,7 @@ from rcmservo.bringup.motion import Mover
 from rcmservo.bringup.observations import PixelBound, StillView
 from rcmservo.bringup.prompts import require_yes
 from rcmservo.interfaces import Floats
-from rcmservo.live.device_protocols import Person
+from rcmservo.live.device_protocols import OperatorTerminal
 
 FIRST_MM, FIRST_COUNTS = 0.06, 50.0
 """First motion of marker 2 according to the rig file, and in counts at most: in a file with a
@@ -48,7 +48,9 @@ MAX_UNDETECTABLE = 0.15, 0.15, 0.15, 5.0, 0.05
 class MotionEscalation:
     """Motions of growing size and all that was observed."""
 
-    def __init__(self, mover: Mover, person: Person, robot: Robot, rest: StillView) -> None:
+    def __init__(
+        self, mover: Mover, person: OperatorTerminal, robot: Robot, rest: StillView
+    ) -> None:
         self.mover, self.person, self.robot = mover, person, robot
         self.views = [rest]
         self.fits: list[Hypothesis] = []

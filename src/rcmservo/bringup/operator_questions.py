@@ -19,7 +19,7 @@ from rcmservo.bringup.prompts import MAX_ATTEMPTS, ask_choice, ask_length
 from rcmservo.errors import Stopped
 from rcmservo.geometry.kinematics import PITCH_YAW, SPHERICAL
 from rcmservo.interfaces import Floats
-from rcmservo.live.device_protocols import Person
+from rcmservo.live.device_protocols import OperatorTerminal
 
 VIEWPOINTS = {
     SPHERICAL: "look from the point where the tool goes in, along the line theta = 0",
@@ -65,7 +65,7 @@ def ask_operator(
     fits: Sequence[Hypothesis],
     robot: Robot,
     q: Floats,
-    person: Person,
+    person: OperatorTerminal,
     show: Show,
     motion: Callable[[int], float],
 ) -> list[Hypothesis]:
@@ -101,7 +101,7 @@ def ask_operator(
 
 
 def _by_direction(
-    left: list[Hypothesis], robot: Robot, joint: int, person: Person, show: Show
+    left: list[Hypothesis], robot: Robot, joint: int, person: OperatorTerminal, show: Show
 ) -> list[Hypothesis]:
     """Keep the hypotheses for which the tool moves in the direction that the operator sees."""
     kind, name = robot.mechanism.kind, robot.name(joint)
@@ -147,7 +147,7 @@ def _by_length(
     predicted: Floats,
     tolerance: Floats,
     question: str,
-    person: Person,
+    person: OperatorTerminal,
     show: Callable[[], None] = lambda: None,
 ) -> list[Hypothesis]:
     """Keep the hypotheses whose length is that of the ruler; all if nobody can measure it."""

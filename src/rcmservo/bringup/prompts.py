@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from rcmservo.errors import Stopped
-from rcmservo.live.device_protocols import Person
+from rcmservo.live.device_protocols import OperatorTerminal
 
 Answer = TypeVar("Answer")
 
@@ -16,7 +16,7 @@ MAX_LENGTH_MM = 2000.0
 """Longest length that a ruler measures."""
 
 
-def ask_choice(person: Person, question: str, words: Sequence[str]) -> str:
+def ask_choice(person: OperatorTerminal, question: str, words: Sequence[str]) -> str:
     """Return the one of these words that the operator answers."""
     choice = " / ".join(words)
 
@@ -26,13 +26,13 @@ def ask_choice(person: Person, question: str, words: Sequence[str]) -> str:
     return _ask(person, f"{question} ({choice})", parse, f"one of these: {choice}")
 
 
-def require_yes(person: Person, question: str) -> None:
+def require_yes(person: OperatorTerminal, question: str) -> None:
     """Raise `Stopped` unless the operator says yes."""
     if ask_choice(person, question, ("yes", "no")) == "no":
         raise Stopped(f"the answer was no to: {question}")
 
 
-def ask_length(person: Person, question: str) -> float | None:
+def ask_length(person: OperatorTerminal, question: str) -> float | None:
     """Return the mm that a ruler measures; None if the operator cannot tell."""
 
     def parse(answer: str) -> tuple[float | None] | None:
@@ -49,7 +49,7 @@ def ask_length(person: Person, question: str) -> float | None:
 
 
 def _ask(
-    person: Person, question: str, parse: Callable[[str], Answer | None], expected: str
+    person: OperatorTerminal, question: str, parse: Callable[[str], Answer | None], expected: str
 ) -> Answer:
     for _ in range(MAX_ATTEMPTS):
         answer = parse(person.ask(question))

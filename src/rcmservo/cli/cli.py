@@ -131,9 +131,9 @@ def _replay(options: Any, words: list[str]) -> int:
     from rcmservo.cli.replay import recompute_run, recorded, replay
     from rcmservo.recording import reader
 
-    if not reader.file_of(options.path).is_file():
+    if not reader.record_file(options.path).is_file():
         return replay(options)
-    then = reader.read(options.path)
+    then = reader.read_record(options.path)
     usual = recorded(options, then)
     return recompute_run(asked_of("replay", words, usual), usual, then)
 
@@ -158,13 +158,13 @@ def overview() -> str:
 
 def _no_command(arguments: list[str]) -> str:
     """Return a sentence about arguments that name no command."""
-    from rcmservo.errors import suggestion, told
+    from rcmservo.errors import quoted, suggestion
 
     known = ", ".join(COMMANDS)
     if not arguments:
         return f"a command must be given, one of {known}"
     word = arguments[0]
-    return f"the command must be one of {known}, got {told(word)}{suggestion(word, COMMANDS)}"
+    return f"the command must be one of {known}, got {quoted(word)}{suggestion(word, COMMANDS)}"
 
 
 def _fail(sentence: str) -> int:

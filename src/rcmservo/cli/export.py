@@ -25,9 +25,14 @@ from rcmservo.interfaces import Floats
 from rcmservo.recording import reader
 from rcmservo.recording.foreign.frame_folder import RecordingWriter
 from rcmservo.recording.reader import Record
-from rcmservo.recording.tick_schema import FLAGS, INTEGERS, REALS, TRUTH
+from rcmservo.recording.tick_schema import (
+    FLAG_COLUMNS,
+    INTEGER_COLUMNS,
+    REAL_COLUMNS,
+    TRUTH_COLUMNS,
+)
 
-UNITS = {column.name: column.parts for column in (*INTEGERS, *REALS, *FLAGS)}
+UNITS = {column.name: column.parts for column in (*INTEGER_COLUMNS, *REAL_COLUMNS, *FLAG_COLUMNS)}
 """What every column of a tick holds, with its unit."""
 
 BLOCK = 1000
@@ -88,7 +93,7 @@ class Exported:
 
 def write(path: Path, folder: Path) -> Exported:
     """Write the record of a run into an empty folder."""
-    rows = reader.read(path)
+    rows = reader.read_record(path)
     _write_csv(rows, folder / "ticks.csv")
     with whole(folder / "record.npz") as part, part.open("wb") as file:
         np.savez_compressed(file, **arrays(rows))
@@ -134,7 +139,7 @@ def _columns(rows: Record) -> tuple[list[str], list[Any]]:
     """The table's titles, and under each its column (N,)."""
     titles: list[str] = ["time [s]"]
     columns: list[Any] = [rows.time]
-    tables = [("", rows.ticks, UNITS), ("truth_", rows.truth, TRUTH)]
+    tables = [("", rows.ticks, UNITS), ("truth_", rows.truth, TRUTH_COLUMNS)]
     for start, table, units in tables if len(rows.truth["p1"]) else tables[:1]:
         for name, column in table.items():
             for i, unit in enumerate(units.get(name) or _numbered(column)):
@@ -163,7 +168,7 @@ def _write_frames(rows: Record, folder: Path) -> tuple[int, int]:
     tells the joints of."""
     joints = _joints(rows)
     writer, count, left_out = None, 0, 0
-    for exposure, jpeg in reader.pictures(rows.path):
+    for exposure, jpeg in reader.iterate_jpegs(rows.path):
         q = joints.get(exposure)
         if q is None:
             left_out += 1

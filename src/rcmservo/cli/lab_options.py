@@ -65,10 +65,10 @@ class LabOptions(ServoOptions):
     @cached_property
     def rig_settings(self) -> "RigSettings":
         """The simulated laboratory of the rig file."""
-        from rcmservo.sim.rig_file import rig_settings
+        from rcmservo.sim.rig_file import read_rig_settings
 
         with told_with(self.rig) if self.rig else nullcontext():
-            return rig_settings(self.lab)
+            return read_rig_settings(self.lab)
 
     @cached_property
     def servo(self) -> Servo:

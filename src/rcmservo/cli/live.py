@@ -49,16 +49,16 @@ def live(options: LiveOptions) -> int:
 def _run(options: LiveOptions, folder: Path, out: Console) -> RunResult:
     """Run on the simulated bench, and keep the result."""
     from rcmservo.cli.simulated_run.about import about
-    from rcmservo.sim.processes.lab_processes import Bench
+    from rcmservo.sim.processes.lab_processes import SimulatedLab
 
     settings, servo, seconds = options.rig_settings, options.servo, options.duration
-    with live_line(out) as line, Bench(options.seed, settings) as bench:
+    with live_line(out) as line, SimulatedLab(options.seed, settings) as bench:
         with compiling(line):  # here, so that the servo's process finds it done
             servo.warm_up()
         record, words = folder / RECORD, about(options, seconds)
         markers, frames = options.lab.markers, options.teaching_frames
         session = bench.session(servo, markers, seconds, record, words, frames)
-        result = run_live(session, bench.off, LiveProgress(line, seconds))
-        error = known(bench.error())
+        result = run_live(session, bench.switch_off, LiveProgress(line, seconds))
+        error = known(bench.true_error())
     result = replace(result, seed=options.seed, estimator=options.estimator, pose_error_mm=error)
     return save_result(result, record_in(folder), folder)

@@ -12,7 +12,7 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 from rcmservo.cli.command_line.help_text import ALL, HELP
 from rcmservo.cli.command_line.options import METAVARS, options_of, without_none
 from rcmservo.cli.command_line.suggestions import near_options
-from rcmservo.errors import BadInput, RcmServoError, suggestion, told
+from rcmservo.errors import BadInput, RcmServoError, quoted, suggestion
 
 
 class Unparsed(RcmServoError):
@@ -70,7 +70,7 @@ def _read(kind: type[Any], word: str) -> Any:
     try:
         return kind(word)
     except ValueError:
-        raise ValueError(f"{OURS} {NUMBERS[kind]}, got {told(word)}") from None
+        raise ValueError(f"{OURS} {NUMBERS[kind]}, got {quoted(word)}") from None
 
 
 def _sentence(
@@ -81,7 +81,7 @@ def _sentence(
         case tyro_errors.UnrecognizedArgs():
             word = event.tokens[0]
             if not word.startswith("-"):
-                return f"{told(word)} is more than {command} takes"
+                return f"{quoted(word)} is more than {command} takes"
             names = [one.name for one in options_of(kind) if not one.is_positional]
             return f"{command} has no option {word}{near_options(word, names)}"
         case tyro_errors.MissingArgs():
@@ -92,7 +92,7 @@ def _sentence(
         case tyro_errors.InvalidChoice():
             right = f"one of {', '.join(event.choices)}"
             near = suggestion(event.value, event.choices)
-            return f"{_name(event.argument)} must be {right}, got {told(event.value)}{near}"
+            return f"{_name(event.argument)} must be {right}, got {quoted(event.value)}{near}"
         case tyro_errors.BadValue() | tyro_errors.InstantiationFailure():
             return _refused(event, kind, words)
         case _:
@@ -113,7 +113,7 @@ def _refused(event: Any, kind: type[Any], words: list[str]) -> str:
     metavar = str(event.argument.lowered.metavar)
     numbers = {METAVARS[number]: words for number, words in NUMBERS.items()}
     right = numbers.get(metavar, f"given {metavar}")
-    return f"{name} must be {right}, got {told(given)}"
+    return f"{name} must be {right}, got {quoted(given)}"
 
 
 def _as_typed(failure: BaseException | None, kind: type[Any]) -> str:

@@ -25,7 +25,7 @@ from rcmservo.estimation.projection_rule import PRINTED
 from rcmservo.geometry.tool import Tool
 from rcmservo.recording.foreign import scoring
 from rcmservo.recording.reader import Record
-from rcmservo.recording.replay import Rerun, recompute, servo_of
+from rcmservo.recording.replay import ReplayResult, rebuild_servo, replay_record
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.user_estimator import examine, strict
 from rcmservo.tracking import ColourMarkers
@@ -72,7 +72,7 @@ def recorded(asked: ReplayOptions, then: Record) -> ReplayOptions:
     """
     if not then.stages:
         raise UnusableFile(asked.path, "does not tell the servo of its ticks")
-    servo = servo_of(then, then.stages[0], own_kinds(asked))
+    servo = rebuild_servo(then, then.stages[0], own_kinds(asked))
     name = name_of(servo.estimator, ESTIMATORS)
     groups: dict[str, Any] = {part: getattr(servo, part) for part in METHOD_PARTS if part in GROUPS}
     other = asked.estimator == "projection" and servo.estimator == PRINTED
@@ -94,11 +94,11 @@ def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) ->
     require(options.out is None, "--out", options.out, "left out for a run: nothing is written")
     as_recorded = options == replace(usual, json=options.json)
     other = None if as_recorded else _other(options, then)
-    again = recompute(then, other, own_kinds(options))
+    again = replay_record(then, other, own_kinds(options))
     if options.json:
         print(json.dumps(again.numbers))
     else:
-        print("; ".join(filter(None, (again.words, then.missing))))
+        print("; ".join(filter(None, (again.sentence, then.missing))))
         if again.open_loop and not again.same:
             _show_differences(console(), again)
     return 0 if again.same else OTHERWISE
@@ -106,14 +106,14 @@ def recompute_run(options: ReplayOptions, usual: ReplayOptions, then: Record) ->
 
 def _other(options: ReplayOptions, then: Record) -> Servo:
     """The recorded servo with the settings that the command asks for."""
-    servo = servo_of(then, then.stages[0], own_kinds(options))
+    servo = rebuild_servo(then, then.stages[0], own_kinds(options))
     parts = options.parts(options.estimator or name_of(servo.estimator, ESTIMATORS))
     return replace(servo, **parts)
 
 
-def _show_differences(console: Console, again: Rerun) -> None:
+def _show_differences(console: Console, again: ReplayResult) -> None:
     """What the other settings would have made of what was seen."""
-    then, now = again.then, again.now
+    then, now = again.recorded, again.recomputed
     table = Table("", "as recorded", "with these settings")
     speeds = [np.median(np.linalg.norm(rows.ticks["v"], axis=1)) for rows in (then, now)]
     table.add_row("wanted speed of marker 1, median", *(f"{speed:.2f} mm/s" for speed in speeds))
@@ -142,7 +142,7 @@ def replay(options: ReplayOptions) -> int:
     return 0
 
 
-def _scored(options: ReplayOptions, out: Console) -> scoring.Replay:
+def _scored(options: ReplayOptions, out: Console) -> scoring.RecordingScore:
     """The score of a recording, with a bar while its frames are tracked."""
     lab = load_lab(options.rig)
     estimators = _estimators(options, lab.tool)
@@ -155,7 +155,7 @@ def _scored(options: ReplayOptions, out: Console) -> scoring.Replay:
     )
     with bar:
         task = bar.add_task("tracking", total=None)
-        return scoring.replay(
+        return scoring.score_recording(
             options.path,
             lab,
             ColourMarkers(lab.markers),

@@ -28,15 +28,15 @@ UNSETTLED = 1
 def record_in(folder: Path) -> Record | None:
     """Return the record of a run; None where it holds nothing."""
     with suppress(UnusableFile):
-        return reader.read(folder)
+        return reader.read_record(folder)
     return None
 
 
 def draw_figures(record: Record, folder: Path) -> None:
     """Draw the figures of a run's record, if it holds anything to draw."""
     if np.isfinite(record.ticks["delta"]).any():
-        charts.save(plots.errors(record), folder / "errors.png")
-        charts.save(plots.estimate(record), folder / "estimate.png")
+        charts.save_figure(plots.plot_errors(record), folder / "errors.png")
+        charts.save_figure(plots.plot_estimate(record), folder / "estimate.png")
 
 
 def save_result(result: RunResult, record: Record | None, folder: Path) -> RunResult:

@@ -12,9 +12,9 @@ from rcmservo.errors import needing
 def run(options: RunOptions) -> int:
     """Run, write the folder, print the result; the exit code is 0 where it settled."""
     with needing("run", "sim"):
-        from rcmservo.sim.disturbances import describe
+        from rcmservo.sim.disturbances import describe_kinds
     if "help" in options.disturb:
-        print(describe())
+        print(describe_kinds())
         return 0
     require_new(options.target, options.save_target)
     _ = options.servo, options.rig_settings, options.disturbances  # refuse what they cannot read

@@ -14,7 +14,7 @@ from rcmservo.recording.foreign import scoring
 Pair = tuple[float, float]
 
 
-def numbers(result: scoring.Replay) -> dict[str, Any]:
+def numbers(result: scoring.RecordingScore) -> dict[str, Any]:
     """Return a score as replay.json has it: None is what was not found or could not be computed."""
     return {
         "frames": [
@@ -37,7 +37,7 @@ def _pair(point: Floats) -> Pair | None:
     return (float(point[0]), float(point[1])) if np.isfinite(point).all() else None
 
 
-def centres(result: scoring.Replay) -> str:
+def centres(result: scoring.RecordingScore) -> str:
     """Return the markers' centres as CSV; what was not found is left empty."""
     lines = ["frame,m1_u_px,m1_v_px,m2_u_px,m2_v_px"]
     for pose, found in zip(result.poses, result.markers, strict=True):
@@ -46,7 +46,7 @@ def centres(result: scoring.Replay) -> str:
     return "\n".join(lines) + "\n"
 
 
-def show_score(console: Console, result: scoring.Replay) -> None:
+def show_score(console: Console, result: scoring.RecordingScore) -> None:
     """Print a score in words, and the one-step errors as a table."""
     found = [[np.isfinite(m).all() for m in markers.points] for markers in result.markers]
     m1, m2 = (sum(column) for column in zip(*found, strict=True)) if found else (0, 0)
@@ -64,7 +64,7 @@ def show_score(console: Console, result: scoring.Replay) -> None:
     console.print(table)
 
 
-def _imaged_rcm(result: scoring.Replay) -> str:
+def _imaged_rcm(result: scoring.RecordingScore) -> str:
     place, condition = result.o_c, result.condition
     if not (np.isfinite(place).all() and np.isfinite(condition)):
         return ": not observable, the imaged tool turned too little"

@@ -56,7 +56,7 @@ class ShowOptions:
 
 
 def show(options: ShowOptions) -> int:
-    rows = reader.read(options.record)
+    rows = reader.read_record(options.record)
     out = console()
     with new_folder(options.out, "show") as folder:
         tell(out, rows)
@@ -83,10 +83,10 @@ def draw(record: Record, folder: Path) -> None:
     """Write the figures of a record, and its whole timeline as a table."""
     write_whole(folder / "timeline.csv", _csv(spans(record)))
     if np.isfinite(record.ticks["delta"]).any():
-        charts.save(plots.timeline(record), folder / "timeline.png")
-        charts.save(plots.path(record), folder / "path.png")
-        charts.save(plots.errors(record), folder / "errors.png")
-        charts.save(plots.estimate(record), folder / "estimate.png")
+        charts.save_figure(plots.plot_timeline(record), folder / "timeline.png")
+        charts.save_figure(plots.plot_path(record), folder / "path.png")
+        charts.save_figure(plots.plot_errors(record), folder / "errors.png")
+        charts.save_figure(plots.plot_estimate(record), folder / "estimate.png")
 
 
 def _summary(record: Record, result: RunResult) -> Table:

@@ -22,7 +22,7 @@ from rcmservo.geometry.tool import RigidTool, Tool
 from rcmservo.safety.gate import Gate
 from rcmservo.safety.thresholds import Thresholds
 from rcmservo.servo.servo import Servo
-from rcmservo.tracking import MarkerLook
+from rcmservo.tracking import MarkerAppearance
 
 MAX_SIZE = 64 * 1024
 DEVICE_SECTIONS = ("arm", "camera")
@@ -34,9 +34,9 @@ Tables = Mapping[str, texts.Table]
 """A rig file's sections as they are written."""
 
 
-def default_markers() -> MarkerLook:
+def default_markers() -> MarkerAppearance:
     """The built-in rig's markers: seen well on red tissue and told apart by colour."""
-    return MarkerLook(colour_1="green", colour_2="blue", radius_1=3.5, radius_2=3.5)
+    return MarkerAppearance(colour_1="green", colour_2="blue", radius_1=3.5, radius_2=3.5)
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Lab:
 
     mechanism: Kinematics = field(default_factory=SphericalRcm)
     tool: Tool = field(default_factory=lambda: RigidTool(spacing=30.0))
-    markers: MarkerLook = field(default_factory=default_markers)
+    markers: MarkerAppearance = field(default_factory=default_markers)
     gate: Gate = field(default_factory=Gate)
     thresholds: Thresholds = field(default_factory=Thresholds)
     devices: Tables = field(default_factory=dict[str, texts.Table])

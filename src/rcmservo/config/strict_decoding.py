@@ -12,7 +12,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, cast, get_args, get_type_hints
 
-from rcmservo.errors import BadInput, suggestion, told
+from rcmservo.errors import BadInput, quoted, suggestion
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -94,4 +94,4 @@ def instead(key: str, names: Sequence[str]) -> str:
 
 def key_of(name: str) -> str:
     """A key as a sentence tells it: quoted if it is no plain word, and not all of a long one."""
-    return name if BARE.fullmatch(name) else told(name[:60])
+    return name if BARE.fullmatch(name) else quoted(name[:60])

@@ -20,12 +20,12 @@ import numpy as np
 from rcmservo.config import texts
 from rcmservo.config.atomic_files import read_small, write_whole
 from rcmservo.config.strict_decoding import decode
-from rcmservo.errors import BadInput, UnusableFile, one_line, require, told
+from rcmservo.errors import BadInput, UnusableFile, one_line, quoted, require
 from rcmservo.geometry.kinematics import Kinematics
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Target
 from rcmservo.safety.thresholds import Thresholds
-from rcmservo.tracking import MarkerLook
+from rcmservo.tracking import MarkerAppearance
 
 FORMAT = "rcmservo target 1"
 MAX_SIZE = 64 * 1024
@@ -60,7 +60,7 @@ class Setup:
     height: int
     mechanism: Kinematics
     tool: Tool
-    markers: MarkerLook
+    markers: MarkerAppearance
     slack: float = Thresholds.slack
 
 
@@ -186,6 +186,6 @@ def _same(then: object, now: object, where: str) -> None:
             _same(then.get(key), now.get(key), f"{where}.{key}" if where else key)
     elif isinstance(then, bool) is not isinstance(now, bool) or then != now:
         raise texts.Refused(
-            f"was taught with {one_line(where) or 'setup'} {told(then)}, this rig has {told(now)}: "
-            "show the target again"
+            f"was taught with {one_line(where) or 'setup'} {quoted(then)}, "
+            f"this rig has {quoted(now)}: show the target again"
         )

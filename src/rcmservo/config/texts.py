@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeGuard
 
-from rcmservo.errors import BadInput, UnusableFile, one_line, told
+from rcmservo.errors import BadInput, UnusableFile, one_line, quoted
 from rcmservo.interfaces import Floats
 
 MAX_LINE = 1000
@@ -65,7 +65,7 @@ def _once(pairs: list[tuple[str, Any]]) -> Table:
     table = dict(pairs)
     if len(table) < len(pairs):
         key = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
-        raise Refused(f"has two of the key {told(key)}")
+        raise Refused(f"has two of the key {quoted(key)}")
     return table
 
 

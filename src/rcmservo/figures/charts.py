@@ -224,7 +224,7 @@ class Figure:
     columns: int = 1
 
 
-def curve(label: str, x: Any, y: Any, style: int = 0, marks: bool = False) -> Curve:
+def make_curve(label: str, x: Any, y: Any, style: int = 0, marks: bool = False) -> Curve:
     """Return a curve of two arrays, thinned to `MAX_POINTS` and rounded to six digits.
 
     A value that is not finite becomes a gap.
@@ -236,13 +236,13 @@ def curve(label: str, x: Any, y: Any, style: int = 0, marks: bool = False) -> Cu
     return Curve(label, rounded[0], gaps, style, marks)
 
 
-def save(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
     """Draw a figure into a PNG file."""
     with whole(path) as partial_file:
         _canvas(figure).savefig(partial_file, format="png", dpi=130)
 
 
-def svg(figure: Figure) -> str:
+def render_svg(figure: Figure) -> str:
     """Return a figure as SVG; the same figure gives the same text."""
     import matplotlib as mpl
 

@@ -29,7 +29,7 @@ MAX_POINT_DISTANCE_PX = 20_000.0
 farther one is drawn."""
 
 
-def draw(
+def draw_overlay(
     image: Image,
     points: Floats,
     o_c: Floats,
@@ -79,7 +79,7 @@ def draw(
     return result
 
 
-class Ring(NamedTuple):
+class BallRing(NamedTuple):
     """Circle with a label around a ball in an image.
 
     Parameters
@@ -99,26 +99,26 @@ class Ring(NamedTuple):
     u: float
     v: float
     radius: float
-    words: str
-    strong: bool
+    label: str
+    highlighted: bool
 
 
-def draw_balls(image: Image, rings: Sequence[Ring], words: str) -> Image:
+def draw_balls(image: Image, rings: Sequence[BallRing], words: str) -> Image:
     """Return a copy of the image with rings and labels around balls, and a caption below it.
 
     A line connects the highlighted balls.
     """
     result, size = image.copy(), max(image.shape[0] / 960.0, 0.45)
-    marked = [ring for ring in rings if ring.strong]
+    marked = [ring for ring in rings if ring.highlighted]
     for a, b in itertools.pairwise(marked):
         for colour, width in ((DARK, 3), (YELLOW, 1)):
             ends = _to_subpixels(np.array(a[:2])), _to_subpixels(np.array(b[:2]))
             cv2.line(result, ends[0], ends[1], colour, width, cv2.LINE_AA, SUBPIXEL_BITS)
-    for ring in sorted(rings, key=lambda ring: ring.strong):
+    for ring in sorted(rings, key=lambda ring: ring.highlighted):
         position, radius = _to_subpixels(np.array(ring[:2])), ring.radius + 2.0
-        for colour, width in ((DARK, 4), (YELLOW if ring.strong else WHITE, 2)):
+        for colour, width in ((DARK, 4), (YELLOW if ring.highlighted else WHITE, 2)):
             _draw_circle(result, position, radius, colour, width)
-        if ring.strong:
+        if ring.highlighted:
             _draw_circle(result, position, 2.0, YELLOW, -1)
     _draw_labels(result, rings, size)
     return np.vstack([result, _caption(words, result.shape[1], size)])
@@ -128,13 +128,13 @@ Box = tuple[int, int, int, int]
 """Left, top, right and bottom (px)."""
 
 
-def _draw_labels(result: Image, rings: Sequence[Ring], size: float) -> None:
+def _draw_labels(result: Image, rings: Sequence[BallRing], size: float) -> None:
     """Draw the labels of the rings, away from the other rings and without overlap."""
     height, width = result.shape[:2]
     centre_u = np.mean([ring.u for ring in rings]) if rings else 0.0
     boxes: list[Box] = []
-    for ring in sorted(rings, key=lambda ring: -ring.strong):
-        (label_width, label_height), _ = cv2.getTextSize(ring.words, FONT, size, 1)
+    for ring in sorted(rings, key=lambda ring: -ring.highlighted):
+        (label_width, label_height), _ = cv2.getTextSize(ring.label, FONT, size, 1)
         label_width, label_height = label_width + 12, label_height + 12
         right = ring.u >= centre_u
         left = ring.u + ring.radius + 8 if right else ring.u - ring.radius - 8 - label_width
@@ -144,11 +144,11 @@ def _draw_labels(result: Image, rings: Sequence[Ring], size: float) -> None:
         while box[3] < height and any(_overlap(box, other) for other in boxes):
             box = x, box[1] + 2, box[2], box[3] + 2
         boxes.append(box)
-        colour = YELLOW if ring.strong else WHITE
+        colour = YELLOW if ring.highlighted else WHITE
         cv2.rectangle(result, box[:2], box[2:], DARK, -1)
         cv2.rectangle(result, box[:2], box[2:], colour, 1, cv2.LINE_AA)
         start = x + 6, box[3] - 6
-        cv2.putText(result, ring.words, start, FONT, size, colour, 1, cv2.LINE_AA)
+        cv2.putText(result, ring.label, start, FONT, size, colour, 1, cv2.LINE_AA)
 
 
 def _overlap(a: Box, b: Box) -> bool:
@@ -197,7 +197,7 @@ def _draw_circle(
     cv2.circle(image, subpixels, scaled, colour, width, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
-def write_picture(path: Path, image: Image) -> None:
+def write_image(path: Path, image: Image) -> None:
     """Write an image to a file in the format of the file's suffix."""
     if not cv2.imwrite(str(path), image):
         raise UnusableFile(path, "cannot be written as an image")

@@ -5,7 +5,7 @@ from textwrap import fill
 import numpy as np
 from numpy.typing import NDArray
 
-from rcmservo.figures.charts import Bar, Figure, Lane, Panel, curve
+from rcmservo.figures.charts import Bar, Figure, Lane, Panel, make_curve
 from rcmservo.interfaces import Floats
 from rcmservo.recording.outcome import TOLERANCE
 from rcmservo.recording.reader import Record
@@ -13,10 +13,10 @@ from rcmservo.recording.timeline import Span, shown_place, spans
 from rcmservo.safety.causes import Action, Cause
 from rcmservo.safety.state_machine import Phase, Request
 
-DEGREES = np.array([180.0 / np.pi, 1.0, 1.0])
+DISPLAY_UNITS = np.array([180.0 / np.pi, 1.0, 1.0])
 """Factors that convert (s, r, d) from rad, px, px to deg, px, px."""
 TIME_LABEL = "time [s] (shaded: exploration)"
-ERRORS = ("$|\\Delta s|$ [deg]", "$|\\Delta r|$ [px]", "$|\\Delta d|$ [px]")
+ERROR_LABELS = ("$|\\Delta s|$ [deg]", "$|\\Delta r|$ [px]", "$|\\Delta d|$ [px]")
 MIN_PLOTTED_ERROR = 1e-3
 """Lower end of the logarithmic error axes. Smaller errors are drawn there."""
 
@@ -46,24 +46,24 @@ ACTION_TONES = {
 """Tone of a cause, by the action that it requests."""
 
 
-def errors(record: Record) -> Figure:
+def plot_errors(record: Record) -> Figure:
     """Return |Δs|, |Δr| and |Δd| over time, with tolerances and exploration: Fig. 9 and 10."""
-    deltas = np.maximum(np.abs(record.ticks["delta"]) * DEGREES, MIN_PLOTTED_ERROR)
+    deltas = np.maximum(np.abs(record.ticks["delta"]) * DISPLAY_UNITS, MIN_PLOTTED_ERROR)
     panels = [
         Panel(
             TIME_LABEL,
             name,
-            [curve("", record.time, deltas[:, i])],
-            levels=[("tolerance", float(TOLERANCE[i] * DEGREES[i]))],
-            shaded=exploration(record),
+            [make_curve("", record.time, deltas[:, i])],
+            levels=[("tolerance", float(TOLERANCE[i] * DISPLAY_UNITS[i]))],
+            shaded=exploration_spans(record),
             log_y=True,
         )
-        for i, name in enumerate(ERRORS)
+        for i, name in enumerate(ERROR_LABELS)
     ]
     return Figure(f"Feature errors (values below {MIN_PLOTTED_ERROR} are drawn there)", panels)
 
 
-def timeline(record: Record) -> Figure:
+def plot_timeline(record: Record) -> Figure:
     """Return the phases as bands behind the errors, and a row for each cause.
 
     The errors are divided by their tolerances.
@@ -73,7 +73,10 @@ def timeline(record: Record) -> Figure:
     errors = Panel(
         "time [s]",
         f"error / tolerance, ≥ {MIN_PLOTTED_ERROR}",
-        [curve(name, record.time, ratios[:, i], style=i) for i, name in enumerate(ERROR_SYMBOLS)],
+        [
+            make_curve(name, record.time, ratios[:, i], style=i)
+            for i, name in enumerate(ERROR_SYMBOLS)
+        ],
         levels=[("tolerance", 1.0)],
         log_y=True,
         bands=[Bar(span.start, span.end, PHASE_TONES[span.phase]) for span in found],
@@ -113,7 +116,7 @@ def _request_lanes(found: list[Span]) -> list[Lane]:
     return [Lane("operator requests: pause, resume, clear, jog", requests)] if requests else []
 
 
-def path(record: Record) -> Figure:
+def plot_path(record: Record) -> Figure:
     """Return the path of marker 1 in two views of space, and of both markers in the image.
 
     The target is marked in each panel.
@@ -128,11 +131,11 @@ def _space_panel(record: Record, axes: tuple[int, int]) -> Panel:
     p1, target = record.ticks["p1"], shown_place(record)
     exploring = (record.ticks["explored"][:, 0] == 0)[:, None]
     curves = [
-        curve("exploration", *_columns(np.where(exploring, p1, np.nan), i, j), style=1),
-        curve("servoing", *_columns(np.where(exploring, np.nan, p1), i, j)),
+        make_curve("exploration", *_columns(np.where(exploring, p1, np.nan), i, j), style=1),
+        make_curve("servoing", *_columns(np.where(exploring, np.nan, p1), i, j)),
     ]
     if target is not None:
-        curves.append(curve("target", [target[i]], [target[j]], style=3, marks=True))
+        curves.append(make_curve("target", [target[i]], [target[j]], style=3, marks=True))
     names = "xyz"
     return Panel(f"${names[i]}$ of $\\mathbf{{p}}_1$ [mm]", f"${names[j]}$ [mm]", curves, map=True)
 
@@ -145,25 +148,27 @@ def _image_panel(record: Record) -> Panel:
     """Return m₁ and m₂ in pixels."""
     points = record.ticks["points"][record.new_frames()]
     curves = [
-        curve("$\\mathbf{m}_1$", points[:, 0], points[:, 1]),
-        curve("$\\mathbf{m}_2$", points[:, 2], points[:, 3], style=2),
+        make_curve("$\\mathbf{m}_1$", points[:, 0], points[:, 1]),
+        make_curve("$\\mathbf{m}_2$", points[:, 2], points[:, 3], style=2),
     ]
     if record.stages:
         target = record.stages[-1].target.points
-        curves.append(curve("target", target[:, 0], target[:, 1], style=3, marks=True))
+        curves.append(make_curve("target", target[:, 0], target[:, 1], style=3, marks=True))
     return Panel("$u$ [px]", "$v$ [px]", curves, map=True, downward=True)
 
 
-def estimate(record: Record) -> Figure:
+def plot_estimate(record: Record) -> Figure:
     """Return the estimate and the measurement over time.
 
     An estimator with a projection model gives m₁ and π (34), Fig. 11; any other gives ẏ and ω = Ĵ
     ṗ₁ (35), Fig. 12.
     """
-    return projection(record) if np.isfinite(record.ticks["model"]).any() else flow(record)
+    return (
+        plot_projection(record) if np.isfinite(record.ticks["model"]).any() else plot_flow(record)
+    )
 
 
-def projection(record: Record, since: float = 0.0) -> Figure:
+def plot_projection(record: Record, since: float = 0.0) -> Figure:
     """Return the measured m₁ and the estimate π (34), both relative to o_c: Fig. 11.
 
     Time starts at `since` (s).
@@ -177,10 +182,10 @@ def projection(record: Record, since: float = 0.0) -> Figure:
     )
 
 
-def flow(record: Record) -> Figure:
+def plot_flow(record: Record) -> Figure:
     """Return the measured ẏ and the estimate ω = Ĵ ṗ₁ (35): Fig. 12."""
     new = record.new_frames()
-    y_dot, omega = flows(record, new)
+    y_dot, omega = compute_flows(record, new)
     names = (
         "$\\dot s, \\omega_1$ [deg/s]",
         "$\\dot r, \\omega_2$ [px/s]",
@@ -188,11 +193,11 @@ def flow(record: Record) -> Figure:
     )
     legend = "measured $\\dot{\\mathbf{y}}$", "estimate $\\mathbf{\\omega}$ (35)"
     return _comparison(
-        "Output flow", record, new[1:], y_dot * DEGREES, omega * DEGREES, names, legend
+        "Output flow", record, new[1:], y_dot * DISPLAY_UNITS, omega * DISPLAY_UNITS, names, legend
     )
 
 
-def flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
+def compute_flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
     """Return ẏ by differences between new frames, and ω = Ĵ ṗ₁ with the Ĵ before each of them.
 
     Parameters
@@ -215,7 +220,7 @@ def flows(record: Record, new: NDArray[np.intp]) -> tuple[Floats, Floats]:
     return steps / dt, np.einsum("nij,nj->ni", J_hat, p_dot)
 
 
-def exploration(record: Record) -> list[tuple[float, float]]:
+def exploration_spans(record: Record) -> list[tuple[float, float]]:
     """Return the time spans (s) of exploration, from ACQUIRE to a sufficient estimate."""
     acquiring = np.array([phase == Phase.ACQUIRE.name for phase in record.phase], dtype=bool)
     exploring = acquiring & (record.ticks["explored"][:, 0] == 0)
@@ -237,15 +242,15 @@ def _comparison(
     since: float = 0.0,
 ) -> Figure:
     panels: list[Panel] = []
-    time, shaded = record.time[rows] - since, [] if since else exploration(record)
+    time, shaded = record.time[rows] - since, [] if since else exploration_spans(record)
     for i, name in enumerate(names):
         finite = measured[np.isfinite(measured[:, i]), i]
         low, high = np.percentile(finite, [0.5, 99.5]) if len(finite) else (0.0, 0.0)
         margin = 0.15 * max(high - low, 1e-6)
         labels = legend if i == 0 else ("", "")
         curves = [
-            curve(labels[0], time, measured[:, i], style=-1),
-            curve(labels[1], time, estimated[:, i], style=1),
+            make_curve(labels[0], time, measured[:, i], style=-1),
+            make_curve(labels[1], time, estimated[:, i], style=1),
         ]
         limits = float(low - margin), float(high + margin)
         panels.append(

@@ -31,7 +31,7 @@ PROBE_BYTES = 1 << 16
 is the most that a file can lack."""
 
 
-class Video:
+class VideoWriter:
     """Video file that grows frame by frame until `close`.
 
     A failure does not stop the run: `failed` then holds the reason, and the file is removed.

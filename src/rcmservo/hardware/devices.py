@@ -29,10 +29,10 @@ DRIVERS: Mapping[type[Any], str] = {
 """Function that opens a device, by the class of its settings. Paths are relative to
 rcmservo.hardware. The function of an arm also takes the joint limits."""
 
-ARMS = {kind.name: kind for kind in DRIVERS if hasattr(kind, "wiring")}
+ARM_KINDS = {kind.name: kind for kind in DRIVERS if hasattr(kind, "wiring")}
 """Settings classes of the arms, by kind."""
 
-CAMERAS = {kind.name: kind for kind in DRIVERS if kind not in ARMS.values()}
+CAMERA_KINDS = {kind.name: kind for kind in DRIVERS if kind not in ARM_KINDS.values()}
 """Settings classes of the cameras, by kind."""
 
 
@@ -52,13 +52,13 @@ def open_arm(lab: Lab) -> LabArm:
     RcmServoError
         If the arm cannot be reached or used.
     """
-    settings = lab.device("arm", ARMS)
+    settings = lab.device("arm", ARM_KINDS)
     return _import_driver(settings)(settings, lab.mechanism.limits)
 
 
-def wiring_of(lab: Lab) -> Wiring:
+def read_wiring(lab: Lab) -> Wiring:
     """Return the assignment of joints to motors in a rig file."""
-    return lab.device("arm", ARMS).wiring
+    return lab.device("arm", ARM_KINDS).wiring
 
 
 def open_camera(lab: Lab, unmeasured: bool = False) -> LabCamera:
@@ -79,7 +79,7 @@ def open_camera(lab: Lab, unmeasured: bool = False) -> LabCamera:
     CameraLost
         If the camera cannot be opened.
     """
-    settings = lab.device("camera", CAMERAS)
+    settings = lab.device("camera", CAMERA_KINDS)
     if not unmeasured:
         require_latency(settings)
     return _import_driver(settings)(settings)

@@ -13,11 +13,11 @@ from rcmservo.live.realtime import without_huge_pages
 Context = SpawnContext | ForkServerContext
 """Start methods of processes. A plain fork is excluded: it copies threads that hold locks."""
 
-END = 3.0
+EXIT_TIMEOUT_S = 3.0
 """Time in s within which a process must exit after it is asked to end."""
 
 
-class Child:
+class ChildProcess:
     """Process that runs a function with one end of a pipe, and the other end of that pipe.
 
     Parameters
@@ -31,13 +31,13 @@ class Child:
     """
 
     def __init__(self, context: Context, work: Callable[..., None], *arguments: Any) -> None:
-        self.wire, its = context.Pipe()
+        self.pipe, its = context.Pipe()
         self.process = context.Process(target=work, args=(*arguments, its), daemon=True)
         with _interrupt_ignored(), without_huge_pages():
             self.process.start()
         its.close()
 
-    def hear(self) -> Any:
+    def receive(self) -> Any:
         """Return the next message of the process.
 
         Raises
@@ -46,27 +46,27 @@ class Child:
             If the process sent an error, or ended.
         """
         try:
-            message = self.wire.recv()
+            message = self.pipe.recv()
         except (EOFError, OSError) as error:
-            self.process.join(END)
+            self.process.join(EXIT_TIMEOUT_S)
             raise RcmServoError(f"a process ended by itself: {self.process.name}") from error
         if isinstance(message, RcmServoError):
             raise message
         return message
 
-    def tell(self, message: object) -> None:
+    def send(self, message: object) -> None:
         """Send a message. It is lost if the process has ended."""
         with contextlib.suppress(OSError):
-            self.wire.send(message)
+            self.pipe.send(message)
 
     def end(self) -> None:
         """Ask the process to end, and kill it after a time-out."""
-        self.tell("end")
-        self.process.join(END)
+        self.send("end")
+        self.process.join(EXIT_TIMEOUT_S)
         if self.process.is_alive():
             self.process.kill()
             self.process.join()
-        self.wire.close()
+        self.pipe.close()
 
 
 @contextlib.contextmanager
@@ -82,7 +82,7 @@ def _interrupt_ignored() -> Generator[None]:
         signal.signal(signal.SIGINT, usual)
 
 
-def heard(wire: Any) -> Any:
+def receive_from_parent(wire: Any) -> Any:
     """Return the next message of the parent process, or "end" if the parent is gone."""
     try:
         return wire.recv()

@@ -49,7 +49,7 @@ class LabArm(Arm, Protocol):
 
 
 @runtime_checkable
-class FallsSilent(Protocol):
+class SuspendsCommunication(Protocol):
     """Arm to which communication can be suspended, so that its watchdog can be tested."""
 
     @property
@@ -65,7 +65,7 @@ class FallsSilent(Protocol):
 class LabCamera(Camera, Protocol):
     """Camera that is open."""
 
-    def account(self) -> CameraAccount:
+    def counts(self) -> CameraAccount:
         """Return the counts of frames so far."""
         ...
 
@@ -74,7 +74,7 @@ class LabCamera(Camera, Protocol):
         ...
 
 
-class Person(Protocol):
+class OperatorTerminal(Protocol):
     """Operator at the arm, who answers questions."""
 
     def tell(self, words: str) -> None:

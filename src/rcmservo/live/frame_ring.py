@@ -82,7 +82,7 @@ class RingCamera:
         return self._frame
 
 
-class ShownCamera:
+class RecordingCamera:
     """Camera that copies each new frame to a ring as well.
 
     `latest` makes the copy, in the tracking thread. A frame of another size is not copied.
@@ -109,7 +109,7 @@ class ShownCamera:
 
     def account(self) -> CameraAccount:
         """Return the counts of frames so far."""
-        return self._camera.account()
+        return self._camera.counts()
 
     def close(self) -> None:
         """Release the camera."""

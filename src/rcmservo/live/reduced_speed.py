@@ -9,17 +9,17 @@ from dataclasses import replace
 
 from rcmservo.servo.servo import Servo
 
-SHARE = 0.1
+UNCHECKED_SPEED_SCALE = 0.1
 """Fraction of the full speed for an unchecked lab."""
 
 
-def cautious(servo: Servo, share: float = SHARE) -> Servo:
+def reduce_speed(servo: Servo, speed_scale: float = UNCHECKED_SPEED_SCALE) -> Servo:
     """Return a servo whose speed limits are a fraction of another one's."""
     x, y, z = servo.gate.speed
     law, exploration = servo.controller, servo.exploration
     return replace(
         servo,
-        gate=replace(servo.gate, speed=(share * x, share * y, share * z)),
-        controller=replace(law, max_speed=share * law.max_speed),
-        exploration=replace(exploration, max_time=exploration.max_time / share),
+        gate=replace(servo.gate, speed=(speed_scale * x, speed_scale * y, speed_scale * z)),
+        controller=replace(law, max_speed=speed_scale * law.max_speed),
+        exploration=replace(exploration, max_time=exploration.max_time / speed_scale),
     )

@@ -28,7 +28,7 @@ POLL_S = 0.001
 """Interval in s at which the state of the drive is read meanwhile."""
 
 
-class Leash:
+class RemoteStop:
     """Stop request and drive state in shared memory. A process receives it when it is started.
 
     Parameters
@@ -78,7 +78,7 @@ class Leash:
         )
 
 
-class LeashedArm:
+class RemotelyStoppableArm:
     """Arm whose next command disables the drive once a stop is requested.
 
     Parameters
@@ -91,7 +91,7 @@ class LeashedArm:
         Function that receives the reason as soon as the drive goes off by itself.
     """
 
-    def __init__(self, arm: LabArm, leash: Leash, told: Callable[[str], object]) -> None:
+    def __init__(self, arm: LabArm, leash: RemoteStop, told: Callable[[str], object]) -> None:
         self._arm, self._leash, self._told = arm, leash, told
         self._coming, self._why = False, ""
         leash.hold()

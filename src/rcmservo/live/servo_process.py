@@ -18,10 +18,10 @@ from rcmservo.errors import RcmServoError, Stopped
 from rcmservo.interfaces import Arm, Camera, Command, Floats, Frame, Target, Tracker
 from rcmservo.live.loop_statistics import ReportThread
 from rcmservo.live.realtime import realtime
-from rcmservo.live.stop_signals import ToldToEnd
+from rcmservo.live.stop_signals import EndRequest
 from rcmservo.live.tracking_thread import TrackingThread
-from rcmservo.loop.clock import Punctuality, WallClock, ticks
-from rcmservo.loop.detection_failure import unseen
+from rcmservo.loop.clock import RecordingClock, WallClock, ticks
+from rcmservo.loop.detection_failure import reason_not_detected
 from rcmservo.loop.operator import Operator
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run import run
@@ -99,9 +99,9 @@ class HeartbeatPlant(Plant):
         self,
         arm: Arm,
         eye: TrackingThread,
-        clock: Punctuality,
+        clock: RecordingClock,
         beats: Any,
-        told_to_end: ToldToEnd,
+        told_to_end: EndRequest,
         consent: Callable[[Plant], None] | None = None,
     ) -> None:
         super().__init__(arm, eye, eye, clock)
@@ -145,8 +145,8 @@ def serve(session: Session, beats: Any, supervisor: Connection) -> None:
     ``beats`` counts the ticks while the loop runs. What is sent: a Report now and then, at the end
     a RunResult, an RcmServoError, or, of an error in the software, its traceback (str).
     """
-    told_to_end = ToldToEnd(supervisor)
-    told_to_end.heed()
+    told_to_end = EndRequest(supervisor)
+    told_to_end.handle_signals()
     beats.value = STANDING
     try:
         said: Any = _live(session, beats, supervisor, told_to_end)
@@ -161,11 +161,11 @@ def serve(session: Session, beats: Any, supervisor: Connection) -> None:
 
 
 def _live(
-    session: Session, beats: Any, supervisor: Connection, told_to_end: ToldToEnd
+    session: Session, beats: Any, supervisor: Connection, told_to_end: EndRequest
 ) -> RunResult:
     """Make the devices, run, and tell how it went. Why the arm's drive went off is known for sure
     when the arm is closed."""
-    clock = Punctuality(WallClock())
+    clock = RecordingClock(WallClock())
     with contextlib.ExitStack() as stack:
         arm, camera = _made(session.arm, stack), _made(session.camera, stack)
         tracker = _made(session.tracker, stack)
@@ -259,6 +259,6 @@ def _servoed(
     if plant.told_to_end.signal:
         result = result.unsettled(f"it was ended by {plant.told_to_end.signal}")
     elif blind is not None:
-        cause = held(blind.state.mode, unseen(plant, blind.seen, began))
+        cause = held(blind.state.mode, reason_not_detected(plant, blind.seen, began))
         result = replace(result, cause=cause or result.cause)
     return replace(result, not_recorded=recorder.failed, loop=timing)

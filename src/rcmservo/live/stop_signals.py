@@ -12,11 +12,11 @@ from multiprocessing.connection import Connection
 
 from rcmservo.errors import Stopped
 
-ORDERLY = (signal.SIGTERM, signal.SIGHUP)
+END_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 """Signals that request an orderly end. A terminal that is closed sends the second."""
 
 
-class ToldToEnd:
+class EndRequest:
     """Request to end the servo process, from its supervisor or by a signal. The supervisor handles
     Ctrl-C.
 
@@ -31,10 +31,10 @@ class ToldToEnd:
         """Name of the received signal; empty before the first."""
         self._supervisor = supervisor
 
-    def heed(self) -> None:
+    def handle_signals(self) -> None:
         """Handle signals from now on. Call it in the main thread of a separate process."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        for number in ORDERLY:
+        for number in END_SIGNALS:
             signal.signal(number, self._note)
 
     def __call__(self) -> bool:
@@ -51,10 +51,10 @@ def stopped_by_signals() -> Generator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    usual = {number: signal.getsignal(number) for number in ORDERLY}
+    usual = {number: signal.getsignal(number) for number in END_SIGNALS}
 
     def stop(number: int, frame: object) -> None:
-        for other in ORDERLY:
+        for other in END_SIGNALS:
             signal.signal(other, signal.SIG_IGN)
         raise Stopped(f"stopped by {signal.Signals(number).name}, in order")
 

@@ -20,7 +20,7 @@ from types import MappingProxyType
 from typing import Any, cast
 
 from rcmservo.errors import RcmServoError, Stopped
-from rcmservo.live.child_process import END, Child, Context
+from rcmservo.live.child_process import EXIT_TIMEOUT_S, ChildProcess, Context
 from rcmservo.live.loop_statistics import Report
 from rcmservo.live.realtime import without_huge_pages
 from rcmservo.live.servo_process import STANDING, Session, serve
@@ -54,7 +54,7 @@ def left_to_its_watchdog(began: bool) -> str:
     return "the arm is left to its own watchdog, if it has one: see that it is off and stands still"
 
 
-class ServoProcess(Child):
+class ServoProcess(ChildProcess):
     """A process that runs a session, and its heartbeat."""
 
     def __init__(self, session: Session, context: Context | None = None) -> None:
@@ -110,7 +110,7 @@ def _run_live(
     try:
         return supervise(servo, off, progress, beside)
     except (KeyboardInterrupt, Stopped, OSError):  # OSError of a terminal that shows no progress
-        servo.tell("end")
+        servo.send("end")
         with contextlib.suppress(RcmServoError):
             supervise(servo, off)
         raise
@@ -126,7 +126,7 @@ def supervise(
 ) -> RunResult:
     """Watch over a servo process until it has told how its run went, or cannot any more."""
     watchman, began = Watchman(servo), 0
-    ears = [servo.wire]
+    ears = [servo.pipe]
     while True:
         heard = wait([*ears, *beside], LOOK * 1e-9) if ears or beside else []
         for other in beside.keys() & heard:
@@ -139,7 +139,7 @@ def supervise(
                 return _result(said)
             else:
                 ears.clear()
-                servo.process.join(END)
+                servo.process.join(EXIT_TIMEOUT_S)
         if not began and servo.beats.value != STANDING:
             began = time.monotonic_ns()
         if watchman.look() and not any(wire.poll() for wire in ears):

@@ -11,7 +11,7 @@ from types import TracebackType
 from rcmservo.errors import BadInput
 from rcmservo.interfaces import Camera, Clock, Explains, Frame, Markers, Tracker
 from rcmservo.loop.clock import ticks
-from rcmservo.loop.device_checks import look_at
+from rcmservo.loop.device_checks import check_first_value
 
 POLL_S = 0.001
 """Interval in s at which the camera is polled."""
@@ -109,7 +109,7 @@ class TrackingThread:
         frame = self._camera.latest()
         if frame is None or frame is self._newest:
             return
-        look_at(self._camera, "latest", frame)
+        check_first_value(self._camera, "latest", frame)
         self._newest, self._at_work = frame, True
         if self._forget.is_set():
             self._forget.clear()
@@ -125,7 +125,7 @@ class TrackingThread:
             found = self._tracker.find(frame)
         except BadInput as error:
             return error
-        look_at(self._tracker, "find", found)
+        check_first_value(self._tracker, "find", found)
         return found
 
     def _work(self) -> None:

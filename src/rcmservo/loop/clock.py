@@ -57,7 +57,7 @@ def sleep_until(moment: int) -> None:
         time.sleep(left * 1e-9)
 
 
-class Punctuality:
+class RecordingClock:
     """Clock that records how late (ns) each wait of another clock ended."""
 
     def __init__(self, clock: Clock) -> None:

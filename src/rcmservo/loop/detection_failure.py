@@ -8,7 +8,7 @@ SILENCE = 0.5
 """Time in s without a frame after which the camera is the reason."""
 
 
-def unseen(plant: Plant, seen: Observation, began: int) -> str:
+def reason_not_detected(plant: Plant, seen: Observation, began: int) -> str:
     """Return the reason why no markers were detected since `began` ns: missing or unusable frames,
     or the tracker's reason for the newest frame."""
     silent = (seen.now - max(seen.arrival, began)) * 1e-9

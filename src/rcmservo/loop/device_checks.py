@@ -72,7 +72,7 @@ CONTRACTS = {
 """Contract of each method, by its name."""
 
 
-def look_at(device: object, method: str, answer: object) -> None:
+def check_first_value(device: object, method: str, answer: object) -> None:
     """Raise `BadInput` with the names of device and method if a returned value breaks the
     contract."""
     contract = CONTRACTS[method]

@@ -66,16 +66,16 @@ class Jog(Checked, section="jog"):
         object.__setattr__(self, "rates", np.array(self.rates, dtype=np.float64))
 
 
-Want = Request | Target | Servo | Teach | Jog
+OperatorRequest = Request | Target | Servo | Teach | Jog
 """Request between two ticks: pause, resume or clear; another target; other settings; teaching of
 the present pose; jogging."""
 
-Operator = Callable[[Tick], Want]
+Operator = Callable[[Tick], OperatorRequest]
 """Function that the loop calls after every tick for the operator's request. It must not wait."""
 
 
 @dataclass
-class Showing:
+class TeachingInRun:
     """Teaching of a target during a run.
 
     Parameters
@@ -108,13 +108,13 @@ class Showing:
             self.shown.add(seen)
         if len(self.shown.points) < self.frames:
             return None
-        if self.shown.why_not():
+        if self.shown.disagreement():
             self.shown = TargetFrames()
             return None
         return self.shown.target(self.since)
 
 
-class Agenda:
+class NextTick:
     """Servo, target and request of the next tick, which an operator may change between two ticks.
 
     Parameters
@@ -130,7 +130,7 @@ class Agenda:
     def __init__(self, servo: Servo, target: Target, operator: Operator | None) -> None:
         self.servo, self.target, self.request, self.jog = servo, target, Request.NONE, STILL
         self._operator = operator
-        self._showing: Showing | None = None
+        self._showing: TeachingInRun | None = None
 
     def steer(self, tick: Tick) -> None:
         """Request the operator's input after a tick and prepare the next tick."""
@@ -144,7 +144,7 @@ class Agenda:
         if self._showing is not None:
             self._show(self._showing, tick)
 
-    def _set(self, want: Want) -> None:
+    def _set(self, want: OperatorRequest) -> None:
         match want:
             case Request():
                 require(want is not Request.JOG, "operator()", want, "a Jog, with the joint rates")
@@ -157,11 +157,11 @@ class Agenda:
                 want.demand(self.target)
                 self.servo = changed_servo(self.servo, want)
             case Teach():
-                self.request, self._showing = Request.PAUSE, Showing(want.frames)
+                self.request, self._showing = Request.PAUSE, TeachingInRun(want.frames)
             case _:
                 require(False, "operator()", want, "a Request, Target, Servo, Teach or Jog")
 
-    def _show(self, showing: Showing, tick: Tick) -> None:
+    def _show(self, showing: TeachingInRun, tick: Tick) -> None:
         target = showing.add(tick.seen, tick.state.command)
         if target is not None:
             self._showing = None

@@ -19,7 +19,7 @@ from rcmservo.interfaces import (
     Observation,
     Tracker,
 )
-from rcmservo.loop.device_checks import look_at
+from rcmservo.loop.device_checks import check_first_value
 from rcmservo.loop.joint_history import JointHistory
 from rcmservo.safety.innovation import NO_PIXEL
 
@@ -161,7 +161,7 @@ class Plant:
 
     def _meet(self, device: object, method: str, answer: object) -> None:
         """Check the first value that a method returns; later ones are not checked."""
-        look_at(device, method, answer)
+        check_first_value(device, method, answer)
         self._new.remove(method)
 
     def _await_drive(self) -> None:

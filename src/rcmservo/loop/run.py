@@ -11,7 +11,7 @@ import numpy as np
 
 from rcmservo.interfaces import Command, Target
 from rcmservo.loop.clock import ticks
-from rcmservo.loop.operator import Agenda, Operator
+from rcmservo.loop.operator import NextTick, Operator
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.tick import Tick
 from rcmservo.safety.state_machine import Phase
@@ -39,7 +39,7 @@ def run(
     servo.warm_up()
     plant.reset()
     state = servo.init() if state is None else servo.again(state)
-    agenda = Agenda(servo, target, operator)
+    agenda = NextTick(servo, target, operator)
     try:
         if state.phase is not Phase.FAULT:
             plant.enable()

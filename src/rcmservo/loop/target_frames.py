@@ -76,7 +76,7 @@ class TargetFrames:
         points, q = np.mean(self.points, axis=0), np.mean(self.joints, axis=0)
         return Target(points, q, since, mean_known(np.array(self.sizes)))
 
-    def why_not(self) -> str:
+    def disagreement(self) -> str:
         """Return a sentence on why the frames make no target; empty if they agree."""
         deviation = np.abs(self.points - np.median(self.points, axis=0))
         noise = MAD_TO_STD * np.median(deviation, axis=0)

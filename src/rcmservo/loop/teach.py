@@ -5,7 +5,7 @@ import numpy as np
 from rcmservo.errors import RcmServoError
 from rcmservo.interfaces import Target
 from rcmservo.loop.clock import ticks
-from rcmservo.loop.detection_failure import unseen
+from rcmservo.loop.detection_failure import reason_not_detected
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.target_frames import TEACHING_FRAMES, TargetFrames, require_frames
 
@@ -52,10 +52,10 @@ def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
             good = seen.now
         last = max(last, seen.frame)
         if len(shown.points) == frames:
-            why = shown.why_not()
+            why = shown.disagreement()
             if why:
                 raise NotShown(f"the target cannot be taught: {why}")
             return shown.target(began)
         if not seen.now - good <= TEACH_TIMEOUT * 1e9:
             break
-    raise NotShown(f"the target cannot be taught: {unseen(plant, seen, began)}")
+    raise NotShown(f"the target cannot be taught: {reason_not_detected(plant, seen, began)}")

@@ -17,7 +17,7 @@ from threading import Lock
 from typing import Any, TypeVar, cast
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-PACKAGE = Path(__file__).parent
+PACKAGE = Path(__file__).parent.parent
 MARK = "\n@compiled\n"
 MARKS = MARK, "\n@declared(", "\ndeclare_in("
 """Each is in files that machine code is made of."""

@@ -15,7 +15,7 @@ import numpy as np
 from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import joint_rates
 from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.operator import Jog, Teach, Want, changed_servo
+from rcmservo.loop.operator import Jog, OperatorRequest, Teach, changed_servo
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.loop.tick import Tick
 from rcmservo.page.channels import Desk
@@ -45,7 +45,7 @@ class PageOperator:
     def __init__(self, desk: Desk, chosen: Chosen, frames: int = TEACHING_FRAMES) -> None:
         self._desk, self._chosen, self._frames = desk, chosen, frames
         self._servo: Servo | None = None
-        self._wants: deque[tuple[Want, str | None]] = deque([(Request.PAUSE, None)])
+        self._wants: deque[tuple[OperatorRequest, str | None]] = deque([(Request.PAUSE, None)])
         gesture = desk.hand.read() or Gesture()
         self._gesture, self._spent = gesture, gesture.press
         self._beat: int | None = None
@@ -57,7 +57,7 @@ class PageOperator:
         self._progress: HowFar | None = None
         joint_rates(chosen.servo.rcm, np.zeros(3), np.zeros(3))  # compiled before the loop begins
 
-    def __call__(self, tick: Tick) -> Want:
+    def __call__(self, tick: Tick) -> OperatorRequest:
         self._desk.ticks.add(tick)
         self._tell(tick)
         self._tell_teaching(tick)
@@ -175,7 +175,7 @@ class PageOperator:
         assert self._beat is not None
         return tick.state.phase in BY_ITSELF and tick.seen.now - self._beat > GONE
 
-    def _jog(self, tick: Tick) -> Want:
+    def _jog(self, tick: Tick) -> OperatorRequest:
         """The motion of a button that is held. A press that something else ended is over too."""
         gesture = self._gesture
         if self._asked != NONE and tick.state.phase is not Phase.JOG:

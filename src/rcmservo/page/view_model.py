@@ -20,7 +20,7 @@ from rcmservo.page.settings import standing
 from rcmservo.page.tour import BY_ITSELF, HowFar
 from rcmservo.recording import ros2_messages
 from rcmservo.recording.ros2_messages import TICK
-from rcmservo.recording.tick_schema import WORDS
+from rcmservo.recording.tick_schema import NAME_COLUMNS
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
@@ -250,7 +250,7 @@ def told(data: bytes) -> Table:
     """A tick of the ring as columns and names."""
     columns = ros2_messages.tick_columns(TICK, [data])
     names = ros2_messages.decode_names(data[: -DUE.size], TICK)
-    words = {one.name: name for one, name in zip(WORDS, names, strict=True)}
+    words = {one.name: name for one, name in zip(NAME_COLUMNS, names, strict=True)}
     (due,) = DUE.unpack(data[-DUE.size :])
     return {name: column[0] for name, column in columns.items()} | words | {"time": due}
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.paper.lab.attempt import Attempt
 from rcmservo.paper.lab.calibration import ROLL_DEG, WRONG
 from rcmservo.paper.lab.closed_loop import FAST_LAW
@@ -23,7 +23,7 @@ from rcmservo.paper.lab.tally import Tally, numbers_of
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 from rcmservo.paper.statistics import bars, finite, marks, percent
 from rcmservo.sim import RigSettings, SceneSettings
-from rcmservo.sim.rig import drawn
+from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.study.report import statistics
 from rcmservo.study.report.statistics import Interval
 from rcmservo.study.row import worst_condition
@@ -94,7 +94,7 @@ def compare(kind: str, method: Method, scenes: int, duration: float) -> Found:
 
 def draw_scenes(draws: int) -> Found:
     """Return the largest scaled condition of J on the way of scenes drawn without our limit."""
-    scenes = (drawn(seed, laboratory(UNLIMITED))[0] for seed in range(draws))
+    scenes = (sample_scene_of_seed(seed, laboratory(UNLIMITED))[0] for seed in range(draws))
     return {"conditions": np.array([worst_condition(scene) for scene in scenes])}
 
 
@@ -262,7 +262,7 @@ def _over_time(found: Tallies, names: list[str]) -> list[Curve]:
         tally = found["accepted"][name]
         middle = tally.runs["middle"]
         time = tally.runs["step"] * np.arange(len(middle))
-        curves.append(curve(tally.short, time, middle, style))
+        curves.append(make_curve(tally.short, time, middle, style))
     return curves
 
 
@@ -272,7 +272,7 @@ def _final(found: Tallies) -> list[Panel]:
     for style, kind in enumerate(KINDS):
         shift, shares = 0.2 * (style - 0.5), [tally.success for tally in found[kind].values()]
         x, values = np.arange(len(shares)) + shift, [one.value for one in shares]
-        successes.append(curve(f"scenes {kind}", x, values, style, marks=True))
+        successes.append(make_curve(f"scenes {kind}", x, values, style, marks=True))
         successes.append(bars(shares, style, shift))
     panels = [
         Panel(
@@ -305,4 +305,4 @@ def _by_method(found: dict[str, Tally], number: str, legend: bool = True) -> lis
             curves.append(marks([*before, values.tolist()], label, style))
     middles = [statistics.quantile(finite(tally.runs[number]), 0.5) for tally in found.values()]
     places, values = np.arange(len(middles)) + ASIDE, [one.value for one in middles]
-    return [*curves, curve(labels[2], places, values, 3, marks=True), bars(middles, -1, ASIDE)]
+    return [*curves, make_curve(labels[2], places, values, 3, marks=True), bars(middles, -1, ASIDE)]

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.kinematics import JointLimits, Kinematics, PitchYawRcm, SphericalRcm
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick
@@ -167,7 +167,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
 def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     degrees, demanded = np.degrees(angles_of(settings)), all_rates(settings)
     curves = [
-        curve(label, degrees, demanded[name], style)
+        make_curve(label, degrees, demanded[name], style)
         for style, (name, label) in enumerate(LABELS.items())
     ]
     panel = Panel(

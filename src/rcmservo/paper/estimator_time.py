@@ -17,7 +17,7 @@ from rcmservo.estimation.projection_rule import (
     normal_equations,
     sights,
 )
-from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.features import about
 from rcmservo.geometry.projection import project
 from rcmservo.interfaces import Floats
@@ -158,7 +158,7 @@ def _panel(settings: Settings, results: Results, place: int, label: str) -> Pane
     middle = np.median if is_error else np.mean
     cases = [(name, noise) for name in GAMMAS for noise in settings.noises]
     curves = [
-        curve(
+        make_curve(
             f"{GAMMAS[name]}, {noise:g} px" if place == POSITIVE else "",
             times(settings),
             middle(all_scenes(results, name, noise)[:, :, place], axis=0),

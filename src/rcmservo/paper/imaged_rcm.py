@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.geometry.imaged_rcm import nearest_to_lines, solve
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.lines import REFINEMENTS, markers
@@ -122,8 +122,8 @@ def _panel(settings: Settings, results: Results, varied: str, label: str) -> Pan
     x, curves, labelled = _values(settings, varied), list[Curve](), varied == "H"
     for style, (fit, name) in enumerate(FITS.items()):
         found = results[f"over-{varied}"][fit]
-        curves.append(curve(f"{name}: rms" if labelled else "", x, found["rms"], style))
+        curves.append(make_curve(f"{name}: rms" if labelled else "", x, found["rms"], style))
         words = f"{name}: |bias|" if labelled else ""
-        curves.append(curve(words, x, np.abs(found["bias"]), style, marks=True))
+        curves.append(make_curve(words, x, np.abs(found["bias"]), style, marks=True))
     limits = (0.02, 500.0)
     return Panel(label, "error of $o_c$ [px]", curves, log_x=True, log_y=True, y_limits=limits)

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.imaged_rcm import ImagedRcm, follow, nearest_to_lines, solve
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.lines import REFINEMENTS, markers
@@ -102,7 +102,7 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     turns = results.per_seed("slow", seeds)
     middle = {fit: np.median([turn["errors"][fit] for turn in turns], axis=0) for fit in FITS}
     curves = [
-        curve(label, frame_times(settings), middle[fit], style)
+        make_curve(label, frame_times(settings), middle[fit], style)
         for style, (fit, label) in enumerate(FITS.items())
     ]
     panel = Panel("time [s]", "error of $o_c$ [px]", curves, log_y=True)

@@ -9,7 +9,7 @@ has it and on those chosen by leverage, as our estimators do.
 from collections.abc import Iterator
 from functools import partial
 
-from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.interfaces import Floats
 from rcmservo.paper.camera_knowledge import tasks as servo_tasks
 from rcmservo.paper.lab.closed_loop import LONG, PAPER_SCENES
@@ -169,7 +169,7 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
 
 def _series(found: Found, measure: str) -> list[Curve]:
     return [
-        curve(
+        make_curve(
             SHORT[style] if measure == "full" else "",
             found["time"],
             found["errors"][name][measure]["series"],
@@ -186,7 +186,7 @@ def _by_phase(table: AccuracyTable, noise: float) -> Figure:
             "",
             label,
             [
-                curve(
+                make_curve(
                     SHORT[style] if one == "full" else "",
                     phases,
                     [table.median("servo", noise, name, one, phase) for phase in phases],

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.projection import PARAMETERS, parameters, project, regressor
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.cameras import drawn, seen_by
@@ -101,7 +101,9 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     rows = {"five generic points": first["five"]}
     rows |= {f"six {label}": first["six"][name] for name, label in SETS.items()}
     curves = [
-        curve(label, number + 0.12 * (style - 1.5), np.maximum(sigma, 1e-18), style, marks=True)
+        make_curve(
+            label, number + 0.12 * (style - 1.5), np.maximum(sigma, 1e-18), style, marks=True
+        )
         for style, (label, sigma) in enumerate(rows.items())
     ]
     levels = [("not observed below this", RANK_TOLERANCE)]

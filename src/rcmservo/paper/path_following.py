@@ -12,10 +12,10 @@ from functools import partial
 import numpy as np
 
 from rcmservo.control.saturated_controller import SaturatedController
-from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.geometry.features import SCALE
 from rcmservo.interfaces import Floats, Target
-from rcmservo.loop.operator import Want
+from rcmservo.loop.operator import OperatorRequest
 from rcmservo.loop.run import run
 from rcmservo.loop.tick import Tick
 from rcmservo.paper.lab.closed_loop import FAST_LAW, servo_for
@@ -86,7 +86,7 @@ class Guide:
         self.path, self.period = path, period
         self.began: int | None = None
 
-    def __call__(self, tick: Tick) -> Want:
+    def __call__(self, tick: Tick) -> OperatorRequest:
         """Return the target of the next tick."""
         due = tick.seen.now + self.period
         if self.began is None and at_start(tick.state):
@@ -213,18 +213,18 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
 def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     done = {name: found for name in METHODS if (found := completed(results, name))}
     pictures = [
-        curve(METHODS[name].short, found[0]["pixels"][:, 0], found[0]["pixels"][:, 1], style)
+        make_curve(METHODS[name].short, found[0]["pixels"][:, 0], found[0]["pixels"][:, 1], style)
         for style, (name, found) in enumerate(done.items())
     ]
     for found in list(done.values())[:1]:
         u, v = found[0]["reference"].T
-        pictures.insert(0, curve("reference", u, v, -1))
+        pictures.insert(0, make_curve("reference", u, v, -1))
     rows = [value for one in pictures for value in one.y if value is not None] or [0.0]
     errors = list[Curve]()
     for style, (name, found) in enumerate(done.items()):
         shortest = min(len(one["errors"]) for one in found)
         middle = np.median([one["errors"][:shortest] for one in found], axis=0)
-        errors.append(curve(METHODS[name].short, found[0]["times"][:shortest], middle, style))
+        errors.append(make_curve(METHODS[name].short, found[0]["times"][:shortest], middle, style))
     lags = {gain: speed(settings) / gain for gain in (law(one).gain for one in METHODS.values())}
     panels = [
         Panel("u [px]", "v [px], downwards", pictures, y_limits=(max(rows) + 3.0, min(rows) - 3.0)),

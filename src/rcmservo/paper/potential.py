@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from rcmservo.control.saturated_controller import potential, potential_gradient
-from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.interfaces import Floats
 from rcmservo.paper.plan import Drawn, Found, Measurement, Results, Settings, Task
 
@@ -94,4 +94,4 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
 
 def _curves(found: Found, x: Floats, name: str) -> list[Curve]:
     labels = enumerate(LABELS.items())
-    return [curve(label, x, found[key][name], style) for style, (key, label) in labels]
+    return [make_curve(label, x, found[key][name], style) for style, (key, label) in labels]

@@ -19,7 +19,7 @@ from rcmservo.estimation.projection_rule import (
     predict,
     sights,
 )
-from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.projection import PARAMETERS, parameters, project
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.gradient_flow import decay
@@ -119,7 +119,7 @@ def measure(settings: Settings, results: Results) -> Iterator[Measurement]:
 
 def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     curves = [
-        curve(label if i == 0 else "", one["time"][1:], np.maximum(one["U"][1:], 1e-12), style)
+        make_curve(label if i == 0 else "", one["time"][1:], np.maximum(one["U"][1:], 1e-12), style)
         for style, (name, label) in enumerate(LABELS.items())
         for i, one in enumerate(results["cameras"][name][:SHOWN_CAMERAS])
     ]

@@ -12,7 +12,7 @@ import numpy as np
 
 from rcmservo.control.saturated_controller import scaled
 from rcmservo.estimation.flow_rule import learn
-from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.features import SCALE, difference, features
 from rcmservo.geometry.kinematics import axis
 from rcmservo.interfaces import Floats
@@ -172,7 +172,9 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
             f"path [mm], loop of {radius:g} mm radius",
             "R / R(0)",
             [
-                curve(f"{speed:g} mm/s" if loop == "large" else "", one["path"], one["R"], style)
+                make_curve(
+                    f"{speed:g} mm/s" if loop == "large" else "", one["path"], one["R"], style
+                )
                 for style, (speed, one) in enumerate(
                     zip(settings.speeds, results["loops-0"][loop]["speeds"], strict=True)
                 )

@@ -8,7 +8,7 @@ where Ĵ is within 20° of both ends. The same scenes are also run with the expl
 from collections.abc import Iterator
 
 from rcmservo.figures import plots
-from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.interfaces import Floats
 from rcmservo.paper.lab.closed_loop import FLOW, LONG, recorded
 from rcmservo.paper.lab.regulation import (
@@ -76,7 +76,7 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     yield from figures(settings, results, HALF_WAY)
     rows, began = recorded(results.folders["seed-0"]), start_of(results["seed-0"]) + NOTICED_S
     new = rows.new_frames(began)
-    y_dot, omega = (flow * plots.DEGREES for flow in plots.flows(rows, new))
+    y_dot, omega = (flow * plots.DISPLAY_UNITS for flow in plots.compute_flows(rows, new))
     time = rows.time[new][1:] - began
     mean_time = moving_means(time[:, None])[:, 0]
     panels = list[Panel]()
@@ -90,5 +90,5 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
 def _panel(i: int, label: str, time: Floats, y_dot: Floats, omega: Floats) -> Panel:
     names = ("measured $\\dot{\\mathbf{y}}$", "estimate $\\mathbf{\\omega}$ (35)")
     first, second = names if i == 0 else ("", "")
-    curves = [curve(first, time, y_dot[:, i], -1), curve(second, time, omega[:, i], 1)]
+    curves = [make_curve(first, time, y_dot[:, i], -1), make_curve(second, time, omega[:, i], 1)]
     return Panel(label, FLOWS[i], curves)

@@ -14,7 +14,7 @@ from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.estimation.dlt import DltEstimator
 from rcmservo.figures import plots
-from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.paper.lab.closed_loop import PRINTED, WIDE, closed_loop, recorded
 from rcmservo.paper.lab.random_observations import RandomObservations
 from rcmservo.paper.lab.regulation import (
@@ -69,7 +69,7 @@ def in_real_time(folder: Path, seed: int, settings: Settings) -> Found:
     now = Regulation(RandomObservations(estimator_time=0.0), WIDE, False, settings.duration)
     with closed_loop(folder, seed, LABORATORY, now.pictures, now.servo) as loop:
         target, _ = loop.teach(loop.rig.scene.target)
-        loop.rig.go_home()
+        loop.rig.move_to_start()
         tick = loop.explore(target)
     errors = recorded(folder).truth["jacobian_error"][:, 0]
     return {"explored": tick.state.explored, "error": finite(errors)[-1]}
@@ -115,7 +115,7 @@ def _model_follows(runs: list[Found], seeds: range, case: str) -> Measurement:
 
 def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     yield from figures(settings, results, CHOSEN)
-    chart = plots.projection(recorded(results.folders["seed-0"]), start_of(results["seed-0"]))
+    chart = plots.plot_projection(recorded(results.folders["seed-0"]), start_of(results["seed-0"]))
     yield Drawn("estimate", [0], chart)
     names = {"random-0": "10⁴ s of its own time a fit", "real-time-0": "real time"}
     curves = list[Curve]()
@@ -124,7 +124,7 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
         new = rows.new_frames()
         new = new[rows.time[new] <= WIDE.max_time]
         errors = rows.truth["jacobian_error"][new, 0]
-        curves.append(curve(label, rows.time[new], errors, style))
+        curves.append(make_curve(label, rows.time[new], errors, style))
     scaled, levels = "scaled $\\|\\hat J - J\\| / \\|J\\|$", [("30 %", ACCURATE)]
     panel = Panel("time [s]", scaled, curves, levels=levels, log_y=True)
     yield Drawn("real-time", [0], Figure("The printed Γ in real time", [panel]))

@@ -12,7 +12,7 @@ import numpy as np
 
 from rcmservo.control.exploration import Exploration
 from rcmservo.estimation.base import Estimator
-from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.features import SCALE
 from rcmservo.interfaces import Target
 from rcmservo.loop.run import Tick
@@ -60,7 +60,7 @@ def relocated(folder: Path, seed: int, method: str, settings: Settings) -> Found
     servo = servo_for(LABORATORY, *METHODS[method], FAST_LAW)
     with closed_loop(folder, seed, LABORATORY, settings.pictures, servo) as loop:
         target, p_d = loop.teach(loop.rig.scene.target)
-        loop.rig.go_home()
+        loop.rig.move_to_start()
         stop = until_stopped(loop, target, settings)
         stopped_at = loop.rig.arm.q_true
         target, _ = loop.teach(loop.rig.scene.target)
@@ -141,4 +141,6 @@ def _over_time(method: str, task: str, results: Results) -> Panel:
     size = np.linalg.norm(rows.ticks["delta"][new] / SCALE, axis=1)
     label = f"scaled $|\\Delta y|$\n{method}"
     spans = [] if run["moved"] is None else [(run["moved"], run["again"])]
-    return Panel("time [s]", label, [curve("", rows.time[new], size)], shaded=spans, log_y=True)
+    return Panel(
+        "time [s]", label, [make_curve("", rows.time[new], size)], shaded=spans, log_y=True
+    )

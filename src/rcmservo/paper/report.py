@@ -97,7 +97,7 @@ def _figure(one: Experiment, drawn: Drawn, settings: Mapping[str, object]) -> di
     """Return a figure as the page shows it, with its images as embedded data."""
     images = [embedded("image/png", path.read_bytes()) for path in drawn.pictures]
     if drawn.chart is not None:
-        images.append(embedded("image/svg+xml", charts.svg(drawn.chart).encode()))
+        images.append(embedded("image/svg+xml", charts.render_svg(drawn.chart).encode()))
     text = one.texts.figure[drawn.key or drawn.name]
     return {
         "name": drawn.name,

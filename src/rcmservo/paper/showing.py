@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from rcmservo.figures import plots
-from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.geometry.features import about, features_jacobian
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.run import Tick
@@ -62,7 +62,7 @@ def visit_all(folder: Path, seed: int, method: str, pictures: bool, settings: Se
     with closed_loop(folder, seed, LABORATORY, pictures, servo) as loop:
         taught = [loop.teach(q) for q in drawn_poses(loop.rig, settings.poses, settings.spread)]
         targets = [target for target, _ in taught]
-        loop.rig.go_home()
+        loop.rig.move_to_start()
         tick = loop.explore(targets[0])
         loop.snapshot("snapshot-0.png", targets[0], tick.state, "after exploration", targets[1:])
         visits = list[Found]()
@@ -214,9 +214,9 @@ def _over_time(method: str, task: str, results: Results) -> Panel:
     return Panel(
         "time [s]",
         f"$\\|\\Delta p\\|$ [mm]\n{method}",
-        [curve("", rows.time[new], error[new])],
+        [make_curve("", rows.time[new], error[new])],
         levels=[("4 mm", BOUND_MM)],
-        shaded=plots.exploration(rows),
+        shaded=plots.exploration_spans(rows),
         log_y=True,
     )
 
@@ -228,4 +228,4 @@ def _marks(style: int, method: str, settings: Settings, results: Results, key: s
         for place, scene in enumerate(results.per_seed(method, seeds_of(settings)))
         for one in scene["visits"]
     ]
-    return curve(method, [x for x, _ in points], [y for _, y in points], style, marks=True)
+    return make_curve(method, [x for x, _ in points], [y for _, y in points], style, marks=True)

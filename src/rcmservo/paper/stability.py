@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from rcmservo.control.saturated_controller import potential_gradient, scaled
-from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.features import SCALE
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick, run
@@ -52,7 +52,7 @@ def regulate(settings: Settings, estimator: str, seed: int) -> Found:
     servo = servo_for(rig.settings, *PAPER_METHODS[estimator])
     servo.warm_up()
     home = teach(plant, TEACHING_FRAMES)
-    rig.show_target()
+    rig.move_to_target()
     target = teach(plant, TEACHING_FRAMES)
     state = None
     if estimator == "flow":
@@ -60,7 +60,7 @@ def regulate(settings: Settings, estimator: str, seed: int) -> Found:
         for tick in run(plant, servo, home, 2.0 * settings.duration, done=arrived):
             state = tick.state
     else:
-        rig.go_home()
+        rig.move_to_start()
     rows = list[tuple[float, ...]]()
     frame, cause = -1, ""
     for tick in run(plant, servo, target, settings.duration, done=arrived, state=state):
@@ -163,7 +163,7 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
             "time [s]",
             label,
             [
-                curve(
+                make_curve(
                     f"{name}-based" if key == "least" else "",
                     above_noise(results[f"{name}-0"], "time"),
                     above_noise(results[f"{name}-0"], key),

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rcmservo.figures.charts import Curve, Panel, curve
+from rcmservo.figures.charts import Curve, Panel, make_curve
 from rcmservo.interfaces import Floats
 from rcmservo.study.report.statistics import Interval
 
@@ -53,7 +53,7 @@ def bars(intervals: Sequence[Interval], style: int = 0, shift: float = 0.0) -> C
     """Return a line along each interval, `shift` to the right of its group."""
     x = [place + shift for place in range(len(intervals)) for _ in range(3)]
     y = [end for one in intervals for end in (one.low, one.high, math.nan)]
-    return curve("", x, y, style)
+    return make_curve("", x, y, style)
 
 
 def marks(groups: Sequence[Sequence[float] | Floats], label: str = "", style: int = 0) -> Curve:
@@ -63,7 +63,7 @@ def marks(groups: Sequence[Sequence[float] | Floats], label: str = "", style: in
         for place, group in enumerate(groups)
         for i in range(len(group))
     ]
-    return curve(label, x, [value for group in groups for value in group], style, marks=True)
+    return make_curve(label, x, [value for group in groups for value in group], style, marks=True)
 
 
 def seed_marks(groups: Sequence[Floats], label: str, style: int) -> Curve:
@@ -73,7 +73,7 @@ def seed_marks(groups: Sequence[Floats], label: str, style: int) -> Curve:
         for place, group in enumerate(groups)
         for i in range(len(group))
     ]
-    return curve(label, x, np.concatenate(groups), style, marks=True)
+    return make_curve(label, x, np.concatenate(groups), style, marks=True)
 
 
 def mark_panels(

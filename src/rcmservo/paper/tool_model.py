@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from rcmservo.estimation.projection_rule import feature_jacobian
-from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.geometry.features import about
 from rcmservo.geometry.tool import RigidTool, ScaledTool, Tool
 from rcmservo.interfaces import Floats
@@ -117,13 +117,13 @@ def draw(settings: Settings, results: Results) -> Iterator[Drawn]:
     true = column(found, "true")
     ends = [true.min(), true.max()]
     modelled = [
-        curve(label, true, column(found, model, "along"), style, marks=True)
+        make_curve(label, true, column(found, model, "along"), style, marks=True)
         for style, (model, label) in enumerate(MODELS.items())
     ]
     derivative = Panel(
         "true $\\partial d / \\partial \\rho$ [px/mm]",
         "modelled $\\partial d / \\partial \\rho$ [px/mm]",
-        [curve("right", ends, ends, -1), *modelled],
+        [make_curve("right", ends, ends, -1), *modelled],
         levels=[("", 0.0)],
     )
     errors = [marks([column(found, model, "whole") for model in MODELS])]

@@ -13,12 +13,12 @@ from rcmservo.loop.tick import Tick
 TOPIC = "rcmservo/memory"
 
 
-def numbers_of(tick: Tick) -> Floats | None:
+def recorded_memory(tick: Tick) -> Floats | None:
     """Return the estimator state of a tick (n,), or None if the estimator records none."""
     return tick.servo.learner.remembered(tick.state.learnt.memory)
 
 
-def column(memories: Mapping[int, Floats], count: int) -> dict[str, Floats]:
+def memory_column(memories: Mapping[int, Floats], count: int) -> dict[str, Floats]:
     """Return the column of `count` ticks from the recorded states, by name; empty without any."""
     rows = {i: numbers for i, numbers in memories.items() if i < count}
     if not rows:

@@ -121,7 +121,7 @@ class MessageReader:
         return 0 if self.complete else self.size - self.position
 
     @property
-    def where(self) -> tuple[int, int]:
+    def location(self) -> tuple[int, int]:
         """Byte at which the chunk of the last message begins, and the message's index there.
 
         `read_chunk` takes this position.

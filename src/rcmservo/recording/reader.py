@@ -34,7 +34,7 @@ from rcmservo.recording.ros2_messages import (
     tick_columns,
 )
 from rcmservo.recording.stage import Stage, stage_of
-from rcmservo.recording.tick_schema import TRUTH, WORDS
+from rcmservo.recording.tick_schema import NAME_COLUMNS, TRUTH_COLUMNS
 from rcmservo.tracking import decode_image
 
 RECORD = "record.mcap"
@@ -115,7 +115,7 @@ class Record:
         """True if nothing is missing."""
         return not self.missing
 
-    def named(self, kind: type[Name], column: str, i: int) -> Name:
+    def enum_at(self, kind: type[Name], column: str, i: int) -> Name:
         """Return the enum member in a column of words at tick `i`.
 
         Raises
@@ -136,17 +136,17 @@ class Record:
         return np.flatnonzero(new & (self.time >= since))
 
 
-def file_of(path: Path) -> Path:
+def record_file(path: Path) -> Path:
     """Return the record's file, given the file or the folder of its run."""
     return path / RECORD if path.is_dir() else path
 
 
-def begun(path: Path) -> bool:
+def has_ticks(path: Path) -> bool:
     """Report whether a record holds a tick; reading stops at the first one."""
-    return any(message.topic == TICK_TOPIC for message in MessageReader(file_of(path)))
+    return any(message.topic == TICK_TOPIC for message in MessageReader(record_file(path)))
 
 
-def read(path: Path) -> Record:
+def read_record(path: Path) -> Record:
     """Read a run up to its end or to the damage.
 
     Parameters
@@ -160,7 +160,7 @@ def read(path: Path) -> Record:
         If the file is no record, its start is damaged, or another version wrote it in a format that
         this version cannot read.
     """
-    path = file_of(path)
+    path = record_file(path)
     messages = MessageReader(path)
     rows = _RecordBuilder(path)
     for message in messages:
@@ -173,16 +173,16 @@ def read(path: Path) -> Record:
         raise UnusableFile(path, f"is a record that cannot be read: {error}") from error
 
 
-def frames(path: Path) -> Iterator[tuple[int, Image]]:
+def iterate_frames(path: Path) -> Iterator[tuple[int, Image]]:
     """Yield the exposure (ns on the plant's clock) and the image of each recorded frame."""
-    path = file_of(path)
-    for exposure, data in pictures(path):
+    path = record_file(path)
+    for exposure, data in iterate_jpegs(path):
         yield exposure, decode_image(data, path)
 
 
-def pictures(path: Path) -> Iterator[tuple[int, bytes]]:
+def iterate_jpegs(path: Path) -> Iterator[tuple[int, bytes]]:
     """Yield the exposure (ns on the plant's clock) and the JPEG file of each recorded frame."""
-    path = file_of(path)
+    path = record_file(path)
     for message in MessageReader(path):
         if message.topic == "image_raw/compressed":
             try:
@@ -260,8 +260,11 @@ class _RecordBuilder:
             about=self.about if is_table(self.about) else {},
             time=time,
             ticks=tick_columns(self._layout, self.ticks)
-            | estimator_memory.column(self.memory, len(self.ticks)),
-            words={column.name: [row[i] for row in self._words] for i, column in enumerate(WORDS)},
+            | estimator_memory.memory_column(self.memory, len(self.ticks)),
+            words={
+                column.name: [row[i] for row in self._words]
+                for i, column in enumerate(NAME_COLUMNS)
+            },
             operating=self.operating,
             truth=self._truth(),
             stages=self.stages,
@@ -277,7 +280,7 @@ class _RecordBuilder:
             raise ValueError("it holds the truth of more ticks than it has")
         return {
             name: np.concatenate([truth[name], np.full((missing_rows, len(parts)), np.nan)])
-            for name, parts in TRUTH.items()
+            for name, parts in TRUTH_COLUMNS.items()
         }
 
 

@@ -12,7 +12,7 @@ from rcmservo.errors import UnusableFile
 from rcmservo.recording.mcap_recovery import MAGIC, MessageReader, find_chunks, read_chunk
 from rcmservo.recording.reader import TICK_TOPIC
 from rcmservo.recording.ros2_messages import TICKS, decode_names, decode_text
-from rcmservo.recording.tick_schema import WORDS
+from rcmservo.recording.tick_schema import NAME_COLUMNS
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Phase
 
@@ -21,7 +21,7 @@ MAX_CHUNKS_SEARCHED = 20
 
 
 @dataclass(frozen=True)
-class Glance:
+class RecordHeader:
     """Settings, last state and completeness of a record.
 
     Parameters
@@ -40,15 +40,15 @@ class Glance:
         True if the file was closed properly.
     """
 
-    about: dict[str, Any]
+    settings: dict[str, Any]
     servo: Any
     seconds: float
     phase: str
     cause: str
-    ended: bool
+    is_closed: bool
 
 
-def glance(path: Path) -> Glance:
+def read_header(path: Path) -> RecordHeader:
     """Return the summary of a record file.
 
     Raises
@@ -74,7 +74,7 @@ def glance(path: Path) -> Glance:
         seconds = time * 1e-9
         phase = _sentence(Phase, words.get("phase", ""))
         cause = _sentence(Cause, words.get("cause", ""))
-    return Glance(about, servo, seconds, phase, cause, _is_closed(path))
+    return RecordHeader(about, servo, seconds, phase, cause, _is_closed(path))
 
 
 def _last_tick(path: Path, channel: int, layout: np.dtype[Any]) -> tuple[int, dict[str, str]]:
@@ -84,7 +84,7 @@ def _last_tick(path: Path, channel: int, layout: np.dtype[Any]) -> tuple[int, di
             if message.channel_id == channel:
                 names = decode_names(message.data, layout)
                 return message.log_time, {
-                    column.name: name for column, name in zip(WORDS, names, strict=True)
+                    column.name: name for column, name in zip(NAME_COLUMNS, names, strict=True)
                 }
     return 0, {}
 

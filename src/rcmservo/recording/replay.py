@@ -26,14 +26,14 @@ from rcmservo.recording import estimator_memory, reader, ros2_messages
 from rcmservo.recording.reader import Column, Record
 from rcmservo.recording.ros2_messages import TICK
 from rcmservo.recording.stage import NO_ORIGIN, UNRECORDED_ORIGIN, Stage
-from rcmservo.recording.tick_schema import WORDS
+from rcmservo.recording.tick_schema import NAME_COLUMNS
 from rcmservo.safety.state_machine import Request
 from rcmservo.servo.servo import Servo, State
 from rcmservo.servo.user_estimator import called
 
 
 @dataclass(frozen=True, eq=False)
-class Rerun:
+class ReplayResult:
     """Comparison of a record with its replay.
 
     Parameters
@@ -52,17 +52,17 @@ class Rerun:
         Sentence about user-defined estimators whose source has changed since; empty if none has.
     """
 
-    then: Record
-    now: Record
-    first: int | None
-    differs: dict[str, int]
+    recorded: Record
+    recomputed: Record
+    first_difference: int | None
+    difference_counts: dict[str, int]
     open_loop: bool
     changed: str = ""
 
     @property
     def same(self) -> bool:
         """True if no tick differs."""
-        return self.first is None
+        return self.first_difference is None
 
     @property
     def numbers(self) -> dict[str, Any]:
@@ -70,32 +70,34 @@ class Rerun:
         return {
             "same": self.same,
             "open_loop": self.open_loop,
-            "ticks": len(self.then.time),
-            "first": self.first,
-            "differs": self.differs,
-            "missing": self.then.missing,
+            "ticks": len(self.recorded.time),
+            "first": self.first_difference,
+            "differs": self.difference_counts,
+            "missing": self.recorded.missing,
             "changed": self.changed,
         }
 
     @property
-    def words(self) -> str:
+    def sentence(self) -> str:
         """Result in one sentence."""
-        count = len(self.then.time)
+        count = len(self.recorded.time)
         loop = "open loop, with other settings: " if self.open_loop else ""
         changed = f"; {self.changed}" if self.changed else ""
-        if self.first is None:
+        if self.first_difference is None:
             return f"{loop}all {count} ticks came out the same, bit for bit{changed}"
-        first_tick = f"tick {self.first} ({self.then.time[self.first]:.2f} s)"
-        differing = f"{max(self.differs.values())} of {count} ticks"
-        columns = ", ".join(self.differs)
+        first_tick = (
+            f"tick {self.first_difference} ({self.recorded.time[self.first_difference]:.2f} s)"
+        )
+        differing = f"{max(self.difference_counts.values())} of {count} ticks"
+        columns = ", ".join(self.difference_counts)
         return f"{loop}from {first_tick} on, {differing} differ in {columns}{changed}"
 
 
-def recompute(
+def replay_record(
     run: Path | Record,
     servo: Servo | None = None,
     own: Mapping[str, type[Estimator]] = NOBODY,
-) -> Rerun:
+) -> ReplayResult:
     """Replay a recorded run and compare the decisions.
 
     Parameters
@@ -118,23 +120,23 @@ def recompute(
     UnusableFile
         If the record cannot be read, or if a recorded servo cannot be rebuilt.
     """
-    recorded = run if isinstance(run, Record) else reader.read(run)
+    recorded = run if isinstance(run, Record) else reader.read_record(run)
     if not recorded.stages and len(recorded.time):
         raise UnusableFile(recorded.path, "holds no stage: the servo of its ticks is unknown")
     rows: list[bytes] = []
     names: list[tuple[str, ...]] = []
     memories: dict[int, Floats] = {}
     servos = [
-        servo_of(recorded, stage, own) if servo is None else servo for stage in recorded.stages
+        rebuild_servo(recorded, stage, own) if servo is None else servo for stage in recorded.stages
     ]
     for tick in _ticks(recorded, servos):
         rows.append(ros2_messages.encode_tick(tick))
         names.append(ros2_messages.decode_names(rows[-1], TICK))
-        numbers = estimator_memory.numbers_of(tick)
+        numbers = estimator_memory.recorded_memory(tick)
         if numbers is not None:
             memories[len(rows) - 1] = numbers
-    words = {column.name: [row[i] for row in names] for i, column in enumerate(WORDS)}
-    ticks = ros2_messages.columns(TICK, rows) | estimator_memory.column(memories, len(rows))
+    words = {column.name: [row[i] for row in names] for i, column in enumerate(NAME_COLUMNS)}
+    ticks = ros2_messages.columns(TICK, rows) | estimator_memory.memory_column(memories, len(rows))
     recomputed = replace(recorded, ticks=ticks, words=words, operating=[])
     stages = recorded.stages
     open_loop = servo is not None and any(describe(servo) != stage.servo for stage in stages)
@@ -166,13 +168,15 @@ def _ticks(recorded: Record, servos: Sequence[Servo]) -> Iterator[Tick]:
         servo.demand(target)
         for i in range(stage.first, firsts[number + 1]):
             observation, jog = _observation(recorded, i), recorded.ticks["jog"][i]
-            request = recorded.named(Request, "request", i)
+            request = recorded.enum_at(Request, "request", i)
             state = servo.step(state, observation, target, request, jog)
             yield Tick(0, servo, observation, request, jog, state, recorded.ticks["applied"][i])
         ends.append(state)
 
 
-def servo_of(recorded: Record, stage: Stage, own: Mapping[str, type[Estimator]] = NOBODY) -> Servo:
+def rebuild_servo(
+    recorded: Record, stage: Stage, own: Mapping[str, type[Estimator]] = NOBODY
+) -> Servo:
     """Return the servo of a stage.
 
     Raises
@@ -225,14 +229,14 @@ def _observation(recorded: Record, i: int) -> Observation:
         arrival=int(ticks["arrival"][i, 0]),
         q_exposure=ticks["q_exposure"][i],
         points=ticks["points"][i].reshape(2, 2),
-        dropped=recorded.named(Dropped, "dropped", i),
+        dropped=recorded.enum_at(Dropped, "dropped", i),
         recorded=bool(ticks["recorded"][i, 0]),
         sizes=ticks["sizes"][i],
         quality=ticks["quality"][i],
     )
 
 
-def _compare(recorded: Record, recomputed: Record, open_loop: bool) -> Rerun:
+def _compare(recorded: Record, recomputed: Record, open_loop: bool) -> ReplayResult:
     """Compare two records column by column, bit by bit."""
     nothing = np.empty((len(recorded.time), 0))
     a, b = recorded.ticks, recomputed.ticks
@@ -244,7 +248,7 @@ def _compare(recorded: Record, recomputed: Record, open_loop: bool) -> Rerun:
         rows[name] = np.array([then != now for then, now in pairs], dtype=bool)
     differs = {name: int(differing.sum()) for name, differing in rows.items() if differing.any()}
     first = min((int(np.argmax(rows[name])) for name in differs), default=None)
-    return Rerun(recorded, recomputed, first, differs, open_loop)
+    return ReplayResult(recorded, recomputed, first, differs, open_loop)
 
 
 def _differing_rows(a: Column, b: Column) -> NDArray[np.bool_]:

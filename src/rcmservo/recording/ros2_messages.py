@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 from rcmservo.interfaces import Floats
 from rcmservo.loop.tick import Tick
 from rcmservo.recording.cdr import MessageCodec, time_of
-from rcmservo.recording.tick_schema import FLAGS, INTEGERS, LATER, REALS, TRUTH, WORDS, Column
+from rcmservo.recording.tick_schema import (
+    FLAG_COLUMNS,
+    INTEGER_COLUMNS,
+    LATER,
+    NAME_COLUMNS,
+    REAL_COLUMNS,
+    TRUTH_COLUMNS,
+    Column,
+)
 from rcmservo.safety.state_machine import Mode, Phase
 
 CRTK_STATES = {phase: phase.name for phase in (Phase.DISABLED, Phase.PAUSED, Phase.FAULT)}
@@ -29,15 +37,15 @@ SI_FACTORS = np.array([1.0, 1.0, 1e-3])
 """Factors from rad, rad, mm to SI units."""
 
 TIME_DEFINITION = "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
-LINE = "=" * 80 + "\n"
-STAMPED = (
-    f"{LINE}MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring "
-    f"frame_id\n{LINE}{TIME_DEFINITION}"
+SEPARATOR_LINE = "=" * 80 + "\n"
+HEADER_DEFINITIONS = (
+    f"{SEPARATOR_LINE}MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring "
+    f"frame_id\n{SEPARATOR_LINE}{TIME_DEFINITION}"
 )
 
 
 def _definition(*fields: str) -> str:
-    return "\n".join(["std_msgs/Header header", *fields]) + "\n" + STAMPED
+    return "\n".join(["std_msgs/Header header", *fields]) + "\n" + HEADER_DEFINITIONS
 
 
 def _arrays(numbers: Mapping[str, tuple[str, ...]]) -> list[str]:
@@ -46,15 +54,15 @@ def _arrays(numbers: Mapping[str, tuple[str, ...]]) -> list[str]:
 
 def _tick_definition(reals: Sequence[Column]) -> str:
     return _definition(
-        *(f"int64 {column.name}" for column in INTEGERS),
+        *(f"int64 {column.name}" for column in INTEGER_COLUMNS),
         *_arrays({column.name: column.parts for column in reals}),
-        *(f"bool {column.name}" for column in FLAGS),
-        *(f"string {column.name}" for column in WORDS),
+        *(f"bool {column.name}" for column in FLAG_COLUMNS),
+        *(f"string {column.name}" for column in NAME_COLUMNS),
     )
 
 
 def _without(names: Sequence[str]) -> list[Column]:
-    return [column for column in REALS if column.name not in names]
+    return [column for column in REAL_COLUMNS if column.name not in names]
 
 
 REALS_BY_VERSION = [_without([*chain(*LATER[version:])]) for version in range(len(LATER) + 1)]
@@ -69,9 +77,9 @@ DEFINITIONS = {
         "string state", "string substate", "bool is_homed", "bool is_busy"
     ),
     "sensor_msgs/msg/CompressedImage": _definition("string format", "uint8[] data"),
-    "rcmservo_msgs/msg/Truth": _definition(*_arrays(TRUTH)),
+    "rcmservo_msgs/msg/Truth": _definition(*_arrays(TRUTH_COLUMNS)),
     "rcmservo_msgs/msg/Memory": _definition("float64[] numbers"),
-    "rcmservo_msgs/msg/Tick": _tick_definition(REALS),
+    "rcmservo_msgs/msg/Tick": _tick_definition(REAL_COLUMNS),
 }
 """Definition of each message type in the ROS 2 format."""
 
@@ -98,7 +106,7 @@ TICK_NAMES = "rcmservo_msgs/msg/Names"
 @cache
 def codec() -> MessageCodec:
     """Return the codec of all message types of a record."""
-    names = "".join(f"string {column.name}\n" for column in WORDS)
+    names = "".join(f"string {column.name}\n" for column in NAME_COLUMNS)
     return MessageCodec(DEFINITIONS | {TICK_NAMES: names})
 
 
@@ -117,26 +125,34 @@ HEADER_FIELDS = [
 
 def _tick_layout(reals: Sequence[Column]) -> np.dtype[Any]:
     return np.dtype(
-        [*HEADER_FIELDS, *_numbers(INTEGERS, "<i8"), *_numbers(reals, "<f8"), *_numbers(FLAGS, "?")]
+        [
+            *HEADER_FIELDS,
+            *_numbers(INTEGER_COLUMNS, "<i8"),
+            *_numbers(reals, "<f8"),
+            *_numbers(FLAG_COLUMNS, "?"),
+        ]
     )
 
 
-TICK = _tick_layout(REALS)
+TICK = _tick_layout(REAL_COLUMNS)
 """Layout of a tick without its names."""
 
 TICKS = {_tick_definition(reals): _tick_layout(reals) for reals in REALS_BY_VERSION}
 """Layout of a tick in each version of the format, by definition."""
 
 TRUTH_LAYOUT = np.dtype(
-    [("start", "S20"), *((name, "<f8", (len(parts),)) for name, parts in TRUTH.items())]
+    [("start", "S20"), *((name, "<f8", (len(parts),)) for name, parts in TRUTH_COLUMNS.items())]
 )
 
 
 def encode_tick(tick: Tick) -> bytes:
     """Encode a tick. Its stamp is the time of the observation."""
-    integers = (column.of(tick) for column in INTEGERS)
-    reals = (np.asarray(column.of(tick), np.float64).ravel() for column in REALS)
-    flags, names = (column.of(tick) for column in FLAGS), (column.of(tick) for column in WORDS)
+    integers = (column.value_of(tick) for column in INTEGER_COLUMNS)
+    reals = (np.asarray(column.value_of(tick), np.float64).ravel() for column in REAL_COLUMNS)
+    flags, names = (
+        (column.value_of(tick) for column in FLAG_COLUMNS),
+        (column.value_of(tick) for column in NAME_COLUMNS),
+    )
     header = codec().header(tick.seen.now)
     return codec().encode("rcmservo_msgs/msg/Tick", header, *integers, *reals, *flags, *names)
 
@@ -145,7 +161,7 @@ def decode_names(data: bytes, layout: np.dtype[Any]) -> tuple[str, ...]:
     """Return the names at the end of a tick whose numbers have a layout of `TICKS`."""
     offset = layout.itemsize + -layout.itemsize % 4
     names = codec().decode(TICK_NAMES, ENCAPSULATION + data[offset:])
-    return tuple(getattr(names, column.name) for column in WORDS)
+    return tuple(getattr(names, column.name) for column in NAME_COLUMNS)
 
 
 def encode_text(words: str) -> bytes:

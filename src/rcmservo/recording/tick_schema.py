@@ -44,7 +44,7 @@ class Column(NamedTuple):
 
     name: str
     parts: tuple[str, ...]
-    of: Callable[[Tick], Any]
+    value_of: Callable[[Tick], Any]
 
 
 def _a_hat(tick: Tick) -> Floats:
@@ -59,7 +59,7 @@ def _model(tick: Tick) -> Floats:
     return np.full(4, np.nan) if model is None else model
 
 
-INTEGERS = (
+INTEGER_COLUMNS = (
     Column("now", TIME, at("seen.now")),
     Column("q_time", TIME, at("seen.q_time")),
     Column("frame", COUNT, at("seen.frame")),
@@ -75,7 +75,7 @@ INTEGERS = (
 )
 """Integers of a tick."""
 
-REALS = (
+REAL_COLUMNS = (
     Column("rcm_condition", COUNT, at("state.learnt.estimate.rcm_condition")),
     Column("condition", COUNT, at("state.condition")),
     Column("period", TIME, at("state.watch.period")),
@@ -107,7 +107,7 @@ arm executed of the command; `jog` are the rates that the operator requested.
 LATER = ("sizes",), ("jog",), ("quality",)
 """Real numbers that later versions added, one group per version. They are NaN in older records."""
 
-FLAGS = (
+FLAG_COLUMNS = (
     Column("enabled", FLAG, at("seen.enabled")),
     Column("recorded", FLAG, at("seen.recorded")),
     Column("command_enabled", FLAG, at("state.command.enabled")),
@@ -115,7 +115,7 @@ FLAGS = (
 )
 """Booleans of a tick."""
 
-WORDS = (
+NAME_COLUMNS = (
     Column("phase", ("",), at("state.mode.phase.name")),
     Column("cause", ("",), at("state.mode.cause.name")),
     Column("asks", ("",), at("state.mode.asks.name")),
@@ -124,5 +124,5 @@ WORDS = (
 )
 """Enum members of a tick, by name."""
 
-TRUTH = {"p1": POSITION, "p2": POSITION, "jacobian_error": COUNT}
+TRUTH_COLUMNS = {"p1": POSITION, "p2": POSITION, "jacobian_error": COUNT}
 """Values that only a simulation knows at a tick."""

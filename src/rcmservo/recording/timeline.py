@@ -92,11 +92,11 @@ def spans(record: Record) -> list[Span]:
         Span(
             start=float(record.time[i]),
             end=float(record.time[j]) if j < count else end(record),
-            phase=record.named(Phase, "phase", i),
-            cause=record.named(Cause, "cause", i),
+            phase=record.enum_at(Phase, "phase", i),
+            cause=record.enum_at(Cause, "cause", i),
             detail=_detail(record, i),
-            asks=record.named(Action, "asks", i),
-            request=record.named(Request, "request", i),
+            asks=record.enum_at(Action, "asks", i),
+            request=record.enum_at(Request, "request", i),
             stage=int(rows[i][2]),
         )
         for i, j in pairwise([*starts, count])
@@ -112,7 +112,7 @@ def _asked(record: Record, i: int) -> bool:
 def _detail(record: Record, i: int) -> str:
     """What was said beside the cause at tick i: what stands in the words of the operating state
     between it and the way out."""
-    cause = record.named(Cause, "cause", i)
+    cause = record.enum_at(Cause, "cause", i)
     place = bisect_right(record.operating, i, key=itemgetter(0))
     words = record.operating[place - 1][1] if place else ""
     _, said, rest = words.partition(f": {cause.value}: ")
@@ -179,7 +179,7 @@ def _frame_counts(record: Record) -> FrameCounts:
     """Return how the frames were used."""
     number, new, stage = record.ticks["frame"][:, 0], record.new_frames(), stages(record)
     steps = np.diff(number[new])[np.diff(stage[new]) == 0]
-    dropped = Counter(record.named(Dropped, "dropped", i) for i in range(len(record.time)))
+    dropped = Counter(record.enum_at(Dropped, "dropped", i) for i in range(len(record.time)))
     return FrameCounts(
         used=len(new),
         skipped=int((steps[steps > 0] - 1).sum()),
@@ -211,7 +211,7 @@ def outcome(record: Record) -> RunResult:
     if not len(time):
         return _unless_short(record, RunResult(), Mode())
     last = len(record.time) - 1
-    phase, cause = record.named(Phase, "phase", last), record.named(Cause, "cause", last)
+    phase, cause = record.enum_at(Phase, "phase", last), record.enum_at(Cause, "cause", last)
     mode = Mode(phase, cause, detail=_detail(record, last))
     explored = np.flatnonzero(record.ticks["explored"][first:, 0])
     explored_at = float(time[explored[0]]) if len(explored) else None

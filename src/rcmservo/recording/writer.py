@@ -53,7 +53,7 @@ class RawFile(Protocol):
     def close(self) -> None: ...
 
 
-def created(path: Path) -> RawFile:
+def create_file(path: Path) -> RawFile:
     """Open a new file; raise ``FileExistsError`` if it exists."""
     return path.open("xb", buffering=0)
 
@@ -102,7 +102,7 @@ class Recorder:
     """
 
     def __init__(
-        self, path: Path, about: dict[str, Any], open_file: Callable[[Path], RawFile] = created
+        self, path: Path, about: dict[str, Any], open_file: Callable[[Path], RawFile] = create_file
     ) -> None:
         self.path, self.failed = path, ""
         text = json.dumps(about)
@@ -188,7 +188,7 @@ class Recorder:
             self._begin_changed_stage(previous, target, tick)
         if previous is None or previous.state.mode.words != state.mode.words:
             self._send("operating_state", ros2.encode_operating_state(observation.now, state.mode))
-        numbers = estimator_memory.numbers_of(tick)
+        numbers = estimator_memory.recorded_memory(tick)
         if numbers is not None:
             self._send(estimator_memory.TOPIC, ros2.encode_memory(observation.now, numbers))
         self._send("rcmservo/tick", ros2.encode_tick(tick))

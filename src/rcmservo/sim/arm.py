@@ -21,22 +21,22 @@ from rcmservo.interfaces import Command, Floats, Measured
 from rcmservo.loop.joint_history import JointHistory
 from rcmservo.safety.watchdog import Watchdog
 
-PHYSICS: Any = mujoco
+UNTYPED_MUJOCO: Any = mujoco
 """MuJoCo as an untyped module: it creates its names at run time."""
 
-STEP = 1_000_000
+PHYSICS_STEP_NS = 1_000_000
 """Time step of the physics, ns."""
 
 HISTORY_STEPS = 1000
 """Physics steps whose joints are stored."""
 
-UNIT = 1.0, 1.0, 1e-3
+MUJOCO_UNITS = 1.0, 1.0, 1e-3
 """MuJoCo's lengths and angles per rad, rad and mm."""
 
-HARD_STOP = 1.02
+HARD_STOP_RATIO = 1.02
 """Ratio of the hard stops' half range to the joint limits' half range, about the same middle."""
 
-AXES = {
+MJCF_AXES = {
     "spherical": ("0 0 1", "0 1 0", "0 0 1", (1, 0, 2)),
     "pitch-yaw": ("0 -1 0", "-1 0 0", "0 0 -1", (0, 1, 2)),
 }
@@ -90,7 +90,7 @@ class Drive(Checked, section="drive"):
         0.0,
     )
 
-    def told(self, q: Floats) -> Floats:
+    def measured(self, q: Floats) -> Floats:
         """Return the joints (3,) that unquantised encoders report at the true joints q (3,)."""
         return q + np.array(self.encoder_offset)
 
@@ -125,17 +125,20 @@ MJCF_TEMPLATE = """
 """MJCF template: two hinges through the origin, a slide along the tool, and the reference point."""
 
 
-def model_of(mechanism: Kinematics) -> str:
+def write_mjcf(mechanism: Kinematics) -> str:
     """Return the MJCF text of an RCM mechanism."""
-    outer, inner, slide, order = AXES[mechanism.name]
+    outer, inner, slide, order = MJCF_AXES[mechanism.name]
     lower, upper = np.array(mechanism.limits.lower), np.array(mechanism.limits.upper)
     middle, half_range = (upper + lower) / 2.0, (upper - lower) / 2.0
-    unit = np.array(UNIT)
-    low, high = unit * (middle - HARD_STOP * half_range), unit * (middle + HARD_STOP * half_range)
+    unit = np.array(MUJOCO_UNITS)
+    low, high = (
+        unit * (middle - HARD_STOP_RATIO * half_range),
+        unit * (middle + HARD_STOP_RATIO * half_range),
+    )
     ranges = [f"{low[i]:.9g} {high[i]:.9g}" for i in order]
     sign = -1.0 if mechanism.kind == PITCH_YAW else 1.0
     return MJCF_TEMPLATE.format(
-        timestep=STEP * 1e-9,
+        timestep=PHYSICS_STEP_NS * 1e-9,
         outer=outer,
         inner=inner,
         slide=slide,
@@ -178,14 +181,14 @@ class SimulatedArm:
         self.time, self.clock_error = 0, 0
         self.watchdog = Watchdog()
         self.gains, self.creep, self.before_step = [1.0, 1.0, 1.0], [0.0, 0.0, 0.0], None
-        self._order = list(AXES[mechanism.name][3])
-        self._in_order, self._unit = np.argsort(self._order), np.array(UNIT)
-        self._model = PHYSICS.MjModel.from_xml_string(model_of(mechanism))
-        self._data = PHYSICS.MjData(self._model)
+        self._order = list(MJCF_AXES[mechanism.name][3])
+        self._in_order, self._unit = np.argsort(self._order), np.array(MUJOCO_UNITS)
+        self._model = UNTYPED_MUJOCO.MjModel.from_xml_string(write_mjcf(mechanism))
+        self._data = UNTYPED_MUJOCO.MjData(self._model)
         self._queue: deque[tuple[int, list[float]]] = deque()
         self._setpoint, self._rates = [0.0] * 3, [0.0] * 3
         self._bypassed = False
-        self._lag_fraction = float(1.0 - np.exp(-STEP * 1e-9 / drive.lag))
+        self._lag_fraction = float(1.0 - np.exp(-PHYSICS_STEP_NS * 1e-9 / drive.lag))
         self._rate_ratios = [1.0 + error for error in drive.rate_error]
         self._encoder = np.maximum(np.array(drive.encoder), 1e-12)
         self._history = JointHistory(HISTORY_STEPS)
@@ -197,21 +200,21 @@ class SimulatedArm:
         The history of the joints restarts there. Only a simulation can do this.
         """
         self.watchdog.disable()
-        self._data.qpos[:] = (q * UNIT)[self._order]
+        self._data.qpos[:] = (q * MUJOCO_UNITS)[self._order]
         self._data.qvel[:] = 0.0
         self._stop_drives()
-        PHYSICS.mj_forward(self._model, self._data)
+        UNTYPED_MUJOCO.mj_forward(self._model, self._data)
         self._history.clear()
         self._history.add(self.time, self.q_true)
 
     def advance_until(self, time: int) -> None:
         """Let time pass until `time` (ns), to the nearest physics step."""
-        while self.time + STEP // 2 < time:
+        while self.time + PHYSICS_STEP_NS // 2 < time:
             self.advance()
 
     def advance(self) -> None:
         """Let one physics step pass."""
-        self.time += STEP
+        self.time += PHYSICS_STEP_NS
         if self.before_step is not None:
             self.before_step()
         if not self._bypassed and not self.watchdog.check(self._device_time):
@@ -219,7 +222,7 @@ class SimulatedArm:
         while self._queue and self._queue[0][0] <= self.time:
             self._setpoint = self._queue.popleft()[1]
         self._step_drives()
-        PHYSICS.mj_step(self._model, self._data)
+        UNTYPED_MUJOCO.mj_step(self._model, self._data)
         self._history.add(self.time, self.q_true)
 
     def control(self, rates: list[float], on: bool) -> None:
@@ -257,7 +260,7 @@ class SimulatedArm:
         moving = [rates[i] if abs(rates[i]) > deadband[i] else 0.0 for i in range(3)]
         creep = self.creep if self.watchdog.enabled else (0.0, 0.0, 0.0)
         made = [self.gains[i] * self._rate_ratios[i] * moving[i] + creep[i] for i in range(3)]
-        self._data.ctrl[:] = [made[i] * UNIT[i] for i in self._order]
+        self._data.ctrl[:] = [made[i] * MUJOCO_UNITS[i] for i in self._order]
 
     def joints_at(self, time: int) -> Floats:
         """Return the joints (3,) at a time (ns) within the last second.
@@ -274,7 +277,7 @@ class SimulatedArm:
     @property
     def p_true(self) -> Floats:
         """True position (3,) mm of the tool's reference point."""
-        PHYSICS.mj_forward(self._model, self._data)
+        UNTYPED_MUJOCO.mj_forward(self._model, self._data)
         return self._data.site("reference").xpos * 1e3
 
     @property
@@ -288,7 +291,7 @@ class SimulatedArm:
 
     def measure(self) -> Measured:
         """Return time, joints (3,) as the quantised encoders report them, and drive state."""
-        counted = np.round(self.drive.told(self.q_true) / self._encoder) * self._encoder
+        counted = np.round(self.drive.measured(self.q_true) / self._encoder) * self._encoder
         return Measured(self._device_time, counted, self.watchdog.enabled)
 
     def apply(self, command: Command) -> Floats:

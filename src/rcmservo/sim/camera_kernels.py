@@ -11,7 +11,7 @@ from rcmservo.numerics.small_linalg import products, put
 from rcmservo.numerics.structs import Row, real, reals, whole
 
 
-class Lens(Row):
+class CameraStruct(Row):
     """Numbers of `Optics`."""
 
     width: int = whole("px", "width of the image")
@@ -25,7 +25,7 @@ class Lens(Row):
 
 
 @compiled
-def transform_to_camera(lens: Lens, p: Floats | Point) -> tuple[float, float, float]:
+def transform_to_camera(lens: CameraStruct, p: Floats | Point) -> tuple[float, float, float]:
     """Return a world point p (3,) mm in camera axes; the third number is its depth."""
     R = lens.rotation
     x, y, z = p[0] - lens.position[0], p[1] - lens.position[1], p[2] - lens.position[2]
@@ -37,7 +37,7 @@ def transform_to_camera(lens: Lens, p: Floats | Point) -> tuple[float, float, fl
 
 
 @compiled
-def project(lens: Lens, p: Floats | Point) -> tuple[float, float]:
+def project(lens: CameraStruct, p: Floats | Point) -> tuple[float, float]:
     """Return the image (u, v) px of a world point p (3,) mm.
 
     It is NaN where `Optics.project` returns NaN.
@@ -52,7 +52,7 @@ def project(lens: Lens, p: Floats | Point) -> tuple[float, float]:
 
 
 @compiled
-def project_jacobian(lens: Lens, p: Floats) -> Floats:
+def project_jacobian(lens: CameraStruct, p: Floats) -> Floats:
     """Return the derivative (2, 3) px/mm of `project` at p (3,) mm."""
     x, y, z = transform_to_camera(lens, p)
     u, v = x / z, y / z
@@ -68,22 +68,22 @@ def project_jacobian(lens: Lens, p: Floats) -> Floats:
 
 
 @compiled
-def project_markers(lens: Lens, shaft: Shaft, p1: Floats) -> Floats:
+def project_markers(lens: CameraStruct, shaft: Shaft, p1: Floats) -> Floats:
     """Return the images (2, 2) px of both markers, with marker 1 at p1 (3,) mm."""
     out = np.empty((2, 2))
-    picture(lens, shaft, (p1[0], p1[1], p1[2]), out)
+    project_markers_into(lens, shaft, (p1[0], p1[1], p1[2]), out)
     return out
 
 
 @compiled
-def picture(lens: Lens, shaft: Shaft, p1: Point, out: Floats) -> None:
+def project_markers_into(lens: CameraStruct, shaft: Shaft, p1: Point, out: Floats) -> None:
     """Write the images of both markers into `out` (2, 2) px, with marker 1 at p1 (3,) mm."""
     out[0, 0], out[0, 1] = project(lens, p1)
     out[1, 0], out[1, 1] = project(lens, second_point(shaft, p1))
 
 
 @compiled
-def markers_jacobian(lens: Lens, shaft: Shaft, p1: Floats) -> Floats:
+def compute_markers_jacobian(lens: CameraStruct, shaft: Shaft, p1: Floats) -> Floats:
     """Return ∂(m₁, m₂)/∂p₁ (4, 3) px/mm, the second factor of eq. (15), through the true camera."""
     out = np.empty((4, 3))
     second = project_jacobian(lens, second_marker(shaft, p1))
@@ -93,7 +93,7 @@ def markers_jacobian(lens: Lens, shaft: Shaft, p1: Floats) -> Floats:
 
 
 @compiled
-def compute_true_jacobian(lens: Lens, shaft: Shaft, p1: Floats, o_c: Floats) -> Floats:
+def compute_true_jacobian(lens: CameraStruct, shaft: Shaft, p1: Floats, o_c: Floats) -> Floats:
     """Return J (3, 3) of eq. (15) with marker 1 at p1 (3,) mm, about the origin o_c (2,) px."""
     m = about(project_markers(lens, shaft, p1), o_c)
-    return products(features_jacobian(m), markers_jacobian(lens, shaft, p1))
+    return products(features_jacobian(m), compute_markers_jacobian(lens, shaft, p1))

@@ -19,7 +19,7 @@ from rcmservo.errors import require
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.small_linalg import cross
 from rcmservo.numerics.structs import Rows
-from rcmservo.sim.camera_kernels import Lens, project_jacobian
+from rcmservo.sim.camera_kernels import CameraStruct, project_jacobian
 
 MAX_LENS_SLOPE = 100.0
 """Slope beyond which a fold of the distortion polynomial does not matter: no lens is that wide."""
@@ -32,7 +32,7 @@ SILHOUETTE_POINTS = 256
 
 
 @dataclass(frozen=True, eq=False)
-class Optics(Checked):
+class CameraModel(Checked):
     """Pose and lens of a camera, with its projection and the images of spheres.
 
     Parameters
@@ -91,9 +91,9 @@ class Optics(Checked):
         return K @ self.rotation @ np.column_stack([np.eye(3), -self.position])
 
     @cached_property
-    def lens(self) -> Rows[Lens]:
+    def lens(self) -> Rows[CameraStruct]:
         """Camera parameters for compiled functions."""
-        return Lens.of(
+        return CameraStruct.of(
             width=self.width,
             height=self.height,
             focal=self.focal,
@@ -238,7 +238,7 @@ class Optics(Checked):
         return float(np.linalg.norm(reach) / self.focal)
 
 
-def look_at(position: Floats, target: Floats, roll: float = 0.0) -> Floats:
+def compute_look_at_rotation(position: Floats, target: Floats, roll: float = 0.0) -> Floats:
     """Return the rotation R_c_w (3, 3) of a camera at `position` (3,) mm that looks at `target`.
 
     The target is then at the principal point. At `roll` 0 the world's z axis points up in the image

@@ -11,9 +11,9 @@ from rcmservo.constraints import Checked, between, not_negative
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Frame
 from rcmservo.sim.arm import SimulatedArm
-from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.camera_model import CameraModel
 from rcmservo.sim.rendering import LightFilter, Renderer
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.tool_body import ToolBody
 
 POSES_PER_EXPOSURE = 4
 """Poses of the tool that one exposure averages."""
@@ -121,7 +121,7 @@ class SimulatedCamera(ABC):
         Frame rate, exposure and delay.
     """
 
-    def __init__(self, arm: SimulatedArm, body: Body, timing: Timing) -> None:
+    def __init__(self, arm: SimulatedArm, body: ToolBody, timing: Timing) -> None:
         self.arm, self.body, self.timing = arm, body, timing
         self._frame: Frame | None = None
 
@@ -141,7 +141,7 @@ class SimulatedCamera(ABC):
 
     @property
     @abstractmethod
-    def optics(self) -> Optics:
+    def optics(self) -> CameraModel:
         """True camera: its pose and lens."""
 
 
@@ -152,7 +152,9 @@ class PictureCamera(SimulatedCamera):
     light_filter: LightFilter | None
     """Function that changes the light before it reaches the sensor, if a disturbance sets one."""
 
-    def __init__(self, arm: SimulatedArm, body: Body, timing: Timing, renderer: Renderer) -> None:
+    def __init__(
+        self, arm: SimulatedArm, body: ToolBody, timing: Timing, renderer: Renderer
+    ) -> None:
         super().__init__(arm, body, timing)
         self.renderer, self.light_filter = renderer, None
 
@@ -163,7 +165,7 @@ class PictureCamera(SimulatedCamera):
         return Frame(number, exposure, arrival, image=image)
 
     @property
-    def optics(self) -> Optics:
+    def optics(self) -> CameraModel:
         return self.renderer.optics
 
 
@@ -177,9 +179,9 @@ class PointCamera(SimulatedCamera):
     def __init__(
         self,
         arm: SimulatedArm,
-        body: Body,
+        body: ToolBody,
         timing: Timing,
-        optics: Optics,
+        optics: CameraModel,
         noise: Noise,
     ) -> None:
         super().__init__(arm, body, timing)
@@ -194,9 +196,9 @@ class PointCamera(SimulatedCamera):
         return Frame(number, exposure, arrival, points=points)
 
     @property
-    def optics(self) -> Optics:
+    def optics(self) -> CameraModel:
         return self._optics
 
-    def move(self, optics: Optics) -> None:
+    def move(self, optics: CameraModel) -> None:
         """Replace the camera from the next frame on."""
         self._optics = optics

@@ -8,14 +8,14 @@ from rcmservo.loop.tick import Tick
 from rcmservo.recording.writer import Recorder
 from rcmservo.sim.arm import SimulatedArm
 from rcmservo.sim.camera_kernels import compute_true_jacobian
-from rcmservo.sim.camera_model import Optics
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.camera_model import CameraModel
+from rcmservo.sim.tool_body import ToolBody
 
 
-class Truth:
+class GroundTruth:
     """Ground truth of a simulated run, read from the true arm and the true camera."""
 
-    def __init__(self, arm: SimulatedArm, body: Body, optics: Optics) -> None:
+    def __init__(self, arm: SimulatedArm, body: ToolBody, optics: CameraModel) -> None:
         self.arm, self.body, self.optics, self._drive = arm, body, optics, arm.drive
 
     def joints_at(self, time: int) -> Floats:
@@ -36,7 +36,7 @@ class Truth:
 
     def jacobian(self, q: Floats, o_c: Floats) -> Floats:
         """Return the true J (3, 3) = ∂y/∂p₁ at the joints q (3,), about the origin o_c (2,) px."""
-        return feature_jacobian(self.body, self.optics, q, o_c)
+        return compute_feature_jacobian(self.body, self.optics, q, o_c)
 
     def jacobian_error(self, J_hat: Floats, q_measured: Floats, o_c: Floats) -> float:
         """Return ‖Ĵ − J‖/‖J‖ (Frobenius) of the scaled Jacobians at the measured joints (3,)."""
@@ -55,6 +55,6 @@ class Truth:
         recorder.write_truth(p1, p2, self.tick_error(tick))
 
 
-def feature_jacobian(body: Body, optics: Optics, q: Floats, o_c: Floats) -> Floats:
+def compute_feature_jacobian(body: ToolBody, optics: CameraModel, q: Floats, o_c: Floats) -> Floats:
     """Return J (3, 3) of eq. (15) at the joints q (3,), through the true, distorted camera."""
     return compute_true_jacobian(optics.lens[0], body.tool.shaft, body.points(q)[0], o_c)

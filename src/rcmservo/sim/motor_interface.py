@@ -12,7 +12,7 @@ LIMIT_SWITCH_RATIO = 0.99
 middle."""
 
 
-class ArmMotors:
+class SimulatedMotors:
     """Motors, encoders and limit switches of the arm, as a motion controller drives them.
 
     Parameters

@@ -25,13 +25,13 @@ from rcmservo.sim.disturbances.camera_view import DisturbedView
 from rcmservo.sim.disturbances.computer_faults import ProcessDelays
 from rcmservo.sim.disturbances.disturbance import Disturbance
 from rcmservo.sim.disturbances.frame_delivery import FrameDelivery
-from rcmservo.sim.disturbances.kinds import KINDS
+from rcmservo.sim.disturbances.kinds import DISTURBANCE_KINDS
 from rcmservo.sim.disturbances.schedule import Event, Schedule
-from rcmservo.sim.ground_truth import Truth
+from rcmservo.sim.ground_truth import GroundTruth
 from rcmservo.sim.rendering import Look, Renderer
 from rcmservo.sim.scene import Scene, SceneSettings
 from rcmservo.sim.scenes.sampling import SceneSampler, sample_relocated_scene, sample_scene
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.tool_body import ToolBody
 
 SETTLE_TIME_NS = 100_000_000
 """Time (ns) that passes after the tool is placed by hand: no frame in flight is older than that."""
@@ -99,10 +99,10 @@ class RigSettings(Picture, section="rig"):
     scene: SceneSettings = field(default_factory=SceneSettings)
 
 
-def drawn(seed: int, settings: RigSettings) -> tuple[Scene, np.random.Generator]:
+def sample_scene_of_seed(seed: int, settings: RigSettings) -> tuple[Scene, np.random.Generator]:
     """Return the scene of the rig with this seed, and the generator of its camera's noise."""
     drawing, noise, *_ = _spawn_seeds(seed)
-    body = Body(settings.mechanism, settings.tool)
+    body = ToolBody(settings.mechanism, settings.tool)
     return sample_scene(_sampler_of(settings, body, drawing)), np.random.default_rng(noise)
 
 
@@ -112,7 +112,9 @@ def _spawn_seeds(seed: int) -> list[np.random.SeedSequence]:
     return np.random.SeedSequence(seed).spawn(4)
 
 
-def _sampler_of(settings: RigSettings, body: Body, seed: np.random.SeedSequence) -> SceneSampler:
+def _sampler_of(
+    settings: RigSettings, body: ToolBody, seed: np.random.SeedSequence
+) -> SceneSampler:
     size, radius = (settings.width, settings.height), max(settings.look.marker_radii)
     return SceneSampler(settings.scene, body, size, radius, np.random.default_rng(seed))
 
@@ -169,20 +171,20 @@ class Rig:
         self.seed, self.settings = seed, settings or RigSettings()
         parts = self.settings
         drawing, noise, elsewhere, chance = _spawn_seeds(seed)
-        self.body = Body(parts.mechanism, parts.tool)
+        self.body = ToolBody(parts.mechanism, parts.tool)
         self.scene = scene or sample_scene(_sampler_of(parts, self.body, drawing))
         self._relocation_sampler = _sampler_of(parts, self.body, elsewhere)
         self._arm = SimulatedArm(parts.mechanism, parts.drive)
         self._camera = self._make_camera(pictures, np.random.default_rng(noise))
         self.clock = SimulatedClock(self._arm)
-        self.truth = Truth(self._arm, self.body, self.scene.optics)
+        self.truth = GroundTruth(self._arm, self.body, self.scene.optics)
         self.schedule, self._camera_motion = Schedule(disturbances, chance), CameraMotion()
         self._film_renderer: tuple[Scene, Renderer] | None = None
         self.arm: SimulatedArm | DisturbedArm = self._arm
         self.camera: Camera = self._camera
         if disturbances:
             self._insert_disturbances()
-        self.go_home()
+        self.move_to_start()
 
     def _make_camera(
         self, pictures: bool, random: np.random.Generator
@@ -200,7 +202,7 @@ class Rig:
         """Insert the disturbances between the software and the devices."""
         for disturbance in self.schedule.disturbances:
             kind = disturbance.kind
-            possible = isinstance(self._camera, PointCamera) or KINDS[kind].pictures
+            possible = isinstance(self._camera, PointCamera) or DISTURBANCE_KINDS[kind].pictures
             require(possible, "disturbance", kind, "one that a camera with images can have")
         self.arm = DisturbedArm(self._arm, self.schedule)
         view = DisturbedView(self._camera, self.settings.look, self.schedule, self._move_camera)
@@ -223,7 +225,7 @@ class Rig:
         """Start the run: the disturbances' times count from now."""
         self.schedule.begin(self.clock.now())
 
-    def let_pass(self, until: int) -> None:
+    def advance_until(self, until: int) -> None:
         """Let time pass, even if a disturbance killed the waiting process.
 
         Parameters
@@ -237,11 +239,11 @@ class Rig:
         """Return True while the disk on which the run is recorded is full."""
         return any(self.schedule.active(self.clock.now(), "disk_full"))
 
-    def show_target(self) -> None:
+    def move_to_target(self) -> None:
         """Bring the tool to the target by hand and hold it there."""
         self.place(self.scene.target)
 
-    def go_home(self) -> None:
+    def move_to_start(self) -> None:
         """Bring the tool back to the start by hand."""
         self.place(self.scene.start)
 

@@ -29,7 +29,7 @@ class CameraSection(Picture, Timing, section="camera"):
     """Section [camera] of a rig file."""
 
 
-def rig_settings(lab: Lab) -> RigSettings:
+def read_rig_settings(lab: Lab) -> RigSettings:
     """Return the settings of the simulated laboratory that a rig file describes."""
     camera = lab.section("camera", CameraSection)
     return RigSettings(

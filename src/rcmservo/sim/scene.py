@@ -9,9 +9,9 @@ from rcmservo.constraints import Checked, Limit, Triple, angles, each, finite, n
 from rcmservo.errors import RcmServoError
 from rcmservo.geometry.kinematics import FULL_TURN
 from rcmservo.interfaces import Floats
-from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.camera_model import CameraModel
 from rcmservo.sim.rendering import Tissue
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.tool_body import ToolBody
 
 Range = tuple[float, float]
 POSITIVE_RANGE = Limit(
@@ -143,11 +143,11 @@ class Scene:
         Number of infeasible samples before this one.
     """
 
-    optics: Optics
+    optics: CameraModel
 
-    body: Body
+    body: ToolBody
 
-    way: Floats
+    path: Floats
 
     half_way: Floats
 
@@ -157,8 +157,8 @@ class Scene:
 
     @property
     def start(self) -> Floats:
-        return self.way[0]
+        return self.path[0]
 
     @property
     def target(self) -> Floats:
-        return self.way[-1]
+        return self.path[-1]

@@ -20,7 +20,7 @@ TEACH_DELAY_NS = 3_000_000_000
 """Time from a pause until the operator teaches the target again, ns."""
 
 
-class ScriptedPerson:
+class ScriptedOperator:
     """Operator that answers a limited number of pauses, each after a delay.
 
     It requests to resume or, if the cause of the pause requires it, teaches the target again.
@@ -43,14 +43,14 @@ class ScriptedPerson:
     refused: int
     """Number of resume requests that the servo refused."""
 
-    shown: int
+    taught: int
     """Number of times that the target was taught again."""
 
     def __init__(
         self, rig: Rig, plant: Plant, patience: int, frames: int = TEACHING_FRAMES
     ) -> None:
         self._rig, self._plant, self._pauses_left, self._frames = rig, plant, patience, frames
-        self.resumed = self.refused = self.shown = 0
+        self.resumed = self.refused = self.taught = 0
         self._since: int | None = None
 
     def __call__(self, tick: Tick) -> Request:
@@ -93,14 +93,14 @@ class ScriptedPerson:
         self._since = None
         self._pauses_left -= 1
         joints = self._rig.arm.q_true
-        self._rig.show_target()
+        self._rig.move_to_target()
         try:
             target = teach(self._plant, self._frames)
         except NotShown:
             return None
         finally:
             self._rig.place(joints)
-        self.shown += 1
+        self.taught += 1
         return target
 
     def _is_ready(self, tick: Tick) -> bool:
@@ -113,13 +113,13 @@ class ScriptedPerson:
         )
 
 
-def attended(
+def run_attended(
     rig: Rig,
     plant: Plant,
     servo: Servo,
     target: Target,
     duration: float,
-    person: ScriptedPerson,
+    person: ScriptedOperator,
     begins: Callable[[Target, State | None], None] = lambda target, state: None,
 ) -> Generator[Tick]:
     """Run for `duration` s with a scripted operator, and yield its ticks.

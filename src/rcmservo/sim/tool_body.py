@@ -23,7 +23,7 @@ def compute_body_points(rcm: Rcm, shaft: Shaft, q: Floats) -> Floats:
     return out
 
 
-class Body:
+class ToolBody:
     """Tool as points in space.
 
     Parameters

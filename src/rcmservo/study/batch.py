@@ -19,7 +19,7 @@ from rcmservo.numerics.structs import changed, copied
 from rcmservo.servo.servo import Servo, State
 from rcmservo.servo.user_estimator import compiles
 from rcmservo.sim import RigSettings
-from rcmservo.sim.arm import HARD_STOP
+from rcmservo.sim.arm import HARD_STOP_RATIO
 from rcmservo.sim.scene import Scene
 from rcmservo.study.cramer_rao import bound
 from rcmservo.study.inertia import inertia_of
@@ -124,8 +124,8 @@ class Study(Checked):
             encoder=np.maximum(drive.encoder, 1e-12),
             offset=drive.encoder_offset,
             made=made,
-            lower=middle - HARD_STOP * half,
-            upper=middle + HARD_STOP * half,
+            lower=middle - HARD_STOP_RATIO * half,
+            upper=middle + HARD_STOP_RATIO * half,
             inertia=inertia_of(self.settings.mechanism).rows,
         )
 

@@ -26,7 +26,7 @@ import numpy as np
 from rcmservo.constraints import Limit, not_negative
 from rcmservo.geometry.tool import second_marker_jacobian
 from rcmservo.interfaces import Floats
-from rcmservo.sim.camera_kernels import markers_jacobian
+from rcmservo.sim.camera_kernels import compute_markers_jacobian
 from rcmservo.sim.scene import Scene
 
 
@@ -68,5 +68,5 @@ def pixels_jacobian(scene: Scene) -> Floats:
     """H (4, 3) px/mm: the derivative of both markers' pixels by the position of marker 2, at the
     target."""
     shaft, p1 = scene.body.tool.shaft, scene.body.points(scene.target)[0]
-    by_p1 = markers_jacobian(scene.optics.lens[0], shaft, p1)
+    by_p1 = compute_markers_jacobian(scene.optics.lens[0], shaft, p1)
     return by_p1 @ np.linalg.inv(second_marker_jacobian(shaft, p1))

@@ -23,7 +23,7 @@ from rcmservo.geometry.kinematics import SPHERICAL, Kinematics, Point
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.structs import Row, real, reals, whole
-from rcmservo.sim.arm import AXES, PHYSICS, UNIT, model_of
+from rcmservo.sim.arm import MJCF_AXES, MUJOCO_UNITS, UNTYPED_MUJOCO, write_mjcf
 
 
 class Inertia(Row):
@@ -40,9 +40,12 @@ class Inertia(Row):
 @cache
 def inertia_of(mechanism: Kinematics) -> Inertia:
     """That of the simulated arm."""
-    model, units = PHYSICS.MjModel.from_xml_string(model_of(mechanism)), np.square(UNIT)
+    model, units = (
+        UNTYPED_MUJOCO.MjModel.from_xml_string(write_mjcf(mechanism)),
+        np.square(MUJOCO_UNITS),
+    )
     (first, second, tool), mass = model.body_inertia[1:], model.body_mass[3]
-    order, own, strength = list(AXES[mechanism.name][3]), np.empty(3), np.empty(3)
+    order, own, strength = list(MJCF_AXES[mechanism.name][3]), np.empty(3), np.empty(3)
     moved = first[0] + second[0] + tool[2], second[0] + tool[0], mass
     own[order] = model.dof_armature + moved
     strength[order] = model.actuator_gainprm[:, 0]

@@ -23,7 +23,7 @@ from rcmservo.servo.kernel_parameters import (
 from rcmservo.servo.setpoint import Setpoint, store_setpoint
 from rcmservo.servo.state import Stored
 from rcmservo.servo.tick import step
-from rcmservo.sim.camera_kernels import Lens, picture
+from rcmservo.sim.camera_kernels import CameraStruct, project_markers_into
 from rcmservo.study.plant_kernel import (
     PAST,
     Twin,
@@ -172,9 +172,9 @@ def take_frame(
 
 
 @compiled
-def see(lens: Lens, shaft: Shaft, p1: Point, noise: Floats, points: Floats) -> None:
+def see(lens: CameraStruct, shaft: Shaft, p1: Point, noise: Floats, points: Floats) -> None:
     """Write both markers (2, 2) px with their noise; NaN where one is not in the picture."""
-    picture(lens, shaft, p1, points)
+    project_markers_into(lens, shaft, p1, points)
     for i in range(2):
         u, v = points[i, 0] + noise[i, 0], points[i, 1] + noise[i, 1]
         within = 0.0 <= u <= lens.width - 1.0 and 0.0 <= v <= lens.height - 1.0

@@ -15,7 +15,7 @@ from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import fill, put
 from rcmservo.numerics.structs import Row, flag, part, real, reals, whole, wholes
-from rcmservo.sim.camera_kernels import Lens
+from rcmservo.sim.camera_kernels import CameraStruct
 from rcmservo.study.inertia import Inertia, Near, near
 
 STEP = 1_000_000
@@ -66,7 +66,7 @@ class Twin(Row):
     due: NDArray[np.int64] = wholes(QUEUE, "ns", "when each is obeyed")
     past: Floats = reals((PAST, 3), "rad, rad, mm", "the joints at each of the last steps")
     told: Floats = reals((PAST, 3), "rad, rad, mm", "as the arm told them at the last ticks")
-    lens: Lens = part(Lens, "the camera")
+    lens: CameraStruct = part(CameraStruct, "the camera")
     pace: Pace = part(Pace, "its frames")
 
 

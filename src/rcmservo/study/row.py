@@ -15,9 +15,9 @@ from rcmservo.loop.run_result import RunResult
 from rcmservo.numerics.small_svd import condition
 from rcmservo.safety.causes import Cause
 from rcmservo.sim import RigSettings
-from rcmservo.sim.ground_truth import feature_jacobian
+from rcmservo.sim.ground_truth import compute_feature_jacobian
 from rcmservo.sim.scene import Scene
-from rcmservo.sim.scenes.joint_paths import imaged_rcm
+from rcmservo.sim.scenes.joint_paths import compute_imaged_rcm
 from rcmservo.study.plan.cell import Cell
 from rcmservo.study.plan.conditions import PICTURES
 from rcmservo.study.run_outcome import StudyRun
@@ -125,12 +125,12 @@ def row_of(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
 def worst_condition(scene: Scene) -> float:
     """The largest condition number of the scaled J on the way to the target; inf where there is
     none."""
-    o_c = imaged_rcm(scene.optics)
-    return max(_condition(scene, q, o_c) for q in scene.way)
+    o_c = compute_imaged_rcm(scene.optics)
+    return max(_condition(scene, q, o_c) for q in scene.path)
 
 
 def _condition(scene: Scene, q: Floats, o_c: Floats) -> float:
-    return float(condition(scaled(feature_jacobian(scene.body, scene.optics, q, o_c))))
+    return float(condition(scaled(compute_feature_jacobian(scene.body, scene.optics, q, o_c))))
 
 
 @cache

@@ -25,7 +25,7 @@ from rcmservo.study.batch import BEGIN
 from rcmservo.study.cramer_rao import bound
 from rcmservo.study.run_outcome import StudyRun
 from rcmservo.study.trial import StudyTrial, frames_of, trial
-from rcmservo.tracking import ColourMarkers, MarkerLook, PointMarkers
+from rcmservo.tracking import ColourMarkers, MarkerAppearance, PointMarkers
 
 UNFIT = "kill", "disk_full"
 """Disturbances of the process that servoes and of its record, not of the servo."""
@@ -55,9 +55,9 @@ class LaboratoryLoop:
         """The target: of rendered frames it must be shown, of points it is known what was seen."""
         rig = self.rig
         if self._of.pictures:
-            rig.show_target()
+            rig.move_to_target()
             target = teach(self.plant, self._of.shown)
-            rig.go_home()
+            rig.move_to_start()
             return target
         rig.clock.wait_until(BEGIN)
         rig.see_noise(np.concatenate([given.noise, self._quiet_frames()]))
@@ -125,7 +125,7 @@ class Laboratory(Checked):
     shown: Annotated[int, FRAMES] = TEACHING_FRAMES
     disturbances: Sequence[Disturbance] = ()
     pictures: bool = False
-    look: MarkerLook = field(default_factory=MarkerLook)
+    look: MarkerAppearance = field(default_factory=MarkerAppearance)
 
     def __post_init__(self) -> None:
         super().__post_init__()

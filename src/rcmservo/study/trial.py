@@ -9,7 +9,7 @@ import numpy as np
 from rcmservo.constraints import not_negative
 from rcmservo.interfaces import Floats
 from rcmservo.sim import RigSettings
-from rcmservo.sim.rig import drawn
+from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.sim.scene import Scene
 from rcmservo.study.kernel_engine import Goal
 
@@ -46,7 +46,7 @@ def trial(
     """The trial of a seed: its scene is that of `Rig(seed)`, with other noise in each
     `repetition`."""
     not_negative("whole number").require("repetition", repetition)
-    scene, random = drawn(seed, settings)
+    scene, random = sample_scene_of_seed(seed, settings)
     if repetition:
         source = np.random.SeedSequence(seed, spawn_key=(NOISE, repetition - 1))
         random = np.random.default_rng(source)
@@ -54,5 +54,5 @@ def trial(
     blur = random.standard_normal((2, 2)) / np.sqrt(shown)
     points = scene.optics.project(markers) + sigma * blur
     noise = sigma * random.standard_normal((frames_of(settings, duration), 2, 2))
-    told = settings.drive.told(scene.target)
+    told = settings.drive.measured(scene.target)
     return StudyTrial(scene, Goal(points, told, markers[1]), noise)

@@ -14,7 +14,7 @@ RADIUS_LIMIT = between(0.01, 1000.0, "a length", "mm")
 
 
 @dataclass(frozen=True)
-class MarkerLook(Checked):
+class MarkerAppearance(Checked):
     """Colours and sizes of the two balls. Marker 1 is the one nearer the RCM.
 
     The tracker distinguishes two balls of one colour by their size in the image, so the larger one
@@ -52,10 +52,10 @@ class MarkerLook(Checked):
         expected = (
             f"at least {MIN_RADIUS_RATIO} times larger or smaller than radius_1 of the same colour"
         )
-        self.require(not self.alike or ratio >= MIN_RADIUS_RATIO, "radius_2", expected)
+        self.require(not self.same_colour or ratio >= MIN_RADIUS_RATIO, "radius_2", expected)
 
     @property
-    def alike(self) -> bool:
+    def same_colour(self) -> bool:
         """True if both markers have one colour, so that only their size distinguishes them."""
         return self.colour_1 == self.colour_2
 
@@ -72,7 +72,7 @@ class MarkerLook(Checked):
         ratio = a.radius / b.radius
         if not 0.5 < ratio / self.ratio < 2.0:
             return False
-        if not self.alike:
+        if not self.same_colour:
             return True
         are_separate = a.distance(b) > 0.5 * (a.radius + b.radius)
         return are_separate and (ratio > 1.04 if self.ratio > 1.0 else ratio < 1.0 / 1.04)

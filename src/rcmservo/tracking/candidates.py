@@ -7,16 +7,16 @@ from itertools import combinations
 import numpy as np
 
 from rcmservo.interfaces import Floats, Frame, Image
-from rcmservo.tracking.appearance import MIN_RADIUS_RATIO, MarkerLook
+from rcmservo.tracking.appearance import MIN_RADIUS_RATIO, MarkerAppearance
 from rcmservo.tracking.ball_fit import Ball
 from rcmservo.tracking.colour_markers import ColourMarkers
 from rcmservo.tracking.colours import COLOURS
 from rcmservo.tracking.local_search import detect_balls
 
-SAME = 0.7
+SAME_BALL_RADII = 0.7
 """Distance, as a fraction of the larger radius, below which two detections are the same ball."""
 
-UNSEEN = "the picture shows no ball of a colour that the tracker knows"
+NO_BALL_MESSAGE = "the picture shows no ball of a colour that the tracker knows"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class TakenPair:
+class TrackedPair:
     """Markers that the tracker finds in one image for a given appearance.
 
     Parameters
@@ -51,13 +51,13 @@ class TakenPair:
         Reason why the tracker does not find both markers, a sentence; empty if it does.
     """
 
-    look: MarkerLook
+    appearance: MarkerAppearance
     points: Floats
     radius: Floats
-    why: str
+    reason: str
 
 
-def candidates(image: Image) -> list[Candidate]:
+def detect_candidates(image: Image) -> list[Candidate]:
     """Return the balls of an image, best quality first.
 
     A detection by brightness counts only if no colour detects the same ball.
@@ -72,16 +72,18 @@ def candidates(image: Image) -> list[Candidate]:
     return sorted(found, key=lambda candidate: -candidate.ball.quality)
 
 
-def taken(image: Image, appearance: MarkerLook) -> TakenPair:
+def track_pair(image: Image, appearance: MarkerAppearance) -> TrackedPair:
     """Return the markers that the tracker finds for a given appearance."""
     tracker, frame = ColourMarkers(appearance), Frame(0, 0, 0, image)
     markers, reason = tracker.find(frame), tracker.why(frame)
     if not reason and not np.isfinite(markers.points).all():
         reason = "the tracker does not find both markers"
-    return TakenPair(appearance, markers.points, markers.radius, reason)
+    return TrackedPair(appearance, markers.points, markers.radius, reason)
 
 
-def chosen(image: Image, colours: tuple[str, str], radius_1: float) -> MarkerLook | None:
+def measure_appearance(
+    image: Image, colours: tuple[str, str], radius_1: float
+) -> MarkerAppearance | None:
     """Return the appearance of markers of two different colours, measured in an image.
 
     `radius_1` is the radius of marker 1 in mm. None if the image does not show a ball of each
@@ -91,35 +93,35 @@ def chosen(image: Image, colours: tuple[str, str], radius_1: float) -> MarkerLoo
     if not all(best):
         return None
     ratio = best[1][0].radius / best[0][0].radius
-    return MarkerLook(*colours, radius_1, round(radius_1 * ratio, 2))
+    return MarkerAppearance(*colours, radius_1, round(radius_1 * ratio, 2))
 
 
-def proposed(image: Image, found: list[Candidate], radius_1: float) -> TakenPair | None:
+def propose_pair(image: Image, found: list[Candidate], radius_1: float) -> TrackedPair | None:
     """Return the best pair of candidates that the tracker can find as markers, or None.
 
     Pairs of two colours precede pairs of one colour. No image shows which ball is nearer the RCM,
     so the order of the two is a guess.
     """
     for appearance in _possible_appearances(image, found, radius_1):
-        pair = taken(image, appearance)
-        if not pair.why:
+        pair = track_pair(image, appearance)
+        if not pair.reason:
             return pair
     return None
 
 
 def _possible_appearances(
     image: Image, found: list[Candidate], radius_1: float
-) -> Iterator[MarkerLook]:
+) -> Iterator[MarkerAppearance]:
     pairs = list(combinations(found, 2))
     for colours in dict.fromkeys((a.colour, b.colour) for a, b in pairs if a.colour != b.colour):
-        appearance = chosen(image, colours, radius_1)
+        appearance = measure_appearance(image, colours, radius_1)
         if appearance is not None:
             yield appearance
     for a, b in pairs:
         ratio = b.ball.radius / a.ball.radius
         if a.colour == b.colour and max(ratio, 1.0 / ratio) > MIN_RADIUS_RATIO:
-            yield MarkerLook(a.colour, b.colour, radius_1, radius_1 * ratio)
+            yield MarkerAppearance(a.colour, b.colour, radius_1, radius_1 * ratio)
 
 
 def _is_same(a: Ball, b: Ball) -> bool:
-    return a.distance(b) < SAME * max(a.radius, b.radius)
+    return a.distance(b) < SAME_BALL_RADII * max(a.radius, b.radius)

@@ -7,7 +7,7 @@ import numpy as np
 
 from rcmservo.errors import BadInput, require
 from rcmservo.interfaces import Floats, Frame, Image, Markers
-from rcmservo.tracking.appearance import MarkerLook
+from rcmservo.tracking.appearance import MarkerAppearance
 from rcmservo.tracking.ball_fit import Ball, compile_blur_kernels
 from rcmservo.tracking.colours import COLOURS
 from rcmservo.tracking.local_search import detect_balls, follow_ball
@@ -46,9 +46,11 @@ class ColourMarkers:
         If `look` is no `MarkerLook`.
     """
 
-    def __init__(self, look: MarkerLook | None = None) -> None:
-        require(isinstance(cast(object, look), MarkerLook | None), "look", look, "a MarkerLook")
-        self.look = look or MarkerLook()
+    def __init__(self, look: MarkerAppearance | None = None) -> None:
+        require(
+            isinstance(cast(object, look), MarkerAppearance | None), "look", look, "a MarkerLook"
+        )
+        self.look = look or MarkerAppearance()
         self._colours = COLOURS.index(self.look.colour_1), COLOURS.index(self.look.colour_2)
         self.reset()
 
@@ -122,7 +124,7 @@ class ColourMarkers:
             _follow_one(image, c, position, last)
             for c, position, last in zip(self._colours, expected, self._last, strict=True)
         )
-        if self.look.alike and not _kept_apart(expected, (first, second)):
+        if self.look.same_colour and not _kept_apart(expected, (first, second)):
             return None, None
         return first, second
 
@@ -138,7 +140,7 @@ class ColourMarkers:
             return pairs[0]
         if pairs:
             return self._recover_lost(pairs, followed)
-        if self.look.alike or (first and second):
+        if self.look.same_colour or (first and second):
             return followed
         return choose_unrivalled(first), choose_unrivalled(second)
 

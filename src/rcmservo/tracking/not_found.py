@@ -3,7 +3,7 @@
 import numpy as np
 
 from rcmservo.interfaces import Image
-from rcmservo.tracking.appearance import MarkerLook
+from rcmservo.tracking.appearance import MarkerAppearance
 from rcmservo.tracking.ball_fit import Ball
 from rcmservo.tracking.colours import COLOURS
 from rcmservo.tracking.local_search import detect_balls
@@ -16,7 +16,7 @@ MAX_GREY_RANGE = 12
 """Grey levels: an image is grey if the channels of no pixel differ by so much."""
 
 
-def explain_not_found(image: Image, appearance: MarkerLook) -> str:
+def explain_not_found(image: Image, appearance: MarkerAppearance) -> str:
     """Return the reason in one sentence, or an empty string if the image shows both markers."""
     if np.percentile(image, 99.0) < MAX_DARK_LEVEL:
         return "the picture is dark"
@@ -24,14 +24,14 @@ def explain_not_found(image: Image, appearance: MarkerLook) -> str:
     if set(colours) != {"bright"} and np.ptp(image, axis=2).max() < MAX_GREY_RANGE:
         return "the picture is grey, and the markers are known by their colours"
     first, second = (_detect(image, colour) for colour in colours)
-    if appearance.alike and len(first) < 2:
+    if appearance.same_colour and len(first) < 2:
         return f"of two {appearance.colour_1} balls the picture shows {len(first)} whole"
     if not (first and second):
         return _missing_sentence(appearance, first, second)
     pairs = find_candidate_pairs(appearance, first, second)
     if len(pairs) > 1:
         return _ambiguity_sentence(appearance, pairs)
-    other = second[1 if appearance.alike else 0]
+    other = second[1 if appearance.same_colour else 0]
     return "" if pairs else _size_sentence(appearance, first[0], other)
 
 
@@ -39,13 +39,13 @@ def _detect(image: Image, colour: str) -> list[Ball]:
     return detect_balls(image, COLOURS.index(colour))
 
 
-def _missing_sentence(appearance: MarkerLook, first: list[Ball], second: list[Ball]) -> str:
+def _missing_sentence(appearance: MarkerAppearance, first: list[Ball], second: list[Ball]) -> str:
     names = [] if first else [f"no {appearance.colour_1} ball (marker 1)"]
     names += [] if second else [f"no {appearance.colour_2} ball (marker 2)"]
     return f"the picture shows {' and '.join(names)} whole"
 
 
-def _ambiguity_sentence(appearance: MarkerLook, pairs: list[BallPair]) -> str:
+def _ambiguity_sentence(appearance: MarkerAppearance, pairs: list[BallPair]) -> str:
     colours = appearance.colour_1, appearance.colour_2
     places = [
         " with ".join(
@@ -58,7 +58,7 @@ def _ambiguity_sentence(appearance: MarkerLook, pairs: list[BallPair]) -> str:
     return f"{count} pairs of balls can be the markers: {' or '.join(places)}; cover what is none"
 
 
-def _size_sentence(appearance: MarkerLook, a: Ball, b: Ball) -> str:
+def _size_sentence(appearance: MarkerAppearance, a: Ball, b: Ball) -> str:
     return (
         f"the {appearance.colour_1} and the {appearance.colour_2} ball have radii of "
         f"{a.radius:.0f} and {b.radius:.0f} px, which do not fit radius_1 "

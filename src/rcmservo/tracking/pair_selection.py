@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from rcmservo.tracking.appearance import MarkerLook
+from rcmservo.tracking.appearance import MarkerAppearance
 from rcmservo.tracking.ball_fit import Ball
 
 BallPair = tuple[Ball, Ball]
@@ -18,7 +18,7 @@ MAX_DISTANCE_RADII = 3.0
 
 
 def find_candidate_pairs(
-    appearance: MarkerLook, first: Sequence[Ball], second: Sequence[Ball]
+    appearance: MarkerAppearance, first: Sequence[Ball], second: Sequence[Ball]
 ) -> list[BallPair]:
     """Return the pairs of balls that can be markers 1 and 2, best first.
 

@@ -15,8 +15,8 @@ from rcmservo.cli.terminal import console
 from rcmservo.config.rig_file import load_lab
 from rcmservo.constraints import Checked, between, not_negative
 from rcmservo.errors import needing, require
-from rcmservo.hardware.galil.emulator.controller import SAMPLE, Controller
-from rcmservo.hardware.galil.emulator.faults import KINDS, Fault
+from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, Controller
+from rcmservo.hardware.galil.emulator.faults import FAULT_KINDS, Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 from rcmservo.hardware.galil.emulator.server import Server
 from rcmservo.live.realtime import realtime
@@ -78,7 +78,7 @@ class EmulateOptions(RosOptions, GalilOptions):
 def emulate(options: EmulateOptions) -> int:
     """Be the controller until Ctrl-C; the exit code is 0."""
     if "help" in options.fault:
-        for name, words in KINDS.items():
+        for name, words in FAULT_KINDS.items():
             print(f"{name:9} {words}")
         return 0
     _require_own(options)
@@ -122,4 +122,4 @@ def _serve(server: Server) -> None:
         while True:
             seconds = time.monotonic() - start
             server.turn(seconds)
-            server.wait(SAMPLE - (time.monotonic() - start) % SAMPLE)
+            server.wait(SAMPLE_TIME_S - (time.monotonic() - start) % SAMPLE_TIME_S)

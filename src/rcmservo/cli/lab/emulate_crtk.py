@@ -10,8 +10,8 @@ from rcmservo.cli.lab.emulated_arm import EmulatedArm
 from rcmservo.cli.terminal import console
 from rcmservo.config.rig_file import Lab
 from rcmservo.errors import RcmServoError, needing
-from rcmservo.hardware.crtk.device import STEP, CrtkDevice
-from rcmservo.hardware.crtk.messages import PICTURES, PlainImage
+from rcmservo.hardware.crtk.device import STEP_NS, CrtkDevice
+from rcmservo.hardware.crtk.messages import IMAGE_TOPIC, PlainImage
 from rcmservo.hardware.crtk.settings import NAMESPACE, RosConnection
 from rcmservo.hardware.crtk.transport import open_transport
 from rcmservo.live.frame_ring import FrameRing, RingCamera
@@ -60,7 +60,7 @@ def send_pictures(ring: FrameRing, where: RosOptions, control: Connection) -> No
     except RcmServoError as error:
         control.send(RcmServoError(str(error)))
         return
-    camera, last, topic = RingCamera(ring), None, PICTURES.under(where.namespace)
+    camera, last, topic = RingCamera(ring), None, IMAGE_TOPIC.under(where.namespace)
     with closing(transport):
         transport.offer(topic)
         control.send(topic.name)
@@ -81,4 +81,4 @@ def serve(device: CrtkDevice) -> None:
         while True:
             now = time.monotonic_ns()
             device.turn(now)
-            time.sleep((STEP - now % STEP) * 1e-9)
+            time.sleep((STEP_NS - now % STEP_NS) * 1e-9)

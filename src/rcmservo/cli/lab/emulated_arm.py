@@ -18,7 +18,7 @@ from rcmservo.config.rig_file import Lab
 from rcmservo.errors import RcmServoError
 from rcmservo.hardware.crtk.device import RateJoints
 from rcmservo.hardware.galil.emulator.motors import Motors
-from rcmservo.live.child_process import Child, heard
+from rcmservo.live.child_process import ChildProcess, receive_from_parent
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 
 
@@ -27,9 +27,9 @@ class EmulatedArm:
 
     def __init__(self, seed: int, lab: Lab) -> None:
         from rcmservo.sim.rig import Rig
-        from rcmservo.sim.rig_file import rig_settings
+        from rcmservo.sim.rig_file import read_rig_settings
 
-        self._seed, self._settings = seed, rig_settings(lab)
+        self._seed, self._settings = seed, read_rig_settings(lab)
         self._rig = Rig(seed, self._settings, pictures=False)
         self._arm = self._rig.truth.arm
         self._stack, self._context = contextlib.ExitStack(), get_context("spawn")
@@ -68,22 +68,22 @@ class EmulatedArm:
 
     def motors(self, counts: tuple[float, float, float], axes: int) -> Motors:
         """The arm as motors. Its time is the wall clock's from now on."""
-        from rcmservo.sim.motor_interface import ArmMotors
+        from rcmservo.sim.motor_interface import SimulatedMotors
 
         self._begin()
-        return ArmMotors(self._arm, np.array(counts), axes)
+        return SimulatedMotors(self._arm, np.array(counts), axes)
 
     def _begin(self) -> None:
         """Be at the start now."""
-        from rcmservo.sim.arm import STEP
+        from rcmservo.sim.arm import PHYSICS_STEP_NS
 
-        self._arm.time = time.monotonic_ns() // STEP * STEP
+        self._arm.time = time.monotonic_ns() // PHYSICS_STEP_NS * PHYSICS_STEP_NS
         self._arm.place(self._rig.scene.start)
 
     def _filmed(self) -> FrameRing:
         """Where the frames are that a camera takes of it."""
-        from rcmservo.sim.arm import STEP
-        from rcmservo.sim.processes.camera_process import film
+        from rcmservo.sim.arm import PHYSICS_STEP_NS
+        from rcmservo.sim.processes.camera_process import run_camera_process
         from rcmservo.sim.processes.motion_log import MotionLog
 
         log = MotionLog(self._context)
@@ -91,19 +91,19 @@ class EmulatedArm:
 
         def note() -> None:
             """Log where the step before this one has left the arm."""
-            log.add(arm.time - STEP, time.monotonic_ns(), 0, True, zero, arm.q_true)
+            log.add(arm.time - PHYSICS_STEP_NS, time.monotonic_ns(), 0, True, zero, arm.q_true)
 
         note()
         arm.before_step = note
         ring = FrameRing(self._context, self._settings.width, self._settings.height)
-        self._child(film, self._seed, self._settings, log, ring)
+        self._child(run_camera_process, self._seed, self._settings, log, ring)
         return ring
 
     def _child(self, work: Callable[..., None], *arguments: Any) -> Any:
         """Start a process; the first thing that it says."""
-        child = Child(self._context, work, *arguments)
+        child = ChildProcess(self._context, work, *arguments)
         self._stack.callback(child.end)
-        return child.hear()
+        return child.receive()
 
 
 def send_mjpeg(ring: FrameRing, port: int, control: Connection) -> None:
@@ -130,4 +130,4 @@ def _send(opened: Callable[[], Any], control: Connection) -> None:
         return
     with contextlib.closing(camera):
         control.send(camera.address)
-        heard(control)
+        receive_from_parent(control)

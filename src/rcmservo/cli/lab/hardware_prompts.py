@@ -19,7 +19,7 @@ from rcmservo.config.rig_file import Lab
 from rcmservo.config.target_file import Setup
 from rcmservo.errors import BadInput, Stopped, require
 from rcmservo.interfaces import Floats, Target
-from rcmservo.live.device_protocols import LabArm, NotReady, Person
+from rcmservo.live.device_protocols import LabArm, NotReady, OperatorTerminal
 from rcmservo.live.servo_process import HeartbeatPlant
 from rcmservo.live.terminal_operator import Terminal
 from rcmservo.loop.plant import Plant
@@ -131,7 +131,7 @@ def require_off(plant: Plant) -> None:
         raise NotReady("the arm's drive is on, by somebody else: switch it off there first")
 
 
-def define(person: Person, plant: Plant, lab: Lab) -> None:
+def define(person: OperatorTerminal, plant: Plant, lab: Lab) -> None:
     """A person says where the arm stands, and agrees to it before the arm is told."""
     arm = arm_of(plant)
     person.tell(
@@ -167,7 +167,7 @@ def joints(answer: str, lab: Lab) -> Floats:
     return typed
 
 
-def shown(person: Person, plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
+def shown(person: OperatorTerminal, plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
     """What the camera sees when a person says that the tool is at the target."""
     while True:
         enter(person, plant, "Bring the tool to the target by hand, then press Enter:")
@@ -181,7 +181,7 @@ def shown(person: Person, plant: Plant, frames: int = TEACHING_FRAMES) -> Target
             return target
 
 
-def enter(person: Person, plant: Plant, words: str) -> None:
+def enter(person: OperatorTerminal, plant: Plant, words: str) -> None:
     """Wait until a person has done what these words say, the drive being off."""
     require_off(plant)
     while person.ask(f"The drive is off. {words}"):
@@ -200,7 +200,7 @@ def arm_of(plant: Plant) -> LabArm:
 
 
 @contextmanager
-def _person(plant: Plant) -> Generator[Person]:
+def _person(plant: Plant) -> Generator[OperatorTerminal]:
     assert isinstance(plant, HeartbeatPlant)
     with closing(Terminal(plant.told_to_end)) as terminal:
         yield AtHand(terminal)

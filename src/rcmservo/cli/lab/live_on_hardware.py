@@ -25,9 +25,9 @@ from rcmservo.config.verified_rigs import is_checked
 from rcmservo.errors import UnusableFile, require
 from rcmservo.hardware.cameras.settings import require_latency
 from rcmservo.hardware.crtk.settings import CrtkSettings
-from rcmservo.hardware.devices import ARMS, CAMERAS, open_arm, open_camera
+from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, open_arm, open_camera
 from rcmservo.live.device_protocols import LabArm, LabCamera
-from rcmservo.live.reduced_speed import SHARE, cautious
+from rcmservo.live.reduced_speed import UNCHECKED_SPEED_SCALE, reduce_speed
 from rcmservo.live.servo_process import Session
 from rcmservo.live.supervisor import run_live
 from rcmservo.live.terminal_operator import Terminal
@@ -50,7 +50,7 @@ def live_on_hardware(
     """Run with the operator's leave, and keep the result."""
     Terminal().close()  # where there is none, that is told before anything is connected
     share, lab = speed_share(options), options.lab
-    servo = options.servo if share == 1.0 else cautious(options.servo, share)
+    servo = options.servo if share == 1.0 else reduce_speed(options.servo, share)
     out.print(f"the arm and camera of {options.rig}; preparing …", style="dim", soft_wrap=True)
     with live_line(out) as line, compiling(line):
         servo.warm_up()
@@ -89,18 +89,18 @@ def live_on_hardware(
 
 def speed_share(options: LabOptions) -> float:
     """Return the fraction of the full speed that the rig file allows."""
-    return 1.0 if is_checked(options.digest) else SHARE
+    return 1.0 if is_checked(options.digest) else UNCHECKED_SPEED_SCALE
 
 
 def require_devices(lab: Lab, rig: Path | None, digest: str) -> None:
     """Refuse a rig file whose devices are not described, or that sends speeds to an arm that nobody
     has seen stop by itself, before anything is connected."""
     with told_with(rig):
-        arm = lab.device("arm", ARMS)
+        arm = lab.device("arm", ARM_KINDS)
         seen = not (isinstance(arm, CrtkSettings) and arm.jv) or is_checked(digest)
         right = "false until `rig check` has passed for this file, and seen the arm stop by itself"
         require(seen, "arm.jv", True, right)
-        require_latency(lab.device("camera", CAMERAS))
+        require_latency(lab.device("camera", CAMERA_KINDS))
 
 
 def intent(options: RunToTargetOptions, servo: Servo, share: float) -> str:
@@ -145,6 +145,6 @@ def about(options: LabOptions, duration: float, share: float) -> dict[str, Any]:
 def _drop_empty(folder: Path) -> None:
     """Remove the record of a run that did not begin."""
     with suppress(UnusableFile):
-        if not reader.begun(folder):
-            reader.file_of(folder).unlink()
+        if not reader.has_ticks(folder):
+            reader.record_file(folder).unlink()
             (folder / METADATA).unlink(missing_ok=True)

@@ -8,11 +8,11 @@ from rich.console import Console
 from rich.table import Table
 
 from rcmservo.interfaces import Image
-from rcmservo.tracking.appearance import MarkerLook
-from rcmservo.tracking.candidates import SAME, UNSEEN, Candidate, TakenPair
+from rcmservo.tracking.appearance import MarkerAppearance
+from rcmservo.tracking.candidates import NO_BALL_MESSAGE, SAME_BALL_RADII, Candidate, TrackedPair
 
 if TYPE_CHECKING:
-    from rcmservo.figures.overlay import Ring
+    from rcmservo.figures.overlay import BallRing
 
 
 @dataclass(frozen=True)
@@ -59,23 +59,25 @@ class MarkersReport:
     """
 
     candidates: list[CandidateReport]
-    look: MarkerLook | None
+    look: MarkerAppearance | None
     markers: list[tuple[float, float]] | None
     why: str
     written: bool
 
 
-def markers_report(found: list[Candidate], pair: TakenPair | None, written: bool) -> MarkersReport:
+def markers_report(
+    found: list[Candidate], pair: TrackedPair | None, written: bool
+) -> MarkersReport:
     """What was found as plain numbers."""
-    good = pair is not None and not pair.why
+    good = pair is not None and not pair.reason
     return MarkersReport(
         [
             CandidateReport(one.colour, one.ball.u, one.ball.v, one.ball.radius, one.ball.quality)
             for one in found
         ],
-        pair.look if pair else None,
+        pair.appearance if pair else None,
         [(float(u), float(v)) for u, v in pair.points] if pair and good else None,
-        pair.why if pair else "" if found else UNSEEN,
+        pair.reason if pair else "" if found else NO_BALL_MESSAGE,
         written,
     )
 
@@ -83,7 +85,7 @@ def markers_report(found: list[Candidate], pair: TakenPair | None, written: bool
 def show_markers(console: Console, found: list[Candidate], words: str) -> None:
     """What was found as a table, and in words what the tracker makes of it."""
     if not found:
-        console.print(UNSEEN, soft_wrap=True)
+        console.print(NO_BALL_MESSAGE, soft_wrap=True)
         return
     table = Table("colour")
     for title in ("u [px]", "v [px]", "radius [px]", "quality"):
@@ -97,28 +99,28 @@ def show_markers(console: Console, found: list[Candidate], words: str) -> None:
 
 
 def shown_in(
-    image: Image, found: list[Candidate], pair: TakenPair | None, words: str, numbered: bool
+    image: Image, found: list[Candidate], pair: TrackedPair | None, words: str, numbered: bool
 ) -> Image:
     """The picture with the balls ringed, first those that the tracker takes; `numbered` where it is
     known which one is marker 1."""
-    from rcmservo.figures.overlay import Ring, draw_balls
+    from rcmservo.figures.overlay import BallRing, draw_balls
 
     rings = [] if pair is None else _taken(pair, numbered)
     for one in found:
         ball = one.ball
-        if all(np.hypot(ball.u - r.u, ball.v - r.v) > SAME * r.radius for r in rings):
+        if all(np.hypot(ball.u - r.u, ball.v - r.v) > SAME_BALL_RADII * r.radius for r in rings):
             named = f"{one.colour} {ball.quality:.2f}"
-            rings.append(Ring(ball.u, ball.v, ball.radius, named, False))
-    return draw_balls(image, rings, words if found else UNSEEN)
+            rings.append(BallRing(ball.u, ball.v, ball.radius, named, False))
+    return draw_balls(image, rings, words if found else NO_BALL_MESSAGE)
 
 
-def _taken(pair: TakenPair, numbered: bool) -> "list[Ring]":
-    from rcmservo.figures.overlay import Ring
+def _taken(pair: TrackedPair, numbered: bool) -> "list[BallRing]":
+    from rcmservo.figures.overlay import BallRing
 
-    colours = pair.look.colour_1, pair.look.colour_2
+    colours = pair.appearance.colour_1, pair.appearance.colour_2
     names = [f"{n}: {colour}" if numbered else colour for n, colour in enumerate(colours, 1)]
     return [
-        Ring(float(u), float(v), float(radius), name, True)
+        BallRing(float(u), float(v), float(radius), name, True)
         for (u, v), radius, name in zip(pair.points, pair.radius, names, strict=True)
         if np.isfinite(u)
     ]

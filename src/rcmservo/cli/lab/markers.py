@@ -13,8 +13,15 @@ from rcmservo.config.rig_file import Lab, load_lab, told_with
 from rcmservo.config.rig_file_edit import told_in, write_markers
 from rcmservo.errors import UnusableFile, require
 from rcmservo.interfaces import Image
-from rcmservo.tracking import COLOURS, MarkerLook, read_image
-from rcmservo.tracking.candidates import Candidate, TakenPair, candidates, chosen, proposed, taken
+from rcmservo.tracking import COLOURS, MarkerAppearance, read_image
+from rcmservo.tracking.candidates import (
+    Candidate,
+    TrackedPair,
+    detect_candidates,
+    measure_appearance,
+    propose_pair,
+    track_pair,
+)
 
 RADII = {"radius_1", "radius_2"}
 PICTURES = ".png", ".jpg", ".jpeg"
@@ -57,24 +64,24 @@ def markers(options: MarkersOptions) -> int:
     require(out is None or not out.exists(), "--picture", out, right)
     lab = load_lab(options.rig)
     image = read_image(options.frame)
-    found = candidates(image)
+    found = detect_candidates(image)
     pair = _pair(image, found, lab, colours, options)
     numbered = bool(colours or options.rig)
     words = _words(pair, numbered)
     if out:
-        from rcmservo.figures.overlay import write_picture
+        from rcmservo.figures.overlay import write_image
 
-        write_picture(out, shown_in(image, found, pair, words, numbered))
+        write_image(out, shown_in(image, found, pair, words, numbered))
     written = bool(options.rig and colours and pair)
     if options.rig and colours and pair:
-        _write(options.rig, pair.look)
+        _write(options.rig, pair.appearance)
     if options.json:
         print(json.dumps(asdict(markers_report(found, pair, written))))
     else:
         show_markers(console(), found, words)
         if written:
             console().print(f"written into [markers] of {options.rig}", soft_wrap=True)
-    return 0 if pair and not pair.why else 1
+    return 0 if pair and not pair.reason else 1
 
 
 def _colours(text: str) -> tuple[str, str]:
@@ -90,49 +97,51 @@ def _pair(
     lab: Lab,
     colours: tuple[str, str] | None,
     options: MarkersOptions,
-) -> TakenPair | None:
+) -> TrackedPair | None:
     """What the tracker takes: for the colours that were chosen, or the rig file's markers, or else
     the best two balls that it can tell from others."""
     if colours is None:
         look = lab.markers
-        return taken(image, look) if options.rig else proposed(image, found, look.radius_1)
-    pair = taken(image, _look(image, lab, colours, options))
-    if pair.why and options.rig:
-        raise UnusableFile(options.frame, f"{pair.why}; nothing was written")
+        return track_pair(image, look) if options.rig else propose_pair(image, found, look.radius_1)
+    pair = track_pair(image, _look(image, lab, colours, options))
+    if pair.reason and options.rig:
+        raise UnusableFile(options.frame, f"{pair.reason}; nothing was written")
     return pair
 
 
-def _look(image: Image, lab: Lab, colours: tuple[str, str], options: MarkersOptions) -> MarkerLook:
+def _look(
+    image: Image, lab: Lab, colours: tuple[str, str], options: MarkersOptions
+) -> MarkerAppearance:
     """The chosen colours with the rig file's radii, or where it has none, as the picture shows
     them. Which of two balls of one colour is nearer the RCM no picture tells."""
     radii = lab.markers.radius_1, lab.markers.radius_2
     if options.rig and told_in(options.rig) & RADII:
         with told_with(options.rig):
-            return MarkerLook(*colours, *radii)
+            return MarkerAppearance(*colours, *radii)
     right = (
         "two colours; of two balls of one colour write radius_1 (of the one nearer the RCM) and "
         "radius_2, which must differ, into [markers] of a --rig before"
     )
     require(colours[0] != colours[1], "--choose", options.choose, right)
-    return chosen(image, colours, radii[0]) or MarkerLook(*colours, *radii)
+    return measure_appearance(image, colours, radii[0]) or MarkerAppearance(*colours, *radii)
 
 
-def _write(path: Path, look: MarkerLook) -> None:
+def _write(path: Path, look: MarkerAppearance) -> None:
     """Write the markers into a rig file; radii that it has stay as they are."""
     kept = RADII if told_in(path) & RADII else set[str]()
     write_markers(path, {key: value for key, value in asdict(look).items() if key not in kept})
 
 
-def _words(pair: TakenPair | None, numbered: bool) -> str:
+def _words(pair: TrackedPair | None, numbered: bool) -> str:
     """In a sentence what the tracker takes."""
     if pair is None:
         return "the picture shows no two balls that the tracker could tell from others"
-    look = pair.look
-    if pair.why:
-        return f"the tracker looks for {look.colour_1} and {look.colour_2}: {pair.why}"
+    look = pair.appearance
+    if pair.reason:
+        return f"the tracker looks for {look.colour_1} and {look.colour_2}: {pair.reason}"
     sizes = ("larger ", "smaller ") if look.ratio > 1.0 else ("smaller ", "larger ")
     first, second = (
-        f"the {size if look.alike else ''}{colour} ball"
+        f"the {size if look.same_colour else ''}{colour} ball"
         for size, colour in zip(sizes, (look.colour_1, look.colour_2), strict=True)
     )
     if numbered:

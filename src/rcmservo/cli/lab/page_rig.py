@@ -22,9 +22,9 @@ from rcmservo.errors import RcmServoError
 from rcmservo.hardware.devices import open_arm, open_camera
 from rcmservo.interfaces import Target
 from rcmservo.live.device_protocols import LabCamera
-from rcmservo.live.frame_ring import FrameRing, RingCamera, ShownCamera
-from rcmservo.live.reduced_speed import cautious
-from rcmservo.live.remote_stop import Leash, LeashedArm
+from rcmservo.live.frame_ring import FrameRing, RecordingCamera, RingCamera
+from rcmservo.live.reduced_speed import reduce_speed
+from rcmservo.live.remote_stop import RemotelyStoppableArm, RemoteStop
 from rcmservo.live.servo_process import PATIENCE, HeartbeatPlant, NoFrames, Session
 from rcmservo.loop.clock import WallClock, ticks
 from rcmservo.loop.plant import Plant
@@ -43,11 +43,11 @@ from rcmservo.tracking import ColourMarkers
 def hardware(options: LabOptions) -> Generator[Behind]:
     """The devices of a rig file, and the servo as the options have it."""
     lab, share = options.lab, speed_share(options)
-    chosen = Chosen(options.servo, as_set if share == 1.0 else cautious)
+    chosen = Chosen(options.servo, as_set if share == 1.0 else reduce_speed)
     with closing(open_camera(lab)) as camera:
         width, height = size_of(camera)
     context = get_context("spawn")
-    ring, leash = FrameRing(context, width, height), Leash(context)
+    ring, leash = FrameRing(context, width, height), RemoteStop(context)
 
     def session(desk: Desk, folder: Path) -> Session:
         leash.renew()
@@ -103,9 +103,9 @@ def enabled_at_the_page(at: AtThePage, plant: Plant) -> Target:
     return await_enable(at.desk, at.servo, at.intent, plant)
 
 
-def leashed(lab: Lab, leash: Leash, desk: Desk) -> LeashedArm:
+def leashed(lab: Lab, leash: RemoteStop, desk: Desk) -> RemotelyStoppableArm:
     """Connect to the arm, so that STOP reaches it."""
-    return LeashedArm(open_arm(lab), leash, partial(tell, desk))
+    return RemotelyStoppableArm(open_arm(lab), leash, partial(tell, desk))
 
 
 def tell(desk: Desk, why: str) -> None:
@@ -113,9 +113,9 @@ def tell(desk: Desk, why: str) -> None:
     desk.said.put(Note(f"the arm: {why}"))
 
 
-def shown(lab: Lab, ring: FrameRing) -> ShownCamera:
+def shown(lab: Lab, ring: FrameRing) -> RecordingCamera:
     """Open the camera, so that the page sees what it sees."""
-    return ShownCamera(open_camera(lab), ring)
+    return RecordingCamera(open_camera(lab), ring)
 
 
 def size_of(camera: LabCamera) -> tuple[int, int]:
@@ -125,7 +125,7 @@ def size_of(camera: LabCamera) -> tuple[int, int]:
         if frame is not None and frame.image is not None:
             height, width = frame.image.shape[:2]
             return width, height
-    why = camera.account().trouble
+    why = camera.counts().trouble
     raise NoFrames(f"the camera has given no picture for {PATIENCE:g} s{why and ': ' + why}")
 
 

@@ -22,7 +22,7 @@ from rcmservo.cli.terminal import console
 from rcmservo.config.rig_file import Lab, bytes_of, lab_of, told_with
 from rcmservo.config.verified_rigs import digest_of, forget_checked, note_checked
 from rcmservo.hardware.cameras.settings import known_latency
-from rcmservo.hardware.devices import ARMS, CAMERAS, open_arm, open_camera, wiring_of
+from rcmservo.hardware.devices import ARM_KINDS, CAMERA_KINDS, open_arm, open_camera, read_wiring
 from rcmservo.live.device_protocols import LabArm, LabCamera
 from rcmservo.live.realtime import realtime
 from rcmservo.live.stop_signals import stopped_by_signals
@@ -62,9 +62,9 @@ def rig_check(
     data = bytes_of(options.file)
     lab, digest = lab_of(options.file, data), digest_of(data)
     with told_with(options.file):
-        lab.device("arm", ARMS)
-        latency = known_latency(lab.device("camera", CAMERAS))
-        robot = Robot(lab.mechanism, lab.tool, wiring_of(lab))
+        lab.device("arm", ARM_KINDS)
+        latency = known_latency(lab.device("camera", CAMERA_KINDS))
+        robot = Robot(lab.mechanism, lab.tool, read_wiring(lab))
     with stopped_by_signals(), closing(Terminal()) as terminal:
         person = AtHand(terminal)
         person.tell(
@@ -112,7 +112,7 @@ def concluded(options: RigOptions, report: CheckReport, robot: Robot, digest: st
 
 def trouble(camera: LabCamera) -> str:
     """Return the present fault of a camera in a sentence; empty if it has none."""
-    return camera.account().trouble
+    return camera.counts().trouble
 
 
 def show(report: CheckReport, robot: Robot, out: Console) -> None:

@@ -30,7 +30,7 @@ from rcmservo.cli.progress.preparing import compiling
 from rcmservo.cli.terminal import console, live_line
 from rcmservo.constraints import between
 from rcmservo.errors import RcmServoError, needing
-from rcmservo.live.child_process import Child
+from rcmservo.live.child_process import ChildProcess
 from rcmservo.live.frame_ring import RingCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.live.stop_signals import stopped_by_signals
@@ -103,14 +103,14 @@ def _bench(options: ServeOptions) -> Generator[Behind]:
     from rcmservo.cli.simulated_run.about import about
     from rcmservo.cli.simulated_run.target import setup_of
     from rcmservo.page.settings import Chosen
-    from rcmservo.sim.processes.lab_processes import Bench
-    from rcmservo.sim.processes.live_disturbances import Mischief, menu
-    from rcmservo.sim.processes.live_disturbances import chosen as trouble_of
-    from rcmservo.sim.processes.motion_log import TrueError
+    from rcmservo.sim.processes.lab_processes import SimulatedLab
+    from rcmservo.sim.processes.live_disturbances import DisturbanceChange, list_live_disturbances
+    from rcmservo.sim.processes.live_disturbances import parse_live_disturbance as trouble_of
+    from rcmservo.sim.processes.motion_log import TruePositionError
     from rcmservo.sim.rig import Rig
 
     chosen, lab = Chosen(options.servo), options.lab
-    with Bench(options.seed, options.rig_settings) as bench:
+    with SimulatedLab(options.seed, options.rig_settings) as bench:
 
         def session(desk: "Desk", folder: Path) -> Session:
             from rcmservo.page.enabling import await_enable
@@ -127,15 +127,17 @@ def _bench(options: ServeOptions) -> Generator[Behind]:
             )
 
         def befall(what: str) -> str:
-            trouble = Mischief(time.monotonic_ns(), trouble_of(what) if what else None)
-            bench.befall(trouble)
-            return f"trouble: {trouble.begins} begins" if what else "trouble: all that acted ends"
+            trouble = DisturbanceChange(time.monotonic_ns(), trouble_of(what) if what else None)
+            bench.disturb(trouble)
+            return f"trouble: {trouble.starts} begins" if what else "trouble: all that acted ends"
 
         title = f"simulated arm, seed {options.seed}"
         setup = setup_of(Rig(options.seed, bench.settings, pictures=False), lab)
-        camera, troubles = partial(RingCamera, bench.ring), tuple(menu())
-        truth = TrueError(bench.settings, bench.log)
-        yield Behind(title, camera, session, bench.off, setup, chosen, befall, troubles, truth)
+        camera, troubles = partial(RingCamera, bench.ring), tuple(list_live_disturbances())
+        truth = TruePositionError(bench.settings, bench.log)
+        yield Behind(
+            title, camera, session, bench.switch_off, setup, chosen, befall, troubles, truth
+        )
 
 
 def _serve(options: ServeOptions, behind: Behind, folder: Path, token: str) -> None:
@@ -190,9 +192,9 @@ def _served(
             ("the process that hears STOP", serve_stop, (desk.bell, doors, stop)),
             ("the page's process", serve_page, (desk, site, here)),
         ):
-            child = Child(context, work, *given)
+            child = ChildProcess(context, work, *given)
             stack.callback(child.end)
-            child.hear()
+            child.receive()
             needed[child.process.sentinel] = name
         yield f"http://{reached_at(options.host)}:{port}", needed
 

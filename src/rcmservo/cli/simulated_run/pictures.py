@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rcmservo.figures.overlay import draw
-from rcmservo.figures.video import Video
+from rcmservo.figures.overlay import draw_overlay
+from rcmservo.figures.video import VideoWriter
 from rcmservo.interfaces import Frame, Image
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.tick import Tick
@@ -19,16 +19,16 @@ STRIDE = 4
 each takes 30 ms to encode."""
 
 
-def video_of(folder: Path, settings: RigSettings, stack: ExitStack) -> Video:
+def video_of(folder: Path, settings: RigSettings, stack: ExitStack) -> VideoWriter:
     """The overlay video."""
     size, rate = (settings.width, settings.height), settings.timing.frame_rate / STRIDE
-    video = Video(folder / "overlay.webm", size, rate)
+    video = VideoWriter(folder / "overlay.webm", size, rate)
     stack.callback(video.close)
     return video
 
 
 def pictures(
-    plant: Plant, video: Video | None, recorder: Recorder | None
+    plant: Plant, video: VideoWriter | None, recorder: Recorder | None
 ) -> Callable[[Tick], None]:
     """What to do with every new frame: add it to the overlay video, and to the record."""
     shown: Frame | None = None
@@ -57,4 +57,4 @@ def overlay(image: Image, tick: Tick) -> Image:
         s, r, d = np.degrees(state.delta[0]), state.delta[1], state.delta[2]
         words += f"  ds {s:+.2f} deg  dr {r:+.2f} px  dd {d:+.2f} px"
     target = np.full((2, 2), np.nan) if state.target is None else state.target.points
-    return draw(image, tick.seen.points, state.o_c, target, words)
+    return draw_overlay(image, tick.seen.points, state.o_c, target, words)

@@ -21,7 +21,7 @@ from rcmservo.cli.simulated_run.about import about
 from rcmservo.cli.simulated_run.pictures import pictures, video_of
 from rcmservo.cli.simulated_run.target import target_of
 from rcmservo.interfaces import Floats
-from rcmservo.loop.detection_failure import unseen
+from rcmservo.loop.detection_failure import reason_not_detected
 from rcmservo.loop.plant import Plant
 from rcmservo.loop.run_result import RunResult, known
 from rcmservo.loop.tick import Tick
@@ -30,8 +30,8 @@ from rcmservo.recording.reader import RECORD, Record
 from rcmservo.recording.timeline import rate, summary
 from rcmservo.recording.writer import Recorder
 from rcmservo.sim import Killed, Rig
-from rcmservo.sim.disturbances.computer_faults import disk
-from rcmservo.sim.scripted_operator import ScriptedPerson, attended
+from rcmservo.sim.disturbances.computer_faults import open_on_filling_disk
+from rcmservo.sim.scripted_operator import ScriptedOperator, run_attended
 from rcmservo.tracking import ColourMarkers
 
 
@@ -48,16 +48,18 @@ def simulate(
     plant = Plant(rig.arm, rig.camera, ColourMarkers(lab.markers), rig.clock)
     target = target_of(options, rig, plant)
     servo.warm_up()
-    person = ScriptedPerson(rig, plant, options.resumes, options.teaching_frames)
+    person = ScriptedOperator(rig, plant, options.resumes, options.teaching_frames)
     wrong = [str(disturbance) for disturbance in options.disturbances]
     words = about(options, options.duration) | {"disturbances": wrong, "resumes": options.resumes}
     started = time.perf_counter()
     with ExitStack() as stack:
-        recorder = stack.enter_context(Recorder(folder / RECORD, words, disk(rig.disk_full)))
+        recorder = stack.enter_context(
+            Recorder(folder / RECORD, words, open_on_filling_disk(rig.disk_full))
+        )
         video = video_of(folder, settings, stack) if options.video else None
         plant.recorded = recorder.recorded
         begins = partial(recorder.begin, servo)
-        ticks = attended(rig, plant, servo, target, options.duration, person, begins)
+        ticks = run_attended(rig, plant, servo, target, options.duration, person, begins)
         shown = pictures(plant, video, recorder if options.frames else None), progress
         ended = _follow(ticks, rig, plant, recorder, shown)
     took, record = time.perf_counter() - started, record_in(folder)
@@ -72,7 +74,7 @@ def simulate(
         real_time_factor=None if result.duration_s is None else result.duration_s / took,
         resumed=person.resumed,
         refused=person.refused,
-        shown_again=person.shown,
+        shown_again=person.taught,
         not_recorded=recorder.failed,
         not_filmed=video.failed if video is not None else "",
     )
@@ -110,7 +112,7 @@ def _follow(
             return f"{end}; the arm's watchdog stops it"
     if tick is None:
         return ""
-    return held(tick.state.mode, "" if ever else unseen(plant, tick.seen, began))
+    return held(tick.state.mode, "" if ever else reason_not_detected(plant, tick.seen, began))
 
 
 @contextmanager

@@ -42,9 +42,9 @@ def target_of(options: RunOptions, rig: Rig, plant: Plant) -> Target:
         target = target_file.load(options.target, setup)
         options.servo.demand(target)
         return target
-    rig.show_target()
+    rig.move_to_target()
     target = teach(plant, options.teaching_frames)
-    rig.go_home()
+    rig.move_to_start()
     if options.save_target is not None:
         target_file.save(options.save_target, target, setup)
     return target

@@ -12,7 +12,7 @@ from rcmservo.cli.simulated_run.pictures import overlay
 from rcmservo.cli.terminal import console
 from rcmservo.errors import BadInput, RcmServoError, UnusableFile, require
 from rcmservo.estimation.base import Estimator
-from rcmservo.figures.video import Video
+from rcmservo.figures.video import VideoWriter
 from rcmservo.loop.tick import Tick
 from rcmservo.recording import reader
 from rcmservo.recording.reader import RECORD
@@ -122,16 +122,16 @@ def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> st
                 filmed(tick)
         if video is not None:
             video.close()
-    draw_figures(reader.read(folder), folder)
+    draw_figures(reader.read_record(folder), folder)
     return video.failed if video is not None else ""
 
 
-def _video(folder: Path, loop: LaboratoryLoop) -> Video:
+def _video(folder: Path, loop: LaboratoryLoop) -> VideoWriter:
     size, rate = loop.rig.settings, loop.rig.settings.timing.frame_rate
-    return Video(folder / "overlay.webm", (size.width, size.height), rate)
+    return VideoWriter(folder / "overlay.webm", (size.width, size.height), rate)
 
 
-def _filmed(loop: LaboratoryLoop, video: Video) -> Callable[[Tick], None]:
+def _filmed(loop: LaboratoryLoop, video: VideoWriter) -> Callable[[Tick], None]:
     """What adds every new frame to the film. Where the camera only told points, the scene is drawn
     as a camera with pictures would have seen it then."""
     newest = -1

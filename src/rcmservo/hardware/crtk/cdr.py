@@ -13,7 +13,7 @@ from rcmservo.hardware.crtk.messages import (
     parse_fields,
 )
 from rcmservo.recording.cdr import MessageCodec, time_of
-from rcmservo.recording.ros2_messages import LINE, STAMPED
+from rcmservo.recording.ros2_messages import HEADER_DEFINITIONS, SEPARATOR_LINE
 
 ALIGNMENT_BYTES = 4
 """Cyclone pads messages to a multiple of this size."""
@@ -23,11 +23,11 @@ ALIGNMENT_BYTES = 4
 def _codec(kind: type[RosMessage]) -> MessageCodec:
     """Return the codec of one message type."""
     nested = "".join(
-        f"{LINE}MSG: {name}\n{definition}\n" for name, definition in NESTED_TYPES.items()
+        f"{SEPARATOR_LINE}MSG: {name}\n{definition}\n" for name, definition in NESTED_TYPES.items()
     )
     header = "std_msgs/Header header"
     return MessageCodec(
-        {_ros2_name(kind.ros_type): f"{header}\n{kind.definition}\n{STAMPED}{nested}"}
+        {_ros2_name(kind.ros_type): f"{header}\n{kind.definition}\n{HEADER_DEFINITIONS}{nested}"}
     )
 
 

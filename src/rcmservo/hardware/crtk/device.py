@@ -43,7 +43,7 @@ JOINT_NAMES = "yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw"
 JOINT_NUMBERS = tuple(str(i) for i in range(len(JOINT_NAMES)))
 WRIST_LIMITS = 4.5, 1.4, 1.4
 """Limits (rad) of the last three joints, to either side."""
-STEP = 1_000_000
+STEP_NS = 1_000_000
 """Step of the joints' motion in ns."""
 REPORT_PERIOD_NS = 10_000_000
 """Period of the joint reports."""
@@ -120,7 +120,7 @@ class CrtkDevice:
         lower, upper = (to_rad_m(q, SIGNS) for q in limits.arrays)
         self._lower = np.array([*lower, *(-limit for limit in WRIST_LIMITS)]) - 1e-9
         self._upper = np.array([*upper, *WRIST_LIMITS]) + 1e-9
-        self._start = self._time = now // STEP * STEP
+        self._start = self._time = now // STEP_NS * STEP_NS
         self._reported = self._commanded = self._state_stamp = 0
         self._received = now
         self._q, self._wrist = joints.step(np.zeros(3), False, self._time), np.zeros(3)
@@ -139,9 +139,9 @@ class CrtkDevice:
             handler, message, writer = self._pending.popleft()
             self._received = now
             handler(message, writer)
-        self._time = max(self._time, now // STEP * STEP - MAX_CATCH_UP_NS)
-        while self._time + STEP <= now:
-            self._time += STEP
+        self._time = max(self._time, now // STEP_NS * STEP_NS - MAX_CATCH_UP_NS)
+        while self._time + STEP_NS <= now:
+            self._time += STEP_NS
             self._step()
         if now - self._reported >= REPORT_PERIOD_NS:
             self._reported = now // REPORT_PERIOD_NS * REPORT_PERIOD_NS
@@ -232,7 +232,7 @@ class CrtkDevice:
         if self._setpoint is not None:
             error = to_rad_mm(tuple(self._setpoint[:3].tolist()), SIGNS) - self._q
             rates = np.clip(error / JOINT_LAG_S, -MAX_RATES, MAX_RATES)
-            self._wrist += (self._setpoint[3:] - self._wrist) * (STEP * 1e-9 / JOINT_LAG_S)
+            self._wrist += (self._setpoint[3:] - self._wrist) * (STEP_NS * 1e-9 / JOINT_LAG_S)
         self._q = self._joints.step(rates, self._setpoint is not None, self._time)
 
     def _report_joints(self) -> None:

@@ -249,7 +249,7 @@ OPERATING_STATE = Topic("operating_state", OperatingState, latched=True)
 STATE_COMMAND = Topic("state_command", StringStamped)
 WARNING = Topic("warning", StringStamped)
 ERROR = Topic("error", StringStamped)
-PICTURES = Topic("camera/image_raw", PlainImage, lossy=True)
+IMAGE_TOPIC = Topic("camera/image_raw", PlainImage, lossy=True)
 
 
 MessageHandler = Callable[[MessageT, str], None]

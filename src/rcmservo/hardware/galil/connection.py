@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from rcmservo.errors import NotInstalled, RcmServoError, one_line, told
+from rcmservo.errors import NotInstalled, RcmServoError, one_line, quoted
 from rcmservo.hardware.galil.data_record import DataRecord, decode_record, record_size
 
 MAX_LINE_LENGTH = 80
@@ -240,7 +240,7 @@ class GalilConnection:
         except ValueError:
             values = []
         if not values or not all(abs(value) <= MAX_NUMBER for value in values):
-            raise self._lost(f"{commands[-1]} must return numbers, got {told(reply)}")
+            raise self._lost(f"{commands[-1]} must return numbers, got {quoted(reply)}")
         return values
 
     def read_data_record(self, axis_count: int, *commands: str) -> DataRecord:
@@ -343,7 +343,7 @@ class GalilConnection:
 
     def _require_no_surplus(self, commands: tuple[str, ...]) -> None:
         if self._received:
-            extra = told(bytes(self._received[:20]))
+            extra = quoted(bytes(self._received[:20]))
             raise self._lost(f"it replied more than {';'.join(commands)} requests: {extra}")
 
     def _rejected(self, command: str) -> CommandRejected:

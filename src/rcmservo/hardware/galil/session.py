@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rcmservo.errors import RcmServoError, require, told
+from rcmservo.errors import RcmServoError, quoted, require
 from rcmservo.geometry.kinematics import JointLimits
 from rcmservo.hardware.galil.connection import CommandRejected, GalilConnection
 from rcmservo.hardware.galil.data_record import (
@@ -173,7 +173,7 @@ class GalilSession:
         query = f"MG {','.join(f'_XQ{thread}' for thread in range(THREAD_COUNT))}"
         lines = self._connection.read_numbers(query)
         if len(lines) != THREAD_COUNT:
-            raise NotReady(f"{query} must return {THREAD_COUNT} numbers, got {told(lines)}")
+            raise NotReady(f"{query} must return {THREAD_COUNT} numbers, got {quoted(lines)}")
         if lines[WATCHDOG_THREAD] >= 0.0:
             raise NotReady("another host uses the arm: end it there, or end its program with HX")
         for thread, line in enumerate(lines):
@@ -323,7 +323,7 @@ class GalilSession:
             model = self._connection.execute("\x12\x16")[0]
             expected = f"?, {', '.join(map(str, BLOCK_SIZES))} with axes {self.settings.axes}"
             raise NotReady(
-                f"QZ of a DMC-40x0 must be {expected}, got {told(reply)} of {told(model)}"
+                f"QZ of a DMC-40x0 must be {expected}, got {quoted(reply)} of {quoted(model)}"
             )
         return count
 

@@ -11,7 +11,7 @@ from threading import Lock
 
 from rcmservo.errors import RcmServoError
 from rcmservo.recording.reader import RECORD
-from rcmservo.recording.record_header import Glance, glance
+from rcmservo.recording.record_header import RecordHeader, read_header
 from rcmservo.recording.summary_text import what
 
 MOST = 1000
@@ -62,7 +62,7 @@ class Shelf:
         self._root = root
         self._lock = Lock()
         self._places: dict[str, Path] = {}
-        self._glances: dict[Path, tuple[tuple[int, int], Glance | str]] = {}
+        self._glances: dict[Path, tuple[tuple[int, int], RecordHeader | str]] = {}
 
     def listed(self) -> list[PastRun]:
         """Those that there are, the newest first."""
@@ -95,11 +95,11 @@ class Shelf:
         when = f"{datetime.fromtimestamp(changed):%Y-%m-%d %H:%M:%S}"
         if isinstance(found, str):
             return PastRun(*common, when, found, None, "cannot be read", False)
-        recording = not found.ended and time.time() - changed < QUIET
-        words = what(found.about, found.servo)
+        recording = not found.is_closed and time.time() - changed < QUIET
+        words = what(found.settings, found.servo)
         return PastRun(*common, when, words, found.seconds, ending(found, recording), recording)
 
-    def _glance(self, path: Path) -> Glance | str:
+    def _glance(self, path: Path) -> RecordHeader | str:
         """What a record tells, or why it tells nothing; looked at anew where it has changed."""
         about = path.stat()
         key = about.st_mtime_ns, about.st_size
@@ -109,16 +109,16 @@ class Shelf:
         return kept[1]
 
 
-def _looked(path: Path) -> Glance | str:
+def _looked(path: Path) -> RecordHeader | str:
     try:
-        return glance(path)
+        return read_header(path)
     except (RcmServoError, ValueError, OSError) as error:
         return str(error).replace(f"{path.parent}/", "")
 
 
-def ending(found: Glance, recording: bool) -> str:
+def ending(found: RecordHeader, recording: bool) -> str:
     """How a run ended, in words."""
     last = ", ".join(filter(None, (found.phase, found.cause))) or "no tick"
     if recording:
         return f"it is being recorded: {last}"
-    return last if found.ended else f"the record was not ended; at last: {last}"
+    return last if found.is_closed else f"the record was not ended; at last: {last}"

@@ -15,7 +15,7 @@ from rcmservo.page.json_text import json_of
 from rcmservo.page.view_model import pairs
 from rcmservo.recording import ros2_messages
 from rcmservo.recording.mcap_recovery import MessageReader, read_chunk
-from rcmservo.recording.reader import Record, read
+from rcmservo.recording.reader import Record, read_record
 from rcmservo.recording.summary_text import rows_of, verdict_of, way_out, why
 from rcmservo.recording.timeline import Span, spans, stages, summary
 
@@ -25,10 +25,10 @@ EVERY = 0.1
 MOST = 20_000
 """Moments, and spans, that a browser is told of."""
 FIGURES = {
-    "timeline": ("Time line", plots.timeline),
-    "errors": ("Feature errors", plots.errors),
-    "path": ("Path", plots.path),
-    "estimate": ("Estimate", plots.estimate),
+    "timeline": ("Time line", plots.plot_timeline),
+    "errors": ("Feature errors", plots.plot_errors),
+    "path": ("Path", plots.plot_path),
+    "estimate": ("Estimate", plots.plot_estimate),
 }
 """Titles and plots by the names of their files, in the order in which they are shown."""
 
@@ -54,7 +54,7 @@ class OpenedRun:
 
 def opened(path: Path) -> OpenedRun:
     """Read a record, up to its end or its damage."""
-    record = read(path)
+    record = read_record(path)
     found, exposures = _pictures(path)
     lines = spans(record)
     titles = {name: title for name, (title, _) in FIGURES.items()}
@@ -73,14 +73,14 @@ def opened(path: Path) -> OpenedRun:
 
 def figures(path: Path) -> dict[str, bytes]:
     """The figures of a record by their files' names, as SVG and PNG."""
-    record, files = read(path), dict[str, bytes]()
+    record, files = read_record(path), dict[str, bytes]()
     if not _drawable(record):
         return files
     with tempfile.TemporaryDirectory() as folder:
         for name, (_, figure) in FIGURES.items():
             drawn, png = figure(record), Path(folder) / f"{name}.png"
-            files[f"{name}.svg"] = charts.svg(drawn).encode()
-            charts.save(drawn, png)
+            files[f"{name}.svg"] = charts.render_svg(drawn).encode()
+            charts.save_figure(drawn, png)
             files[png.name] = png.read_bytes()
     return files
 
@@ -106,7 +106,7 @@ def _pictures(path: Path) -> tuple[list[Where], list[int]]:
     """Where a record's pictures are, and when they were exposed."""
     messages = MessageReader(path)
     found = [
-        (messages.where, ros2_messages.decode_picture(message.data)[0])
+        (messages.location, ros2_messages.decode_picture(message.data)[0])
         for message in messages
         if message.topic == PICTURE
     ]

@@ -18,7 +18,7 @@ from rcmservo.paper.statistics import median
 from rcmservo.safety.state_machine import Phase
 from rcmservo.servo.servo import Servo
 from rcmservo.sim import RigSettings
-from rcmservo.sim.rig import drawn
+from rcmservo.sim.rig import sample_scene_of_seed
 from rcmservo.study.batch import Study
 from rcmservo.study.plan.conditions import COMPILED, MUJOCO
 from rcmservo.study.run_outcome import LAST, StudyRun
@@ -50,7 +50,7 @@ class Attempt:
 
     def calibration(self, quality: Quality) -> Calibration:
         """Return the calibration that is handed over; wrong in directions drawn from the seed."""
-        scene, _ = drawn(self.seed, self.settings)
+        scene, _ = sample_scene_of_seed(self.seed, self.settings)
         return handed_over(quality, scene.optics, np.random.default_rng([self.seed, 1]))
 
     def servo(

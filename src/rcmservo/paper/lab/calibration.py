@@ -17,7 +17,7 @@ from rcmservo.geometry.features import about
 from rcmservo.geometry.projection import parameters
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Floats
-from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.camera_model import CameraModel
 
 SCIPY: Any = optimize
 """SciPy's optimisers without types."""
@@ -71,12 +71,12 @@ class Calibration:
         return markers_jacobian(self.a, p1, tool.shaft)
 
 
-def exact(optics: Optics) -> Calibration:
+def exact(optics: CameraModel) -> Calibration:
     """Return the true camera as a pinhole."""
     return Calibration(*parameters(optics.pinhole()))
 
 
-def handed_over(quality: Quality, optics: Optics, random: np.random.Generator) -> Calibration:
+def handed_over(quality: Quality, optics: CameraModel, random: np.random.Generator) -> Calibration:
     """Return a calibration of the true camera.
 
     A wrong one has a focal length too long or too short, and a camera turned and moved in random

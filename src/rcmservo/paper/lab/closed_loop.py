@@ -19,7 +19,7 @@ from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.estimation.base import Estimator
 from rcmservo.estimation.flow_rule import FlowEstimator
 from rcmservo.estimation.projection_rule import PRINTED, ProjectionEstimator
-from rcmservo.figures.overlay import draw, write_picture
+from rcmservo.figures.overlay import draw_overlay, write_image
 from rcmservo.geometry.imaged_rcm import ImagedRcm
 from rcmservo.interfaces import Floats, Target
 from rcmservo.loop.plant import Plant
@@ -105,7 +105,7 @@ def recorded(folder: Path) -> reader.Record:
 def _read(path: Path, changed: int) -> reader.Record:
     """Return a record, cached while the file has not `changed`."""
     del changed
-    return reader.read(path)
+    return reader.read_record(path)
 
 
 def servo_for(
@@ -206,10 +206,10 @@ class ClosedLoop:
         if frame is None or frame.image is None or self.plant.markers is None:
             return
         points = self.plant.markers.points
-        picture = draw(
+        picture = draw_overlay(
             frame.image, points, state.o_c, target.points, words, [other.points for other in others]
         )
-        write_picture(self.folder / name, picture)
+        write_image(self.folder / name, picture)
 
 
 class Arrived:

@@ -67,7 +67,7 @@ def near_way(rig: Rig, count: int, around: float, seed: int) -> list[Floats]:
     while len(poses) < count:
         offset = random.standard_normal(3)
         offset *= around * random.uniform() ** (1.0 / 3.0) / np.linalg.norm(offset)
-        on_way = np.asarray(random.choice(rig.scene.way))
+        on_way = np.asarray(random.choice(rig.scene.path))
         q = rig.body.mechanism.joints(rig.body.points(on_way)[0] + offset)
         if in_picture(rig, q):
             poses.append(q)

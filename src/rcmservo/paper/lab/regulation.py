@@ -17,7 +17,7 @@ from rcmservo.control.exploration import Exploration
 from rcmservo.control.saturated_controller import SaturatedController
 from rcmservo.estimation.base import Estimator
 from rcmservo.figures import plots
-from rcmservo.figures.charts import Figure, Panel, curve
+from rcmservo.figures.charts import Figure, Panel, make_curve
 from rcmservo.interfaces import Floats
 from rcmservo.loop.run import Tick
 from rcmservo.paper.lab.closed_loop import (
@@ -116,7 +116,7 @@ def regulate(folder: Path, seed: int, plan: Regulation) -> Found:
 
 
 def _words(when: str, tick: Tick) -> str:
-    s, r, d = np.abs(tick.state.delta) * plots.DEGREES
+    s, r, d = np.abs(tick.state.delta) * plots.DISPLAY_UNITS
     return f"{when}: |ds| {s:.2f} deg  |dr| {r:.2f} px  |dd| {d:.2f} px"
 
 
@@ -168,7 +168,9 @@ def _model_error(rows: Record, began: float) -> float | None:
 
 def _flow_errors(rows: Record, since: float) -> tuple[float, float]:
     """Return rms of ω (35) − ẏ in means over 1 s, and the noise of ω, as fractions of ẏ's."""
-    y_dot, omega = (flow * plots.DEGREES for flow in plots.flows(rows, rows.new_frames(since)))
+    y_dot, omega = (
+        flow * plots.DISPLAY_UNITS for flow in plots.compute_flows(rows, rows.new_frames(since))
+    )
     known = np.isfinite(y_dot).all(axis=1) & np.isfinite(omega).all(axis=1)
     y_dot, omega = y_dot[known], omega[known]  # a pause at the end has invalidated the estimate
     mean = moving_means(y_dot)
@@ -215,8 +217,8 @@ def succeeds(runs: Sequence[Found], seeds: Sequence[int], case: str) -> Measurem
     ]
     if begun(runs):
         errors = np.array([run["initial"] for run in begun(runs)]) - INITIAL
-        s, r, d = np.max(np.abs(errors), axis=0) * plots.DEGREES
-        s_0, r_0, d_0 = INITIAL * plots.DEGREES
+        s, r, d = np.max(np.abs(errors), axis=0) * plots.DISPLAY_UNITS
+        s_0, r_0, d_0 = INITIAL * plots.DISPLAY_UNITS
         words = [
             f"initial errors [{s_0:.0f}°, {r_0:.0f} px, {d_0:.0f} px], as the servo measures them "
             f"about its o_c to within {s:.2f}°, {r:.1f} px, {d:.1f} px",
@@ -286,16 +288,16 @@ def errors_figure(rows: Record, run: Found, until: float = float("inf")) -> Figu
     """Draw the magnitude of the errors from the start on, for `until` s: Fig. 9 and 10."""
     began = start_of(run)
     shown = (rows.time >= began + NOTICED_S) & (rows.time <= began + until)
-    sizes = np.abs(rows.ticks["delta"][shown]) * plots.DEGREES
-    ends = INITIAL * SMALL_FRACTION * plots.DEGREES
+    sizes = np.abs(rows.ticks["delta"][shown]) * plots.DISPLAY_UNITS
+    ends = INITIAL * SMALL_FRACTION * plots.DISPLAY_UNITS
     panels = [
         Panel(
             "time [s]",
             name,
-            [curve("", rows.time[shown] - began, sizes[:, i])],
+            [make_curve("", rows.time[shown] - began, sizes[:, i])],
             levels=[("2 %", float(ends[i]))],
         )
-        for i, name in enumerate(plots.ERRORS)
+        for i, name in enumerate(plots.ERROR_LABELS)
     ]
     return Figure("Error coordinates", panels)
 
@@ -311,7 +313,7 @@ def _seeds_figure(runs: Sequence[Found], names: list[str]) -> Figure:
         Panel(
             "seed",
             label,
-            [curve("", np.arange(len(names)), values, i, marks=True)],
+            [make_curve("", np.arange(len(names)), values, i, marks=True)],
             levels,
             log_y=i == 2,
             categories=names,

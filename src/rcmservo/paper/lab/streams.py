@@ -94,9 +94,9 @@ def stream(seed: int, noise: float, settings: Settings, kind: Kind) -> tuple[Rig
     rig, plant = laboratory(seed, PAPER_SCENES, noise)
     exploration = LONG if kind == "servo" else endless(LONG)
     servo = servo_for(rig.settings, FAST_FIT, exploration, PRINTED_LAW)
-    rig.show_target()
+    rig.move_to_target()
     target = teach(plant, TEACHING_FRAMES)
-    rig.go_home()
+    rig.move_to_start()
     duration = settings.duration if kind == "servo" else settings.touring
     samples, rows, last = list[Sample](), list[tuple[float, int, Floats, Floats]](), -1
     for tick in run(plant, servo, target, duration):

@@ -51,9 +51,9 @@ def settle(
     after the exploration).
     """
     rig, plant = with_points(seed, settings)
-    rig.show_target()
+    rig.move_to_target()
     target = teach(plant, TEACHING_FRAMES)
-    rig.go_home()
+    rig.move_to_start()
     servo = Servo(settings.mechanism, known or settings.tool, FAST_FIT, FAST_LAW)
     truth, body, p_d = rig.truth, rig.body, rig.body.points(rig.scene.target)[1]
     y_d = _true_features(rig, rig.scene.target)

@@ -39,7 +39,7 @@ that the description of the arm does not match the recording."""
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class RecordedPose:
     """Frame of a recording with the pose of the tool.
 
     Parameters
@@ -59,14 +59,14 @@ class Pose:
     """
 
     name: str
-    picture: Path | None
+    image_path: Path | None
     points: Floats | None
     q: Floats
     p1: Floats
     time: float | None
 
 
-def load(folder: Path, mechanism: Kinematics, tool: Tool) -> list[Pose]:
+def load_recording(folder: Path, mechanism: Kinematics, tool: Tool) -> list[RecordedPose]:
     """Read and check all poses of a recording, in the order of the table.
 
     Parameters
@@ -97,11 +97,11 @@ def load(folder: Path, mechanism: Kinematics, tool: Tool) -> list[Pose]:
     ]
 
 
-def frames(poses: list[Pose]) -> Iterator[Frame]:
+def iterate_frames(poses: list[RecordedPose]) -> Iterator[Frame]:
     """Yield the frames of a recording."""
     for number, pose in enumerate(poses):
         exposure = round((pose.time or 0.0) * 1e9)
-        image = None if pose.picture is None else read_image(pose.picture)
+        image = None if pose.image_path is None else read_image(pose.image_path)
         yield Frame(number, exposure, exposure, image=image, points=pose.points)
 
 
@@ -145,12 +145,12 @@ def _find_images(folder: Path, table: Path, names: list[str]) -> dict[str, Path]
 
 def _read_pose(
     row: TableRow, picture: Path | None, q: Floats, mechanism: Kinematics, tool: Tool
-) -> Pose:
+) -> RecordedPose:
     p = _reference_point(row, mechanism.position(q))
     p1 = p + tool.offset * p / np.linalg.norm(p)
     points = None if picture else _read_points(row)
     time = float(row.numbers(("time_s",))[0]) if "time_s" in row.cells else None
-    return Pose(row.cells["frame"], picture, points, q, p1, time)
+    return RecordedPose(row.cells["frame"], picture, points, q, p1, time)
 
 
 def _read_points(row: TableRow) -> Floats:

@@ -20,7 +20,7 @@ from rcmservo.geometry.features import about, difference, features
 from rcmservo.geometry.imaged_rcm import ImagedRcm, remember, solve
 from rcmservo.geometry.tool import Tool
 from rcmservo.interfaces import Explains, Floats, Markers, Tracker
-from rcmservo.recording.foreign.frame_folder import Pose, frames, load
+from rcmservo.recording.foreign.frame_folder import RecordedPose, iterate_frames, load_recording
 from rcmservo.tracking import PointMarkers
 
 FIRST_PREDICTED_INDEX = 9
@@ -34,7 +34,7 @@ ASSUMED_SPEED_MM_S = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Replay:
+class RecordingScore:
     """Scores and intermediate results of a recording.
 
     Parameters
@@ -53,7 +53,7 @@ class Replay:
         Root mean square error (3,) in rad, px, px of each predictor; NaN if it predicted no step.
     """
 
-    poses: list[Pose]
+    poses: list[RecordedPose]
     markers: list[Markers]
     o_c: Floats
     condition: float
@@ -71,14 +71,14 @@ class _Observation:
     sizes: Floats
 
 
-def replay(
+def score_recording(
     folder: Path,
     lab: Lab,
     tracker: Tracker,
     estimators: dict[str, Estimator],
     imaged_rcm: ImagedRcm,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Replay:
+) -> RecordingScore:
     """Score estimators on a recording.
 
     Parameters
@@ -106,11 +106,11 @@ def replay(
     UnusableFile
         If fewer than `MIN_FRAMES` frames show both markers, or if the recording cannot be read.
     """
-    poses = load(folder, lab.mechanism, lab.tool)
+    poses = load_recording(folder, lab.mechanism, lab.tool)
     if poses and poses[0].points is not None:
         tracker = PointMarkers()
     markers: list[Markers] = []
-    for frame in frames(poses):
+    for frame in iterate_frames(poses):
         markers.append(tracker.find(frame))
         progress(len(markers), len(poses))
     observations = _select_observations(poses, markers)
@@ -128,12 +128,12 @@ def replay(
             o_c = origins[-1][0]
             reprojection = _reprojection_error(estimator, memory, lab.tool, observations, o_c)
     o_c, condition = origins[-1]
-    return Replay(poses, markers, o_c, condition, reprojection, one_step)
+    return RecordingScore(poses, markers, o_c, condition, reprojection, one_step)
 
 
-def _select_observations(poses: list[Pose], markers: list[Markers]) -> list[_Observation]:
+def _select_observations(poses: list[RecordedPose], markers: list[Markers]) -> list[_Observation]:
     observations: list[_Observation] = []
-    previous: Pose | None = None
+    previous: RecordedPose | None = None
     for pose, detected in zip(poses, markers, strict=True):
         if np.isfinite(detected.points).all():
             dt = _interval(previous, pose)
@@ -143,20 +143,20 @@ def _select_observations(poses: list[Pose], markers: list[Markers]) -> list[_Obs
 
 
 def _shortage_sentence(
-    count: int, poses: list[Pose], markers: list[Markers], tracker: Tracker
+    count: int, poses: list[RecordedPose], markers: list[Markers], tracker: Tracker
 ) -> str:
     """Return the number of frames with both markers, and why the first other frame lacks one."""
     shortage = f"only {count} show both markers" if count else "no frame shows both markers"
     sentence = f"{len(poses)} frames, {shortage}, and a score needs {MIN_FRAMES}"
 
-    for frame, pose, detected in zip(frames(poses), poses, markers, strict=True):
+    for frame, pose, detected in zip(iterate_frames(poses), poses, markers, strict=True):
         if not np.isfinite(detected.points).all():
             reason = tracker.why(frame) if isinstance(tracker, Explains) else ""
             return f"{sentence} (frame {pose.name}: {reason})" if reason else sentence
     return sentence
 
 
-def _interval(previous: Pose | None, pose: Pose) -> float:
+def _interval(previous: RecordedPose | None, pose: RecordedPose) -> float:
     """Return the seconds between two poses: recorded, or the distance at the assumed speed."""
     if previous is None:
         return 0.0

@@ -9,16 +9,16 @@ disturbance is visible in the frames.
 """
 
 from rcmservo.sim.disturbances.computer_faults import Killed
-from rcmservo.sim.disturbances.disturbance import Disturbance, random_disturbances
-from rcmservo.sim.disturbances.kinds import KINDS, causes_of, describe
+from rcmservo.sim.disturbances.disturbance import Disturbance, sample_disturbances
+from rcmservo.sim.disturbances.kinds import DISTURBANCE_KINDS, describe_kinds, expected_causes
 from rcmservo.sim.disturbances.schedule import Schedule
 
 __all__ = [
-    "KINDS",
+    "DISTURBANCE_KINDS",
     "Disturbance",
     "Killed",
     "Schedule",
-    "causes_of",
-    "describe",
-    "random_disturbances",
+    "describe_kinds",
+    "expected_causes",
+    "sample_disturbances",
 ]

@@ -78,7 +78,7 @@ class DisturbedArm:
         """Return the joints (3,) as the faulty encoders report them."""
         q = q.copy()
         for event in self.schedule.active(self.arm.time, "encoder"):
-            reading = self.arm.drive.told(self.arm.joints_at(event.start))
+            reading = self.arm.drive.measured(self.arm.joints_at(event.start))
             first = self._first_readings.setdefault(event, reading[event.axis])
             change = event.number("factor") * (q[event.axis] - first)
             q[event.axis] = first + change + _in_joint_units(event, "offset")

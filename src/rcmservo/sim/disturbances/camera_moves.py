@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from rcmservo.interfaces import Floats
-from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.camera_model import CameraModel
 from rcmservo.sim.disturbances.schedule import Event
 
 CAMERA_MOTION_KINDS = "camera_pan", "camera_roll", "camera_dolly", "camera_zoom", "relocate"
@@ -34,7 +34,9 @@ class CameraMotion:
     def __init__(self) -> None:
         self._pan_directions: dict[Event, float] = {}
 
-    def apply(self, event: Event, fraction: float, optics: Optics, markers: Floats) -> Optics:
+    def apply(
+        self, event: Event, fraction: float, optics: CameraModel, markers: Floats
+    ) -> CameraModel:
         """Return the camera after a `fraction` (0 to 1) of an event's motion.
 
         A pan without duration is a bump, which displaces the camera too.
@@ -59,23 +61,23 @@ class CameraMotion:
                 return replace(
                     optics, focal=optics.focal * (1.0 + event.number("share")) ** fraction
                 )
-            case _ if event.disturbance.lasts == 0.0:
+            case _ if event.disturbance.duration_s == 0.0:
                 return bump(optics, markers, event.number("px"), event.random)
             case _:
                 px = event.number("px") * fraction
                 return pan(optics, px, self._pan_direction(event, optics, markers))
 
-    def _pan_direction(self, event: Event, optics: Optics, markers: Floats) -> float:
+    def _pan_direction(self, event: Event, optics: CameraModel, markers: Floats) -> float:
         """Return the direction (rad) of a pan: both markers stay in the image if possible."""
         if event not in self._pan_directions:
-            px = event.number("px") * min(PAN_HORIZON_S / event.disturbance.lasts, 1.0)
+            px = event.number("px") * min(PAN_HORIZON_S / event.disturbance.duration_s, 1.0)
             directions = event.random.uniform(-np.pi, np.pi, MAX_DIRECTION_TRIALS)
             visible = [_shows_both(pan(optics, px, direction), markers) for direction in directions]
             self._pan_directions[event] = float(directions[int(np.argmax(visible))])
         return self._pan_directions[event]
 
 
-def pan(optics: Optics, px: float, direction: float) -> Optics:
+def pan(optics: CameraModel, px: float, direction: float) -> CameraModel:
     """Return the camera after a rotation that moves the image by about `px`.
 
     The rotation axis is perpendicular to the optical axis, at `direction` (rad) from the image's u
@@ -85,12 +87,14 @@ def pan(optics: Optics, px: float, direction: float) -> Optics:
     return replace(optics, rotation=_rotation_about(axis, px / optics.focal) @ optics.rotation)
 
 
-def dolly(optics: Optics, distance: float) -> Optics:
+def dolly(optics: CameraModel, distance: float) -> CameraModel:
     """Return the camera after a motion of `distance` mm forward along its optical axis."""
     return replace(optics, position=optics.position + distance * optics.rotation[2])
 
 
-def bump(optics: Optics, markers: Floats, px: float, random: np.random.Generator) -> Optics:
+def bump(
+    optics: CameraModel, markers: Floats, px: float, random: np.random.Generator
+) -> CameraModel:
     """Return the camera after a bump: a rotation and a small displacement.
 
     The image moves by about `px`. The `markers` (2, 3) mm stay in the image if possible.
@@ -107,7 +111,7 @@ def bump(optics: Optics, markers: Floats, px: float, random: np.random.Generator
     return turned
 
 
-def roll(optics: Optics, markers: Floats, angle: float) -> Optics:
+def roll(optics: CameraModel, markers: Floats, angle: float) -> CameraModel:
     """Return the camera after a rotation of `angle` rad about its optical axis.
 
     If one of the `markers` (2, 3) mm would leave the image, it rotates about the line to their
@@ -121,7 +125,7 @@ def roll(optics: Optics, markers: Floats, angle: float) -> Optics:
     return about_axis if _shows_both(about_axis, markers) else about_tool
 
 
-def _shows_both(optics: Optics, markers: Floats) -> bool:
+def _shows_both(optics: CameraModel, markers: Floats) -> bool:
     """Return True if both markers are in the image, away from its border."""
     pixels = optics.project(markers)
     return bool(

@@ -75,7 +75,7 @@ class DisturbedView:
     def _move(self, time: int) -> None:
         """Move the camera itself to its pose at the exposure time (ns)."""
         for event in self.schedule.started(time, *CAMERA_MOTION_KINDS):
-            done, duration = self._motion_done.get(event, 0.0), event.disturbance.lasts * 1e9
+            done, duration = self._motion_done.get(event, 0.0), event.disturbance.duration_s * 1e9
             gradual = 0.0 < duration < np.inf
             fraction = (min(time, event.end) - event.start) / duration if gradual else 1.0
             if fraction > done:
@@ -152,7 +152,7 @@ class DisturbedView:
 
     def _veil(self, event: Event, time: int) -> Veil:
         if event not in self._veils:
-            lasts, markers = event.disturbance.lasts, self.decoys.true_markers(time)
+            lasts, markers = event.disturbance.duration_s, self.decoys.true_markers(time)
             if event.word("by") == "smoke":
                 self._veils[event] = Smoke(self._size, lasts, markers.mean(axis=0), event.random)
             else:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rcmservo.errors import RcmServoError
-from rcmservo.recording.writer import RawFile, created
+from rcmservo.recording.writer import RawFile, create_file
 from rcmservo.sim.disturbances.schedule import Schedule
 
 
@@ -46,7 +46,7 @@ class FillingDisk:
     """File of a record on a disk that refuses data while it is ``full``."""
 
     def __init__(self, path: Path, full: Callable[[], bool]) -> None:
-        self._file, self._is_full = created(path), full
+        self._file, self._is_full = create_file(path), full
 
     def write(self, data: memoryview, /) -> int | None:
         if self._is_full():
@@ -57,6 +57,6 @@ class FillingDisk:
         self._file.close()
 
 
-def disk(full: Callable[[], bool]) -> Callable[[Path], RawFile]:
+def open_on_filling_disk(full: Callable[[], bool]) -> Callable[[Path], RawFile]:
     """Return a function that opens a file on such a disk."""
     return lambda path: FillingDisk(path, full)

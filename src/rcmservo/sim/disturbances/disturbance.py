@@ -12,7 +12,7 @@ import numpy as np
 
 from rcmservo.constraints import Limit, one_of
 from rcmservo.errors import BadInput, require
-from rcmservo.sim.disturbances.kinds import KINDS
+from rcmservo.sim.disturbances.kinds import DISTURBANCE_KINDS
 from rcmservo.sim.disturbances.old_names import OLD_NAMES, translate_old_name
 from rcmservo.sim.disturbances.parameters import Value, format_value, to_number
 
@@ -109,8 +109,8 @@ class Disturbance:
 
     def __str__(self) -> str:
         pairs: dict[str, Value] = {"at": self.at}
-        if math.isfinite(self.lasts):
-            pairs["for"] = self.lasts
+        if math.isfinite(self.duration_s):
+            pairs["for"] = self.duration_s
         pairs |= self.parameters
         return f"{self.kind}:" + ",".join(f"{key}={format_value(pairs[key])}" for key in pairs)
 
@@ -119,7 +119,7 @@ class Disturbance:
         return float(self.parameters[name])
 
     @property
-    def lasts(self) -> float:
+    def duration_s(self) -> float:
         """Duration, s."""
         return math.inf if self.duration is None else self.duration
 
@@ -129,7 +129,7 @@ class Disturbance:
         return int(self.number("axis")) - 1
 
 
-def random_disturbances(
+def sample_disturbances(
     random: np.random.Generator, duration: float, pictures: bool = False
 ) -> list[Disturbance]:
     """Return one to three random disturbances, in order of their start.
@@ -143,16 +143,18 @@ def random_disturbances(
     pictures : bool
         True if the rig's camera has images.
     """
-    names = [name for name, kind in KINDS.items() if kind.pictures or not pictures]
+    names = [name for name, kind in DISTURBANCE_KINDS.items() if kind.pictures or not pictures]
     chosen = random.choice(names, size=random.integers(1, 4), replace=False).tolist()
     sampled = (_sample(random, name, duration) for name in chosen)
     return sorted(sampled, key=lambda disturbance: disturbance.at)
 
 
 def _sample(random: np.random.Generator, name: str, duration: float) -> Disturbance:
-    kind = KINDS[name]
-    lasts = None if kind.lasts is None else round(random.uniform(*kind.sampled_duration), 3)
-    if kind.lasts == 0.0 and random.uniform() < 0.5:
+    kind = DISTURBANCE_KINDS[name]
+    lasts = (
+        None if kind.default_duration is None else round(random.uniform(*kind.sampled_duration), 3)
+    )
+    if kind.default_duration == 0.0 and random.uniform() < 0.5:
         lasts = 0.0
     values = {key: parameter.sample(random) for key, parameter in kind.parameters.items()}
     return Disturbance(name, round(random.uniform(0.0, 0.9 * duration), 3), lasts, values)
@@ -161,7 +163,7 @@ def _sample(random: np.random.Generator, name: str, duration: float) -> Disturba
 def _require_kind(name: str) -> None:
     if str(name) in OLD_NAMES:
         raise BadInput("disturbance", name, f"written {translate_old_name(name)} now")
-    one_of(KINDS).require("disturbance", name)
+    one_of(DISTURBANCE_KINDS).require("disturbance", name)
 
 
 def _read_time(where: str, value: object) -> float:
@@ -173,7 +175,7 @@ def _read_time(where: str, value: object) -> float:
 
 def _read_duration(name: str, value: object) -> float:
     """Return the duration (s) of a disturbance of a kind; inf lasts to the end of the run."""
-    where, default = f"{name}: for", KINDS[name].lasts
+    where, default = f"{name}: for", DISTURBANCE_KINDS[name].default_duration
     endless = isinstance(value, float) and value == math.inf
     if default is None:
         require(value is None or endless, where, value, "left out: this cannot be undone")
@@ -190,7 +192,7 @@ def _read_duration(name: str, value: object) -> float:
 
 def _read_parameters(name: str, given: Mapping[str, Value]) -> dict[str, Value]:
     """Return all parameters of a kind: the given ones, and the defaults of the others."""
-    kind = KINDS[name]
+    kind = DISTURBANCE_KINDS[name]
     for key in given:
         if key not in kind.parameters:
             raise BadInput(f"{name}: key", key, "one of " + ", ".join(kind.keys))

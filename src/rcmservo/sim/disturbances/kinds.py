@@ -39,21 +39,21 @@ class Kind:
 
     parameters: Mapping[str, Parameter] = field(default_factory=dict[str, Parameter])
 
-    lasts: float | None = math.inf
+    default_duration: float | None = math.inf
 
     sampled_duration: tuple[float, float] = (0.05, 2.0)
 
     pictures: bool = True
 
     @property
-    def stays(self) -> bool:
+    def is_permanent(self) -> bool:
         """True if its effect is permanent and may be noticed long after its end."""
-        return self.lasts == 0.0
+        return self.default_duration == 0.0
 
     @property
     def keys(self) -> list[str]:
         """Names of all keys of its text."""
-        return ["at", *(["for"] if self.lasts is not None else []), *self.parameters]
+        return ["at", *(["for"] if self.default_duration is not None else []), *self.parameters]
 
     @property
     def usage(self) -> str:
@@ -61,8 +61,10 @@ class Kind:
         keys = [
             f"{key}={format_value(parameter.default)}" for key, parameter in self.parameters.items()
         ]
-        if self.lasts is not None:
-            keys.insert(0, "for" if math.isinf(self.lasts) else f"for={self.lasts:g}")
+        if self.default_duration is not None:
+            keys.insert(
+                0, "for" if math.isinf(self.default_duration) else f"for={self.default_duration:g}"
+            )
         return ",".join(["at", *keys])
 
 
@@ -91,13 +93,19 @@ FOLLOWING_CAUSES = (Cause.NOT_FOLLOWING,)
 def camera_motion_kind(effect: str, parameters: Mapping[str, Parameter]) -> Kind:
     """Return a kind that moves the camera: at once, or within `for` s, permanently."""
     causes = *CAMERA_MOTION_CAUSES, Cause.DIVERGED, Cause.NOT_EXPLORED
-    return Kind(f"the camera {effect}", causes, parameters, lasts=0.0, sampled_duration=(2.0, 8.0))
+    return Kind(
+        f"the camera {effect}",
+        causes,
+        parameters,
+        default_duration=0.0,
+        sampled_duration=(2.0, 8.0),
+    )
 
 
 MARKER_PARAMETER = {"marker": Number(1, 1, 2, (1, 2), is_whole=True)}
 AXIS_PARAMETER = {"axis": Number(1, 1, 3, (1, 3), is_whole=True)}
 
-KINDS: Mapping[str, Kind] = MappingProxyType(
+DISTURBANCE_KINDS: Mapping[str, Kind] = MappingProxyType(
     {
         "occlusion": Kind(
             "a marker, or with 0 both, is hidden by an object; smoke in front of the camera and "
@@ -150,7 +158,9 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             {"share": Number(0.02, -0.2, 1.0, (-0.05, 0.05))},
         ),
         "relocate": Kind(
-            "the camera is moved to another side of the tool", CAMERA_MOTION_CAUSES, lasts=None
+            "the camera is moved to another side of the tool",
+            CAMERA_MOTION_CAUSES,
+            default_duration=None,
         ),
         "frame_drop": Kind(
             "the fraction share of the frames is lost; 1: all",
@@ -225,7 +235,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             "the process stalls for `for`: between two ticks, or within a tick before its command",
             LATE_LOOP_CAUSES,
             {"where": Choice("between", ("between", "tick"))},
-            lasts=0.5,
+            default_duration=0.5,
             sampled_duration=(0.006, 1.5),
         ),
         "jitter": Kind(
@@ -233,7 +243,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             LATE_LOOP_CAUSES,
             {"s": Number(0.01, 0.0, 1.0, (0.003, 0.05), "s")},
         ),
-        "kill": Kind("the process is killed and sends nothing more", (), lasts=None),
+        "kill": Kind("the process is killed and sends nothing more", (), default_duration=None),
         "disk_full": Kind("the disk is full", (Cause.NOT_RECORDED,)),
     }
 )
@@ -245,14 +255,16 @@ NOT_LIVE_KINDS = frozenset({"nan_points", "corrupt", "stall", "jitter", "kill", 
 process and disk are real."""
 
 
-def causes_of(kind: str) -> set[Cause]:
+def expected_causes(kind: str) -> set[Cause]:
     """Return the causes that name a disturbance of this kind correctly."""
-    return set(KINDS[kind].causes)
+    return set(DISTURBANCE_KINDS[kind].causes)
 
 
-def describe() -> str:
+def describe_kinds() -> str:
     """Return one line with text and effect for each kind of a rig whose camera has images."""
-    return "\n".join(_format_kind(name, kind) for name, kind in KINDS.items() if kind.pictures)
+    return "\n".join(
+        _format_kind(name, kind) for name, kind in DISTURBANCE_KINDS.items() if kind.pictures
+    )
 
 
 def _format_kind(name: str, kind: Kind) -> str:

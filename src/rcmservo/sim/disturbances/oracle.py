@@ -14,7 +14,7 @@ from rcmservo.interfaces import Floats, Observation
 from rcmservo.loop.tick import Tick
 from rcmservo.safety.causes import Cause
 from rcmservo.safety.state_machine import Phase
-from rcmservo.sim.ground_truth import Truth
+from rcmservo.sim.ground_truth import GroundTruth
 
 INNOVATION_THRESHOLD = 5.0
 """Normalised coordinate of an innovation above which a frame is not noise."""
@@ -23,7 +23,7 @@ MIN_DURATION_NS = 300_000_000
 """Time (ns) for which the innovation of every delivered frame must exceed
 `INNOVATION_THRESHOLD`."""
 
-STOPPED = Phase.HOLD, Phase.PAUSED, Phase.FAULT
+STOPPED_PHASES = Phase.HOLD, Phase.PAUSED, Phase.FAULT
 """Phases in which the tool does not servo."""
 
 
@@ -38,21 +38,21 @@ class Oracle:
         Standard deviation (px) of the markers' noise.
     """
 
-    visible: int | None
+    visible_since: int | None
     """Time (ns) from which the disturbance is visible, None before."""
 
-    def __init__(self, truth: Truth, sigma: float) -> None:
+    def __init__(self, truth: GroundTruth, sigma: float) -> None:
         self._truth, self._sigma = truth, sigma
-        self.learn()
+        self.restart()
 
-    def learn(self) -> None:
+    def restart(self) -> None:
         """Restart with the present camera as the one that the servo estimates."""
         self._optics = self._truth.optics
         self.reset()
 
     def reset(self) -> None:
         """Restart the rule: a disturbance must be visible for the whole `MIN_DURATION_NS` again."""
-        self.visible: int | None = None
+        self.visible_since: int | None = None
         self._frame, self._loud_since = -1, None
 
     def innovation(self, seen: Observation) -> Floats:
@@ -60,7 +60,7 @@ class Oracle:
         markers = self._truth.markers(seen.exposure)
         return (seen.points - self._optics.project(markers)) / self._sigma
 
-    def look(self, seen: Observation) -> None:
+    def update(self, seen: Observation) -> None:
         """Update with the observation of a tick."""
         if seen.frame in (-1, self._frame):
             return
@@ -70,11 +70,11 @@ class Oracle:
             self._loud_since = None
             return
         self._loud_since = seen.now if self._loud_since is None else self._loud_since
-        if self.visible is None and seen.now - self._loud_since >= MIN_DURATION_NS:
-            self.visible = seen.now
+        if self.visible_since is None and seen.now - self._loud_since >= MIN_DURATION_NS:
+            self.visible_since = seen.now
 
 
-class Unnoticed:
+class UnnoticedGrowth:
     """Growth of the true error while a disturbance is visible and the servo reports no cause.
 
     A stop is a report. If the tool continues afterwards, the disturbance must become visible again.
@@ -85,23 +85,23 @@ class Unnoticed:
         Detector of the disturbance.
     """
 
-    grown: float
+    growth: float
     """Largest growth (mm) of the true error since the disturbance became visible."""
 
     def __init__(self, oracle: Oracle) -> None:
-        self.oracle, self.grown = oracle, 0.0
+        self.oracle, self.growth = oracle, 0.0
         self._first_error: float | None = None
 
-    def look(self, tick: Tick, error: float) -> None:
+    def update(self, tick: Tick, error: float) -> None:
         """Update with a tick and the true error (mm) after it."""
         state = tick.state
-        if state.phase in STOPPED:
+        if state.phase in STOPPED_PHASES:
             self.oracle.reset()
         else:
-            self.oracle.look(tick.seen)
-        if self.oracle.visible is None:
+            self.oracle.update(tick.seen)
+        if self.oracle.visible_since is None:
             self._first_error = None
             return
         self._first_error = error if self._first_error is None else self._first_error
         if state.phase is Phase.SERVO and state.cause is Cause.NONE:
-            self.grown = max(self.grown, error - self._first_error)
+            self.growth = max(self.growth, error - self._first_error)

@@ -103,4 +103,6 @@ class Schedule:
 
 def _make_event(disturbance: Disturbance, run_start: int, chance: np.random.SeedSequence) -> Event:
     start = run_start + round(disturbance.at * 1e9)
-    return Event(disturbance, start, start + disturbance.lasts * 1e9, np.random.default_rng(chance))
+    return Event(
+        disturbance, start, start + disturbance.duration_s * 1e9, np.random.default_rng(chance)
+    )

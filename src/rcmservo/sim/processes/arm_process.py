@@ -28,11 +28,11 @@ from rcmservo.live.arm_datagrams import (
     open_socket,
     receive,
 )
-from rcmservo.live.child_process import heard
+from rcmservo.live.child_process import receive_from_parent
 from rcmservo.live.realtime import realtime
-from rcmservo.sim.arm import STEP
+from rcmservo.sim.arm import PHYSICS_STEP_NS
 from rcmservo.sim.disturbances.arm_faults import DisturbedArm
-from rcmservo.sim.processes.live_disturbances import Mischief
+from rcmservo.sim.processes.live_disturbances import DisturbanceChange
 from rcmservo.sim.processes.motion_log import MotionLog
 from rcmservo.sim.rig import SETTLE_TIME_NS, Rig, RigSettings
 
@@ -66,23 +66,23 @@ class ArmDevice:
         self.arm = rig.truth.arm
         rig.accept_live_disturbances()
         assert isinstance(rig.arm, DisturbedArm)
-        self.front = rig.arm
+        self.disturbed_arm = rig.arm
         self.session = 0
         self._clients: dict[str, int] = {}
         self._last_request = 0
         self._pending: list[tuple[int, str, int]] = []
         self._last_state_time = 0
-        self.arm.time = now // STEP * STEP
+        self.arm.time = now // PHYSICS_STEP_NS * PHYSICS_STEP_NS
         self.arm.place(rig.scene.start)
         self.advance(now)
 
-    def turn(self, now: int) -> None:
+    def step(self, now: int) -> None:
         """Process the received messages, let time pass until `now` (ns) and answer."""
         for message, sender in receive(self.wire):
-            if not self.front.is_silent:
+            if not self.disturbed_arm.is_silent:
                 self._receive(message, sender, now)
         self.advance(now)
-        if self.front.is_silent:
+        if self.disturbed_arm.is_silent:
             return
         finished = [entry for entry in self._pending if entry[0] <= now]
         if finished or now - self._last_state_time >= STATE_PERIOD_NS:
@@ -103,7 +103,7 @@ class ArmDevice:
         self._step()
 
     def _step(self) -> None:
-        self.rig.clock.wait_until(self.arm.time + STEP)
+        self.rig.clock.wait_until(self.arm.time + PHYSICS_STEP_NS)
         watchdog = self.arm.watchdog
         self.log.add(
             self.arm.time,
@@ -130,7 +130,7 @@ class ArmDevice:
 
     def _apply_command(self, command: Command, now: int) -> None:
         self.advance(min(command.time, now))
-        self.front.apply(command)
+        self.disturbed_arm.apply(command)
 
     def _carry_out(self, request: ArmAction, session: int, now: int) -> int:
         """Carry out an operator's request; return the time (ns) at which it is done."""
@@ -138,7 +138,7 @@ class ArmDevice:
         if request is ArmAction.ENABLE:
             self.off()
             self.session = session
-            self.front.enable()
+            self.disturbed_arm.enable()
         elif request in (ArmAction.HOLD_AT_TARGET, ArmAction.RETURN_TO_START):
             scene = self.rig.scene
             self.arm.place(scene.target if request is ArmAction.HOLD_AT_TARGET else scene.start)
@@ -152,7 +152,7 @@ class ArmDevice:
             for client, last_seen in self._clients.items()
             if now - last_seen <= CLIENT_TIMEOUT_NS
         }
-        at, q, enabled = self.front.measure()
+        at, q, enabled = self.disturbed_arm.measure()
         watchdog = self.arm.watchdog
         answer = ArmState(self.session, at, q, enabled, watchdog.rates, watchdog.number)
         for client in self._clients:
@@ -197,10 +197,10 @@ def run_arm_process(
         while message != "end":
             remaining = device.arm.time - time.monotonic_ns()
             ready, _, _ = select.select([wire, control], [], [], max(remaining, 0) * 1e-9)
-            device.turn(time.monotonic_ns())
-            message = heard(control) if control in ready else ""
-            if isinstance(message, Mischief):
-                message.befalls(rig.schedule)
+            device.step(time.monotonic_ns())
+            message = receive_from_parent(control) if control in ready else ""
+            if isinstance(message, DisturbanceChange):
+                message.apply(rig.schedule)
             elif message == "off":
                 device.off()
                 control.send("off")

@@ -6,13 +6,13 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from rcmservo.interfaces import Floats, Frame
-from rcmservo.live.child_process import heard
+from rcmservo.live.child_process import receive_from_parent
 from rcmservo.live.frame_ring import FrameRing
 from rcmservo.loop.clock import sleep_until
 from rcmservo.loop.joint_history import JointHistory
 from rcmservo.sim.arm import HISTORY_STEPS
 from rcmservo.sim.disturbances.frame_delivery import FrameDelivery
-from rcmservo.sim.processes.live_disturbances import Mischief
+from rcmservo.sim.processes.live_disturbances import DisturbanceChange
 from rcmservo.sim.processes.motion_log import MotionLog
 from rcmservo.sim.rig import Rig, RigSettings
 
@@ -20,7 +20,7 @@ LOG_DELAY_NS = 2_000_000
 """Time (ns) after the end of an exposure by which the arm's log contains it."""
 
 
-class Elsewhere:
+class LoggedArm:
     """Arm in another process, read from its motion log; `time` (ns) is that of the camera."""
 
     def __init__(self, log: MotionLog) -> None:
@@ -36,7 +36,7 @@ class Elsewhere:
         return self._history.at(time)
 
 
-def film(
+def run_camera_process(
     seed: int, settings: RigSettings, log: MotionLog, ring: FrameRing, control: Connection
 ) -> None:
     """Publish frames at the camera's rate until the other end of `control` sends "end" or closes.
@@ -57,7 +57,7 @@ def film(
     control : multiprocessing.connection.Connection
         Connection to the parent process.
     """
-    rig, arm = Rig(seed, settings), Elsewhere(log)
+    rig, arm = Rig(seed, settings), LoggedArm(log)
     timing = settings.timing
     period, half = 1e9 / timing.frame_rate, round(0.5e9 * timing.exposure)
     latency = half + round(1e9 * timing.delay)
@@ -82,6 +82,6 @@ def film(
         if frame is not None and frame is not published:
             published = frame
             ring.publish(replace(frame, arrival=frame.arrival + now - camera.newest_arrival))
-        message = heard(control) if control.poll() else ""
-        if isinstance(message, Mischief):
-            message.befalls(rig.schedule)
+        message = receive_from_parent(control) if control.poll() else ""
+        if isinstance(message, DisturbanceChange):
+            message.apply(rig.schedule)

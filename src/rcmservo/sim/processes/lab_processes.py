@@ -15,24 +15,24 @@ from typing import Any
 
 from rcmservo.errors import UnusableFile
 from rcmservo.live.arm_datagrams import RemoteArm, teach_and_return
-from rcmservo.live.child_process import END, Child
+from rcmservo.live.child_process import EXIT_TIMEOUT_S, ChildProcess
 from rcmservo.live.frame_ring import FrameRing, RingCamera
 from rcmservo.live.servo_process import Session
 from rcmservo.loop.target_frames import TEACHING_FRAMES
 from rcmservo.recording.writer import Recorder
 from rcmservo.servo.servo import Servo
 from rcmservo.sim.processes.arm_process import run_arm_process
-from rcmservo.sim.processes.camera_process import film
-from rcmservo.sim.processes.live_disturbances import Mischief
-from rcmservo.sim.processes.motion_log import MotionLog, TrueError, stopped
+from rcmservo.sim.processes.camera_process import run_camera_process
+from rcmservo.sim.processes.live_disturbances import DisturbanceChange
+from rcmservo.sim.processes.motion_log import MotionLog, TruePositionError, find_stop
 from rcmservo.sim.rig import RigSettings
-from rcmservo.tracking import ColourMarkers, MarkerLook
+from rcmservo.tracking import ColourMarkers, MarkerAppearance
 
 MAX_FOLDER_BYTES = 80
 """Length (bytes) of a folder's path that leaves room for the sockets' names."""
 
 
-class Bench:
+class SimulatedLab:
     """Simulated arm and camera in separate processes; use it as a context manager.
 
     Parameters
@@ -56,31 +56,33 @@ class Bench:
         self._context, self._seed = context, seed
         self._stack = contextlib.ExitStack()
 
-    def __enter__(self) -> "Bench":
+    def __enter__(self) -> "SimulatedLab":
         with self._stack:
             folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="rcmservo-"))
             self.folder = _require_short(Path(folder))
             self.arm = self._start_child(
                 run_arm_process, self.folder, self._seed, self.settings, self.log
             )
-            self.target: Any = self.arm.hear()
-            self.camera = self._start_child(film, self._seed, self.settings, self.log, self.ring)
-            self.camera.hear()
+            self.target: Any = self.arm.receive()
+            self.camera = self._start_child(
+                run_camera_process, self._seed, self.settings, self.log, self.ring
+            )
+            self.camera.receive()
             self._stack = self._stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def _start_child(self, work: Callable[..., None], *arguments: Any) -> Child:
-        child = Child(self._context, work, *arguments)
+    def _start_child(self, work: Callable[..., None], *arguments: Any) -> ChildProcess:
+        child = ChildProcess(self._context, work, *arguments)
         self._stack.callback(child.end)
         return child
 
     def session(
         self,
         servo: Servo,
-        markers: MarkerLook,
+        markers: MarkerAppearance,
         duration: float,
         record: Path,
         about: dict[str, Any] | None = None,
@@ -113,7 +115,7 @@ class Bench:
             target=partial(teach_and_return, frames=frames),
         )
 
-    def off(self, began: bool) -> str:
+    def switch_off(self, began: bool) -> str:
         """Switch the drive off and return the arm's state in words.
 
         Parameters
@@ -121,25 +123,25 @@ class Bench:
         began : bool
             True if the session has sent commands.
         """
-        self.arm.tell("off")
-        if self.arm.wire.poll(END):
-            self.arm.hear()
+        self.arm.send("off")
+        if self.arm.pipe.poll(EXIT_TIMEOUT_S):
+            self.arm.receive()
         rows = self.log.since(0)
-        stop = stopped(rows)
+        stop = find_stop(rows)
         if stop is None:
             return "the arm did not report that its drive is off: use its emergency stop"
         after = (rows["time"][stop[1]] - rows["time"][stop[0]]) * 1e-6
         words = f"the arm's drive went off {after:.0f} ms after its last command"
         return words if began else "the arm's drive is off"
 
-    def befall(self, change: Mischief) -> None:
+    def disturb(self, change: DisturbanceChange) -> None:
         """Start or end a disturbance in the arm and the camera."""
         for device in (self.arm, self.camera):
-            device.tell(change)
+            device.send(change)
 
-    def error(self) -> float:
+    def true_error(self) -> float:
         """Return ‖p₂ − p_d‖ (mm), the true distance of the tool from the taught target."""
-        return TrueError(self.settings, self.log)(self.settings.drive.told(self.target))
+        return TruePositionError(self.settings, self.log)(self.settings.drive.measured(self.target))
 
 
 def _require_short(folder: Path) -> Path:

@@ -5,13 +5,13 @@ from typing import Any
 
 from rcmservo.errors import require
 from rcmservo.sim.disturbances.disturbance import Disturbance
-from rcmservo.sim.disturbances.kinds import KINDS, NOT_LIVE_KINDS
+from rcmservo.sim.disturbances.kinds import DISTURBANCE_KINDS, NOT_LIVE_KINDS
 from rcmservo.sim.disturbances.parameters import Number
 from rcmservo.sim.disturbances.schedule import Schedule
 
 
 @dataclass(frozen=True)
-class Mischief:
+class DisturbanceChange:
     """Start or end of disturbances, sent to all processes of the laboratory.
 
     Parameters
@@ -23,17 +23,17 @@ class Mischief:
     """
 
     at: int
-    begins: Disturbance | None
+    starts: Disturbance | None
 
-    def befalls(self, schedule: Schedule) -> None:
+    def apply(self, schedule: Schedule) -> None:
         """Write it into a schedule."""
-        if self.begins is None:
+        if self.starts is None:
             schedule.end(self.at)
         else:
-            schedule.add(self.begins, self.at)
+            schedule.add(self.starts, self.at)
 
 
-def chosen(text: str) -> Disturbance:
+def parse_live_disturbance(text: str) -> Disturbance:
     """Return the disturbance of a text.
 
     Raises
@@ -42,20 +42,20 @@ def chosen(text: str) -> Disturbance:
         If the text is invalid, or a laboratory in wall time cannot have its kind.
     """
     disturbance = Disturbance.parse(text)
-    kinds = [kind for kind in KINDS if kind not in NOT_LIVE_KINDS]
+    kinds = [kind for kind in DISTURBANCE_KINDS if kind not in NOT_LIVE_KINDS]
     require(
         disturbance.kind in kinds, "disturbance", disturbance.kind, "one of " + ", ".join(kinds)
     )
     return disturbance
 
 
-def menu() -> list[dict[str, Any]]:
+def list_live_disturbances() -> list[dict[str, Any]]:
     """Return the kinds with their parameters, as plain data."""
     return [
         {
             "kind": name,
             "does": kind.effect,
-            "lasts": kind.lasts is not None,
+            "lasts": kind.default_duration is not None,
             "parameters": [
                 {
                     "name": key,
@@ -66,6 +66,6 @@ def menu() -> list[dict[str, Any]]:
                 for key, parameter in kind.parameters.items()
             ],
         }
-        for name, kind in KINDS.items()
+        for name, kind in DISTURBANCE_KINDS.items()
         if name not in NOT_LIVE_KINDS
     ]

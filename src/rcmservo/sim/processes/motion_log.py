@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rcmservo.interfaces import Floats
 from rcmservo.sim.rig import RigSettings
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.tool_body import ToolBody
 
 LOG_ROWS = 1 << 15
 """Rows of the log."""
@@ -33,7 +33,7 @@ the drive's state, the applied rates (3,) and the true joints (3,)."""
 Rows = NDArray[Any]
 
 
-def stopped(rows: Rows) -> tuple[int, int] | None:
+def find_stop(rows: Rows) -> tuple[int, int] | None:
     """Return the row of the newest valid command and the row in which the drive is off after it.
 
     None if the drive is still on.
@@ -91,7 +91,7 @@ class MotionLog:
         return self.rows[np.arange(max(count, end - LOG_ROWS + 1), end) % LOG_ROWS]
 
 
-class TrueError:
+class TruePositionError:
     """True distance ‖p₂ − p_d‖ (mm) of the tool from a target. Child processes can inherit it.
 
     Parameters
@@ -103,7 +103,7 @@ class TrueError:
     """
 
     def __init__(self, settings: RigSettings, log: MotionLog) -> None:
-        self._body, self._log = Body(settings.mechanism, settings.tool), log
+        self._body, self._log = ToolBody(settings.mechanism, settings.tool), log
         self._drive = settings.drive
 
     def __call__(self, q_measured: Floats) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.camera_model import CameraModel
 from rcmservo.sim.rendering.look import Look
 
 NEAR_PLANE_MM = 1.0
@@ -65,7 +65,7 @@ class Capsule(NamedTuple):
     highlight: float
 
 
-def build_capsules(poses: Floats, optics: Optics, look: Look) -> Capsules:
+def build_capsules(poses: Floats, optics: CameraModel, look: Look) -> Capsules:
     """Return the capsules (1 + T, 4, 15) of the tool in `poses` (T, 4, 3), see `Renderer.render`.
 
     The shaft extends half-way from m2 to the tip, the thinner jaw from there on.

@@ -8,7 +8,7 @@ import numpy as np
 
 from rcmservo.interfaces import Floats, Image
 from rcmservo.numerics.jit import compiled
-from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.camera_model import CameraModel
 from rcmservo.sim.rendering.capsules import (
     Capsule,
     Capsules,
@@ -25,7 +25,7 @@ TILE_PX = 16
 """Side of a tile, px."""
 
 
-def build_tile_cones(optics: Optics) -> Floats:
+def build_tile_cones(optics: CameraModel) -> Floats:
     """Return the cone (rows, columns, 4) of each tile's rays.
 
     It is the unit vector through the tile's middle and the angle from there to its corners.
@@ -37,7 +37,7 @@ def build_tile_cones(optics: Optics) -> Floats:
     return np.concatenate([middle, 2 * np.arcsin(chord / 2)[..., None]], axis=-1)
 
 
-def _tile_rays(optics: Optics, du: float, dv: float) -> Floats:
+def _tile_rays(optics: CameraModel, du: float, dv: float) -> Floats:
     """Return the unit vector (rows, columns, 3) through a pixel of every tile.
 
     The pixel is (du, dv) px from the tile's first one.

@@ -9,7 +9,7 @@ import numpy as np
 
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
-from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.camera_model import CameraModel
 from rcmservo.sim.rendering.capsules import (
     Capsule,
     Capsules,
@@ -92,7 +92,7 @@ def shade(position: Vector, capsule: Capsule, lamp: Lamp) -> Vector:
     return blue * bright + glint, green * bright + glint, red * bright + glint
 
 
-def build_shadow_nodes(optics: Optics, tissue: Tissue) -> Floats:
+def build_shadow_nodes(optics: CameraModel, tissue: Tissue) -> Floats:
     """Return the tissue's points (mm, camera axes) at the nodes of all tiles, edges included."""
     sides = optics.width, optics.height
     u, v = (np.arange(0, -(-size // TILE_PX) * TILE_PX + 1, SHADOW_STEP_PX) for size in sides)

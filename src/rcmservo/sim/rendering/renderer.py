@@ -9,7 +9,7 @@ from rcmservo.constraints import not_negative
 from rcmservo.errors import require
 from rcmservo.interfaces import Floats, Image
 from rcmservo.numerics.jit import compiled
-from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.camera_model import CameraModel
 from rcmservo.sim.rendering.capsules import build_capsules
 from rcmservo.sim.rendering.coverage import build_tile_cones, find_touched_tiles, identify_capsules
 from rcmservo.sim.rendering.lighting import build_lamp, build_shadow_nodes, cast_shadow
@@ -53,7 +53,7 @@ class Renderer:
     """Appearance of the tool and noise of the sensor. It may change between images; the tissue and
     the lamp keep their first appearance."""
 
-    def __init__(self, optics: Optics, look: Look, tissue: Tissue, seed: int) -> None:
+    def __init__(self, optics: CameraModel, look: Look, tissue: Tissue, seed: int) -> None:
         not_negative("whole number").require("seed", seed)
         self.optics, self.look = optics, look
         noise = np.random.default_rng(seed)
@@ -108,7 +108,7 @@ class Renderer:
         paint_capsules(self._canvas, self._labels, touched, inputs)
 
 
-def _pixel_rays(optics: Optics) -> Floats:
+def _pixel_rays(optics: CameraModel) -> Floats:
     """Return each pixel's ray and its change from pixel to pixel, (H, W, 6).
 
     The order is x, y, dx/du, dy/du, dx/dv, dy/dv.

@@ -7,7 +7,7 @@ import numpy as np
 
 from rcmservo.constraints import Checked, Limit, array
 from rcmservo.interfaces import Floats
-from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.camera_model import CameraModel
 from rcmservo.sim.rendering.look import Light, Look
 from rcmservo.sim.rendering.random_fields import make_random_field, sample_field
 
@@ -51,7 +51,7 @@ class Tissue(Checked):
 
     normal: Annotated[Floats, array(3), Limit(np.any, "a direction")]
 
-    def intersect_rays(self, slopes: Floats, optics: Optics) -> Floats:
+    def intersect_rays(self, slopes: Floats, optics: CameraModel) -> Floats:
         """Return the points (..., 3) at which rays of `slopes` (..., 2) meet the plane.
 
         They are in camera axes, mm, and NaN where a ray misses the plane.
@@ -63,7 +63,7 @@ class Tissue(Checked):
             depth = height / (rays @ normal)
         return rays * np.where((depth > 0) & (depth < np.inf), depth, np.nan)[..., None]
 
-    def normal_to_camera(self, optics: Optics) -> Floats:
+    def normal_to_camera(self, optics: CameraModel) -> Floats:
         """Return the unit normal (3,) in camera axes on the camera's side."""
         normal = optics.rotation @ self.normal / np.linalg.norm(self.normal)
         return normal * np.sign(normal @ (optics.rotation @ (optics.position - self.point)))
@@ -91,7 +91,7 @@ class Texture:
 
 
 def render_tissue(
-    slopes: Floats, optics: Optics, look: Look, tissue: Tissue, noise: np.random.Generator
+    slopes: Floats, optics: CameraModel, look: Look, tissue: Tissue, noise: np.random.Generator
 ) -> tuple[Light, Light]:
     """Return the tissue without the tool (H, W, 3), and the fraction (H, W) of it due to the lamp.
 

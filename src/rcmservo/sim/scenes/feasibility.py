@@ -13,15 +13,15 @@ from rcmservo.numerics.small_linalg import all_finite
 from rcmservo.numerics.small_svd import condition
 from rcmservo.numerics.structs import Rows
 from rcmservo.sim.camera_kernels import (
-    Lens,
+    CameraStruct,
     compute_true_jacobian,
     project,
     project_markers,
     transform_to_camera,
 )
-from rcmservo.sim.camera_model import Optics
+from rcmservo.sim.camera_model import CameraModel
 from rcmservo.sim.scene import Scene, SceneSettings
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.tool_body import ToolBody
 
 IMAGE_BORDER_PX = 12.0
 """Distance (px) of both imaged balls from the image border."""
@@ -54,7 +54,7 @@ class SceneFeasibility:
 
     settings: SceneSettings
 
-    body: Body
+    body: ToolBody
 
     radius: float
 
@@ -63,7 +63,7 @@ class SceneFeasibility:
 
         If the user gives both ends, only visibility counts.
         """
-        optics, way, half_way = scene.optics, scene.way, scene.half_way[None]
+        optics, way, half_way = scene.optics, scene.path, scene.half_way[None]
         if self.settings.is_sampled and not path_is_within_limits(self.body.rcm, way):
             return False
         if not (self.markers_visible(optics, way) and self.markers_visible(optics, half_way)):
@@ -73,12 +73,12 @@ class SceneFeasibility:
         explored = way[:1] if self.settings.errors is None else np.stack([way[0], half_way[0]])
         return self._has_room(optics, explored) and self.is_well_conditioned(optics, way)
 
-    def markers_visible(self, optics: Optics, path: Floats) -> bool:
+    def markers_visible(self, optics: CameraModel, path: Floats) -> bool:
         """Return True if both balls are whole and apart in the image along the path (n, 3)."""
         body = self.body
         return path_is_visible(optics.lens, body.rcm, body.tool.shaft, path, self.radius)
 
-    def is_well_conditioned(self, optics: Optics, path: Floats) -> bool:
+    def is_well_conditioned(self, optics: CameraModel, path: Floats) -> bool:
         """Return True if the scaled Jacobian is conditioned as required along the path (n, 3).
 
         Always True for an endoscope: no Jacobian exists about an RCM that the camera cannot image.
@@ -89,7 +89,7 @@ class SceneFeasibility:
         upper, lower = float(settings.max_condition), float(settings.min_condition)
         return path_is_well_conditioned(optics.lens, body.rcm, body.tool.shaft, path, upper, lower)
 
-    def _has_room(self, optics: Optics, path: Floats) -> bool:
+    def _has_room(self, optics: CameraModel, path: Floats) -> bool:
         """Return True if both markers stay in the image around all the joints (n, 3)."""
         body, room = self.body, self.settings.room
         return room_is_visible(optics.lens, body.rcm, body.tool.shaft, path, float(room))
@@ -107,7 +107,7 @@ def path_is_within_limits(rcm: Rcm, path: Floats) -> bool:
 
 
 @compiled
-def points_are_inside(lens: Lens, points: Floats, border: float) -> bool:
+def points_are_inside(lens: CameraStruct, points: Floats, border: float) -> bool:
     """Return True if all `points` (N, 2) px are in the image, `border` px from its border."""
     for u, v in points:
         if not (border < u < lens.width - border and border < v < lens.height - border):
@@ -116,7 +116,9 @@ def points_are_inside(lens: Lens, points: Floats, border: float) -> bool:
 
 
 @compiled
-def path_is_visible(lens: Rows[Lens], rcm: Rcm, shaft: Shaft, path: Floats, radius: float) -> bool:
+def path_is_visible(
+    lens: Rows[CameraStruct], rcm: Rcm, shaft: Shaft, path: Floats, radius: float
+) -> bool:
     """Return `SceneFeasibility.markers_visible`."""
     for q in path:  # noqa: SIM110 Numba does not compile generators in `all`
         if not balls_are_whole(lens[0], shaft, position(rcm, q), radius):
@@ -125,7 +127,7 @@ def path_is_visible(lens: Rows[Lens], rcm: Rcm, shaft: Shaft, path: Floats, radi
 
 
 @compiled
-def balls_are_whole(lens: Lens, shaft: Shaft, p1: Floats, radius: float) -> bool:
+def balls_are_whole(lens: CameraStruct, shaft: Shaft, p1: Floats, radius: float) -> bool:
     """Return True if both balls are whole in the image and apart, with marker 1 at p1 (3,) mm."""
     depth = min(
         transform_to_camera(lens, p1)[2], transform_to_camera(lens, second_marker(shaft, p1))[2]
@@ -140,7 +142,9 @@ def balls_are_whole(lens: Lens, shaft: Shaft, p1: Floats, radius: float) -> bool
 
 
 @compiled
-def room_is_visible(lens: Rows[Lens], rcm: Rcm, shaft: Shaft, path: Floats, room: float) -> bool:
+def room_is_visible(
+    lens: Rows[CameraStruct], rcm: Rcm, shaft: Shaft, path: Floats, room: float
+) -> bool:
     """Return True if both markers stay in the image `room` mm from each joint position.
 
     The directions are those of the corners of a cube.
@@ -159,7 +163,7 @@ def room_is_visible(lens: Rows[Lens], rcm: Rcm, shaft: Shaft, path: Floats, room
 
 @compiled
 def path_is_well_conditioned(
-    lens: Rows[Lens],
+    lens: Rows[CameraStruct],
     rcm: Rcm,
     shaft: Shaft,
     path: Floats,

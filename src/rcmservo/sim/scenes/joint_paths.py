@@ -8,15 +8,15 @@ from rcmservo.geometry.kinematics import Rcm, joints, position
 from rcmservo.interfaces import Floats
 from rcmservo.numerics.jit import compiled
 from rcmservo.numerics.small_linalg import put
-from rcmservo.sim.camera_model import Optics
-from rcmservo.sim.ground_truth import feature_jacobian
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.camera_model import CameraModel
+from rcmservo.sim.ground_truth import compute_feature_jacobian
+from rcmservo.sim.tool_body import ToolBody
 
 PATH_POINTS = 9
 """Points of a path at which a scene is tested."""
 
 
-def plan_straight_path(body: Body, start: Floats, target: Floats) -> Floats:
+def plan_straight_path(body: ToolBody, start: Floats, target: Floats) -> Floats:
     """Return joints (PATH_POINTS, 3) on the straight line of the reference point to the target."""
     return interpolate_straight_path(body.mechanism.rcm(), start, target)
 
@@ -35,7 +35,7 @@ def interpolate_straight_path(rcm: Rcm, start: Floats, target: Floats) -> Floats
 
 
 def plan_saturated_path(
-    body: Body, optics: Optics, target: Floats, errors: Floats
+    body: ToolBody, optics: CameraModel, target: Floats, errors: Floats
 ) -> tuple[Floats, Floats] | None:
     """Return joints (PATH_POINTS, 3) on the path of the saturated law (33) from Δy = `errors`.
 
@@ -69,7 +69,7 @@ def plan_saturated_path(
 
 
 def _solve_for_error(
-    body: Body, optics: Optics, q: Floats, y_d: Floats, error: Floats
+    body: ToolBody, optics: CameraModel, q: Floats, y_d: Floats, error: Floats
 ) -> Floats | None:
     """Return joints (3,) at which y − y_d is `error`, by Newton's method from q.
 
@@ -79,7 +79,7 @@ def _solve_for_error(
         residual = difference(error, difference(compute_features(body, optics, q), y_d))
         if np.max(np.abs(residual) / SCALE) < 1e-9:
             return q
-        J = scaled(feature_jacobian(body, optics, q, imaged_rcm(optics)))
+        J = scaled(compute_feature_jacobian(body, optics, q, compute_imaged_rcm(optics)))
         if not (np.isfinite(J).all() and np.linalg.cond(J) < 1e6):
             return None
         p1: Floats = body.points(q)[0] + np.linalg.solve(J, residual / SCALE)
@@ -89,11 +89,11 @@ def _solve_for_error(
     return None
 
 
-def compute_features(body: Body, optics: Optics, q: Floats) -> Floats:
+def compute_features(body: ToolBody, optics: CameraModel, q: Floats) -> Floats:
     """Return y (3,) about the true imaged RCM at the joints q (3,)."""
-    return features(about(optics.project(body.points(q)[:2]), imaged_rcm(optics)))
+    return features(about(optics.project(body.points(q)[:2]), compute_imaged_rcm(optics)))
 
 
-def imaged_rcm(optics: Optics) -> Floats:
+def compute_imaged_rcm(optics: CameraModel) -> Floats:
     """Return the true o_c (2,) px, NaN where the lens model does not reach."""
     return optics.project(np.zeros((1, 3)))[0]

@@ -6,13 +6,13 @@ import numpy as np
 
 from rcmservo.geometry.features import features, wrapped
 from rcmservo.interfaces import Floats
-from rcmservo.sim.camera_model import Optics, look_at
+from rcmservo.sim.camera_model import CameraModel, compute_look_at_rotation
 from rcmservo.sim.rendering import Tissue
 from rcmservo.sim.scene import NoScene, Scene, SceneSettings
 from rcmservo.sim.scenes.endoscope import sample_through_port
 from rcmservo.sim.scenes.feasibility import SceneFeasibility
 from rcmservo.sim.scenes.joint_paths import plan_saturated_path, plan_straight_path
-from rcmservo.sim.tool_body import Body
+from rcmservo.sim.tool_body import ToolBody
 
 MAX_DRAWS = 20_000
 """Samples after which no scene is expected any more."""
@@ -48,7 +48,7 @@ class SceneSampler:
 
     settings: SceneSettings
 
-    body: Body
+    body: ToolBody
 
     size: tuple[int, int]
 
@@ -107,18 +107,18 @@ def sample_relocated_scene(sampler: SceneSampler, scene: Scene) -> Scene:
     raise NoScene(f"no other camera pose in {MAX_DRAWS} draws has both markers in view")
 
 
-def _is_valid_relocation(sampler: SceneSampler, scene: Scene, optics: Optics) -> bool:
+def _is_valid_relocation(sampler: SceneSampler, scene: Scene, optics: CameraModel) -> bool:
     """Return True if the scene is feasible with this camera and the tool appears rotated."""
     s_before, s_after = (
         _imaged_tool_angle(sampler.body, camera, scene.start) for camera in (scene.optics, optics)
     )
     turned = abs(wrapped(s_after - s_before)) > MIN_RELOCATION_ROLL_RAD
     feasibility = sampler.feasibility
-    markers_visible = feasibility.markers_visible(optics, scene.way)
-    return bool(turned) and markers_visible and feasibility.is_well_conditioned(optics, scene.way)
+    markers_visible = feasibility.markers_visible(optics, scene.path)
+    return bool(turned) and markers_visible and feasibility.is_well_conditioned(optics, scene.path)
 
 
-def _imaged_tool_angle(body: Body, optics: Optics, q: Floats) -> float:
+def _imaged_tool_angle(body: ToolBody, optics: CameraModel, q: Floats) -> float:
     """Return the angle s (rad) of the imaged tool, eq. (7), which needs no imaged RCM."""
     m = optics.project(body.points(q)[:2])
     return float(features(m.ravel())[0])
@@ -140,7 +140,7 @@ def _sample_candidate(sampler: SceneSampler, rejected: int) -> Scene | None:
 
 
 def _plan_path(
-    sampler: SceneSampler, optics: Optics, start: Floats, target: Floats
+    sampler: SceneSampler, optics: CameraModel, start: Floats, target: Floats
 ) -> tuple[Floats, Floats] | None:
     """Return the joints of the path from start to target and of its midpoint.
 
@@ -182,7 +182,7 @@ def _sample_target(sampler: SceneSampler, start: Floats) -> Floats | None:
 
 def _sample_camera(
     sampler: SceneSampler, start: Floats, target: Floats
-) -> tuple[Optics, Tissue] | None:
+) -> tuple[CameraModel, Tissue] | None:
     """Sample a camera that looks at the tool, and tissue behind the tool.
 
     The tissue half faces the camera. None if the camera is impossible: it would be outside its
@@ -229,13 +229,13 @@ def _place_tissue(points: Floats, normal: Floats) -> Tissue:
 
 def _sample_camera_at(
     sampler: SceneSampler, middle: Floats, position: Floats, distance: float
-) -> Optics:
+) -> CameraModel:
     """Sample a camera at `position` that looks near the tool's `middle`, both (3,) mm."""
     random, (width, height) = sampler.random, sampler.size
     aim = middle + random.uniform(-0.05, 0.05, 3) * distance
-    rotation = look_at(position, aim, random.uniform(-np.pi, np.pi))
+    rotation = compute_look_at_rotation(position, aim, random.uniform(-np.pi, np.pi))
     shift = random.uniform(-0.02, 0.02, 2) * width
     centre = np.array([width - 1.0, height - 1.0]) / 2.0 + shift
     focal = random.uniform(*sampler.settings.focal)
     distortion = np.array(sampler.settings.distortion)
-    return Optics(width, height, focal, centre, distortion, rotation, position)
+    return CameraModel(width, height, focal, centre, distortion, rotation, position)

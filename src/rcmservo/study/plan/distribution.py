@@ -21,7 +21,7 @@ from rcmservo.config.rig_file import SIMULATION_SECTIONS, Lab, lab_from, told_wi
 from rcmservo.config.texts import Table, is_table
 from rcmservo.errors import BadInput, require
 from rcmservo.sim import RigSettings
-from rcmservo.sim.rig_file import rig_settings
+from rcmservo.sim.rig_file import read_rig_settings
 
 VARIED = ("tool", *SIMULATION_SECTIONS)
 """Sections whose numbers may vary."""
@@ -97,7 +97,7 @@ class Distribution:
         with told_with(f"scenes {self.name}{where}"):
             lab = lab_from(tables)
             require(not lab.devices, "sections", ", ".join(lab.devices), "of a simulation")
-            return lab, rig_settings(lab)
+            return lab, read_rig_settings(lab)
 
 
 def _middle(low: float, high: float) -> float:

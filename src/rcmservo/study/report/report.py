@@ -12,7 +12,7 @@ import numpy as np
 from rcmservo.config.atomic_files import write_whole
 from rcmservo.config.texts import is_table
 from rcmservo.figures import charts
-from rcmservo.figures.charts import Curve, Figure, Panel, curve
+from rcmservo.figures.charts import Curve, Figure, Panel, make_curve
 from rcmservo.interfaces import Floats
 from rcmservo.study.execution.store import REPORT, SUMMARY
 from rcmservo.study.plan.plan import StudyPlan
@@ -144,7 +144,7 @@ def _condition(
     plan: StudyPlan,
 ) -> Condition:
     here = [group for group in found if group.condition == name]
-    drawing = charts.svg(_figure(here, plan.duration)).encode()
+    drawing = charts.render_svg(_figure(here, plan.duration)).encode()
     return Condition(
         name=name,
         summaries=[one for one in summaries if one.condition == name],
@@ -179,7 +179,7 @@ def _shares(label: str, values: Floats, style: int, ends: tuple[float, ...]) -> 
     shares = np.concatenate([[0.0], (places + 1) / len(values)])
     x = np.concatenate([ends[:1], np.repeat(known[places], 2), ends[1:]])
     y = np.repeat(shares, 2)
-    return curve(label, x, y if ends else y[1:-1], style)
+    return make_curve(label, x, y if ends else y[1:-1], style)
 
 
 def _worst(group: Group, plan: StudyPlan) -> list[Bad]:

@@ -18,7 +18,7 @@ from rcmservo.hardware.galil.emulator.interpreter import command_name, execute
 from rcmservo.hardware.galil.emulator.motors import Motors
 from rcmservo.hardware.galil.emulator.state import HANDLE_COUNT, Caller, ControllerState, Host
 
-SAMPLE = 1.0 / 1024.0
+SAMPLE_TIME_S = 1.0 / 1024.0
 """Sample time in s: 976 us at TM 1000."""
 
 VELOCITY_FILTER_S = 0.125
@@ -122,15 +122,15 @@ class Controller:
             axis.forward_tripped, axis.reverse_tripped = switches
         self._apply_under_voltage()
         before = [(axis.motor_off, _stops_at_limit(axis)) for axis in axes]
-        speeds = [axis.step(SAMPLE, self.motors.lag) for axis in axes]
+        speeds = [axis.step(SAMPLE_TIME_S, self.motors.lag) for axis in axes]
         if self.stuck is not None:
             speeds[self.stuck] = 0.0
         on = [not axis.motor_off for axis in axes]
-        self._encoders = list(self.motors.step(speeds, on, SAMPLE))
+        self._encoders = list(self.motors.step(speeds, on, SAMPLE_TIME_S))
         for axis, count, origin in zip(axes, self._encoders, self._origins, strict=True):
             previous, axis.position = axis.position, count - origin
-            velocity = (axis.position - previous) / SAMPLE
-            axis.velocity += (velocity - axis.velocity) * SAMPLE / VELOCITY_FILTER_S
+            velocity = (axis.position - previous) / SAMPLE_TIME_S
+            axis.velocity += (velocity - axis.velocity) * SAMPLE_TIME_S / VELOCITY_FILTER_S
             axis.check_following_error()
         after = [(axis.motor_off, _stops_at_limit(axis)) for axis in axes]
         if any(now[0] and not then[0] for then, now in zip(before, after, strict=True)):

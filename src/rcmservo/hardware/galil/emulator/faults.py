@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from rcmservo.constraints import one_of
 from rcmservo.errors import require
 
-KINDS = {
+FAULT_KINDS = {
     "silence": "receives and sends nothing while its program continues",
     "garbage": "replies with random bytes",
     "half": "sends only the first half of each reply",
@@ -44,7 +44,7 @@ class Fault:
     duration: float = math.inf
 
     def __post_init__(self) -> None:
-        one_of(KINDS).require("--fault", self.kind)
+        one_of(FAULT_KINDS).require("--fault", self.kind)
         expected = f"a time in s from 0 to {MAX_START_TIME_S:g}"
         in_range = 0.0 <= self.at <= MAX_START_TIME_S
         require(in_range, f"--fault {self.kind}: at", self.at, expected)

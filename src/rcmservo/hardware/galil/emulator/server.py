@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from rcmservo.errors import RcmServoError
-from rcmservo.hardware.galil.emulator.controller import SAMPLE, SERIAL, TCP, UDP, Controller
+from rcmservo.hardware.galil.emulator.controller import SAMPLE_TIME_S, SERIAL, TCP, UDP, Controller
 from rcmservo.hardware.galil.emulator.faults import SLOW_REPLY_DELAY_S, Fault
 from rcmservo.hardware.galil.emulator.serial_port import SerialPort
 from rcmservo.network_ports import refusal
@@ -26,7 +26,7 @@ MAX_CATCH_UP_SAMPLES = 512
 """Samples that one update makes up for after a delay."""
 
 
-class NoPort(RcmServoError):
+class PortUnavailable(RcmServoError):
     """Error of a port on which the server cannot listen."""
 
 
@@ -105,7 +105,7 @@ class Server:
         self._seconds = seconds
         self.controller.stuck = 0 if self._has_fault("stuck") else None
         self.controller.unpowered = self._has_fault("amplifier")
-        self._advance_to_sample(int(seconds / SAMPLE))
+        self._advance_to_sample(int(seconds / SAMPLE_TIME_S))
         self._reset_if_due()
         if not self._has_fault("silence"):
             self._accept_hosts()
@@ -228,5 +228,5 @@ def _bind(kind: socket.SocketKind, port: int) -> socket.socket:
         bound.bind((LOOPBACK, port))
     except OSError as error:
         bound.close()
-        raise NoPort(refusal(port, error)) from error
+        raise PortUnavailable(refusal(port, error)) from error
     return bound
