@@ -68,7 +68,8 @@ CAUSES = {
 
 def pass_on(port: int, control: Connection) -> None:
     """Be the cable, in a process of its own, until the other end of `control` says "end"; it says
-    where it listens, and hears what happens to it."""
+    where it listens, and hears what happens to it.
+    """
     with realtime():
         cable = Cable(port)
         control.send(cable.port)
@@ -139,7 +140,8 @@ class Cable:
 class Pulled:
     """One trial: ms until the axes stood still and the motors were off; the joints' speeds (3,)
     rad/s, rad/s, mm/s as it happened; whether anything moved or came on later; the servo's last
-    phase and its words."""
+    phase and its words.
+    """
 
     kind: str
     still: float

@@ -72,8 +72,9 @@ def _number(image: Image, now: int) -> int:
 
 
 def watch(camera: Camera, seconds: float) -> tuple[list[float], int, int]:
-    """ms from exposure to features of each frame; frames that were not seen, and those in whose
-    picture both markers were not found."""
+    """Ms from exposure to features of each frame; frames that were not seen, and those in whose
+    picture both markers were not found.
+    """
     ages: list[float] = []
     lost, blind, last = 0, 0, -1
     with TrackingThread(camera, ColourMarkers(Lab().markers), WallClock()) as thread:

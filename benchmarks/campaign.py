@@ -82,7 +82,8 @@ class Run:
 
 class Guarded:
     """An arm whose every command is checked as it comes: finite, bounded, slew-limited, its number
-    rising."""
+    rising.
+    """
 
     def __init__(self, arm: Any, servo: Servo, found: list[str]) -> None:
         self._arm, self._gate, self._found = arm, servo.gate, found
@@ -184,7 +185,8 @@ def watched(
     run: Run, ticks: Iterator[rs.Tick], disturbances: list[Disturbance], start: int
 ) -> Iterator[rs.Tick]:
     """The same ticks; notes every stop, whether its cause is right, and whether the rates are zero
-    in time."""
+    in time.
+    """
     phase, since = None, 0
     for tick in ticks:
         state, now = tick.state, tick.seen.now

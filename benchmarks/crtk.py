@@ -79,7 +79,7 @@ def servo(ros: int, seeds: int) -> int:
 
 
 def servoed(ros: int, seed: int) -> tuple[float, str]:
-    """mm from where the target was shown at the end of a run over topics, and how it ended."""
+    """Mm from where the target was shown at the end of a run over topics, and how it ended."""
     rig, clock = Rig(seed, pictures=False), WallClock()
     settings = TopicSettings(IMAGE_TOPIC.under(NAME).name, ros=ros, domain=DOMAIN)
     with (

@@ -109,7 +109,7 @@ class RunningDevice:
         return bool((np.abs(np.array(rows) - rows[0]) > COUNT).any()) if rows else False
 
     def moved_last(self) -> int:
-        """ns of its own time at which a joint was last more than a count from where it is."""
+        """Ns of its own time at which a joint was last more than a count from where it is."""
         times, q = (np.array(column) for column in zip(*list(self._rows), strict=True))
         away = (np.abs(q - q[-1]) > COUNT).any(axis=1)
         return int(times[away][-1]) if away.any() else 0
@@ -179,8 +179,9 @@ def streamed(ros: int, domain: int, device: RunningDevice, seconds: float) -> di
 
 
 def killed(ros: int, domain: int, device: RunningDevice, wait: float) -> float:
-    """ms for which the arm went on when its client was killed, at a moment of its motion: at least
-    `MOVING` before it, for an arm that stands moves no more at any rate."""
+    """Ms for which the arm went on when its client was killed, at a moment of its motion: at least
+    `MOVING` before it, for an arm that stands moves no more at any rate.
+    """
     with driving(ros, domain, 30.0) as client:
         time.sleep(wait)
         client.send_signal(signal.SIGKILL)

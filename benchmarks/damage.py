@@ -54,7 +54,8 @@ class Original:
 
 def original(folder: Path, duration: float, pictures: bool, stages: int = 1) -> Original:
     """A simulated run's record, of one stage or of several equal ones, with its frames (small ones)
-    or without."""
+    or without.
+    """
     settings = replace(rs.sim.RigSettings(), width=160, height=120)
     rig = rs.sim.Rig(1, settings, pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
@@ -150,7 +151,8 @@ def heads(data: bytes) -> Iterator[int]:
 
 def head_flips(before: Original) -> Iterator[bytes]:
     """The record with one bit flipped in the kind or the length of one of its records: every such
-    bit in turn."""
+    bit in turn.
+    """
     data = bytearray(before.data)
     for head in heads(before.data):
         for bit in range(8 * HEAD):

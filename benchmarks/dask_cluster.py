@@ -1,5 +1,6 @@
 """A dask scheduler and workers on this machine, started as dask's own documentation has it: what
-the tests and cluster.py give their studies to."""
+the tests and cluster.py give their studies to.
+"""
 
 import os
 import signal

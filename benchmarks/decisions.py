@@ -36,7 +36,8 @@ ROUNDING = 1e-8
 @dataclass
 class Compared:
     """How a run came out: ``differs`` is the first tick at which phase or cause did, or the command
-    by more than rounding."""
+    by more than rounding.
+    """
 
     name: str
     ticks: int

@@ -155,7 +155,8 @@ class EmulatedLab:
 
 def shown_by_jog(port: int, target: Floats, start: Floats, plant: Plant) -> Target:
     """The target, shown with the encoders at `target` (3,) counts; then the tool is brought back to
-    the start."""
+    the start.
+    """
     with contextlib.closing(Host(port)) as host:
         host.go(target)
         shown = teach(plant, frames=30)

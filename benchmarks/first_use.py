@@ -118,7 +118,7 @@ class Watch:
 
 
 def first_use(env: dict[str, str], folder: Path) -> float:
-    """s that it takes."""
+    """S that it takes."""
     watch = Watch()
     subprocess.run(["git", "clone", "--quiet", ROOT, folder], check=True)
     watch("git clone")

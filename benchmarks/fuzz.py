@@ -159,7 +159,8 @@ def nested(depth: int) -> Any:
 
 def disturbed(random: Random, table: dict[str, Any]) -> None:
     """Exchange values of a table, leave keys out, or put in ones that it does not know; in the
-    tables in it too."""
+    tables in it too.
+    """
     for key in list(table):
         if isinstance(table[key], dict) and random.random() < 0.8:
             disturbed(random, table[key])
@@ -377,7 +378,8 @@ DEFAULTS: dict[str, Any] = {
 
 def plain(value: Any) -> Any:
     """Numbers as floats, lists as tuples, so that two ways to say one thing are equal; a truth
-    value is no number."""
+    value is no number.
+    """
     if isinstance(value, list | tuple):
         return tuple(map(plain, value))
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -422,7 +424,8 @@ def drawn_target(random: Random, content: dict[str, Any]) -> bytes:
 
 def try_target(path: Path) -> None:
     """Read a target; AssertionError where what it says and what was read differ, or it should have
-    been refused."""
+    been refused.
+    """
     target = target_file.load(path, SETUP)
     content = json.loads(path.read_bytes())
     assert target.points.tolist() == content["markers_px"]

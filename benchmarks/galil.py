@@ -28,7 +28,8 @@ RATE = 500.0
 
 def fuzz(count: int) -> int:
     """Return the number of sessions that took too long, ended without a sentence, or left an axis
-    moving or a motor on."""
+    moving or a motor on.
+    """
     chance, wrong, begun = random.Random(0), 0, 0
     for number in range(count):
         try:

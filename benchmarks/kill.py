@@ -51,7 +51,8 @@ class Trial:
     """Of one trial, ms: ``off`` from the signal, ``after`` from the newest valid command until the
     drive was off; ``still`` from the signal until the joints stood still; ``lost``, how far before
     that command the record ends. ``speed`` (3,) at the signal; ``moved``, whether a joint moved or
-    the drive came on again later; ``words``."""
+    the drive came on again later; ``words``.
+    """
 
     kind: str
     tick: int

@@ -30,7 +30,8 @@ STOPPED = 200_000_000
 
 class Run(NamedTuple):
     """What became of one run: mm from where the target was shown, mm moved while blind, s blind,
-    and what was said."""
+    and what was said.
+    """
 
     seed: int
     error: float

@@ -49,7 +49,8 @@ def at_rest() -> Operator:
 
 def clients(address: str, pictures: Any, control: Connection) -> None:
     """A controller and two who watch, until the other end of `control` speaks; they count the
-    pictures they get."""
+    pictures they get.
+    """
     newest: dict[str, Any] = {}
 
     def look(turn: int) -> None:

@@ -57,7 +57,8 @@ WANTS: list[dict[str, Any]] = [
 
 class Holder:
     """The browser in control: it says ten times a second that it is there, or holds a jog button
-    down."""
+    down.
+    """
 
     def __init__(self, lab: PageLab) -> None:
         self.client, self.lab = Client(lab.address, lab.token), lab
@@ -155,7 +156,8 @@ def outside(holder: Holder, want: dict[str, Any], **how: str) -> None:
 
 def unsigned(holder: Holder, want: dict[str, Any], cookie: str) -> None:
     """From one who knows the page's secret, but has not signed in with the token. STOP is for
-    anyone who knows the secret."""
+    anyone who knows the secret.
+    """
     for path in ("/operate", "/pictures"):
         try:
             with holder.client.open(path, cookie=cookie) as wire:
@@ -224,7 +226,8 @@ def forge(holder: Holder, count: int) -> list[str]:
 
 def forged(holder: Holder, count: int) -> dict[str, list[str]]:
     """What went wrong, by the state in which the requests came. It ends with the drive on, and
-    paused."""
+    paused.
+    """
     found: dict[str, list[str]] = {}
     share = -(-count // 5)
     holder.enable()

@@ -161,7 +161,8 @@ def filmed(ring: FrameRing) -> list[Image]:
 
 def replayed(frames: list[Image], ring: FrameRing, arrivals: Any, control: Connection) -> None:
     """Play frames in turn, until the other end of `control` speaks or is gone; write down when each
-    arrived."""
+    arrived.
+    """
     due, period = time.monotonic_ns(), round(1e9 / RATE)
     for number in itertools.count(round(due / period)):
         due += period
@@ -175,7 +176,8 @@ def replayed(frames: list[Image], ring: FrameRing, arrivals: Any, control: Conne
 
 class Client:
     """A browser without a screen: the websockets that it opens, once it has signed in with a token
-    where one is asked for."""
+    where one is asked for.
+    """
 
     def __init__(self, address: str, token: str = "") -> None:
         self.address = address

@@ -34,7 +34,8 @@ KINDS = ("quiet", "page blocked", "servo stopped")
 @dataclass(frozen=True)
 class Stopped:
     """One STOP: what was struck, ms from the click until the drive was off, whether the arm moved
-    at the click, and what the page then said."""
+    at the click, and what the page then said.
+    """
 
     kind: str
     off: float

@@ -85,7 +85,8 @@ def faults(random: np.random.Generator, clock: Clock, names: tuple[str, ...] = M
 
 def operator(tick: rs.Tick) -> rs.Request:
     """A person who asks for a pause after a second, resumes whatever pauses and clears whatever is
-    a fault."""
+    a fault.
+    """
     if tick.state.phase is rs.Phase.PAUSED and not tick.state.command.rates.any():
         return rs.Request.RESUME
     if tick.state.phase is rs.Phase.FAULT:

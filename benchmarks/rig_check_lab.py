@@ -171,11 +171,11 @@ class Onlooker:
         return Robot(settings.mechanism, settings.tool, Wiring(COUNTS))
 
     def _deep(self) -> float:
-        """mm from the RCM to marker 1."""
+        """Mm from the RCM to marker 1."""
         return float(np.linalg.norm(self._robot().first_marker(self.arm.q_true)))
 
     def _went(self) -> float:
-        """mm that marker 2 went away from where it was, by a ruler of half millimetres."""
+        """Mm that marker 2 went away from where it was, by a ruler of half millimetres."""
         second = np.array([self.arm.rig.body.points(q)[1] for q in self.arm.past])
         return round(2.0 * np.linalg.norm(second - second[0], axis=1).max()) / 2.0
 

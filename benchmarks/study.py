@@ -55,7 +55,7 @@ def steps_a_second() -> float:
 
 
 def command(scenes: int, *words: str) -> float:
-    """s of wall time of a study from the command line."""
+    """S of wall time of a study from the command line."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "study"
         line = [RCMSERVO, "study", "--count", str(scenes), "--out", str(out), *words]

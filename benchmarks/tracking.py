@@ -42,7 +42,8 @@ COLOURS = ((60.0, 185.0, 30.0), (205.0, 80.0, 25.0))  # green and blue, in blue-
 @dataclass(frozen=True, eq=False)
 class Scene:
     """One picture, and where a perfect tracker would see the markers (2, 2) px, NaN where not
-    wholly in it."""
+    wholly in it.
+    """
 
     image: Image
     truth: Floats
@@ -51,7 +52,8 @@ class Scene:
 
 def scenes(count: int, seed: int, shaft_radius: float) -> Iterator[Scene]:
     """Random scenes; a `shaft_radius` of 0 mm leaves the balls whole, unless one hides the
-    other."""
+    other.
+    """
     random = np.random.default_rng(seed)
     for number in range(count):
         yield _scene(random, number, shaft_radius)
@@ -59,7 +61,8 @@ def scenes(count: int, seed: int, shaft_radius: float) -> Iterator[Scene]:
 
 def _scene(random: np.random.Generator, number: int, shaft_radius: float) -> Scene:
     """A camera looking down at a tool inclined to it by up to 60 degrees, towards it or away from
-    it."""
+    it.
+    """
     distance, focal = random.uniform(120, 300), random.uniform(500, 900)
     optics = CameraModel(
         *SIZE,
@@ -89,7 +92,8 @@ def _scene(random: np.random.Generator, number: int, shaft_radius: float) -> Sce
 
 def _tool(random: np.random.Generator, distance: float, focal: float) -> tuple[Floats, Floats]:
     """The tool's four points, and of them the two balls', (4, 3) and (2, 3) mm, near the centre of
-    the view."""
+    the view.
+    """
     slope, turn = random.uniform(-np.pi / 3, np.pi / 3), random.uniform(0, 2 * np.pi)
     along = np.array([np.cos(slope) * np.cos(turn), np.cos(slope) * np.sin(turn), np.sin(slope)])
     view = distance / focal * np.array(SIZE) / 2
@@ -100,7 +104,8 @@ def _tool(random: np.random.Generator, distance: float, focal: float) -> tuple[F
 
 def errors(count: int, seed: int, shaft_radius: float) -> tuple[Floats, Floats, float]:
     """Distances to the truth [px] and qualities, of every marker that should be seen; ms a frame
-    once followed."""
+    once followed.
+    """
     look = MarkerAppearance("green", "blue", 3.5, 3.5)
     missed, quality, spent = [], [], []
     for scene in scenes(count, seed, shaft_radius):

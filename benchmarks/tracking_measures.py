@@ -38,7 +38,8 @@ def measured(seen: Markers) -> Floats:
 
 def errors_on_path(seed: int, length: float = 5.0, step: float = 0.1) -> Floats:
     """What the tracker errs in u, v and radius at each place of a path that ends at the target, in
-    pictures without noise: (n, 2, 3) px."""
+    pictures without noise: (n, 2, 3) px.
+    """
     rig = Rig(seed, RigSettings(look=NOISELESS))
     renderer, tracker = renderer_of(rig), ColourMarkers()
     end, way = rig.scene.target, rig.scene.start - rig.scene.target
@@ -65,7 +66,8 @@ def rms(values: Floats) -> float:
 
 def surprise(seed: int, frames: int) -> Floats:
     """The squared scatter of u, v, radius over noise by the covariance that was told, for each
-    marker (2,): 1 where it is told rightly."""
+    marker (2,): 1 where it is told rightly.
+    """
     rig, tracker = Rig(seed), ColourMarkers()
     renderer, points = renderer_of(rig), rig.body.points(rig.scene.target)[None]
     seen = [tracker.find(Frame(i, 0, 0, renderer.render(points, i))) for i in range(frames)]
@@ -106,7 +108,8 @@ def painted_ball(place: Floats, radius: float, colour: Floats) -> Callable[[Ligh
 
 def swift(seed: int, px: float, frames: int) -> tuple[list[Image], Floats]:
     """Pictures of a tool that moves across the picture by `px` in each frame, to and fro, blurred
-    over the exposure, and where its markers are (frames, 2, 3)."""
+    over the exposure, and where its markers are (frames, 2, 3).
+    """
     rig = Rig(seed)
     renderer, points = renderer_of(rig), rig.body.points(rig.scene.target)
     aside, scale = across(rig, px)
@@ -133,7 +136,8 @@ def from_rest(
 ) -> Iterator[tuple[Markers, Floats]]:
     """Of a tool that starts from rest, is as fast as `px` in each frame after GAINING frames and
     goes on so, in exposures of so many seconds: what is found, and where the markers are (2, 3) px,
-    in the frames from then on that show both whole."""
+    in the frames from then on that show both whole.
+    """
     rig, tracker = Rig(seed), ColourMarkers()
     renderer, points = renderer_of(rig), rig.body.points(rig.scene.target)
     aside, scale = across(rig, px)
@@ -169,7 +173,8 @@ def turned(time: float, half: float = 5.0) -> float:
 
 def lost_or_wrong(seed: int, px: float, frames: int = 40) -> tuple[int, int]:
     """Of the markers that are whole in swift pictures, how many are lost or more than 3 px off,
-    after the first three frames; and how many there are."""
+    after the first three frames; and how many there are.
+    """
     images, true = swift(seed, px, frames)
     tracker, bad, due = ColourMarkers(), 0, 0
     height, width = images[0].shape[:2]

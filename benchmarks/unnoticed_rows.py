@@ -34,7 +34,8 @@ Drawn = Callable[[Chance], float]
 @dataclass(frozen=True)
 class Trouble:
     """Something that goes wrong, in as many ways as chance draws; ``causes`` are right beside those
-    of its disturbances. ``when`` is one of the three above."""
+    of its disturbances. ``when`` is one of the three above.
+    """
 
     says: str
     draw: Callable[[Chance], list[Disturbance]]

@@ -59,7 +59,8 @@ class Row:
 @contextlib.contextmanager
 def stalls(found: list[float]):
     """Note the longest time ms for which a processor ran nothing, not even what goes above all
-    else."""
+    else.
+    """
     over = threading.Event()
 
     def watch(processor: int) -> None:

@@ -97,7 +97,8 @@ class Page:
 
     def beside(self, study: str, method: str, condition: str) -> Any:
         """The differences of a method to the first one of its study, in the same scenes with the
-        same noise."""
+        same noise.
+        """
         return self._of("beside", study, method, condition)
 
     def _of(self, what: str, study: str, method: str, condition: str) -> Any:
@@ -183,7 +184,8 @@ class Page:
 
     def below(self, one: Sequence[str], other: Sequence[str], key: str = "success") -> bool:
         """Whether the interval of `one` (study, method, condition) ends below where that of the
-        `other` begins: stricter than a paired difference, and for rows that are no pairs."""
+        `other` begins: stricter than a paired difference, and for rows that are no pairs.
+        """
         high, low = self.row(*one)[key][2], self.row(*other)[key][1]
         return high is not None and (low is None or high < low)
 

@@ -1,5 +1,6 @@
 """Hello world: a simulated arm goes back to a pose that it was shown once, by a camera that nobody
-has calibrated."""
+has calibrated.
+"""
 
 import rcmservo as rs
 

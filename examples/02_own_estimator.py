@@ -44,7 +44,7 @@ class RLS(rs.Estimator):
 
 
 def pose_error(seed: int, estimator: rs.Estimator) -> float:
-    """mm from where the tool's marker 2 was shown, after 15 s, by the simulation's truth."""
+    """Mm from where the tool's marker 2 was shown, after 15 s, by the simulation's truth."""
     rig = rs.sim.Rig(seed, pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, rs.tracking.PointMarkers(), rig.clock)
     rig.show_target()

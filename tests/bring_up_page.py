@@ -1,5 +1,6 @@
 """The answers that docs/bring_up.md gives to the questions of its tutorial, with what the emulator
-prints."""
+prints.
+"""
 
 import re
 

@@ -1,5 +1,6 @@
 """What the tests share: random cameras that hide from the tool, random poses, runs with a point
-camera, comparisons."""
+camera, comparisons.
+"""
 
 import importlib
 import os
@@ -160,7 +161,8 @@ def tool_positions(random: np.random.Generator, count: int, spread: float = 25.0
 
 def true_camera(random: np.random.Generator, places: Floats) -> Floats:
     """A calibration matrix C (3, 4), at a random scale, of a camera with all `places` and the RCM
-    before it."""
+    before it.
+    """
     middle = places.mean(axis=0)
     tips = np.stack([second_marker(SHAFT, p) for p in places])
     while True:
@@ -244,7 +246,8 @@ class Laboratory:
         change: Callable[[Observation], Observation] = lambda seen: seen,
     ) -> Iterator[tuple[Observation, State]]:
         """Observation and state of every tick, of a new run or on from `state`; `change` stands
-        before the servo."""
+        before the servo.
+        """
         if state is None:
             state = servo.init()
             self.plant.reset()
@@ -284,7 +287,8 @@ def observation(
     **others: Any,
 ) -> Observation:
     """What a servo is told while the arm answers and follows and a frame arrives as it is
-    exposed."""
+    exposed.
+    """
     return Observation(
         now, q, now, True, np.zeros(3), frame, exposure, exposure, q_exposure, points, **others
     )
@@ -310,7 +314,8 @@ def leaves(value: Any) -> list[Any]:
 
 def frozen(value: Any) -> list[Any]:
     """What a record holds now, down to the bits, so that two of these are equal only if nothing
-    differs."""
+    differs.
+    """
     exact = []
     for leaf in leaves(value):
         if isinstance(leaf, np.ndarray):
@@ -330,7 +335,8 @@ def lab() -> Laboratory:
 @pytest.fixture
 def blank_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are saved without anything in them, where the test is of something else: to draw one
-    takes 0.3 s."""
+    takes 0.3 s.
+    """
     from matplotlib.figure import Figure
 
     monkeypatch.setattr(charts, "_canvas", lambda figure: Figure(figsize=(1.0, 1.0)))

@@ -13,7 +13,8 @@ import pytest
 
 def peer(name: str, installed: bool, command: str) -> pytest.MarkDecorator:
     """The mark of tests that need a peer, for one test or as a file's `pytestmark`: its name,
-    whether it is installed, and the command that installs it."""
+    whether it is installed, and the command that installs it.
+    """
     return pytest.mark.peer(name=name, installed=installed, command=command)
 
 

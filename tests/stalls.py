@@ -1,5 +1,6 @@
 """A machine that stands still stops an arm, as it should: a claim about an undisturbed run in wall
-time waits for a moment in which it does not."""
+time waits for a moment in which it does not.
+"""
 
 import contextlib
 import os
@@ -22,7 +23,8 @@ Run = TypeVar("Run")
 class Witness:
     """A thread on each processor that only waits, 1 ms at a time, before all other work where the
     system allows it, and notes how long it was once kept from going on: a virtual machine may stand
-    still on one of its processors alone."""
+    still on one of its processors alone.
+    """
 
     def __init__(self) -> None:
         self.longest = 0
@@ -58,7 +60,8 @@ class Witness:
 
 def undisturbed(attempt: Callable[[], Run], arrived: Callable[[Run], bool]) -> Run:
     """What an attempt gave. One that did not arrive is made again if the witness was kept waiting
-    too; where that goes on, nothing can be told here."""
+    too; where that goes on, nothing can be told here.
+    """
     for k in range(TRIES):
         with Witness() as witness:
             run = attempt()

@@ -1,5 +1,6 @@
 """A small campaign of random faults: the whole is in benchmarks/campaign.py, whose runs these are
-the first of."""
+the first of.
+"""
 
 from concurrent.futures import ProcessPoolExecutor
 

@@ -109,7 +109,8 @@ def undescribed_fields(path: Path) -> Iterator[str]:
 
 def is_parameter(field: ast.stmt) -> TypeGuard[ast.AnnAssign]:
     """A field of a dataclass that is no class variable and no column of the record, which carries
-    its description itself."""
+    its description itself.
+    """
     if not isinstance(field, ast.AnnAssign) or "ClassVar" in ast.unparse(field.annotation):
         return False
     return field.value is None or not ast.unparse(field.value).startswith("column(")

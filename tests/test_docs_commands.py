@@ -60,7 +60,8 @@ def options_of(command: str) -> frozenset[str]:
 
 def is_option(option: str, command: str | None) -> bool:
     """Whether a command has an option, or any command where none is named; `--gate.*` stands for
-    options that begin so."""
+    options that begin so.
+    """
     known = [one for name in ([command] if command else COMMANDS) for one in options_of(name)]
     if option.endswith("*"):
         return any(one.startswith(option[:-1]) for one in known)
@@ -85,7 +86,8 @@ def of_script(path: Path) -> set[str]:
 
 def of_others(text: str) -> set[str]:
     """The options of other programs that a page shows: of the repository's scripts that it names,
-    and of what it runs."""
+    and of what it runs.
+    """
     scripts = {ROOT / name for name in SCRIPT.findall(text)}
     found = {one for path in scripts if path.exists() for one in of_script(path)}
     told = [one for one in pieces(text) if not one.startswith("--") and "rcmservo" not in one]
@@ -94,7 +96,8 @@ def of_others(text: str) -> set[str]:
 
 def unknown(piece: str, others: Collection[str] = ()) -> list[str]:
     """The commands and options of a piece of code that do not exist; [] of another program's.
-    An option without a command may be of `others`."""
+    An option without a command may be of `others`.
+    """
     words = piece.removeprefix("$ ").split()
     while words and re.fullmatch(r"[A-Z_]+=\S*|nice|exec", words[0]):
         words.pop(0)

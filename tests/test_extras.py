@@ -1,5 +1,6 @@
 """What `make run` leaves out is reported with the command that installs it, and missed by nothing
-else."""
+else.
+"""
 
 import re
 import subprocess

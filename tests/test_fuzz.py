@@ -1,5 +1,6 @@
 """Rig and target files as nobody should write them are refused with a sentence, or taken for what
-they say."""
+they say.
+"""
 
 from pathlib import Path
 

@@ -1,5 +1,6 @@
 """docs/how_to_choose.md is what its template and the figures of studies make, and they bear each of
-its sentences."""
+its sentences.
+"""
 
 import importlib
 import re

@@ -1,5 +1,6 @@
 """Uncalibrated is a theorem: what decides a motion cannot reach the true camera, and decides the
-same without it."""
+same without it.
+"""
 
 import os
 import pickle
@@ -121,7 +122,8 @@ def test_without_the_simulation_the_same_observations_give_the_same_commands_to_
     tmp_path, estimator, tool, controller
 ):
     """The stream and the servo go to a process without `rcmservo.sim`: an object that carried truth
-    could not."""
+    could not.
+    """
     lab = laboratory(seed=2)
     servo = lab.servo(
         estimator=ESTIMATORS[estimator], tool=TOOLS[tool], controller=CONTROLLERS[controller]

@@ -1,5 +1,6 @@
 """A target that cannot be reached ends unsettled with its cause in words and exit code 1, and the
-tool stands still."""
+tool stands still.
+"""
 
 import json
 from pathlib import Path

@@ -1,5 +1,6 @@
 """rcmservo: position the tool of a remote-centre-of-motion mechanism from one uncalibrated
-camera."""
+camera.
+"""
 
 import importlib
 from typing import TYPE_CHECKING, Any

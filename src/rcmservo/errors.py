@@ -7,7 +7,8 @@ from pathlib import PurePath
 
 class RcmServoError(Exception):
     """Base class of all errors that rcmservo raises on purpose. The message is one sentence for the
-    user."""
+    user.
+    """
 
 
 MAX_QUOTED_LENGTH = 200

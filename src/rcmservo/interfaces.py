@@ -74,7 +74,8 @@ class Markers:
 
 class Dropped(IntEnum):
     """Reason for not using the newest frame of a camera, and its sentence ``words`` for the
-    operator."""
+    operator.
+    """
 
     _value_: int
     words: str
@@ -314,7 +315,8 @@ class Tracker(Protocol):
 
     def reset(self) -> None:
         """Discard the tracked positions, as the tool may have been moved. The loop calls it at the
-        beginning of a run and of teaching."""
+        beginning of a run and of teaching.
+        """
         ...
 
 

@@ -23,7 +23,8 @@ def refusal(port: int, error: OSError) -> str:
 
 def _holder(port: int) -> str:
     """Return number and command of the process that listens on a port; empty if it is not known,
-    as other users' processes are not."""
+    as other users' processes are not.
+    """
     with suppress(OSError):
         links = {f"socket:[{inode}]" for inode in _inodes(port)}
         for process in filter(str.isdecimal, os.listdir("/proc")):

@@ -1,5 +1,6 @@
 """docs/bring_up.md: its commands are commands, its rig file is one, and its tutorial answers the
-questions that are asked in it."""
+questions that are asked in it.
+"""
 
 import re
 import shlex

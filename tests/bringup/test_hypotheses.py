@@ -98,7 +98,8 @@ def decided_by(
     *answers: str, among: list[Hypothesis], mm: float = 1.0
 ) -> tuple[list[Hypothesis], Mute]:
     """What is left of these by a ruler, by a person who sees which way each joint goes; joints are
-    shown over so many mm."""
+    shown over so many mm.
+    """
     person = Mute(*answers)
     start = np.array([0.3, 0.2, 100.0])
 

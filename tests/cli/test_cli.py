@@ -1,5 +1,6 @@
 """What `rcmservo run` promises: its JSON, its folder, its exit codes, and a record that survives
-Ctrl-C."""
+Ctrl-C.
+"""
 
 import json
 import math
@@ -142,7 +143,8 @@ def test_replay_tells_the_two_projection_estimators_apart(
     small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A record made with one of them comes out otherwise with the other only; what is changed is
-    the recorded one's."""
+    the recorded one's.
+    """
     names = "projection", "projection-printed"
     for name in names:
         main([*small, "--duration", "2", "--estimator", name, "--out", str(tmp_path / name)])
@@ -179,7 +181,8 @@ def test_faults_a_person_and_a_target_from_a_file_on_the_command_line(
     small: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A marker is lost, the camera is moved, the target is shown again; the target of the old view
-    is refused later."""
+    is refused later.
+    """
     target = str(tmp_path / "target.json")
     faults = ["--disturb", "occlusion:at=3,for=0.3", "--disturb", "relocate:at=4.5"]
     saving = [*faults, "--resumes", "3", "--duration", "13", "--save-target", target]

@@ -1,5 +1,6 @@
 """--estimator module:class on the command line: run, replay, its settings as options, its
-sentences."""
+sentences.
+"""
 
 import json
 import subprocess

@@ -1,5 +1,6 @@
 """An exported record holds every number of the record, for programs that know nothing of
-rcmservo."""
+rcmservo.
+"""
 
 import csv
 import json

@@ -1,5 +1,6 @@
 """The help of the commands: the basics on one page, everything with --help-all, and nothing loaded
-that it does not need."""
+that it does not need.
+"""
 
 import subprocess
 import sys

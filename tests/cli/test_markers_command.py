@@ -1,5 +1,6 @@
 """`rcmservo markers` finds the balls of a picture, says which two the tracker takes, and writes
-them down."""
+them down.
+"""
 
 import json
 from pathlib import Path

@@ -1,5 +1,6 @@
 """What is wrong with a command line is one sentence: option, value, what is right, where to read
-more."""
+more.
+"""
 
 import math
 import re

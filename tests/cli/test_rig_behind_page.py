@@ -1,5 +1,6 @@
 """A laboratory's devices behind the page: the speed that its file has earned, and what is refused
-before anything is connected."""
+before anything is connected.
+"""
 
 from multiprocessing import get_context
 from pathlib import Path

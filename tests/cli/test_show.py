@@ -27,7 +27,8 @@ from rcmservo.tracking import PointMarkers
 @dataclass
 class Told:
     """A recorded run of two stages in which markers were lost, frames dropped and a person asked
-    for things."""
+    for things.
+    """
 
     path: Path
     ticks: list[rs.Tick]
@@ -39,7 +40,8 @@ class Told:
 
 def lose(seen: rs.Observation) -> rs.Observation:
     """Marker 2 hidden from 3.0 to 3.3 s, both from 3.4 to 3.6 s, and frames damaged from 5 s to
-    5.03 s, by the plant's clock."""
+    5.03 s, by the plant's clock.
+    """
     points = seen.points.copy()
     second = seen.now * 1e-9
     points[1] = np.nan if 3.0 < second < 3.3 else points[1]

@@ -1,5 +1,6 @@
 """`rcmservo study` and `rcmservo tune` from the command line to a folder that others can read, and
-a run of it that can be seen again."""
+a run of it that can be seen again.
+"""
 
 import json
 import re

@@ -156,7 +156,8 @@ def test_what_is_compiled_is_told_and_what_is_not_ours_is_not_counted(
     expected: int, at_last: int, others: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where no live line is seen, one line lasts of every twenty parts; of no more than there
-    are."""
+    are.
+    """
     monkeypatch.setattr(reports, "parts", lambda: expected)
     written = io.StringIO()
     with Live(console=Console(file=written, width=40)) as line, compiling(line):

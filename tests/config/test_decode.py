@@ -1,5 +1,6 @@
 """A table becomes the settings that it describes, bit for bit, or one sentence that names the
-field."""
+field.
+"""
 
 import json
 from dataclasses import dataclass, field

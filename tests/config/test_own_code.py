@@ -1,5 +1,6 @@
 """Code of others runs when a person names it on the command line, and never because a rig or record
-does."""
+does.
+"""
 
 import sys
 from pathlib import Path

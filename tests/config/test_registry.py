@@ -1,5 +1,6 @@
 """One registry: an added part of the servo, class or setting is found in options, records, studies
-and on the page."""
+and on the page.
+"""
 
 from dataclasses import fields, is_dataclass
 

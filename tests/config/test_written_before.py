@@ -1,5 +1,6 @@
 """What version 0.1.0 has written: its rig file and target load, its record shows and exports, and a
-replay that cannot be names the version that can."""
+replay that cannot be names the version that can.
+"""
 
 import json
 import shutil

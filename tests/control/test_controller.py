@@ -1,5 +1,6 @@
 """The law: (31) exactly where Ĵ is good, slower in the same direction where that is too fast,
-damped where Ĵ hardly tells, and it says how much of the error is left to it."""
+damped where Ĵ hardly tells, and it says how much of the error is left to it.
+"""
 
 import numpy as np
 import pytest
@@ -53,7 +54,8 @@ conditions = st.floats(1.0, 0.499 * LIMIT)
 @given(seeds, conditions, st.floats(0.01, 10), st.floats(1e-3, 10), counts)
 def test_a_well_conditioned_estimate_gives_exactly_the_papers_law(seed, condition, size, gain, n):
     """By least squares where there are more features than three; these cannot all be worked
-    off."""
+    off.
+    """
     sigma = size * np.array([1.0, 1 / np.sqrt(condition), 1 / condition])
     J, g = jacobian(seed, sigma, n), gradient_of(seed, n)
     v, found, way, _ = law(J, g, gain, LIMIT, FAST)
@@ -148,7 +150,8 @@ def test_the_damped_speed_stays_bounded_as_the_least_singular_value_vanishes(see
 @given(seeds, st.floats(0.5 * LIMIT, 1e6 * LIMIT))
 def test_damping_never_turns_the_motion_away_from_the_target(seed, condition):
     """If Ĵ = J, V falls along v however strong the damping: J Ĵ⁻¹ stays positive definite,
-    scaled."""
+    scaled.
+    """
     J, g = jacobian(seed, np.array([1.0, 0.1, 1 / condition])), gradient_of(seed)
     v = law(J, g, 2.0, LIMIT, FAST).v
     assert (g) @ (J @ v) < 0

@@ -31,7 +31,8 @@ TICK = 10_000_000
 
 def told(lag: float, delay: float, moves: Floats) -> Exploring:
     """What a second of going back and forth tells of drives of which only those that are 1 in
-    `moves` (3,) obey."""
+    `moves` (3,) obey.
+    """
     tour, q, rate, steps = Exploring.of(), np.zeros(3), np.zeros(3), 10
     begin_lag(tour.rows[0])
     asked = [0.2 * FASTEST * np.sign(np.sin(2.0 * np.pi * k / 30 + 0.1)) for k in range(100)]
@@ -51,7 +52,8 @@ def told(lag: float, delay: float, moves: Floats) -> Exploring:
 @given(st.floats(0.005, 0.08), st.integers(0, 30))
 def test_it_measures_lag_and_delay_together(lag: float, late: int) -> None:
     """A delay that is long beside the time from one change of the rates to the next comes out
-    short. Delays are whole ms, as `told` takes them."""
+    short. Delays are whole ms, as `told` takes them.
+    """
     delay = late / 1000
     rel = 0.12 if delay <= 0.02 else 0.18
     assert told(lag, delay, np.ones(3)).lag == pytest.approx(lag + delay, rel=rel, abs=2e-3)

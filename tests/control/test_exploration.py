@@ -1,5 +1,6 @@
 """The first motion: reachable corners that span space, inside the limits and near the start, and an
-honest end."""
+honest end.
+"""
 
 import numpy as np
 import pytest
@@ -136,7 +137,8 @@ def test_the_span_is_the_longest_way_of_a_corner_to_a_corner_by_the_derivative(r
 
 def drive(rcm, q, visits, dt=0.01):
     """The joints at every corner visited, by an arm that does just what it is told; less where 3 s
-    a round are not enough."""
+    a round are not enough.
+    """
     tour, x, there = begun(rcm, q), as_row(Exploration())[0], []
     for _ in range(round(3.0 / dt) * visits // len(CORNERS)):
         if tour is None or tour.visits == visits:

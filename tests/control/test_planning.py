@@ -1,5 +1,6 @@
 """The next corner is the one that tells most of the way to the target, and what is expected of it
-comes true."""
+comes true.
+"""
 
 from itertools import pairwise, product
 

@@ -64,7 +64,8 @@ def test_the_setpoint_never_leads_by_more_than_the_lead(
     steps: list[tuple[Any, int, Any]], lead: Any, disturbance: float
 ) -> None:
     """This holds for any measurements and pauses of the loop. The returned rates are those of the
-    setpoint, which never jumps."""
+    setpoint, which never jumps.
+    """
     setpoint = BoundedLead(np.array(lead), LIMITS)
     now, last, measured = 0, 0, START.copy()
     before = START.copy()

@@ -1,5 +1,6 @@
 """By places and sizes: exact from exact pictures wherever the RCM is, as near as the noise lets it,
-with one marker too; and without sizes it says that it knows nothing."""
+with one marker too; and without sizes it says that it knows nothing.
+"""
 
 import json
 from collections.abc import Iterator
@@ -31,7 +32,8 @@ depths = st.sampled_from([-0.5, -0.05, 0.0, 0.05, 1.0])
 
 def camera(random: np.random.Generator, middle: Floats, rcm_depth: float) -> Floats:
     """A calibration matrix C (3, 4), whose last row is the depth in mm, of a camera that looks at
-    `middle` (3,) mm."""
+    `middle` (3,) mm.
+    """
     away = random.uniform(50.0, 65.0)
     along = middle / np.linalg.norm(middle)
     across = np.cross(along, random.standard_normal(3))

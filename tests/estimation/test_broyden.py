@@ -1,5 +1,6 @@
 """Broyden's update is the least change that explains a displacement, and small displacements teach
-nothing."""
+nothing.
+"""
 
 import numpy as np
 import pytest

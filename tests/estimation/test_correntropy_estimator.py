@@ -1,5 +1,6 @@
 """Maximum correntropy: outliers that throw Kalman's filter off hardly move Ĵ, and without outliers
-the two are alike."""
+the two are alike.
+"""
 
 import numpy as np
 import pytest

@@ -1,5 +1,6 @@
 """The estimators that learn from displacements: a tool at rest teaches them nothing, both ends are
-taken about one imaged RCM, and clean displacements lead each of them to the true Jacobian."""
+taken about one imaged RCM, and clean displacements lead each of them to the true Jacobian.
+"""
 
 import numpy as np
 import pytest

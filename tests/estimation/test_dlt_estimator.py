@@ -1,5 +1,6 @@
 """The recursive direct linear transformation: right wherever the RCM is, nearer with noise, and it
-takes the noise out of the markers. What it is made of is tested in test_prospect.py."""
+takes the noise out of the markers. What it is made of is tested in test_prospect.py.
+"""
 
 import numpy as np
 from hypothesis import given
@@ -102,7 +103,8 @@ def test_an_imaged_rcm_that_is_off_does_it_no_harm(seed: int) -> None:
 
 def still(noise: Floats, bias: float = 0.0) -> tuple[Floats, Floats]:
     """Where it has the markers of a tool that has come to rest, in frames with this noise; and
-    where they are."""
+    where they are.
+    """
     random = random_from(5)
     way = places(random, 40)
     C, o_c, memory = camera(random, way.mean(axis=0), 1.0), np.zeros(2), DLT.init()

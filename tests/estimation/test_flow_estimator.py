@@ -1,5 +1,6 @@
 """Proposition 2: R never rises at any step, the rule is integrated exactly, and only new frames
-teach, without bias."""
+teach, without bias.
+"""
 
 import numpy as np
 import pytest
@@ -116,7 +117,8 @@ def test_the_first_frame_teaches_nothing_and_the_second_something():
 
 def straight_motion(gamma):
     """A servo that is only shown pictures: marker 1 runs straight at 20 mm/s, 60 frames/s, read at
-    100 Hz."""
+    100 Hz.
+    """
     random = random_from(11)
     mechanism, tool = PitchYawRcm(), TOOLS["rigid"]
     start, way = np.array([15.0, -10.0, -100.0]), np.array([0.8, 0.5, 0.33])

@@ -1,5 +1,6 @@
 """Kalman's filter on the rows of Ĵ: P is what it says, it drifts by the way alone, and without a
-drift it is recursive least squares."""
+drift it is recursive least squares.
+"""
 
 import numpy as np
 import pytest
@@ -62,7 +63,8 @@ def test_two_halves_of_a_way_drift_as_much_as_the_whole_and_rest_not_at_all(seed
 
 def test_what_it_says_of_its_own_error_is_true_of_a_jacobian_that_drifts_so():
     """Errors of rows, squared in units of P, are three on average; and P is far less than at
-    first."""
+    first.
+    """
     estimator, scores = KalmanEstimator(), []
     for seed in range(150):
         random = random_from(seed)

@@ -1,5 +1,6 @@
 """Normalised flow: a displacement teaches one share of its news at any speed, and with a share of 1
-it is Broyden's update."""
+it is Broyden's update.
+"""
 
 import numpy as np
 import pytest

@@ -1,5 +1,6 @@
 """Proposition 1 and what was built on it: U never rises, integration is exact, modes decay as
-promised, Ĵ becomes J."""
+promised, Ĵ becomes J.
+"""
 
 import numpy as np
 import pytest
@@ -46,7 +47,8 @@ EPSILON = ProjectionEstimator().epsilon
 
 def scene(seed, count=12):
     """Exact rows of `count` observations, the true parameters a and imaged RCM o_c, and an estimate
-    in front of all."""
+    in front of all.
+    """
     random = random_from(seed)
     places = tool_positions(random, count)
     C = true_camera(random, places)
@@ -76,7 +78,8 @@ def root_of(A, fast, rate=20.0):
 
 def steepest_rise(seed, t, fast, both, room=8):
     """The largest rise of U from one frame to the next, as a share of U at â = 0; 20 exact
-    pictures, P = `room`."""
+    pictures, P = `room`.
+    """
     rows, a, o_c, a_hat = scene(seed, count=20)
     memory, count, worst = np.zeros((room + 1, 7)), 0, 0.0
     for row in rows:
@@ -286,7 +289,8 @@ def test_no_step_puts_an_observation_behind_the_floor_of_depth(seed, size):
 @given(seeds, times)
 def test_an_estimate_that_starts_in_front_of_all_stays_there_whatever_the_camera_reports(seed, t):
     """Wild pixels (outliers of a tracker) included: ẑ of what the memory holds never falls below
-    its floor."""
+    its floor.
+    """
     random = random_from(seed)
     rows, _, o_c, _ = scene(seed)
     rows[:, 3:] += random.choice([0, 1, 300], (len(rows), 1)) * random.standard_normal(

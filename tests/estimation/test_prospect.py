@@ -1,5 +1,6 @@
 """What the camera should see: a projection and a covariance that can be believed, from noisy frames
-too."""
+too.
+"""
 
 import numpy as np
 import pytest
@@ -151,7 +152,8 @@ def test_the_noise_is_told_once_there_are_many_more_frames_than_what_is_expected
 
 def biased(scenes: int, frames: int, spread: float) -> tuple[Floats, Floats]:
     """By which share of its distance the imaged RCM is too far away in every scene at 0.3 px of
-    noise, and the squares of what it is off by the covariance."""
+    noise, and the squares of what it is off by the covariance.
+    """
     shares, squares = [], []
     for seed in range(scenes):
         scene = Scene(seed, frames, spread)

@@ -134,7 +134,8 @@ def test_of_the_features_through_given_parameters(seed, tool):
 @given(seeds)
 def test_of_the_features_through_a_whole_calibration_matrix(seed):
     """Lemma 1's parameters give the Jacobian of the raw picture about o_c: no term of C was
-    lost."""
+    lost.
+    """
     random = random_from(seed)
     p1 = tool_positions(random, 1)[0]
     C = true_camera(random, p1[None])

@@ -1,5 +1,6 @@
 """The features: (6)-(9) as printed, an angle that wraps, differences without jumps, what leaves
-them unchanged."""
+them unchanged.
+"""
 
 import numpy as np
 import pytest
@@ -101,5 +102,6 @@ def test_a_small_turn_across_the_cut_of_atan2_is_a_small_difference():
 @pytest.mark.parametrize("m", [[50.0, 60.0, 50.0, 60.0], [0.0, 0.0, 50.0, 60.0]])
 def test_the_derivative_says_that_it_does_not_exist_where_it_does_not(m):
     """Markers that coincide, or marker 1 at the imaged RCM: not finite, never a number to be
-    believed."""
+    believed.
+    """
     assert not np.isfinite(features_jacobian(np.array(m))).all()

@@ -1,5 +1,6 @@
 """The imaged RCM: exact from exact lines, near from noisy ones, not pulled onto the tool by a slow
-motion."""
+motion.
+"""
 
 import numpy as np
 import pytest
@@ -71,7 +72,8 @@ def test_the_condition_is_that_of_the_weighted_matrix_of_16(seed, count):
 
 def test_lines_weigh_the_square_of_the_markers_distance():
     """Of two pairs of crossing lines that disagree, the one with markers twice as far apart counts
-    four times."""
+    four times.
+    """
     lines = np.array([[0.0, 0, 10, 0], [0.0, 1, 20, 1], [0.0, 0, 0, 10]])
     assert np.allclose(nearest_to_lines(lines, 3, False)[0], [0, 0.8])
 
@@ -110,7 +112,8 @@ def test_with_noise_the_bundle_is_nearer_than_16_alone():
 
 def test_over_a_long_slow_motion_the_last_50_lines_collapse_onto_the_tool_and_ours_do_not():
     """40 degrees at 1 degree per second and 60 frames per second: 50 frames hold less than one
-    degree."""
+    degree.
+    """
     random = random_from(7)
     o_c = np.array([80.0, 400.0])
     lines = lines_through(random, o_c, np.radians(np.arange(0, 40, 1 / 60)), noise=0.3)
@@ -182,7 +185,8 @@ def test_of_one_line_too_many_the_one_that_says_least_goes():
 @given(seeds)
 def test_when_the_imaged_rcm_moves_every_old_observation_follows_it(seed):
     """Estimators keep raw pixels: equations about a new o_c are those of pictures that had it from
-    the beginning."""
+    the beginning.
+    """
     random = random_from(seed)
     places = tool_positions(random, 8)
     rows = observed(true_camera(random, places), places)

@@ -1,5 +1,6 @@
 """The mechanism: eq. (2) as printed, its inverse, joint rates that move the marker as wanted,
-limits with a meaning."""
+limits with a meaning.
+"""
 
 import numpy as np
 import pytest

@@ -1,5 +1,6 @@
 """While one marker is lost: what the camera should see goes on from the other, and the pose is as
-uncertain as it says."""
+uncertain as it says.
+"""
 
 import numpy as np
 import pytest
@@ -22,7 +23,8 @@ EITHER = pytest.mark.parametrize("k", [0, 1])
 
 class Hidden:
     """A fit of 60 frames, and of 60 more in which marker k is lost, on the way to somewhere
-    else."""
+    else.
+    """
 
     def __init__(self, seed: int, k: int) -> None:
         self.random, self.k = random_from(seed), k
@@ -41,7 +43,7 @@ class Hidden:
         return markers_seen(self.C, p1) + NOISE * self.random.standard_normal((2, 2))
 
     def mistaken(self) -> float:
-        """mm that the pose is off where the lost marker is put where the fit has it."""
+        """Mm that the pose is off where the lost marker is put where the fit has it."""
         H = derivative(lambda p: markers_seen(self.C, p).ravel(), self.end, 1e-2)
         off = np.zeros((2, 2))
         seen = expected(self.fit.rows[0], self.end, SHAFT)

@@ -1,5 +1,6 @@
 """Lemma 1: nine parameters are all of C that the RCM's picture needs, and which tool positions
-determine them."""
+determine them.
+"""
 
 import numpy as np
 import pytest

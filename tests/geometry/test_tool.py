@@ -1,5 +1,6 @@
 """The tool: both markers on one axis through the RCM, at a fixed spacing or a fixed ratio, and what
-that decides."""
+that decides.
+"""
 
 import numpy as np
 import pytest
@@ -35,7 +36,8 @@ def test_both_tools_agree_at_the_one_insertion_where_lambda_is_right(seed, spaci
 
 def test_insertion_shrinks_the_imaged_distance_of_a_receding_rigid_pair_and_grows_a_scaled_one():
     """The wrong sign of ∂d/∂ρ under a constant λ, for a camera that looks along a tool inclined by
-    40 degrees."""
+    40 degrees.
+    """
 
     def d(kind, value, rho):
         p1 = rho * np.array([np.sin(0.7), 0.0, np.cos(0.7)])

@@ -1,5 +1,6 @@
 """A command at a terminal of its own, and the emulated laboratory beside it, with a hand that moves
-the arm and looks how it is over a connection of its own."""
+the arm and looks how it is over a connection of its own.
+"""
 
 import os
 import pty
@@ -43,7 +44,8 @@ class Ended(AssertionError):
 
 class AtTerminal:
     """A process whose terminal the test holds: what it shows is text, and what is typed is the
-    person's. Use it as a context: nothing of it is left at the end."""
+    person's. Use it as a context: nothing of it is left at the end.
+    """
 
     def __init__(self, command: list[str], json: bool = False, **variables: str) -> None:
         self.shown, self._read = "", 0
@@ -170,7 +172,8 @@ class Laboratory:
     @property
     def q(self) -> Floats:
         """The joints by its counters, which begin at the start and tell them once they were
-        defined."""
+        defined.
+        """
         zero = self.start if "?" in self.ask("MG rcmhome") else np.zeros(3)
         return zero + np.array(self.counts) / np.array(COUNTS)
 

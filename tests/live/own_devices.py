@@ -124,7 +124,8 @@ def shown(plant):
 class Person:
     """Pauses and resumes, slows down, retargets and teaches: one after the other, once it servoes;
     resumes whatever else may stop a loop on a busy computer, and is ``done`` when it servoes
-    again."""
+    again.
+    """
 
     def __init__(self, slow: rs.Servo, done: Any) -> None:
         self.wants: list[OperatorRequest] = [rs.Request.PAUSE, slow, rs.Teach(frames=5)]

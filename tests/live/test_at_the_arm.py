@@ -1,5 +1,6 @@
 """The questions to the operator at the arm: a terminal whose answers are given, and an arm of a few
-lines. `test_terminal_person.py` tests the terminal itself."""
+lines. `test_terminal_person.py` tests the terminal itself.
+"""
 
 import time
 from dataclasses import replace
@@ -40,7 +41,8 @@ STANDS = "theta 0.6 rad, phi 0.2 rad, rho 120 mm"
 
 class Answered:
     """A terminal at which each question gets the next answer: words, and how many ns before now
-    they were typed at the earliest. After the last answer the terminal is ended by Ctrl-D."""
+    they were typed at the earliest. After the last answer the terminal is ended by Ctrl-D.
+    """
 
     def __init__(self, *answers: str | tuple[str, int]) -> None:
         self._answers = [(one, 0) if isinstance(one, str) else one for one in answers]

@@ -1,5 +1,6 @@
 """The live loop: the wire and the frames between processes, the arm behind its wire, and the one
-who watches."""
+who watches.
+"""
 
 import os
 import signal

@@ -1,5 +1,6 @@
 """`rcmservo live --rig lab.toml` at a terminal, against the emulated controller and its camera over
-the network. The emulator is asked over a connection of its own whether anything moved."""
+the network. The emulator is asked over a connection of its own whether anything moved.
+"""
 
 import json
 import os
@@ -157,7 +158,8 @@ def test_ctrl_c_in_a_motion_leaves_the_arm_off_at_rest_and_the_record_whole(
     lab: Laboratory, tmp_path: Path
 ) -> None:
     """What was typed ahead answers nothing before, and joints that cannot be are refused. A machine
-    that stands still may stop the arm before Ctrl-C: that leaves the same."""
+    that stands still may stop the arm before Ctrl-C: that leaves the same.
+    """
     lab.forget()
     lab.bring(lab.start)
     with at_terminal(lab, tmp_path) as at:

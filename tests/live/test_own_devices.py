@@ -1,5 +1,6 @@
 """The live wing knows no simulator: it runs whatever arm and camera it is handed, and a person
-beside them."""
+beside them.
+"""
 
 import re
 import subprocess

@@ -1,5 +1,6 @@
 """`rcmservo serve --rig lab.toml` through the page's websockets, against the emulated controller
-and its camera. The emulator is asked over a connection of its own how the arm is."""
+and its camera. The emulator is asked over a connection of its own how the arm is.
+"""
 
 import os
 import re

@@ -1,5 +1,6 @@
 """The wall clock, the real-time context and the tracking thread: what they promise, without
-measuring time."""
+measuring time.
+"""
 
 import gc
 import os

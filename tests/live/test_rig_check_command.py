@@ -51,7 +51,8 @@ def asked_to_enable(
     laboratory: Laboratory, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Generator[AtTerminal]:
     """A check up to its first question, of a file that has passed once: that counts no more in the
-    end, and the arm is off."""
+    end, and the arm is off.
+    """
     laboratory.forget()
     lab = laboratory.lab()
     monkeypatch.setenv("XDG_STATE_HOME", str(folder))

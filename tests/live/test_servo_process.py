@@ -1,5 +1,6 @@
 """What the servo process tells of a run: when the drive is on, and why the markers were never
-seen. Run here in the tests' own process, with a wall for a picture."""
+seen. Run here in the tests' own process, with a wall for a picture.
+"""
 
 import signal
 import time

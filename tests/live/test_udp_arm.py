@@ -280,7 +280,8 @@ def rows(log: Path) -> np.ndarray:
 @pytest.mark.alone
 def test_when_its_orders_stop_the_toy_stands_still_by_its_own_watchdog(tmp_path: Path) -> None:
     """As when a servo is killed. Its log has its own time: after the last order it moves for as
-    long as its watchdog waits."""
+    long as its watchdog waits.
+    """
     log = tmp_path / "toy.log"
     with toy(log) as port, closing(UdpArm("127.0.0.1", port)) as arm:
         arm.enable()

@@ -1,5 +1,6 @@
 """The servo over the toy arm of examples/udp_arm: a camera that looks at the toy's truth delivers
-points. Run as `toy_lab.py PORT SECONDS`, it says how it ended."""
+points. Run as `toy_lab.py PORT SECONDS`, it says how it ended.
+"""
 
 import socket
 import sys

@@ -1,5 +1,6 @@
 """A person moves the joints: as told and no faster, only while it is asked for, within the limits,
-whatever the picture shows; a fault of the arm ends it, and all of it is recorded."""
+whatever the picture shows; a fault of the arm ends it, and all of it is recorded.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,5 +1,6 @@
 """The person beside the loop: what is wanted between two ticks holds from the next one on, and the
-record tells it."""
+record tells it.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace

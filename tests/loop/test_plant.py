@@ -1,5 +1,6 @@
 """A device that answers otherwise than its Protocol says is told so at its first call, in one
-sentence."""
+sentence.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -54,7 +55,8 @@ class OddTracker:
 
 def refused(lab: Laboratory) -> str:
     """What a run on the laboratory's plant is refused with; nothing has moved, and the drive is
-    off."""
+    off.
+    """
     before = lab.rig.arm.q_true
     with pytest.raises(rs.BadInput) as error:
         list(rs.run(lab.plant, lab.servo(), lab.target, 1.0))

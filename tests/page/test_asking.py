@@ -1,5 +1,6 @@
 """A person is asked at the page where the arm stands: what answers this question, and was read,
-counts, within the limits, and agreed to."""
+counts, within the limits, and agreed to.
+"""
 
 from multiprocessing import get_context
 from types import SimpleNamespace
@@ -20,7 +21,8 @@ from rcmservo.page.prompts import READ, PagePerson
 
 class Page:
     """A person who sees what is said and answers it after so many looks, and the servo's plant, in
-    no time at all."""
+    no time at all.
+    """
 
     def __init__(self, *says: tuple[int, Any]) -> None:
         self.desk, self.says, self.looks, self.now = Desk(get_context("spawn")), list(says), 0, 0

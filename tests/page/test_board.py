@@ -1,5 +1,6 @@
 """What the page shows is what the loop had: the same tick's numbers, and where it expected the
-markers."""
+markers.
+"""
 
 import json
 from dataclasses import replace

@@ -1,5 +1,6 @@
 """The page's websockets from outside: forged ones are not let in, and what is let in moves nothing
-without control and a fresh moment."""
+without control and a fresh moment.
+"""
 
 import json
 import re

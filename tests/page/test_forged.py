@@ -1,5 +1,6 @@
 """Forged requests move and change nothing in any state, and rubbish stops neither loop nor page:
-the whole is in benchmarks/page_forged.py, of which this is a short part."""
+the whole is in benchmarks/page_forged.py, of which this is a short part.
+"""
 
 import page_forged
 import pytest

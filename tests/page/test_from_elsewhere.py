@@ -1,5 +1,6 @@
 """`rcmservo serve --host 0.0.0.0 --token-file`: from elsewhere a browser signs in once, and then
-has the page, its pictures and STOP."""
+has the page, its pictures and STOP.
+"""
 
 import contextlib
 import json

@@ -1,5 +1,6 @@
 """The rule by which the page is built: NiceGUI lays out, and what changes is a component with its
-template. There is no third way."""
+template. There is no third way.
+"""
 
 import re
 from types import SimpleNamespace

@@ -1,5 +1,6 @@
 """The person at the page, between the desk and the loop: nothing moves before it is wanted, and
-nothing goes on once nobody is there."""
+nothing goes on once nobody is there.
+"""
 
 from multiprocessing import get_context
 

@@ -1,5 +1,6 @@
 """The operator's page as a person uses it: headless Chromium, the real page, the simulated arm. One
-server serves all tests; each begins where the one before left it, with poses of its own names."""
+server serves all tests; each begins where the one before left it, with poses of its own names.
+"""
 
 import json
 import shutil
@@ -104,7 +105,8 @@ class Person:
 
     def jog(self, name: str) -> None:
         """Hold a button down until a joint has moved well away; where a busy machine let go of it,
-        press anew."""
+        press anew.
+        """
         q = self.told("board.q")
         moved = f"rcm.board.q.some((one, k) => Math.abs(one - {q}[k]) > {AWAY}[k])"
         for _ in range(10):
@@ -168,7 +170,8 @@ def seen(chromium: Browser, folder: Path) -> None:
 class ServedPage:
     """A server that is started when it is needed, and again after something went wrong: a browser
     without a GPU draws on the processors of all that is simulated, and a machine that stands still
-    stops the arm. `close` it at the end."""
+    stops the arm. `close` it at the end.
+    """
 
     def __init__(self, chromium: Browser, folder: Path) -> None:
         self.browser, self._folder, self._count = chromium, folder, 0
@@ -185,7 +188,8 @@ class ServedPage:
 
     def wrong_in(self, play: Callable[[str], None]) -> str:
         """What went wrong in the last attempt at what is played at a server; empty where nothing
-        did."""
+        did.
+        """
         wrong = ""
         for k in range(ATTEMPTS):
             wrong = self._attempt(play)

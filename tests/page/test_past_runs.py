@@ -1,5 +1,6 @@
 """Past runs as a browser asks for them: what is listed, opened, shown and taken away, and that
-nothing else can be had."""
+nothing else can be had.
+"""
 
 import os
 import shutil
@@ -45,7 +46,8 @@ class Browser:
 
 def filmed(path: Path) -> int:
     """Record a short run with its pictures, twenty a second, and leave it without its end; how
-    many pictures there are."""
+    many pictures there are.
+    """
     path.parent.mkdir(parents=True)
     rig = rs.sim.Rig(1, replace(rs.sim.Rig(1, pictures=False).settings, width=160, height=120))
     plant = rs.Plant(rig.arm, rig.camera, ColourMarkers(), rig.clock)

@@ -1,5 +1,6 @@
 """A stop stays until a person clears it who has seen it, and nothing goes on without the processes
-that hear and show."""
+that hear and show.
+"""
 
 import sys
 from collections.abc import Callable

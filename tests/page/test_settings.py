@@ -1,5 +1,6 @@
 """Settings on the page: whole boxes, validated by their dataclass, that hold at once or from the
-next session on, and never loosen a bound that was handed in."""
+next session on, and never loosen a bound that was handed in.
+"""
 
 import json
 from dataclasses import fields, replace

@@ -1,5 +1,6 @@
 """Who is let in from elsewhere: a browser that was given the token, at an address of this server,
-and its own pages only."""
+and its own pages only.
+"""
 
 import stat
 from pathlib import Path

@@ -1,5 +1,6 @@
 """Trouble from the page's menu, and that what is pressed enables nothing. test_page.py goes on to
-the fault and its way out."""
+the fault and its way out.
+"""
 
 from collections.abc import Iterator
 from multiprocessing import get_context

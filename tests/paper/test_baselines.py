@@ -1,5 +1,6 @@
 """The comparison with other methods: runs of a study, with the same scene, target and noise for
-each, and intervals from the study's statistics."""
+each, and intervals from the study's statistics.
+"""
 
 import re
 from dataclasses import replace

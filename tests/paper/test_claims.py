@@ -1,5 +1,6 @@
 """Claims: a verdict follows from number, bound and how many trials there are, and from nothing
-else."""
+else.
+"""
 
 import json
 import math

@@ -1,5 +1,6 @@
 """`rcmservo paper`: the reduced run, its claims against its own records, its report, and the same
-numbers twice."""
+numbers twice.
+"""
 
 import json
 import re

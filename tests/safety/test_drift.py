@@ -35,7 +35,8 @@ ONE, OTHER = np.array([[1.0, 1.0], [0.0, 0.0]]), np.array([[0.0, 0.0], [1.0, 1.0
 
 class Watched:
     """A servo's camera, its fit of two seconds, and what watches both; marker 1 goes about within
-    ±8 mm."""
+    ±8 mm.
+    """
 
     def __init__(self, noise: float, seed: int = 0) -> None:
         self.random, self.noise = random_from(seed), noise
@@ -82,7 +83,8 @@ def test_noise_alone_never_drifts_and_its_frames_are_believed(noise: float) -> N
 
 def first_told(watched: Watched, speed: Floats) -> tuple[float, Cause | None]:
     """When markers that slide at `speed` (2, 2) px/s are told, s, and as what; those of a tool that
-    moved for a second before."""
+    moved for a second before.
+    """
     for p1 in watched.way(1.0):
         watched.tells(p1, watched.seen(p1))
     for k, p1 in enumerate(watched.way(3.0)):
@@ -239,7 +241,8 @@ def test_the_watched_camera_sees_the_tool_as_the_other_tests_do() -> None:
 
 def stuck(points: Floats, places: Floats) -> tuple[bool, bool, bool]:
     """Whether marker 1, marker 2 was ever told to stand still while the other did not, and the
-    picture to be frozen: `points` (n, 2, 2) px, seen with marker 1 at `places` (n, 3) mm."""
+    picture to be frozen: `points` (n, 2, 2) px, seen with marker 1 at `places` (n, 3) mm.
+    """
     watch, told = begin().rows, np.zeros(3, bool)
     for p1, seen in zip(places, points, strict=True):
         first, second = watch_stuck(watch[0], p1, seen, LIMITS)
@@ -249,7 +252,8 @@ def stuck(points: Floats, places: Floats) -> tuple[bool, bool, bool]:
 
 def explored(seed: int) -> tuple[Floats, Floats]:
     """Places (n, 3) mm of a first motion of 10 mm back and forth, and what a camera with noise sees
-    of it."""
+    of it.
+    """
     watched = Watched(0.3, seed)
     places = watched.way(1.5)
     return places, np.stack([watched.seen(p1) for p1 in places])

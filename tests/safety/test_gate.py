@@ -1,5 +1,6 @@
 """The last gate: whatever comes in, what goes out is finite, bounded, no jump, and stops before the
-joint's limit."""
+joint's limit.
+"""
 
 import numpy as np
 import pytest
@@ -124,7 +125,8 @@ def beyond_limits(way):
 @pytest.mark.parametrize("delay,share", [(0, 0.25), (3, 2.0), (5, 8.0)])
 def test_no_wish_drives_a_joint_visibly_past_its_limit(delay, share):
     """At once, 30 and 50 ms late: past it by less than so many times what the slew limit gives in
-    one tick."""
+    one tick.
+    """
     for seed in range(40):
         assert np.all(beyond_limits(pressed(seed, delay)[0]) <= share * SLEW * 0.01**2 + 1e-9)
 
@@ -132,7 +134,8 @@ def test_no_wish_drives_a_joint_visibly_past_its_limit(delay, share):
 @pytest.mark.parametrize("delay", [0, 3, 5])
 def test_no_wish_drives_a_joint_past_its_limit_at_all(delay):
     """The latency allowed for is 50 ms, so that an arm that follows up to 5 ticks late must stop in
-    time."""
+    time.
+    """
     assert all(np.all(beyond_limits(pressed(seed, delay)[0]) <= 1e-6) for seed in range(40))
 
 
@@ -148,7 +151,8 @@ def test_pressed_against_a_limit_a_joint_comes_to_rest_without_chattering():
 
 def test_a_joint_can_come_close_to_its_limit():
     """The gate is no reason to stay away: pushed for 3 s, a joint ends within 1 % of its range from
-    the limit."""
+    the limit.
+    """
     q, command = np.array([0.0, 0.0, 200.0]), command_of(0, 0, np.zeros(3))
     for k in range(1, 301):
         command = GATE.admit(SPEED, command, q, RCM, k * TICK).command

@@ -1,5 +1,6 @@
 """The state machine as claims: the greatest action wins, a pause waits for a person, a fault is
-latched."""
+latched.
+"""
 
 import functools
 import operator

@@ -1,5 +1,6 @@
 """The device's watchdog: only valid commands that keep coming hold the drive on, whatever else
-arrives."""
+arrives.
+"""
 
 import math
 from operator import itemgetter

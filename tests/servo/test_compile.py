@@ -1,5 +1,6 @@
 """Nothing compiles while a tool moves: a short warm-up has seen every type that a run will ever
-bring."""
+bring.
+"""
 
 import pickle
 import subprocess
@@ -11,7 +12,8 @@ import pytest
 
 def signatures():
     """What every compiled function of the core is compiled (or loaded) for by now, of those called
-    from Python."""
+    from Python.
+    """
     from conftest import ESTIMATORS, compiled_functions
     from rcmservo.servo.tick import tick_of
 
@@ -25,7 +27,8 @@ def signatures():
 
 def check(path):
     """In a process of its own, where no other test has compiled anything: warm up, then see all the
-    rest."""
+    rest.
+    """
     with Path(path).open("rb") as file:
         warm_up, runs = pickle.load(file)
     if warm_up == "method":

@@ -1,5 +1,6 @@
 """The servo decides what it decided when these runs with faults were kept. Where a decision changes
-on purpose: `python benchmarks/decisions.py tests/data/decisions --anew`, and record_loops.py."""
+on purpose: `python benchmarks/decisions.py tests/data/decisions --anew`, and record_loops.py.
+"""
 
 from pathlib import Path
 

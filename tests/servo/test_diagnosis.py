@@ -1,5 +1,6 @@
 """What is said beside a cause names the joint, its value and its limit, or what a person may
-change."""
+change.
+"""
 
 from dataclasses import replace
 

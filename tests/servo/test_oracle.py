@@ -1,5 +1,6 @@
 """The compiled functions say what the same source says as plain Python: one source, two ways to run
-it."""
+it.
+"""
 
 import subprocess
 import sys
@@ -15,7 +16,8 @@ TOLERANCE = 1e-9
 
 def camera():
     """A fixed camera before the tool and the RCM; written out so that this file runs without the
-    simulation."""
+    simulation.
+    """
     forward, right = np.array([0.6, 0.2, -0.7746]), np.array([0.31623, -0.94868, 0.0])
     forward = forward / np.linalg.norm(forward)
     right = right - (right @ forward) * forward
@@ -464,7 +466,8 @@ def functions():
 
 def steps():
     """A few servo steps on exact pictures of a tool that follows its commands: exploring, then
-    servoing."""
+    servoing.
+    """
     from rcmservo.control.exploration import Exploration
     from rcmservo.control.saturated_controller import SaturatedController
     from rcmservo.estimation.affine import AffineEstimator

@@ -1,5 +1,6 @@
 """The contract of every servo: pure, repeatable, still when it does not see, and the gate its only
-way to move."""
+way to move.
+"""
 
 import ast
 from dataclasses import replace
@@ -92,7 +93,8 @@ def test_every_servo_gives_finite_commands_of_the_right_shape_and_the_same_run_f
 @every
 def test_a_step_is_pure_and_no_state_changes_after_it_was_made(estimator, tool, controller):
     """Two steps from one state are one and the same, their inputs stay, and later steps write into
-    no earlier state."""
+    no earlier state.
+    """
     lab = laboratory()
     servo = lab.servo(**choices(estimator, tool, controller))
     state, held = servo.init(), []
@@ -524,7 +526,8 @@ def test_one_false_marker_in_one_frame_does_not_ruin_the_run(seed, marker):
 
 def test_after_frames_without_markers_flow_is_learnt_over_the_time_since_the_last_good_frame():
     """Seen at 0 and 0.3 s with blind frames in between, or just at 0 and 0.3 s: the same motion,
-    the same lesson."""
+    the same lesson.
+    """
     mechanism, ends = PitchYawRcm(), []
     random = np.random.default_rng(4)
     C = np.column_stack(
@@ -556,7 +559,8 @@ def test_after_frames_without_markers_flow_is_learnt_over_the_time_since_the_las
 
 def arrival(delay):
     """When a servo with a high gain has come within 0.5 mm for good, s, and its scatter then,
-    mm."""
+    mm.
+    """
     lab = laboratory(4, RigSettings(timing=Timing(delay=delay), point_noise=0.1))
     p_d = lab.rig.body.points(lab.rig.scene.target)[0]
     away, since = [], None
@@ -569,7 +573,8 @@ def arrival(delay):
 
 def test_latency_up_to_its_limit_is_compensated():
     """By the joints' motion since the exposure; without that, 90 ms at k = 6 oscillate and take
-    three times as long."""
+    three times as long.
+    """
     (soon, quiet), (later, noisy) = arrival(0.02), arrival(0.09)
     assert later < 1.25 * soon and max(noisy, quiet) < 0.01
 
@@ -583,7 +588,8 @@ def test_latency_beyond_its_limit_holds():
 
 def test_only_the_gate_makes_commands():
     """In the source: Command(...) is called in gate.py, and elsewhere only where one that was
-    sent is read again."""
+    sent is read again.
+    """
     package = Path(rcmservo.__file__).parent
     makers = set()
     for path in package.rglob("*.py"):
@@ -734,7 +740,8 @@ class Changed:
 
 class Recounted:
     """A camera that was opened anew: it counts from 0, and may see everything shifted by some
-    px."""
+    px.
+    """
 
     def __init__(self, camera, shift=0.0):
         self._camera, self._shift, self._first, self._given = camera, shift, None, (None, None)
@@ -814,7 +821,8 @@ def test_an_arm_that_is_frozen_at_a_time_to_come_is_silent(ahead):
 
 def test_one_gap_between_frames_does_not_make_the_next_stop_late():
     """A camera that counts only what it delivers pauses for 0.8 s, goes on, and dies three frames
-    later."""
+    later.
+    """
     lab = laboratory()
     servo = lab.servo()
     state = servoing(lab, servo)
@@ -1042,7 +1050,8 @@ def test_what_is_forgotten_is_what_is_not_known_at_first():
 
 def elsewhere(seed, wrong, **choices):
     """A run to a target whose joints (3,) are `wrong`, and when it came within 1 mm of it by the
-    picture, s; inf if it never did."""
+    picture, s; inf if it never did.
+    """
     lab = laboratory(seed)
     lab.target = replace(lab.target, q=lab.target.q + np.array(wrong))
     servo, ran = lab.servo(**choices), []

@@ -1,5 +1,6 @@
 """The law on coordinates and apparent sizes: it comes to the target, with one marker lost too,
-replays, and is refused where sizes are not told."""
+replays, and is refused where sizes are not told.
+"""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -69,7 +70,7 @@ class SizedLab:
         return rs.Servo(self.rig.settings.mechanism, self.rig.settings.tool, **settings)
 
     def error(self) -> float:
-        """mm that marker 2 is from where it was shown."""
+        """Mm that marker 2 is from where it was shown."""
         q, q_d = self.rig.arm.q_true, self.rig.scene.target
         return float(np.linalg.norm(self.rig.body.points(q)[1] - self.rig.body.points(q_d)[1]))
 

@@ -66,7 +66,8 @@ def states(wrong: str, estimator: Estimator, features: Features = "srd") -> list
 
 def but_memory(state: State, placed: bool) -> State:
     """Where a fit places the imaged RCM, nobody asks for the lines of eq. (16): only the parts keep
-    them."""
+    them.
+    """
     learnt = state.learnt._replace(memory=None)
     if placed:
         learnt = learnt._replace(estimate=changed(learnt.estimate, line_count=0))

@@ -1,5 +1,6 @@
 """An estimator of one's own that does something wrong: refused before the drive is on, a fault in
-the same tick in motion, and named in each sentence."""
+the same tick in motion, and named in each sentence.
+"""
 
 from dataclasses import dataclass
 from typing import Any

@@ -61,7 +61,8 @@ def fitted(seen: Floats, foretold: Callable[[Floats], Floats], start: Floats) ->
 
 def error_of(scene: Scene, told: Callable[[Scene, Floats], Floats]) -> Floats:
     """Errors (DRAWS, 3) mm between the poses fitted to what is seen and to what was shown, each
-    from what is `told` of the averaged pixels."""
+    from what is `told` of the averaged pixels.
+    """
     random, p = np.random.default_rng(0), target(scene)
     poses = []
     for frames in (SEEN, SHOWN):

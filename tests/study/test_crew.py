@@ -1,5 +1,6 @@
 """Workers by dask: the same rows on any number of them, whatever dies; a cluster that is not there,
-or is another one than it should be, is one sentence."""
+or is another one than it should be, is one sentence.
+"""
 
 import contextlib
 import os
@@ -112,7 +113,8 @@ def test_the_rows_are_the_same_on_any_number_of_workers(workers: int, tmp_path: 
 @pytest.mark.slow
 def test_workers_that_die_lose_nothing(tmp_path: Path) -> None:
     """One dies whenever another four orders are done, so that the work comes to its end however
-    slow the machine is."""
+    slow the machine is.
+    """
     choices = {"count": 1700, "duration": 15.0, "methods": ("dlt",)}
     killed: list[int] = []
     with cluster(3) as lab, crew(lab.address, None) as hands:
@@ -134,7 +136,7 @@ def test_workers_that_die_lose_nothing(tmp_path: Path) -> None:
 def test_an_order_is_given_again_when_dask_gives_it_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """dask gives it up when four workers have died with it."""
+    """Dask gives it up when four workers have died with it."""
 
     def kill_five(order: object) -> list[int]:
         import os

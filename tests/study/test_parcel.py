@@ -1,5 +1,6 @@
 """A user's own module travels whole: with what it imports from its folder, however many of its
-classes are tried, and it is known by all of that."""
+classes are tried, and it is known by all of that.
+"""
 
 import importlib
 import sys

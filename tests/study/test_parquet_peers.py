@@ -1,5 +1,6 @@
 """The rows of a study open in what others read tables with: pandas, Polars and DuckDB find the same
-columns, of the right kinds, with the same values and what they mean."""
+columns, of the right kinds, with the same values and what they mean.
+"""
 
 import importlib
 import sys

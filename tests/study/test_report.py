@@ -1,5 +1,6 @@
 """What a study tells: its numbers are those of its rows, its page needs nothing but itself, and
-neither ends where there is little to tell."""
+neither ends where there is little to tell.
+"""
 
 import base64
 import json
@@ -100,7 +101,8 @@ def column(rows: Iterable[dict[str, Any]], name: str) -> Floats:
 
 def at(values: Floats, p: float) -> Any:
     """A quantile as the report has it: the value up to which there are so many, half-way to the
-    next one that came where they are whole; null beyond all that came."""
+    next one that came where they are whole; null beyond all that came.
+    """
     ordered, many = np.sort(values), Fraction(str(p)) * len(values)
     below, above = ordered[math.ceil(many) - 1], ordered[math.floor(many)]
     found = 0.5 * (below + above) if np.isfinite(above) else below

@@ -68,7 +68,8 @@ def test_what_never_came_is_beyond_every_time() -> None:
 @pytest.mark.parametrize(("count", "p"), [(1, 0.5), (3, 0.5), (12, 0.5), (24, 0.95), (60, 0.99)])
 def test_the_interval_of_a_quantile_holds_it_in_few_values(count: int, p: float) -> None:
     """The least and the greatest of a few values are no ends: their interval holds the truth too
-    seldom, and two methods would be told apart by one scene."""
+    seldom, and two methods would be told apart by one scene.
+    """
 
     def sample(random: np.random.Generator) -> Interval:
         return quantile(random.uniform(size=count), p, 0.0)
@@ -87,7 +88,8 @@ def test_a_few_pairs_tell_nothing_apart() -> None:
 @pytest.mark.parametrize("count", [6, 20, 200])
 def test_the_interval_of_a_root_mean_square_holds_it_and_does_not_lie_below(count: int) -> None:
     """Of the lengths of Gaussian errors in space, as an efficient method has them. One that ended
-    below the truth too often would have it beat the bound."""
+    below the truth too often would have it beat the bound.
+    """
 
     def sample(random: np.random.Generator) -> Interval:
         return root_mean_square(np.linalg.norm(random.standard_normal((count, 3)), axis=1))

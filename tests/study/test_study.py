@@ -96,7 +96,8 @@ def test_with_the_same_noise_the_twin_goes_the_way_of_the_simulated_arm(
     scene: tuple[RigSettings, int], estimator: Estimator
 ) -> None:
     """In scene 3 what is decided hangs on less than a millisecond: a twin without inertia ends a
-    quarter nearer or farther off."""
+    quarter nearer or farther off.
+    """
     settings, seed = scene
     servo = Servo(settings.mechanism, settings.tool, estimator)
     run = agree(Study(servo, settings, duration=6.0), seed)

@@ -1,5 +1,6 @@
 """A search finds settings that are better in scenes that it has not seen, and what it tells of them
-can be used."""
+can be used.
+"""
 
 import shlex
 import sys
@@ -47,7 +48,8 @@ USUAL = method_of("usual", estimator=ProjectionEstimator())
 @dataclass(frozen=True)
 class Picky(FlowEstimator):
     """A user's own: it refuses some of its settings in its own way, and shows by its name what its
-    options are called."""
+    options are called.
+    """
 
     forgetting: float = 0.9
     name = "picky"

@@ -47,7 +47,8 @@ class Wiring:
 
     def line(self, factors: Floats) -> str:
         """Return the line with the counts of each joint times a factor (3,); empty if the section
-        cannot express it."""
+        cannot express it.
+        """
         if self.signs_only and (np.abs(factors) != 1.0).any():
             return ""
         values = (float(f"{c * f:.6g}") for c, f in zip(self.counts, factors, strict=True))
@@ -78,7 +79,8 @@ class Robot:
 
     def joint_per_mm(self, q: Floats) -> Floats:
         """Return the motion (3,) of each joint, rad or mm, that moves marker 2 by one mm at the
-        joints q (3,)."""
+        joints q (3,).
+        """
         reach = float(np.linalg.norm(self.tool.second_marker(self.first_marker(q)))) - q[2]
         jacobian = position_jacobian(self.mechanism.rcm()._replace(zero=reach), q)
         return 1.0 / np.maximum(np.linalg.norm(jacobian, axis=0), MIN_LEVER_MM)

@@ -18,7 +18,8 @@ MIRRORED = Finding(
 
 def corrections(hypothesis: Hypothesis, robot: Robot) -> list[Finding]:
     """Return the mismatches of a rig file if a hypothesis is true, with the lines that correct
-    them."""
+    them.
+    """
     found = [*_order(hypothesis, robot), *_counts(hypothesis, robot)]
     if hypothesis.number == ZERO:
         zero = robot.mechanism.insertion_zero

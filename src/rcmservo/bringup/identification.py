@@ -233,7 +233,8 @@ class _Camera:
 
     def project(self, change: Floats, markers: Floats) -> Floats:
         """Return the picture (..., n, 2) px of markers (..., n, 3) mm after changes of the camera
-        (..., 10) in the order of `CAMERA_UNITS`; NaN for a marker behind it."""
+        (..., 10) in the order of `CAMERA_UNITS`; NaN for a marker behind it.
+        """
         R = _rotation(change[..., :3]) @ self.rotation
         focal = FOCAL_WIDTHS * self.size[0] * np.exp(change[..., None, 6:7])
         depth = focal / (self.scale * np.exp(change[..., None, 5:6]))

@@ -140,7 +140,8 @@ class Mover:
 
     def stops_by_itself(self, joint: int, offset: float) -> bool:
         """Return whether an arm that takes rates comes to rest once nothing is sent, while a joint
-        moves by an offset at most."""
+        moves by an offset at most.
+        """
         assert isinstance(self.arm, SuspendsCommunication)
         path: list[float] = []
         with self._driving() as home:
@@ -159,7 +160,8 @@ class Mover:
     @contextmanager
     def _driving(self) -> Generator[Floats]:
         """Switch the drive on for a motion from the present joints (3,), and off whatever
-        happens."""
+        happens.
+        """
         home = self._begin()
         try:
             self.plant.enable()
@@ -169,7 +171,8 @@ class Mover:
 
     def _begin(self) -> Floats:
         """Forget earlier observations and wait for the first markers, which take longer to find;
-        return the present joints."""
+        return the present joints.
+        """
         self.trace, self._frame = MotionTrace(), -1
         self.plant.reset()
         began = self.clock.now()

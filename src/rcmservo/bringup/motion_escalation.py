@@ -116,7 +116,8 @@ class MotionEscalation:
 
     def next_motion(self, joint: int) -> float:
         """Return the motion (rad or mm) that may follow: twice the last one, or less where that is
-        too far under a remaining hypothesis."""
+        too far under a remaining hypothesis.
+        """
         motion = float(self.motions[joint])
         left = [fit for fit in self.fits if fit.is_close(self.fits[0])]
         travel = max(self._largest_travel(one, joint, motion) for one in left)
@@ -124,7 +125,8 @@ class MotionEscalation:
 
     def unclear(self, plain: Hypothesis) -> list[Hypothesis]:
         """Return the fits of `plain` with one number corrected that may need more than
-        `MAX_UNDETECTABLE` without being detected."""
+        `MAX_UNDETECTABLE` without being detected.
+        """
         return [
             fit
             for fit in self.fits
@@ -158,7 +160,8 @@ class MotionEscalation:
 
     def _is_decided(self) -> bool:
         """Return whether one hypothesis is left and, if it corrects no number, all numbers are
-        known well enough."""
+        known well enough.
+        """
         best, *others = most_likely(self.fits)
         return not others and (best.number is not None or not self.unclear(best))
 

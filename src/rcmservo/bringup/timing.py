@@ -86,7 +86,8 @@ def identify_latency(trace: MotionTrace, joint: int) -> CameraLatency | None:
 
     def residuals(shifts: Floats) -> Floats:
         """Return what m = B q(t + δ) + c leaves of the markers with the best B and c, for every δ
-        of some (n, 1)."""
+        of some (n, 1).
+        """
         Q: Floats = np.asarray(np.interp(exposed + shifts, times, q), np.float64)
         Q = Q - Q.mean(axis=1, keepdims=True)
         B = Q @ M / np.maximum((Q**2).sum(axis=1, keepdims=True), 1e-30)

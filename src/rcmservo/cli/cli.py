@@ -1,5 +1,6 @@
 """The command line: which command is asked for, and how it ends. A command is imported when it is
-named, so that `--help` starts at once."""
+named, so that `--help` starts at once.
+"""
 
 import sys
 import textwrap
@@ -112,7 +113,8 @@ def _command(name: str, words: list[str]) -> int:
 
 def options_kind(name: str, words: list[str]) -> type[Any]:
     """Return the dataclass of a command's options, with those of a user's own estimator that the
-    words name."""
+    words name.
+    """
     from rcmservo.cli.servo_options import with_own_estimator
 
     kind, _ = COMMANDS[name].load()

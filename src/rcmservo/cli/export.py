@@ -155,7 +155,8 @@ def _numbered(column: Any) -> tuple[str, ...]:
 
 def _texts(column: Any) -> Iterable[Any]:
     """A column's words or numbers as they are written: none that is lost, and nothing where there
-    is no number."""
+    is no number.
+    """
     if isinstance(column, list):
         return cast(list[str], column)
     if column.dtype.kind == "f":
@@ -165,7 +166,8 @@ def _texts(column: Any) -> Iterable[Any]:
 
 def _write_frames(rows: Record, folder: Path) -> tuple[int, int]:
     """Write the frames with the joints at their exposures; how many, and how many more no tick
-    tells the joints of."""
+    tells the joints of.
+    """
     joints = _joints(rows)
     writer, count, left_out = None, 0, 0
     for exposure, jpeg in reader.iterate_jpegs(rows.path):

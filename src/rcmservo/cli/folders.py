@@ -1,5 +1,6 @@
 """Where a command writes to: a folder that is new or empty, and gone again where nothing came of
-it; a target's file that is new."""
+it; a target's file that is new.
+"""
 
 import contextlib
 import os

@@ -1,5 +1,6 @@
 """`rcmservo live`: a run in wall time, the arm, its camera and the servo in processes of their own;
-of a laboratory's devices where the rig file names an arm."""
+of a laboratory's devices where the rig file names an arm.
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +24,8 @@ from rcmservo.recording.reader import RECORD
 class LiveOptions(RunToTargetOptions):
     """Servo in wall time, at 100 Hz: the arm, its camera and the servo in processes of their own,
     and one that watches. Simulated, unless the rig file names an arm: then a person at the terminal
-    is asked at each step, and nothing moves before."""
+    is asked at each step, and nothing moves before.
+    """
 
 
 def live(options: LiveOptions) -> int:

@@ -56,7 +56,8 @@ class PaperOptions(EstimatorOptions):
 
 def paper(options: PaperOptions) -> int:
     """Run what is not done yet, and write the report; the exit code is 0 where nothing is missing
-    in it."""
+    in it.
+    """
     with needing("paper", "sim"):
         from rcmservo.paper import run, store
 

@@ -32,7 +32,8 @@ OURS = "must be"
 
 def parse(command: str, kind: type[Any], arguments: list[str], usual: Any = None) -> Any:
     """Return the options that the arguments after the command's name give; `usual` holds those
-    that are not given. :class:`Unparsed` names what cannot be read."""
+    that are not given. :class:`Unparsed` names what cannot be read.
+    """
     default: Any = {} if usual is None else {"default": usual}
 
     def refuse(event: tyro_errors.ParseErrorEvent) -> None:
@@ -47,7 +48,8 @@ def parse(command: str, kind: type[Any], arguments: list[str], usual: Any = None
 
 def _values() -> ConstructorRegistry:
     """Return the reading of single values, which may be left out (`int | None`): as tyro reads
-    them, but with our names and sentences, and no word stands for None."""
+    them, but with our names and sentences, and no word stands for None.
+    """
     registry = ConstructorRegistry()
 
     @registry.primitive_rule
@@ -101,7 +103,8 @@ def _sentence(
 
 def _refused(event: Any, kind: type[Any], words: list[str]) -> str:
     """Values that are too few, of another kind, or of no use; the settings and our numbers say
-    why."""
+    why.
+    """
     message = " ".join(getattr(event, "message", "").split())
     if event.argument is None:
         return _as_typed(sys.exception(), kind) or message

@@ -41,7 +41,8 @@ class's own where the part has several."""
 
 def group_of(kind: type[Any], command: type[Any]) -> str:
     """Return what the options of a class begin with. A user's estimator whose name the command has
-    for something else goes by its module or class."""
+    for something else goes by its module or class.
+    """
     if kind in GROUPS.values():
         return next(group for group, one in GROUPS.items() if one is kind)
     wanted = (getattr(kind, "name", ""), kind.__module__.rpartition(".")[2], kind.__name__.lower())
@@ -106,7 +107,8 @@ class ServoOptions(EstimatorOptions):
 
     def servo_of(self, estimator: str, lab: Lab) -> Servo:
         """Return a servo for a laboratory, with the estimator of this name, which is tried if it is
-        a user's own."""
+        a user's own.
+        """
         parts = self.parts(estimator)
         examine(parts["estimator"], lab.tool)
         try:
@@ -119,7 +121,8 @@ class ServoOptions(EstimatorOptions):
 
 def with_own_estimator(command: type[Options], arguments: Sequence[str]) -> type[Options]:
     """Return a command's options with those of the user's own estimator that the arguments name.
-    Its code is run here for the first time."""
+    Its code is run here for the first time.
+    """
     words = " ".join(arguments).replace(f"{OPTION}=", f"{OPTION} ").split(" ")
     name = dict(pairwise(words)).get(OPTION, "")
     if ":" not in name or not issubclass(command, EstimatorOptions):
@@ -130,7 +133,8 @@ def with_own_estimator(command: type[Options], arguments: Sequence[str]) -> type
 @cache
 def _extended(command: type[Any], name: str, kind: type[Estimator]) -> type[Any]:
     """Return the options of a command with the estimator's settings. The same arguments give the
-    same class, so that options read twice fit together."""
+    same class, so that options read twice fit together.
+    """
     group = group_of(kind, command)
     return _with_groups(
         command, {group: kind}, OWN=dict.fromkeys((name, name_of_class(kind)), group)

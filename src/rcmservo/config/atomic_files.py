@@ -30,7 +30,8 @@ def write_whole(path: Path, text: str) -> None:
 
 def read_small(path: Path, largest: int, what: str) -> bytes:
     """The bytes of a file of at most `largest`; a larger one, too large for `what` it should be, is
-    not read."""
+    not read.
+    """
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise UnusableFile(path, "is not a file")

@@ -46,7 +46,8 @@ def describe_class(kind: type[Any]) -> str:
 @cache
 def parameter_descriptions(kind: type[Any]) -> dict[str, str]:
     """Return the descriptions in the Parameters sections of a dataclass and its parents, each on
-    one line."""
+    one line.
+    """
     found: dict[str, str] = {}
     for parent in reversed(kind.__mro__):
         if is_dataclass(parent):

@@ -72,7 +72,8 @@ class Lab:
 
     def servo(self, **parts: Any) -> Servo:
         """A servo of this laboratory with these METHOD_PARTS; those left out are the default
-        ones."""
+        ones.
+        """
         robot = {part: getattr(self, part) for part in PARTS if part not in METHOD_PARTS}
         return Servo(**robot, **parts)
 
@@ -85,7 +86,8 @@ class Lab:
 
     def section(self, name: str, kind: type[Section], **known: object) -> Section:
         """A section for the simulation as its settings; what the robot knows already is `known`,
-        and left out in the file."""
+        and left out in the file.
+        """
         table = self.simulation.get(name, {})
         for key in known:
             if key in table:
@@ -104,7 +106,8 @@ the page set."""
 
 def load_lab(path: Path | None) -> Lab:
     """The laboratory in a TOML file; what the file leaves out, and all without a file, is as in the
-    built-in one."""
+    built-in one.
+    """
     return Lab() if path is None else lab_of(path, bytes_of(path))
 
 

@@ -45,7 +45,8 @@ def _tables(path: Path) -> texts.Table:
 
 def _changed(text: str, values: Values) -> str:
     """The text with these values in its section [markers], which is made at the end if it is not
-    there."""
+    there.
+    """
     end = "\r\n" if "\r\n" in text else "\n"
     lines = text.splitlines(keepends=True)
     heads = [i for i, line in enumerate(lines) if HEAD.match(line)]

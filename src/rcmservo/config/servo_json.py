@@ -54,7 +54,8 @@ def _plain(value: Any) -> object:
 
 def rebuild(description: object, own: Mapping[str, type[Estimator]] = NOBODY) -> Servo:
     """The servo that was described, with the estimators that are the caller's `own` by their names;
-    BadInput, naming the field, where that cannot be."""
+    BadInput, naming the field, where that cannot be.
+    """
     told: Any = decode(Description, description, "servo")
     parts = {**PARTS, "estimator": {**ESTIMATORS, **own}}
     made = {part: _rebuilt(getattr(told, part), parts[part], f"servo.{part}") for part in parts}
@@ -63,14 +64,16 @@ def rebuild(description: object, own: Mapping[str, type[Estimator]] = NOBODY) ->
 
 def rebuild_part(description: object, part: str) -> Any:
     """One part of the servo that was described, such as its ``mechanism``, whatever the others
-    hold; BadInput where that cannot be."""
+    hold; BadInput where that cannot be.
+    """
     table: object = description.get(part) if is_table(description) else None
     return _rebuilt(table, PARTS[part], f"servo.{part}")
 
 
 def _rebuilt(table: object, classes: Classes, where: str) -> Any:
     """One part, with every one of its settings given: a default may change from version to
-    version."""
+    version.
+    """
     if not is_table(table):
         raise BadInput(where, table, "a table of settings")
     for f in fields(find_class(classes, table.get(KIND), where)):

@@ -42,7 +42,8 @@ BARE = re.compile(r"[A-Za-z0-9_-]{1,60}")
 
 def decode(kind: type[Settings], table: object, where: str, others: Sequence[str] = ()) -> Settings:
     """The settings in a table, which stands at ``where`` in its file; BadInput where they are not
-    as the dataclass `kind` has them. The table in the file may hold the keys `others` too."""
+    as the dataclass `kind` has them. The table in the file may hold the keys `others` too.
+    """
     from pydantic import PydanticUserError, ValidationError
 
     try:

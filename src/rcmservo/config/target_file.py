@@ -125,7 +125,8 @@ def load(path: Path, setup: Setup) -> Target:
 
 def checksum(content: object) -> str:
     """SHA-256 of what a target's file holds beside it, in hexadecimal; the same however the file is
-    laid out."""
+    laid out.
+    """
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -180,7 +181,8 @@ def _table(part: Any) -> texts.Table:
 
 def _same(then: object, now: object, where: str) -> None:
     """Refuse what was taught with another setup, naming the first value that differs and both sides
-    of it."""
+    of it.
+    """
     if texts.is_table(then) and texts.is_table(now):
         for key in sorted({**now, **then}, key="kind".__ne__):  # the kind says most
             _same(then.get(key), now.get(key), f"{where}.{key}" if where else key)

@@ -1,5 +1,6 @@
 """Code that is not ours, by its name module:class: it is run when a person names it on the command
-line, and never because a file or record does."""
+line, and never because a file or record does.
+"""
 
 import hashlib
 import importlib
@@ -19,7 +20,8 @@ NAME = re.compile(r"\w+(\.\w+)*:\w+")
 
 def named(name: str, option: str = OPTION) -> type[Estimator]:
     """The estimator class that a person has named by an option; its module is imported, from the
-    Python path or the present folder."""
+    Python path or the present folder.
+    """
     module, _, cls = name.partition(":")
     if not NAME.fullmatch(name):
         ours = ", ".join((*ESTIMATORS, *PRESETS))
@@ -60,7 +62,8 @@ def _imported(module: str, name: str, option: str) -> object:
 
 def source(estimator: Estimator) -> str:
     """SHA-256 of the file that a user's own estimator comes from, in hexadecimal; empty for ours,
-    and where there is no such file."""
+    and where there is no such file.
+    """
     module = type(estimator).__module__
     file = getattr(sys.modules.get(module), "__file__", None)
     if module.startswith("rcmservo.") or file is None:

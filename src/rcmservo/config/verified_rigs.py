@@ -22,7 +22,8 @@ DIGITS = frozenset("0123456789abcdef")
 
 def digest_of(data: bytes) -> str:
     """What a lab file's bytes are known by: SHA-256 in hexadecimal. Take it of the same bytes that
-    the settings are read from."""
+    the settings are read from.
+    """
     return hashlib.sha256(data).hexdigest()
 
 

@@ -57,7 +57,8 @@ def follow_drives(
     d: DriveLag, q: Floats, time: int, applied: Floats, fastest: Floats | Point
 ) -> None:
     """Take in the joints q (3,) told at `time` ns, and the rates (3,) that the arm took since those
-    before; `fastest` are the greatest."""
+    before; `fastest` are the greatest.
+    """
     dt = (time - d.told) * 1e-9
     if all_finite(d.joints) and dt > 0.0:
         for i in range(3):
@@ -81,7 +82,8 @@ def measure_lag(d: DriveLag) -> None:
 @compiled
 def lag_so_far(d: DriveLag, known: float) -> float:
     """T in s: as `known`, or where that is 0 as the motion that is under way tells it; 0 where
-    nothing has moved yet."""
+    nothing has moved yet.
+    """
     if known > 0.0:
         return known
     return min(max(d.slope[0] / d.slope[1], 0.0), LONGEST) if d.slope[1] > 0.0 else 0.0

@@ -102,7 +102,8 @@ def begin(
     x: Exploration,
 ) -> None:
     """Plan the first round from the joints q (3,), or note that the limits leave a joint less than
-    the share `least` of its side. The joints move at `fastest` (3,) at most."""
+    the share `least` of its side. The joints move at `fastest` (3,) at most.
+    """
     put(tour.home, q)
     tour.visits, tour.start = 0, now
     begin_lag(tour)
@@ -141,7 +142,7 @@ def box(tour: Exploring, rcm: Rcm, fastest: Floats | Point, least: float, x: Exp
 
 @compiled
 def span(rcm: Rcm, q: Floats, sides: Floats) -> float:
-    """mm that marker 1 moves at most from corner to corner of a box in joint space."""
+    """Mm that marker 1 moves at most from corner to corner of a box in joint space."""
     jacobian, longest = position_jacobian(rcm, q), 0.0
     for i in range(3):
         for j in range(i):

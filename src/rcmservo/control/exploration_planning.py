@@ -51,7 +51,8 @@ def slopes(there: Foretold, D: Floats) -> None:
 @compiled
 def both_slopes(v: Prospect, p1: Point, shaft: Shaft, D: Floats) -> bool:
     """Write ∂m/∂θ (4, 11) of both markers, with marker 1 at p1 (3,) mm; whether they lie before the
-    camera by the fit."""
+    camera by the fit.
+    """
     one, other = both(v, p1, shaft)
     slopes(one, D[:2])
     slopes(other, D[2:])
@@ -79,7 +80,8 @@ def information(v: Prospect, N: Floats) -> None:
 @compiled
 def add_leg(v: Prospect, p: Point, to: Point, frames: float, shaft: Shaft, N: Floats) -> None:
     """Add so many frames to N (11, 11), seen on a straight way of marker 1 from p to `to`, both
-    (3,) mm."""
+    (3,) mm.
+    """
     D = np.empty((4, 11))
     for k in range(3):
         part = 0.5 * k
@@ -96,7 +98,8 @@ def add_leg(v: Prospect, p: Point, to: Point, frames: float, shaft: Shaft, N: Fl
 @compiled
 def way_of(v: Prospect, p1: Point, target: Floats, shaft: Shaft, T: Floats) -> float:
     """Write T (3, 11), mm a unit of θ, from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px;
-    how long that way is, mm, infinite where the fit does not tell it."""
+    how long that way is, mm, infinite where the fit does not tell it.
+    """
     H, back, D = np.empty((4, 3)), np.empty((3, 3)), np.empty((4, 11))
     there, way, pull = np.empty((4, 11)), np.empty(3), np.empty((3, 4))
     motions(v, p1, shaft, H)
@@ -142,7 +145,8 @@ def error_of(T: Floats, N: Floats, noise: float) -> float:
 @compiled
 def off_target(v: Prospect, p1: Floats, target: Floats, shaft: Shaft) -> tuple[float, float]:
     """By how many mm the way from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px is mistaken,
-    one standard deviation, and how long it is; infinite where the fit does not tell it."""
+    one standard deviation, and how long it is; infinite where the fit does not tell it.
+    """
     T, N = np.empty((3, 11)), np.empty((11, 11))
     far = way_of(v, (p1[0], p1[1], p1[2]), target, shaft, T)
     if not far < np.inf:
@@ -155,7 +159,8 @@ def off_target(v: Prospect, p1: Floats, target: Floats, shaft: Shaft) -> tuple[f
 def directed(v: Prospect, p1: Floats, target: Floats, shaft: Shaft, x: Exploration) -> bool:
     """Whether the direction from marker 1 at p1 (3,) mm to the `target` (2, 2) raw px is known:
     the error of the way is at most the share `uncertainty` of it, or so small that it does not
-    matter."""
+    matter.
+    """
     error, far = off_target(v, p1, target, shaft)
     return error < np.inf and error <= max(x.uncertainty * far, CLOSE)
 
@@ -178,7 +183,8 @@ def plan(
 ) -> None:
     """Make that of the `PLACES` the next corner which leaves the least error of the way from the
     joints q (3,) to the `target` (2, 2) raw px, of those at most `reach` mm away; leave the corner
-    as it is where none does."""
+    as it is where none does.
+    """
     T, N, M = np.empty((3, 11)), np.empty((11, 11)), np.empty((11, 11))
     p, corner, least = point_at(rcm, q), np.empty(3), np.inf
     if not way_of(v, p, target, shaft, T) < np.inf:

@@ -88,7 +88,8 @@ class FeatureVector(ABC):
     @abstractmethod
     def jacobian(self, markers: MarkerPair) -> Floats:
         """Return the derivative (n, 4) with respect to u₁ v₁ u₂ v₂; of a vector that needs sizes
-        (n, 6), with respect to R₁ R₂ too."""
+        (n, 6), with respect to R₁ R₂ too.
+        """
 
     def linearise(
         self, markers: MarkerPair, target: MarkerPair, motion: Floats

@@ -38,7 +38,8 @@ SURE = 1e3
 @compiled
 def potential_gradient(delta: Floats, bounds: Floats, printed: bool) -> Floats:
     """∂V/∂y (n,): Δy inside ±b and, beyond, ±b (continuous, Fig. 5) or ±b/2 (as (32) is
-    printed)."""
+    printed).
+    """
     gradient = np.empty(len(delta))
     saturate(delta, bounds, printed, gradient)
     return gradient
@@ -56,7 +57,8 @@ def saturate(delta: Floats, bounds: Floats, printed: bool, gradient: Floats) -> 
 @compiled
 def potential(delta: Floats, bounds: Floats, printed: bool) -> float:
     """V = Σ Vᵢ of (32): ½Δy² inside ±b and, beyond, b|Δy| − ½b² (continuous) or ½b|Δy|
-    (printed)."""
+    (printed).
+    """
     total = 0.0
     for i in range(len(delta)):
         size = abs(delta[i])

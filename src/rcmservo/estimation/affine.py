@@ -43,7 +43,8 @@ def see_both(
     shaft: Shaft,
 ) -> Rows[SizedBall]:
     """What is known of both balls after one more frame: raw `points` (2, 2) px and `sizes` (2,) px
-    of the markers, with marker 1 at p1 (3,) mm."""
+    of the markers, with marker 1 at p1 (3,) mm.
+    """
     memory = memory.copy()
     see_ball(memory[0], p1, points[0], sizes[0], kappa)
     see_ball(memory[1], second_marker(shaft, p1), points[1], sizes[1], kappa)
@@ -80,7 +81,8 @@ def sized_jacobian(
     memory: Rows[SizedBall], p1: Floats, points: Floats, o_c: Floats, shaft: Shaft
 ) -> Floats:
     """Ĵ (3, 3) of eq. (15): ∂y/∂m at raw `points` (2, 2) px about o_c, and ∂m/∂p₁ of both fits;
-    zeros while they are not known."""
+    zeros while they are not known.
+    """
     if not (both_known(memory) and all_finite(points) and all_finite(o_c)):
         return np.zeros((3, 3))
     J_hat = products(features_jacobian(about(points, o_c)), sized_motion(memory, p1, shaft))
@@ -102,7 +104,8 @@ def sized_markers(memory: Rows[SizedBall], p1: Floats, shaft: Shaft) -> Floats:
 @compiled
 def sized_rcm(memory: Rows[SizedBall]) -> tuple[Floats, Floats]:
     """The imaged RCM (2,) raw px, and its covariance (2, 2) px², by the fit that tells it
-    better."""
+    better.
+    """
     first, wide = image_of(memory[0], RCM)
     second, narrow = image_of(memory[1], RCM)
     if wide[0, 0] + wide[1, 1] < narrow[0, 0] + narrow[1, 1]:
@@ -161,7 +164,7 @@ class AffineEstimator(Estimator):
     def position(
         self, memory: Rows[SizedBall], k: int, point: Floats, size: float
     ) -> Floats | None:
-        """p (3,) mm of marker k (0 or 1) that is seen at a raw `point` (2,) px with an apparent
+        """P (3,) mm of marker k (0 or 1) that is seen at a raw `point` (2,) px with an apparent
         radius of `size` px: of (u, v, 1)/R = C [p 1] the p; None where the fit does not tell it.
         """
         p, told = place_told(memory[k], np.asarray(point, dtype=np.float64), float(size))

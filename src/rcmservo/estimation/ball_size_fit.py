@@ -89,7 +89,8 @@ def pictured(b: SizedBall, p: Floats) -> Pictured:
 @compiled
 def see_ball(b: SizedBall, p: Floats, point: Floats, size: float, kappa: float) -> None:
     """Take in one frame with the ball at p (3,) mm, seen at a raw `point` (2,) px with an apparent
-    radius of `size` px; nothing of it where one of them is not known."""
+    radius of `size` px; nothing of it where one of them is not known.
+    """
     if not (all_finite(p) and all_finite(point) and np.isfinite(size) and size > 0.0):
         return
     if not b.frames > 0.0:
@@ -161,7 +162,8 @@ def third_row(
     b: SizedBall, Q: Floats, correction: float, size: float
 ) -> tuple[Floats, Floats, bool]:
     """c₃ (4,) with so much of S taken off Q, the matrix (4, 4) that it is known by, and whether
-    that exists."""
+    that exists.
+    """
     M = np.empty((4, 4))
     for i in range(4):
         for j in range(4):
@@ -173,8 +175,9 @@ def third_row(
 
 @compiled
 def place_told(b: SizedBall, point: Floats, size: float) -> tuple[Floats, bool]:
-    """p (3,) mm of the ball that is seen at a raw `point` (2,) px with a radius of `size` px, and
-    whether the fit tells it: C₁₋₃ x = (u, v, 1)/R − C₄."""
+    """P (3,) mm of the ball that is seen at a raw `point` (2,) px with a radius of `size` px, and
+    whether the fit tells it: C₁₋₃ x = (u, v, 1)/R − C₄.
+    """
     w, p = np.empty(3), b.origin[:3].copy()
     for k in range(2):
         w[k] = (point[k] - b.origin[3 + k]) / size - b.C[k, 3]
@@ -207,7 +210,8 @@ def size_motion_of(b: SizedBall, p: Floats) -> Floats:
 @compiled
 def image_of(b: SizedBall, p: Floats) -> tuple[Floats, Floats]:
     """Where the fit has the picture of a point p (3,) mm, (2,) raw px, and its covariance (2, 2)
-    px²."""
+    px².
+    """
     there, place = pictured(b, p), np.empty(2)
     bend, S_x = np.empty((2, 4)), product(b.S_inverse, there.x)
     for k in range(2):

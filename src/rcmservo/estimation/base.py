@@ -1,5 +1,6 @@
 """What every estimator of the Jacobian offers: settings in one frozen object, memory in another,
-and pure steps."""
+and pure steps.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -83,7 +84,8 @@ class KernelSample(NamedTuple):
 
 class EstimatorKernel(Protocol):
     """Compiled form of an estimator: a named tuple of its settings, whose class names compiled
-    functions."""
+    functions.
+    """
 
     places_rcm: ClassVar[bool]
     """Whether it estimates the imaged RCM itself, without the lines of eq. (16)."""
@@ -106,7 +108,8 @@ class CompiledEstimator(Protocol):
 
 class Estimator(Checked, ABC, section="estimator"):
     """Learns Ĵ of eq. (14), ẏ = J v, from samples. ``init`` and ``update`` are pure; the memory is
-    opaque to others."""
+    opaque to others.
+    """
 
     name: ClassVar[str]
     """What it is called where its settings are options."""
@@ -135,7 +138,8 @@ class Estimator(Checked, ABC, section="estimator"):
 
     def located(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         """Where the markers are at the sample, (2, 2) raw px: as they were seen, unless an
-        estimator averages their noise out."""
+        estimator averages their noise out.
+        """
         del memory, tool
         return sample.points
 
@@ -146,7 +150,8 @@ class Estimator(Checked, ABC, section="estimator"):
 
     def motion(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         """∂m/∂p₁ (4, 3) px/mm of both markers at the sample. Asked of an estimator that tells the
-        imaged RCM itself, and of any where the law acts on the markers' coordinates."""
+        imaged RCM itself, and of any where the law acts on the markers' coordinates.
+        """
         raise NotImplementedError(type(self).__name__)
 
     @property
@@ -156,7 +161,8 @@ class Estimator(Checked, ABC, section="estimator"):
 
     def size_motion(self, memory: Any, tool: Tool, sample: Sample) -> Floats:
         """∂R/∂p₁ (2, 3) px/mm of both markers' apparent radii at the sample. Asked where the law
-        acts on these too."""
+        acts on these too.
+        """
         raise NotImplementedError(type(self).__name__)
 
     @property
@@ -166,13 +172,15 @@ class Estimator(Checked, ABC, section="estimator"):
 
     def predict(self, memory: Any, tool: Tool, p1: Floats) -> Floats | None:
         """The markers' pixels m (4,) from o_c that the estimate expects at p1, or None where it has
-        no such model."""
+        no such model.
+        """
         del memory, tool, p1
         return None
 
     def remembered(self, memory: Any) -> Floats | None:
         """The numbers (n,) of its memory that a record keeps beside every tick, always as many;
-        none unless an estimator says so."""
+        none unless an estimator says so.
+        """
         del memory
         return None
 

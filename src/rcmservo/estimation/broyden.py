@@ -43,7 +43,8 @@ def update(
     min_step: float,
 ) -> tuple[Floats, bool]:
     """Ĵ after a new frame, and whether p₁ had gone far enough to learn from; both ends' features
-    are about one o_c."""
+    are about one o_c.
+    """
     delta_p = minus(p1, p1_before)
     if not length(delta_p) >= min_step:
         return J.copy(), False

@@ -65,7 +65,8 @@ def learn(
     bandwidth: float,
 ) -> tuple[Floats, Floats]:
     """Ĵ (3, 3) and P (3, 3, 3) b²/mm², of each row, after a displacement Δp (3,) mm with the flow
-    Δy (3,)."""
+    Δy (3,).
+    """
     foretold, R = product(J, delta_p), noise**2
     J_after, P_after = J.copy(), np.empty((3, 3, 3))
     for i in range(3):

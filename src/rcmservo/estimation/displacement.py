@@ -35,7 +35,8 @@ def displaced(
     p1_before: Floats, before: Floats, p1: Floats, points: Floats, o_c: Floats, min_step: float
 ) -> tuple[Floats, Floats, bool]:
     """Δp₁ (3,) mm and Δy (3,) from the raw `before` (2, 2) px to `points`, and whether p₁ has gone
-    far enough to learn from them."""
+    far enough to learn from them.
+    """
     delta_p = minus(p1, p1_before)
     delta_y = difference(features(about(points, o_c)), features(about(before, o_c)))
     return delta_p, delta_y, length(delta_p) >= min_step
@@ -44,7 +45,8 @@ def displaced(
 @compiled
 def gain(P: Floats, delta_p: Floats, R: float) -> Floats:
     """K = P Δp / (Δpᵀ P Δp + R) (3,): the share of what is new in one feature that each of its
-    derivatives takes, where the flow's variance is R."""
+    derivatives takes, where the flow's variance is R.
+    """
     K, variance = product(P, delta_p), R
     for i in range(3):
         variance += delta_p[i] * K[i]
@@ -56,7 +58,8 @@ def gain(P: Floats, delta_p: Floats, R: float) -> Floats:
 @compiled
 def left_uncertain(P: Floats, delta_p: Floats, R: float, K: Floats) -> Floats:
     """(I − K Δpᵀ) P (I − K Δpᵀ)ᵀ + R K Kᵀ (3, 3): P once the gain K has been used, in Joseph's
-    form, which stays symmetric and positive definite whatever the gain."""
+    form, which stays symmetric and positive definite whatever the gain.
+    """
     kept, half, out = np.empty((3, 3)), np.zeros((3, 3)), np.empty((3, 3))
     for i in range(3):
         for j in range(3):

@@ -39,7 +39,8 @@ def update(
     gamma: float,
 ) -> Floats:
     """Ĵ after a new frame; both frames' features are taken about the present o_c, so that its moves
-    are no flow."""
+    are no flow.
+    """
     delta_y = difference(features(about(points, o_c)), features(about(before, o_c)))
     return learn(J, delta_p, delta_y, dt, gamma)
 

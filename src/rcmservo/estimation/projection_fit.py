@@ -158,7 +158,8 @@ def both(v: Prospect, p1: Floats | Point, shaft: Shaft) -> tuple[Foretold, Foret
 @compiled
 def take(v: Prospect, k: int, there: Foretold, points: Floats) -> None:
     """Take marker k, which the fit has `there`, into the sums, if it is not lost: raw `points`
-    (2, 2) px."""
+    (2, 2) px.
+    """
     if not all_finite(points[k]):
         return
     v.frames += 0.5
@@ -215,7 +216,8 @@ def left_over(v: Prospect, Q: Floats) -> None:
 @compiled
 def denominator(v: Prospect, Q: Floats, correction: float, h: Floats, C: Floats) -> bool:
     """Write h = [g 1] (4,) with so much of the correction for noise, and the matrix C (3, 3) that g
-    is known by; whether that exists."""
+    is known by; whether that exists.
+    """
     for i in range(3):
         for j in range(3):
             C[i, j] = Q[i, j] - correction * v.sums[0, i, j]
@@ -296,7 +298,8 @@ def begin(v: Prospect, p1: Floats, p2: Floats, points: Floats) -> None:
 @compiled
 def see(v: Prospect, p1: Floats, points: Floats, shaft: Shaft) -> None:
     """Take in one frame: raw `points` (2, 2) px of the markers, with marker 1 at p1 (3,) mm. After
-    the first, either may be NaN."""
+    the first, either may be NaN.
+    """
     first = not v.frames > 0.0
     if first:
         begin(v, p1, second_marker(shaft, p1), points)
@@ -316,7 +319,8 @@ def see(v: Prospect, p1: Floats, points: Floats, shaft: Shaft) -> None:
 @compiled
 def settle(v: Prospect, k: int, there: Foretold, point: Floats, stays: float) -> None:
     """Let what is left over of marker k, which the fit has `there`, fade to the share that `stays`,
-    and take in that of a raw `point` (2,) px, if it is not lost."""
+    and take in that of a raw `point` (2,) px, if it is not lost.
+    """
     v.weight[k] *= stays
     if not all_finite(point):
         v.offset[k, 0], v.offset[k, 1] = stays * v.offset[k, 0], stays * v.offset[k, 1]

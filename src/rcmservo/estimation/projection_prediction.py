@@ -1,5 +1,6 @@
 """What the fitted projection foretells: places and motions in the picture, how well they are known,
-and how well the picture tells the pose."""
+and how well the picture tells the pose.
+"""
 
 import numpy as np
 
@@ -46,7 +47,8 @@ def bent(G: Floats, a: Point, b: Point) -> float:
 @compiled
 def image(v: Prospect, p: Floats, place: Floats, covariance: Floats) -> None:
     """Write where the fit has the picture of a point p (3,) mm, (2,) raw px, of `RCM` the imaged
-    RCM; and its covariance (2, 2) px²."""
+    RCM; and its covariance (2, 2) px².
+    """
     there = foretold(v, p)
     uu, uv, vv = spread(v, there)
     place[0], place[1] = v.origin[3] + there.m[0], v.origin[4] + there.m[1]
@@ -154,7 +156,8 @@ def pose_deviation(v: Prospect, p1: Floats, shaft: Shaft) -> float:
 @compiled
 def deviation_without(v: Prospect, p1: Floats, k: int, shaft: Shaft) -> float:
     """Standard deviation (mm) of marker 1 where marker k (0 or 1) is not seen but put where the fit
-    has it: √tr(H⁺ cov H⁺ᵀ), of the columns of H⁺ that are that marker's."""
+    has it: √tr(H⁺ cov H⁺ᵀ), of the columns of H⁺ that are that marker's.
+    """
     H, back, total = np.empty((4, 3)), np.empty((3, 3)), 0.0
     motions(v, p1, shaft, H)
     if not told_apart(H, back):

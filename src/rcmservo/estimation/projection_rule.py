@@ -49,7 +49,8 @@ turns over."""
 @compiled
 def sights(observations: Floats, count: int, o_c: Floats, both: bool, shaft: Shaft) -> Floats:
     """What is fitted, one point a row: [p (3) mm, its pixels (2) from o_c]. First marker 1 of all
-    observations, then marker 2 if ``both`` are fitted."""
+    observations, then marker 2 if ``both`` are fitted.
+    """
     rows = np.empty((2 * count if both else count, 5))
     for i in range(count):
         seen = observations[i]
@@ -68,7 +69,8 @@ def sights(observations: Floats, count: int, o_c: Floats, both: bool, shaft: Sha
 @compiled
 def normal_equations(sights: Floats) -> tuple[Floats, Floats]:
     """MᵀM (9, 9) and Mᵀm (9,) of eq. (23)-(24): sums over the points of p pᵀ and p, each by itself
-    and times u, v and u² + v², put where eq. (19) has them."""
+    and times u, v and u² + v², put where eq. (19) has them.
+    """
     squares, firsts = np.zeros((4, 3, 3)), np.zeros((4, 3))
     for row in range(len(sights)):
         u, v = sights[row, 3], sights[row, 4]
@@ -94,7 +96,8 @@ def normal_equations(sights: Floats) -> tuple[Floats, Floats]:
 @compiled
 def leverage(inverse: Floats, both: Floats, sight: Floats) -> float:
     """tr(W A⁻¹ Wᵀ) of one point, by the blocks of A⁻¹ (9, 9); ``both`` is the sum of its first two
-    on the diagonal."""
+    on the diagonal.
+    """
     u, v = sight[3], sight[4]
     far, total = u * u + v * v, 0.0
     for i in range(3):
@@ -108,7 +111,8 @@ def leverage(inverse: Floats, both: Floats, sight: Floats) -> float:
 @compiled
 def least_telling(sights: Floats, count: int, root: Floats) -> int:
     """The one of `count` observations with the least leverage tr(W root rootᵀ Wᵀ) on â, where root
-    rootᵀ = (MᵀM + εΓ₀⁻¹)⁻¹."""
+    rootᵀ = (MᵀM + εΓ₀⁻¹)⁻¹.
+    """
     inverse = products(root, root.T)
     both = np.empty((3, 3))
     for i in range(3):
@@ -127,7 +131,8 @@ def least_telling(sights: Floats, count: int, root: Floats) -> int:
 @compiled
 def inverse_root(A: Floats, epsilon: float) -> Floats:
     """L⁻ᵀ (9, 9) with L Lᵀ = MᵀM + ε Γ₀⁻¹, by forward substitution: its product with its transpose
-    is the inverse. Γ needs this root, which `numerics.small_solvers.invert` does not give."""
+    is the inverse. Γ needs this root, which `numerics.small_solvers.invert` does not give.
+    """
     regularised = A.copy()
     for i in range(PARAMETERS):
         regularised[i, i] += epsilon / GAMMA_0[i]
@@ -168,7 +173,8 @@ def keep_in_front(
 @compiled
 def root_of_gamma(root: Floats, rate: float) -> Floats:
     """C (9, 9) with Γ = C Cᵀ: fast by the `root` of the inverse and η = `rate`, printed if that is
-    0."""
+    0.
+    """
     C = np.zeros((PARAMETERS, PARAMETERS))
     for i in range(PARAMETERS):
         C[i, i] = np.sqrt(GAMMA_0[i])

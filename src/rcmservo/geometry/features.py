@@ -27,7 +27,7 @@ diag(1/SCALE) Ĵ."""
 
 @compiled
 def features(m: Floats) -> Floats:
-    """y = [s r d], eq. (7)-(9), of m = [u₁ v₁ u₂ v₂] (4,) px from the imaged RCM."""
+    """Y = [s r d], eq. (7)-(9), of m = [u₁ v₁ u₂ v₂] (4,) px from the imaged RCM."""
     du, dv = m[2] - m[0], m[3] - m[1]
     return np.array([np.arctan2(dv, du), np.sqrt(m[0] ** 2 + m[1] ** 2), np.sqrt(du**2 + dv**2)])
 
@@ -35,7 +35,8 @@ def features(m: Floats) -> Floats:
 @compiled
 def features_jacobian(m: Floats) -> Floats:
     """∂y/∂m (3, 4), the first factor of eq. (15); not finite where the markers coincide or m₁ is
-    the imaged RCM."""
+    the imaged RCM.
+    """
     du, dv = m[2] - m[0], m[3] - m[1]
     d = np.sqrt(du**2 + dv**2)
     r = np.sqrt(m[0] ** 2 + m[1] ** 2)
@@ -67,8 +68,9 @@ def wrapped(angle: float) -> float:
 
 @compiled
 def about(points: Floats, o_c: Floats) -> Floats:
-    """m (4,) px from the imaged RCM, of raw marker pixels (2, 2) or (4,): the shift of the origin
-    to o_c."""
+    """M (4,) px from the imaged RCM, of raw marker pixels (2, 2) or (4,): the shift of the origin
+    to o_c.
+    """
     m = np.empty(4)
     shift(points, o_c, m)
     return m
@@ -83,8 +85,9 @@ def shift(points: Floats, o_c: Floats | tuple[float, float], m: Floats) -> None:
 
 @compiled
 def straight(m: Floats) -> Floats:
-    """y = [s r d] of the line through the origin that passes nearest to both markers m (4,) px: the
-    imaged tool, told by the long way from the RCM instead of by the short one between them."""
+    """Y = [s r d] of the line through the origin that passes nearest to both markers m (4,) px: the
+    imaged tool, told by the long way from the RCM instead of by the short one between them.
+    """
     angle, r, d = along_line(m)
     return np.array([angle, r, d])
 
@@ -125,7 +128,8 @@ def straight_jacobian(m: Floats, J: Floats) -> None:
 @compiled
 def near_origin(o_c: Floats, points: Floats, reach: float) -> tuple[float, float]:
     """o_c (2,) px, or where it is further than `reach` px from the middle of the markers' `points`
-    (2, 2), the point so far on the way there."""
+    (2, 2), the point so far on the way there.
+    """
     u, v = 0.5 * (points[0, 0] + points[1, 0]), 0.5 * (points[0, 1] + points[1, 1])
     du, dv = o_c[0] - u, o_c[1] - v
     share = min(reach / np.sqrt(du**2 + dv**2), 1.0)
@@ -134,7 +138,8 @@ def near_origin(o_c: Floats, points: Floats, reach: float) -> tuple[float, float
 
 @compiled
 def measured(points: Floats, target: Floats, o_c: Floats) -> tuple[Floats, Floats]:
-    """y and Δy = y − y_d (3,) of raw pixels (2, 2) and a target's (2, 2), both about the same
-    imaged RCM."""
+    """Y and Δy = y − y_d (3,) of raw pixels (2, 2) and a target's (2, 2), both about the same
+    imaged RCM.
+    """
     y = features(about(points, o_c))
     return y, difference(y, features(about(target, o_c)))

@@ -31,7 +31,8 @@ MOST = 1000
 @compiled
 def normal_equations(lines: Floats, count: int, printed: bool) -> tuple[Floats, Floats]:
     """Σ w n nᵀ (2, 2) and Σ w n nᵀ m̃₁ (2,) of eq. (16) over `count` rows [u₁ v₁ u₂ v₂] of raw
-    pixels; w is d², or 1 if as `printed`."""
+    pixels; w is d², or 1 if as `printed`.
+    """
     N = np.zeros((2, 2))
     b = np.zeros(2)
     for i in range(count):
@@ -53,7 +54,8 @@ def normal_equations(lines: Floats, count: int, printed: bool) -> tuple[Floats, 
 @compiled
 def condition_of(N: Floats) -> float:
     """Condition number of a symmetric positive semidefinite (2, 2) matrix; inf where it is
-    singular."""
+    singular.
+    """
     half_trace = 0.5 * (N[0, 0] + N[1, 1])
     spread = np.sqrt((0.5 * (N[0, 0] - N[1, 1])) ** 2 + N[0, 1] ** 2)
     least = half_trace - spread
@@ -65,7 +67,8 @@ def condition_of(N: Floats) -> float:
 @compiled
 def nearest_to_lines(lines: Floats, count: int, printed: bool) -> tuple[Floats, float]:
     """o_c (2,) px of eq. (16) and the condition number of its matrix, about 1 / var(line angle);
-    NaN where singular."""
+    NaN where singular.
+    """
     N, b = normal_equations(lines, count, printed)
     condition = condition_of(N)
     if not condition < 1e12:
@@ -130,7 +133,8 @@ def nearest_bundle(lines: Floats, count: int, o_c: Floats) -> Floats:
 @compiled
 def solve(lines: Floats, count: int, refinements: int, printed: bool) -> tuple[Floats, float]:
     """o_c (2,) px, eq. (16) and then, but if as `printed`, `refinements` steps to the nearest
-    bundle; and the condition number of (16)."""
+    bundle; and the condition number of (16).
+    """
     o_c, condition = nearest_to_lines(lines, count, printed)
     if condition < 1e6 and not printed:
         for _ in range(refinements):
@@ -141,7 +145,8 @@ def solve(lines: Floats, count: int, refinements: int, printed: bool) -> tuple[F
 @compiled
 def least_telling(lines: Floats, count: int) -> int:
     """The row whose line has the least leverage nᵀ (Σ n nᵀ)⁻¹ n on o_c: what is lost least when it
-    goes."""
+    goes.
+    """
     N, _ = normal_equations(lines, count, False)
     least, row = np.inf, 0
     for i in range(count):
@@ -155,7 +160,8 @@ def least_telling(lines: Floats, count: int) -> int:
 @compiled
 def remember(lines: Floats, count: int, points: Floats, printed: bool) -> tuple[Floats, int]:
     """The lines (H + 1, 4) and their number after the line through raw `points` (2, 2) came; the
-    last row is spare. The most telling lines stay, or the last ones if as `printed`."""
+    last row is spare. The most telling lines stay, or the last ones if as `printed`.
+    """
     lines = lines.copy()
     for k in range(4):
         lines[count, k] = points[k // 2, k % 2]

@@ -62,7 +62,7 @@ def floats(numbers: Sequence[float]) -> tuple[float, float, float]:
 
 @compiled
 def apart(one: Point, other: Point) -> float:
-    """mm between two points."""
+    """Mm between two points."""
     return np.sqrt((one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2 + (one[2] - other[2]) ** 2)
 
 
@@ -78,7 +78,7 @@ def direction(rcm: Rcm, q: Floats | Point) -> tuple[float, float, float]:
 
 @compiled
 def axis(rcm: Rcm, q: Floats) -> Floats:
-    """n (3,)."""
+    """N (3,)."""
     x, y, z = direction(rcm, q)
     return np.array([x, y, z])
 
@@ -94,14 +94,14 @@ def axis_jacobian(rcm: Rcm, q: Floats | Point) -> tuple[Point, Point]:
 
 @compiled
 def position(rcm: Rcm, q: Floats) -> Floats:
-    """p = ρ n(q) in mm, eq. (2)."""
+    """P = ρ n(q) in mm, eq. (2)."""
     x, y, z = point_at(rcm, q)
     return np.array([x, y, z])
 
 
 @compiled
 def point_at(rcm: Rcm, q: Floats | Point) -> Point:
-    """p = ρ n(q) in mm, eq. (2), as three numbers."""
+    """P = ρ n(q) in mm, eq. (2), as three numbers."""
     x, y, z = direction(rcm, q)
     rho = q[2] + rcm.zero
     return rho * x, rho * y, rho * z
@@ -131,7 +131,8 @@ def joints(rcm: Rcm, p: Floats) -> Floats:
 @compiled
 def joint_rates(rcm: Rcm, q: Floats, v: Floats) -> Floats:
     """q̇ (rad/s, rad/s, mm/s) that moves the point with v mm/s; finite even where (2) is
-    singular."""
+    singular.
+    """
     one, two, three = rates_of(rcm, q, v)
     return np.array([one, two, three])
 
@@ -152,7 +153,8 @@ def rates_of(rcm: Rcm, q: Floats | Point, v: Floats) -> Point:
 @compiled
 def along_column(column: Point, v: Floats, shortest: float) -> float:
     """The rate of the joint that moves the point along a `column` of ∂p/∂q; `shortest` is the least
-    square of a length that is divided by."""
+    square of a length that is divided by.
+    """
     x, y, z = column
     return (x * v[0] + y * v[1] + z * v[2]) / max(x**2 + y**2 + z**2, shortest)
 
@@ -160,7 +162,8 @@ def along_column(column: Point, v: Floats, shortest: float) -> float:
 @compiled
 def reachable(rcm: Rcm, q: Floats, slack: float) -> bool:
     """Whether the joints q (3,) are within their limits, but for a share `slack` of each range; NaN
-    is not."""
+    is not.
+    """
     for i in range(3):
         beyond = slack * (rcm.upper[i] - rcm.lower[i])
         if not rcm.lower[i] - beyond <= q[i] <= rcm.upper[i] + beyond:
@@ -240,7 +243,7 @@ class JointLimits(Checked):
 
     @property
     def arrays(self) -> tuple[Floats, Floats]:
-        """lower (3,) and upper (3,)."""
+        """Lower (3,) and upper (3,)."""
         return np.array(self.lower), np.array(self.upper)
 
 
@@ -275,7 +278,8 @@ class Kinematics(Checked, ABC):
 
     def rcm(self, offset: float = 0.0) -> Rcm:
         """What compiled functions know of it and of the point `offset` mm beyond the reference
-        point."""
+        point.
+        """
         return Rcm(
             self.kind,
             float(self.insertion_zero + offset),
@@ -284,7 +288,7 @@ class Kinematics(Checked, ABC):
         )
 
     def position(self, q: Floats) -> Floats:
-        """p (3,) mm of the tool's reference point, eq. (2)."""
+        """P (3,) mm of the tool's reference point, eq. (2)."""
         return position(self.rcm(), np.ascontiguousarray(q, dtype=float))
 
     def jacobian(self, q: Floats) -> Floats:
@@ -292,7 +296,7 @@ class Kinematics(Checked, ABC):
         return position_jacobian(self.rcm(), np.ascontiguousarray(q, dtype=float))
 
     def joints(self, p: Floats) -> Floats:
-        """q (3,) of the reference point's position p (3,) mm."""
+        """Q (3,) of the reference point's position p (3,) mm."""
         return joints(self.rcm(), np.ascontiguousarray(p, dtype=float))
 
 

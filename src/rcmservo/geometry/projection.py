@@ -16,14 +16,15 @@ PARAMETERS = 9
 
 @compiled
 def depth(a: Floats, p: Floats) -> float:
-    """z = gᵀp + 1, eq. (5) with c₃₄ = 1: the depth of p over the depth of the RCM,
-    dimensionless."""
+    """Z = gᵀp + 1, eq. (5) with c₃₄ = 1: the depth of p over the depth of the RCM,
+    dimensionless.
+    """
     return a[6] * p[0] + a[7] * p[1] + a[8] * p[2] + 1.0
 
 
 @compiled
 def project(a: Floats, p: Floats) -> Floats:
-    """m (2,) px from the imaged RCM, eq. (4) and, with an estimate for a, eq. (34)."""
+    """M (2,) px from the imaged RCM, eq. (4) and, with an estimate for a, eq. (34)."""
     z = depth(a, p)
     return np.array(
         [

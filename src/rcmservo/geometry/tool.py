@@ -61,7 +61,8 @@ def second_point(shaft: Shaft, p1: Floats | Point) -> Point:
 @compiled
 def fastest_point(shaft: Shaft, p1: Floats | Point, v: Floats | Point, tip: float) -> float:
     """Speed mm/s of the fastest of marker 1, which moves with v (3,) mm/s at p1 (3,) mm, marker 2,
-    and the tip, which is `tip` mm beyond marker 2: it turns about the RCM with the tool."""
+    and the tip, which is `tip` mm beyond marker 2: it turns about the RCM with the tool.
+    """
     squared = p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
     along = v[0] * p1[0] + v[1] * p1[1] + v[2] * p1[2]
     total = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -86,7 +87,8 @@ def second_marker_jacobian(shaft: Shaft, p1: Floats) -> Floats:
 @compiled
 def by_first_marker(shaft: Shaft, p1: Floats | Point, motion: Floats) -> None:
     """Make ∂m₂/∂p₂ (n, 3) to ∂m₂/∂p₁ in place: times `second_marker_jacobian`, which is a multiple
-    of I but along p₁."""
+    of I but along p₁.
+    """
     reach, squared = stretch(shaft, p1), p1[0] ** 2 + p1[1] ** 2 + p1[2] ** 2
     share = 0.0 if shaft.kind == SCALED else (reach - 1.0) / squared
     for k in range(len(motion)):
@@ -115,7 +117,7 @@ class Tool(Checked, ABC, section="tool"):
     @property
     @abstractmethod
     def value(self) -> float:
-        """l in mm, or λ."""
+        """L in mm, or λ."""
 
     @cached_property
     def shaft(self) -> Shaft:

@@ -49,7 +49,8 @@ class NoAnswer(RcmServoError):
 
 class ArmAction(IntEnum):
     """ArmAction that a servo requests of the arm: report the state, enable the drive, hold the tool
-    at the target, return to the start."""
+    at the target, return to the start.
+    """
 
     REPORT = 0
     ENABLE = 1
@@ -297,7 +298,8 @@ class RemoteArm:
 
     def _send(self, message: Message) -> None:
         """Send a message. A datagram that cannot be sent now is lost; an arm that is gone does not
-        answer."""
+        answer.
+        """
         with contextlib.suppress(OSError):
             self._socket.send(encode(message))
 

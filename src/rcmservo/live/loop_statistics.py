@@ -44,7 +44,8 @@ class Report:
 
 class ReportThread:
     """A thread that takes the ticks from the loop, collects what the result needs, and sends
-    reports."""
+    reports.
+    """
 
     def __init__(self, servo: Servo, target: Target, listener: Connection) -> None:
         self.judge = Judge(servo, target)

@@ -101,7 +101,8 @@ def realtime() -> Generator[Realtime]:
 @contextmanager
 def without_huge_pages() -> Generator[None]:
     """Disable huge pages for this process while the context is open, and permanently for processes
-    that are started inside. Does nothing on systems other than Linux."""
+    that are started inside. Does nothing on systems other than Linux.
+    """
     system: Any = ctypes.CDLL(None)
     if not hasattr(system, "prctl"):
         yield
@@ -133,7 +134,8 @@ def urgent() -> str:
 
 def _raise_priorities(got: Realtime) -> list[tuple[int, int, int]]:
     """Request real-time scheduling; return each changed thread with its former policy and
-    priority."""
+    priority.
+    """
     this = threading.get_native_id()
     others = [thread.native_id for thread in threading.enumerate()]
     before: list[tuple[int, int, int]] = []

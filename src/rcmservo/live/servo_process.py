@@ -93,7 +93,8 @@ class Session:
 
 class HeartbeatPlant(Plant):
     """A plant that counts its commands in ``beats`` once the drive is on, also those that bring
-    the arm to rest. Whoever asks a person goes on asking whether it is ``told_to_end``."""
+    the arm to rest. Whoever asks a person goes on asking whether it is ``told_to_end``.
+    """
 
     def __init__(
         self,
@@ -164,7 +165,8 @@ def _live(
     session: Session, beats: Any, supervisor: Connection, told_to_end: EndRequest
 ) -> RunResult:
     """Make the devices, run, and tell how it went. Why the arm's drive went off is known for sure
-    when the arm is closed."""
+    when the arm is closed.
+    """
     clock = RecordingClock(WallClock())
     with contextlib.ExitStack() as stack:
         arm, camera = _made(session.arm, stack), _made(session.camera, stack)
@@ -196,7 +198,8 @@ def _made(make: Callable[[], Device], stack: contextlib.ExitStack) -> Device:
 
 def _target(session: Session, plant: HeartbeatPlant) -> Target:
     """The target, with everything warm: the first frame is searched, the next is followed, and
-    after both nothing needs to be loaded. At the end the newest frame shows the tool as it is."""
+    after both nothing needs to be loaded. At the end the newest frame shows the tool as it is.
+    """
     for _ in range(2):
         _await_frame(plant)
     target = session.target(plant)

@@ -47,7 +47,8 @@ class EndRequest:
 @contextlib.contextmanager
 def stopped_by_signals() -> Generator[None]:
     """Raise :class:`Stopped` inside at the first orderly signal, and ignore further ones, so that
-    nothing interrupts the orderly end."""
+    nothing interrupts the orderly end.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -65,7 +65,8 @@ class ServoProcess(ChildProcess):
 
 class Watchman:
     """Watches a servo process: whether it is gone, and whether its heart beats while its loop
-    runs."""
+    runs.
+    """
 
     def __init__(self, servo: ServoProcess) -> None:
         self._servo = servo

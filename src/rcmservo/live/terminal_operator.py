@@ -100,7 +100,8 @@ class Terminal:
 
     def _read(self) -> bytes:
         """Return a whole line, or a part of one that Ctrl-D ends; nothing if the terminal is
-        closed."""
+        closed.
+        """
         try:
             return os.read(self._file, MAX_LINE_BYTES)
         except OSError:

@@ -95,7 +95,8 @@ class TrackingThread:
 
     def wait_for(self, frames: int, patience: float) -> None:
         """Wait until a number of frames are tracked, or until the camera delivers none for
-        ``patience`` s. The first frames take long: the tracker is compiled for them."""
+        ``patience`` s. The first frames take long: the tracker is compiled for them.
+        """
         tracked, since = 0, self._clock.now()
         for _ in ticks(self._clock, 1.0 / POLL_S):
             if self._at_work or self._tracked > tracked:

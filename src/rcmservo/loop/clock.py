@@ -41,7 +41,8 @@ def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> 
 
 class WallClock:
     """Time in ns since the computer was started. It is the same in all processes and cannot be
-    set."""
+    set.
+    """
 
     def now(self) -> int:
         return time.monotonic_ns()

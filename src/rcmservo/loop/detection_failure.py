@@ -10,7 +10,8 @@ SILENCE = 0.5
 
 def reason_not_detected(plant: Plant, seen: Observation, began: int) -> str:
     """Return the reason why no markers were detected since `began` ns: missing or unusable frames,
-    or the tracker's reason for the newest frame."""
+    or the tracker's reason for the newest frame.
+    """
     silent = (seen.now - max(seen.arrival, began)) * 1e-9
     if seen.dropped is not Dropped.NONE:
         return _why_dropped(plant, seen.dropped)

@@ -1,5 +1,6 @@
 """Checks of the first values that the methods of a device return, before a motion depends on
-them."""
+them.
+"""
 
 from collections.abc import Callable
 from numbers import Integral
@@ -29,7 +30,8 @@ class Contract(NamedTuple):
 
 def _array(value: Any, *shape: int) -> bool:
     """Return True for an array that compiled code accepts unchanged. Any other kind would start
-    another compilation, in motion."""
+    another compilation, in motion.
+    """
     if not isinstance(value, np.ndarray):
         return False
     array = cast(NDArray[Any], value)
@@ -74,7 +76,8 @@ CONTRACTS = {
 
 def check_first_value(device: object, method: str, answer: object) -> None:
     """Raise `BadInput` with the names of device and method if a returned value breaks the
-    contract."""
+    contract.
+    """
     contract = CONTRACTS[method]
     require(
         contract.is_met(answer), f"{type(device).__name__}.{method}()", answer, contract.expected

@@ -39,7 +39,8 @@ class JointHistory:
 
     def at(self, time: int) -> Floats:
         """Return the joints (3,) at `time` ns by linear interpolation; outside the measurements
-        return the oldest or the newest one."""
+        return the oldest or the newest one.
+        """
         after = bisect_right(self._times, time)
         earlier = self._joints[max(after - 1, 0)]
         if after in (0, len(self._times)):

@@ -215,7 +215,8 @@ class Plant:
 
 def _points(markers: Markers) -> Floats:
     """Return the raw markers (2, 2) in px, NaN for one outside any possible image: estimators would
-    use every finite number."""
+    use every finite number.
+    """
     possible = (np.abs(markers.points) < NO_PIXEL).all(axis=1, keepdims=True)
     return np.where(possible, markers.points, np.nan)
 

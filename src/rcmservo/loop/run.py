@@ -65,7 +65,8 @@ def _over(state: State, operator: Operator | None) -> bool:
 
 def _rest(plant: Plant, servo: Servo, last: Command) -> None:
     """Ramp the joint rates to zero through the gate, from the next tick on, and switch the drive
-    off."""
+    off.
+    """
     try:
         plant.clock.wait_until(plant.clock.now() + servo.period)
         for _ in ticks(plant.clock, servo.rate):

@@ -72,7 +72,8 @@ class TargetFrames:
 
     def target(self, since: int) -> Target:
         """Return the mean of the frames as a target that was taught from a time (ns) on. A size is
-        the mean over the frames that have it."""
+        the mean over the frames that have it.
+        """
         points, q = np.mean(self.points, axis=0), np.mean(self.joints, axis=0)
         return Target(points, q, since, mean_known(np.array(self.sizes)))
 

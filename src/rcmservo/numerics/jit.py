@@ -85,7 +85,8 @@ _CHANGING_THE_FOLDER = Lock()
 
 def declare_in(module: str) -> None:
     """Name a module that declares the compiled form of some functions. It imports Numba, so it is
-    imported only when a kernel is about to be compiled."""
+    imported only when a kernel is about to be compiled.
+    """
     DECLARING.append(module)
 
 
@@ -134,7 +135,8 @@ def compiled(function: Function) -> Function:
 
 def _dispatcher(function: Callable[..., Any], options: Any) -> Any:
     """Return what Numba makes of a function, with the cache in our folder: one folder for each set
-    of options, which Numba does not tell apart there."""
+    of options, which Numba does not tell apart there.
+    """
     numba, config = _numba()
     for module in DECLARING:
         import_module(module)
@@ -151,7 +153,8 @@ def _dispatcher(function: Callable[..., Any], options: Any) -> Any:
 @cache
 def _numba() -> tuple[Any, Any]:
     """Import Numba and its configuration, and declare the type of a kernel that another one
-    calls."""
+    calls.
+    """
     import numba
     from numba import extending
     from numba.core import config

@@ -55,7 +55,7 @@ def length(numbers: Floats) -> float:
 
 @compiled
 def minus(one: Floats, other: Floats) -> Floats:
-    """one − other, both (n,)."""
+    """One − other, both (n,)."""
     out = np.empty(len(one))
     for i in range(len(one)):
         out[i] = one[i] - other[i]
@@ -73,7 +73,7 @@ def distance(one: Floats, other: Floats) -> float:
 
 @compiled
 def over(one: Floats, other: Floats) -> Floats:
-    """one / other, number by number, both (n,)."""
+    """One / other, number by number, both (n,)."""
     out = np.empty(len(one))
     for i in range(len(one)):
         out[i] = one[i] / other[i]
@@ -134,7 +134,7 @@ def multiply(A: Floats, B: Floats, out: Floats) -> None:
 
 @compiled
 def cross(a: Floats, b: Floats) -> Floats:
-    """a × b (3,)."""
+    """A × b (3,)."""
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )

@@ -18,7 +18,8 @@ SWEEPS = 30
 @compiled
 def right_angled(A: Floats) -> tuple[Floats, Floats]:
     """B = A V (n, m) with columns at right angles, and the rotation V (m, m). The lengths of the
-    columns of B are the singular values of A, in any order."""
+    columns of B are the singular values of A, in any order.
+    """
     B, V = A.copy(), np.empty((A.shape[1], A.shape[1]))
     put_right(B, V)
     return B, V
@@ -27,7 +28,8 @@ def right_angled(A: Floats) -> tuple[Floats, Floats]:
 @compiled
 def put_right(B: Floats, V: Floats) -> None:
     """Turn the columns of B (n, m) in place until they are at right angles, and write the rotation
-    V (m, m)."""
+    V (m, m).
+    """
     for i in range(len(V)):
         for j in range(len(V)):
             V[i, j] = 1.0 if i == j else 0.0
@@ -71,7 +73,8 @@ def turn(B: Floats, i: int, j: int, c: float, s: float) -> None:
 @compiled
 def condition(A: Floats) -> float:
     """The condition number of A (n, m): its largest singular value over its least; inf where A is
-    not finite."""
+    not finite.
+    """
     if not all_finite(A):
         return np.inf
     B, _ = right_angled(A)

@@ -255,7 +255,8 @@ def _names(source: type[Any]) -> tuple[str, ...]:
 
 def as_row(settings: Settings) -> Rows[Settings]:
     """A dataclass or named tuple of numbers as an array of one row, its fields under their own
-    names; of rows and such classes too, which become parts. Words are left out."""
+    names; of rows and such classes too, which become parts. Words are left out.
+    """
     kind = type(settings)
     hints = get_type_hints(kind)
     values = {name: getattr(settings, name) for name in _names(kind)}

@@ -41,7 +41,8 @@ class TickRing(SharedRing):
 
 class Post:
     """Messages one way, whole or not at all: many may put, one hears. There is room for a few, as a
-    person has them. It is handed to a process when that is started."""
+    person has them. It is handed to a process when that is started.
+    """
 
     def __init__(self) -> None:
         self._mouth, self._ear = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)

@@ -128,7 +128,8 @@ class Control:
 
 def heard(text: str, name: str, control: Control, find: FindPose, now: int) -> Told | None:
     """What a browser wants of the servo; None for what is settled between browsers, and for a sign
-    of life that comes too late: nobody pressed anything. `find` finds a target by its name."""
+    of life that comes too late: nobody pressed anything. `find` finds a target by its name.
+    """
     message = _message(text)
     do, at = message.pop("do", None), message.pop("at", None)
     if do == "ask":

@@ -24,7 +24,8 @@ only to what is taught or chosen later."""
 def await_enable(desk: Desk, servo: Servo, intent: str, plant: Plant) -> Target:
     """Show what is seen, and tell what is going to happen, until the person wants the drive on; the
     pose in which the tool then is, as the first target. No `loop.run`: the drive is off, and no
-    command is sent."""
+    command is sent.
+    """
     assert isinstance(plant, HeartbeatPlant)
     desk.said.put(InForce(replace(servo)))
     servo.warm_up()  # so that the drive goes on soon once it is wanted, whatever was set

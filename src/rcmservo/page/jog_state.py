@@ -46,7 +46,8 @@ class Gesture(NamedTuple):
 
 class Hand:
     """Shared memory with the newest gesture: one writer. It is handed to a process when that is
-    started."""
+    started.
+    """
 
     def __init__(self, context: BaseContext) -> None:
         self.gestures = SharedRing(context, SLOTS, LAYOUT.size)
@@ -55,7 +56,8 @@ class Hand:
 
     def holds(self, press: int, motion: Triple, share: float = 1.0, leads: bool = False) -> None:
         """It is there, and holds a button down that moves joints by their rates, or leads marker 1
-        by its velocity."""
+        by its velocity.
+        """
         self._write(Gesture(self._now.life + 1, press, *motion, share, leads))
 
     def beats(self) -> None:

@@ -40,7 +40,8 @@ Wanted = TypeVar("Wanted", Target, Servo)
 
 class PageOperator:
     """What the page wants, from tick to tick. ``chosen`` is what was set as the session began, and
-    a target is the mean of so many ``frames``."""
+    a target is the mean of so many ``frames``.
+    """
 
     def __init__(self, desk: Desk, chosen: Chosen, frames: int = TEACHING_FRAMES) -> None:
         self._desk, self._chosen, self._frames = desk, chosen, frames
@@ -208,7 +209,8 @@ class PageOperator:
 
 def _rates(gesture: Gesture, tick: Tick) -> Floats:
     """The joint rates (3,) that a gesture means where the joints are now, at its share of the jog's
-    speed at most. They are not finite where the joints are not known."""
+    speed at most. They are not finite where the joints are not known.
+    """
     rates = np.array([gesture.a, gesture.b, gesture.c])
     if gesture.leads:
         rates = joint_rates(tick.servo.rcm, np.array(tick.seen.q), rates)

@@ -68,7 +68,8 @@ class Poses:
 
     def keep(self, name: str, target: Target, jpeg: bytes) -> str:
         """Keep a pose, in the place of one of the same name. Why its file could not be written, in
-        which case it is there until the page ends; empty where it was."""
+        which case it is there until the page ends; empty where it was.
+        """
         self.targets[name] = target
         self.refused.pop(name, None)
         try:

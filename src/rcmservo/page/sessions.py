@@ -28,7 +28,8 @@ class Rung(Stopped):
 class Sessions:
     """Runs session after session. ``needed`` are processes without which none goes on, by their
     sentinels, and what they are. ``change`` takes other settings for the next one; ``beside`` is
-    heard meanwhile."""
+    heard meanwhile.
+    """
 
     def __init__(
         self,
@@ -91,7 +92,8 @@ class Sessions:
 
     def _changed(self) -> None:
         """Take other settings: a session that is not enabled begins again with them, one that is
-        goes on, and the next one has them."""
+        goes on, and the next one has them.
+        """
         changes = list(self._desk.changes.heard())
         for change in changes:
             self._change(change)

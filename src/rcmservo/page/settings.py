@@ -35,7 +35,8 @@ def as_set(servo: Servo) -> Servo:
 
 def change_of(box: object, table: object) -> Change:
     """The change that a browser's table for a box asks for, every field given; BadInput, naming the
-    field, where there is no such change."""
+    field, where there is no such change.
+    """
     require(box in BOXES, "box", box, f"one of {', '.join(BOXES)}")
     return Change(str(box), rebuild_part({box: table}, str(box)))
 
@@ -57,7 +58,8 @@ class Chosen:
 
     def take(self, change: Change) -> None:
         """Change one box from now on; BadInput, and no change, where the boxes do not go
-        together."""
+        together.
+        """
         self.servo = self.with_change(change).servo
 
 

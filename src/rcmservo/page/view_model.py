@@ -257,7 +257,8 @@ def told(data: bytes) -> Table:
 
 def ghost(tick: Table) -> Floats | None:
     """Where the servo expects the markers (4,) px in the picture; NaN where its estimator does not
-    tell."""
+    tell.
+    """
     return tick["model"] + np.tile(tick["o_c"], 2) if tick else None
 
 

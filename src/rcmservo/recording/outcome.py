@@ -32,7 +32,8 @@ ON_THE_WAY = {
 
 def held(mode: Mode, why: str) -> str:
     """Return what holds the arm still at the last tick; `why` is why the markers were never seen,
-    if they never were."""
+    if they never were.
+    """
     if mode.cause.stopping:
         return mode.cause.describe(
             mode.detail or (why if mode.cause.declared.hides_markers else "")
@@ -42,7 +43,8 @@ def held(mode: Mode, why: str) -> str:
 
 def settle_time(times: Floats, errors: Floats) -> float | None:
     """Return when the errors Δy (N, 3) came within TOLERANCE for good; None if not, or for less
-    than LAST s before the last of ``times`` (N,) s."""
+    than LAST s before the last of ``times`` (N,) s.
+    """
     outside = np.flatnonzero(~(np.abs(errors) < TOLERANCE).all(axis=1))
     since = int(outside[-1]) + 1 if len(outside) else 0
     stayed = since < len(times) and times[-1] - times[since] >= LAST - 1e-6

@@ -79,7 +79,7 @@ class Span:
 
     @property
     def length(self) -> float:
-        """s from start to end."""
+        """S from start to end."""
         return self.end - self.start
 
 
@@ -111,7 +111,8 @@ def _asked(record: Record, i: int) -> bool:
 
 def _detail(record: Record, i: int) -> str:
     """What was said beside the cause at tick i: what stands in the words of the operating state
-    between it and the way out."""
+    between it and the way out.
+    """
     cause = record.enum_at(Cause, "cause", i)
     place = bisect_right(record.operating, i, key=itemgetter(0))
     words = record.operating[place - 1][1] if place else ""
@@ -126,7 +127,7 @@ def stages(record: Record) -> NDArray[np.intp]:
 
 
 def end(record: Record) -> float:
-    """s at which the last tick ends."""
+    """S at which the last tick ends."""
     return float(record.time[-1]) + 1.0 / rate(record) if len(record.time) else 0.0
 
 
@@ -205,7 +206,8 @@ def _exploration(record: Record) -> tuple[ExplorationCost, JacobianError]:
 
 def outcome(record: Record) -> RunResult:
     """Return the verdict on the record's last run, judged as a run is while it happens, if the
-    record goes to its end."""
+    record goes to its end.
+    """
     first = max((stage.first for stage in record.stages if not stage.mid_run), default=0)
     time = record.time[first:]
     if not len(time):
@@ -221,7 +223,8 @@ def outcome(record: Record) -> RunResult:
 
 def _unless_short(record: Record, result: RunResult, mode: Mode) -> RunResult:
     """Return the result, not settled if the record ends before its run did, and in a mode that does
-    not tell why."""
+    not tell why.
+    """
     planned, last = record.planned, end(record)
     whole = record.complete if planned is None else last > planned - SLACK
     over = bool(mode.cause.stopping) or (mode.phase is Phase.DISABLED and record.complete)
@@ -232,8 +235,9 @@ def _unless_short(record: Record, result: RunResult, mode: Mode) -> RunResult:
 
 
 def _apart(record: Record) -> float:
-    """mm at the end between marker 1 and where it was shown; 0 where the record does not tell the
-    arm."""
+    """Mm at the end between marker 1 and where it was shown; 0 where the record does not tell the
+    arm.
+    """
     place, shown = _place(record, record.ticks["q"][-1]), shown_place(record)
     return 0.0 if place is None or shown is None else float(np.linalg.norm(place - shown))
 

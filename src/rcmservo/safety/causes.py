@@ -1,5 +1,6 @@
 """Causes of a stop: each is one object with its sentence, action, way out, detector and what it
-invalidates. Compiled functions have the same table as numbers, by the causes' places in it."""
+invalidates. Compiled functions have the same table as numbers, by the causes' places in it.
+"""
 
 from collections.abc import Callable
 from enum import Enum, IntEnum

@@ -1,5 +1,6 @@
 """The compiled form of `find_causes`. It imports Numba, so nothing imports it before a kernel is
-compiled."""
+compiled.
+"""
 
 from functools import partial
 from typing import Any

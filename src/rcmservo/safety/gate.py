@@ -48,7 +48,8 @@ def within(
     share: float,
 ) -> bool:
     """Write the joint rates (3,) that may be sent over the `last` ones; whether all that came in
-    was finite and time had passed."""
+    was finite and time had passed.
+    """
     if not (all_finite(rates) and all_finite(q) and all_finite(last) and dt > 0.0):
         fill(last, 0.0)
         return False

@@ -21,7 +21,8 @@ NO_PIXEL = 1e6
 @compiled
 def lost(points: Floats) -> tuple[bool, bool]:
     """Whether marker 1 and marker 2 are lost: raw pixels (2, 2) not finite, or such as no camera
-    has."""
+    has.
+    """
     first = abs(points[0, 0]) < NO_PIXEL and abs(points[0, 1]) < NO_PIXEL
     second = abs(points[1, 0]) < NO_PIXEL and abs(points[1, 1]) < NO_PIXEL
     return not first, not second
@@ -30,7 +31,8 @@ def lost(points: Floats) -> tuple[bool, bool]:
 @compiled
 def sound(v: Prospect, t: Thresholds) -> bool:
     """Whether the fit is that of a camera: what it leaves over is no more than noise, and its depth
-    does not change faster than before any camera."""
+    does not change faster than before any camera.
+    """
     return v.noise <= t.left_over**2 and length(v.g) <= UNIT / t.nearest_camera
 
 
@@ -40,7 +42,8 @@ def misplaced(
 ) -> tuple[bool, bool, bool]:
     """Whether marker 1, marker 2 are not where the camera should see them with marker 1 at p1 (3,)
     mm, and whether each is where the other should be. The newest frame believed had them at
-    `before` (2, 2) px."""
+    `before` (2, 2) px.
+    """
     there, one, two = both(v, p1, shaft), False, False
     for k in range(2):
         off = doubtful(v, there[k], k, points[k], before[k], t)
@@ -56,7 +59,8 @@ def doubtful(
     v: Prospect, there: Foretold, k: int, point: Floats, before: Floats, t: Thresholds
 ) -> bool:
     """Whether a `point` (2,) px is further from where marker k should be than noise, what the fit
-    does not know, its errors and wrong times of a motion since `before` explain."""
+    does not know, its errors and wrong times of a motion since `before` explain.
+    """
     u = v.origin[3] + there.m[0] + v.offset[k, 0]
     w = v.origin[4] + there.m[1] + v.offset[k, 1]
     off_u, off_w = point[0] - u, point[1] - w
@@ -81,7 +85,8 @@ def leapt(
     points: Floats, before: Floats, way: float, jump: float, nearest: float
 ) -> tuple[bool, bool, bool]:
     """The same without an estimate: whether they moved further than any camera sees a tool move by
-    `way` mm, which is `nearest` px a mm."""
+    `way` mm, which is `nearest` px a mm.
+    """
     allowed = jump + nearest * way
     first, second = apart(points[0], before[0]), apart(points[1], before[1])
     crossed = apart(points[0], before[1]) <= allowed and apart(points[1], before[0]) <= allowed
@@ -90,7 +95,7 @@ def leapt(
 
 @compiled
 def apart(one: Floats, other: Floats) -> float:
-    """px between two points (2,)."""
+    """Px between two points (2,)."""
     return np.sqrt((one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2)
 
 
@@ -105,7 +110,8 @@ def judged(
     wrong: float,
 ) -> int:
     """Whether the markers' change bears the estimate out (0) or not (1); −1 while the motion is too
-    small to tell."""
+    small to tell.
+    """
     predicted = over(product(J_hat, delta_p), SCALE)
     size = largest(predicted)
     if size < telling:

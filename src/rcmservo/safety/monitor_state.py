@@ -65,7 +65,8 @@ def begin() -> Watch:
 @compiled
 def unwatch(w: Watch, markers: bool) -> None:
     """The counts of the same arm and camera begin anew; if asked for, those of the `markers` too,
-    and no frame is believed."""
+    and no frame is believed.
+    """
     w.late, w.wrong, w.averaged, w.frozen = 0, 0, 0, False
     put(w.off, STILL[:2])
     put(w.p1, UNKNOWN)
@@ -78,7 +79,8 @@ def followed(
     reached: Floats, rates: Floats, applied: Floats, q: Floats, dt: float, lag: float, forget: float
 ) -> None:
     """Write where the joints should be dt s later, and their lagging rates, by the rates that the
-    arm took, over the same of now."""
+    arm took, over the same of now.
+    """
     left, pulled = np.exp(-dt / lag), min(dt / forget, 1.0)
     for i in range(3):
         lead = rates[i] - applied[i]
@@ -90,7 +92,8 @@ def followed(
 @compiled
 def watch_loop(w: Watch, gap: int, period: int, lag: float, t: Thresholds) -> None:
     """One more tick, `gap` ns after the last: how late it came, where the joints should be with
-    drives that lag by so many s, and where they rest."""
+    drives that lag by so many s, and where they rest.
+    """
     seen, w.gap = w.observation, gap
     w.late = w.late + 1 if gap > (1.0 + t.late_share) * period else 0
     if seen.enabled and all_finite(w.reached):

@@ -42,7 +42,8 @@ class Phase(Enum):
 
 class Request(Enum):
     """What a person asks for: nothing, a pause, to go on after one, to leave a fault, or to move
-    the joints by hand at this tick."""
+    the joints by hand at this tick.
+    """
 
     NONE = "nothing"
     PAUSE = "pause"
@@ -144,7 +145,8 @@ def transition(
     s: ModeStruct, causes: int, signs: Signs, request: int, now: int, t: Thresholds
 ) -> None:
     """The mode after one tick at `now` ns, with the set of `causes` found; `request` by its place
-    in Request. Whatever the causes, more of them never give a softer answer."""
+    in Request. Whatever the causes, more of them never give a softer answer.
+    """
     cause = gravest(causes)
     action = ACTIONS[cause]
     if s.phase == FAULT or action == FAULTED:
@@ -167,7 +169,8 @@ def transition(
 @compiled
 def fault(s: ModeStruct, cause: int, request: int, now: int) -> None:
     """Into FAULT, where the first cause stays; out of it by a person once no cause asks for it any
-    more."""
+    more.
+    """
     if s.phase != FAULT:
         enter_fault(s, cause, now)
     elif request == ASKS_CLEAR and ACTIONS[cause] < FAULTED:

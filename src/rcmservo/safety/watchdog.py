@@ -21,7 +21,8 @@ PATIENCE = 50_000_000
 
 class Watchdog:
     """One device's guard. `now` is the device's own time in ns, the one that deadlines are given
-    in."""
+    in.
+    """
 
     def __init__(self, patience: int = PATIENCE) -> None:
         positive("time in ns").require("patience", patience)

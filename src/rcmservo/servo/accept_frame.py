@@ -74,7 +74,8 @@ def accept_frame(tick: TickContext) -> tuple[int, float]:
 @compiled
 def complete(stored: Stored, p1: Floats, points: Floats, parameters: KernelParameters) -> bool:
     """Put a lost one of the markers (2, 2) raw px where the fit has it; return whether one was
-    lost, and the other and the joints determine the pose."""
+    lost, and the other and the joints determine the pose.
+    """
     first, second = lost(points)
     if first == second or not (stored.tour.done and parameters.spares_marker):
         return False
@@ -90,7 +91,8 @@ def doubt(
     w: Watch, e: Estimate, observation: ObservationRow, p1: Floats, jump: float, t: Thresholds
 ) -> None:
     """While nothing predicts the markers: count a frame as rejected if they leapt by more than
-    `jump` px and what the motion of the tool to p1 (3,) mm allows, or if one is stuck."""
+    `jump` px and what the motion of the tool to p1 (3,) mm allows, or if one is stuck.
+    """
     way, crossed = distance(p1, e.p1), False
     first, second = watch_stuck(w, p1, observation.points, t)
     if way < t.comparable and not (first or second):

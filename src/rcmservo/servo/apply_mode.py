@@ -32,7 +32,8 @@ ESTIMATE, TARGETS = int(Invalidates.ESTIMATE), int(Invalidates.ESTIMATE_AND_TARG
 @compiled
 def choose_mode(tick: TickContext, causes: int, news: int) -> bool:
     """Enter the mode that follows from the set of `causes`; return whether the estimate is
-    forgotten with it. In JOG the operator's joint rates replace the law's."""
+    forgotten with it. In JOG the operator's joint rates replace the law's.
+    """
     s, observation, setpoint = tick.stored, tick.observation, tick.setpoint
     signs = Signs(observation.enabled, s.watch.believed >= 0, news >= BELIEVED, s.tour.done)
     request, now, t = setpoint.request, observation.now, tick.parameters.thresholds
@@ -46,7 +47,8 @@ def choose_mode(tick: TickContext, causes: int, news: int) -> bool:
 @compiled
 def enter(s: Stored, found: int, signs: Signs, request: int, now: int, t: Thresholds) -> bool:
     """Into the next mode. A pause or fault forgets what it must not go on with; whether that is
-    the estimate."""
+    the estimate.
+    """
     d, before, cause, forgot = s.decision, s.decision.mode.phase, gravest(found), False
     transition(d.mode, found, signs, request, now, t)
     entered = d.mode.phase != before
@@ -83,7 +85,8 @@ def unlearn(s: Stored, cause: int, now: int) -> bool:
 @compiled
 def bound_rates(tick: TickContext) -> bool:
     """Make the joint rates a command by the gate, at the speed that the mode allows; return whether
-    the estimate is forgotten, as a number was not finite there."""
+    the estimate is forgotten, as a number was not finite there.
+    """
     d, now, gate = tick.stored.decision, tick.observation.now, tick.parameters.gate
     share = speed_share(d.mode.phase, d.mode.asks)
     if not share > 0.0:
@@ -100,7 +103,8 @@ def bound_rates(tick: TickContext) -> bool:
 @compiled
 def fail(s: Stored, now: int) -> bool:
     """Enter FAULT after the gate replaced a number that is not finite by zero; return whether the
-    estimate is forgotten."""
+    estimate is forgotten.
+    """
     enter_fault(s.decision.mode, NOT_FINITE, now)
     s.decision.command.enabled = False
     forgotten = unlearn(s, NOT_FINITE, now)

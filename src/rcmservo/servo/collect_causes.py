@@ -52,7 +52,8 @@ def collect_causes(tick: TickContext) -> int:
 @compiled
 def watch_target(tick: TickContext) -> None:
     """Record since when the image reports the target as reached, or leads the tool away from it
-    again, but the joints, beyond what noise explains, are not where they were taught."""
+    again, but the joints, beyond what noise explains, are not where they were taught.
+    """
     s, setpoint, parameters, now = tick.stored, tick.setpoint, tick.parameters, tick.observation.now
     e, d, fit, allowed = s.estimate, s.decision, s.prospect, parameters.thresholds.elsewhere
     q, q_d, shaft = tick.observation.q, setpoint.q, shaft_of(parameters)
@@ -77,8 +78,9 @@ def watch_target(tick: TickContext) -> None:
 
 @compiled
 def away(q: Floats, q_d: Floats, fixed: KernelParameters) -> float:
-    """mm from one place of the tool, by the joints q (3,), to another, of the marker that has the
-    longer way."""
+    """Mm from one place of the tool, by the joints q (3,), to another, of the marker that has the
+    longer way.
+    """
     rcm = rcm_of(fixed)
     p1, p1_d = point_at(rcm, q), point_at(rcm, q_d)
     p2, p2_d = second_point(shaft_of(fixed), p1), second_point(shaft_of(fixed), p1_d)
@@ -88,7 +90,8 @@ def away(q: Floats, q_d: Floats, fixed: KernelParameters) -> float:
 @compiled
 def away_at_most(q: Floats, q_d: Floats, fixed: KernelParameters) -> float:
     """What `away` is at most, in a fraction of the time: no direction turns by more than the angles
-    do."""
+    do.
+    """
     zero = fixed.rcm.zero
     rho, rho_d = q[2] + zero, q_d[2] + zero
     turned = abs(q[0] - q_d[0]) + abs(q[1] - q_d[1])

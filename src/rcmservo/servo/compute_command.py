@@ -1,5 +1,6 @@
 """Velocity of marker 1 and joint rates: by the law where there is an estimate, else by the first
-motion."""
+motion.
+"""
 
 from rcmservo.control.drive_lag import follow_drives, lag_so_far, measure_lag
 from rcmservo.control.exploration import CORNERS, arrived, begin, box, disagreement, face, towards
@@ -114,7 +115,8 @@ def explore(tick: TickContext, news: int) -> None:
 @compiled
 def visit(tick: TickContext) -> None:
     """Count the corner that the joints are at, and choose the next: of this round, or, once the
-    least number is visited, the one that tells most of the direction to the target."""
+    least number is visited, the one that tells most of the direction to the target.
+    """
     stored, parameters, target = tick.stored, tick.parameters, tick.setpoint.points
     tour, fit, x = stored.tour, stored.prospect, parameters.exploration
     rcm, shaft = rcm_of(parameters), shaft_of(parameters)
@@ -130,7 +132,8 @@ def visit(tick: TickContext) -> None:
 def known(tick: TickContext) -> bool:
     """Return whether there is an estimate to servo with: the direction to the target is certain
     enough, an Ĵ that is not made of the fit agrees with it, and the markers stand in their
-    order."""
+    order.
+    """
     e, fit, parameters = tick.stored.estimate, tick.stored.prospect, tick.parameters
     x, shaft = parameters.exploration, shaft_of(parameters)
     if tick.stored.tour.visits < x.legs:

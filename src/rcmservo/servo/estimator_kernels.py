@@ -1,5 +1,6 @@
 """Choice of an estimator's compiled functions by the class of its kernel. It imports Numba, so
-nothing imports it before a kernel is compiled."""
+nothing imports it before a kernel is compiled.
+"""
 
 from functools import partial
 from typing import Any

@@ -97,7 +97,7 @@ class Servo(Checked):
 
     @cached_property
     def period(self) -> int:
-        """ns from tick to tick."""
+        """Ns from tick to tick."""
         return round(1e9 / self.rate)
 
     @cached_property
@@ -183,7 +183,8 @@ class Servo(Checked):
 
     def warm_up(self) -> None:
         """Compile all that `step` calls, on made-up observations, so that nothing compiles while an
-        arm moves. Estimator and feature vector are tried first, and refused if they fail."""
+        arm moves. Estimator and feature vector are tried first, and refused if they fail.
+        """
         examine(self.estimator, self.tool)
         examine_features(self.features)
         state, q = self.init(), np.mean(self.mechanism.limits.arrays, axis=0)
@@ -255,7 +256,8 @@ class Servo(Checked):
     ) -> tuple[Any, str]:
         """Update an estimator or feature vector that does not compile by an accepted frame, dt s
         after the one before; return its memory, and how the feature vector failed. A lost marker is
-        where the fit of all frames has it."""
+        where the fit of all frames has it.
+        """
         learner, tool, e, failure = self.learner, self.tool, stored.estimate, ""
         sample = Sample(e.p1, seen.points, e.o_c, dt, seen.sizes)
         own = learner.update(own, tool, sample)

@@ -22,7 +22,8 @@ NO_LINES = np.zeros((0, 4))
 
 class Decision(TargetProgress):
     """What the servo decided: its mode, what it wants of the arm, its progress, and the last
-    command."""
+    command.
+    """
 
     mode: ModeStruct = part(ModeStruct, "phase, and why")
     command: CommandStruct = part(CommandStruct, "the last command")
@@ -44,7 +45,8 @@ class Workspace(Row):
 
 class Stored(Row):
     """State that a tick changes, without the estimator's memory. All of it is one row: each array
-    that a compiled function is passed costs as much as what it does with it."""
+    that a compiled function is passed costs as much as what it does with it.
+    """
 
     watch: Watch = part(Watch, "what the checks remember")
     estimate: Estimate = part(Estimate, "what frames have taught, in numbers")

@@ -36,7 +36,8 @@ from rcmservo.servo.update_estimate import (
 @cache
 def tick_of(kind: type[EstimatorKernel]) -> Callable[..., tuple[Any, bool]]:
     """Return the compiled tick of a class of estimator kernels. Its settings are passed as a plain
-    tuple, as a named one costs a twentieth of the tick."""
+    tuple, as a named one costs a twentieth of the tick.
+    """
     kernel_class: Any = kind
 
     @compiled
@@ -49,7 +50,8 @@ def tick_of(kind: type[EstimatorKernel]) -> Callable[..., tuple[Any, bool]]:
         parameters: Rows[KernelParameters],
     ) -> tuple[Any, bool]:
         """Write one tick over what is stored, with the numbers of an `ObservationStruct` and of a
-        `Setpoint`; return the estimator's memory, and whether the cause is another than before."""
+        `Setpoint`; return the estimator's memory, and whether the cause is another than before.
+        """
         stored = rows[0]
         cause = stored.decision.mode.cause
         store_inputs(stored, observation, setpoint)
@@ -108,7 +110,8 @@ def begin_tick(
     parameters: Rows[KernelParameters],
 ) -> tuple[Floats, int, float]:
     """Begin a tick with an estimator that does not compile; return the lines of eq. (16), whether
-    the estimator is to be updated (LEARN), and the time since its last update, s."""
+    the estimator is to be updated (LEARN), and the time since its last update, s.
+    """
     stored = rows[0]
     store_inputs(stored, observation, setpoint)
     now = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
@@ -121,7 +124,8 @@ def begin_tick(
 @compiled
 def finish_tick(rows: Rows[Stored], news: int, parameters: Rows[KernelParameters]) -> bool:
     """Finish it, after the estimator has left its result; return whether the estimate is
-    forgotten."""
+    forgotten.
+    """
     stored = rows[0]
     now = TickContext(stored, stored.watch.observation, stored.setpoint, parameters[0])
     return conclude(now, news)

@@ -77,7 +77,8 @@ def learner(estimator: Estimator) -> Estimator:
 
 def compiles(kind: type[Any]) -> bool:
     """Return whether estimators of a class are part of the compiled tick: those of this package
-    that declare a kernel themselves. The cache of compiled code sees no edit of other files."""
+    that declare a kernel themselves. The cache of compiled code sees no edit of other files.
+    """
     return _is_built_in(kind) and "kernel" in vars(kind)
 
 

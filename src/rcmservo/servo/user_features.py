@@ -1,5 +1,6 @@
 """Call of a feature vector that is measured in Python. A failure is refused before the drive is on;
-in motion it becomes a sentence and a fault, and never ends the loop."""
+in motion it becomes a sentence and a fault, and never ends the loop.
+"""
 
 import numpy as np
 
@@ -23,7 +24,8 @@ def linearise(
     vector: FeatureVector, markers: MarkerPair, target: MarkerPair, motion: Floats
 ) -> tuple[Floats, Floats, str]:
     """Return error (n,) and Jacobian (n, 3) of a feature vector, NaN where it fails, and how it
-    failed; empty if it did not."""
+    failed; empty if it did not.
+    """
     n = len(vector.units)
     try:
         error, J = vector.linearise(markers, target, motion)

@@ -1,5 +1,6 @@
 """Many closed loops at once: the laboratory as compiled functions, the servo's step its own; and
-the least error that any servo could leave in them."""
+the least error that any servo could leave in them.
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

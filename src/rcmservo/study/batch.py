@@ -67,7 +67,8 @@ class Study(Checked):
 
     def run(self, seed: int, repetition: int = 0) -> StudyRun:
         """One closed loop, in the scene that `Rig(seed)` has, each repetition with noise of its
-        own."""
+        own.
+        """
         given = trial(seed, repetition, self.settings, self.duration, self.shown)
         return self.of(seed, *given)
 
@@ -132,6 +133,7 @@ class Study(Checked):
 
 def _handle_signals() -> None:
     """Leave Ctrl-C to the parent of this worker process, and end at SIGTERM: a handler of the
-    parent's, which a fork copies, could ignore it."""
+    parent's, which a fork copies, could ignore it.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

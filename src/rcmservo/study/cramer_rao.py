@@ -66,7 +66,8 @@ def bound(scene: Scene, noise: float, frames: float, shown: float | None = None)
 
 def pixels_jacobian(scene: Scene) -> Floats:
     """H (4, 3) px/mm: the derivative of both markers' pixels by the position of marker 2, at the
-    target."""
+    target.
+    """
     shaft, p1 = scene.body.tool.shaft, scene.body.points(scene.target)[0]
     by_p1 = compute_markers_jacobian(scene.optics.lens[0], shaft, p1)
     return by_p1 @ np.linalg.inv(second_marker_jacobian(shaft, p1))

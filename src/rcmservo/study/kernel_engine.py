@@ -1,6 +1,7 @@
 """One closed loop as one compiled function: the twin of the laboratory and the live servo's own
 step. It repeats `loop.run` because ten thousand loops in a minute leave no time for Python between
-two ticks."""
+two ticks.
+"""
 
 from typing import Any, NamedTuple, cast
 
@@ -155,7 +156,8 @@ def take_frame(
     twin: Twin, tick: TickContext, number: int, noise: Floats, start: int, k: int
 ) -> None:
     """Observe the frame of this number at the k-th tick; none that was exposed before the `start`,
-    ns, as the tool may have been moved by hand before."""
+    ns, as the tool may have been moved by hand before.
+    """
     fixed, observation, pace = tick.parameters, tick.observation, twin.pace
     exposure = int(np.round(number * pace.period))
     if exposure < start:

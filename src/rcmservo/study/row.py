@@ -124,7 +124,8 @@ def row_of(cell: Cell, settings: RigSettings, run: StudyRun) -> StudyRow:
 
 def worst_condition(scene: Scene) -> float:
     """The largest condition number of the scaled J on the way to the target; inf where there is
-    none."""
+    none.
+    """
     o_c = compute_imaged_rcm(scene.optics)
     return max(_condition(scene, q, o_c) for q in scene.path)
 

@@ -56,7 +56,7 @@ class StudyRun:
     jacobian_error: float = np.nan
 
     def first_within(self, mm: float) -> float:
-        """s until the error was first at most so large; inf if it never was."""
+        """S until the error was first at most so large; inf if it never was."""
         there = np.flatnonzero(self.error <= mm)
         return float(there[0] / self.rate) if len(there) else np.inf
 
@@ -67,7 +67,7 @@ class StudyRun:
 
     @property
     def explored(self) -> float:
-        """s until the tool was first servoed, its exploration behind it; inf if it never was."""
+        """S until the tool was first servoed, its exploration behind it; inf if it never was."""
         servoed = np.flatnonzero(self.phases == SERVO)
         return float(servoed[0] / self.rate) if len(servoed) else np.inf
 
@@ -78,13 +78,14 @@ class StudyRun:
 
     def until(self, time: float) -> "StudyRun":
         """The run had it ended so many s after its first tick; its bound stays that of all
-        frames."""
+        frames.
+        """
         n = round(min(time * self.rate, len(self.error)))
         return replace(self, error=self.error[:n], phases=self.phases[:n], causes=self.causes[:n])
 
     @cached_property
     def stops(self) -> list[tuple[float, Cause]]:
-        """s and cause of every stop: HOLD, PAUSED or FAULT after what was none of them."""
+        """S and cause of every stop: HOLD, PAUSED or FAULT after what was none of them."""
         stands = np.isin(self.phases, STOPPING).astype(np.int8)
         begun = np.flatnonzero(np.diff(stands, prepend=0) > 0)
         return [(float(k / self.rate), CAUSES[self.causes[k]]) for k in begun]
@@ -98,7 +99,8 @@ class StudyRun:
     def unnoticed(self) -> float:
         """mm: the most by which the error grew while the tool servoed and no cause was named,
         beyond the least that it had been since it began to. Every way that is not straight has a
-        little of it; a method that leads away without a word has much."""
+        little of it; a method that leads away without a word has much.
+        """
         servoing = (self.phases == SERVO).astype(np.int8)
         edges = np.flatnonzero(np.diff(servoing, prepend=0, append=0))
         most = 0.0

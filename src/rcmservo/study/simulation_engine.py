@@ -1,6 +1,7 @@
 """Closed loops of the simulated laboratory itself: MuJoCo's arm, and the live path's own code, with
 any estimator, with disturbances, with rendered frames. What batch.py does with its compiled twin,
-at the same times and with the same noise."""
+at the same times and with the same noise.
+"""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
@@ -38,7 +39,8 @@ def request_nothing(tick: Tick) -> Request:
 
 class LaboratoryLoop:
     """One closed loop, before its first tick: whoever goes through its `ticks` moves the arm, until
-    the end or as far as they like."""
+    the end or as far as they like.
+    """
 
     def __init__(self, laboratory: "Laboratory", seed: int, repetition: int) -> None:
         of = self._of = laboratory
@@ -65,7 +67,8 @@ class LaboratoryLoop:
 
     def _quiet_frames(self) -> Floats:
         """Return no noise, for the frames in which the arm comes to rest after the last tick: what
-        they show is used for nothing."""
+        they show is used for nothing.
+        """
         servo, rate = self._of.servo, self._of.settings.timing.frame_rate
         period = 1.0 / servo.rate
         slower = max(period / servo.gate.max_period, 1.0)
@@ -135,7 +138,8 @@ class Laboratory(Checked):
 
     def run(self, seed: int, repetition: int = 0) -> StudyRun:
         """One closed loop, in the scene that `Rig(seed)` has. Where the target cannot be taught,
-        the tool stays where it is."""
+        the tool stays where it is.
+        """
         try:
             loop = LaboratoryLoop(self, seed, repetition)
         except NotShown:
@@ -157,7 +161,8 @@ class Laboratory(Checked):
 
     def bound(self, scene: Scene) -> float:
         """The Cramér-Rao bound of the error, mm; NaN with rendered frames, whose noise is the
-        tracker's and not known."""
+        tracker's and not known.
+        """
         if self.pictures:
             return float("nan")
         frames = frames_of(self.settings, self.duration)

@@ -1,6 +1,7 @@
 """What one closed loop of a study is given: a scene, the target as it was shown, and the noise of
 every frame. All of it comes from the seed and the repetition, so that two methods, and two engines,
-are tried on the same."""
+are tried on the same.
+"""
 
 from typing import NamedTuple
 
@@ -44,7 +45,8 @@ def trial(
     seed: int, repetition: int, settings: RigSettings, duration: float, shown: int
 ) -> StudyTrial:
     """The trial of a seed: its scene is that of `Rig(seed)`, with other noise in each
-    `repetition`."""
+    `repetition`.
+    """
     not_negative("whole number").require("repetition", repetition)
     scene, random = sample_scene_of_seed(seed, settings)
     if repetition:

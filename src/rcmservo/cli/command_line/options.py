@@ -1,5 +1,6 @@
 """The options of a command as a list, read from its dataclass: for the help, for suggestions, and
-for messages that name an option."""
+for messages that name an option.
+"""
 
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields, is_dataclass

@@ -33,7 +33,8 @@ def near_options(word: str, known: Iterable[str]) -> str:
 
 def _likeness(word: str, name: str) -> float:
     """Return how near two options are, from 0 to 1; of a word without a group the last part of the
-    other counts too."""
+    other counts too.
+    """
     whole = SequenceMatcher(None, word.lstrip("-"), name.lstrip("-")).ratio()
     alone = SequenceMatcher(None, _last(word), _last(name)).ratio()
     return whole if "." in word else max(whole, alone)

@@ -44,7 +44,8 @@ class EmulatedArm:
     @property
     def measurements(self) -> str:
         """The joints at which it stands at first, and the lengths that a ruler shows on its tool:
-        what `rig check` asks a person for."""
+        what `rig check` asks a person for.
+        """
         q = self._rig.scene.start
         first, second = self._rig.body.points(q)[:2]
         return (
@@ -60,7 +61,8 @@ class EmulatedArm:
 
     def joints(self) -> RateJoints:
         """The arm as joints with velocity drives and brakes, in the wall clock's time from now
-        on."""
+        on.
+        """
         from rcmservo.sim.motor_interface import SimulatedJoints
 
         self._begin()

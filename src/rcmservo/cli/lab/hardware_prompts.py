@@ -109,7 +109,8 @@ def leave_to_move(preparing: Preparing, plant: Plant) -> None:
 
 def setup_of(lab: Lab, plant: Plant) -> Setup:
     """What a target is bound to: the camera by all that the rig file says of it but its latency,
-    which no picture shows."""
+    which no picture shows.
+    """
     frame = plant.frame
     image = None if frame is None else frame.image
     assert image is not None

@@ -94,7 +94,8 @@ def speed_share(options: LabOptions) -> float:
 
 def require_devices(lab: Lab, rig: Path | None, digest: str) -> None:
     """Refuse a rig file whose devices are not described, or that sends speeds to an arm that nobody
-    has seen stop by itself, before anything is connected."""
+    has seen stop by itself, before anything is connected.
+    """
     with told_with(rig):
         arm = lab.device("arm", ARM_KINDS)
         seen = not (isinstance(arm, CrtkSettings) and arm.jv) or is_checked(digest)

@@ -102,7 +102,8 @@ def shown_in(
     image: Image, found: list[Candidate], pair: TrackedPair | None, words: str, numbered: bool
 ) -> Image:
     """The picture with the balls ringed, first those that the tracker takes; `numbered` where it is
-    known which one is marker 1."""
+    known which one is marker 1.
+    """
     from rcmservo.figures.overlay import BallRing, draw_balls
 
     rings = [] if pair is None else _taken(pair, numbered)

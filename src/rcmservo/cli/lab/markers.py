@@ -99,7 +99,8 @@ def _pair(
     options: MarkersOptions,
 ) -> TrackedPair | None:
     """What the tracker takes: for the colours that were chosen, or the rig file's markers, or else
-    the best two balls that it can tell from others."""
+    the best two balls that it can tell from others.
+    """
     if colours is None:
         look = lab.markers
         return track_pair(image, look) if options.rig else propose_pair(image, found, look.radius_1)
@@ -113,7 +114,8 @@ def _look(
     image: Image, lab: Lab, colours: tuple[str, str], options: MarkersOptions
 ) -> MarkerAppearance:
     """The chosen colours with the rig file's radii, or where it has none, as the picture shows
-    them. Which of two balls of one colour is nearer the RCM no picture tells."""
+    them. Which of two balls of one colour is nearer the RCM no picture tells.
+    """
     radii = lab.markers.radius_1, lab.markers.radius_2
     if options.rig and told_in(options.rig) & RADII:
         with told_with(options.rig):

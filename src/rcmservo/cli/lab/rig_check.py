@@ -94,7 +94,8 @@ def rig_check(
 
 def _arm_beside(seen: TrackingThread, arm: Callable[[Lab], LabArm], lab: Lab) -> LabArm:
     """The arm, connected once frames are tracked: one is searched, the next is followed, and then
-    all is compiled."""
+    all is compiled.
+    """
     seen.wait_for(frames=2, patience=PATIENCE)
     return arm(lab)
 

@@ -170,7 +170,8 @@ def _served(
     options: ServeOptions, desk: "Desk", behind: Behind, runs: Path, token: str
 ) -> Generator[tuple[str, dict[int, str]]]:
     """The page's processes: where the page is, and what each is by its sentinel. ``runs`` is the
-    folder of the past runs that it shows."""
+    folder of the past runs that it shows.
+    """
     from rcmservo.page.plots.mechanism_shape import Shape
     from rcmservo.page.poses import PoseFolder
     from rcmservo.page.web.access import Doors, bound_pair, drawn_secret, reached_at
@@ -201,7 +202,8 @@ def _served(
 
 def befallen(what: str, desk: "Desk", befall: Callable[[str], str], log: Path) -> None:
     """Let something go wrong; tell the person, and write it down with the time (ns) on the records'
-    clock."""
+    clock.
+    """
     from rcmservo.page.messages import Note
 
     try:

@@ -1,5 +1,6 @@
 """Reports of the parts that Numba compiles. It imports Numba, so a command imports it only when it
-begins to compute."""
+begins to compute.
+"""
 
 from typing import Any, cast
 

@@ -1,5 +1,6 @@
 """How far a long work is: a bar with its rate and the time left, or lasting lines where no bar can
-be seen."""
+be seen.
+"""
 
 import time
 from collections.abc import Callable, Generator

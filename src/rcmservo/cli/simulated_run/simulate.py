@@ -118,7 +118,8 @@ def _follow(
 @contextmanager
 def _between_ticks() -> Generator[Callable[[], None]]:
     """Ctrl-C takes effect where the function that this gives is called, so that it never cuts a
-    message in two."""
+    message in two.
+    """
     pressed = False
 
     def press(number: int, frame: object) -> None:

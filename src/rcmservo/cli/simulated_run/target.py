@@ -16,7 +16,8 @@ from rcmservo.sim import Rig
 
 def setup_of(rig: Rig, lab: Lab) -> Setup:
     """What a target that is shown to a simulated rig is bound to. Its camera's name follows from
-    where it stands."""
+    where it stands.
+    """
     optics = rig.scene.optics
     where = np.concatenate(
         [[optics.focal], optics.centre, optics.distortion, optics.rotation.ravel(), optics.position]
@@ -36,7 +37,8 @@ def setup_of(rig: Rig, lab: Lab) -> Setup:
 
 def target_of(options: RunOptions, rig: Rig, plant: Plant) -> Target:
     """The target of a file, or one that a person shows before bringing the tool back to the
-    start."""
+    start.
+    """
     setup = setup_of(rig, options.lab)
     if options.target is not None:
         target = target_file.load(options.target, setup)

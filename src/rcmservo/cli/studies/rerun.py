@@ -105,7 +105,8 @@ def _free(path: Path) -> Path:
 
 def _record(cell: Cell, servo: Servo, seed: int, folder: Path, film: bool) -> str:
     """Make the run in the laboratory, with its record, its figures and its film; what of the film
-    went wrong, in words."""
+    went wrong, in words.
+    """
     engine = MUJOCO if cell.engine == COMPILED else cell.engine
     laboratory = replace(cell, engine=engine).engine_for(seed, servo)
     assert isinstance(laboratory, Laboratory)
@@ -133,7 +134,8 @@ def _video(folder: Path, loop: LaboratoryLoop) -> VideoWriter:
 
 def _filmed(loop: LaboratoryLoop, video: VideoWriter) -> Callable[[Tick], None]:
     """What adds every new frame to the film. Where the camera only told points, the scene is drawn
-    as a camera with pictures would have seen it then."""
+    as a camera with pictures would have seen it then.
+    """
     newest = -1
 
     def picture(tick: Tick) -> None:

@@ -182,7 +182,8 @@ class FrameIds:
 
     def step(self, frame_id: int) -> int:
         """Return the difference to the previous id: 1 if no frame is missing or the counter has
-        restarted."""
+        restarted.
+        """
         last, self._last = self._last, frame_id
         if last is None:
             return 1

@@ -176,7 +176,8 @@ def _is_loopback(address: str) -> bool:
 
 def require_accepted(name: str, value: float, actual: float, tolerance: float) -> None:
     """Raise `BadInput` if a camera's actual value differs from a setting by more than a relative
-    tolerance."""
+    tolerance.
+    """
     accepted = abs(actual - value) <= tolerance * abs(value)
     expected = f"a value that the camera accepts (it has set {actual:g})"
     require(accepted, f"camera.{name}", value, expected)

@@ -158,7 +158,8 @@ class CrtkArm:
 
     def homed(self) -> bool:
         """Return True if the arm reports that it is homed; otherwise raise `NotReady`, because an
-        operator cannot set its position."""
+        operator cannot set its position.
+        """
         state = self._received.state
         if state is not None and not state.is_homed:
             raise NotReady(f"{self._name} {HOMES_ITSELF}")

@@ -266,7 +266,8 @@ class Transport(Protocol):
 
     def publish(self, topic: Topic[MessageT], message: MessageT) -> bool:
         """Send a message at once; return True if it was sent. The first message of a topic also
-        offers it."""
+        offers it.
+        """
         ...
 
     def subscribe(self, topic: Topic[MessageT], handler: MessageHandler[MessageT]) -> None:

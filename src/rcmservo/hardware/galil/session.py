@@ -266,7 +266,8 @@ class GalilSession:
 
     def _read_messages(self) -> None:
         """Store the last unsolicited message. Unread messages would fill the controller's
-        buffers."""
+        buffers.
+        """
         if self._message_connection is not None:
             self.last_message = [self.last_message, *self._message_connection.read_messages()][-1]
 

@@ -1,5 +1,6 @@
 """Work on a record, in a process of its own that gives way to all others: neither the page nor the
-servo waits for it."""
+servo waits for it.
+"""
 
 import os
 import pickle

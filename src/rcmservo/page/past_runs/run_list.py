@@ -1,5 +1,6 @@
 """Which runs there are. Each has a name that is made of its place, and is found by nothing else: a
-browser can ask for no other file."""
+browser can ask for no other file.
+"""
 
 import time
 from collections.abc import Iterator

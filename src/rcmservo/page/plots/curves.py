@@ -94,7 +94,8 @@ class Curves:
 
     def _rates(self, tick: Tick) -> tuple[Floats, Floats]:
         """ẏ as Ĵ tells it of marker 1's motion since the sample before, and as it was seen: both
-        times about the same imaged RCM, whose own changes are no motion."""
+        times about the same imaged RCM, whose own changes are no motion.
+        """
         before, unknown = self._before, np.full(3, np.nan)
         passed = 0 if before is None else int(tick["exposure"][0] - before["exposure"][0])
         if before is None or passed < FRESHEST:

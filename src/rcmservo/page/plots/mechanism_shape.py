@@ -1,5 +1,6 @@
 """The mechanism as the page draws it: points in the arm's base frame, whose origin is the RCM, in
-mm."""
+mm.
+"""
 
 from dataclasses import dataclass
 
@@ -39,7 +40,8 @@ class Shape:
 
     def points(self, q: Floats) -> Floats:
         """Marker 1, marker 2 and the tip (3, 3) at the joints q (3,); NaN where they are not
-        known."""
+        known.
+        """
         p1 = self.mechanism.position(q)
         p1 = p1 * (1.0 + self.tool.offset / np.linalg.norm(p1))
         p2 = self.tool.second_marker(p1)
@@ -47,7 +49,8 @@ class Shape:
 
     def limits(self) -> Floats:
         """The surface (STEPS, STEPS, 3) on which marker 1 is where the tool is inserted as far as
-        it may be."""
+        it may be.
+        """
         lower, upper = self.mechanism.limits.lower, self.mechanism.limits.upper
         one, two = (np.linspace(lower[joint], upper[joint], STEPS).tolist() for joint in (0, 1))
         return np.array([[self.points(np.array([a, b, upper[2]]))[0] for b in two] for a in one])

@@ -45,7 +45,8 @@ def names_of(address: str) -> tuple[str, ...]:
 def refusal(headers: Headers, address: str, port: int, must_tell: bool) -> TurnedAway | None:
     """Why what arrived at the address is not from a page of this server, which is at the port. A
     browser ``must_tell`` the origin of a page that opens a websocket; a page that is fetched has
-    none."""
+    none.
+    """
     names, hosts, origins = names_of(address), headers.getlist("host"), headers.getlist("origin")
     if len(hosts) != 1 or hosts[0].partition(":")[0].lower() not in names:
         return TurnedAway(400, "this server is known by its address alone, not by that name")
@@ -57,7 +58,8 @@ def refusal(headers: Headers, address: str, port: int, must_tell: bool) -> Turne
 
 class Porter:
     """Stands before all that a process serves for the page at the port; whoever must sign in
-    first, does so here."""
+    first, does so here.
+    """
 
     def __init__(self, app: ASGIApp, port: int, sign_in: SignIn | None = None) -> None:
         self._app, self._port, self._sign_in = app, port, sign_in
@@ -86,7 +88,8 @@ class Porter:
 
 def unframed(send: Send) -> Send:
     """Answer so that no page of another origin can show it in a frame, where a person would press
-    what is not seen."""
+    what is not seen.
+    """
 
     async def sent(message: Message) -> None:
         if message["type"] == "http.response.start":

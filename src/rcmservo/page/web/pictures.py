@@ -79,7 +79,8 @@ class Pictures:
 
     def _chosen(self) -> Frame | None:
         """The frame that the servo has used last, or the newest where it has used none of late;
-        None where that is shown already."""
+        None where that is shown already.
+        """
         number, oldest = self._board.frame, next(iter(self._frames), -1)
         if number < oldest:
             number = next(reversed(self._frames))
@@ -93,7 +94,8 @@ class Pictures:
 
     async def after(self, count: int) -> ShownPicture:
         """The picture shown once there is one after the `count`-th; what there is to tell without
-        it where none comes."""
+        it where none comes.
+        """
         if self._shown.count <= count:
             try:
                 await asyncio.wait_for(self._new.wait(), WITHOUT)

@@ -66,7 +66,8 @@ def unit_in(words: str) -> str:
 
 def forms(chosen: Servo, in_force: Servo | None) -> list[dict[str, Any]]:
     """A form for each box that may change, as JSON has it: its kinds and their fields, what is set,
-    and what is in force."""
+    and what is in force.
+    """
     held = None if in_force is None else describe(in_force)
     wanted = describe(chosen)
     return [

@@ -26,7 +26,7 @@ class Guesses:
         self._wrong: dict[str, list[float]] = {}
 
     def wait(self, who: str, now: float) -> float:
-        """s until the address is heard again."""
+        """S until the address is heard again."""
         before = self._wrong.get(who, [])
         return 0.0 if len(before) < WRONG else max(0.0, before[0] + WITHIN - now)
 

@@ -1,5 +1,6 @@
 """STOP, in a process of its own: from any browser that watches straight to the supervisor, however
-the page and the servo are."""
+the page and the servo are.
+"""
 
 import asyncio
 import socket
@@ -19,7 +20,8 @@ from rcmservo.page.web.server_process import GRACE, until_told
 
 def serve_stop(bell: Post, doors: Doors, listening: socket.socket, control: Connection) -> None:
     """Ring the bell for whoever presses STOP, until the other end of `control` speaks or is
-    gone."""
+    gone.
+    """
 
     async def pressed(wire: WebSocket) -> None:
         if not await doors.let_in(wire):

@@ -14,7 +14,8 @@ SHORTEST, LONGEST = 16, 256
 
 def token_for(host: str, file: Path | None) -> str:
     """The token of a server that listens there: empty where none is asked for, which is at an
-    address that this computer alone reaches."""
+    address that this computer alone reaches.
+    """
     try:
         alone = IPv4Address(host).is_loopback
     except AddressValueError as error:

@@ -132,7 +132,8 @@ def frames_are_not_new(c: TickFacts) -> bool:
 @compiled
 def frame_times_are_invalid(c: TickFacts) -> bool:
     """Detect invalid times: of frames that are not used, or that keep coming and are always
-    old."""
+    old.
+    """
     return missing_reason(c) == CLOCK or (is_missing(c) and keeps_coming(c))
 
 

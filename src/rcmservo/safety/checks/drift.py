@@ -31,7 +31,8 @@ def watch_drift(
     w: Watch, v: Prospect, p1: Floats, points: Floats, seen: Floats, shaft: Shaft, t: Thresholds
 ) -> None:
     """One more frame: raw `points` (2, 2) px, and the same as they were `seen`, NaN where lost,
-    with marker 1 at p1 (3,) mm."""
+    with marker 1 at p1 (3,) mm.
+    """
     there = both(v, p1, shaft)
     w.averaged = min(w.averaged + 1, t.drift_frames)
     for k in range(2):
@@ -49,7 +50,8 @@ def watch_drift(
 def watch_stuck(w: Watch, p1: Floats, points: Floats, t: Thresholds) -> tuple[bool, bool]:
     """Whether marker 1, marker 2 stands still while the other goes its way, as long as nothing
     foretells them: raw `points` (2, 2) px, with marker 1 at p1 (3,) mm. Where neither changes at
-    all while the tool moves, the picture is frozen."""
+    all while the tool moves, the picture is frozen.
+    """
     same, stands = alike(points, w.seen), np.empty(2)
     w.frozen = same and distance(p1, w.stood) > t.stuck
     if not same:
@@ -67,7 +69,8 @@ def watch_stuck(w: Watch, p1: Floats, points: Floats, t: Thresholds) -> tuple[bo
 def average(w: Watch, v: Prospect, k: int, there: Foretold, point: Floats, t: Thresholds) -> None:
     """Take what the fit leaves over of marker k, seen at a raw `point` (2,) px, into the mean, and
     judge that. It counts only up to a bound, so that no mean is made by so few frames as may be
-    rejected in a row."""
+    rejected in a row.
+    """
     place = w.expected[k]
     place[0], place[1] = v.origin[3] + there.m[0], v.origin[4] + there.m[1]
     bound = t.drift_px * t.drift_frames / (np.sqrt(2.0) * (t.rejected + 1))

@@ -82,6 +82,7 @@ def camera_moved(c: TickFacts) -> bool:
 @compiled
 def markers_are_unexpected(c: TickFacts) -> bool:
     """Detect markers that no motion of tool or camera explains: by leaps, or by the drift of one
-    alone."""
+    alone.
+    """
     unexplained = not (camera_moved(c) or markers_changed_places(c))
     return (frames_are_rejected(c) and unexplained) or one_marker_deviates(c)

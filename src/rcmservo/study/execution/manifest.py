@@ -1,5 +1,6 @@
 """What a folder holds: study.json, from which any run of the study can be made again, and which
-tells what has changed when the study is another one."""
+tells what has changed when the study is another one.
+"""
 
 import json
 from collections.abc import Iterator
@@ -66,7 +67,8 @@ class StudyNote(Checked):
 
 def _require_usable(cell: Cell, where: str) -> None:
     """Refuse a cell whose servo and scenes do not look like some; what is in them is refused where
-    it is used."""
+    it is used.
+    """
     estimator = cell.servo.get("estimator")
     good = is_table(estimator) and KIND in estimator
     require(good, f"{where}.servo.estimator", estimator, "a table with its kind")
@@ -107,7 +109,8 @@ def read(folder: Path) -> StudyNote | None:
 
 def changed(before: StudyNote, now: StudyNote) -> list[str]:
     """What of a study is not as it was, in the words of its settings. What is of a method, or of
-    scenes, is told where both studies have these."""
+    scenes, is told where both studies have these.
+    """
     names = [word for name, word in WORDS.items() if getattr(before, name) != getattr(now, name)]
     old, new = _facts(before), _facts(now)
     other = [word for word, of in new if (word, of) in old and old[word, of] != new[word, of]]

@@ -1,5 +1,6 @@
 """What this package is known by: its version, and a hash of its source. Results of another one are
-not mixed with its own."""
+not mixed with its own.
+"""
 
 import hashlib
 from functools import cache

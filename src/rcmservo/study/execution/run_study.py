@@ -20,7 +20,8 @@ Progress = Callable[[int], None]
 
 class Work:
     """A plan and its folder: what is done, and what is left. The folder is made when there is
-    something to keep."""
+    something to keep.
+    """
 
     changed: list[str]
     """Settings that are not what they were when the folder was used last."""
@@ -39,7 +40,8 @@ class Work:
 
     def compile(self) -> None:
         """Make the first run that is left of every cell, so that all that it needs is compiled
-        once, and not by every worker at a time. What cannot be run is told before any begins."""
+        once, and not by every worker at a time. What cannot be run is told before any begins.
+        """
         first = {chunk.cell.text: chunk for chunk in reversed(self.left.values())}
         for chunk in first.values():
             one_run(chunk.cell, chunk.cell.rebuilt(self.own), chunk.seeds.start)

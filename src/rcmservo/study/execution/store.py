@@ -1,6 +1,7 @@
 """What is done of a study, on disk: a folder with one Parquet file for every chunk, by the hash of
 all that it depends on. A study that was stopped goes on from there, and so does one of whose
-settings only some were changed."""
+settings only some were changed.
+"""
 
 import hashlib
 import json

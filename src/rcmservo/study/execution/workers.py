@@ -81,7 +81,8 @@ class Crew:
         self, orders: Iterable[tuple[str, ChunkOrder]]
     ) -> Generator[tuple[str, list[Numbers]]]:
         """The rows of every order, as they come. A worker that dies loses nothing: what it had is
-        done by another."""
+        done by another.
+        """
         waiting, futures = iter(orders), DASK.as_completed()
         try:
             self._fill(futures, waiting)
@@ -122,7 +123,8 @@ class Crew:
 @contextmanager
 def crew(address: str | None, workers: int | None) -> Generator[Crew]:
     """The workers of a cluster, all of which have this very package; without an address as many
-    processes of this machine as it has processors, or as are asked for."""
+    processes of this machine as it has processors, or as are asked for.
+    """
     with _quietly():
         if address is None:
             with _processes(workers) as client:
@@ -198,7 +200,8 @@ def _await_all(cluster: Any, client: Any, count: int) -> None:
 @contextmanager
 def _left_alone() -> Generator[None]:
     """Ctrl-C, which reaches every process of the terminal, waits until this one unblocks it. The
-    thread that is made in here, and all workers that it ever starts, never hear of it."""
+    thread that is made in here, and all workers that it ever starts, never hear of it.
+    """
     resource_tracker.ensure_running()  # whoever starts a first process starts it, and unblocks
     usual = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -258,7 +261,8 @@ def _reached(address: str) -> Generator[Any]:
 
 def _connected(address: str) -> tuple[Any, str]:
     """The client of a scheduler; or None, and why not, with nothing that holds on to the half-made
-    one."""
+    one.
+    """
     try:
         return DASK.Client(address, timeout=PATIENCE), ""
     except (OSError, TypeError, ValueError, RuntimeError) as error:

@@ -1,6 +1,7 @@
 """A cell of a study: one method, in one distribution of scenes, under one set of conditions. It is
 plain text, so that it can be sent to another machine, and so that what was computed of it can be
-known again."""
+known again.
+"""
 
 import json
 from collections.abc import Mapping
@@ -100,7 +101,8 @@ def cell_from(text: str) -> Cell:
 
 def engine_of(servo: Servo, disturb: tuple[str, ...], wanted: str) -> str:
     """The engine for a servo: the one that is `wanted`, or with "auto" the compiled one where that
-    can do it."""
+    can do it.
+    """
     compiled = servo.kernel is not None and not disturb
     if wanted == AUTO:
         return COMPILED if compiled else MUJOCO

@@ -144,7 +144,8 @@ def _text(name: str) -> str:
 
 def distribution_from(name: str, table: Table, known: Mapping[str, Distribution]) -> Distribution:
     """The distribution in a table: sections of a rig file, `vary`, and `like`, the name of one
-    whose sections and ranges it takes over where it has none of its own."""
+    whose sections and ranges it takes over where it has none of its own.
+    """
     own = dict(table)
     like, vary = own.pop("like", None), own.pop("vary", {})
     require(is_table(vary), f"{name}.vary", vary, "a table of ranges")
@@ -164,7 +165,8 @@ def chosen(
     name: str, known: Mapping[str, Distribution], where: str, beside: str = ""
 ) -> Distribution:
     """The distribution of a name: one that is `known`, or a built-in one. What could be named
-    `beside` these is for who named another one."""
+    `beside` these is for who named another one.
+    """
     if name in known:
         return known[name]
     names = ", ".join(dict.fromkeys((*known, *BUILT_IN)))

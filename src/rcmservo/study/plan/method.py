@@ -53,13 +53,15 @@ def method_of(name: str, **parts: Any) -> StudyMethod:
 
 def named(name: str, own: Own) -> StudyMethod:
     """Return the method with the built-in settings of an estimator, and those of all other
-    parts."""
+    parts.
+    """
     return method_of(name, estimator=_estimator(name, own, "method"))
 
 
 def method_from(name: str, table: Table, own: Own) -> StudyMethod:
     """Return the method in a table: `estimator`, by its name or as a table with its `kind`, and
-    tables of the other parts' settings."""
+    tables of the other parts' settings.
+    """
     where, rest = f"method.{name}", dict(table)
     parts = {"estimator": _estimator(rest.pop("estimator", None), own, f"{where}.estimator")}
     for part, settings in rest.items():

@@ -1,5 +1,6 @@
 """A study: methods x scenes x noise x latency x disturbances x repetitions, as cells, and the seeds
-that each is tried on."""
+that each is tried on.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -67,7 +67,8 @@ def parcel_of(kind: type[Estimator]) -> Parcel:
 
 def _files(module: str) -> Iterable[tuple[str, bytes]]:
     """What a module consists of: its own file and what that imports from beside it, or all .py
-    files of its package."""
+    files of its package.
+    """
     top = sys.modules[module.partition(".")[0]]
     places = list(getattr(top, "__path__", ()))
     if not places:
@@ -82,7 +83,8 @@ def _files(module: str) -> Iterable[tuple[str, bytes]]:
 
 def _beside(path: Path) -> list[Path]:
     """The files that a file imports from its own folder, and they from there; none of it where it
-    is installed, as it then is installed on workers too."""
+    is installed, as it then is installed on workers too.
+    """
     folder = path.parent
     if folder in {Path(get_path(kind)) for kind in ("purelib", "platlib", "stdlib")}:
         return []

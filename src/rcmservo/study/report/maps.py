@@ -1,5 +1,6 @@
 """Where a method converges: the share of its runs that succeed, by two things of the scene, in bins
-that hold about as many runs each."""
+that hold about as many runs each.
+"""
 
 from dataclasses import dataclass
 from itertools import pairwise

@@ -173,7 +173,8 @@ def _figure(here: list[Group], duration: float) -> Figure:
 
 def _shares(label: str, values: Floats, style: int, ends: tuple[float, ...]) -> Curve:
     """The share of all runs with at most this value, as steps, from the first to the last of the
-    `ends` where there are any; it ends below 1 where some never came."""
+    `ends` where there are any; it ends below 1 where some never came.
+    """
     known = np.sort(values[np.isfinite(values)])
     places = np.unique(np.linspace(0, len(known) - 1, min(len(known), STEPS)).round().astype(int))
     shares = np.concatenate([[0.0], (places + 1) / len(values)])

@@ -1,5 +1,6 @@
 """Numbers with their intervals of 95 %, each by a way that holds for what studies have: shares near
-0 and 1, times that never come, errors with long tails."""
+0 and 1, times that never come, errors with long tails.
+"""
 
 import math
 from typing import Any, NamedTuple
@@ -60,7 +61,8 @@ def share(count: int, of: int) -> Interval:
 def quantile(values: Floats, p: float, least: float = -np.inf) -> Interval:
     """A quantile, with the interval between order statistics, whatever the values' distribution.
     Values that never came are inf. Where the values are too few for an end of it, that is inf, or
-    what no value is below, `least`."""
+    what no value is below, `least`.
+    """
     n, ordered = len(values), np.sort(values)
     if n == 0:
         return UNKNOWN
@@ -75,7 +77,8 @@ def quantile(values: Floats, p: float, least: float = -np.inf) -> Interval:
 
 def _at(ordered: Floats, count: float) -> float:
     """The value up to which there are so many: half-way to the next one where they are whole, but
-    for a next one that never came."""
+    for a next one that never came.
+    """
     whole = round(count)
     if abs(count - whole) > 1e-9:
         return float(ordered[int(count)])
@@ -88,7 +91,8 @@ def _at(ordered: Floats, count: float) -> float:
 
 def root_mean_square(values: Floats) -> Interval:
     """The root mean square, with the interval that Student's t gives the logarithm of the mean
-    square; from 0 to inf of a single value."""
+    square; from 0 to inf of a single value.
+    """
     n, squares = len(values), values**2
     if n == 0:
         return UNKNOWN
@@ -103,7 +107,8 @@ def root_mean_square(values: Floats) -> Interval:
 def share_difference(one: Flags, other: Flags) -> Interval:
     """How much greater the share of `one` is than that of `other`, of pairs of booleans (n,), with
     the interval of A. Agresti and Y. Min, Biostatistics 6, 2005: half a pair more in each of the
-    four cases, so that no interval is empty where the two never differed."""
+    four cases, so that no interval is empty where the two never differed.
+    """
     gained, lost, n = int((one & ~other).sum()), int((~one & other).sum()), len(one)
     b, c, m = gained + 0.5, lost + 0.5, n + 2.0
     middle = (b - c) / m
@@ -113,6 +118,7 @@ def share_difference(one: Flags, other: Flags) -> Interval:
 
 def median_difference(one: Floats, other: Floats) -> Interval:
     """The median of `one` − `other` over pairs, with the interval between order statistics. A pair
-    of which both never came tells nothing."""
+    of which both never came tells nothing.
+    """
     known = np.isfinite(one) | np.isfinite(other)
     return quantile(one[known] - other[known], 0.5)

@@ -1,5 +1,6 @@
 """A study in numbers: every method under every condition, and every method beside the first one, in
-the same scenes with the same noise."""
+the same scenes with the same noise.
+"""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -63,7 +64,7 @@ class Group:
 
     @cached_property
     def first_within(self) -> Floats:
-        """s until first within 1 mm; inf if never."""
+        """S until first within 1 mm; inf if never."""
         times = self.column("time_to_1mm_s")
         return np.where(np.isnan(times), np.inf, times)
 

@@ -1,2 +1,3 @@
 """Settings found by study: a search over some of a method's numbers, and a trial of what it found
-on scenes that it has not seen."""
+on scenes that it has not seen.
+"""

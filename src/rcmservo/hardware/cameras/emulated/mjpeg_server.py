@@ -69,7 +69,8 @@ class MjpegServer:
 
     def wait_for_newer(self, count: int) -> tuple[int, bytes]:
         """Wait for a frame after the one with a count; return its count and JPEG, empty if none
-        comes."""
+        comes.
+        """
         with self._new_frame:
             self._waiting += 1
             self._new_frame.wait_for(lambda: self._count > count or self._closing, FRAME_TIMEOUT_S)

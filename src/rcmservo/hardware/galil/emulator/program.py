@@ -82,7 +82,8 @@ class Program:
 
     def index_of_line(self, line: int) -> int:
         """Return the index of the first instruction in a line or after it, or raise
-        :class:`CommandError`."""
+        :class:`CommandError`.
+        """
         if not 0 <= line < len(self.lines):
             raise CommandError(11)
         following = (i for i, one in enumerate(self.instructions) if one.line >= line)
