@@ -1,0 +1,60 @@
+"""Docstrings: summary lines by PEP 257, and complete numpydoc sections of public names."""
+
+import ast
+import inspect
+import re
+from collections.abc import Iterator
+from enum import Enum
+from typing import Any
+
+import pytest
+from numpydoc.validate import validate
+
+import rcmservo as rs
+from conftest import ROOT
+
+QUESTION_WORD = re.compile(r"(What|How|Where|Whether|Why|Who|When)\b")
+CHECKED_FOLDERS = "src", "tests", "benchmarks", "docs", "examples"
+NOT_REQUIRED = {
+    "ES01",  # an extended summary
+    "SA01",  # a See Also section
+    "EX01",  # an example
+    "PR08",  # a capital letter, which symbols such as p₁ do not have
+    "YD01",  # a Yields section of a generator whose summary says what it yields
+}
+"""Findings of numpydoc that are no fault here."""
+
+
+def question_summaries() -> Iterator[str]:
+    """Yield docstrings whose summary begins with a question word."""
+    for folder in CHECKED_FOLDERS:
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+                    if QUESTION_WORD.match(ast.get_docstring(node) or ""):
+                        yield f"{path.relative_to(ROOT)}: {getattr(node, 'name', 'module')}"
+
+
+def test_no_summary_line_begins_with_a_question_word() -> None:
+    assert list(question_summaries()) == []
+
+
+def public_objects() -> dict[str, Any]:
+    """Classes and functions that `import rcmservo as rs` offers."""
+    offered = {name: getattr(rs, name) for name in dir(rs)}
+    return {name: one for name, one in offered.items() if callable(one)}
+
+
+@pytest.mark.parametrize("name", sorted(public_objects()))
+def test_a_public_name_has_complete_numpydoc_sections(name: str) -> None:
+    errors = dict(validate(f"rcmservo.{name}")["errors"])
+    value = getattr(rs, name)
+    if inspect.isclass(value) and (issubclass(value, Enum) or getattr(value, "_is_protocol", False)):
+        errors.pop("PR01", None)  # nobody calls the class
+    assert {code: errors[code] for code in errors.keys() - NOT_REQUIRED} == {}
+
+
+def test_dir_gives_the_public_names_and_nothing_else() -> None:
+    assert dir(rs) == sorted(
+        [*rs.public.__all__, "__version__", "bound", "sim", "study", "tracking"]
+    )
