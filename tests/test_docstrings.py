@@ -30,9 +30,9 @@ def question_summaries() -> Iterator[str]:
     for folder in CHECKED_FOLDERS:
         for path in sorted((ROOT / folder).rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text())):
-                if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
-                    if QUESTION_WORD.match(ast.get_docstring(node) or ""):
-                        yield f"{path.relative_to(ROOT)}: {getattr(node, 'name', 'module')}"
+                documented = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+                if documented and QUESTION_WORD.match(ast.get_docstring(node) or ""):
+                    yield f"{path.relative_to(ROOT)}: {getattr(node, 'name', 'module')}"
 
 
 def test_no_summary_line_begins_with_a_question_word() -> None:
@@ -49,7 +49,9 @@ def public_objects() -> dict[str, Any]:
 def test_a_public_name_has_complete_numpydoc_sections(name: str) -> None:
     errors = dict(validate(f"rcmservo.{name}")["errors"])
     value = getattr(rs, name)
-    if inspect.isclass(value) and (issubclass(value, Enum) or getattr(value, "_is_protocol", False)):
+    if inspect.isclass(value) and (
+        issubclass(value, Enum) or getattr(value, "_is_protocol", False)
+    ):
         errors.pop("PR01", None)  # nobody calls the class
     assert {code: errors[code] for code in errors.keys() - NOT_REQUIRED} == {}
 

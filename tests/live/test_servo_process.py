@@ -115,7 +115,7 @@ def test_what_a_servo_process_cannot_use_is_said_in_the_supervisor(
     theirs.send(serve(beats, noted))
     assert not noted and beats.value == STANDING
     with pytest.raises(RcmServoError, match=r"run\.mcap"):
-        supervise(SimpleNamespace(wire=ours, beats=beats), left_to_its_watchdog)  # type: ignore
+        supervise(SimpleNamespace(pipe=ours, beats=beats), left_to_its_watchdog)  # type: ignore
 
 
 @pytest.mark.parametrize(("beat", "hangs"), [(STANDING, False), (ENABLING, False), (0, True)])

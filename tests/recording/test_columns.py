@@ -35,7 +35,17 @@ def units(field: Field) -> list[str]:
 
 def test_most_decisions_of_the_servo_are_compared_here() -> None:
     names = {column.name for column, _ in PAIRS}
-    assert names >= {"o_c", "y", "delta", "ahead", "J_hat", "v", "condition", "latency", "period"}
+    assert names >= {
+        "o_c",
+        "y",
+        "delta",
+        "predicted_delta",
+        "J_hat",
+        "v",
+        "condition",
+        "latency",
+        "period",
+    }
 
 
 @pytest.mark.parametrize(("column", "field"), PAIRS, ids=lambda one: one.name)

@@ -454,7 +454,7 @@ def test_a_tick_of_any_numbers_and_words_is_replayed_or_refused(
     )
     rows = reader.read_record(path)
     assert [
-        rows.words[name][0] for name in ("phase", "cause", "asks", "request", "dropped")
+        rows.words[name][0] for name in ("phase", "cause", "action", "request", "dropped")
     ] == words
     with pytest.raises(rs.UnusableFile, match="does not know"):
         replay_record(path)

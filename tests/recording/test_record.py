@@ -49,9 +49,9 @@ def record_run(folder: Path, **settings: Any) -> RecordedRun:
     rig = rs.sim.Rig(1, pictures=False)
     plant = rs.Plant(rig.arm, rig.camera, PointMarkers(), rig.clock)
     servo = rs.Servo(mechanism=rs.SphericalRcm(), tool=rs.RigidTool(spacing=30.0), **settings)
-    rig.show_target()
+    rig.move_to_target()
     target = rs.teach(plant, frames=30)
-    rig.go_home()
+    rig.move_to_start()
     run = RecordedRun(folder, [], servo, target)
     with Recorder(run.path, {"seed": 1}) as recorder:
         recorder.begin(servo, target)
@@ -80,7 +80,7 @@ def expected_values(tick: rs.Tick) -> dict[str, Any]:
         "q": observation.q,
         "q_time": observation.q_time,
         "enabled": observation.enabled,
-        "applied_before": observation.applied,
+        "applied_at_observation": observation.applied,
         "frame": observation.frame,
         "exposure": observation.exposure,
         "arrival": observation.arrival,
@@ -88,16 +88,16 @@ def expected_values(tick: rs.Tick) -> dict[str, Any]:
         "points": observation.points,
         "sizes": observation.sizes,
         "recorded": observation.recorded,
-        "believed": state.believed,
+        "accepted_frame": state.believed,
         "since": state.mode.since,
-        "good": state.mode.good,
+        "accepted_frames": state.mode.good,
         "explored": state.explored,
         "o_c": state.o_c,
         "p1": state.p1,
         "y": state.y,
         "rcm_condition": state.learnt.estimate.rcm_condition,
         "delta": state.delta,
-        "ahead": state.learnt.estimate.ahead,
+        "predicted_delta": state.learnt.estimate.ahead,
         "J_hat": state.J_hat,
         "condition": state.condition,
         "v": state.v,
@@ -117,7 +117,7 @@ def expected_values(tick: rs.Tick) -> dict[str, Any]:
 
 def expected_names(tick: rs.Tick) -> dict[str, str]:
     mode = tick.state.mode
-    names = {"phase": mode.phase, "cause": mode.cause, "asks": mode.asks}
+    names = {"phase": mode.phase, "cause": mode.cause, "action": mode.asks}
     names |= {"request": tick.request, "dropped": tick.seen.dropped}
     return {name: value.name for name, value in names.items()}
 

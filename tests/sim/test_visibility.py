@@ -97,14 +97,14 @@ class StubOracle:
     """Oracle that detects a disturbance at the k-th update."""
 
     def __init__(self, k: int) -> None:
-        self.left, self.visible = k, None
+        self.left, self.visible_since = k, None
 
-    def look(self, seen: object) -> None:
+    def update(self, seen: object) -> None:
         self.left -= 1
-        self.visible = 1 if self.left < 0 else None
+        self.visible_since = 1 if self.left < 0 else None
 
     def reset(self) -> None:
-        self.left, self.visible = 0, None
+        self.left, self.visible_since = 0, None
 
 
 def ticks(*phases: Phase, cause: Cause = Cause.NONE) -> list[SimpleNamespace]:

@@ -251,7 +251,7 @@ def test_a_seed_or_a_noise_that_cannot_be_is_one_sentence() -> None:
 def test_given_noise_is_that_of_each_frame_whichever_of_them_are_taken() -> None:
     noise = np.arange(40.0).reshape(10, 2, 2) / 100.0
     rig, still = (Rig(0, QUIET, pictures=False) for _ in range(2))
-    rig.see_noise(noise)
+    rig.set_point_noise(noise)
     begun = still.camera.latest()
     for ms in (1.0, 40.0, 20.0, 100.0):
         for one in (rig, still):
@@ -268,9 +268,9 @@ def test_given_noise_is_that_of_each_frame_whichever_of_them_are_taken() -> None
 
 def test_noise_that_cannot_be_given_is_one_sentence() -> None:
     with pytest.raises(BadInput, match=r"noise must be of shape \(frames, 2, 2\)"):
-        Rig(0, QUIET, pictures=False).see_noise(np.zeros((10, 4)))
+        Rig(0, QUIET, pictures=False).set_point_noise(np.zeros((10, 4)))
     with pytest.raises(BadInput, match="camera must be the one without pictures"):
-        Rig(0, QUIET).see_noise(np.zeros((10, 2, 2)))
+        Rig(0, QUIET).set_point_noise(np.zeros((10, 2, 2)))
 
 
 def test_the_twin_stops_at_its_hard_stop_by_the_true_joints() -> None:

@@ -237,7 +237,7 @@ class Board:
         return Status(
             phase=phase.name,
             words=phase.value,
-            action=self.tick["asks"],
+            action=self.tick["action"],
             why="; ".join(filter(None, (self.teaching, cause.value))),
             way_out=cause.way_out,
             ways=ways(phase, cause),

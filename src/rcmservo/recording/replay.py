@@ -38,13 +38,13 @@ class ReplayResult:
 
     Parameters
     ----------
-    then : Record
+    recorded : Record
         Record as it was written.
-    now : Record
+    recomputed : Record
         Record with the replayed decisions; it can be plotted like any other record.
-    first : int or None
+    first_difference : int or None
         Index of the first tick that differs in any bit; None if there is none.
-    differs : dict[str, int]
+    difference_counts : dict[str, int]
         Number of differing ticks by column; columns without a difference are left out.
     open_loop : bool
         True if other settings than the recorded ones were used.
@@ -223,7 +223,7 @@ def _observation(recorded: Record, i: int) -> Observation:
         q=ticks["q"][i],
         q_time=int(ticks["q_time"][i, 0]),
         enabled=bool(ticks["enabled"][i, 0]),
-        applied=ticks["applied_before"][i],
+        applied=ticks["applied_at_observation"][i],
         frame=int(ticks["frame"][i, 0]),
         exposure=int(ticks["exposure"][i, 0]),
         arrival=int(ticks["arrival"][i, 0]),

@@ -18,6 +18,7 @@ from rcmservo.loop.tick import Tick
 from rcmservo.recording.cdr import MessageCodec, time_of
 from rcmservo.recording.tick_schema import (
     FLAG_COLUMNS,
+    FORMER_NAMES,
     INTEGER_COLUMNS,
     LATER,
     NAME_COLUMNS,
@@ -32,6 +33,7 @@ CRTK_STATES = {phase: phase.name for phase in (Phase.DISABLED, Phase.PAUSED, Pha
 BUSY_PHASES = Phase.ACQUIRE, Phase.SERVO, Phase.JOG
 """Phases in which the arm moves."""
 NO_VALUES = np.empty(0)
+EMPTY: Mapping[str, str] = {}
 
 SI_FACTORS = np.array([1.0, 1.0, 1e-3])
 """Factors from rad, rad, mm to SI units."""
@@ -52,12 +54,17 @@ def _arrays(numbers: Mapping[str, tuple[str, ...]]) -> list[str]:
     return [f"float64[{len(parts)}] {name.lower()}" for name, parts in numbers.items()]
 
 
-def _tick_definition(reals: Sequence[Column]) -> str:
+def _tick_definition(reals: Sequence[Column], names: Mapping[str, str] = EMPTY) -> str:
+    """Return the definition of a tick; `names` replace the present names of columns."""
+
+    def named(columns: Sequence[Column]) -> dict[str, tuple[str, ...]]:
+        return {names.get(column.name, column.name): column.parts for column in columns}
+
     return _definition(
-        *(f"int64 {column.name}" for column in INTEGER_COLUMNS),
-        *_arrays({column.name: column.parts for column in reals}),
-        *(f"bool {column.name}" for column in FLAG_COLUMNS),
-        *(f"string {column.name}" for column in NAME_COLUMNS),
+        *(f"int64 {name}" for name in named(INTEGER_COLUMNS)),
+        *_arrays(named(reals)),
+        *(f"bool {name}" for name in named(FLAG_COLUMNS)),
+        *(f"string {name}" for name in named(NAME_COLUMNS)),
     )
 
 
@@ -137,7 +144,11 @@ def _tick_layout(reals: Sequence[Column]) -> np.dtype[Any]:
 TICK = _tick_layout(REAL_COLUMNS)
 """Layout of a tick without its names."""
 
-TICKS = {_tick_definition(reals): _tick_layout(reals) for reals in REALS_BY_VERSION}
+TICKS = {
+    _tick_definition(reals, names): _tick_layout(reals)
+    for names in (FORMER_NAMES, EMPTY)
+    for reals in REALS_BY_VERSION
+}
 """Layout of a tick in each version of the format, by definition."""
 
 TRUTH_LAYOUT = np.dtype(

@@ -38,7 +38,7 @@ class Column(NamedTuple):
         Name in messages, tables and comparisons.
     parts : tuple[str, ...]
         Name and unit of each number.
-    of : Callable[[Tick], Any]
+    value_of : Callable[[Tick], Any]
         Function that returns the value of a tick.
     """
 
@@ -65,9 +65,9 @@ INTEGER_COLUMNS = (
     Column("frame", COUNT, at("seen.frame")),
     Column("exposure", TIME, at("seen.exposure")),
     Column("arrival", TIME, at("seen.arrival")),
-    Column("believed", COUNT, at("state.believed")),
+    Column("accepted_frame", COUNT, at("state.believed")),
     Column("since", TIME, at("state.mode.since")),
-    Column("good", COUNT, at("state.mode.good")),
+    Column("accepted_frames", COUNT, at("state.mode.good")),
     Column("command_number", COUNT, at("state.command.number")),
     Column("command_time", TIME, at("state.command.time")),
     Column("command_deadline", TIME, at("state.command.deadline")),
@@ -82,12 +82,12 @@ REAL_COLUMNS = (
     Column("q", JOINTS, at("seen.q")),
     Column("q_exposure", JOINTS, at("seen.q_exposure")),
     Column("points", MARKERS, at("seen.points")),
-    Column("applied_before", RATES, at("seen.applied")),
+    Column("applied_at_observation", RATES, at("seen.applied")),
     Column("o_c", IMAGE_POINT, at("state.o_c")),
     Column("p1", POSITION, at("state.p1")),
     Column("y", FEATURES, at("state.y")),
     Column("delta", FEATURES, at("state.delta")),
-    Column("ahead", FEATURES, at("state.learnt.estimate.ahead")),
+    Column("predicted_delta", FEATURES, at("state.learnt.estimate.ahead")),
     Column("J_hat", JACOBIAN, at("state.J_hat")),
     Column("a_hat", PARAMETERS, _a_hat),
     Column("model", MARKERS, _model),
@@ -100,8 +100,8 @@ REAL_COLUMNS = (
 )
 """Real numbers of a tick.
 
-`applied_before` are the joint rates that the observation reports; `applied` are the rates that the
-arm executed of the command; `jog` are the rates that the operator requested.
+`applied_at_observation` are the joint rates that the observation reports; `applied` are the rates
+that the arm executed of the command; `jog` are the rates that the operator requested.
 """
 
 LATER = ("sizes",), ("jog",), ("quality",)
@@ -118,11 +118,20 @@ FLAG_COLUMNS = (
 NAME_COLUMNS = (
     Column("phase", ("",), at("state.mode.phase.name")),
     Column("cause", ("",), at("state.mode.cause.name")),
-    Column("asks", ("",), at("state.mode.asks.name")),
+    Column("action", ("",), at("state.mode.asks.name")),
     Column("request", ("",), at("request.name")),
     Column("dropped", ("",), at("seen.dropped.name")),
 )
 """Enum members of a tick, by name."""
+
+FORMER_NAMES = {
+    "accepted_frame": "believed",
+    "accepted_frames": "good",
+    "applied_at_observation": "applied_before",
+    "predicted_delta": "ahead",
+    "action": "asks",
+}
+"""Names of columns in older records, by their present names."""
 
 TRUTH_COLUMNS = {"p1": POSITION, "p2": POSITION, "jacobian_error": COUNT}
 """Values that only a simulation knows at a tick."""

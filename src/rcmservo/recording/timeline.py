@@ -95,7 +95,7 @@ def spans(record: Record) -> list[Span]:
             phase=record.enum_at(Phase, "phase", i),
             cause=record.enum_at(Cause, "cause", i),
             detail=_detail(record, i),
-            asks=record.enum_at(Action, "asks", i),
+            asks=record.enum_at(Action, "action", i),
             request=record.enum_at(Request, "request", i),
             stage=int(rows[i][2]),
         )
@@ -184,7 +184,7 @@ def _frame_counts(record: Record) -> FrameCounts:
     return FrameCounts(
         used=len(new),
         skipped=int((steps[steps > 0] - 1).sum()),
-        rejected=int((record.ticks["believed"][new, 0] != number[new]).sum()),
+        rejected=int((record.ticks["accepted_frame"][new, 0] != number[new]).sum()),
         dropped={why.words: n for why, n in dropped.items() if why is not Dropped.NONE},
     )
 

@@ -279,7 +279,7 @@ class Rig:
             self._film_renderer = self.scene, renderer
         return renderer.render(self.body.points(self._arm.joints_at(time))[None], number)
 
-    def see_noise(self, noise: Floats) -> None:
+    def set_point_noise(self, noise: Floats) -> None:
         """Give the camera without images the noise of the following frames.
 
         A run then has the same noise as a run of the study's compiled kernel.

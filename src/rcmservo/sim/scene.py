@@ -133,7 +133,7 @@ class Scene:
         True camera.
     body : Body
         Tool.
-    way : Floats
+    path : Floats
         Joints (n, 3) on the path from the start to the target.
     half_way : Floats
         Joints (3,) at the path's midpoint.

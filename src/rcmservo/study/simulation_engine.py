@@ -62,7 +62,7 @@ class LaboratoryLoop:
             rig.move_to_start()
             return target
         rig.clock.wait_until(BEGIN)
-        rig.see_noise(np.concatenate([given.noise, self._quiet_frames()]))
+        rig.set_point_noise(np.concatenate([given.noise, self._quiet_frames()]))
         return Target(given.goal.points, given.goal.q, rig.clock.now())
 
     def _quiet_frames(self) -> Floats:
