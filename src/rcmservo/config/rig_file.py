@@ -15,7 +15,7 @@ from typing import Any, TypeVar, cast
 from rcmservo.config import texts
 from rcmservo.config.atomic_files import read_small
 from rcmservo.config.registry import KIND, MECHANISMS, PARTS, decode_kind, find_class
-from rcmservo.config.strict_decoding import decode, key_of
+from rcmservo.config.strict_decoding import decode, instead, key_of
 from rcmservo.errors import BadInput
 from rcmservo.geometry.kinematics import JointLimits, Kinematics, SphericalRcm
 from rcmservo.geometry.tool import RigidTool, Tool
@@ -136,9 +136,7 @@ def lab_from(tables: texts.Table) -> Lab:
     known = tuple(dict.fromkeys((*ROBOT_SECTIONS, *DEVICE_SECTIONS, *SIMULATION_SECTIONS)))
     for name, table in tables.items():
         if name not in known or not texts.is_table(table):
-            raise BadInput(
-                f"section {key_of(name)}", table, f"one of the sections {', '.join(known)}"
-            )
+            raise BadInput(f"section {key_of(name)}", table, instead(name, known))
     default = Lab()
     devices = {name: tables[name] for name in DEVICE_SECTIONS if _is_device(name, tables)}
     simulated = {

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass, make_dataclass
 from typing import Any
 
+from rcmservo.config.former_names import with_present_names
 from rcmservo.config.registry import (
     ESTIMATORS,
     KIND,
@@ -76,7 +77,9 @@ def _rebuilt(table: object, classes: Classes, where: str) -> Any:
     """
     if not is_table(table):
         raise BadInput(where, table, "a table of settings")
-    for f in fields(find_class(classes, table.get(KIND), where)):
-        if f.name not in table:
-            raise BadInput(f"{where}.{f.name}", None, "given")
+    names = [f.name for f in fields(find_class(classes, table.get(KIND), where))]
+    table = with_present_names(table, [KIND, *names])
+    for name in names:
+        if name not in table:
+            raise BadInput(f"{where}.{name}", None, "given")
     return decode_kind(classes, table, where)

@@ -12,6 +12,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, cast, get_args, get_type_hints
 
+from rcmservo.config.former_names import present_name
 from rcmservo.errors import BadInput, quoted, suggestion
 
 if TYPE_CHECKING:
@@ -90,7 +91,9 @@ def _keys(kind: type[Any], way: Sequence[int | str], others: Sequence[str]) -> l
 
 def instead(key: str, names: Sequence[str]) -> str:
     """The right thing to do with an unknown key: one of the known names, the nearest suggested."""
-    return f"left out or one of {', '.join(names)}{suggestion(key, names)}"
+    present = present_name(key, names)
+    hint = f" (its name is {present} now)" if present else suggestion(key, names)
+    return f"left out or one of {', '.join(names)}{hint}"
 
 
 def key_of(name: str) -> str:

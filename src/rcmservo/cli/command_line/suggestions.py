@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from difflib import SequenceMatcher, get_close_matches
 
+from rcmservo.config.former_names import present_name
+
 MOST = 4
 """Options that are suggested at most."""
 NEAR = 0.65
@@ -22,6 +24,7 @@ def near_options(word: str, known: Iterable[str]) -> str:
     a name counts by itself.
     """
     names = list(known)
+    word = _with_present_name(word, names)
     same = [name for name in names if _last(name) == _last(word)]
     groups = {_group(name): name for name in same}
     if same:
@@ -29,6 +32,13 @@ def near_options(word: str, known: Iterable[str]) -> str:
         return did_you_mean([groups[near[0]]] if near else same[:MOST])
     near = max(names, key=lambda name: _likeness(word, name), default="")
     return did_you_mean([near] if _likeness(word, near) >= NEAR else [])
+
+
+def _with_present_name(word: str, names: list[str]) -> str:
+    """Return an option with the present name of its setting, if it has a former one."""
+    settings = {_last(name).replace("-", "_") for name in names}
+    present = present_name(_last(word).replace("-", "_"), settings).replace("_", "-")
+    return "--" + ".".join(filter(None, (_group(word), present))) if present else word
 
 
 def _likeness(word: str, name: str) -> float:
