@@ -2,7 +2,7 @@
 # needs into .venv, once:
 #   make run       the simulator and the operator's page, and runs the main job
 #   make test      runs the tests except the slow ones
-#   make check     runs formatter, linters and type checker, at the versions that pyproject.toml names
+#   make check     runs formatter, linters, spelling, type checker, import contracts and docstrings
 #   make test-all  runs the slow tests, and reports a short live run
 #   make peers     installs other people's clients for the tests that are skipped without them
 #   make studies   runs the studies behind docs/how_to_choose.md, and writes that page, in 16 minutes
@@ -50,8 +50,10 @@ studies: $(STUDYING)
 check: $(TESTING)
 	$(BIN)/ruff format --check --quiet src tests benchmarks examples docs
 	$(BIN)/ruff check --quiet src tests benchmarks examples docs
+	$(BIN)/codespell src tests benchmarks examples README.md CONTRIBUTING.md docs/architecture.md
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
+	$(PYTEST) --quiet tests/test_docstrings.py
 
 bench: $(TESTING)
 	$(BIN)/python benchmarks/step_time.py
