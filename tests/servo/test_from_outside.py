@@ -16,7 +16,7 @@ from conftest import laboratory
 from rcmservo.cli.cli import main
 from rcmservo.control.feature_vectors import FEATURE_VECTORS
 from rcmservo.page.web.setting_fields import forms
-from rcmservo.servo.user_features import examine_features
+from rcmservo.servo.user_features import check_feature_vector
 from rcmservo.study.execution import workers as crews
 from rcmservo.study.execution.chunk import done
 from rcmservo.study.execution.store import runs_in
@@ -160,7 +160,7 @@ def test_it_takes_part_in_a_study(outside: Any, monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize("name", FEATURE_VECTORS)
 def test_a_jacobian_is_the_derivative_of_what_is_measured(name: str) -> None:
-    examine_features(FEATURE_VECTORS[name])
+    check_feature_vector(FEATURE_VECTORS[name])
 
 
 def test_a_wrong_jacobian_and_a_vector_that_raises_are_refused_before_the_drive_is_on(

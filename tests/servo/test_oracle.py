@@ -415,9 +415,9 @@ def moded():
             out[f"mode {phase} {request}"] = [d.phase, d.cause, d.since, d.good, d.asks]
     places = {"p1": P, "points": np.array([[300.0, 200.0], [250.0, 150.0]]), "o_c": 90.0}
     for name, change in {
-        "forgotten": lambda kept: reset.forget_but_places(kept.rows[0]),
-        "unlearnt": lambda kept: apply_mode.unlearn(kept.rows[0], Cause.CAMERA_MOVED.place, 5),
-        "failed": lambda kept: apply_mode.fail(kept.rows[0], 7),
+        "forgotten": lambda kept: reset.reset_estimation_except_markers(kept.rows[0]),
+        "unlearnt": lambda kept: apply_mode.invalidate(kept.rows[0], Cause.CAMERA_MOVED.place, 5),
+        "failed": lambda kept: apply_mode.enter_not_finite_fault(kept.rows[0], 7),
         "stopped": lambda kept: gate.stop(kept.decision.command.rows[0], 9, gate.Gate().row[0]),
     }.items():
         kept = Stored.of(

@@ -42,7 +42,7 @@ from rcmservo.safety.gate import Gate
 from rcmservo.safety.monitor_state import Watch, stays
 from rcmservo.safety.state_machine import SLOW_SHARE, Phase, Request
 from rcmservo.safety.thresholds import Thresholds
-from rcmservo.servo.reset import forget
+from rcmservo.servo.reset import reset_estimation
 from rcmservo.servo.servo import Servo
 from rcmservo.servo.state import Estimate
 from rcmservo.sim import RigSettings, Timing
@@ -496,7 +496,7 @@ def test_when_the_imaged_rcm_is_lost_the_tool_does_not_go_on_with_the_last_error
     state = servoing(lab, servo)
     learnt = state.learnt._replace(estimate=Estimate(state.learnt.estimate.rows.copy()))
     learnt.estimate.rows["line_count"] = 0
-    forgetful = state.but(learnt=learnt)
+    forgetful = state.with_changes(estimation=learnt)
     *_, (_, state) = lab.run(servo, 0.04, forgetful)
     assert state.learnt.estimate.rcm_condition > servo.imaged_rcm.max_condition
     assert (state.phase, state.cause) == (Phase.HOLD, Cause.RCM_UNKNOWN)
@@ -1041,11 +1041,11 @@ def test_what_is_forgotten_is_what_is_not_known_at_first():
     state = servoing(laboratory(), laboratory().servo())
     learnt, first = state.learnt, laboratory().servo().init().learnt
     kept = copied(state.stored)
-    forget(kept.rows[0])
+    reset_estimation(kept.rows[0])
     assert frozen(kept.estimate) == frozen(first.estimate) != frozen(learnt.estimate)
     assert frozen(kept.tour) == frozen(first.tour) != frozen(learnt.tour)
-    empty(kept.prospect.rows[0])
-    assert frozen(kept.prospect) == frozen(first.prospect) != frozen(learnt.prospect)
+    empty(kept.projection_fit.rows[0])
+    assert frozen(kept.projection_fit) == frozen(first.projection_fit) != frozen(learnt.projection_fit)
 
 
 def elsewhere(seed, wrong, **choices):

@@ -72,7 +72,7 @@ def but_memory(state: State, placed: bool) -> State:
     if placed:
         learnt = learnt._replace(estimate=changed(learnt.estimate, line_count=0))
     memory = () if placed else EstimatorMemory(learnt.lines, None)
-    return state.but(learnt=learnt)._replace(memory=memory)
+    return state.with_changes(estimation=learnt)._replace(memory=memory)
 
 
 WRONG = [
