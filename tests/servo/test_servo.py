@@ -1045,7 +1045,9 @@ def test_what_is_forgotten_is_what_is_not_known_at_first():
     assert frozen(kept.estimate) == frozen(first.estimate) != frozen(learnt.estimate)
     assert frozen(kept.tour) == frozen(first.tour) != frozen(learnt.tour)
     empty(kept.projection_fit.rows[0])
-    assert frozen(kept.projection_fit) == frozen(first.projection_fit) != frozen(learnt.projection_fit)
+    assert (
+        frozen(kept.projection_fit) == frozen(first.projection_fit) != frozen(learnt.projection_fit)
+    )
 
 
 def elsewhere(seed, wrong, **choices):

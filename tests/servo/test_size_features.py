@@ -157,7 +157,7 @@ def test_its_record_tells_the_target_and_replays_but_not_to_a_target_without_siz
 
 
 SENTENCE = (
-    "target must be shown with the markers' sizes, on which controller.features = 'size' acts"
+    "target must be taught with the markers' sizes, on which controller.features = 'size' acts"
 )
 
 
@@ -190,7 +190,7 @@ def test_an_estimator_that_cannot_tell_how_sizes_change_is_refused_at_once(name:
 
 @pytest.mark.parametrize(
     ("estimator", "sentence"),
-    [("affine", "target must be shown with the markers' sizes"), ("dlt", "such as affine")],
+    [("affine", "target must be taught with the markers' sizes"), ("dlt", "such as affine")],
 )
 def test_the_command_line_refuses_both_in_one_sentence(
     estimator: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -22,24 +22,24 @@ WRONG = {
     "wrong shape": (
         "jacobian",
         lambda: np.zeros((2, 3)),
-        "gave numbers of shape (2, 3), not (3, 3)",
+        "returned an array of shape (2, 3), expected (3, 3)",
     ),
-    "nothing": ("jacobian", lambda: None, "gave numbers of shape (), not (3, 3)"),
-    "words": ("jacobian", lambda: "J", "gave 'J' instead of numbers"),
+    "nothing": ("jacobian", lambda: None, "returned an array of shape (), expected (3, 3)"),
+    "words": ("jacobian", lambda: "J", "returned 'J', expected numbers"),
     "a model of wrong shape": (
         "predict",
         lambda: np.zeros(3),
-        "gave numbers of shape (3,), not (4,)",
+        "returned an array of shape (3,), expected (4,)",
     ),
     "no place": (
         "imaged_rcm",
         lambda: None,
-        "gave None instead of a place and its covariance",
+        "returned None, expected a point and its covariance",
     ),
     "a place without its covariance": (
         "imaged_rcm",
         lambda: (np.zeros(2), np.zeros(2)),
-        "gave numbers of shape (2,) and (2,), not (2,) and (2, 2)",
+        "returned arrays of shape (2,) and (2,), expected (2,) and (2, 2)",
     ),
     "a place that is not finite": (
         "imaged_rcm",
@@ -50,19 +50,23 @@ WRONG = {
     "a motion of wrong shape": (
         "motion",
         lambda: np.zeros((2, 3)),
-        "gave numbers of shape (2, 3), not (4, 3)",
+        "returned an array of shape (2, 3), expected (4, 3)",
     ),
     "a motion of sizes of wrong shape": (
         "size_motion",
         lambda: np.zeros(3),
-        "gave numbers of shape (3,), not (2, 3)",
+        "returned an array of shape (3,), expected (2, 3)",
     ),
     "a motion of sizes that is not finite": (
         "size_motion",
         lambda: np.full((2, 3), np.nan),
         "is not finite",
     ),
-    "a memory in a table": ("remembered", lambda: np.zeros((2, 2)), "gave numbers of shape (2, 2)"),
+    "a memory in a table": (
+        "remembered",
+        lambda: np.zeros((2, 2)),
+        "returned an array of shape (2, 2)",
+    ),
     "init raises": ("init", lambda: {}["x"], "raised KeyError('x')"),
 }
 PLACE = np.array([320.0, 100.0])
@@ -171,7 +175,9 @@ def test_what_is_no_estimator_or_not_pure_or_not_finite_is_refused() -> None:
         examine(Impure(), TOOL)
     with pytest.MonkeyPatch.context() as other:
         other.setitem(WRONG, "nan", ("jacobian", lambda: np.full((3, 3), np.nan), ""))
-        with pytest.raises(UnusableEstimator, match=r"Faulty: its jacobian is not finite"):
+        with pytest.raises(
+            UnusableEstimator, match=r"Faulty: its jacobian returned a number that is not finite"
+        ):
             examine(Faulty("nan"), TOOL)
 
 

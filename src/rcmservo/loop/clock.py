@@ -40,8 +40,9 @@ def ticks(clock: Clock, rate: float = 100.0, duration: float = float("inf")) -> 
 
 
 class WallClock:
-    """Time in ns since the computer was started. It is the same in all processes and cannot be
-    set.
+    """Clock of the computer: time in ns since its start.
+
+    It is the same in all processes and cannot be set.
     """
 
     def now(self) -> int:

@@ -42,7 +42,7 @@ from rcmservo.servo.user_estimator import (
 )
 from rcmservo.servo.user_features import check_feature_vector, linearise
 
-STILL = np.zeros(3)
+ZERO_RATES = np.zeros(3)
 WARM_UP_TICKS = 8
 """Number of made-up ticks that compile all functions of a step."""
 
@@ -229,7 +229,7 @@ class Servo(Checked):
         points = np.array([[100.0, 50.0], [200.0, 100.0]])
         for k in range(WARM_UP_TICKS):
             state = self.step(state, self._warm_up_observation(k, q, points), Target(points, q))
-        passed = self.gate.admit(STILL, state.command, q, self.rcm, state.command.time + 1)
+        passed = self.gate.admit(ZERO_RATES, state.command, q, self.rcm, state.command.time + 1)
         self.gate.stop(passed.command, passed.command.time + 1)
         reset_slowest(self.learner)
 
@@ -245,7 +245,7 @@ class Servo(Checked):
         observation: Observation,
         target: Target,
         request: Request = Request.NONE,
-        jog: Floats = STILL,
+        jog: Floats = ZERO_RATES,
     ) -> State:
         """Make one tick, from the observation to the command.
 
