@@ -102,7 +102,7 @@ class Plant:
     def read(self) -> Observation:
         """Return an observation: read the joints, and track the markers if a new frame arrived."""
         time, q, enabled = self._measure()
-        q = q.copy()  # a device may fill one array again and again
+        q = q.copy()  # a device may reuse one array
         self._joints.add(time, q)
         if self._valid_from == np.inf:
             self._valid_from = time

@@ -139,7 +139,7 @@ def can_servo(tick: TickContext) -> bool:
     """Return True if the estimate suffices for servoing.
 
     The direction to the target is certain enough, an Ĵ that does not come from the fit agrees with
-    it, and the order of the markers is right.
+    it, and the fit gives the markers in their order along the tool.
     """
     estimate, fit, parameters = tick.stored.estimate, tick.stored.projection_fit, tick.parameters
     settings, shaft = parameters.exploration, shaft_of(parameters)

@@ -285,15 +285,17 @@ class Servo(Checked):
                 stored.rows, state.memory, numbers, setpoint, settings, self.parameters
             )
         else:
-            lines, own = cast(EstimatorMemory, state.memory)
+            lines, own_memory = cast(EstimatorMemory, state.memory)
             rows, parameters, failure = stored.rows, self.parameters, ""
             lines, frame_result, dt = begin_tick(rows, lines, numbers, setpoint, parameters)
             if frame_result == FRAME_UPDATES:
-                own, failure = self._update_estimate(stored, own, observation, target, dt)
-            failure = failure or failure_of(own)
+                own_memory, failure = self._update_estimate(
+                    stored, own_memory, observation, target, dt
+                )
+            failure = failure or failure_of(own_memory)
             cast(Any, stored.estimated.rows)["failed"] = failure != ""
             was_reset = finish_tick(rows, frame_result, parameters)
-            memory = self._initial_memory() if was_reset else EstimatorMemory(lines, own)
+            memory = self._initial_memory() if was_reset else EstimatorMemory(lines, own_memory)
             cause_changed = stored.decision.mode.cause != state.decision.mode.cause
         after = State(stored, memory, target, state.detail)
         if not cause_changed:
@@ -301,34 +303,34 @@ class Servo(Checked):
         return after._replace(detail=failure or self._detail(after, observation))
 
     def _update_estimate(
-        self, stored: Stored, own: Any, observation: Observation, target: Target, dt: float
+        self, stored: Stored, memory: Any, observation: Observation, target: Target, dt: float
     ) -> tuple[Any, str]:
         """Update an estimator that does not compile by an accepted frame, dt s after the last one.
 
         A lost marker is replaced by the prediction of the projection fit. Return the memory of the
         estimator, and the failure message of the feature vector.
         """
-        learner, tool, estimate, failure = self.learner, self.tool, stored.estimate, ""
+        estimator, tool, estimate, failure = self.learner, self.tool, stored.estimate, ""
         sample = Sample(estimate.p1, observation.points, estimate.o_c, dt, observation.sizes)
-        own = learner.update(own, tool, sample)
-        points, detected = learner.located(own, tool, sample), np.isfinite(observation.points)
+        memory = estimator.update(memory, tool, sample)
+        points, detected = estimator.located(memory, tool, sample), np.isfinite(observation.points)
         if not detected.all():
             predicted = located(stored.projection_fit.rows[0], estimate.p1, tool.shaft)
             points = np.where(detected, points, predicted)
-        placed, numbers = learner.imaged_rcm(own), dict[str, Any]()
-        if placed is None:
-            numbers["J_hat"] = learner.jacobian(own, tool, sample)
+        imaged_rcm, numbers = estimator.imaged_rcm(memory), dict[str, Any]()
+        if imaged_rcm is None:
+            numbers["J_hat"] = estimator.jacobian(memory, tool, sample)
         else:
-            numbers["o_c"], numbers["o_c_covariance"] = placed
-        if placed is not None or self.features.needs_motion:
-            numbers["motion"] = learner.motion(own, tool, sample)
-        result = Estimated.of(points=points, placed=placed is not None, **numbers)
+            numbers["o_c"], numbers["o_c_covariance"] = imaged_rcm
+        if imaged_rcm is not None or self.features.needs_motion:
+            numbers["motion"] = estimator.motion(memory, tool, sample)
+        result = Estimated.of(points=points, placed=imaged_rcm is not None, **numbers)
         cast(Any, stored.rows)["estimated"] = result.rows
         if self.features.code == INTERPRETED:
-            failure = self._measure_features(stored, own, sample, target)
-        return own, failure
+            failure = self._measure_features(stored, memory, sample, target)
+        return memory, failure
 
-    def _measure_features(self, stored: Stored, own: Any, sample: Sample, target: Target) -> str:
+    def _measure_features(self, stored: Stored, memory: Any, sample: Sample, target: Target) -> str:
         """Measure a feature vector that does not compile and return its failure message."""
         estimate, result, sizes = stored.estimate, stored.estimated, sample.sizes.copy()
         points, motion = result.points.copy(), result.motion
@@ -336,7 +338,7 @@ class Servo(Checked):
         if self.features.leaves_out_lost:
             points[~np.isfinite(sample.points)] = np.nan
         if self.features.needs_sizes:
-            motion = np.vstack([motion, self.learner.size_motion(own, self.tool, sample)])
+            motion = np.vstack([motion, self.learner.size_motion(memory, self.tool, sample)])
         desired = MarkerPair(target.points, target.sizes, o_c)
         markers = MarkerPair(points, sizes, o_c)
         error, jacobian, failure = linearise(self.features, markers, desired, motion)

@@ -76,11 +76,11 @@ def update_with_lines(
 ) -> tuple[EstimatorMemory, int]:
     """Implement `update_estimator` for an estimator that uses the imaged RCM of eq. (16)."""
     lines, frame_result = fit_frame(tick, memory.lines)
-    own, stored = memory.memory, tick.stored
+    own_memory, stored = memory.memory, tick.stored
     if frame_result == FRAME_UPDATES:
         sample = make_sample(tick, dt, True)
-        own = run_kernel(kernel, own, sample, stored.projection_fit, stored.estimated)
-    return EstimatorMemory(lines, own), frame_result
+        own_memory = run_kernel(kernel, own_memory, sample, stored.projection_fit, stored.estimated)
+    return EstimatorMemory(lines, own_memory), frame_result
 
 
 @compiled

@@ -41,7 +41,7 @@ class GuardedMemory(NamedTuple):
         ∂m/∂p₁ (4, 3) in px/mm; NaN after a failure or if the estimator does not estimate it.
     size_motion : Floats
         ∂R/∂p₁ (2, 3) in px/mm; NaN after a failure or if the estimator does not estimate it.
-    placed : tuple[Floats, Floats] or None
+    imaged_rcm : tuple[Floats, Floats] or None
         Imaged RCM (2,) in px and its covariance (2, 2) in px²; None if eq. (16) computes it.
     numbers : Floats
         Numbers (n,) of the memory that a record stores.
@@ -54,7 +54,7 @@ class GuardedMemory(NamedTuple):
     points: Floats
     motion: Floats
     size_motion: Floats
-    placed: tuple[Floats, Floats] | None
+    imaged_rcm: tuple[Floats, Floats] | None
     numbers: Floats
     failure: str
 
@@ -140,13 +140,13 @@ class Guard(Estimator):
         memory = self._call("update", before.memory, tool, sample)
         points = self._call_for_array("located", (2, 2), memory, tool, sample)
         self._require_finite("located", points)
-        placed = self._call_for_imaged_rcm(memory)
-        if placed is not None:
-            sample = sample._replace(points=points.copy(), o_c=placed[0].copy())
+        imaged_rcm = self._call_for_imaged_rcm(memory)
+        if imaged_rcm is not None:
+            sample = sample._replace(points=points.copy(), o_c=imaged_rcm[0].copy())
         J_hat = self._call_for_array("jacobian", (3, 3), memory, tool, sample)
         self._require_finite("jacobian", J_hat)
         motion, size_motion = NO_MOTION, NO_MOTION[:2]
-        if placed is not None or self.own.tells_motion:
+        if imaged_rcm is not None or self.own.tells_motion:
             motion = self._call_for_motion("motion", 4, memory, tool, sample)
         if self.own.tells_size_motion:
             size_motion = self._call_for_motion("size_motion", 2, memory, tool, sample)
@@ -155,7 +155,7 @@ class Guard(Estimator):
         if numbers.shape != before.numbers.shape:
             found = f"returned {len(numbers)} numbers, expected {before.numbers.size} as before"
             raise self._error("remembered", found)
-        return GuardedMemory(memory, J_hat, points, motion, size_motion, placed, numbers, "")
+        return GuardedMemory(memory, J_hat, points, motion, size_motion, imaged_rcm, numbers, "")
 
     def jacobian(self, memory: GuardedMemory, tool: Tool, sample: Sample) -> Floats:
         return memory.J_hat
@@ -170,7 +170,7 @@ class Guard(Estimator):
         return memory.size_motion
 
     def imaged_rcm(self, memory: GuardedMemory) -> tuple[Floats, Floats] | None:
-        return memory.placed
+        return memory.imaged_rcm
 
     def predict(self, memory: GuardedMemory, tool: Tool, p1: Floats) -> Floats | None:
         try:
