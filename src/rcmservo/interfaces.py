@@ -89,9 +89,9 @@ class Dropped(IntEnum):
         return member
 
     NONE = ""
-    NOT_NEW = "frames arrive repeatedly or out of order"
-    CLOCK = "frames have impossible timestamps"
-    DAMAGED = "frames arrive damaged"
+    NOT_NEW = "the frames arrive repeatedly or out of order"
+    CLOCK = "the frames have impossible timestamps"
+    DAMAGED = "the frames arrive damaged"
 
 
 @dataclass(frozen=True, eq=False)

@@ -88,7 +88,7 @@ def test_a_camera_that_stops_is_the_reason_rather_than_the_markers() -> None:
 @pytest.mark.parametrize(("ahead", "age"), [(10 * SECOND_NS, "-"), (-10 * SECOND_NS, "10.0")])
 def test_a_false_clock_is_the_reason_with_the_age_of_its_frames(ahead: int, age: str) -> None:
     why = reason(lambda frame: replace(frame, exposure=frame.exposure + ahead))
-    assert why.startswith(f"frames have impossible timestamps: the newest is {age}")
+    assert why.startswith(f"the frames have impossible timestamps: the newest is {age}")
     assert why.endswith("s old, expected 0 to 2 s")
 
 

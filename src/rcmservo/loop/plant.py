@@ -79,8 +79,8 @@ class Plant:
         self.recorded = recorded
         self.markers: Markers | None = None
         self.frame: Frame | None = None
-        self._new = {"measure", "apply", "latest", "find"}
-        self._offered: Frame | None = None
+        self._unchecked = {"measure", "apply", "latest", "find"}
+        self._newest: Frame | None = None
         self._dropped = Dropped.NONE
         self._joints = JointHistory(JOINT_HISTORY)
         self._valid_from = np.inf
@@ -142,27 +142,27 @@ class Plant:
     def send(self, command: Command) -> Floats:
         """Send a command to the arm and return the joint rates (3,) that it applies."""
         self._applied = self.arm.apply(command)
-        if "apply" in self._new:
+        if "apply" in self._unchecked:
             self._check_first(self.arm, "apply", self._applied)
         self._applied = self._applied.copy()
         return self._applied
 
     def _measure(self) -> Measured:
         measured = self.arm.measure()
-        if "measure" in self._new:
+        if "measure" in self._unchecked:
             self._check_first(self.arm, "measure", measured)
         return measured
 
     def _latest(self) -> Frame | None:
         frame = self.camera.latest()
-        if "latest" in self._new and frame is not None:
+        if "latest" in self._unchecked and frame is not None:
             self._check_first(self.camera, "latest", frame)
         return frame
 
     def _check_first(self, device: object, method: str, answer: object) -> None:
         """Check the first value that a method returns; later ones are not checked."""
         check_first_value(device, method, answer)
-        self._new.remove(method)
+        self._unchecked.remove(method)
 
     def _await_drive(self) -> None:
         end = self.clock.now() + round(ENABLE_TIMEOUT_S * 1e9)
@@ -180,9 +180,9 @@ class Plant:
 
     def _track(self, frame: Frame | None) -> None:
         """Track the markers in a new frame, or record the reason for dropping it."""
-        if frame is None or frame is self._offered:
+        if frame is None or frame is self._newest:
             return
-        self._offered = frame
+        self._newest = frame
         self._dropped = self._defect(frame)
         if self._dropped is not Dropped.NONE or frame.exposure < self._valid_from:
             return
@@ -191,7 +191,7 @@ class Plant:
         except BadInput:
             self._dropped = Dropped.DAMAGED
             return
-        if "find" in self._new:
+        if "find" in self._unchecked:
             self._check_first(self.tracker, "find", markers)
         self.markers, self.frame = replace(markers, points=_points(markers)), frame
         self._sizes, self._quality = _sizes(self.markers), _quality(self.markers)

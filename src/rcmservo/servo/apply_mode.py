@@ -101,14 +101,14 @@ def bound_rates(tick: TickContext) -> bool:
     """
     stored, now, gate = tick.stored, tick.observation.now, tick.parameters.gate
     decision, rcm = stored.decision, rcm_of(tick.parameters)
-    speed_scale = speed_share(decision.mode.phase, decision.mode.asks)
-    if not speed_scale > 0.0:
+    scale = speed_share(decision.mode.phase, decision.mode.asks)
+    if not scale > 0.0:
         request_rest(decision)
     if decision.mode.phase in (FAULT, DISABLED):
         stop(decision.command, now, gate)
         return False
     q = tick.observation.q
-    if admit(decision.command, decision.rates, q, rcm, now, speed_scale, gate):
+    if admit(decision.command, decision.rates, q, rcm, now, scale, gate):
         return False
     return enter_not_finite_fault(stored, now)
 

@@ -32,29 +32,32 @@ def compute_command(tick: TickContext, frame_result: int) -> None:
     if not tour.done:
         explore(tick, frame_result)
     if tour.done:
-        apply_law(tick, decision.mode.phase == SERVO)
+        compute_law_rates(tick, decision.mode.phase == SERVO)
 
 
 @compiled
-def apply_law(tick: TickContext, is_servoing: bool) -> None:
-    """Apply the control law to the error Δy + Ĵ (p₁(now) − p₁), and record how the error falls."""
+def compute_law_rates(tick: TickContext, is_servoing: bool) -> None:
+    """Compute v and the joint rates by the control law, and record the decrease of the error.
+
+    The law acts on the predicted error Δy + Ĵ (p₁(now) − p₁).
+    """
     observation, parameters = tick.observation, tick.parameters
     estimate, decision, rcm = tick.stored.estimate, tick.stored.decision, rcm_of(parameters)
     law, thresholds = parameters.controller, parameters.thresholds
     q = (observation.q[0], observation.q[1], observation.q[2])
     p1 = point_at(rcm, q)
     predict_error(estimate, p1)
-    heading, error = compute_heading(estimate, p1, parameters, tick.stored.workspace)
-    speed = fastest_point(shaft_of(parameters), p1, heading.v, law.tip)
+    law_result, error = evaluate_law(estimate, p1, parameters, tick.stored.workspace)
+    speed = fastest_point(shaft_of(parameters), p1, law_result.v, law.tip)
     slower = max(1.0, speed / law.max_speed)
     for k in range(3):
-        decision.v[k] = heading.v[k] / slower
+        decision.v[k] = law_result.v[k] / slower
     horizon, share = thresholds.limit_horizon, thresholds.limit_share
     joint, rates = blocked(rcm, q, decision.v, parameters.gate.speed, horizon, share)
     decision.rates[0], decision.rates[1], decision.rates[2] = rates
-    estimate.condition, decision.blocked = heading.condition, joint
-    decision.open = heading.open if error > thresholds.small_error else 1.0
-    decision.left = heading.left / decision.open  # a damped law leaves less than the distance
+    estimate.condition, decision.blocked = law_result.condition, joint
+    decision.open = law_result.open if error > thresholds.small_error else 1.0
+    decision.left = law_result.left / decision.open  # a damped law underestimates it
     peak = max(decision.peak, error)
     fall = min(thresholds.stall_fall, thresholds.stall_share * peak)
     if error < peak - fall or not is_servoing:
@@ -73,7 +76,7 @@ def predict_error(estimate: Estimate, p1: Point) -> None:
 
 
 @compiled
-def compute_heading(
+def evaluate_law(
     estimate: Estimate, p1: Point, parameters: KernelParameters, workspace: Workspace
 ) -> tuple[Heading, float]:
     """Return the result of the control law with marker 1 at p1 mm, and √(2V), on its features."""
