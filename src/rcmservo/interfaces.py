@@ -185,7 +185,9 @@ class Command:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Taught pose. The servo computes y_d from it about its present estimate of the imaged RCM.
+    """Taught pose, which `teach` returns.
+
+    The servo computes the features y_d, eq. (7)-(9), from it about its present imaged RCM.
 
     Parameters
     ----------

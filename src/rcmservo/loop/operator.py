@@ -35,7 +35,12 @@ class Teach(Checked):
     Parameters
     ----------
     frames : int
-        Number of frames whose mean becomes the target.
+        Number of frames whose mean becomes the target, 1 to 100 000.
+
+    Raises
+    ------
+    BadInput
+        If the number of frames is out of range.
     """
 
     frames: Annotated[int, FRAMES] = TEACHING_FRAMES
@@ -51,7 +56,12 @@ class Jog(Checked, section="jog"):
     Parameters
     ----------
     rates : Floats
-        Joint rates (3,) rad/s, rad/s, mm/s.
+        Joint rates (3,) in rad/s, rad/s, mm/s.
+
+    Raises
+    ------
+    BadInput
+        If `rates` are not three finite numbers.
     """
 
     rates: Annotated[Floats, array(3)]

@@ -38,6 +38,10 @@ def teach(plant: Plant, frames: int = TEACHING_FRAMES) -> Target:
         If the number of frames is out of range.
     NotShown
         If no frame shows both markers for 2 s, or if the frames do not agree.
+
+    References
+    ----------
+    Section IV-C of the paper: the target is registered from the image at the desired pose.
     """
     require_frames(frames)
     plant.reset()
